@@ -84,6 +84,8 @@ class PartFinding:
     size_mm : longest extent
     faces : ids of the surfaces it lies on
     verdict : FAIL where it is proven, INDETERMINATE where it may be something else
+    box_px : x0, y0, x1, y1 in that picture; None if it is not known there
+    outline_px : (k, 2) border of what differs in that picture, for the report
     """
 
     kind: str
@@ -93,6 +95,8 @@ class PartFinding:
     size_mm: float
     faces: tuple[int, ...]
     verdict: Verdict
+    box_px: tuple[int, int, int, int] | None = None
+    outline_px: FloatArray | None = None
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -150,6 +154,7 @@ def inspect_part(
             size_mm=finding.size_mm,
             faces=finding.face_ids,
             verdict=Verdict.FAIL if id(finding) in confirmed else Verdict.INDETERMINATE,
+            box_px=finding.box_px,
         )
         for result in results
         for finding in result.findings

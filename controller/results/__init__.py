@@ -1,9 +1,14 @@
-"""Results: runs folded from the journal, and pages of runs, plans and parts. Controls nothing.
+"""Results: runs folded from the journal, judged parts, their reports and exports. Controls nothing.
 
-`load_run` folds a run's journal into a `RunRecord`, `write_html` makes the page that an inspector
-signs, `report_json` the same for machines. `plan_page` and `sheet` draw a plan and compiled parts.
+`load_run` folds a run's journal into a `RunRecord`, `judged_parts` are its parts with all that a
+report says of them, `judged_part` the same of an inspection without a run. `write_html` makes the
+page that an inspector signs, `report_json` the same for machines; `qif_bytes`, `dfq_bytes` and
+`csv_text` are for other programs, `write_report` writes any of them by the suffix of the file.
+`plan_page` and `sheet` draw a plan and compiled parts.
 """
 
+from .exports import csv_text, dfq_bytes, qif_bytes
+from .judged import Header, JudgedPart, judged_part, judged_parts, result_json
 from .report import SCHEMA_VERSION, report_json, write_html
 from .run import (
     ResultsError,
@@ -13,15 +18,27 @@ from .run import (
     list_runs,
     load_run,
 )
+from .writing import SUFFIXES, write_parts, write_report
 
 __all__ = [
     "SCHEMA_VERSION",
+    "SUFFIXES",
+    "Header",
+    "JudgedPart",
     "ResultsError",
     "RunRecord",
     "RunSummary",
     "UnknownRunError",
+    "csv_text",
+    "dfq_bytes",
+    "judged_part",
+    "judged_parts",
     "list_runs",
     "load_run",
+    "qif_bytes",
     "report_json",
+    "result_json",
     "write_html",
+    "write_parts",
+    "write_report",
 ]

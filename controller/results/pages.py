@@ -18,20 +18,30 @@ STYLE = "page.css"
 
 
 def write_page(text: str, path: Path) -> Path:
-    """Write a page to a temporary file, move it to its path, and return that.
+    """Write a page and return its path; the file is whole or not there.
 
     Raises
     ------
     OSError : the file cannot be written
     """
+    return write_file(text.encode(), path)
+
+
+def write_file(data: bytes, path: Path) -> Path:
+    """Write bytes to a temporary file, move it to its path, and return that.
+
+    Raises
+    ------
+    OSError : the file cannot be written; what was there before is still there
+    """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.NamedTemporaryFile(
-            "w", encoding="utf-8", dir=path.parent, suffix=".part", delete=False
+            "wb", dir=path.parent, suffix=".part", delete=False
         ) as file:
             part = Path(file.name)
             try:
-                file.write(text)
+                file.write(data)
                 file.flush()
             except OSError:
                 part.unlink(missing_ok=True)

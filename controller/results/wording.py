@@ -1,6 +1,10 @@
 """Numbers, counts, times and durations as people read them."""
 
 from datetime import datetime
+from typing import Final
+
+# expanded uncertainties are this many standard ones
+K_U: Final = 2
 
 
 def num(value: float | None, decimals: int = 1) -> str:

@@ -83,6 +83,10 @@ class RunBegan(Body):
     clock: str | None = None
     count: int | None = None
     software: Mapping[str, Text] = {}
+    operator: str = ""
+    lot: str = ""
+    serials: tuple[str, ...] = ()
+    part_temperature_c: float | None = None
 
 
 class Connected(TextByName):
@@ -369,6 +373,80 @@ class ViewJudged(Body):
     findings: tuple[FindingFields, ...] = ()
 
 
+class LookFields(Fields):
+    """What one picture shows of a characteristic, with the edge points and the shape fitted."""
+
+    view: str
+    lamp: str
+    measured: float | None = None
+    u: float | None = None
+    reason: str = ""
+    budget: Mapping[str, float] = {}
+    points_px: tuple[tuple[float, float], ...] = ()
+    accepted: tuple[int, ...] = ()
+    shape_px: tuple[tuple[float, float], ...] = ()
+
+
+class CharacteristicFields(Fields):
+    """A characteristic with its result; values in `unit`, which is mm or deg.
+
+    `anchors_mm` are the places it is measured at, CAD frame: one of a hole, two of a distance;
+    `axis` is the axis of a hole or boss, or the direction of a distance.
+    """
+
+    id: str
+    balloon: int
+    kind: str
+    label: str
+    unit: str = "mm"
+    nominal: float
+    lower: float
+    upper: float
+    source: str
+    faces: tuple[int, ...] = ()
+    is_critical: bool = False
+    measured: float | None = None
+    U: float | None = None
+    verdict: str
+    views: tuple[str, ...] = ()
+    reason: str = ""
+    anchors_mm: tuple[tuple[float, float, float], ...] = ()
+    axis: tuple[float, float, float] | None = None
+    rim_radius_mm: float | None = None
+    is_hole: bool | None = None
+    looks: tuple[LookFields, ...] = ()
+
+
+class PartMeasured(Body):
+    """The characteristics of a part, by all its views."""
+
+    kind = "observation"
+    row_name = "characteristics"
+    characteristics: tuple[CharacteristicFields, ...]
+
+
+class PartFindingFields(Fields):
+    """A finding of a part, by all its views; `box_px`, `outline_px` are in the picture named."""
+
+    kind: str
+    view: str
+    lamp: str
+    p_part_mm: tuple[float, ...]
+    size_mm: float
+    faces: tuple[int, ...]
+    verdict: str
+    box_px: Box | None = None
+    outline_px: tuple[tuple[float, float], ...] = ()
+
+
+class PartFindings(Body):
+    """The findings of a part, by all its views."""
+
+    kind = "observation"
+    row_name = "findings"
+    findings: tuple[PartFindingFields, ...]
+
+
 # --- what is decided ------------------------------------------------------------------------------
 
 
@@ -477,6 +555,7 @@ ROWS: Final[Mapping[tuple[str, str], type[Body]]] = {
         RunBegan, Connected, EmulatedCellEnded, Overtaken, AtRest, RunBrokeOff, RunEnded,
         JournalSetAside, JournalNotReadable, Homed, StepDone, GraspMissed, PartDone, Stopped,
         StopNotConfirmed, Openings, TablePictures, Sightings, ViewPicturesTaken, ViewJudged,
+        PartMeasured, PartFindings,
         PlanMade, PlanKept, RecoveryBegun, AmbiguityResolved, PartJudged, StartRefused,
     )
 }  # fmt: skip

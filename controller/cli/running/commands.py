@@ -133,6 +133,9 @@ class Form(StrEnum):
 
     HTML = "html"
     JSON = "json"
+    CSV = "csv"
+    QIF = "qif"
+    DFQ = "dfq"
 
 
 def report(
@@ -146,7 +149,7 @@ def report(
             "--output",
             "-o",
             metavar="FILE",
-            help="file to write (default: report.html in the run's folder; JSON to stdout)",
+            help="file to write (default: report.FORMAT in the run's folder; JSON to stdout)",
         ),
     ] = None,
     runs: RunsOption = Path("runs"),

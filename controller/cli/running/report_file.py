@@ -4,7 +4,14 @@ import json
 from pathlib import Path
 
 from controller.config import ConfigError
-from controller.results import load_run, report_json, write_html
+from controller.results import (
+    ResultsError,
+    judged_parts,
+    load_run,
+    report_json,
+    write_html,
+    write_parts,
+)
 
 from ..inputs.checks import check_writable_folder
 from ..terminal.output import emit, print_line
@@ -17,8 +24,12 @@ def write_report(runs_dir: Path, run: str | None, form: str, output: Path | None
     ----------
     runs_dir : folder of all runs
     run : id, the beginning of an id, or folder of the run; None for the newest
-    form : "html" or "json"
-    output : file to write; None for report.html of the run, or JSON on stdout
+    form : "html", "json", "csv", "qif" or "dfq"
+    output : file to write; None for a file in the run's folder, or JSON on stdout
+
+    Raises
+    ------
+    ResultsError : the run has nothing that the format could hold
     """
     record = load_run(runs_dir, run)
     if form == "json":
@@ -30,9 +41,15 @@ def write_report(runs_dir: Path, run: str | None, form: str, output: Path | None
             output.write_text(json.dumps(body, indent=1, ensure_ascii=False), encoding="utf-8")
             print_line(f"report: {output}")
         return 0
-    path = output or runs_dir / record.run_id / "report.html"
+    path = output or runs_dir / record.run_id / f"report.{form}"
     _check(path)
-    print_line(f"report: {write_html(record, path)}")
+    if form == "html":
+        print_line(f"report: {write_html(record, path)}")
+        return 0
+    try:
+        print_line(f"report: {write_parts(judged_parts(record), form, path)}")
+    except ValueError as error:
+        raise ResultsError(f"run {record.run_id}: no {form} file, {error}") from error
     return 0
 
 

@@ -154,7 +154,7 @@ def _arrow(sighting: SightingReport, optics: Optics) -> tuple[float, ...]:
 
 
 def _view(key: str, view: ViewReport, pictures: Pictures, optics: Optics | None) -> ViewPanel:
-    boxes = [f.box_px for f in view.findings]
+    boxes = [f.box_px for f in view.findings if f.box_px]
     around = bounds(view.outline_px)
     if around is not None:
         boxes.append(around)
@@ -167,7 +167,9 @@ def _view(key: str, view: ViewReport, pictures: Pictures, optics: Optics | None)
         size = pictures.size_px(name)
         window = window_round(boxes, size, VIEW_MARGIN, VIEW_MIN_PX) if size else None
         marks = tuple(
-            Mark(f.number, f.box_px) for f in view.findings if _picture_of(view, f.lamp) == name
+            Mark(f.number, f.box_px)
+            for f in view.findings
+            if f.box_px and _picture_of(view, f.lamp) == name
         )
         panels.append(Panel(lamp_words(lamp), pictures.view(name, window), marks, bar))
     return ViewPanel(view, key, outline_path(view.outline_px), tuple(panels))
@@ -191,7 +193,7 @@ def _finding(
 ) -> FindingRow:
     name = _picture_of(view, finding.lamp)
     panel = None
-    if name is not None:
+    if name is not None and finding.box_px is not None:
         size = pictures.size_px(name)
         window = (
             window_round([finding.box_px], size, CROP_MARGIN, CROP_MIN_PX)

@@ -4,15 +4,18 @@
 `log_words.py` puts a row in words.
 """
 
+from ._parts import PartFold
 from .load import RunSummary, list_runs, load_run
 from .log_words import row_words, stage_words
 from .model import (
     Box,
+    CharacteristicReport,
     CheckReport,
     DeviceReport,
     FaceReport,
     FindingReport,
     LogEntry,
+    LookReport,
     PartReport,
     PlanReport,
     Points,
@@ -30,11 +33,14 @@ from .model import (
 
 __all__ = [
     "Box",
+    "CharacteristicReport",
     "CheckReport",
     "DeviceReport",
     "FaceReport",
     "FindingReport",
     "LogEntry",
+    "LookReport",
+    "PartFold",
     "PartReport",
     "PlanReport",
     "Points",

@@ -69,6 +69,11 @@ def fold(run_id: str, folder: Path, found: Sequence[Row], broken: int | None) ->
         stages=_stages(log),
         log=log,
         first_broken_row=broken if is_touched else None,
+        files=began.files,
+        operator=began.operator,
+        lot=began.lot,
+        serials=began.serials,
+        part_temperature_c=began.part_temperature_c,
     )
 
 
@@ -127,7 +132,9 @@ def _parts(log: Sequence[LogEntry], *, is_cut_off: bool) -> tuple[PartReport, ..
             continue  # rows from before the first part have number 0
         if entry.flaw:
             raise _unreadable(entry)
-        folds.setdefault(entry.part, PartFold(entry.part)).take(entry.row)
+        part = folds.setdefault(entry.part, PartFold(entry.part, start=entry.at))
+        part.take(entry.row)
+        part.end = entry.at
     return tuple(folds[number].report(is_cut_off=is_cut_off) for number in sorted(folds))
 
 

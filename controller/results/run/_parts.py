@@ -1,15 +1,18 @@
 """Folds the journal rows of one part: looks, plan, steps, views, verdict, custody."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from datetime import datetime
 
 from controller.cell.custody import Custody
 from controller.cell.journal import Body, Once, rows
 
 from .model import (
+    CharacteristicReport,
     CheckReport,
     FaceReport,
     FindingReport,
+    LookReport,
     PartReport,
     PlanReport,
     SightingReport,
@@ -35,6 +38,8 @@ class PartFold:
     """Takes the rows of one part in order; `report` returns what they add up to."""
 
     number: int
+    start: datetime | None = None
+    end: datetime | None = None
     looks: int = 0
     table_pictures: Mapping[str, str] = field(default_factory=dict)
     sightings: tuple[SightingReport, ...] = ()
@@ -42,6 +47,9 @@ class PartFold:
     steps: list[StepReport] = field(default_factory=list)
     grasps_missed: list[str] = field(default_factory=list)
     views: list[ViewReport] = field(default_factory=list)
+    characteristics: tuple[CharacteristicReport, ...] = ()
+    # None where findings are known view by view only
+    findings: tuple[rows.PartFindingFields, ...] | None = None
     verdict: VerdictReport | None = None
     tray: str | None = None
     custody: Custody = Custody.ON_TABLE
@@ -67,6 +75,10 @@ class PartFold:
                 self.views.append(ViewReport(row.view, row.pictures, None))
             case rows.ViewJudged():
                 self._judged(row)
+            case rows.PartMeasured():
+                self.characteristics = tuple(_characteristic(c) for c in row.characteristics)
+            case rows.PartFindings():
+                self.findings = row.findings
             case rows.PartJudged():
                 self.verdict = _verdict(row)
             case rows.CustodyChanged():
@@ -108,12 +120,15 @@ class PartFold:
             plan=self.plan,
             steps=self._all_steps(),
             grasps_missed=tuple(self.grasps_missed),
-            views=tuple(self.views),
+            views=_with_findings(self.views, self.findings),
             verdict=self.verdict,
             tray=self.tray,
             custody=self.custody,
             custody_detail=self.custody_detail,
             unconfirmed=_unconfirmed(ambiguity[-1], self.custody) if ambiguity else "",
+            characteristics=self.characteristics,
+            start=self.start,
+            end=self.end,
         )
 
     def _all_steps(self) -> tuple[StepReport, ...]:
@@ -205,6 +220,85 @@ def _view(row: rows.ViewJudged, first: int) -> ViewReport:
         checks=tuple(
             CheckReport(c.check, c.reason, c.compared_samples, c.size_mm, c.length_mm)
             for c in row.checks
+        ),
+        T_world_part=row.T_world_part if row.evaluated else (),
+    )
+
+
+def _with_findings(
+    views: Sequence[ViewReport], findings: Sequence[rows.PartFindingFields] | None
+) -> tuple[ViewReport, ...]:
+    """Return the views with the findings of the whole part in place of their own."""
+    if findings is None:
+        return tuple(views)
+    of_view: dict[str, list[FindingReport]] = {view.view_id: [] for view in views}
+    own = {
+        (f.view_id, f.lamp, tuple(round(v, 1) for v in f.p_part_mm)): f
+        for view in views
+        for f in view.findings
+    }
+    for number, f in enumerate(findings, start=1):
+        seen = own.get((f.view, f.lamp, tuple(round(v, 1) for v in f.p_part_mm)))
+        of_view.setdefault(f.view, []).append(
+            FindingReport(
+                number=number,
+                view_id=f.view,
+                kind=f.kind,
+                lamp=f.lamp,
+                area_mm2=seen.area_mm2 if seen else None,
+                size_mm=f.size_mm,
+                at_px=seen.at_px if seen else _middle(f.box_px),
+                box_px=f.box_px or (seen.box_px if seen else None),
+                p_part_mm=f.p_part_mm,
+                face_ids=f.faces,
+                verdict=f.verdict,
+                outline_px=f.outline_px,
+            )
+        )
+    known = [replace(view, findings=tuple(of_view.pop(view.view_id, ()))) for view in views]
+    # a finding of all views together may name none of them
+    return (*known, *(ViewReport(name, {}, None, findings=tuple(f)) for name, f in of_view.items()))
+
+
+def _middle(box: tuple[int, int, int, int] | None) -> tuple[float, float] | None:
+    return None if box is None else ((box[0] + box[2]) / 2, (box[1] + box[3]) / 2)
+
+
+def _characteristic(c: rows.CharacteristicFields) -> CharacteristicReport:
+    return CharacteristicReport(
+        id=c.id,
+        balloon=c.balloon,
+        kind=c.kind,
+        label=c.label,
+        unit=c.unit,
+        nominal=c.nominal,
+        lower=c.lower,
+        upper=c.upper,
+        source=c.source,
+        faces=c.faces,
+        is_critical=c.is_critical,
+        measured=c.measured,
+        U=c.U,
+        verdict=c.verdict,
+        views=c.views,
+        reason=c.reason,
+        anchors_mm=c.anchors_mm,
+        axis=c.axis,
+        rim_radius_mm=c.rim_radius_mm,
+        is_hole=c.is_hole,
+        looks=tuple(
+            LookReport(
+                view_id=look.view,
+                lamp=look.lamp,
+                measured=look.measured,
+                u=look.u,
+                reason=look.reason,
+                budget=look.budget,
+                points_px=look.points_px,
+                accepted=look.accepted,
+                shape_px=look.shape_px,
+            )
+            for look in c.looks
         ),
     )
 

@@ -117,18 +117,83 @@ class FindingReport:
     Attributes
     ----------
     number : of the finding on its part, from 1, in the order the views were judged
+    area_mm2 : None where only its extent is known
+    verdict : fail where it is proven, indeterminate where not; empty in runs that did not say
+    outline_px : border of what differs, in the picture; may be empty
     """
 
     number: int
     view_id: str
     kind: str
     lamp: str
-    area_mm2: float
+    area_mm2: float | None
     size_mm: float
-    at_px: tuple[float, float]
-    box_px: Box
+    at_px: tuple[float, float] | None
+    box_px: Box | None
     p_part_mm: tuple[float, ...]
     face_ids: tuple[int, ...]
+    verdict: str = ""
+    outline_px: Points = ()
+
+
+@dataclass(frozen=True, slots=True)
+class LookReport:
+    """What one picture shows of a characteristic; see `controller.inspection`'s `Look`."""
+
+    view_id: str
+    lamp: str
+    measured: float | None
+    u: float | None
+    reason: str
+    budget: Mapping[str, float]
+    points_px: Points
+    accepted: tuple[int, ...]
+    shape_px: Points
+
+
+@dataclass(frozen=True, slots=True)
+class CharacteristicReport:
+    """A characteristic with its result; values in `unit`, which is mm or deg.
+
+    Attributes
+    ----------
+    balloon : its number on the drawing and in the table
+    lower, upper : limits of the value itself
+    source : where the limits come from
+    measured, U : value and expanded uncertainty (k = 2); None where it was not evaluated
+    verdict : pass, fail, indeterminate or not evaluated
+    reason : why it stays open, or which limit it is beyond
+    anchors_mm, axis : where it is measured, CAD frame, and the axis of the hole or boss, or the
+        direction of the distance
+    rim_radius_mm, is_hole : of a hole or boss
+    """
+
+    id: str
+    balloon: int
+    kind: str
+    label: str
+    unit: str
+    nominal: float
+    lower: float
+    upper: float
+    source: str
+    faces: tuple[int, ...]
+    is_critical: bool
+    measured: float | None
+    U: float | None
+    verdict: str
+    views: tuple[str, ...]
+    reason: str
+    anchors_mm: tuple[tuple[float, float, float], ...] = ()
+    axis: tuple[float, float, float] | None = None
+    rim_radius_mm: float | None = None
+    is_hole: bool | None = None
+    looks: tuple[LookReport, ...] = ()
+
+    @property
+    def deviation(self) -> float | None:
+        """How far the value is from the nominal one."""
+        return None if self.measured is None else self.measured - self.nominal
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,6 +207,7 @@ class ViewReport:
     reason : why it was not evaluated
     shift_mm, turn_deg, residual_px : measured pose from the expected one; None if unknown
     outline_px : every third border pixel of the prediction
+    T_world_part : (4, 4) the pose measured; empty where it is not known
     """
 
     view_id: str
@@ -154,6 +220,7 @@ class ViewReport:
     outline_px: Points = ()
     findings: tuple[FindingReport, ...] = ()
     checks: tuple["CheckReport", ...] = ()
+    T_world_part: tuple[tuple[float, ...], ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -222,6 +289,8 @@ class PartReport:
     custody : the last one in the journal
     unconfirmed : what was begun and never confirmed; where not empty, `custody` may be out of date
     tray : the one it was placed in; None if it was not placed
+    characteristics : in the order of their balloons
+    start, end : times of its first and its last row
     """
 
     number: int
@@ -237,6 +306,9 @@ class PartReport:
     custody: Custody
     custody_detail: str
     unconfirmed: str
+    characteristics: tuple[CharacteristicReport, ...] = ()
+    start: datetime | None = None
+    end: datetime | None = None
 
     @property
     def findings(self) -> tuple[FindingReport, ...]:
@@ -308,6 +380,8 @@ class RunRecord:
         where the run did not come to its end
     ordered : how many parts were ordered
     first_broken_row : number of the first journal row whose hash does not fit; None if all fit
+    files : sha256 of recipe, cell file and CAD files, by path
+    operator, lot, serials, part_temperature_c : as given with the order; may be empty or None
     """
 
     run_id: str
@@ -328,6 +402,11 @@ class RunRecord:
     stages: tuple[StageReport, ...]
     log: tuple[LogEntry, ...]
     first_broken_row: int | None
+    files: Mapping[str, str] = field(default_factory=dict)
+    operator: str = ""
+    lot: str = ""
+    serials: tuple[str, ...] = ()
+    part_temperature_c: float | None = None
 
     @property
     def recipe_name(self) -> str:

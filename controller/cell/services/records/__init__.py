@@ -5,7 +5,14 @@ of it, `describe.py` turns results into rows.
 """
 
 from .batch import BatchRecord
-from .describe import plan_row, sightings_row, verdict_row, view_row
+from .describe import (
+    findings_row,
+    measured_row,
+    plan_row,
+    sightings_row,
+    verdict_row,
+    view_row,
+)
 from .part import PartInGripper, PartRecord, Shown, merged
 from .progress import Progress
 
@@ -15,6 +22,8 @@ __all__ = [
     "PartRecord",
     "Progress",
     "Shown",
+    "findings_row",
+    "measured_row",
     "merged",
     "plan_row",
     "sightings_row",

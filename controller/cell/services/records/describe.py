@@ -1,9 +1,20 @@
-"""Turns plans, sightings, view results and verdicts into rows of the journal."""
+"""Turns plans, sightings, view results, measured values and verdicts into rows of the journal."""
+
+from collections.abc import Sequence
 
 import numpy as np
 
 from controller import inspection as inspecting
+from controller.arrays import FloatArray
 from controller.cell.journal import rows
+from controller.inspection.characteristics import (
+    Characteristic,
+    CharacteristicKind,
+    EdgePairGeometry,
+    Look,
+    Measured,
+    RimGeometry,
+)
 from controller.planning import Plan
 from controller.recognition import Sighting
 
@@ -119,3 +130,105 @@ def verdict_row(v: inspecting.PartVerdict) -> rows.PartJudged:
             for f in v.faces
         ),
     )
+
+
+def measured_row(measured: Sequence[Measured]) -> rows.PartMeasured:
+    """Return the row of the characteristics of a part."""
+    return rows.PartMeasured(characteristics=tuple(_characteristic(m) for m in measured))
+
+
+def findings_row(findings: Sequence[inspecting.PartFinding]) -> rows.PartFindings:
+    """Return the row of the findings of a part."""
+    return rows.PartFindings(
+        findings=tuple(
+            rows.PartFindingFields(
+                kind=f.kind,
+                view=f.view_id,
+                lamp=f.lamp,
+                p_part_mm=np.round(f.p_part_mm, 2).tolist(),
+                size_mm=round(f.size_mm, 3),
+                faces=f.faces,
+                verdict=f.verdict.value,
+                box_px=f.box_px,
+                outline_px=_points(f.outline_px),
+            )
+            for f in findings
+        )
+    )
+
+
+def _characteristic(m: Measured) -> rows.CharacteristicFields:
+    asked = m.characteristic
+    is_angle = asked.kind is CharacteristicKind.ANGLE
+
+    def value(number: float | None) -> float | None:
+        if number is None or not np.isfinite(number):
+            return None
+        return round(float(np.degrees(number)) if is_angle else float(number), 6)
+
+    def limit(number: float) -> float:
+        return float(np.degrees(number)) if is_angle else float(number)
+
+    anchors, axis = _anchors(asked)
+    rims = asked.geometry.rims if isinstance(asked.geometry, RimGeometry) else ()
+    return rows.CharacteristicFields(
+        id=asked.id,
+        balloon=asked.balloon,
+        kind=asked.kind.value,
+        label=asked.label,
+        unit="deg" if is_angle else "mm",
+        nominal=limit(asked.nominal_mm),
+        lower=limit(asked.lower_mm),
+        upper=limit(asked.upper_mm),
+        source=asked.source,
+        faces=asked.faces,
+        is_critical=asked.is_critical,
+        measured=value(m.measured_mm),
+        U=value(m.U_mm),
+        verdict=m.verdict.value,
+        views=m.views,
+        reason=m.reason,
+        anchors_mm=tuple(np.round(p, 4).tolist() for p in anchors),
+        axis=None if axis is None else np.round(axis, 6).tolist(),
+        rim_radius_mm=round(rims[0].radius_mm, 6) if rims else None,
+        is_hole=rims[0].is_hole if rims else None,
+        looks=tuple(
+            rows.LookFields(
+                view=look.view_id,
+                lamp=look.lamp,
+                measured=value(look.measured_mm),
+                u=value(look.u_mm),
+                reason=look.reason,
+                budget={name: round(float(u), 6) for name, u in look.budget.items()},
+                points_px=_points(look.points_px),
+                accepted=_flags(look),
+                shape_px=_points(look.shape_px),
+            )
+            for look in m.looks
+        ),
+    )
+
+
+def _anchors(asked: Characteristic) -> tuple[list[FloatArray], FloatArray | None]:
+    """Return where a characteristic is measured, CAD frame, and along which direction."""
+    geometry = asked.geometry
+    if isinstance(geometry, EdgePairGeometry):
+        middles = [
+            np.mean([(edge.start_mm + edge.end_mm) / 2 for edge in edges], axis=0)
+            for edges in (geometry.one, geometry.other)
+            if edges
+        ]
+        return middles, geometry.direction
+    if not geometry.rims:
+        return [], None
+    return [geometry.rims[0].centre_mm], geometry.rims[0].axis
+
+
+def _points(points: FloatArray | None) -> tuple[tuple[float, float], ...]:
+    if points is None:
+        return ()
+    return tuple((round(float(x), 2), round(float(y), 2)) for x, y in points)
+
+
+def _flags(look: Look) -> tuple[int, ...]:
+    return () if look.accepted is None else tuple(int(a) for a in look.accepted)

@@ -1,0 +1,46 @@
+"""Judged parts as one flat table: a row for each characteristic of each part (RFC 4180)."""
+
+import csv
+import io
+from collections.abc import Sequence
+from typing import Final
+
+from ..judged import JudgedPart
+
+COLUMNS: Final = (
+    "run", "number", "part", "serial", "lot", "operator", "recipe", "recipe_sha256", "cad_sha256",
+    "start", "end", "emulated", "part_verdict", "balloon", "id", "label", "kind", "unit", "nominal",
+    "lower", "upper", "source", "measured", "deviation", "U_k2", "verdict", "views", "reason",
+)  # fmt: skip
+# what a spreadsheet takes for a formula when a text begins with it
+FORMULA_STARTS: Final = ("=", "+", "-", "@", "\t", "\r")
+
+
+def csv_text(parts: Sequence[JudgedPart]) -> str:
+    """Return the table; numbers have a decimal point, what is not known is empty."""
+    out = io.StringIO()
+    writer = csv.writer(out)
+    writer.writerow(COLUMNS)
+    for judged in parts:
+        h = judged.header
+        about = (
+            h.run_id, h.number, h.part, h.serial, h.lot, h.operator, h.recipe, h.recipe_sha256,
+            h.cad_sha256, h.start.isoformat(), h.end.isoformat(),
+            "yes" if h.emulated_devices else "no", judged.verdict,
+        )  # fmt: skip
+        for c in judged.part.characteristics:
+            row = (
+                *about, c.balloon, c.id, c.label, c.kind, c.unit, c.nominal, c.lower, c.upper,
+                c.source, c.measured, c.deviation, c.U, c.verdict, " ".join(c.views), c.reason,
+            )  # fmt: skip
+            writer.writerow([_cell(value) for value in row])
+    return out.getvalue()
+
+
+def _cell(value: str | float | None) -> str:
+    if value is None:
+        return ""
+    if isinstance(value, float):
+        return f"{value:.6f}".rstrip("0").rstrip(".")
+    text = str(value)
+    return "'" + text if isinstance(value, str) and text.startswith(FORMULA_STARTS) else text

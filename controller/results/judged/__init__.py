@@ -1,0 +1,21 @@
+"""A judged part with all that a report of it says, from a run's journal or from an inspection.
+
+`_model.py` is what is known, `_sources.py` makes it, `_json.py` prints it for machines.
+"""
+
+from ._json import RESULT_SCHEMA, RESULT_SCHEMA_VERSION, characteristic_json, result_json
+from ._model import DECISION_RULE, Header, JudgedPart, shared_characteristics
+from ._sources import judged_part, judged_parts
+
+__all__ = [
+    "DECISION_RULE",
+    "RESULT_SCHEMA",
+    "RESULT_SCHEMA_VERSION",
+    "Header",
+    "JudgedPart",
+    "characteristic_json",
+    "judged_part",
+    "judged_parts",
+    "result_json",
+    "shared_characteristics",
+]

@@ -1,0 +1,94 @@
+"""What a report of a judged part says: its header, and what was measured and found."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import datetime
+from pathlib import Path
+from typing import Final
+
+from controller.inspection.characteristics import CONFORMANCE_PROBABILITY
+
+from ..run import CharacteristicReport, PartReport
+
+DECISION_RULE: Final = f"guard bands, {100 * CONFORMANCE_PROBABILITY:.0f} % for PASS and for FAIL"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Header:
+    """What was inspected, by whom, with what; a text that is not known is empty.
+
+    Attributes
+    ----------
+    part : name of the product
+    number : of the part in its run, from 1
+    recipe, recipe_sha256, cad, cad_sha256, cell, cell_sha256 : files, and what was in them
+    calibrated : when each camera was calibrated, by camera
+    software : versions by name
+    start, end : UTC
+    part_temperature_c : None where nobody measured it
+    run_id : empty for pictures that no run took
+    emulated_devices : not empty: no production result
+    cell_settings : the cell as it was read, whole
+    """
+
+    part: str
+    number: int = 1
+    serial: str = ""
+    lot: str = ""
+    operator: str = ""
+    recipe: str = ""
+    recipe_sha256: str = ""
+    cad: str = ""
+    cad_sha256: str = ""
+    cell: str = ""
+    cell_sha256: str = ""
+    calibrated: Mapping[str, str] = field(default_factory=dict)
+    software: Mapping[str, str] = field(default_factory=dict)
+    start: datetime
+    end: datetime
+    part_temperature_c: float | None = None
+    run_id: str = ""
+    emulated_devices: tuple[str, ...] = ()
+    cell_settings: Mapping[str, object] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class JudgedPart:
+    """A part, judged or not, as its report has it.
+
+    Attributes
+    ----------
+    header : what was inspected
+    part : what was seen, measured and decided
+    folder : its pictures are here
+    """
+
+    header: Header
+    part: PartReport
+    folder: Path
+
+    @property
+    def verdict(self) -> str:
+        """The verdict in a word or two."""
+        return self.part.verdict.verdict if self.part.verdict else "no verdict"
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Why, most important first."""
+        return self.part.verdict.reasons if self.part.verdict else ()
+
+
+def shared_characteristics(parts: Sequence[JudgedPart]) -> tuple[CharacteristicReport, ...]:
+    """Return the characteristics of a product, as its first measured part has them.
+
+    Raises
+    ------
+    ValueError : two parts have different ones, so that they are of different products
+    """
+    measured = [judged.part.characteristics for judged in parts if judged.part.characteristics]
+    if not measured:
+        return ()
+    first = measured[0]
+    if any([c.id for c in other] != [c.id for c in first] for other in measured):
+        raise ValueError("a file holds one product: the characteristics of these parts differ")
+    return first
