@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.arrays import BoolArray, FloatArray, Grey
+from controller.arrays import BoolArray, Float32Array, FloatArray, Grey
 
 from .loops import evenly, loop_normals, trace_loops
 
@@ -65,13 +65,13 @@ def mask_contour(mask: BoolArray) -> FloatArray:
     return np.vstack([c.reshape(-1, 2) for c in found]).astype(np.float64)
 
 
-def subpixel_contour(image: Grey, level: float) -> Contour:
+def subpixel_contour(image: Grey | Float32Array, level: float) -> Contour:
     """Return the outlines of all that is darker than a grey level, about one point per pixel.
 
     Parameters
     ----------
-    image : (height, width) grey
-    level : grey level of the edge
+    image : (height, width) grey, or brightness in any unit
+    level : of the edge, in the same
     """
     mask = (image < level).astype(np.uint8)
     found, _ = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)

@@ -5,7 +5,7 @@ Arrays in, dataclasses out (cell-facts.md 3).
 
 from ._judge import FaceVerdict, PartVerdict, judge
 from ._pose import PosedPart
-from ._scene import box_mesh
+from ._scene import box_mesh, make_scene
 from ._types import (
     OUTLINE,
     Check,
@@ -55,4 +55,5 @@ __all__ = [
     "inspect_part",
     "inspect_view",
     "judge",
+    "make_scene",
 ]

@@ -49,6 +49,7 @@ class EdgeModel:
         the origin along it
     out : (e, 3) unit direction out of the material, half-way between the two normals
     is_crease : (e,) part of a CAD edge at which two surfaces meet at an angle
+    sides : (e, 2) the two triangles beside it
     """
 
     centroid_mm: FloatArray
@@ -61,6 +62,7 @@ class EdgeModel:
     second: FloatArray
     out: FloatArray
     is_crease: BoolArray
+    sides: Int32Array
 
 
 def edge_shape(solid: Solid) -> EdgeShape:
@@ -102,6 +104,7 @@ def edge_model(shape: EdgeShape | Solid) -> EdgeModel:
         second=planes[shape.sides[:, 1]],
         out=out,
         is_crease=shape.is_crease,
+        sides=shape.sides,
     )
 
 

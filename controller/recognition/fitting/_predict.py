@@ -7,7 +7,7 @@ part is turned there. The outline alone takes less: it is made of rims beside wh
 nothing.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -41,6 +41,7 @@ class EdgePoints:
         under light from the camera's side: difference of cosines, the table's left out
     jump_mm : (n,) how much farther from the eye one side is than the other; 0 on the outline
     step_mm : between samples along the edges, square to the sight line
+    edge : (n,) which of the model's edges; empty where it is not known
     """
 
     points_mm: FloatArray
@@ -50,6 +51,7 @@ class EdgePoints:
     lift: FloatArray
     jump_mm: FloatArray
     step_mm: float
+    edge: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -198,7 +200,14 @@ def _seen(
     normals /= np.maximum(np.sqrt((normals**2).sum(axis=1, keepdims=True)), 1e-12)
     normals[((beside - pixels) * normals).sum(axis=1) < 0] *= -1
     return EdgePoints(
-        points_mm, pixels, normals, on_outline[which], lift[which], jump[which], step_mm
+        points_mm,
+        pixels,
+        normals,
+        on_outline[which],
+        lift[which],
+        jump[which],
+        step_mm,
+        kept.edge,
     )
 
 

@@ -1,0 +1,24 @@
+"""Where a held part is: one pose for each grasp, from the outlines of all its views together.
+
+What a part's size or form is off by stays in the residuals: a pose has six freedoms, faces have
+their own, small ones, and neither scale nor thickness is among them.
+"""
+
+from ._backlit import Backlit, backlit_outline, chord_px
+from ._joint import fit_grasp
+from ._rims import Rims, find_rims
+from ._types import FaceShift, GraspPose, OutlineView, PoseSettings, ViewPose
+
+__all__ = [
+    "Backlit",
+    "FaceShift",
+    "GraspPose",
+    "OutlineView",
+    "PoseSettings",
+    "Rims",
+    "ViewPose",
+    "backlit_outline",
+    "chord_px",
+    "find_rims",
+    "fit_grasp",
+]

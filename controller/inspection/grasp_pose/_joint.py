@@ -1,0 +1,423 @@
+"""One pose for all views of a grasp: Gauss-Newton on their outlines, with the kinematics' prior.
+
+The part sits in the jaws somewhere near where it should, the same in all views; the arm is off by a
+little more in each. The faces of the part may be off by a little as well: each has freedoms of its
+own, with a prior of a good part's size, which lets go of a face that is plainly out of place. So a
+wrong dimension does not draw the pose, and stays to be seen.
+
+Two things that would pass for a part nearer to the camera have freedoms too, so that they do not:
+a part that is larger or smaller as a whole, as a good one may be, and light that eats into all of a
+view's outline. The normal equations are small: six unknowns for the grasp, seven for each view,
+four for each face, three for size. What light does to one edge as a whole is taken out of them edge
+by edge.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import scipy.sparse as sp
+
+from controller.arrays import FloatArray, IntArray
+from controller.imaging import inverse_pose, transform
+from controller.recognition.fitting import sample_information, twist
+
+from .._pose import PosedPart
+from ._rims import FREEDOMS, Rims, find_rims
+from ._types import FaceShift, GraspPose, OutlineView, PoseSettings, ViewPose
+
+# how far off the outline may be; one step each, as what shows changes while a held part tilts
+REACH_PX: Final = (25.0, 18.0, 12.5, 9.0, 7.0, 6.0)
+COARSE_COUNT: Final = 400  # outline points of a view in these steps
+COARSE_PX: Final = 0.4  # what counts for much there: views weigh against the prior
+# fine rounds: what counts for much, in shares of `LOOSE`, and whether faces are let go
+ROUNDS: Final = ((4.0, False), (2.0, True), (1.0, True))
+STEPS: Final = 3  # of each
+TAIL: Final = 4.0  # degrees of freedom of Student's distribution: faces of good and bad parts
+LOOSE: Final = 3.0  # standard deviations beyond which a point belongs to something else
+COMPARED_PX: Final = 6.25  # the observed outline is looked for so far from the fitted one
+CORRELATED_PX: Final = 3.0  # blur and pixels err together along an edge over so much
+ALONG_MM: Final = 3.0  # light and form differ along an edge, hardly within so much of it
+ALONG_SHARE: Final = 1 / 3  # by that share of what they do to the edge as a whole
+PAIRED_PX: Final = 2.0  # nearer than this a point of the outline is found
+MIN_POINTS: Final = 20  # of an outline, observed or predicted
+SPLIT_RAD: Final = 0.5  # of a curved edge: what light does to it changes along it
+
+
+def fit_grasp(
+    part: PosedPart, views: Sequence[OutlineView], settings: PoseSettings | None = None
+) -> GraspPose | None:
+    """Return the pose of a part in the jaws, None where no view shows an outline near it.
+
+    Parameters
+    ----------
+    part : the part
+    views : all of one grasp, one at least
+    settings : what is known of arm, parts and light; None for the usual
+    """
+    settings = settings or PoseSettings()
+    usable = [view for view in views if len(view.outline.points) >= MIN_POINTS]
+    if not usable:
+        return None
+    state = np.zeros((1 + len(usable), 6))
+    for reach in REACH_PX:
+        rims = [_coarse(part, view, state) for view in _placed(part, usable, state)]
+        found = [
+            view.outline.gaps(r.points.pixels, r.points.normals, r.points, reach).gap_px
+            for view, r in zip(usable, rims, strict=True)
+        ]
+        state = _coarse_step(usable, rims, found, state, settings)
+    return _fine(part, usable, views, state, settings)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Placed:
+    """A view with the pose it has by now."""
+
+    view: OutlineView
+    T_world_part: FloatArray
+
+
+def _placed(part: PosedPart, views: Sequence[OutlineView], state: FloatArray) -> list[_Placed]:
+    """Return the views with their poses: the expected one, moved by grasp and view together."""
+    centre = part.solid.centroid_mm
+    return [
+        _Placed(view, view.T_world_part @ twist(x[3:], x[:3], centre))
+        for view, x in zip(views, state[0] + state[1:], strict=True)
+    ]
+
+
+def _coarse(part: PosedPart, placed: _Placed, state: FloatArray) -> Rims:
+    camera = placed.view.camera
+    return find_rims(part, placed.T_world_part, camera, COARSE_COUNT, 0.0)
+
+
+def _prior(views: Sequence[OutlineView], settings: PoseSettings) -> FloatArray:
+    """Return the information (1 + k, 6) of grasp and views before the pictures."""
+    mm = min(view.prior_mm for view in views)
+    rad = min(view.prior_rad for view in views)
+    own = [settings.view_mm] * 3 + [settings.view_rad] * 3
+    return 1.0 / np.array([[mm] * 3 + [rad] * 3] + [own] * len(views)) ** 2
+
+
+class _Prior:
+    """What is known before the pictures of all unknowns of the fine rounds."""
+
+    def __init__(
+        self, part: PosedPart, views: Sequence[OutlineView], settings: PoseSettings
+    ) -> None:
+        self.settings = settings
+        self.poses = _prior(views, settings).ravel()
+        self.face_count = len(part.solid.faces)
+        half_mm = 0.5 * np.ptp(part.solid.mesh.bounds, axis=0)
+        size = (half_mm / settings.face_mm) ** 2
+        light = np.full(len(views), 1.0 / settings.light_px**2)
+        self.rest = np.concatenate([size, light])
+
+    @property
+    def first_face(self) -> int:
+        """Where the faces' unknowns begin."""
+        return len(self.poses)
+
+    @property
+    def first_size(self) -> int:
+        """Where those of the whole part's size begin."""
+        return len(self.poses) + FREEDOMS * self.face_count
+
+    def information(self, x: FloatArray, *, is_free: bool) -> FloatArray:
+        """Return the diagonal (m,) at a state; a face plainly out of place is let go if free."""
+        faces = x[self.first_face : self.first_size].reshape(-1, FREEDOMS)
+        variance = self.settings.face_mm**2
+        out = is_free * (faces**2).sum(axis=1, keepdims=True) / (TAIL * variance)
+        stiffness = np.broadcast_to(1.0 / (variance * (1.0 + out)), faces.shape)
+        return np.concatenate([self.poses, stiffness.ravel(), self.rest])
+
+    def beyond_pose(self, x: FloatArray, end: int | None = None) -> FloatArray:
+        """Return a state (m,) in which poses, and what begins at `end`, are zero."""
+        out = x.copy()
+        out[: self.first_face] = 0.0
+        if end is not None:
+            out[end:] = 0.0
+        return out
+
+
+def _coarse_step(
+    views: Sequence[OutlineView],
+    rims: Sequence[Rims],
+    gaps: Sequence[FloatArray],
+    state: FloatArray,
+    settings: PoseSettings,
+) -> FloatArray:
+    """Return the state one step on, from what all views show together."""
+    prior = _prior(views, settings)
+    size = state.size
+    information, pull = np.diag(prior.ravel()), -(prior * state).ravel()
+    every = np.concatenate([np.abs(g[np.isfinite(g)]) for g in gaps])
+    spread = max(1.0, 1.48 * float(np.median(every))) if len(every) else 1.0
+    for i, (r, gap) in enumerate(zip(rims, gaps, strict=True)):
+        on = np.isfinite(gap)
+        weight = 1.0 / np.maximum(1.0, np.abs(gap[on]) / spread)
+        weight *= sample_information(r.points.step_mm, COARSE_PX * spread)
+        slopes = r.jacobian[on]
+        weighted = (slopes * weight[:, None]).T
+        own, drawn = weighted @ slopes, weighted @ gap[on]
+        at = [slice(0, 6), slice(6 + 6 * i, 12 + 6 * i)]
+        for rows in at:
+            pull[rows] += drawn
+            for columns in at:
+                information[rows, columns] += own
+    return np.asarray(state + np.linalg.solve(information, pull).reshape(size // 6, 6))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Predicted:
+    """A view's outline in the fine rounds: how its points move, and what they have in common."""
+
+    rims: Rims
+    design: sp.csr_matrix  # (n, m): grasp, views, faces, size, light in each view
+    edges: sp.csr_matrix  # (n, e) which edge a point is of
+    correlated: float  # points that err together by the picture's noise
+    along: float  # points that err together by what differs along an edge
+    noise_px: FloatArray
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Solved:
+    """Normal equations and where they lead."""
+
+    information: FloatArray
+    step: FloatArray
+
+
+def _fine(
+    part: PosedPart,
+    usable: list[OutlineView],
+    views: Sequence[OutlineView],
+    state: FloatArray,
+    settings: PoseSettings,
+) -> GraspPose | None:
+    x = np.concatenate(
+        [state.ravel(), np.zeros(FREEDOMS * len(part.solid.faces) + 3 + len(usable))]
+    )
+    prior = _Prior(part, usable, settings)
+    solved: _Solved | None = None
+    for share, is_free in ROUNDS:
+        placed = _placed(part, usable, x[: state.size].reshape(state.shape))
+        predicted = [_predict(part, p, i, len(usable)) for i, p in enumerate(placed)]
+        start = x.copy()
+        for _ in range(STEPS):
+            left = _left(part, usable, predicted, x, start, state.shape)
+            solved = _solve(predicted, left, x, prior, (share, is_free))
+            x = x + solved.step
+    assert solved is not None
+    left = _left(part, usable, predicted, x, start, state.shape)
+    covariance = np.asarray(np.linalg.inv(solved.information), dtype=np.float64)
+    poses = _placed(part, usable, x[: state.size].reshape(state.shape))
+    every = [
+        _view_pose(p, s, gap, x, covariance, i, prior)
+        for i, (p, s, gap) in enumerate(zip(poses, predicted, left, strict=True))
+    ]
+    found = tuple(v for v in every if np.isfinite(v.gap_px).sum() >= MIN_POINTS)
+    if not found:
+        return None
+    known = {v.view_id for v in found}
+    return GraspPose(
+        views=found,
+        missing=tuple(v.view_id for v in views if v.view_id not in known),
+        shift_mm=x[:3],
+        rotation_rad=x[3:6],
+        covariance=covariance[:6, :6],
+        faces=_face_shifts(predicted, left, x, covariance, prior),
+    )
+
+
+def _predict(part: PosedPart, placed: _Placed, number: int, count: int) -> _Predicted:
+    camera = placed.view.camera
+    centre = transform(placed.T_world_part, part.solid.centroid_mm[None])[0]
+    pixel_mm = camera.mm_per_px(centre)
+    rims = find_rims(part, placed.T_world_part, camera, np.inf, pixel_mm)
+    n = len(rims.points.pixels)
+    first = 6 + 6 * count
+    last = first + FREEDOMS * len(part.solid.faces)
+    rows = np.repeat(np.arange(n), 16 + 2 * FREEDOMS)
+    columns = np.hstack(
+        [
+            np.tile(np.arange(6), (n, 1)),
+            np.tile(np.arange(6 + 6 * number, 12 + 6 * number), (n, 1)),
+            *(first + FREEDOMS * rims.faces[:, [k]] + np.arange(FREEDOMS) for k in (0, 1)),
+            np.tile(last + np.arange(3), (n, 1)),
+            np.full((n, 1), last + 3 + number),
+        ]
+    )
+    from_centre = transform(inverse_pose(placed.T_world_part), rims.points.points_mm)
+    from_centre -= part.solid.centroid_mm
+    values = np.hstack(
+        [
+            rims.jacobian,
+            rims.jacobian,
+            *(rims.per_face[:, k] for k in (0, 1)),
+            rims.jacobian[:, :3] * from_centre,
+            np.ones((n, 1)),
+        ]
+    )
+    shape = (n, last + 3 + count)
+    design = sp.csr_matrix((values.ravel(), (rows, columns.ravel())), shape=shape)
+    edge = _edges(rims)
+    return _Predicted(
+        rims=rims,
+        design=design,
+        edges=sp.csr_matrix((np.ones(n), (np.arange(n), edge)), shape=(n, edge.max(initial=0) + 1)),
+        correlated=max(1.0, CORRELATED_PX * pixel_mm / rims.points.step_mm),
+        along=max(1.0, ALONG_MM / rims.points.step_mm),
+        noise_px=np.hypot(placed.view.noise_px, rims.facet_px / np.sqrt(3.0)),
+    )
+
+
+def _edges(rims: Rims) -> IntArray:
+    """Return which edge each outline point is of (n,): two faces, and which way it runs."""
+    normals = rims.points.normals
+    sector = np.round(np.arctan2(normals[:, 1], normals[:, 0]) / SPLIT_RAD).astype(np.int64)
+    key = np.column_stack([np.sort(rims.faces, axis=1), sector])
+    _, number = np.unique(key, axis=0, return_inverse=True)
+    return np.asarray(number.reshape(-1), dtype=np.int64)
+
+
+def _left(
+    part: PosedPart,
+    views: Sequence[OutlineView],
+    predicted: Sequence[_Predicted],
+    x: FloatArray,
+    start: FloatArray,
+    shape: tuple[int, ...],
+) -> list[FloatArray]:
+    """Return how far the observed outlines are beyond the moved prediction, faces not moved."""
+    out = []
+    size = int(np.prod(shape))
+    now = _placed(part, views, x[:size].reshape(shape))
+    then = _placed(part, views, start[:size].reshape(shape))
+    for view, one, new, old in zip(views, predicted, now, then, strict=True):
+        points = one.rims.points
+        T_moved = new.T_world_part @ inverse_pose(old.T_world_part)
+        pixels = view.camera.project(transform(T_moved, points.points_mm))
+        out.append(view.outline.gaps(pixels, points.normals, points, COMPARED_PX).gap_px)
+    return out
+
+
+def _weights(one: _Predicted, left: FloatArray, settings: PoseSettings, share: float) -> FloatArray:
+    """Return the information of each point: what is plainly something else has little."""
+    scale = share * LOOSE * np.hypot(one.noise_px, settings.light_px)
+    trust = 1.0 / (1.0 + (left / scale) ** 2) ** 2
+    variance = one.correlated * one.noise_px**2
+    variance = variance + one.along * (ALONG_SHARE * settings.light_px) ** 2
+    return np.asarray(np.where(np.isfinite(left), trust / variance, 0.0))
+
+
+def _common(
+    one: _Predicted, left: FloatArray, weight: FloatArray, settings: PoseSettings
+) -> tuple[FloatArray, FloatArray]:
+    """Return what each edge's points have in common (e,), and the information of it."""
+    information = one.edges.T @ weight + 1.0 / settings.light_px**2
+    return (one.edges.T @ (weight * np.nan_to_num(left))) / information, information
+
+
+def _solve(
+    predicted: Sequence[_Predicted],
+    gaps: Sequence[FloatArray],
+    x: FloatArray,
+    prior: _Prior,
+    how: tuple[float, bool],
+) -> _Solved:
+    """Return the normal equations at a state and their solution.
+
+    Parameters
+    ----------
+    predicted : the views' outlines
+    gaps : (n,) each, as measured at the poses of the state
+    x : the state
+    prior : what is known before
+    how : what counts for much, and whether faces are let go, as in `ROUNDS`
+    """
+    share, is_free = how
+    diagonal = prior.information(x, is_free=is_free)
+    information, pull = np.diag(diagonal), -diagonal * x
+    moved = prior.beyond_pose(x)
+    for one, gap in zip(predicted, gaps, strict=True):
+        left = gap - one.design @ moved
+        weight = _weights(one, left, prior.settings, share)
+        design = sp.diags(weight) @ one.design
+        common, known = _common(one, left, weight, prior.settings)
+        together = (one.edges.T @ design).toarray()
+        information += (one.design.T @ design).toarray()
+        information -= (together / known[:, None]).T @ together
+        pull += design.T @ np.nan_to_num(left) - together.T @ common
+    step = np.linalg.solve(information, pull)
+    return _Solved(information, np.asarray(step, dtype=np.float64))
+
+
+def _view_pose(
+    placed: _Placed,
+    one: _Predicted,
+    gap: FloatArray,
+    x: FloatArray,
+    covariance: FloatArray,
+    number: int,
+    prior: _Prior,
+) -> ViewPose:
+    T = placed.T_world_part
+    at = slice(6 + 6 * number, 12 + 6 * number)
+    light = prior.first_size + 3
+    left = gap - one.design @ prior.beyond_pose(x, light)
+    beside = left - x[light + number]
+    weight = _weights(one, beside, prior.settings, ROUNDS[-1][0])
+    common, _ = _common(one, beside, weight, prior.settings)
+    edge_px = x[light + number] + one.edges @ common
+    rest = left - edge_px
+    on = np.isfinite(rest)
+    both = np.zeros((6, len(x)))
+    both[:, :6] = np.eye(6)
+    both[:, at] += np.eye(6)
+    turn = np.kron(np.eye(2), T[:3, :3])
+    spread = turn @ both @ covariance @ both.T @ turn.T
+    return ViewPose(
+        view_id=placed.view.view_id,
+        T_world_part=T,
+        covariance=0.5 * (spread + spread.T),
+        deviation_mm=float(np.linalg.norm(x[at][:3])),
+        deviation_rad=float(np.linalg.norm(x[at][3:])),
+        rims=one.rims,
+        gap_px=gap,
+        left_px=left,
+        edge_px=edge_px,
+        noise_px=float(np.median(one.noise_px)),
+        residual_px=1.48 * float(np.median(np.abs(rest[on]))) if on.any() else float("inf"),
+        paired=float(np.mean(np.abs(np.nan_to_num(gap, nan=np.inf)) < PAIRED_PX)),
+    )
+
+
+def _face_shifts(
+    predicted: Sequence[_Predicted],
+    gaps: Sequence[FloatArray],
+    x: FloatArray,
+    covariance: FloatArray,
+    prior: _Prior,
+) -> tuple[FaceShift, ...]:
+    counts = np.zeros(prior.face_count, dtype=np.int64)
+    for one, gap in zip(predicted, gaps, strict=True):
+        for k in range(2):
+            moves = np.abs(one.rims.per_face[:, k, 0]) > 0
+            np.add.at(counts, one.rims.faces[np.isfinite(gap) & moves, k], 1)
+    out = []
+    for face in np.flatnonzero(counts):
+        at = prior.first_face + FREEDOMS * int(face)
+        out.append(
+            FaceShift(
+                face_id=int(face),
+                grown_mm=float(x[at]),
+                u_grown_mm=float(np.sqrt(covariance[at, at])),
+                moved_mm=x[at + 1 : at + FREEDOMS].copy(),
+                covariance=covariance[at + 1 : at + FREEDOMS, at + 1 : at + FREEDOMS].copy(),
+                point_count=int(counts[face]),
+            )
+        )
+    return tuple(out)

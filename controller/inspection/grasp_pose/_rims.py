@@ -1,0 +1,120 @@
+"""The predicted outline of a posed part, point by point, with the faces that make it."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from controller.arrays import FloatArray, IntArray
+from controller.imaging import Camera, meet_part, transform
+from controller.recognition.fitting import EdgePoints, edge_jacobian, predict_outline
+
+from .._pose import PosedPart
+
+CLEAR_PX: Final = 1.0  # light through a slit narrower than this is not compared
+SMOOTH: Final = 0.9  # cosine between two sides that move an outline together
+FREEDOMS: Final = 4  # of a face: along its normals, and a shift of a curved one
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Rims:
+    """Points of a predicted outline, n of them.
+
+    Attributes
+    ----------
+    points : where they are, and their normals from the part to the ground
+    jacobian : (n, 6) how they move along their normals with the part: its centre of mass along
+        the axes of the CAD frame [px / mm], and rotations about them [px / rad]
+    faces : (n, 2) ids of the faces on both sides
+    per_face : (n, 2, 4) how they move [px / mm] as each of these faces grows along its normals, or
+        is shifted along the axes of the CAD frame, which moves curved faces only
+    facet_px : (n,) how far the facets of a curved face may be off its surface
+    """
+
+    points: EdgePoints
+    jacobian: FloatArray
+    faces: IntArray
+    per_face: FloatArray
+    facet_px: FloatArray
+
+
+def find_rims(
+    part: PosedPart, T_world_part: FloatArray, camera: Camera, most: float, step_mm: float
+) -> Rims:
+    """Return the outline of a posed part with what would move it.
+
+    Parameters
+    ----------
+    part : the part
+    T_world_part : (4, 4)
+    camera : calibrated, in the world's frame
+    most : about so many points
+    step_mm : between them, however few they are
+    """
+    model = part.edges
+    edges = predict_outline(model, T_world_part, camera, most, step_mm)
+    if np.isinf(most) and len(edges.pixels):
+        beside = camera.sight_lines(edges.pixels + CLEAR_PX * edges.normals)
+        met, _ = meet_part(part.caster, T_world_part, camera.position_mm, beside)
+        edges = _those(edges, np.flatnonzero(met < 0))
+    R = T_world_part[:3, :3]
+    pivot = transform(T_world_part, model.centroid_mm[None])[0]
+    world = edge_jacobian(edges.points_mm, edges.normals, pivot, camera)
+    along = world[:, :3] @ R
+    jacobian = np.hstack([along, world[:, 3:] @ R])
+    triangles = model.sides[edges.edge].astype(np.int64)
+    faces = part.solid.face_of_triangle[triangles].astype(np.int64)
+    first, second = model.first[edges.edge, :3], model.second[edges.edge, :3]
+    is_plane = np.array([face.kind == "plane" for face in part.solid.faces])
+    return Rims(
+        points=edges,
+        jacobian=jacobian,
+        faces=faces,
+        per_face=_per_face(along, first, second, is_plane[faces]),
+        facet_px=_facets(part, edges.edge, triangles, faces, np.linalg.norm(along, axis=1)),
+    )
+
+
+def _those(edges: EdgePoints, which: IntArray) -> EdgePoints:
+    return EdgePoints(
+        edges.points_mm[which],
+        edges.pixels[which],
+        edges.normals[which],
+        edges.on_outline[which],
+        edges.lift[which],
+        edges.jump_mm[which],
+        edges.step_mm,
+        edges.edge[which],
+    )
+
+
+def _per_face(
+    along: FloatArray, first: FloatArray, second: FloatArray, is_plane: FloatArray
+) -> FloatArray:
+    """Return how outline points move as faces do, (n, 2, 4).
+
+    A sharp edge goes where its two faces go: d with n1 d = s1 and n2 d = s2, as short as can be.
+    Two sides that run smoothly into each other move their outline together.
+    """
+    cosine = np.einsum("ij,ij->i", first, second)
+    a, b = (np.einsum("ij,ij->i", along, n) for n in (first, second))
+    is_smooth = np.abs(cosine) > SMOOTH
+    sine2 = np.where(is_smooth, 1.0, 1.0 - cosine**2)
+    grown = np.column_stack([(a - cosine * b) / sine2, (b - cosine * a) / sine2])
+    grown[is_smooth] = 0.5 * np.column_stack([a, b])[is_smooth]
+    normals = np.stack([first, second], axis=1)
+    normals[is_plane] = 0.0
+    return np.concatenate([grown[..., None], grown[..., None] * normals], axis=2)
+
+
+def _facets(
+    part: PosedPart, edge: IntArray, triangles: IntArray, faces: IntArray, px_per_mm: FloatArray
+) -> FloatArray:
+    """Return how far beside a curved face its facets are there [px], (n,): about w a / 8."""
+    model = part.edges
+    inside = faces[:, 0] == faces[:, 1]
+    normals = model.normals[triangles]
+    bend = np.arccos(np.clip(np.einsum("ij,ij->i", normals[:, 0], normals[:, 1]), -1.0, 1.0))
+    areas = part.solid.mesh.area_faces[triangles].min(axis=1)
+    width = 2 * areas / np.maximum(model.length_mm[edge], 1e-9)
+    return np.asarray(np.where(inside, width * bend / 8, 0.0) * px_per_mm)
