@@ -3,6 +3,7 @@
 Millimetres and degrees; files are named relative to the set's own file (docs/inspect.md).
 """
 
+import base64
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -12,12 +13,13 @@ from typing import Annotated, Any, Final, Literal
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationError, model_validator
 
+from controller.arrays import BoolArray
 from controller.yaml_text import WrongKeyError, YamlText
 
 from .cell import MAX_SIZE_PX, LightSection
 from .errors import ConfigError
 from .files import read_text
-from .recipe import Unit
+from .recipe import Recipe, Unit
 from .yaml_models import DIALECT, Section
 
 SCHEMA: Final = "cellctl.views/1"
@@ -93,6 +95,27 @@ Name = Annotated[str, Field(min_length=1, max_length=80)]
 HalfEdge = Annotated[float, Field(gt=0, le=5000)]
 
 
+def packed(mask: BoolArray) -> str:
+    """Return a mask (n,) as text: eight samples a byte, bytes in base 64."""
+    return base64.b64encode(np.packbits(mask).tobytes()).decode("ascii")
+
+
+def unpacked(text: str, count: int) -> BoolArray:
+    """Return a mask (n,) from what `packed` returned.
+
+    Raises
+    ------
+    ValueError : the text is not a mask of so many samples
+    """
+    try:
+        bits = np.frombuffer(base64.b64decode(text, validate=True), dtype=np.uint8)
+    except ValueError as error:
+        raise ValueError(f"is no base 64 ({error})") from error
+    if len(bits) != (count + 7) // 8:
+        raise ValueError(f"has {8 * len(bits)} samples, `sample_count` is {count}")
+    return np.unpackbits(bits, count=count).astype(bool)
+
+
 class SetCamera(Section):
     """The calibrated camera of a set, or of one view."""
 
@@ -122,6 +145,9 @@ class SetView(Section):
     pictures : files by lamp, exactly one of them before a panel
     grasp : number of the grasp (default: by the boxes' poses at the part)
     camera : that took it (default: the set's)
+    is_hold_measured : the expected pose was measured in an earlier view
+    planned : samples of the surface that the view was to show, as `packed` writes them
+    only_planned : no other sample counts
     """
 
     id: Name
@@ -132,6 +158,9 @@ class SetView(Section):
     pictures: dict[Name, Path]
     grasp: int | None = Field(None, ge=0)
     camera: SetCamera | None = None
+    is_hold_measured: bool = False
+    planned: str | None = None
+    only_planned: bool = False
 
 
 class ViewSetFile(Section):
@@ -146,6 +175,9 @@ class ViewSetFile(Section):
     lamps : by name; panels, rings and spots
     views : in the order taken
     characteristics : to be measured (default: those that follow from the CAD file)
+    recipe : with the limits to judge by, where no other is given
+    unseen : by face id, why the plan could not show all of it
+    sample_count : of the surface, for `planned`
     """
 
     schema_: Literal["cellctl.views/1"] = Field(alias="schema")
@@ -155,6 +187,9 @@ class ViewSetFile(Section):
     lamps: dict[Name, LightSection]
     views: Annotated[tuple[SetView, ...], Field(max_length=MAX_VIEW_COUNT)]
     characteristics: tuple[dict[str, Any], ...] | None = None
+    recipe: Recipe | None = None
+    unseen: dict[int, str] = Field(default_factory=dict)
+    sample_count: int | None = Field(None, ge=1)
 
     @model_validator(mode="after")
     def _rings_have_a_radius(self) -> "ViewSetFile":
@@ -184,6 +219,17 @@ class ViewSetFile(Section):
                     "exactly one picture before a lamp of kind panel is required, found "
                     f"{len(self._panels(view))}",
                 )
+        return self
+
+    @model_validator(mode="after")
+    def _masks_fit(self) -> "ViewSetFile":
+        for i, view in enumerate(self.views):
+            if view.planned is None:
+                continue
+            try:
+                unpacked(view.planned, self.sample_count or 0)
+            except ValueError as error:
+                raise WrongKeyError(("views", i, "planned"), str(error)) from error
         return self
 
     def panel_of(self, view: SetView) -> str | None:

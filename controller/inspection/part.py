@@ -9,10 +9,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from controller.arrays import FloatArray
+from controller.arrays import BoolArray, FloatArray
 from controller.cad import SurfaceSamples
 
-from ._judge import NOTHING, PartVerdict, judge
+from ._judge import NO_PLAN, NOTHING, PartVerdict, judge
 from ._pose import PosedPart
 from ._types import InspectionLimits, Verdict, ViewPictures, ViewResult, ViewTask
 from .characteristics import Characteristic, Measured
@@ -30,6 +30,8 @@ class HeldView:
     grasp : number of the grasp; views with the same number share how the part lies in the jaws
     prior_mm, prior_rad : standard deviations of the expected pose, the grasp's and the arm's
         together
+    counted : (n,) samples that it counts for; None for all
+    result : what it showed, where that is known already
     """
 
     task: ViewTask
@@ -37,6 +39,8 @@ class HeldView:
     grasp: int = 0
     prior_mm: float = 1.5
     prior_rad: float = 0.03
+    counted: BoolArray | None = None
+    result: ViewResult | None = None
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -64,12 +68,14 @@ class PartSettings:
     min_coverage : share of the surface that must have been compared for a pass
     not_inspected : by face id, why the recipe leaves it out
     unseen_reasons : by face id, why the plan could not show all of it
+    planned : by view id, which samples (n,) the plan meant it to show
     """
 
     limits: InspectionLimits
     min_coverage: float = 0.5
     not_inspected: Mapping[int, str] = field(default_factory=lambda: NOTHING)
     unseen_reasons: Mapping[int, str] = field(default_factory=lambda: NOTHING)
+    planned: Mapping[str, BoolArray] = field(default_factory=lambda: NO_PLAN)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -132,9 +138,7 @@ def inspect_part(
     characteristics : to be measured
     settings : how strictly
     """
-    results = tuple(
-        inspect_view(views.part, views.samples, view.task, view.pictures) for view in views.views
-    )
+    results = tuple(_result(views, view) for view in views.views)
     ledger = judge(
         views.part.solid,
         views.samples,
@@ -143,6 +147,7 @@ def inspect_part(
         settings.min_coverage,
         settings.limits,
         settings.not_inspected,
+        settings.planned,
     )
     confirmed = {id(finding) for _, finding in ledger.confirmed}
     findings = tuple(
@@ -160,3 +165,11 @@ def inspect_part(
         for finding in result.findings
     )
     return PartInspection(ledger.verdict, ledger.reasons, results, (), findings, ledger)
+
+
+def _result(views: ViewSet, view: HeldView) -> ViewResult:
+    """Return what a view showed, on the samples that it counts for."""
+    if view.result is not None:
+        return view.result
+    result = inspect_view(views.part, views.samples, view.task, view.pictures)
+    return result if view.counted is None else result.within(view.counted)

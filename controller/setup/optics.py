@@ -9,7 +9,7 @@ from controller.arrays import FloatArray
 from controller.config.cell import CameraSection, Cell, LampSection, LightSection
 from controller.imaging import Camera, PointLamp
 
-DEFAULT_RADIUS_MM: Final = 50.0  # of a ring that names none
+RADIUS_MM: Final = 50.0  # of a ring that names none
 
 
 def build_camera(camera: CameraSection) -> Camera:
@@ -30,26 +30,49 @@ def build_lamps(cell: Cell, names: Sequence[str]) -> tuple[PointLamp, ...]:
 
 
 def _lamp(name: str, lamp: LampSection, cell: Cell) -> PointLamp:
+    return build_light(name, light_of(lamp, cell))
+
+
+def light_of(lamp: LampSection, cell: Cell) -> LightSection:
+    """Return a lamp's light without its channels; a ring has the axis that it sits round."""
+    light = LightSection(**lamp.model_dump(include=set(LightSection.model_fields)))
+    if light.kind != "ring" or light.normal is not None:
+        return light
     # a ring sits round the lens of the nearest camera
     centre = np.array(lamp.centre, dtype=float)
     cameras = (cell.cameras.overhead, cell.cameras.inspection)
     nearest = min(cameras, key=lambda c: np.linalg.norm(np.array(c.pose.position) - centre))
-    return build_light(name, lamp, nearest.pose.build()[:3, 2])
+    x, y, z = (float(v) for v in nearest.pose.build()[:3, 2])
+    return light.model_copy(update={"normal": (x, y, z), "radius": light.radius or RADIUS_MM})
 
 
-def build_light(name: str, light: LightSection, axis: FloatArray) -> PointLamp:
+def build_light(name: str, light: LightSection, camera_axis: FloatArray | None = None) -> PointLamp:
     """Return a ring or a spot as the points where its light comes from.
 
     Parameters
     ----------
     name : of the lamp
     light : its kind and place
-    axis : (3,) of the camera that a ring sits round
+    camera_axis : (3,) of the camera that a ring sits round, if the ring does not name its own
     """
     centre = np.array(light.centre, dtype=float)
+    axis = camera_axis if light.normal is None else np.array(light.normal, dtype=float)
     if light.kind == "ring":
-        return PointLamp.ring(name, centre, axis, light.radius or DEFAULT_RADIUS_MM)
+        assert axis is not None, name
+        return PointLamp.ring(name, centre, axis, light.radius or RADIUS_MM)
     return PointLamp(name, centre[None])
+
+
+def table_light(cell: Cell) -> LightSection:
+    """Return the backlit area of the table as a panel."""
+    (x0, x1), (y0, y1) = cell.table.glowing_area.x, cell.table.glowing_area.y
+    return LightSection(
+        kind="panel",
+        centre=((x0 + x1) / 2, (y0 + y1) / 2, 0.0),
+        normal=(0.0, 0.0, 1.0),
+        up=(0.0, 1.0, 0.0),
+        size=(x1 - x0, y1 - y0),
+    )
 
 
 def panel_corners(cell: Cell, name: str) -> FloatArray:
@@ -85,5 +108,4 @@ def light_corners(name: str, light: LightSection) -> FloatArray:
 
 def table_corners(cell: Cell) -> FloatArray:
     """Return the corners of the backlit area, (4, 3) [mm], in order round it."""
-    (x0, x1), (y0, y1) = cell.table.glowing_area.x, cell.table.glowing_area.y
-    return np.array([[x0, y0, 0.0], [x1, y0, 0.0], [x1, y1, 0.0], [x0, y1, 0.0]])
+    return light_corners("table", table_light(cell))

@@ -16,7 +16,7 @@ from controller.cad import sample_surface
 from controller.config import ConfigError
 from controller.config.view_set import load_view_set
 from controller.inspection import InspectionLimits
-from controller.setup.view_set import build_pose, build_view_set
+from controller.stored.view_set import build_pose, build_view_set
 
 Tree = dict[str, Any]
 

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from recognise_bench import CAMERA, Files, Grey, backlit, shape
 
 from controller.cli import main
-from controller.cli.inputs.pictures import pictures_among, read_picture
 from controller.config import ConfigError
+from controller.stored.pictures import pictures_among, read_picture
 
 SIZE = (16, 12)
 KEYS = {

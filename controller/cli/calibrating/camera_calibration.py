@@ -28,10 +28,10 @@ from controller.commissioning.calibration import (
 )
 from controller.commissioning.target import CalibrationTarget, load_target
 from controller.config import ConfigError
+from controller.stored.pictures import decoded, read_whole, size_of
 
 from ..inputs.calibration_file import calibration_body, write_calibration
 from ..inputs.checks import check_writable_folder
-from ..inputs.pictures import decoded, read_whole, size_of
 from ..terminal.output import emit, print_line, stdout
 
 

@@ -17,8 +17,7 @@ from controller.config import ConfigError
 from controller.config.cell import MAX_HEIGHT_MM, MIN_HEIGHT_MM
 from controller.config.files import read_text
 from controller.imaging import Camera
-
-from .pictures import MAX_PIXELS
+from controller.stored.pictures import MAX_PIXELS
 
 MAX_BYTES = 16 * 2**20  # a calibration from hundreds of pictures lists each of them
 

@@ -9,9 +9,9 @@ from rich.text import Text
 
 from controller.inspection import PartInspection, Verdict
 from controller.inspection.characteristics import CharacteristicKind, Measured
+from controller.stored import in_unit
 
 from ..terminal.output import print_line, printable, stdout
-from .lines import in_unit
 
 TEXT_COLUMNS = 160
 MAX_REASON_COUNT = 12

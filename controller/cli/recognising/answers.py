@@ -14,9 +14,9 @@ from controller.imaging import Camera
 from controller.recognition import Library, Recognition, recognise
 from controller.recognition.explain import explain
 from controller.recognition.stored import open_library
+from controller.stored.pictures import SaidOnce, StoredPicture, pictures_among, read_picture
 
 from ..inputs.calibration_file import load_calibration
-from ..inputs.pictures import SaidOnce, StoredPicture, pictures_among, read_picture
 from ..terminal.output import emit, print_line, warn
 from ._explain_folder import ExplainFolder, show_tables
 

@@ -2,38 +2,46 @@
 
 from collections.abc import Mapping, Sequence
 from math import radians
+from types import MappingProxyType
 from typing import Final
 
 import numpy as np
 
-from controller.arrays import FloatArray, Grey
+from controller.arrays import BoolArray, FloatArray, Grey
 from controller.cad.compiled import CompiledPart
-from controller.config.view_set import PoseRows, SetCamera, SetView, ViewSetFile
+from controller.config import ConfigError
+from controller.config.view_set import PoseRows, SetCamera, SetView, ViewSetFile, unpacked
 from controller.imaging import Camera, inverse_pose, rotation_angle
 from controller.inspection import (
     HeldView,
     InspectionLimits,
     PosedPart,
     ViewPictures,
+    ViewResult,
     ViewSet,
     ViewTask,
     WorldBox,
 )
-
-from .optics import build_light, light_corners
+from controller.setup.optics import build_light, light_corners
 
 # The part's pose expected and the gripper's boxes come from the same joints, so that they agree
 # within one grasp by the arm's errors, some tenths at most. A regrasp moves a gripper by
 # millimetres. To take one grasp for two only loses what both know together.
 SAME_GRASP_MM: Final = 0.6
 SAME_GRASP_RAD: Final = radians(0.6)
-ROUNDED: Final = 1e-9  # axes off square by more were rounded when they were written
+# axes off square by more were rounded when they were written; by less, a metre is off by 0.1 um
+ROUNDED: Final = 1e-7
 
 Pictures = Mapping[str, Mapping[str, Grey]]
+NO_RESULTS: Final[Mapping[str, ViewResult]] = MappingProxyType({})
 
 
 def build_view_set(
-    file: ViewSetFile, part: CompiledPart, pictures: Pictures, limits: InspectionLimits
+    file: ViewSetFile,
+    part: CompiledPart,
+    pictures: Pictures,
+    limits: InspectionLimits,
+    results: Mapping[str, ViewResult] = NO_RESULTS,
 ) -> ViewSet:
     """Return the views of a part with their pictures.
 
@@ -43,7 +51,13 @@ def build_view_set(
     part : its part
     pictures : by view id and lamp
     limits : of differences
+    results : by view id, what is known already
+
+    Raises
+    ------
+    ConfigError : the set's plan counts other samples than this part has
     """
+    planned = planned_samples(file, part)
     tasks = [_task(file, view, limits) for view in file.views]
     grasps = _grasps(file.views, tasks)
     views = tuple(
@@ -53,10 +67,30 @@ def build_view_set(
             grasp,
             prior_mm=view.prior_mm,
             prior_rad=radians(view.prior_deg),
+            counted=planned.get(view.id) if view.only_planned else None,
+            result=results.get(view.id),
         )
         for view, task, grasp in zip(file.views, tasks, grasps, strict=True)
     )
     return ViewSet(PosedPart(part.solid), part.samples, views)
+
+
+def planned_samples(file: ViewSetFile, part: CompiledPart) -> dict[str, BoolArray]:
+    """Return by view id which samples (n,) it was to show, for the views that name them.
+
+    Raises
+    ------
+    ConfigError : the set counts other samples than this part has
+    """
+    count = len(part.samples.points_mm)
+    if file.sample_count not in (None, count):
+        raise ConfigError(
+            f"`sample_count`: the set was written for {file.sample_count} samples of the surface, "
+            f"{part.solid.name} has {count}: another part, or another version of cellctl"
+        )
+    return {
+        view.id: unpacked(view.planned, count) for view in file.views if view.planned is not None
+    }
 
 
 def build_pose(rows: PoseRows) -> FloatArray:
@@ -95,6 +129,7 @@ def _task(file: ViewSetFile, view: SetView, limits: InspectionLimits) -> ViewTas
             build_light(name, file.lamps[name], axis) for name in view.pictures if name != panel
         ),
         limits=limits,
+        is_hold_measured=view.is_hold_measured,
     )
 
 

@@ -16,7 +16,7 @@ from controller.inspection.characteristics import (
 )
 
 
-def json_lines(part: PartInspection, seconds: float) -> Iterator[dict[str, Any]]:
+def json_lines(part: PartInspection) -> Iterator[dict[str, Any]]:
     """Yield the lines of a part: each characteristic, each finding, at the end the verdict."""
     for measured in part.measured:
         yield _characteristic(measured)
@@ -27,7 +27,6 @@ def json_lines(part: PartInspection, seconds: float) -> Iterator[dict[str, Any]]
         "verdict": part.verdict.value,
         "covered_fraction": part.ledger.compared_fraction,
         "reasons": list(part.reasons),
-        "seconds": round(seconds, 3),
     }
 
 

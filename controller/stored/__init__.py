@@ -1,0 +1,20 @@
+"""Stored pictures of a part, judged: the same for a run, the offline door and a replay.
+
+`pictures.py` reads them, `view_set.py` builds the views of a set, `judging.py` has the part
+inspected as a recipe says, `lines.py` turns what came out into JSON. Nothing here knows a device.
+"""
+
+from .judging import Judging, compiled_part, judge_views, read_pictures
+from .lines import in_unit, json_lines
+from .view_set import build_pose, build_view_set
+
+__all__ = [
+    "Judging",
+    "build_pose",
+    "build_view_set",
+    "compiled_part",
+    "in_unit",
+    "json_lines",
+    "judge_views",
+    "read_pictures",
+]

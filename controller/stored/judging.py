@@ -1,0 +1,130 @@
+"""Have the part of a set of views inspected, as a recipe says."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from controller.arrays import Grey
+from controller.cad.compiled import CompiledPart, load_part, options_among
+from controller.config import ConfigError, Recipe
+from controller.config.view_set import ViewSetFile
+from controller.inspection import (
+    InspectionLimits,
+    PartInspection,
+    PartSettings,
+    ViewResult,
+    inspect_part,
+)
+from controller.inspection.characteristics import Characteristic, derive
+from controller.setup.faces import faces_left_out
+
+from .pictures import read_grey
+from .view_set import NO_RESULTS, Pictures, build_view_set, planned_samples
+
+MAX_PROBLEM_COUNT: Final = 10  # wrong pictures named at once
+
+
+@dataclass(frozen=True, slots=True)
+class Judging:
+    """What a set is judged by.
+
+    Attributes
+    ----------
+    recipe : with the limits; None for a recipe's defaults
+    path : the file that has the recipe, for messages
+    """
+
+    recipe: Recipe | None
+    path: Path
+
+
+def compiled_part(set_path: Path, file: ViewSetFile) -> CompiledPart:
+    """Return the part of a set.
+
+    Raises
+    ------
+    ConfigError : there is no such CAD file
+    CadError : it is wrong
+    """
+    if not file.part.is_file():
+        raise ConfigError(f"{set_path}: `part`: no file {file.part}; a CAD file is expected")
+    return load_part(file.part, options_among(file.part, file.unit))
+
+
+def read_pictures(set_path: Path, file: ViewSetFile) -> dict[str, dict[str, Grey]]:
+    """Return the pictures of a set, by view id and lamp.
+
+    Parameters
+    ----------
+    set_path : named in messages
+    file : the set
+
+    Raises
+    ------
+    ConfigError : pictures are missing, cut off, of another size or not grey of 8 bits; all are
+        named at once
+    """
+    found: dict[str, dict[str, Grey]] = {}
+    problems: list[str] = []
+    for i, view in enumerate(file.views):
+        size_px = (view.camera or file.camera).size_px
+        of_view = found[view.id] = {}
+        for lamp, path in view.pictures.items():
+            try:
+                of_view[lamp] = read_grey(path, size_px)
+            except ConfigError as error:
+                problems.append(f"{set_path}: `views.{i}.pictures.{lamp}`: {error}")
+    if len(problems) > MAX_PROBLEM_COUNT:
+        more = f"{set_path}: and {len(problems) - MAX_PROBLEM_COUNT} more like these"
+        problems = [*problems[:MAX_PROBLEM_COUNT], more]
+    if problems:
+        raise ConfigError("\n".join(problems))
+    return found
+
+
+def judge_views(
+    file: ViewSetFile,
+    part: CompiledPart,
+    pictures: Pictures,
+    judging: Judging,
+    results: Mapping[str, ViewResult] = NO_RESULTS,
+) -> PartInspection:
+    """Return what all views of a part come to.
+
+    Parameters
+    ----------
+    file : the set
+    part : its part
+    pictures : by view id and lamp
+    judging : what it is judged by
+    results : by view id, what is known already
+
+    Raises
+    ------
+    ConfigError : the recipe leaves out a face that the part does not have
+    """
+    settings = _settings(file, part, judging)
+    views = build_view_set(file, part, pictures, settings.limits, results)
+    return inspect_part(views, _characteristics(file, part, judging), settings)
+
+
+def _settings(file: ViewSetFile, part: CompiledPart, judging: Judging) -> PartSettings:
+    planned = planned_samples(file, part)
+    if judging.recipe is None:
+        return PartSettings(InspectionLimits(), unseen_reasons=file.unseen, planned=planned)
+    section = judging.recipe.inspection
+    return PartSettings(
+        InspectionLimits(smallest_defect_mm=section.smallest_defect_mm),
+        min_coverage=section.min_coverage,
+        not_inspected=faces_left_out(judging.path, judging.recipe, part.solid.faces),
+        unseen_reasons=file.unseen,
+        planned=planned,
+    )
+
+
+def _characteristics(
+    file: ViewSetFile, part: CompiledPart, judging: Judging
+) -> tuple[Characteristic, ...]:
+    """Return what is measured: what follows from the CAD model."""
+    return derive(part)
