@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import manifold3d
 import numpy as np
 import pytest
 from cad_solids import Body, box, rod, solid_of
 from data_files import part_file
+from manifold3d import CrossSection
 
 from controller.cad import Solid, load_solid
 from controller.inspection.characteristics import (
     Characteristic,
+    CharacteristicKind,
+    EdgePairGeometry,
     RimGeometry,
     derive,
 )
@@ -117,3 +121,128 @@ def test_a_rim_cut_by_a_slot_is_an_arc_from_its_begin_on() -> None:
     assert rim.start[1] == pytest.approx(-last[1], abs=0.06)
     half = np.cos(rim.sweep_rad / 2) * rim.start + np.sin(rim.sweep_rad / 2) * end
     assert half[0] == pytest.approx(-1, abs=0.01)  # it goes round the far side
+
+
+def pair_of(characteristic: Characteristic) -> EdgePairGeometry:
+    assert isinstance(characteristic.geometry, EdgePairGeometry)
+    return characteristic.geometry
+
+
+def sizes(part: Solid, word: str) -> list[float]:
+    return sorted(c.nominal_mm for c in derive(part) if c.id.startswith(word))
+
+
+def test_a_box_has_three_lengths_and_nothing_else() -> None:
+    found = derive(solid_of(box(40, 30, 20)))
+    assert [c.kind for c in found] == [CharacteristicKind.LENGTH] * 3
+    assert sorted(c.nominal_mm for c in found) == pytest.approx([20, 30, 40])
+    longest = max(found, key=lambda c: c.nominal_mm)
+    assert (longest.lower_mm, longest.upper_mm) == pytest.approx((39.7, 40.3))
+    geometry = pair_of(longest)
+    assert geometry.direction == pytest.approx([1, 0, 0])
+    assert {round(line.start_mm[0]) for line in geometry.one} == {-20}
+    assert {round(line.end_mm[0]) for line in geometry.other} == {20}
+    assert len(geometry.one) == len(geometry.other) == 4
+
+
+def test_no_chain_of_dimensions_is_closed() -> None:
+    """A stair of four treads has four levels above its foot: four heights, four depths."""
+    stair = box(10, 30, 10)
+    for i in range(1, 4):
+        stair = stair + box(10, 30, 10 + 6.0 * i).translate((10.0 * i, 0, 3.0 * i))
+    found = [c for c in derive(solid_of(stair)) if isinstance(c.geometry, EdgePairGeometry)]
+    across = [c for c in found if abs(pair_of(c).direction[2]) > 0.9]
+    assert sorted(c.nominal_mm for c in across) == pytest.approx([10, 16, 22, 28])
+    along = [c for c in found if abs(pair_of(c).direction[0]) > 0.9]
+    assert sorted(c.nominal_mm for c in along) == pytest.approx([10, 20, 30, 40])
+
+
+def test_a_groove_has_its_width_and_one_wall_from_outside() -> None:
+    body = box(40, 30, 20) - box(6, 60, 10).translate((4, 0, 10))
+    assert sizes(solid_of(body), "width") == pytest.approx([6])
+    # 13 from its wall to the nearer side, 15 below its floor; the groove leaves two tops, of which
+    # one is in the length over all and the other has its own height
+    assert sizes(solid_of(body), "thickness") == pytest.approx([13, 15, 20])
+
+
+def test_a_rib_has_its_thickness() -> None:
+    body = box(60, 40, 6) + box(60, 4, 20).translate((0, 5, 10))
+    assert 4 in [round(size, 3) for size in sizes(solid_of(body), "thickness")]
+
+
+def test_the_floor_of_a_closed_pocket_is_listed_and_not_measured() -> None:
+    body = box(60, 40, 20) - box(30, 20, 10).translate((0, 0, 9))
+    floor = [c for c in derive(solid_of(body)) if c.exempt]
+    assert [c.nominal_mm for c in floor] == pytest.approx([14])
+    assert not floor[0].is_measured
+    assert "no outer edge" in floor[0].exempt
+
+
+def test_planes_deep_in_a_narrow_groove_show_from_no_side() -> None:
+    # a T-slot: the undercut's ceiling is seen along the slot, from both ends
+    slot = box(10, 80, 20).translate((0, 0, 10)) + box(30, 80, 6).translate((0, 0, 3))
+    open_ended = box(60, 60, 30) - slot
+    assert not [c.id for c in derive(solid_of(open_ended)) if c.exempt]
+    closed = (
+        open_ended + box(60, 5, 30).translate((0, 32, 0)) + box(60, 5, 30).translate((0, -32, 0))
+    )
+    assert [c.id for c in derive(solid_of(closed)) if "no view" in c.exempt or "outer" in c.exempt]
+
+
+def test_a_disc_is_as_thick_as_its_rims_are_apart() -> None:
+    disc = rod(30, 12, 128)
+    found = by_id(solid_of(disc))
+    length = next(c for c in found.values() if c.kind == CharacteristicKind.LENGTH)
+    assert length.nominal_mm == pytest.approx(12)
+    assert not length.exempt
+    geometry = pair_of(length)
+    assert [rim.centre_mm[2] for rim in geometry.one_rims] == pytest.approx([-6])
+    assert [rim.axis[2] for rim in geometry.other_rims] == pytest.approx([1])
+    assert geometry.other_rims[0].radius_mm == pytest.approx(30, abs=1e-3)
+
+
+def test_a_counterbores_depth_is_listed_and_not_measured() -> None:
+    body = plate((0, 0, 6)) - rod(6, 6, 96).translate((0, 0, 4))
+    depth = by_id(solid_of(body))["hole 6 mm step 12 mm depth"]
+    assert depth.nominal_mm == pytest.approx(3)
+    assert (depth.exempt, depth.is_measured) == ("no picture shows the depth of a hole", False)
+    assert "hole 6 mm depth" not in by_id(solid_of(body))
+
+
+def test_rounded_corners_have_radii_with_the_tolerance_of_radii() -> None:
+    rounded = CrossSection.square((40, 30), True).offset(5, manifold3d.JoinType.Round, 2.0, 128)
+    found = by_id(solid_of(rounded.extrude(10)))
+    radii = [c for c in found.values() if c.kind == CharacteristicKind.RADIUS]
+    assert len(radii) == 4
+    for radius in radii:
+        assert radius.nominal_mm == pytest.approx(5, abs=2e-3)
+        assert radius.upper_mm - radius.nominal_mm == pytest.approx(0.5)  # above 3 up to 6
+        assert all(
+            np.degrees(rim.sweep_rad) == pytest.approx(90, abs=1) for rim in rims_of(radius).rims
+        )
+
+
+def test_a_slot_with_round_ends_has_width_and_length() -> None:
+    slot = Body.hull(rod(4, 20, 96).translate((-8, 0, 0)) + rod(4, 20, 96).translate((8, 0, 0)))
+    found = by_id(solid_of(box(60, 40, 8) - slot))
+    length = next(c for i, c in found.items() if i.startswith("slot") and i.endswith("length"))
+    assert length.nominal_mm == pytest.approx(24, abs=2e-3)
+    assert sorted(rim.centre_mm[0] for rim in rims_of(length).rims) == pytest.approx([-8, 8])
+    assert sizes(solid_of(box(60, 40, 8) - slot), "width") == pytest.approx([8], abs=2e-3)
+    assert not [i for i in found if "radius" in i]
+
+
+@pytest.mark.parametrize("name", ["featuretype.stl", "flange_xy.stl", "holder.stl"])
+def test_a_real_part_has_each_plane_in_no_more_than_a_tree(name: str) -> None:
+    part = load_solid(part_file(name), unit="mm")
+    pairs = [c for c in derive(part) if isinstance(c.geometry, EdgePairGeometry)]
+    by_direction: dict[tuple[float, ...], list[EdgePairGeometry]] = {}
+    for c in pairs:
+        key = tuple(np.round(pair_of(c).direction, 3) + 0.0)
+        by_direction.setdefault(key, []).append(pair_of(c))
+    for tree in by_direction.values():
+        faces = {i for pair in tree for i in (pair.one_face, pair.other_face)}
+        assert len(tree) == len(faces) - 1
+        for pair in tree:
+            for line in pair.one:
+                assert pair.one_face in line.faces

@@ -1,12 +1,13 @@
 """Holes and outer cylinders of a part: walls on one axis, their name, where they open."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from controller.arrays import FloatArray
-from controller.cad import Solid
+from controller.cad import Crease, Solid
 
 from ._sheet import size_text
 from ._types import Rim
@@ -84,6 +85,33 @@ def round_features(solid: Solid, walls: tuple[RoundWall, ...]) -> tuple[RoundFea
     for i, wall in enumerate(usable):
         grouped.setdefault(first(i), []).append(wall)
     return tuple(_feature(group) for group in grouped.values())
+
+
+def inner_faces(solid: Solid, features: Iterable[RoundFeature]) -> frozenset[int]:
+    """Return the ledges and bottoms of holes: faces with no edge but those of hole walls."""
+    inside = {i for f in features if f.is_hole for wall in f.walls for i in wall.faces}
+    beside = _neighbours(solid)
+    return frozenset(
+        face.id
+        for face in solid.faces
+        if face.kind != "cylinder" and beside[face.id] and beside[face.id] <= inside
+    )
+
+
+def ends_inside(solid: Solid, wall: RoundWall, inner: frozenset[int]) -> bool:
+    """Return whether a wall of a hole ends at a ledge or a bottom, below its mouth.
+
+    Parameters
+    ----------
+    solid : the part
+    wall : of a hole
+    inner : as `inner_faces` has it
+    """
+    b = solid.boundary
+    of_wall = np.isin(b.face, wall.faces)
+    beyond = b.face[np.nonzero(of_wall)[0] ^ 1]
+    concave = b.crease[np.nonzero(of_wall)[0] // 2] == Crease.CONCAVE
+    return bool(np.isin(beyond[concave], list(inner)).any())
 
 
 def wall_height_mm(solid: Solid, wall: RoundWall) -> float:

@@ -10,18 +10,28 @@ from dataclasses import replace
 import numpy as np
 
 from controller.arrays import FloatArray
-from controller.cad import Solid
+from controller.cad import Feature, Solid, find_features
 from controller.cad.compiled import CompiledPart
 
-from ._holes import RoundFeature, diameter_rims, round_features
+from ._holes import (
+    RoundFeature,
+    diameter_rims,
+    ends_inside,
+    inner_faces,
+    round_features,
+    wall_height_mm,
+)
+from ._planes import PlanePair, plane_pairs
+from ._rounds import Round, RoundSlot, round_slots, rounds
 from ._sheet import across, reading_order, size_text
-from ._types import Characteristic, CharacteristicKind, RimGeometry
+from ._types import Characteristic, CharacteristicKind, Geometry, RimGeometry
 from .edges import RoundWall, round_walls
 from .edges.rims import COAXIAL_COS
-from .limits import ToleranceClass, linear_tolerance_mm
+from .limits import ToleranceClass, linear_tolerance_mm, radius_tolerance_mm
 
 SAME_SIZE_MM = 0.01
 NOMINAL_DIGITS = 3  # microns: what a mesh knows of its circles
+NO_DEPTH = "no picture shows the depth of a hole"
 COAXIAL_MM = 0.5  # an axis nearer to its datum is meant to be on it
 
 
@@ -35,25 +45,28 @@ def derive(
     part : its CAD model
     tolerance_class : of ISO 2768-1, for all that has no limits of its own
     """
-    solid = part.solid if isinstance(part, CompiledPart) else part
-    features = round_features(solid, round_walls(solid))
-    found = _of_round_features(solid, features, tolerance_class)
+    if isinstance(part, CompiledPart):
+        return _derive(part.solid, part.features, tolerance_class)
+    return _derive(part, find_features(part), tolerance_class)
+
+
+def _derive(
+    solid: Solid, features: tuple[Feature, ...], tolerance_class: ToleranceClass
+) -> tuple[Characteristic, ...]:
+    walls = round_walls(solid)
+    round_ones = round_features(solid, walls)
+    chamfered = {i for f in features if f.kind == "chamfer" for i in f.faces}
+    inner = inner_faces(solid, round_ones)
+    pairs = plane_pairs(solid, inner | chamfered)
+    drafter = _Drafter(solid, tolerance_class, inner)
+    found = [
+        *drafter.of_pairs(p for p in pairs if p.kind == CharacteristicKind.LENGTH),
+        *drafter.of_round_features(round_ones),
+        *drafter.of_slots(round_slots(walls, features)),
+        *drafter.of_pairs(p for p in pairs if p.kind != CharacteristicKind.LENGTH),
+        *drafter.of_rounds(rounds(solid, walls, features)),
+    ]
     return tuple(replace(c, balloon=i) for i, c in enumerate(found, start=1))
-
-
-def _of_round_features(
-    solid: Solid, features: Iterable[RoundFeature], tolerance_class: ToleranceClass
-) -> list[Characteristic]:
-    ordered = sorted(features, key=lambda f: (f.is_hole, reading_order(f.axis, f.centre_mm)))
-    ordered = sorted(ordered, key=lambda f: reading_order(f.axis, f.centre_mm)[0])
-    names = numbered([feature.name for feature in ordered])
-    found = []
-    for feature, name in zip(ordered, names, strict=True):
-        datum = _datum(solid, feature, ordered)
-        for wall in feature.walls:
-            step = "" if wall is feature.walls[0] else f" step {size_text(2 * wall.radius_mm)}"
-            found += _of_wall(solid, wall, f"{name}{step}", datum, tolerance_class)
-    return found
 
 
 def numbered(names: list[str]) -> list[str]:
@@ -67,61 +80,156 @@ def numbered(names: list[str]) -> list[str]:
     return unique
 
 
-def _of_wall(
-    solid: Solid,
-    wall: RoundWall,
-    name: str,
-    datum: RoundFeature | None,
-    tolerance_class: ToleranceClass,
-) -> list[Characteristic]:
-    diameter = round(2 * wall.radius_mm, NOMINAL_DIGITS)
-    rims = diameter_rims(wall)
-    source = f"ISO 2768-{tolerance_class}"
-    found = []
-    deviation = linear_tolerance_mm(diameter, tolerance_class)
-    if deviation is not None:
-        found.append(
-            Characteristic(
-                id=f"{name} diameter",
-                balloon=0,
-                kind=CharacteristicKind.DIAMETER,
-                label=f"{name}, diameter",
-                nominal_mm=diameter,
-                lower_mm=diameter - deviation,
-                upper_mm=diameter + deviation,
-                source=source,
-                geometry=RimGeometry(rims),
-                faces=wall.faces,
+class _Drafter:
+    """Writes characteristics with the limits of one class of general tolerances."""
+
+    def __init__(
+        self, solid: Solid, tolerance_class: ToleranceClass, inner: frozenset[int]
+    ) -> None:
+        self._solid = solid
+        self._inner = inner
+        self._class: ToleranceClass = tolerance_class
+
+    def of_round_features(self, features: Iterable[RoundFeature]) -> list[Characteristic]:
+        ordered = sorted(features, key=lambda f: (f.is_hole, reading_order(f.axis, f.centre_mm)))
+        ordered = sorted(ordered, key=lambda f: reading_order(f.axis, f.centre_mm)[0])
+        names = numbered([feature.name for feature in ordered])
+        found = []
+        for feature, name in zip(ordered, names, strict=True):
+            datum = _datum(feature, ordered)
+            for wall in feature.walls:
+                step = "" if wall is feature.walls[0] else f" step {size_text(2 * wall.radius_mm)}"
+                found += self._of_wall(wall, f"{name}{step}", datum)
+                if wall.is_hole and ends_inside(self._solid, wall, self._inner):
+                    found += self._depth(wall, f"{name}{step} depth")
+        return found
+
+    def of_slots(self, slots: Iterable[RoundSlot]) -> list[Characteristic]:
+        ordered = sorted(slots, key=lambda s: reading_order(s.axis, s.rims[0].centre_mm))
+        names = numbered([f"slot {s.width_mm:g} x {size_text(s.length_mm)}" for s in ordered])
+        return [
+            characteristic
+            for slot, name in zip(ordered, names, strict=True)
+            for characteristic in self._sized(
+                CharacteristicKind.LENGTH,
+                f"{name} length",
+                slot.length_mm,
+                RimGeometry(slot.rims),
+                slot.faces,
             )
+        ]
+
+    def of_pairs(self, pairs: Iterable[PlanePair]) -> list[Characteristic]:
+        found = []
+        for pair in pairs:
+            faces = pair.geometry.one_face, pair.geometry.other_face
+            name = f"{pair.word} {size_text(pair.distance_mm)} F{min(faces)} to F{max(faces)}"
+            found += [
+                replace(c, exempt=pair.hidden, is_measured=not pair.hidden)
+                for c in self._sized(pair.kind, name, pair.distance_mm, pair.geometry, faces)
+            ]
+        return found
+
+    def of_rounds(self, arcs: Iterable[Round]) -> list[Characteristic]:
+        ordered = sorted(arcs, key=lambda r: reading_order(r.rims[0].axis, r.rims[0].centre_mm))
+        names = numbered([f"{r.name} R{size_text(r.wall.radius_mm)}" for r in ordered])
+        found = []
+        for each, name in zip(ordered, names, strict=True):
+            radius = round(each.wall.radius_mm, NOMINAL_DIGITS)
+            deviation = radius_tolerance_mm(radius, self._class)
+            if deviation is not None:
+                found.append(
+                    self._characteristic(
+                        CharacteristicKind.RADIUS,
+                        f"{name} radius",
+                        radius,
+                        (max(radius - deviation, 0.0), radius + deviation),
+                        RimGeometry(each.rims),
+                        each.wall.faces,
+                    )
+                )
+        return found
+
+    def _of_wall(
+        self, wall: RoundWall, name: str, datum: RoundFeature | None
+    ) -> list[Characteristic]:
+        rims = diameter_rims(wall)
+        found = self._sized(
+            CharacteristicKind.DIAMETER,
+            f"{name} diameter",
+            2 * wall.radius_mm,
+            RimGeometry(rims),
+            wall.faces,
         )
-    if datum is not None and any(wall is other for other in datum.walls):
-        datum = None
-    reach = _reach_mm(solid, wall, datum)
-    if not wall.is_hole and reach < wall.radius_mm + SAME_SIZE_MM:
-        return found  # it is the outline itself
-    deviation = linear_tolerance_mm(reach, tolerance_class)
-    if deviation is not None:
-        whence = f"from {datum.name}" if datum is not None else "from the outline"
-        found.append(
-            Characteristic(
-                id=f"{name} position",
-                balloon=0,
-                kind=CharacteristicKind.POSITION,
-                label=f"{name}, position {whence}",
-                nominal_mm=0.0,
-                lower_mm=0.0,
-                upper_mm=deviation,
-                source=source,
-                geometry=RimGeometry(rims, datum.rims if datum is not None else ()),
-                faces=wall.faces,
+        if datum is not None and any(wall is other for other in datum.walls):
+            datum = None
+        reach = _reach_mm(self._solid, wall, datum)
+        if not wall.is_hole and reach < wall.radius_mm + SAME_SIZE_MM:
+            return found  # it is the outline itself
+        deviation = linear_tolerance_mm(reach, self._class)
+        if deviation is not None:
+            whence = f"from {datum.name}" if datum is not None else "from the outline"
+            found.append(
+                self._characteristic(
+                    CharacteristicKind.POSITION,
+                    f"{name} position",
+                    0.0,
+                    (0.0, deviation),
+                    RimGeometry(rims, datum.rims if datum is not None else ()),
+                    wall.faces,
+                    label=f"{name}, position {whence}",
+                )
             )
+        return found
+
+    def _depth(self, wall: RoundWall, name: str) -> list[Characteristic]:
+        depth_mm = wall_height_mm(self._solid, wall)
+        geometry = RimGeometry(diameter_rims(wall))
+        sized = self._sized(CharacteristicKind.DISTANCE, name, depth_mm, geometry, wall.faces)
+        return [replace(c, exempt=NO_DEPTH, is_measured=False) for c in sized]
+
+    def _sized(
+        self,
+        kind: CharacteristicKind,
+        name: str,
+        size_mm: float,
+        geometry: Geometry,
+        faces: tuple[int, ...],
+    ) -> list[Characteristic]:
+        """Return the characteristic of a size; none where the class has no tolerance for it."""
+        nominal = round(size_mm, NOMINAL_DIGITS)
+        deviation = linear_tolerance_mm(nominal, self._class)
+        if deviation is None:
+            return []
+        limits = nominal - deviation, nominal + deviation
+        return [self._characteristic(kind, name, nominal, limits, geometry, faces)]
+
+    def _characteristic(
+        self,
+        kind: CharacteristicKind,
+        name: str,
+        nominal_mm: float,
+        limits_mm: tuple[float, float],
+        geometry: Geometry,
+        faces: tuple[int, ...],
+        label: str = "",
+    ) -> Characteristic:
+        word = f" {kind.value}"
+        return Characteristic(
+            id=name,
+            balloon=0,
+            kind=kind,
+            label=label or (f"{name.removesuffix(word)},{word}" if name.endswith(word) else name),
+            nominal_mm=nominal_mm,
+            lower_mm=round(limits_mm[0], NOMINAL_DIGITS),
+            upper_mm=round(limits_mm[1], NOMINAL_DIGITS),
+            source=f"ISO 2768-{self._class}",
+            geometry=geometry,
+            faces=faces,
         )
-    return found
 
 
-def _datum(
-    solid: Solid, feature: RoundFeature, features: Iterable[RoundFeature]
-) -> RoundFeature | None:
+def _datum(feature: RoundFeature, features: Iterable[RoundFeature]) -> RoundFeature | None:
     """Return the round feature that places are given from along an axis, None for the outline.
 
     It is the hole or boss that a drawing would choose: the largest of those that are the only ones

@@ -54,6 +54,8 @@ class RoundWall:
 
 @dataclass(frozen=True, slots=True)
 class _Arc:
+    """Part of a circle about a wall's axis: height over its centre, from where, how far."""
+
     level_mm: float
     start_rad: float
     sweep_rad: float
@@ -98,6 +100,33 @@ def round_walls(solid: Solid) -> tuple[RoundWall, ...]:
             )
         )
     return tuple(walls)
+
+
+def plane_rims(solid: Solid) -> dict[int, tuple[Rim, ...]]:
+    """Return the outer circular edges of each plane that has any, by face id, the longest first."""
+    b = solid.boundary
+    circles: dict[tuple[int, tuple[int, ...]], list[int]] = {}
+    for edge in np.nonzero((b.curve == Curve.CIRCLE) & (b.crease == Crease.CONVEX))[0].tolist():
+        for half_edge in (2 * edge, 2 * edge + 1):
+            plane, beside = (solid.faces[int(b.face[h])] for h in (half_edge, half_edge ^ 1))
+            if plane.kind != "plane" or beside.kind == "plane" or beside.concave:
+                continue
+            if abs(float(plane.normal @ b.axis[edge])) < COAXIAL_COS:
+                continue
+            place = (*b.centre_mm[edge], b.radius_mm[edge])
+            key = plane.id, tuple(round(float(v) / SAME_MM) for v in place)
+            circles.setdefault(key, []).append(half_edge ^ 1)
+    found: dict[int, list[Rim]] = {}
+    for (plane_id, _), half_edges in circles.items():
+        edge = half_edges[0] // 2
+        normal = solid.faces[plane_id].normal
+        axis = normal / np.linalg.norm(normal)
+        wall = RoundWall(
+            (), axis, b.centre_mm[edge] - axis, float(b.radius_mm[edge]), False, (), 0.0
+        )  # its centre lies below the plane, so that its rims open out of it
+        arcs = [arc for h in half_edges if (arc := _arc(solid, wall, h)) is not None]
+        found.setdefault(plane_id, []).extend(_rims(wall, arcs))
+    return {i: tuple(sorted(rims, key=lambda r: -r.radius_mm)) for i, rims in found.items()}
 
 
 def _pieces(solid: Solid, sides: list[list[int]]) -> list[list[int]]:

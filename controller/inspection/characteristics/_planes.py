@@ -1,0 +1,220 @@
+"""Distances between parallel planes, chosen as on a drawing: each plane once, no closed chain.
+
+In each direction in which a part has parallel planes, they are joined one by one, in this order:
+the outermost two (the length over all), planes that face each other across a gap (widths), planes
+with material between them (thicknesses), and at last each plane that is left with the datum of the
+direction, the larger one of the outermost two (steps). A distance between two planes that are
+joined already would follow from others, and is left out.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from controller.arrays import BoolArray, FloatArray
+from controller.cad import Solid, sample_surface
+from controller.imaging.rays import RayCaster
+
+from ._types import CharacteristicKind, EdgeLine, EdgePairGeometry, Rim
+from .edges import convex_lines, plane_rims
+from .edges.profile import Profile
+from .edges.rims import COAXIAL_COS
+
+MIN_AREA_MM2: Final = 10.0  # letters and the ledges of small screws are smaller
+SAME_LEVEL_MM: Final = 0.02
+MIN_DISTANCE_MM: Final = 0.5  # where ISO 2768-1 begins
+MIN_SHARE: Final = 0.5  # of the smaller plane lies opposite the other
+SAMPLES_PER_MM2: Final = 1.0 / 16.0
+MIN_SAMPLES: Final = 24
+OFF_MM: Final = 0.02
+MAX_EDGES: Final = 8  # of a plane; more lines of one plane add little
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class PlanePair:
+    """Two parallel planes whose distance is asked for.
+
+    Attributes
+    ----------
+    kind, word : what it is, and what people call it
+    distance_mm : nominal
+    geometry : edges of both that show from one side
+    hidden : why no view can show both; empty where one can
+    """
+
+    kind: CharacteristicKind
+    word: str
+    distance_mm: float
+    geometry: EdgePairGeometry
+    hidden: str
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Plane:
+    face: int
+    level_mm: float
+    sign: int
+    area_mm2: float
+    lines: tuple[EdgeLine, ...]
+    rims: tuple[Rim, ...]
+    shown: BoolArray
+
+
+def plane_pairs(solid: Solid, left_out: frozenset[int]) -> list[PlanePair]:
+    """Return the distances between planes that a drawing would have.
+
+    Parameters
+    ----------
+    solid : the part
+    left_out : faces of chamfers and inside holes, which are dimensioned otherwise
+    """
+    lines, rims = convex_lines(solid), plane_rims(solid)
+    caster = RayCaster(solid.mesh)
+    opposite = _Opposites(solid, caster)
+    found = []
+    for direction, faces in _directions(solid, left_out):
+        profile = Profile(solid, direction, caster)
+        planes = []
+        for i in faces:
+            face = solid.faces[i]
+            of_face = lines.get(i, ()), rims.get(i, ())
+            planes.append(
+                _Plane(
+                    face=i,
+                    level_mm=float(face.centre_mm @ direction),
+                    sign=1 if face.normal @ direction > 0 else -1,
+                    area_mm2=face.area_mm2,
+                    lines=of_face[0],
+                    rims=of_face[1],
+                    shown=profile.of_plane(*of_face),
+                )
+            )
+        planes.sort(key=lambda plane: (plane.level_mm, plane.face))
+        found += [
+            _pair(direction, *joined) for joined in _joined(solid, direction, planes, opposite)
+        ]
+    return found
+
+
+def _directions(solid: Solid, left_out: frozenset[int]) -> Iterator[tuple[FloatArray, list[int]]]:
+    """Yield each direction with two planes or more, and the planes square to it."""
+    todo = [
+        face
+        for face in solid.faces
+        if face.kind == "plane" and face.area_mm2 >= MIN_AREA_MM2 and face.id not in left_out
+    ]
+    while todo:
+        first = todo[0].normal / np.linalg.norm(todo[0].normal)
+        mine = [face for face in todo if abs(float(face.normal @ first)) > COAXIAL_COS]
+        ids = {face.id for face in mine}
+        todo = [face for face in todo if face.id not in ids]
+        if len(mine) > 1:
+            main = int(np.abs(first).argmax())
+            yield first if first[main] > 0 else -first, [face.id for face in mine]
+
+
+class _Opposites:
+    """Which plane lies opposite of which, through air and through material."""
+
+    def __init__(self, solid: Solid, caster: RayCaster) -> None:
+        spacing = 1.0 / np.sqrt(SAMPLES_PER_MM2)
+        samples = sample_surface(solid, spacing, MIN_SAMPLES)
+        count = len(solid.faces)
+        self.through: list[FloatArray] = []
+        for sign in (1.0, -1.0):  # out of the surface: a gap; into it: material
+            directions = sign * samples.normals
+            triangle, _ = caster.first_hit(samples.points_mm + OFF_MM * directions, directions)
+            hit = triangle >= 0
+            met = np.zeros((count, count))
+            pair = samples.face_ids[hit], np.asarray(solid.face_of_triangle)[triangle[hit]]
+            np.add.at(met, pair, 1.0)
+            totals = np.bincount(samples.face_ids, minlength=count)
+            self.through.append(met / np.maximum(totals, 1)[:, None])
+
+    def share(self, one: _Plane, other: _Plane, *, gap: bool) -> float:
+        """Return how much of the smaller of two planes lies opposite the other."""
+        small, large = sorted((one, other), key=lambda plane: plane.area_mm2)
+        return float(self.through[0 if gap else 1][small.face, large.face])
+
+
+_Joined = tuple[_Plane, _Plane, CharacteristicKind, str]
+
+
+def _joined(
+    solid: Solid, direction: FloatArray, planes: list[_Plane], opposite: _Opposites
+) -> list[_Joined]:
+    """Return which planes of one direction are dimensioned together, and as what."""
+    reach = np.asarray(solid.mesh.vertices) @ direction
+    ends = [
+        [
+            plane
+            for plane in planes
+            if plane.sign == sign and abs(plane.level_mm - level) < SAME_LEVEL_MM
+        ]
+        for sign, level in ((-1, float(reach.min())), (1, float(reach.max())))
+    ]
+    outer = [max(end, key=lambda plane: plane.area_mm2) for end in ends if end]
+    datum = max(outer or planes, key=lambda plane: plane.area_mm2)
+    wanted: list[_Joined] = []
+    if len(outer) == 2:
+        wanted.append((outer[0], outer[1], CharacteristicKind.LENGTH, "length"))
+    for gap, kind, word in (
+        (True, CharacteristicKind.WIDTH, "width"),
+        (False, CharacteristicKind.DISTANCE, "thickness"),
+    ):
+        facing = [
+            (low, high)
+            for i, low in enumerate(planes)
+            for high in planes[i + 1 :]
+            if low.sign == (1 if gap else -1)
+            and high.sign == -low.sign
+            and opposite.share(low, high, gap=gap) >= MIN_SHARE
+        ]
+        facing.sort(key=lambda pair: round(pair[1].level_mm - pair[0].level_mm, 2))
+        wanted += [(low, high, kind, word) for low, high in facing]
+    for plane in planes:
+        low, high = (plane, datum) if plane.level_mm < datum.level_mm else (datum, plane)
+        if plane is not datum:
+            wanted.append((low, high, CharacteristicKind.DISTANCE, "step"))
+    root = {plane.face: plane.face for plane in planes}
+
+    def first(i: int) -> int:
+        while root[i] != i:
+            i = root[i]
+        return i
+
+    taken = []
+    for low, high, kind, word in wanted:
+        if first(low.face) == first(high.face):
+            continue
+        if high.level_mm - low.level_mm < MIN_DISTANCE_MM:
+            if abs(high.level_mm - low.level_mm) < SAME_LEVEL_MM:
+                root[first(high.face)] = first(low.face)  # one level needs no dimension
+            continue
+        root[first(high.face)] = first(low.face)
+        taken.append((low, high, kind, word))
+    return taken
+
+
+def _pair(
+    direction: FloatArray, low: _Plane, high: _Plane, kind: CharacteristicKind, word: str
+) -> PlanePair:
+    bare = [plane.face for plane in (low, high) if not (plane.lines or plane.rims)]
+    if bare:
+        hidden = f"no outer edge shows the level of F{bare[0]}"
+    elif not (low.shown & high.shown).any():
+        hidden = "no view from the side shows both its planes"
+    else:
+        hidden = ""
+    geometry = EdgePairGeometry(
+        low.lines[:MAX_EDGES],
+        high.lines[:MAX_EDGES],
+        direction,
+        low.face,
+        high.face,
+        low.rims,
+        high.rims,
+    )
+    return PlanePair(kind, word, high.level_mm - low.level_mm, geometry, hidden)

@@ -1,0 +1,82 @@
+"""Radii: fillets, rounds and other arcs of less than half a circle; and the length of slots."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from controller.arrays import FloatArray
+from controller.cad import Feature, Solid
+
+from ._holes import MIN_DEPTH_MM, MIN_DIAMETER_RAD, wall_height_mm
+from ._types import Rim
+from .edges import RoundWall
+
+MIN_ARC_RAD: Final = np.radians(60.0)  # the radius of a shorter arc is lost in its own noise
+MIN_RADIUS_MM: Final = 0.5  # where ISO 2768-1 begins
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Round:
+    """An arc with a radius of its own: its wall and the rims that show it."""
+
+    wall: RoundWall
+    rims: tuple[Rim, ...]
+
+    @property
+    def name(self) -> str:
+        """What it is: a fillet in an inner corner, a round about an outer one."""
+        return "fillet" if self.wall.is_hole else "round"
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class RoundSlot:
+    """A slot with round ends: its faces, length, the rims of both ends, the side it opens to."""
+
+    faces: tuple[int, ...]
+    width_mm: float
+    length_mm: float
+    rims: tuple[Rim, ...]
+    axis: FloatArray
+
+
+def rounds(solid: Solid, walls: Sequence[RoundWall], features: Sequence[Feature]) -> list[Round]:
+    """Return the arcs between 60 degrees and more than a half, but for the ends of slots.
+
+    Parameters
+    ----------
+    solid : the part
+    walls : its round walls
+    features : of the part; a slot's ends belong to its width
+    """
+    slotted = {i for f in features if f.kind == "slot" for i in f.faces}
+    found = []
+    for wall in walls:
+        arcs = tuple(r for r in wall.rims if MIN_ARC_RAD <= r.sweep_rad <= MIN_DIAMETER_RAD)
+        if not arcs or wall.sweep_rad > MIN_DIAMETER_RAD or slotted & set(wall.faces):
+            continue
+        if wall.radius_mm >= MIN_RADIUS_MM and wall_height_mm(solid, wall) >= MIN_DEPTH_MM:
+            found.append(Round(wall, arcs))
+    return found
+
+
+def round_slots(walls: Sequence[RoundWall], features: Sequence[Feature]) -> list[RoundSlot]:
+    """Return the slots with round ends whose both ends show.
+
+    Parameters
+    ----------
+    walls : round walls of a part
+    features : of the same part
+    """
+    found = []
+    for feature in features:
+        if feature.kind != "slot":
+            continue
+        ends = [wall for wall in walls if wall.is_hole and set(wall.faces) <= set(feature.faces)]
+        if len(ends) != 2 or not all(end.rims for end in ends):
+            continue
+        axis = -feature.axis
+        rims = tuple(max(end.rims, key=lambda rim: float(rim.axis @ axis)) for end in ends)
+        found.append(RoundSlot(feature.faces, feature.width_mm, feature.length_mm, rims, axis))
+    return found
