@@ -4,7 +4,7 @@ Arrays in, dataclasses out (cell-facts.md 3).
 """
 
 from ._judge import FaceVerdict, PartVerdict, judge
-from ._pose import PosedPart
+from ._pose import MEASURED_HOLD, PLANNED_HOLD, PosedPart
 from ._scene import box_mesh, make_scene
 from ._types import (
     OUTLINE,
@@ -31,8 +31,10 @@ from .part import (
 from .view import inspect_view
 
 __all__ = [
+    "MEASURED_HOLD",
     "MIN_WIDTH_PX",
     "OUTLINE",
+    "PLANNED_HOLD",
     "Check",
     "FaceVerdict",
     "Finding",

@@ -5,7 +5,7 @@ inspected as a recipe says, `lines.py` turns what came out into JSON. Nothing he
 """
 
 from .judging import Judging, compiled_part, judge_views, read_pictures
-from .lines import in_unit, json_lines
+from .lines import in_unit, json_lines, lines_digest
 from .view_set import build_pose, build_view_set
 
 __all__ = [
@@ -16,5 +16,6 @@ __all__ = [
     "in_unit",
     "json_lines",
     "judge_views",
+    "lines_digest",
     "read_pictures",
 ]

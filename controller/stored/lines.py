@@ -1,5 +1,7 @@
 """A part's inspection as JSON lines: characteristics, findings, the verdict (docs/inspect.md)."""
 
+import hashlib
+import json
 from collections.abc import Iterator
 from math import degrees
 from typing import Any
@@ -28,6 +30,11 @@ def json_lines(part: PartInspection) -> Iterator[dict[str, Any]]:
         "covered_fraction": part.ledger.compared_fraction,
         "reasons": list(part.reasons),
     }
+
+
+def lines_digest(part: PartInspection) -> str:
+    """Return the SHA-256 of the lines of a part, every number to its last bit."""
+    return hashlib.sha256(json.dumps(list(json_lines(part))).encode()).hexdigest()
 
 
 def in_unit(measured: Measured, value: float | None) -> float | None:

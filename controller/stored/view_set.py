@@ -29,8 +29,9 @@ from controller.setup.optics import build_light, light_corners
 # millimetres. To take one grasp for two only loses what both know together.
 SAME_GRASP_MM: Final = 0.6
 SAME_GRASP_RAD: Final = radians(0.6)
-# axes off square by more were rounded when they were written; by less, a metre is off by 0.1 um
-ROUNDED: Final = 1e-7
+# axes off square by more were rounded when they were written, or are made so; below, as cell files
+# may have it, a metre is off by 3 um
+ROUNDED: Final = 3e-6
 
 Pictures = Mapping[str, Mapping[str, Grey]]
 NO_RESULTS: Final[Mapping[str, ViewResult]] = MappingProxyType({})

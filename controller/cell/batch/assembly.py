@@ -41,6 +41,7 @@ from ..services import (
     HeldPose,
     Imaging,
     Motion,
+    PartFile,
     PlanSteps,
     Preparation,
     Recoveries,
@@ -107,7 +108,7 @@ def assemble(
     motion = Motion(arm, io, clock)
     steps = PlanSteps(record, motion, clock)
     grippers = Grippers(arm, gripper, io, record, recipe)
-    imaging = Imaging(lights, cameras, quick, folder)
+    imaging = Imaging(lights, cameras, quick, folder, record.note_file)
     recoveries = Recoveries(record)
     views = Views(record, compute, layout)
     held_pose = HeldPose(record, views, motion, imaging, compute, recoveries, layout)
@@ -125,7 +126,9 @@ def assemble(
         Effect.PRESENT: PresentAction(
             steps, motion, grippers, imaging, views, Disambiguation(compute, record), record
         ),
-        Effect.INSPECT: InspectAction(compute, steps, views, held_pose, record),
+        Effect.INSPECT: InspectAction(
+            compute, steps, views, held_pose, record, PartFile(cell, layout, recipe, folder)
+        ),
         Effect.HAND_OFF: HandOffAction(steps, motion, grippers, record, layout),
         Effect.SET_DOWN: SetDownAction(steps, motion, grippers, record),
         Effect.WITHDRAW: WithdrawAction(compute, motion, grippers, recoveries, record),

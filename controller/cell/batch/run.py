@@ -23,6 +23,7 @@ from ..custody.start_check import PartMayBeHeldError, require_empty_grippers
 from ..devices import Devices, resolve
 from ..devices.clocks import FoundClock, Speed
 from ..journal import JOURNAL_NAME, Journal, Row, is_of, open_cell_journal, rows
+from ..services import INPUTS
 from ..services.records import PartRecord, Progress
 from .assembly import assemble
 from .dispatcher import Dispatcher, Outcome
@@ -105,6 +106,7 @@ async def run_batch(
         where = resolve(order.cell, order.emulated.get("devices", {}))
         began = who_and_what(order, where)
         journal.write(began)
+        journal.write(rows.FilesStored(await asyncio.to_thread(_keep_inputs, order)))
         known, left = await asyncio.to_thread(_left_by_runs, journal, began)
         for notice in left:
             journal.write(rows.EmulatedCellEnded(message=notice))
@@ -169,6 +171,22 @@ async def run_batch(
         return RunResult(outcome, parts, speed)
     finally:
         await asyncio.to_thread(journal.close)
+
+
+def _keep_inputs(order: RunOrder) -> dict[str, str]:
+    """Copy what a run is started with to its folder; return the SHA-256 of each file."""
+    folder = order.folder / INPUTS
+    folder.mkdir(exist_ok=True)
+    digests = {}
+    for name, path in (
+        (order.recipe.part.name, order.recipe.part),
+        ("recipe.yaml", order.recipe_path),
+        ("cell.yaml", order.cell_path),
+    ):
+        data = path.read_bytes()
+        (folder / name).write_bytes(data)
+        digests[f"{INPUTS}/{name}"] = hashlib.sha256(data).hexdigest()
+    return digests
 
 
 def _left_by_runs(journal: Journal, began: rows.RunBegan) -> tuple[tuple[Held, ...], list[str]]:

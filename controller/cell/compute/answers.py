@@ -8,6 +8,7 @@ what cannot be sent between processes (`job.context`). None of them moves anythi
 import time
 from collections.abc import Mapping
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from controller import planning
 from controller import recognition as recognising
 from controller.arrays import BoolArray, FloatArray, Grey
 from controller.cad.compiled import load_part
+from controller.config.view_set import load_view_set
 from controller.imaging import inverse_pose
 from controller.planning import (
     Ambiguity,
@@ -29,6 +31,7 @@ from controller.planning import (
 )
 from controller.planning.motion import Scene, connect
 from controller.setup.optics import build_lamps, panel_corners, table_corners
+from controller.stored import Judging, judge_views, read_pictures
 
 from ..devices.lamps import TABLE_LAMPS
 from ..plans import PlanCache
@@ -260,28 +263,20 @@ def find_hold(
 
 
 def judge(
-    job: Job,
-    views: tuple[inspecting.ViewResult, ...],
-    unseen: Mapping[int, str],
-    planned: Mapping[str, BoolArray],
-) -> inspecting.PartVerdict:
-    """Return the verdict on a part from all its views.
+    job: Job, set_path: Path, results: Mapping[str, inspecting.ViewResult]
+) -> inspecting.PartInspection:
+    """Return what all views of a part come to.
 
     Parameters
     ----------
     job : which recipe on which cell
-    views : results of all views
-    unseen : by face id, why the plan does not show all of it
-    planned : by view id, which samples (n,) it was meant to show
+    set_path : the file of its views
+    results : by view id, what is known already
+
+    Raises
+    ------
+    ConfigError : a picture that was stored cannot be read again
     """
-    c = context(job)
-    return inspecting.judge(
-        c.solid,
-        c.samples,
-        views,
-        unseen,
-        c.recipe.inspection.min_coverage,
-        inspection_limits(c.recipe),
-        c.not_inspected,
-        planned,
-    )
+    file = load_view_set(set_path)
+    pictures = read_pictures(set_path, file)
+    return judge_views(file, context(job).part, pictures, Judging(file.recipe, set_path), results)

@@ -279,6 +279,13 @@ class Openings(TextByName):
     row_name = "openings"
 
 
+class FilesStored(TextByName):
+    """Files of the run's folder, with the SHA-256 of what was written."""
+
+    kind = "observation"
+    row_name = "files_stored"
+
+
 class TablePictures(TextByName):
     """The pictures of the table, file by lamp."""
 
@@ -538,6 +545,15 @@ class PartJudged(Body):
     faces: tuple[FaceJudged, ...]
 
 
+class PartInspected(Body):
+    """What a part was judged from: the file of its views, and the SHA-256 of the lines it gave."""
+
+    kind = "decision"
+    row_name = "part_inspected"
+    views: str
+    lines_sha256: str
+
+
 class StartRefused(Body):
     """A gripper may hold a part: nothing moves."""
 
@@ -555,7 +571,7 @@ ROWS: Final[Mapping[tuple[str, str], type[Body]]] = {
         RunBegan, Connected, EmulatedCellEnded, Overtaken, AtRest, RunBrokeOff, RunEnded,
         JournalSetAside, JournalNotReadable, Homed, StepDone, GraspMissed, PartDone, Stopped,
         StopNotConfirmed, Openings, TablePictures, Sightings, ViewPicturesTaken, ViewJudged,
-        PartMeasured, PartFindings,
+        PartMeasured, PartFindings, FilesStored, PartInspected,
         PlanMade, PlanKept, RecoveryBegun, AmbiguityResolved, PartJudged, StartRefused,
     )
 }  # fmt: skip

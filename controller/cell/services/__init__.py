@@ -10,15 +10,17 @@ from .motion import Motion
 from .preparation import Preparation
 from .recoveries import Recoveries
 from .steps import PlanSteps
-from .views import Disambiguation, HeldPose, Views
+from .views import INPUTS, Disambiguation, HeldPose, PartFile, Views
 
 __all__ = [
+    "INPUTS",
     "CameraName",
     "Disambiguation",
     "Grippers",
     "HeldPose",
     "Imaging",
     "Motion",
+    "PartFile",
     "PlanSteps",
     "Preparation",
     "Recoveries",

@@ -1,7 +1,8 @@
 """Takes pictures, each exposed wholly after the lamps had settled, and stores them."""
 
 import asyncio
-from collections.abc import Mapping
+import hashlib
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Literal
 
@@ -26,6 +27,7 @@ class Imaging:
     cameras : the driver of each
     quick : cameras whose stream starts at once, so that it is paused between pictures
     folder : of the run; pictures go to its ``pictures``
+    on_stored : called with the file and the SHA-256 of each picture that is stored
     """
 
     def __init__(
@@ -34,11 +36,13 @@ class Imaging:
         cameras: Mapping[CameraName, Camera],
         quick: frozenset[CameraName],
         folder: Path,
+        on_stored: Callable[[str, str], None] = lambda file, digest: None,
     ) -> None:
         self._lights = lights
         self._cameras = cameras
         self._quick = quick
         self._folder = folder
+        self._on_stored = on_stored
 
     async def shoot(self, camera: CameraName, lamps: Mapping[str, float]) -> Grey:
         """Return a picture (height, width), exposed after the lamps had settled.
@@ -89,8 +93,19 @@ class Imaging:
         OSError : it cannot be written
         """
         path = self._folder / "pictures" / f"part{part_number:03d}_{name}.png"
-        path.parent.mkdir(parents=True, exist_ok=True)
-        level = [cv2.IMWRITE_PNG_COMPRESSION, 1]
-        if not await asyncio.to_thread(cv2.imwrite, str(path), image, level):
-            raise OSError(f"{path}: cannot be written; is the disk full?")
-        return str(path.relative_to(self._folder))
+        digest = await asyncio.to_thread(_write_picture, path, image)
+        file = str(path.relative_to(self._folder))
+        self._on_stored(file, digest)
+        return file
+
+
+def _write_picture(path: Path, image: Grey) -> str:
+    """Write a picture and return the SHA-256 of its file."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    data = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 1])[1].tobytes()
+    try:
+        path.write_bytes(data)
+    except OSError as error:
+        reason = f"cannot be written ({error.strerror}); is the disk full?"
+        raise OSError(error.errno, reason, str(path)) from error
+    return hashlib.sha256(data).hexdigest()

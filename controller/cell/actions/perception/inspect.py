@@ -1,14 +1,22 @@
 """Inspecting: collect the results of the views so far, and decide what comes next."""
 
-from dataclasses import dataclass
+import asyncio
+from dataclasses import dataclass, replace
 
 from controller.cell.compute import Compute
 from controller.cell.custody import Custody
 from controller.cell.errors import PartFaultError
+from controller.cell.journal.rows import PartInspected
 from controller.cell.machine import WORTH_SHARE, Event, PartFault
-from controller.cell.services import HeldPose, PlanSteps, Views
-from controller.cell.services.records import BatchRecord, verdict_row
+from controller.cell.services import HeldPose, PartFile, PlanSteps, Views
+from controller.cell.services.records import (
+    BatchRecord,
+    findings_row,
+    measured_row,
+    verdict_row,
+)
 from controller.planning import GiveStep, Present, ReceiveStep, SetDown
+from controller.stored import lines_digest
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -19,6 +27,7 @@ class InspectAction:
     ----------
     compute : judges the part from its views
     steps, views, held_pose, record : services
+    part_file : writes the views that the part is judged from
     """
 
     compute: Compute
@@ -26,6 +35,7 @@ class InspectAction:
     views: Views
     held_pose: HeldPose
     record: BatchRecord
+    part_file: PartFile
 
     async def run(self) -> Event:
         """Collect results; return what the plan has next, or that all is seen.
@@ -71,8 +81,13 @@ class InspectAction:
             )
 
     async def _judge(self) -> None:
-        part = self.record.part
+        part, record = self.record.part, self.record
         assert part.plan is not None
-        unseen = {u.face_id: u.reason for u in part.plan.unseen}
-        part.verdict = await self.compute.judge(tuple(part.results), unseen, dict(part.planned))
-        self.record.note(verdict_row(part.verdict))
+        stored = await asyncio.to_thread(self.part_file.write, part)
+        record.note_file(stored.file, stored.digest)
+        found = await self.compute.judge(self.part_file.folder / stored.file, stored.results)
+        part.verdict = replace(found.ledger, verdict=found.verdict, reasons=found.reasons)
+        record.note(measured_row(found.measured))
+        record.note(findings_row(found.findings))
+        record.note(verdict_row(part.verdict))
+        record.note(PartInspected(views=stored.file, lines_sha256=lines_digest(found)))

@@ -88,6 +88,10 @@ class BatchRecord:
         """Write a row on the part at hand."""
         self._journal.write(row, self.part.number)
 
+    def note_file(self, file: str, digest: str) -> None:
+        """Write a row on a file of the run's folder, with the SHA-256 of what was written."""
+        self.note(rows.FilesStored({file: digest}))
+
     async def set_custody(self, custody: Custody, detail: str = "") -> None:
         """Change which gripper, tray or table has the part; on the disk when this returns."""
         self.part.custody = custody

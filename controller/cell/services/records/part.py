@@ -1,7 +1,7 @@
 """What is known of the part at hand."""
 
 import asyncio
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -44,6 +44,9 @@ class Shown:
     q : (6,) where the arm stood
     expected : (4, 4) where the part should have been
     backlit : its picture before the backlight panel
+    lamps : of its lit pictures
+    is_hold_measured : the expected pose was measured in an earlier view
+    T_part_tcp : (4, 4) how it was held by then; None for a part on the table
     """
 
     view: str
@@ -52,6 +55,9 @@ class Shown:
     expected: FloatArray
     holder: tuple[inspecting.WorldBox, ...]
     backlit: Grey
+    lamps: tuple[str, ...]
+    is_hold_measured: bool
+    T_part_tcp: FloatArray | None
     task: asyncio.Task[inspecting.ViewResult]
 
 
@@ -69,6 +75,8 @@ class PartRecord:
     hold : how the arm gripper holds it, None where that is empty
     fixed_grasp : how the fixed gripper holds it, as measured; None where that is empty
     results : of all views, of earlier plans too
+    judged : the views that they are of
+    files : of the pictures of each view, by lamp
     planned : by view, which samples (n,) it was planned to show
     recoveries : part faults that the cell has set out to recover from
     avoid : ids of grasps that have failed
@@ -88,6 +96,8 @@ class PartRecord:
     fixed_grasp: Grasp | None = None
     pending: list[Shown] = field(default_factory=list)
     results: list[inspecting.ViewResult] = field(default_factory=list)
+    judged: list[Shown] = field(default_factory=list)
+    files: dict[str, Mapping[str, str]] = field(default_factory=dict)
     planned: dict[str, BoolArray] = field(default_factory=dict)
     recoveries: list[Recovery] = field(default_factory=list)
     avoid: set[str] = field(default_factory=set)

@@ -2,17 +2,20 @@
 
 `views.py` has views judged in the worker process, `held_pose.py` measures how the arm gripper holds
 the part, `disambiguation.py` decides between hypotheses, `holder.py` has the boxes of arm and
-grippers that may hide the part.
+grippers that may hide the part, `part_file.py` writes the views of a part to a file.
 """
 
 from .disambiguation import Disambiguation
 from .held_pose import HeldPose
 from .holder import holder_boxes
+from .part_file import INPUTS, PartFile
 from .views import Views
 
 __all__ = [
+    "INPUTS",
     "Disambiguation",
     "HeldPose",
+    "PartFile",
     "Views",
     "holder_boxes",
 ]

@@ -61,6 +61,7 @@ class Views:
             ViewPicturesTaken(view=view, pictures=files, q=() if q is None else tuple(q.tolist()))
         )
         self._record.part.planned[view] = step.seen
+        self._record.part.files[view] = files
 
     def judge_held(
         self, view: str, hold: PartInGripper, q: FloatArray, backlit: Grey, lit: Mapping[str, Grey]
@@ -79,7 +80,18 @@ class Views:
         task = asyncio.ensure_future(
             self._compute.inspect(view, expected, holder, backlit, lit, hold.is_measured)
         )
-        self._last_held = Shown(view, hold, q, expected, holder, backlit, task)
+        self._last_held = Shown(
+            view=view,
+            hold=hold,
+            q=q,
+            expected=expected,
+            holder=holder,
+            backlit=backlit,
+            lamps=tuple(lit),
+            is_hold_measured=hold.is_measured,
+            T_part_tcp=hold.T_part_tcp,
+            task=task,
+        )
         self._record.part.pending.append(self._last_held)
 
     def judge_on_table(self, view: str, step: Look, backlit: Grey, lit: Mapping[str, Grey]) -> None:
@@ -102,7 +114,20 @@ class Views:
             return (await self._compute.inspect_on_table(view, T, backlit, lit)).within(step.seen)
 
         task = asyncio.ensure_future(counted())
-        self._record.part.pending.append(Shown(view, None, np.zeros(6), T, (), backlit, task))
+        self._record.part.pending.append(
+            Shown(
+                view=view,
+                hold=None,
+                q=np.zeros(6),
+                expected=T,
+                holder=(),
+                backlit=backlit,
+                lamps=tuple(lit),
+                is_hold_measured=True,
+                T_part_tcp=None,
+                task=task,
+            )
+        )
 
     async def take_next(self) -> tuple[Shown, inspecting.ViewResult] | None:
         """Wait for the oldest view still being judged; return it, None if there is none."""
@@ -113,6 +138,7 @@ class Views:
         result = await asyncio.shield(shown.task)
         part.pending.pop(0)
         part.results.append(result)
+        part.judged.append(shown)
         self._record.note(view_row(result))
         log.info(
             "view %s: %s",

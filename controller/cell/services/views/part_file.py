@@ -1,0 +1,173 @@
+"""The views of a part as a file beside its pictures, in the form that `cellctl inspect` reads.
+
+The part is judged from this file, so that a replay of it sees the same numbers to the last bit.
+"""
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import degrees
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from controller.arrays import FloatArray
+from controller.cell.services.records import PartRecord, Shown
+from controller.config import Cell, Recipe
+from controller.config.view_set import SCHEMA, SetBox, SetCamera, SetView, ViewSetFile, packed
+from controller.imaging import Camera, inverse_pose
+from controller.inspection import MEASURED_HOLD, PLANNED_HOLD, ViewResult
+from controller.planning import shown_pose
+from controller.planning.model import CellLayout
+from controller.planning.motion import tcp_pose
+from controller.setup.optics import light_of, table_light
+
+INPUTS: Final = "inputs"  # folder of a run for the files it was started with
+STATION_PANEL: Final = "station_backlight"
+TABLE_PANEL: Final = "table_backlight"
+SAME_HOLD: Final = 1e-6  # of a hold and the pose it was learned from: what products of poses round
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StoredViews:
+    """The file of a part's views, and what is known of them already.
+
+    Attributes
+    ----------
+    file : relative to the run's folder
+    digest : SHA-256 of the file
+    results : by view id, of the views that stand in the file as they were judged
+    """
+
+    file: str
+    digest: str
+    results: dict[str, ViewResult]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PartFile:
+    """Writes the views of a part to a file.
+
+    Attributes
+    ----------
+    cell, layout, recipe : of the run
+    folder : of the run
+    """
+
+    cell: Cell
+    layout: CellLayout
+    recipe: Recipe
+    folder: Path
+
+    def write(self, part: PartRecord) -> StoredViews:
+        """Write the views of a part that were judged; return the file and the results it keeps.
+
+        Raises
+        ------
+        OSError : the file cannot be written
+        """
+        judged = _in_common_holds(part.judged, part.results, self.layout)
+        results = {
+            shown.view: result
+            for shown, (now, _), result in zip(part.judged, judged, part.results, strict=True)
+            if now is shown
+        }
+        body = self._file(part, judged).model_dump_json(by_alias=True, exclude_none=True, indent=1)
+        data = (body + "\n").encode()
+        name = f"part{part.number:03d}.views.json"
+        (self.folder / name).write_bytes(data)
+        return StoredViews(name, hashlib.sha256(data).hexdigest(), results)
+
+    def _file(self, part: PartRecord, judged: Sequence[tuple[Shown, int]]) -> ViewSetFile:
+        masks = [mask for mask in part.planned.values() if len(mask)]
+        lights = {
+            name: light_of(lamp, self.cell)
+            for name, lamp in self.cell.lamps.items()
+            if name != TABLE_PANEL
+        }
+        by_id = {shown.view: self._view(shown, number, part) for shown, number in judged}
+        return ViewSetFile(
+            schema=SCHEMA,
+            part=Path(INPUTS) / self.recipe.part.name,
+            unit=self.recipe.unit or "mm",
+            camera=_camera(self.layout.inspection),
+            lamps={**lights, TABLE_PANEL: table_light(self.cell)},
+            views=tuple(by_id.values()),
+            recipe=self.recipe,
+            unseen={} if part.plan is None else {u.face_id: u.reason for u in part.plan.unseen},
+            sample_count=len(masks[0]) if masks else None,
+        )
+
+    def _view(self, shown: Shown, number: int, part: PartRecord) -> SetView:
+        is_held = shown.hold is not None
+        mask = part.planned.get(shown.view)
+        panel = STATION_PANEL if is_held else TABLE_PANEL
+        files = part.files[shown.view]
+        prior_mm, prior_rad = MEASURED_HOLD if shown.is_hold_measured else PLANNED_HOLD
+        return SetView(
+            id=shown.view,
+            T_world_part=_rows(shown.expected),
+            prior_mm=prior_mm,
+            prior_deg=degrees(prior_rad),
+            gripper_boxes=tuple(
+                SetBox(T=_rows(box.T), half_mm=tuple(box.half_mm.tolist())) for box in shown.holder
+            ),
+            pictures={lamp: Path(files[lamp]) for lamp in (panel, *shown.lamps)},
+            grasp=number,
+            camera=None if is_held else _camera(self.layout.overhead),
+            is_hold_measured=shown.is_hold_measured,
+            planned=None if mask is None or not len(mask) else packed(mask),
+            only_planned=not is_held,
+        )
+
+
+def _in_common_holds(
+    judged: Sequence[Shown], results: Sequence[ViewResult], layout: CellLayout
+) -> list[tuple[Shown, int]]:
+    """Return views with the numbers of their grasps; those of one grasp are expected by one hold.
+
+    The first view of a grasp is taken where the plan expects the part; from then on the hold is
+    known from that view. It is restated by the same hold, as all views of a grasp share it.
+    """
+    learned = [shown for shown in judged if shown.hold is not None and shown.is_hold_measured]
+    numbers: dict[tuple[int, bytes], int] = {}
+    found = []
+    for shown, result in zip(judged, results, strict=True):
+        now = shown
+        if shown.hold is not None and not shown.is_hold_measured and result.evaluated:
+            own = inverse_pose(result.T_world_part) @ tcp_pose(layout, shown.q)
+            same = [
+                other.T_part_tcp
+                for other in learned
+                if other.hold is shown.hold
+                and other.T_part_tcp is not None
+                and np.allclose(other.T_part_tcp, own, atol=SAME_HOLD)
+            ]
+            if same and same[0] is not None:
+                now = replace(
+                    shown,
+                    expected=shown_pose(layout, shown.q, same[0]),
+                    T_part_tcp=same[0],
+                    is_hold_measured=True,
+                )
+        if now.hold is None or now.T_part_tcp is None:
+            key = (id(now), b"")  # at rest on the table, each look on its own
+        else:
+            key = (id(now.hold), now.T_part_tcp.tobytes())
+        found.append((now, numbers.setdefault(key, len(numbers))))
+    return found
+
+
+def _camera(camera: Camera) -> SetCamera:
+    k1, k2, p1, p2, k3 = camera.distortion.tolist()
+    return SetCamera(
+        size_px=camera.size_px,
+        K=_rows(camera.K),
+        distortion=(k1, k2, p1, p2, k3),
+        T_world_cam=_rows(camera.T_world_cam),
+    )
+
+
+def _rows(T: FloatArray) -> tuple[tuple[float, ...], ...]:
+    return tuple(tuple(float(x) for x in row) for row in T)
