@@ -23,7 +23,7 @@ from controller.cli import main
 from controller.cli.parts.part_json import part_json
 from controller.config import ConfigError, load_recipe
 from controller.imaging import RayCaster
-from controller.results.sheet import drawings as _drawings
+from controller.results import line_drawing as _drawings
 from controller.results.sheet import picture as _picture
 from controller.results.sheet.sheet import render_sheet
 from controller.results.sheet.tables import tolerance_rows

@@ -16,7 +16,14 @@ from lxml import etree
 
 from controller.inspection import Verdict
 from controller.inspection.characteristics import CharacteristicKind
-from controller.results import csv_text, dfq_bytes, qif_bytes, result_json
+from controller.results import (
+    SUFFIXES,
+    csv_text,
+    dfq_bytes,
+    qif_bytes,
+    result_json,
+    write_report,
+)
 from tests.unit import judged_bench as bench
 
 DATA = Path(__file__).resolve().parents[1] / "data" / "qif"
@@ -287,3 +294,21 @@ def test_the_json_holds_values_uncertainties_and_verdicts(tmp_path: Path) -> Non
     (finding,) = body["findings"]
     assert (finding["kind"], finding["verdict"], finding["size_mm"]) == ("chip", "fail", 3.25)
     assert body["header"]["serial"] == "SN-0042"
+
+
+# --- files ------------------------------------------------------------------------------------
+
+
+def test_the_suffix_decides_what_a_report_is(tmp_path: Path) -> None:
+    (tmp_path / "pictures").mkdir()
+    parts = [bench.judged(tmp_path / "pictures")]
+    out = tmp_path / "out"
+    for suffix in SUFFIXES:
+        assert write_report(parts, out / f"bracket{suffix.upper()}").stat().st_size > 500
+    assert json.loads((out / "bracket.JSON").read_text())["schema"] == "cellctl.result"
+    assert read_qif((out / "bracket.QIF").read_bytes())[0][0][0] == "diameter 1"
+    assert len(list(out.iterdir())) == len(SUFFIXES)  # nothing half-written is left
+    with pytest.raises(ValueError, match=r"bracket\.docx: the suffix of a report is one of \.html"):
+        write_report(parts, out / "bracket.docx")
+    with pytest.raises(ValueError, match="no part"):
+        write_report([], out / "none.csv")

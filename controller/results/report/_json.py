@@ -17,7 +17,8 @@ are cell seconds, `wall_s` is wall seconds. Unknown is null, never a made-up num
 | `ordered`, `parts[]` | how many parts were ordered; what became of those begun |
 | `parts[].verdict` | `pass`, `fail`, `indeterminate` or null; with `reasons`, `covered_fraction` (of all surface, compared with the CAD), `in_sight_fraction` (in sight, compared or not), `claim` (what was looked for on the compared surface), `tray`, `custody`, `unconfirmed` (null, or what was begun and never confirmed) |
 | `parts[].faces[]` | `face`, `label`, `area_mm2`, `area_fraction` (they add up to 1), `seen_fraction` (compared with the CAD), `by_check` (the same by check), `rest` (not compared, by reason), `verdict`, `views`, `reason` |
-| `parts[].findings[]` | `number`, `view`, `kind`, `lamp`, `size_mm`, `area_mm2`, `at_px`, `box_px`, `p_part_mm`, `faces` |
+| `parts[].characteristics[]` | as in ``cellctl.result``: `balloon`, `id`, `measured`, `U`, `verdict` and more |
+| `parts[].findings[]` | `number`, `view`, `kind`, `lamp`, `size_mm`, `area_mm2`, `at_px`, `box_px`, `p_part_mm`, `faces`, `verdict` |
 | `parts[].views[]` | `view`, `evaluated` (null: never judged), `reason`, `shift_mm`, `turn_deg`, `residual_px`, `checks` (`check`, `reason` why it was not made, `compared_samples`, `size_mm`, `length_mm`), `findings` (numbers), `pictures` |
 | `parts[].steps[]` | `label`, `forecast_s`, `seconds` (null: not finished), `view`, `tray` |
 | `parts[].sightings[]`, `looks`, `grips_missed`, `forecast_s`, `table_pictures` | what led to the grasp |
@@ -34,8 +35,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from ..judged import characteristic_json
 from ..run import FindingReport, PartReport, RunRecord, ViewReport
-from ._words import cautions, headline, why
+from ._words import cautions, headline, why_in_run
 from .pictures import inside
 
 SCHEMA = "cellctl.report"
@@ -99,7 +101,7 @@ def _part(record: RunRecord, part: PartReport) -> dict[str, Any]:
     return {
         "part": part.number,
         "verdict": verdict.verdict if verdict else None,
-        "why": why(record, part),
+        "why": why_in_run(record, part),
         "reasons": verdict.reasons if verdict else (),
         "covered_fraction": verdict.compared_fraction if verdict else None,
         "in_sight_fraction": verdict.in_sight_fraction if verdict else None,
@@ -126,6 +128,7 @@ def _part(record: RunRecord, part: PartReport) -> dict[str, Any]:
             for step in part.steps
         ],
         "views": [_view(record.folder, view) for view in part.views],
+        "characteristics": [characteristic_json(c) for c in part.characteristics],
         "findings": [_finding(finding) for finding in part.findings],
         "faces": [
             {
@@ -171,6 +174,7 @@ def _finding(finding: FindingReport) -> dict[str, Any]:
         "box_px": finding.box_px,
         "p_part_mm": finding.p_part_mm,
         "faces": finding.face_ids,
+        "verdict": finding.verdict or None,
     }
 
 

@@ -3,11 +3,12 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from ..run import Box, FindingReport, PartReport, RunRecord, SightingReport, ViewReport
+from ..run import Box, FindingReport, PartReport, Points, SightingReport, ViewReport
 from ._optics import Optics
-from ._words import verdict_word, why
+from ._words import verdict_word
 from .ledger import Ledger, Timing, make_ledger, make_timing
 from .pictures import Pictures, Shot, bounds, outline_path, window_round
+from .signed.looks import picture_of
 
 VIEW_MARGIN, VIEW_MIN_PX = 0.18, 260
 TABLE_MARGIN, TABLE_MIN_PX = 0.35, 400
@@ -33,6 +34,7 @@ class Panel:
     marks : findings to box
     bar_px : length of the scale bar, None where the scale is not known
     arrow : x0, y0, x1, y1, from a sighting's position in its direction
+    border : SVG path round what differs, where it is known
     """
 
     lamp: str
@@ -40,6 +42,7 @@ class Panel:
     marks: tuple[Mark, ...] = ()
     bar_px: float | None = None
     arrow: tuple[float, ...] = ()
+    border: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,21 +102,21 @@ def css_class(verdict: str) -> str:
 
 
 def make_part_page(
-    record: RunRecord, part: PartReport, pictures: Pictures, optics: Optics | None
+    part: PartReport, why: str, pictures: Pictures, optics: Optics | None
 ) -> PartPage:
     """Return what the page shows of a part.
 
     Parameters
     ----------
-    record : the run it belongs to
     part : what the journal has of the part
+    why : of its verdict
     pictures : the run's pictures
     optics : calibrated cameras of the run; without them no arrow and no scale bars
     """
     return PartPage(
         part=part,
         word=verdict_word(part),
-        why=why(record, part),
+        why=why,
         table=_table(part, pictures, optics),
         findings=tuple(
             _finding(part, view, finding, pictures, optics)
@@ -169,19 +172,10 @@ def _view(key: str, view: ViewReport, pictures: Pictures, optics: Optics | None)
         marks = tuple(
             Mark(f.number, f.box_px)
             for f in view.findings
-            if f.box_px and _picture_of(view, f.lamp) == name
+            if f.box_px and picture_of(view, f.lamp) == name
         )
         panels.append(Panel(lamp_words(lamp), pictures.view(name, window), marks, bar))
     return ViewPanel(view, key, outline_path(view.outline_px), tuple(panels))
-
-
-def _picture_of(view: ViewReport, lamp: str) -> str | None:
-    """Return the picture of a finding; ``backlit`` is the one before the backlight panel."""
-    if lamp in view.pictures:
-        return view.pictures[lamp]
-    if lamp == "backlit":
-        return next((n for key, n in view.pictures.items() if key.endswith("backlight")), None)
-    return None
 
 
 def _finding(
@@ -191,7 +185,7 @@ def _finding(
     pictures: Pictures,
     optics: Optics | None,
 ) -> FindingRow:
-    name = _picture_of(view, finding.lamp)
+    name = picture_of(view, finding.lamp)
     panel = None
     if name is not None and finding.box_px is not None:
         size = pictures.size_px(name)
@@ -203,10 +197,18 @@ def _finding(
         shot = pictures.crop(name, window)
         bar = SCALE_BAR_MM / optics.station_mm_per_px if optics else None
         marks = (Mark(finding.number, finding.box_px),)
-        panel = Panel(lamp_words(finding.lamp), shot, marks, bar)
+        panel = Panel(
+            lamp_words(finding.lamp), shot, marks, bar, border=_closed(finding.outline_px)
+        )
     labels = _labels(part)
     faces = ", ".join(labels.get(i, f"F{i}") for i in finding.face_ids)
     return FindingRow(finding, lamp_words(finding.lamp), faces, panel)
+
+
+def _closed(points: Points) -> str:
+    if not points:
+        return ""
+    return "M" + "L".join(f"{x + 0.5:g} {y + 0.5:g}" for x, y in points) + "Z"
 
 
 def _labels(part: PartReport) -> Mapping[int, str]:

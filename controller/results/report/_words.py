@@ -20,17 +20,28 @@ def verdict_word(part: PartReport) -> str:
     return part.verdict.verdict if part.verdict is not None else "no verdict"
 
 
-def why(record: RunRecord, part: PartReport) -> str:
-    """Return in one sentence why a part has its verdict."""
+def why(part: PartReport, message: str = "") -> str:
+    """Return in one sentence why a part has its verdict.
+
+    Parameters
+    ----------
+    part : the part
+    message : what ended the run while this part was at hand, empty for nothing
+    """
     verdict = part.verdict
     if verdict is None:
-        if record.outcome.message and part is record.parts[-1]:
-            return f"The part was not judged: {_sentence(record.outcome.message, upper=False)}"
+        if message:
+            return f"The part was not judged: {_sentence(message, upper=False)}"
         return "The part was not judged: the run ended before its last view."
-    reason = verdict.reasons[0] if verdict.reasons else "the journal gives no reason"
+    reason = verdict.reasons[0] if verdict.reasons else "no reason is given"
     more = len(verdict.reasons) - 1
-    also = f" (and {count_of(more, 'more reason')}, below)" if more else ""
+    also = f" (and {count_of(more, 'more reason')}, below)" if more > 0 else ""
     return f"{reason[:1].upper()}{reason[1:]}{also}."
+
+
+def why_in_run(record: RunRecord, part: PartReport) -> str:
+    """Return the same of a part of a run."""
+    return why(part, record.outcome.message if part is record.parts[-1] else "")
 
 
 def headline(record: RunRecord) -> tuple[str, str]:
@@ -38,7 +49,7 @@ def headline(record: RunRecord) -> tuple[str, str]:
     if not record.parts:
         return "no verdict", _sentence(record.outcome.message or "no part was looked at")
     if len(record.parts) == 1 and record.ordered <= 1:
-        return verdict_word(record.parts[0]), why(record, record.parts[0])
+        return verdict_word(record.parts[0]), why_in_run(record, record.parts[0])
     words = [verdict_word(part) for part in record.parts]
     tally = ", ".join(f"{words.count(word)} {word}" for word in dict.fromkeys(words))
     missing = record.ordered - len(record.parts)

@@ -1,22 +1,33 @@
-"""A run as one HTML page: all it says comes from the journal and the run's pictures."""
+"""Judged parts as one HTML page: all it says comes from the journal and the pictures.
 
-from collections.abc import Callable, Mapping
+On paper it is the sheets of each part, made to be signed; on the screen the rest opens on demand.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Final
 
+from jinja2 import Template
+
+from controller.cad import Solid
+
+from ..judged import JudgedPart, judged_parts, solid_of_run
 from ..pages import make_environment, write_page
 from ..run import RunRecord, row_words, stage_words
 from ..wording import utc
 from ._optics import Optics
-from ._page import css_class, lamp_words, make_part_page
-from ._words import END_WORDS, cautions, headline
+from ._page import PartPage, css_class, lamp_words, make_part_page
+from ._words import END_WORDS, cautions, headline, why, why_in_run
 from .pictures import QUALITIES, Pictures, Quality
+from .signed import PartSheets, make_sheets
 
 # A page must pass mail gateways; pictures may take this much of it.
 MAX_BYTES = 10_000_000
 PICTURE_BYTES = 8_000_000
 LOG_ROWS = 3000
-TEMPLATES = ("report.html.j2", "part.html.j2")
+NO_CAD: Final = "no CAD model was given to this report"
+TEMPLATES = ("report.html.j2", "part.html.j2", "signed.html.j2", "report.css")
 FILTERS: Final[Mapping[str, Callable[..., str]]] = {
     "utc": utc,
     "row_words": row_words,
@@ -38,40 +49,101 @@ def write_html(record: RunRecord, path: Path) -> Path:
     return write_page(render(record), path)
 
 
-def render(record: RunRecord, max_bytes: int = MAX_BYTES) -> str:
-    """Return the page; pictures are made smaller until it is small enough."""
+def render(record: RunRecord, max_bytes: int = MAX_BYTES, *, on_paper: bool = False) -> str:
+    """Return the page of a run; pictures are made smaller until it is small enough.
+
+    Parameters
+    ----------
+    record : the run
+    max_bytes : of the page
+    on_paper : leave out what opens on demand
+    """
+    solid: Solid | str = solid_of_run(record) if record.parts else NO_CAD
+    return _render(judged_parts(record), solid, record, max_bytes, on_paper=on_paper)
+
+
+def render_parts(
+    parts: Sequence[JudgedPart], solid: Solid | None = None, *, on_paper: bool = False
+) -> str:
+    """Return the page of judged parts that no run belongs to.
+
+    Parameters
+    ----------
+    parts : of one product
+    solid : its CAD model, for the drawings; None where it is not at hand
+    on_paper : leave out what opens on demand
+    """
+    return _render(parts, solid or NO_CAD, None, MAX_BYTES, on_paper=on_paper)
+
+
+@cache
+def _template() -> Template:
+    """Return the page's template, compiled once."""
+    return make_environment(__package__, TEMPLATES, FILTERS).get_template("report.html.j2")
+
+
+def _render(
+    parts: Sequence[JudgedPart],
+    solid: Solid | str,
+    record: RunRecord | None,
+    max_bytes: int,
+    *,
+    on_paper: bool,
+) -> str:
     count = sum(
-        len(part.table_pictures)
-        + len(part.findings)
-        + sum(len(view.pictures) for view in part.views)
-        for part in record.parts
+        len(judged.part.table_pictures)
+        + len(judged.part.findings)
+        + sum(len(view.pictures) for view in judged.part.views)
+        + sum(len(c.looks) for c in judged.part.characteristics)
+        for judged in parts
     )
     budget = min(PICTURE_BYTES, max_bytes)
     fitting = [q for q in QUALITIES if count * q.typical_bytes <= budget]
     text = ""
     for quality in fitting:
-        text = _render(record, quality)
+        text = _page(parts, solid, record, quality, on_paper=on_paper)
         if len(text.encode()) <= max_bytes:
             return text
     return text
 
 
-def _render(record: RunRecord, quality: Quality) -> str:
-    pictures, optics = Pictures(record.folder, quality), Optics.of(record.cell)
-    word, sentence = headline(record)
-    left_out = max(0, len(record.log) - LOG_ROWS)
-    return (
-        make_environment(__package__, TEMPLATES, FILTERS)
-        .get_template("report.html.j2")
-        .render(
-            record=record,
-            word=word,
-            why=sentence,
-            end_words=END_WORDS[record.outcome.end],
-            cautions=cautions(record),
-            parts=[make_part_page(record, part, pictures, optics) for part in record.parts],
-            log=record.log[left_out:],
-            log_left_out=left_out,
-            is_reduced=quality is not QUALITIES[0],
+def _page(
+    parts: Sequence[JudgedPart],
+    solid: Solid | str,
+    record: RunRecord | None,
+    quality: Quality,
+    *,
+    on_paper: bool,
+) -> str:
+    pages: list[tuple[JudgedPart, PartPage, PartSheets]] = []
+    for judged in parts:
+        pictures = Pictures(judged.folder, quality)
+        optics = Optics.of(judged.header.cell_settings)
+        reason = why_in_run(record, judged.part) if record else why(judged.part)
+        pages.append(
+            (
+                judged,
+                make_part_page(judged.part, reason, pictures, optics),
+                make_sheets(judged, solid, pictures, lamp_words),
+            )
         )
+    if record is not None:
+        word, sentence = headline(record)
+    else:
+        word, sentence = (pages[0][1].word, pages[0][1].why) if pages else ("no verdict", "")
+    left_out = max(0, len(record.log) - LOG_ROWS) if record else 0
+    return _template().render(
+        record=record,
+        product=record.recipe_name if record else parts[0].header.part,
+        software=record.software if record else parts[0].header.software,
+        emulated=record.emulated_devices if record else parts[0].header.emulated_devices,
+        word=word,
+        why=sentence,
+        end_words=END_WORDS[record.outcome.end] if record else "",
+        cautions=cautions(record) if record else [],
+        parts=pages,
+        log=record.log[left_out:] if record else (),
+        log_left_out=left_out,
+        is_reduced=quality is not QUALITIES[0],
+        on_paper=on_paper,
     )

@@ -12,6 +12,7 @@ from typing import Final
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from controller.arrays import Grey
 
@@ -31,21 +32,23 @@ class Quality:
     ----------
     view_px, crop_px : longer side of views and of crops; 0 leaves pictures out
     jpeg : quality, 0..100
+    map_px : width of drawings of the part; 0 leaves them out
     typical_bytes : about what one picture adds to the page; a quality that cannot fit is skipped
     """
 
     view_px: int
     crop_px: int
     jpeg: int
+    map_px: int
     typical_bytes: int
 
 
 QUALITIES: Final = (
-    Quality(640, 320, 82, 40_000),
-    Quality(420, 240, 72, 18_000),
-    Quality(280, 180, 60, 9_000),
-    Quality(160, 120, 45, 3_500),
-    Quality(0, 0, 0, 0),
+    Quality(640, 320, 82, 330, 40_000),
+    Quality(420, 240, 72, 330, 18_000),
+    Quality(280, 180, 60, 220, 9_000),
+    Quality(160, 120, 45, 160, 3_500),
+    Quality(0, 0, 0, 0, 0),
 )
 # Decoded pictures that are held: a view and each of its findings need the same ones.
 KEPT = 4
@@ -86,6 +89,11 @@ class Pictures:
         self._quality = quality
         self._decoded: dict[str, Grey | None] = {}
 
+    @property
+    def quality(self) -> Quality:
+        """How large pictures may be."""
+        return self._quality
+
     def view(self, name: str, window: Box | None = None) -> Shot:
         """Return a picture, or a cut-out of it."""
         return self._shot(name, window, self._quality.view_px)
@@ -120,7 +128,7 @@ class Pictures:
         gain = _gain(part)
         if gain > 1:
             part = np.clip(part.astype(np.float32) * gain, 0, 255).astype(np.uint8)
-        return Shot(_data_uri(part, self._quality.jpeg), "", (x0, y0, x1, y1), gain)
+        return Shot(data_uri(part, self._quality.jpeg), "", (x0, y0, x1, y1), gain)
 
     def _read(self, name: str) -> Grey | None:
         if name not in self._decoded:
@@ -152,7 +160,14 @@ def _gain(image: Grey) -> float:
     return gain if gain >= MIN_GAIN else 1.0
 
 
-def _data_uri(image: Grey, jpeg: int) -> str:
+def data_uri(image: NDArray[np.uint8], jpeg: int) -> str:
+    """Return a picture, grey or blue first, as a data URI.
+
+    Parameters
+    ----------
+    image : (height, width) or (height, width, 3)
+    jpeg : quality, 0..100
+    """
     _, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, jpeg])
     return "data:image/jpeg;base64," + base64.b64encode(data.tobytes()).decode("ascii")
 

@@ -10,9 +10,9 @@ from controller.cad.compiled import CompiledPart
 from controller.cad.views import LineView
 from controller.imaging import RayCaster
 
+from ..line_drawing import Drawing, DrawingFrame, draw, frame_of
 from ..pages import make_environment, write_page
 from ._words_of import vector
-from .drawings import Drawing, DrawingFrame, draw, frame_of
 from .picture import rest_picture
 from .tables import Row, feature_rows, tolerance_rows
 

@@ -1,0 +1,10 @@
+"""What a person signs: three printed pages of a part, ready for the template.
+
+`balloons.py` is the drawing with balloons, `table.py` the rows of characteristics with their
+deviation bars, `looks.py` cut-outs with rays and fitted shapes, `covering.py` the part coloured by
+the ledger, `sheets.py` puts them together.
+"""
+
+from .sheets import PartSheets, make_sheets
+
+__all__ = ["PartSheets", "make_sheets"]

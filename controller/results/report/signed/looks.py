@@ -1,0 +1,135 @@
+"""A characteristic's edge in a picture: cut out, with the rays, the points and the shape fitted."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from ...run import CharacteristicReport, LookReport, Points, ViewReport
+from ..pictures import Pictures, Shot, bounds, outline_path, window_round
+
+MARGIN: Final = 0.35
+MIN_PX: Final = 60
+RAY_PX: Final = 5.0  # drawn to either side of an edge point
+BACKLIT: Final = "backlit"
+
+
+@dataclass(frozen=True, slots=True)
+class LookPanel:
+    """One look at a characteristic; all paths are of SVG, in coordinates of the picture.
+
+    Attributes
+    ----------
+    rays : lines across the edge through the points found
+    used, refused : crosses at the points that count, and at those that do not
+    shape : fitted
+    nominal : outline of the part as predicted from the CAD; may be empty
+    bar_px : length of a millimetre in the picture, None where it is not known
+    """
+
+    c: CharacteristicReport
+    look: LookReport
+    lamp: str
+    shot: Shot
+    rays: str
+    used: str
+    refused: str
+    shape: str
+    nominal: str
+    used_count: int
+    point_count: int
+    bar_px: float | None
+
+
+def look_panel(
+    c: CharacteristicReport,
+    look: LookReport,
+    views: Mapping[str, ViewReport],
+    pictures: Pictures,
+    lamp: str,
+) -> LookPanel | None:
+    """Return a look with its cut-out, None where nothing of it can be drawn.
+
+    Parameters
+    ----------
+    c, look : what was measured, and by which picture
+    views : by id
+    pictures : of the part
+    lamp : its everyday name
+    """
+    view = views.get(look.view_id)
+    name = picture_of(view, look.lamp) if view else None
+    around = bounds((*look.shape_px, *look.points_px))
+    if view is None or name is None or around is None:
+        return None
+    size = pictures.size_px(name)
+    window = window_round([around], size, MARGIN, MIN_PX) if size else around
+    accepted = look.accepted or (1,) * len(look.points_px)
+    pairs = list(zip(look.points_px, accepted, strict=False))
+    return LookPanel(
+        c,
+        look,
+        lamp,
+        pictures.crop(name, window),
+        _rays(look.points_px, look.shape_px),
+        _crosses([p for p, is_used in pairs if is_used], 0.9),
+        _crosses([p for p, is_used in pairs if not is_used], 2.2),
+        _path(look.shape_px, is_closed=c.rim_radius_mm is not None),
+        outline_path(view.outline_px),
+        sum(1 for a in accepted if a),
+        len(look.points_px),
+        _mm_px(c, look.shape_px),
+    )
+
+
+def picture_of(view: ViewReport, lamp: str) -> str | None:
+    """Return a view's picture under a lamp; ``backlit`` is the one before the backlight panel."""
+    if lamp in view.pictures:
+        return view.pictures[lamp]
+    for name, file in view.pictures.items():
+        if name.endswith("backlight") if lamp == BACKLIT else name.endswith(f"_{lamp}"):
+            return file
+    return None
+
+
+def _mm_px(c: CharacteristicReport, shape: Points) -> float | None:
+    """Return the pixels of a millimetre, from the rim's own size."""
+    if c.rim_radius_mm is None or len(shape) < 8:
+        return None
+    points = np.array(shape)
+    extent = float(np.linalg.norm(points - points.mean(axis=0), axis=1).max())
+    return extent / c.rim_radius_mm
+
+
+def _rays(points: Points, shape: Points) -> str:
+    if len(shape) < 3 or not points:
+        return ""
+    fitted, found = np.array(shape), np.array(points)
+    tangent = np.roll(fitted, -1, axis=0) - np.roll(fitted, 1, axis=0)
+    tangent[0], tangent[-1] = fitted[1] - fitted[0], fitted[-1] - fitted[-2]
+    nearest = np.argmin(np.linalg.norm(found[:, None] - fitted[None], axis=2), axis=1)
+    along = tangent[nearest]
+    length = np.linalg.norm(along, axis=1)
+    keep = length > 0
+    across = np.column_stack([-along[:, 1], along[:, 0]])[keep] / length[keep, None] * RAY_PX
+    centre = fitted[nearest][keep] + 0.5
+    return "".join(
+        f"M{a:.1f} {b:.1f}L{p:.1f} {q:.1f}"
+        for (a, b), (p, q) in zip(centre - across, centre + across, strict=True)
+    )
+
+
+def _crosses(points: list[tuple[float, float]], half: float) -> str:
+    return "".join(
+        f"M{x + 0.5 - half:.1f} {y + 0.5 - half:.1f}l{2 * half:g} {2 * half:g}"
+        f"m0 {-2 * half:g}l{-2 * half:g} {2 * half:g}"
+        for x, y in points
+    )
+
+
+def _path(points: Points, *, is_closed: bool) -> str:
+    if not points:
+        return ""
+    line = "L".join(f"{x + 0.5:.2f} {y + 0.5:.2f}" for x, y in points)
+    return f"M{line}{'Z' if is_closed else ''}"

@@ -1,0 +1,155 @@
+"""What the three printed pages of a part show, ready for the template."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+from controller.cad import Solid
+
+from ...judged import DECISION_RULE, JudgedPart
+from ...run import ViewReport
+from ...wording import utc
+from ..pictures import Pictures, Shot, bounds, window_round
+from .balloons import BalloonDrawing, balloon_drawing
+from .covering import CoverageSide, coverage_sides
+from .looks import LookPanel, look_panel
+from .table import Row, rows_of, tally
+
+HASH_LENGTH: Final = 12
+NOT_GIVEN: Final = "not given"
+# on the printed contact sheet
+MAX_CROPS: Final = 12
+MAX_TILES: Final = 24
+MARGIN, MIN_PX = 0.12, 200
+
+
+@dataclass(frozen=True, slots=True)
+class Thumbnail:
+    """A view in small."""
+
+    view_id: str
+    lamp: str
+    shot: Shot
+    is_evaluated: bool
+
+
+@dataclass(frozen=True, slots=True)
+class PartSheets:
+    """All of the three pages.
+
+    Attributes
+    ----------
+    facts : names and values of the header
+    drawing, sides : None and empty where the CAD file is not at hand; `no_drawing` says why
+    looks : every look that can be drawn, by balloon; `crops` the best of each
+    left_out : characteristics and views that the contact sheet has no room for
+    """
+
+    facts: tuple[tuple[str, str], ...]
+    rule: str
+    tally: tuple[tuple[str, int], ...]
+    rows: tuple[Row, ...]
+    drawing: BalloonDrawing | None
+    no_drawing: str
+    sides: tuple[CoverageSide, ...]
+    looks: tuple[LookPanel, ...]
+    crops: tuple[LookPanel, ...]
+    thumbnails: tuple[Thumbnail, ...]
+    left_out: tuple[int, int]
+
+
+def make_sheets(
+    judged: JudgedPart, solid: Solid | str, pictures: Pictures, lamp_words: Callable[[str], str]
+) -> PartSheets:
+    """Return what the pages of a part show.
+
+    Parameters
+    ----------
+    judged : the part
+    solid : its CAD model, or why there is none
+    pictures : of the part
+    lamp_words : a lamp's everyday name
+    """
+    part = judged.part
+    rows = rows_of(part.characteristics)
+    views = {view.view_id: view for view in part.views}
+    panels = [
+        panel
+        for row in rows
+        for look in row.c.looks
+        if (panel := look_panel(row.c, look, views, pictures, lamp_words(look.lamp)))
+    ]
+    best: dict[int, LookPanel] = {}
+    for panel in sorted(panels, key=lambda p: bool(p.look.reason)):
+        best.setdefault(panel.c.balloon, panel)
+    # what did not pass must be seen, whatever else the page has no room for
+    crops = sorted(best.values(), key=lambda p: (p.c.verdict == "pass", p.c.balloon))
+    view_count = MAX_TILES - min(len(crops), MAX_CROPS)
+    thumbnails = [t for view in part.views if (t := _thumbnail(view, pictures, lamp_words))]
+    drawing: BalloonDrawing | None = None
+    sides: tuple[CoverageSide, ...] = ()
+    if isinstance(solid, Solid):
+        drawing = balloon_drawing(solid, part.characteristics)
+        quality = pictures.quality
+        if part.verdict and quality.map_px:
+            sides = coverage_sides(solid, part.verdict.faces, quality.map_px, quality.jpeg)
+    return PartSheets(
+        facts=_facts(judged),
+        rule=DECISION_RULE,
+        tally=tally(part.characteristics),
+        rows=rows,
+        drawing=drawing,
+        no_drawing=solid if isinstance(solid, str) else "",
+        sides=sides,
+        looks=tuple(panels),
+        crops=tuple(crops[:MAX_CROPS]),
+        thumbnails=tuple(thumbnails[:view_count]),
+        left_out=(max(0, len(crops) - MAX_CROPS), max(0, len(thumbnails) - view_count)),
+    )
+
+
+def _thumbnail(
+    view: ViewReport, pictures: Pictures, lamp_words: Callable[[str], str]
+) -> Thumbnail | None:
+    """Return a view under its first lamp that is not the backlight, where it has one."""
+    if not view.pictures:
+        return None
+    lit = [lamp for lamp in view.pictures if not lamp.endswith("backlight")]
+    lamp = lit[0] if lit else next(iter(view.pictures))
+    name = view.pictures[lamp]
+    size, around = pictures.size_px(name), bounds(view.outline_px)
+    window = window_round([around], size, MARGIN, MIN_PX) if size and around else None
+    shot = pictures.crop(name, window or (0, 0, *(size or (5, 4))))
+    return Thumbnail(view.view_id, lamp_words(lamp), shot, bool(view.evaluated))
+
+
+def _facts(judged: JudgedPart) -> tuple[tuple[str, str], ...]:
+    h, verdict = judged.header, judged.part.verdict
+    temperature = h.part_temperature_c
+    facts = [
+        ("Serial number", h.serial or NOT_GIVEN),
+        ("Lot", h.lot or NOT_GIVEN),
+        ("Operator", h.operator or NOT_GIVEN),
+        ("Part (CAD)", _hashed(h.cad, h.cad_sha256)),
+        ("Recipe", _hashed(h.recipe, h.recipe_sha256)),
+        ("Cell", _hashed(h.cell, h.cell_sha256)),
+        ("Calibrated", _calibrated(judged)),
+        ("Part temperature", "not measured" if temperature is None else f"{temperature:.1f} °C"),
+        ("Software", f"cellctl {h.software.get('cellctl', 'of unknown version')}"),
+        ("Inspected", f"{utc(h.start)} to {h.end:%H:%M:%S}"),
+        ("Tray", judged.part.tray or "none"),
+        ("Surface compared", f"{100 * verdict.compared_fraction:.2f} %" if verdict else "–"),
+    ]
+    return tuple(facts)
+
+
+def _hashed(name: str, sha256: str) -> str:
+    if not name:
+        return NOT_GIVEN
+    return f"{name} ({sha256[:HASH_LENGTH]})" if sha256 else name
+
+
+def _calibrated(judged: JudgedPart) -> str:
+    dates = judged.header.calibrated
+    known = ", ".join(f"{camera} {date}" for camera, date in dates.items() if date)
+    return known or "no date in the cell file"

@@ -1,0 +1,126 @@
+"""The rows of characteristics, as in form 3 of AS9102: what is asked, what is, and the verdict."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from ...run import CharacteristicReport
+
+DECIMALS: Final = 3
+# where the limits are in a deviation bar, which is 100 wide
+LOWER_AT, UPPER_AT = 20.0, 80.0
+EDGE: Final = 2.0
+KIND_SIGNS: Final = {"diameter": "⌀ ", "radius": "R ", "position": "pos. ", "angle": "∠ "}
+UNITS: Final = {"mm": "mm", "deg": "°"}
+
+
+@dataclass(frozen=True, slots=True)
+class Bar:
+    """A deviation bar, 100 wide: the limits, zones of U inside of them, the value with its U.
+
+    Attributes
+    ----------
+    zones : x and width of the guard zones about the limits
+    at : the value, None where there is none; clipped to the bar
+    low, high : ends of its uncertainty, clipped
+    is_off : the value is beyond the bar
+    nominal : where the nominal value is
+    """
+
+    zones: tuple[tuple[float, float], ...]
+    at: float | None
+    low: float
+    high: float
+    is_off: bool
+    nominal: float
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """A characteristic as the table prints it."""
+
+    c: CharacteristicReport
+    requirement: str
+    limits: str
+    actual: str
+    U: str
+    deviation: str
+    bar: Bar
+
+    @property
+    def note(self) -> str:
+        """What must be said beside the verdict."""
+        return "" if self.c.verdict == "pass" else self.c.reason
+
+
+def rows_of(characteristics: Sequence[CharacteristicReport]) -> tuple[Row, ...]:
+    """Return the rows, in the order of their balloons."""
+    return tuple(_row(c) for c in sorted(characteristics, key=lambda c: c.balloon))
+
+
+def tally(characteristics: Sequence[CharacteristicReport]) -> tuple[tuple[str, int], ...]:
+    """Return how many characteristics have each verdict, the worst first."""
+    words = [c.verdict for c in characteristics]
+    order = ("fail", "indeterminate", "not evaluated", "pass")
+    return tuple((word, words.count(word)) for word in order if word in words)
+
+
+def _row(c: CharacteristicReport) -> Row:
+    unit = UNITS[c.unit]
+    is_one_sided = c.nominal == c.lower == 0
+    up, down = c.upper - c.nominal, c.nominal - c.lower
+    sign = KIND_SIGNS.get(c.kind, "")
+    if is_one_sided:
+        requirement = f"{sign}≤ {_fixed(c.upper)} {unit}"
+    elif abs(up - down) < 10**-DECIMALS / 2:
+        requirement = f"{sign}{_fixed(c.nominal)} ± {_short(up)} {unit}"
+    else:
+        requirement = f"{sign}{_fixed(c.nominal)} {_signed(up)} / {_signed(-down)} {unit}"
+    return Row(
+        c,
+        requirement,
+        f"{_fixed(c.lower)} … {_fixed(c.upper)}",
+        "–" if c.measured is None else _fixed(c.measured),
+        "–" if c.U is None else _fixed(c.U),
+        "–" if c.deviation is None or is_one_sided else _signed(c.deviation),
+        _bar(c),
+    )
+
+
+def _bar(c: CharacteristicReport) -> Bar:
+    width = (c.upper - c.lower) or 1.0
+
+    def at(value: float) -> float:
+        return LOWER_AT + (value - c.lower) / width * (UPPER_AT - LOWER_AT)
+
+    def clipped(x: float) -> float:
+        return round(min(max(x, EDGE), 100 - EDGE), 2)
+
+    U = c.U or 0.0
+    limits = (c.upper,) if c.nominal == c.lower == 0 else (c.lower, c.upper)
+    zones = tuple(
+        (x := clipped(at(limit - U)), round(clipped(at(limit + U)) - x, 2)) for limit in limits
+    )
+    if c.measured is None:
+        return Bar(zones if U else (), None, 0.0, 0.0, False, clipped(at(c.nominal)))
+    x = at(c.measured)
+    return Bar(
+        zones if U else (),
+        clipped(x),
+        clipped(at(c.measured - U)),
+        clipped(at(c.measured + U)),
+        not EDGE <= x <= 100 - EDGE,
+        clipped(at(c.nominal)),
+    )
+
+
+def _fixed(value: float) -> str:
+    return f"{value:.{DECIMALS}f}"
+
+
+def _short(value: float) -> str:
+    return f"{value:.{DECIMALS}f}".rstrip("0").rstrip(".")
+
+
+def _signed(value: float) -> str:
+    return f"{value:+.{DECIMALS}f}"

@@ -1,0 +1,206 @@
+"""The pages that a person signs: what stands on them, and that it stands in the right place."""
+
+from __future__ import annotations
+
+import base64
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from controller.cad import Solid
+from controller.cad.compiled import load_part
+from controller.inspection import Verdict
+from controller.inspection.characteristics import CharacteristicKind
+from controller.results.report.html import render_parts
+from controller.results.report.signed.balloons import balloon_drawing
+from controller.results.report.signed.covering import COLOURS, coverage_sides
+from controller.results.report.signed.table import rows_of
+from controller.results.run import CharacteristicReport, FaceReport
+from tests.data_files import part_file
+from tests.unit import judged_bench as bench
+from tests.unit.test_results_report import Page
+
+
+@pytest.fixture(scope="module")
+def solid() -> Solid:
+    return load_part(part_file("flange_xy.stl")).solid
+
+
+def reports(tmp_path: Path) -> tuple[CharacteristicReport, ...]:
+    return bench.judged(tmp_path).part.characteristics
+
+
+def test_verdict_and_why_come_first_and_details_last(tmp_path: Path) -> None:
+    made = bench.inspection(verdict=Verdict.FAIL, reasons=("length 4 is too long", "a chip"))
+    text = Page(render_parts([bench.judged(tmp_path, made)])).text
+    order = ["Inspection report", "Length 4 is too long", "SN-0042", "Characteristics:",
+             "Reviewed by", "Coverage", "Characteristics, look by look", "Ledger"]  # fmt: skip
+    places = [text.index(words) for words in order]
+    assert places == sorted(places)
+
+
+def test_who_what_and_with_what_stand_in_the_header(tmp_path: Path) -> None:
+    text = Page(render_parts([bench.judged(tmp_path)])).text
+    for words in ("Serial number SN-0042", "Lot L7", "Operator R. Meyer", "bracket.step (cccccc",
+                  "bracket.yaml (aaaaaa", "inspection 2026-02-20", "cellctl 0.1.0"):  # fmt: skip
+        assert words in text
+    assert "Part temperature not measured" in text  # never a made-up number
+    known = bench.judged(tmp_path, part_temperature_c=21.46)
+    assert "Part temperature 21.5 °C" in Page(render_parts([known])).text
+
+
+def test_every_characteristic_has_its_row(tmp_path: Path) -> None:
+    page = Page(render_parts([bench.judged(tmp_path)]))
+    header, *rows = page.table("Balloon")
+    rows = [row for row in rows if row[0]]
+    cells = [dict(zip(header, row, strict=True)) for row in rows]
+    assert [c["Balloon"] for c in cells] == [str(i) for i in range(1, 10)]
+    assert cells[0]["Requirement"] == "⌀ 8.000 ± 0.2 mm"
+    assert (cells[0]["Limits"], cells[0]["Actual"]) == ("7.800 … 8.200", "8.031")
+    assert (cells[0]["Deviation"], cells[0]["U (k = 2)"]) == ("+0.031", "0.020")
+    assert cells[1]["Requirement"] == "pos. ≤ 0.150 mm"
+    assert cells[6]["Actual"] == "90.100"
+    assert [c["Status"] for c in cells] == [
+        "pass", "pass", "indeterminate", "fail", "pass", "pass", "pass", "pass", "not evaluated",
+    ]  # fmt: skip
+    assert cells[8]["Actual"] == "–"
+    assert "0.410 mm beyond the upper limit" in page.text
+    assert "no view shows the rim at less than 30 deg" in page.text
+
+
+def test_a_bar_has_the_value_where_it_is_between_the_limits(tmp_path: Path) -> None:
+    rows = rows_of(reports(tmp_path))
+    # 7.8 at 20, 8.2 at 80: 8.031 at 20 + 60 * 0.231 / 0.4
+    assert rows[0].bar.at == pytest.approx(54.65)
+    assert rows[0].bar.high - rows[0].bar.low == pytest.approx(60 * 0.04 / 0.4)
+    assert rows[0].bar.nominal == pytest.approx(50.0)
+    (left, width), (right, _) = rows[0].bar.zones
+    assert (left, left + width) == pytest.approx((17.0, 23.0))
+    assert right == pytest.approx(77.0)
+    assert not rows[2].bar.is_off
+    assert rows[3].bar.is_off  # 0.41 beyond a tolerance of 0.6
+    assert rows[3].bar.at == 98.0
+    assert len(rows[1].bar.zones) == 1  # no position is below 0
+    assert rows[8].bar.at is None
+
+
+def test_balloons_point_at_what_they_number(solid: Solid, tmp_path: Path) -> None:
+    x, y, z = solid.centroid_mm
+    hole, other = reports(tmp_path)[0], reports(tmp_path)[5]
+    hole = replace(hole, anchors_mm=((x + 10, y + 5, z),), axis=(0.0, 0.0, 1.0))
+    other = replace(other, anchors_mm=((x - 7, y, z + 3),), axis=(0.0, -1.0, 0.0))
+    drawing = balloon_drawing(solid, [hole, other])
+    sides = {side.words: side for side in drawing.sides}
+    assert set(sides) == {"from +z", "from -y"}
+    (above,) = sides["from +z"].balloons
+    assert above.number == 1
+    assert above.end == pytest.approx((10, -5))  # SVG's y points down
+    (front,) = sides["from -y"].balloons
+    assert front.end == pytest.approx((-7, -3))
+    assert drawing.left_out == ()
+
+
+def test_balloons_do_not_cover_each_other(solid: Solid, tmp_path: Path) -> None:
+    x, y, z = solid.centroid_mm
+    one = reports(tmp_path)[0]
+    many = [
+        replace(one, id=f"h{i}", balloon=i, anchors_mm=((x + i % 3, y + i % 5, z),))
+        for i in range(1, 31)
+    ]
+    drawing = balloon_drawing(solid, many)
+    at = np.array([b.at for side in drawing.sides for b in side.balloons])
+    assert len(at) == 30
+    gaps = np.linalg.norm(at[:, None] - at[None], axis=2) + 1e9 * np.eye(len(at))
+    assert gaps.min() >= 2 * drawing.radius
+
+
+def test_what_no_side_shows_is_named(solid: Solid, tmp_path: Path) -> None:
+    slanted = replace(reports(tmp_path)[0], axis=tuple(np.ones(3) / np.sqrt(3)))
+    assert balloon_drawing(solid, [slanted]).left_out == (1,)
+
+
+def test_a_crop_shows_rays_points_and_the_fitted_shape_where_they_were(tmp_path: Path) -> None:
+    one = bench.all_kinds()[0]
+    page = Page(render_parts([bench.judged(tmp_path, bench.inspection((one,)))]))
+    paths = {p.get("class"): p for p in page.all("path")}
+    fitted = np.array(re.findall(r"[\d.]+", paths["fitted"]["d"]), dtype=float).reshape(-1, 2)
+    assert fitted.mean(axis=0) == pytest.approx((320.5, 240.5), abs=0.1)
+    assert np.linalg.norm(fitted - 320.5 * np.eye(2)[0] - 240.5 * np.eye(2)[1], axis=1) == (
+        pytest.approx(60, abs=0.1)
+    )
+    assert paths["used"]["d"].count("M") == 23
+    assert paths["refused"]["d"].count("M") == 1
+    assert paths["rays"]["d"].count("M") == 24
+    assert "23 of 24 edge points used" in page.text
+    # the rim is 4 mm and 60 px in radius
+    bars = [float(b["x2"]) - float(b["x1"]) for b in page.all("line") if b["stroke"] == "#111"]
+    assert bars[0] == pytest.approx(15.0, abs=0.02)
+
+
+def test_a_finding_has_its_border_and_its_verdict(tmp_path: Path) -> None:
+    made = bench.inspection(findings=(bench.chip(),), verdict=Verdict.FAIL, reasons=("a chip",))
+    page = Page(render_parts([bench.judged(tmp_path, made)]))
+    header, row = page.table("No.")
+    cells = dict(zip(header, row, strict=True))
+    assert (cells["Kind"], cells["Verdict"], cells["Light"]) == ("chip", "fail", "ring")
+    borders = [p["d"] for p in page.all("path") if p.get("class") == "border"]
+    assert borders == ["M400.5 200.5L430.5 200.5L430.5 225.5L400.5 225.5Z"]
+
+
+def test_names_from_a_drawing_stay_text(tmp_path: Path) -> None:
+    evil = "<script>alert(1)</script>\"'><svg onload=x>"
+    one = bench.measured(
+        1, CharacteristicKind.DIAMETER, 8.0, 0.2, 8.0, Verdict.INDETERMINATE, bench.rim(0.0),
+        label=evil, reason=evil,
+    )  # fmt: skip
+    made = bench.inspection((one,), reasons=(evil,))
+    page = Page(render_parts([bench.judged(tmp_path, made, serial=evil, operator=evil, lot=evil)]))
+    assert evil in page.text
+    assert "script" not in {name for name, _ in page.tags}
+    assert not any(key.startswith("on") for _, attributes in page.tags for key in attributes)
+
+
+def test_paper_leaves_out_what_opens_on_demand(tmp_path: Path) -> None:
+    judged = bench.judged(tmp_path)
+    assert "look by look" in Page(render_parts([judged])).text
+    paper = Page(render_parts([judged], on_paper=True))
+    assert "look by look" not in paper.text
+    assert "Reviewed by" in paper.text
+
+
+def decoded(uri: str) -> np.ndarray:
+    data = base64.b64decode(uri.split(",", 1)[1])
+    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+    assert image is not None
+    return np.asarray(image, dtype=float)
+
+
+def faces_of(solid: Solid, verdict: str, share: float) -> list[FaceReport]:
+    return [FaceReport(i, f"F{i}", 1.0, share, verdict, (), "") for i in range(len(solid.faces))]
+
+
+@pytest.mark.parametrize("verdict", ["pass", "fail"])
+def test_the_part_has_the_colour_of_its_ledger(solid: Solid, verdict: str) -> None:
+    for side in coverage_sides(solid, faces_of(solid, verdict, 1.0), 200, 95):
+        image = decoded(side.uri)
+        tone = np.array(COLOURS[verdict]) / np.linalg.norm(COLOURS[verdict])
+        length = np.linalg.norm(image, axis=2)
+        near = (image @ tone > 0.97 * length) & (length > 60)
+        assert near.mean() > (0.25 if verdict == "pass" else 0.1)
+
+
+def test_a_part_compared_by_half_is_half_white(solid: Solid) -> None:
+    whole, half, none = (
+        decoded(coverage_sides(solid, faces_of(solid, "pass", share), 200, 95)[0].uri)
+        for share in (1.0, 0.5, 0.0)
+    )
+
+    def green(image: np.ndarray) -> float:
+        return float((image[..., 1] - image[..., 2]).clip(0).sum())
+
+    assert green(half) / green(whole) == pytest.approx(0.5, abs=0.08)
+    assert green(none) / green(whole) < 0.05
