@@ -413,6 +413,25 @@ class TimingSection(Section):
         return self
 
 
+class AccuracySection(Section):
+    """What measuring in this cell is uncertain by, as standard uncertainties.
+
+    Attributes
+    ----------
+    edge_px, light_px, lens_px : of an edge, by its noise, by light, by what calibration leaves
+    depth_mm : of the part along the line of sight of the inspection camera
+    scale : of the calibration, as a share of a length
+    temperature_k : of the part from 20 degrees Celsius
+    """
+
+    edge_px: float = Field(0.05, gt=0, le=2)
+    light_px: float = Field(0.115, ge=0, le=2)  # an edge anywhere within 0.2 px either way
+    lens_px: float = Field(0.1, ge=0, le=2)
+    depth_mm: float = Field(0.1, ge=0, le=20)
+    scale: float = Field(5e-5, ge=0, le=0.02)
+    temperature_k: float = Field(5.0, ge=0, le=50)
+
+
 class Cell(Section):
     """One cell, as its file describes it."""
 
@@ -431,6 +450,7 @@ class Cell(Section):
     obstacles: dict[str, Box] = Field(default_factory=dict)
     trays: TraysSection
     interlocks: InterlocksSection = InterlocksSection()
+    accuracy: AccuracySection = AccuracySection()
 
     @model_validator(mode="before")
     @classmethod

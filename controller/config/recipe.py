@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, AliasChoices, Field, model_validator
 
 from .cad_files import is_cad_file
+from .characteristics import CharacteristicSection, ToleranceClass
 from .errors import ConfigError
 from .file_kinds import is_cell_file
 from .files import reason_of
@@ -30,11 +31,16 @@ class InspectionSection(Section):
     min_coverage : share of the surface that must have been compared for a pass, above 0
     not_inspected : faces that need not be inspected, by name, each with the reason; see
         `controller.setup.faces`
+    tolerance_class : of ISO 2768-1, for all that has no limits of its own
+    characteristics : limits of single characteristics, distances between further planes, and what
+        is not measured; see `controller.setup.characteristics`
     """
 
     max_incidence_deg: float = Field(70.0, ge=20, le=85)
     min_coverage: float = Field(0.50, gt=0, le=1)
     not_inspected: dict[FaceName, Reason] = Field(default_factory=dict)
+    tolerance_class: ToleranceClass = "m"
+    characteristics: Annotated[tuple[CharacteristicSection, ...], Field(max_length=500)] = ()
     smallest_defect_mm: float = Field(3.0, ge=0.5, le=50)
     least_gain: float = Field(0.0, ge=0, le=0.1)  # share of the surface that each view must add
 

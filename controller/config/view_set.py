@@ -17,6 +17,7 @@ from controller.arrays import BoolArray
 from controller.yaml_text import WrongKeyError, YamlText
 
 from .cell import MAX_SIZE_PX, LightSection
+from .characteristics import GivenSection
 from .errors import ConfigError
 from .files import read_text
 from .recipe import Recipe, Unit
@@ -186,7 +187,7 @@ class ViewSetFile(Section):
     camera: SetCamera
     lamps: dict[Name, LightSection]
     views: Annotated[tuple[SetView, ...], Field(max_length=MAX_VIEW_COUNT)]
-    characteristics: tuple[dict[str, Any], ...] | None = None
+    characteristics: Annotated[tuple[GivenSection, ...], Field(max_length=2000)] | None = None
     recipe: Recipe | None = None
     unseen: dict[int, str] = Field(default_factory=dict)
     sample_count: int | None = Field(None, ge=1)

@@ -16,7 +16,8 @@ from controller.inspection import (
     ViewResult,
     inspect_part,
 )
-from controller.inspection.characteristics import Characteristic, derive
+from controller.inspection.characteristics import Characteristic
+from controller.setup.characteristics import part_characteristics
 from controller.setup.faces import faces_left_out
 
 from .pictures import read_grey
@@ -126,5 +127,5 @@ def _settings(file: ViewSetFile, part: CompiledPart, judging: Judging) -> PartSe
 def _characteristics(
     file: ViewSetFile, part: CompiledPart, judging: Judging
 ) -> tuple[Characteristic, ...]:
-    """Return what is measured: what follows from the CAD model."""
-    return derive(part)
+    """Return what is measured: the set's characteristics, else those of CAD file and recipe."""
+    return part_characteristics(judging.path, judging.recipe, part, file.characteristics or None)

@@ -6,15 +6,12 @@ from collections.abc import Iterator
 from math import degrees
 from typing import Any
 
-import numpy as np
-
 from controller.arrays import FloatArray
 from controller.inspection import PartFinding, PartInspection
 from controller.inspection.characteristics import (
     CharacteristicKind,
-    Geometry,
     Measured,
-    RimGeometry,
+    place_of,
 )
 
 
@@ -42,14 +39,6 @@ def in_unit(measured: Measured, value: float | None) -> float | None:
     if value is None or measured.characteristic.kind is not CharacteristicKind.ANGLE:
         return value
     return degrees(value)
-
-
-def place_of(geometry: Geometry) -> tuple[FloatArray, FloatArray]:
-    """Return where a characteristic is, (3,) CAD frame, and its axis, (3,) unit."""
-    if isinstance(geometry, RimGeometry):
-        return np.mean([rim.centre_mm for rim in geometry.rims], axis=0), geometry.rims[0].axis
-    ends = [p for edge in (*geometry.one, *geometry.other) for p in (edge.start_mm, edge.end_mm)]
-    return np.mean(ends, axis=0), geometry.direction
 
 
 def _characteristic(measured: Measured) -> dict[str, Any]:

@@ -313,7 +313,7 @@ def test_tolerances_are_written_as_a_drawing_has_them(plate: Path) -> None:
         ("datum", "A", "", "F0"),
     )
     assert "at maximum material" in render_sheet([part], None)
-    assert [t["tolerance"] for t in part_json(part, None)["tolerances"]] == [
+    assert [t["tolerance"] for t in part_json(part, None, ())["tolerances"]] == [
         *["dimension"] * 3,
         "geometric",
         "datum",

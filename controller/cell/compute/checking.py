@@ -17,6 +17,7 @@ from controller.setup.planner import PlannerSetup
 
 from ..plans import Certified, PlanCache
 from . import Job, context, part_files
+from .check_characteristics import CheckedCharacteristic, check_characteristics
 
 # A stable pose less probable than this is no reason to refuse a recipe.
 LIKELY = 0.03
@@ -37,11 +38,13 @@ class Checked:
     Attributes
     ----------
     problems : one sentence for each reason why it cannot; empty if it can
+    characteristics : what is measured of the part, and how well this cell can
     """
 
     setup: PlannerSetup
     poses: tuple[CheckedPose, ...]
     problems: tuple[str, ...]
+    characteristics: tuple[CheckedCharacteristic, ...] = ()
 
 
 def check_sizes(recipe_path: Path, recipe: Recipe, cell: Cell) -> None:
@@ -114,7 +117,8 @@ def check_plans(job: Job, progress: Callable[[str], None] | None = None) -> Chec
     c = context(job)
     planning = PlanCache(c.part, c.layout, c.setup.options)
     wanted = c.recipe.inspection.min_coverage
-    poses, problems = [], []
+    measured, too_tight = check_characteristics(job.recipe_path, c.recipe, c.cell, c.part)
+    poses, problems = [], list(too_tight)
     for pose in c.poses:
         if pose.rolling or pose.marginal or pose.probability < LIKELY:
             continue
@@ -133,4 +137,4 @@ def check_plans(job: Job, progress: Callable[[str], None] | None = None) -> Chec
             )
     if not poses:
         problems.append("the part has no stable pose in which it is likely to rest")
-    return Checked(c.setup, tuple(poses), tuple(problems))
+    return Checked(c.setup, tuple(poses), tuple(problems), measured)

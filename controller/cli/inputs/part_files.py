@@ -19,11 +19,19 @@ from controller.config import (
 
 @dataclass(frozen=True, slots=True)
 class PartFile:
-    """A CAD file, how it is compiled, and the recipe it is planned with, if any."""
+    """A CAD file, how it is compiled, and the recipe it is planned with, if any.
+
+    Attributes
+    ----------
+    path, options : the file, and how it is compiled
+    recipe : its values apply to grasps and views
+    recipe_path : where the recipe comes from, if the part is its own
+    """
 
     path: Path
     options: CompileOptions
     recipe: Recipe | None
+    recipe_path: Path | None = None
 
 
 def part_files(
@@ -47,7 +55,8 @@ def part_files(
     """
     if not parts and not recipe_paths and unit is None and (here := project_recipe()) is not None:
         recipe_paths = [here]
-    recipes = [load_recipe(find_recipe(path)) for path in recipe_paths]
+    recipe_files = [find_recipe(path) for path in recipe_paths]
+    recipes = [load_recipe(path) for path in recipe_files]
     if recipes and unit is not None:
         raise ConfigError("--unit is not allowed with --recipe: the recipe has `unit:`")
     if len(recipes) > 1 and parts:
@@ -67,7 +76,8 @@ def part_files(
             for path in parts
         ]
         return files, cell
-    return [PartFile(r.part, CompileOptions(unit=r.unit), r) for r in recipes], cell
+    own = zip(recipes, recipe_files, strict=True)
+    return [PartFile(r.part, CompileOptions(unit=r.unit), r, path) for r, path in own], cell
 
 
 def stable_pose(part: CompiledPart, index: int) -> StablePose:

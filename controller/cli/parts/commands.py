@@ -44,6 +44,10 @@ def compile_(
         Path | None,
         typer.Option("--report", metavar="FILE", help="HTML page to write, with every stable pose"),
     ] = None,
+    characteristics: Annotated[
+        bool,
+        typer.Option("--characteristics", help="list what is to be measured of the part, too"),
+    ] = False,
     no_cache: Annotated[
         bool, typer.Option("--no-cache", help="compile again; do not use the cache")
     ] = False,
@@ -65,6 +69,7 @@ def compile_(
         report=report,
         cell=recipe_cell if has_recipe else cell,
         use_cache=not no_cache,
+        lists_characteristics=characteristics,
         as_json=json,
     )
     raise typer.Exit(code)

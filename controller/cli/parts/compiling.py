@@ -20,12 +20,15 @@ from controller.cad.compiled import (
 )
 from controller.cell.plans import Certified, PlanCache
 from controller.config import ConfigError, load_cell
+from controller.inspection.characteristics import Characteristic
 from controller.results.sheet import write_sheet
+from controller.setup.characteristics import part_characteristics
 from controller.setup.planner import planner_setup
 
 from ..inputs.checks import check_writable_folder
 from ..inputs.part_files import PartFile
 from ..planning.certificates import print_certificates
+from ..planning.characteristics import print_characteristics
 from ..terminal.output import emit, print_line, stdout, warn
 from .part_json import certified_json, part_json
 
@@ -37,6 +40,7 @@ def compile_parts(
     report: Path | None,
     cell: Path | None,
     use_cache: bool,
+    lists_characteristics: bool,
     as_json: bool,
 ) -> int:
     """Report what follows from CAD files; return 2 if one is wrong, after reporting the others.
@@ -48,6 +52,7 @@ def compile_parts(
     report : HTML page to write, None for none
     cell : cell file, to report grasps and a plan for each stable pose as well; None for neither
     use_cache : read and keep compiled parts and plans
+    lists_characteristics : print what is to be measured of each part, too
     as_json : print one JSON object a part
 
     Raises
@@ -73,9 +78,15 @@ def compile_parts(
             continue
         seconds = time.perf_counter() - started
         parts.append(part)
-        body = part_json(part, density_g_cm3) | {"seconds": seconds, "from_cache": from_cache}
+        characteristics = _characteristics(file, part)
+        body = part_json(part, density_g_cm3, characteristics) | {
+            "seconds": seconds,
+            "from_cache": from_cache,
+        }
         if not as_json:
             _print(part, body)
+            if lists_characteristics:
+                print_characteristics(characteristics)
         certified = None
         if planned_in is not None:
             setup = planner_setup(file.recipe, planned_in, part, on_command_line)
@@ -96,6 +107,13 @@ def compile_parts(
         if not as_json:
             print_line(f"report: {written}")
     return code
+
+
+def _characteristics(file: PartFile, part: CompiledPart) -> tuple[Characteristic, ...]:
+    """Return what is measured of a part; another part's recipe has nothing to say of it."""
+    if file.recipe_path is None:
+        return part_characteristics(file.path, None, part)
+    return part_characteristics(file.recipe_path, file.recipe, part)
 
 
 def _compiled(path: Path, options: CompileOptions, *, use_cache: bool) -> tuple[CompiledPart, bool]:

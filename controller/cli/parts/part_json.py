@@ -12,12 +12,23 @@ from controller.cad.surfaces.features import Feature
 from controller.cad.surfaces.tolerances import Datum, Dimension, GeometricTolerance, Tolerance
 from controller.cad.views import LineView
 from controller.cell.plans import Certified
+from controller.inspection.characteristics import Characteristic
 
+from ..planning.characteristics import characteristic_json
 from ..planning.plan_json import certificate_json
 
 
-def part_json(part: CompiledPart, density_g_cm3: float | None) -> dict[str, Any]:
-    """Return a compiled part as conventions.md 7 defines it; R are nested row-major lists."""
+def part_json(
+    part: CompiledPart, density_g_cm3: float | None, characteristics: Sequence[Characteristic]
+) -> dict[str, Any]:
+    """Return a compiled part as conventions.md 7 defines it; R are nested row-major lists.
+
+    Parameters
+    ----------
+    part : compiled
+    density_g_cm3 : None for the file's
+    characteristics : what is to be measured of it
+    """
     solid, boundary = part.solid, part.solid.boundary
     density = part.density_g_cm3(density_g_cm3)
     return {
@@ -52,6 +63,7 @@ def part_json(part: CompiledPart, density_g_cm3: float | None) -> dict[str, Any]
         ],
         "features": [_feature_json(feature) for feature in part.features],
         "tolerances": [_tolerance_json(tolerance) for tolerance in part.tolerances],
+        "characteristics": [characteristic_json(c) for c in characteristics],
         "edges": boundary.edge_count,
         "vertices": len(boundary.vertex_ids),
         "loops": len(boundary.first),

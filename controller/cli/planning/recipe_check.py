@@ -11,6 +11,7 @@ from controller.results.moments import view_count
 
 from ..terminal.output import emit, print_line, warn
 from .certificates import counted
+from .characteristics import characteristic_json, print_checked
 from .plan_json import certificate_json
 
 
@@ -38,6 +39,10 @@ def check_recipe(recipe_path: Path, cell_path: Path | None, *, as_json: bool) ->
                 "problems": list(checked.problems),
                 "planned_with": checked.setup.as_json(),
                 "poses": [_pose_json(pose) for pose in checked.poses],
+                "characteristics": [
+                    characteristic_json(each.characteristic, each.capability)
+                    for each in checked.characteristics
+                ],
                 "certificates": [certificate_json(p.certified.certificate) for p in checked.poses],
                 "seconds": time.monotonic() - started,
             }
@@ -58,6 +63,7 @@ def _print(recipe_path: Path, checked: Checked) -> None:
                 f"{entry['covered_fraction']:.1%} of the surface in sight, "
                 f"{entry['forecast_s']:.0f} s"
             )
+    print_checked(checked.characteristics)
     warn_of(recipe_path, checked)
     if checked.problems:
         print_line(f"{recipe_path}: not ready")

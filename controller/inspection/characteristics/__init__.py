@@ -11,15 +11,30 @@ from ._types import (
     Measured,
     Rim,
     RimGeometry,
+    place_of,
 )
+from .asked import Asked, AskedError, characteristics_of
 from .derive import derive
-from .limits import CONFORMANCE_PROBABILITY, TOLERANCE_CLASSES, ToleranceClass, decide
-from .verdicts import verdict_of
+from .limits import (
+    CONFORMANCE_PROBABILITY,
+    TOLERANCE_CLASSES,
+    Accuracy,
+    Capability,
+    Station,
+    ToleranceClass,
+    capability_of,
+    decide,
+)
+from .verdicts import Standing, standing_of, verdict_of, with_capability
 
 __all__ = [
     "CONFORMANCE_PROBABILITY",
     "NO_BUDGET",
     "TOLERANCE_CLASSES",
+    "Accuracy",
+    "Asked",
+    "AskedError",
+    "Capability",
     "Characteristic",
     "CharacteristicKind",
     "EdgeLine",
@@ -29,8 +44,15 @@ __all__ = [
     "Measured",
     "Rim",
     "RimGeometry",
+    "Standing",
+    "Station",
     "ToleranceClass",
+    "capability_of",
+    "characteristics_of",
     "decide",
     "derive",
+    "place_of",
+    "standing_of",
     "verdict_of",
+    "with_capability",
 ]

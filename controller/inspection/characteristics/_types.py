@@ -10,6 +10,8 @@ from enum import StrEnum
 from types import MappingProxyType
 from typing import Final
 
+import numpy as np
+
 from controller.arrays import FloatArray
 
 from .._types import Verdict
@@ -31,6 +33,7 @@ class CharacteristicKind(StrEnum):
     ROUNDNESS = "roundness"
 
 
+GENERAL: Final = "ISO 2768-"  # begins the source of limits that are general tolerances
 ONE_SIDED: Final = frozenset(
     {CharacteristicKind.POSITION, CharacteristicKind.STRAIGHTNESS, CharacteristicKind.ROUNDNESS}
 )
@@ -101,6 +104,7 @@ class EdgePairGeometry:
     direction : (3,) unit, from the first to the second plane, square to both
     one_face, other_face : id of the largest face of each
     one_rims, other_rims : circular edges in them
+    middle_mm : (3,) between the middles of both, CAD frame
     """
 
     one: tuple[EdgeLine, ...]
@@ -110,9 +114,17 @@ class EdgePairGeometry:
     other_face: int
     one_rims: tuple[Rim, ...] = ()
     other_rims: tuple[Rim, ...] = ()
+    middle_mm: FloatArray = field(default_factory=lambda: np.zeros(3))
 
 
 Geometry = RimGeometry | EdgePairGeometry
+
+
+def place_of(geometry: Geometry) -> tuple[FloatArray, FloatArray]:
+    """Return where a characteristic is, (3,) CAD frame, and its axis or direction, (3,) unit."""
+    if isinstance(geometry, RimGeometry):
+        return np.mean([rim.centre_mm for rim in geometry.rims], axis=0), geometry.rims[0].axis
+    return geometry.middle_mm, geometry.direction
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -132,7 +144,9 @@ class Characteristic:
     faces : ids of the faces it is of
     is_critical : two independent looks must agree
     exempt : why a PASS of the part does not need it; empty where it does
-    is_measured : False where the recipe leaves it out
+    is_measured : False where no picture shows it, or the recipe leaves it out
+    length_mm : what its uncertainty grows with: of a position the way to its datum; 0 where it is
+        the nominal value
     """
 
     id: str
@@ -148,11 +162,17 @@ class Characteristic:
     is_critical: bool = False
     exempt: str = ""
     is_measured: bool = True
+    length_mm: float = 0.0
 
     @property
     def tolerance_mm(self) -> float:
         """Width of the tolerance; of a one-sided one, from 0 to its limit."""
         return self.upper_mm - self.lower_mm
+
+    @property
+    def is_general(self) -> bool:
+        """Whether its limits are general tolerances, which nobody stated for it."""
+        return self.source.startswith(GENERAL)
 
     @property
     def is_one_sided(self) -> bool:

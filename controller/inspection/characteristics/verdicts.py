@@ -1,8 +1,38 @@
-"""The verdict on one characteristic."""
+"""The verdict on one characteristic, and what all of them leave of a PASS (ADR 28)."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
 
 from .._types import Verdict
-from ._types import Characteristic
-from .limits import CONFORMANCE_PROBABILITY, decide
+from ._types import Characteristic, Measured
+from .limits import (
+    CONFORMANCE_PROBABILITY,
+    MAX_SHARE,
+    Accuracy,
+    Station,
+    capability_of,
+    decide,
+)
+
+UM_PER_MM: Final = 1000.0
+
+
+@dataclass(frozen=True, slots=True)
+class Standing:
+    """What the characteristics of a part come to.
+
+    Attributes
+    ----------
+    verdict : FAIL where one is proven beyond its limits, INDETERMINATE where one that a PASS needs
+        is open, else PASS
+    reasons : why it is no PASS, in sentences
+    unproven : what a PASS does not say, in sentences: characteristics that were not verified
+    """
+
+    verdict: Verdict
+    reasons: tuple[str, ...]
+    unproven: tuple[str, ...]
 
 
 def verdict_of(
@@ -21,3 +51,77 @@ def verdict_of(
     """
     lower = None if characteristic.is_one_sided else characteristic.lower_mm
     return decide(measured_mm, U_mm, lower, characteristic.upper_mm, probability)
+
+
+def with_capability(
+    characteristics: Iterable[Characteristic], station: Station, accuracy: Accuracy
+) -> tuple[Characteristic, ...]:
+    """Return characteristics, those marked whose general tolerance the cell cannot verify.
+
+    Tolerances that a person or a drawing has stated stay as they are: a recipe that states less
+    than the cell can verify is refused before it runs.
+
+    Parameters
+    ----------
+    characteristics : of a part
+    station, accuracy : of the cell
+    """
+    marked = []
+    for one in characteristics:
+        found = capability_of(one, station, accuracy)
+        if one.is_general and not one.exempt and not found.is_capable:
+            one = replace(
+                one,
+                exempt=f"the cell promises U = {found.U_mm * UM_PER_MM:.0f} um, "
+                f"{found.share:.0%} of the tolerance with 2 U, above {MAX_SHARE:.0%}",
+            )
+        marked.append(one)
+    return tuple(marked)
+
+
+def standing_of(measured: Sequence[Measured]) -> Standing:
+    """Return what measured characteristics come to.
+
+    Each that a PASS needs has to be proven. One that the cell cannot verify has to be measured, and
+    its value has to lie within its limits: a value beyond them that is not proven to be wrong is
+    for a person to look at. One that no picture shows, or that the recipe leaves out, is not asked
+    for.
+
+    Parameters
+    ----------
+    measured : all characteristics of a part
+    """
+    failed, still_open, unproven = [], [], []
+    for one in measured:
+        asked = one.characteristic
+        if not asked.is_measured:
+            unproven.append(f"{asked.label}: not measured, {asked.exempt}")
+        elif one.verdict is Verdict.FAIL:
+            failed.append(f"{asked.label}: {_value(one)}, beyond {_limits(asked)}")
+        elif one.verdict is Verdict.PASS:
+            continue
+        elif one.measured_mm is None:
+            still_open.append(
+                f"{asked.label}: not evaluated, {one.reason or 'no picture shows it'}"
+            )
+        elif asked.exempt and _is_within(asked, one.measured_mm):
+            unproven.append(f"{asked.label}: {_value(one)}, not proven; {asked.exempt}")
+        else:
+            still_open.append(
+                f"{asked.label}: {_value(one)}, too near the limits {_limits(asked)} to decide"
+            )
+    verdict = Verdict.FAIL if failed else Verdict.INDETERMINATE if still_open else Verdict.PASS
+    return Standing(verdict, (*failed, *still_open), tuple(unproven))
+
+
+def _is_within(asked: Characteristic, value_mm: float) -> bool:
+    return (asked.is_one_sided or value_mm >= asked.lower_mm) and value_mm <= asked.upper_mm
+
+
+def _value(one: Measured) -> str:
+    return f"{one.measured_mm:.3f} mm with U = {one.U_mm or 0.0:.3f} mm"
+
+
+def _limits(asked: Characteristic) -> str:
+    upper = f"{asked.upper_mm:g} mm"
+    return upper if asked.is_one_sided else f"{asked.lower_mm:g} to {upper}"

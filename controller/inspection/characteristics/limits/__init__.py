@@ -1,6 +1,16 @@
-"""Limits of a value: general tolerances, fits."""
+"""Limits of a value: general tolerances, fits; what a cell can verify; the decision."""
 
+from .capability import (
+    MAX_SHARE,
+    Accuracy,
+    Capability,
+    Station,
+    capability_of,
+    promised_budget_mm,
+    promised_mm,
+)
 from .decision import CONFORMANCE_PROBABILITY, COVERAGE_FACTOR, decide
+from .fits import fit_limits_mm
 from .general import (
     TOLERANCE_CLASSES,
     ToleranceClass,
@@ -12,10 +22,18 @@ from .general import (
 __all__ = [
     "CONFORMANCE_PROBABILITY",
     "COVERAGE_FACTOR",
+    "MAX_SHARE",
     "TOLERANCE_CLASSES",
+    "Accuracy",
+    "Capability",
+    "Station",
     "ToleranceClass",
     "angle_tolerance_rad",
+    "capability_of",
     "decide",
+    "fit_limits_mm",
     "linear_tolerance_mm",
+    "promised_budget_mm",
+    "promised_mm",
     "radius_tolerance_mm",
 ]

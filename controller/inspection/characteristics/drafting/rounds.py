@@ -9,9 +9,9 @@ import numpy as np
 from controller.arrays import FloatArray
 from controller.cad import Feature, Solid
 
-from ._holes import MIN_DEPTH_MM, MIN_DIAMETER_RAD, wall_height_mm
-from ._types import Rim
-from .edges import RoundWall
+from .._types import Rim
+from ..edges import RoundWall
+from .holes import MIN_DEPTH_MM, MIN_DIAMETER_RAD, wall_height_mm
 
 MIN_ARC_RAD: Final = np.radians(60.0)  # the radius of a shorter arc is lost in its own noise
 MIN_RADIUS_MM: Final = 0.5  # where ISO 2768-1 begins

@@ -9,10 +9,10 @@ import numpy as np
 from controller.arrays import FloatArray
 from controller.cad import Crease, Solid
 
-from ._sheet import size_text
-from ._types import Rim
-from .edges import RoundWall
-from .edges.rims import are_coaxial
+from .._types import Rim
+from ..edges import RoundWall
+from ..edges.rims import are_coaxial
+from .sheet import size_text
 
 MIN_DIAMETER_RAD: Final = np.radians(190.0)  # drawings dimension arcs up to a half by their radius
 MIN_DEPTH_MM: Final = 0.5  # shallower walls are marks and letters

@@ -17,10 +17,10 @@ from controller.arrays import BoolArray, FloatArray
 from controller.cad import Solid, sample_surface
 from controller.imaging.rays import RayCaster
 
-from ._types import CharacteristicKind, EdgeLine, EdgePairGeometry, Rim
-from .edges import convex_lines, plane_rims
-from .edges.profile import Profile
-from .edges.rims import COAXIAL_COS
+from .._types import CharacteristicKind, EdgeLine, EdgePairGeometry, Rim
+from ..edges import convex_lines, plane_rims
+from ..edges.profile import Profile
+from ..edges.rims import COAXIAL_COS
 
 MIN_AREA_MM2: Final = 10.0  # letters and the ledges of small screws are smaller
 SAME_LEVEL_MM: Final = 0.02
@@ -57,6 +57,7 @@ class _Plane:
     level_mm: float
     sign: int
     area_mm2: float
+    centre_mm: FloatArray
     lines: tuple[EdgeLine, ...]
     rims: tuple[Rim, ...]
     shown: BoolArray
@@ -70,32 +71,62 @@ def plane_pairs(solid: Solid, left_out: frozenset[int]) -> list[PlanePair]:
     solid : the part
     left_out : faces of chamfers and inside holes, which are dimensioned otherwise
     """
-    lines, rims = convex_lines(solid), plane_rims(solid)
     caster = RayCaster(solid.mesh)
     opposite = _Opposites(solid, caster)
+    edges = _Edges(solid)
     found = []
     for direction, faces in _directions(solid, left_out):
         profile = Profile(solid, direction, caster)
-        planes = []
-        for i in faces:
-            face = solid.faces[i]
-            of_face = lines.get(i, ()), rims.get(i, ())
-            planes.append(
-                _Plane(
-                    face=i,
-                    level_mm=float(face.centre_mm @ direction),
-                    sign=1 if face.normal @ direction > 0 else -1,
-                    area_mm2=face.area_mm2,
-                    lines=of_face[0],
-                    rims=of_face[1],
-                    shown=profile.of_plane(*of_face),
-                )
-            )
+        planes = [edges.plane(i, direction, profile) for i in faces]
         planes.sort(key=lambda plane: (plane.level_mm, plane.face))
-        found += [
-            _pair(direction, *joined) for joined in _joined(solid, direction, planes, opposite)
-        ]
+        joined = _joined(solid, direction, planes, opposite)
+        found += [_pair(direction, *each) for each in joined]
     return found
+
+
+def between(solid: Solid, one: int, other: int) -> PlanePair | None:
+    """Return the distance between two planes, None if they are not parallel or at one level.
+
+    Parameters
+    ----------
+    solid : the part
+    one, other : their ids
+    """
+    faces = [solid.faces[i] for i in (one, other)]
+    if any(face.kind != "plane" for face in faces):
+        return None
+    direction = faces[0].normal / np.linalg.norm(faces[0].normal)
+    if abs(float(faces[1].normal @ direction)) < COAXIAL_COS:
+        return None
+    direction = direction if direction[int(np.abs(direction).argmax())] > 0 else -direction
+    profile, edges = Profile(solid, direction, RayCaster(solid.mesh)), _Edges(solid)
+    planes = [edges.plane(i, direction, profile) for i in (one, other)]
+    low, high = sorted(planes, key=lambda plane: plane.level_mm)
+    if high.level_mm - low.level_mm < MIN_DISTANCE_MM:
+        return None
+    return _pair(direction, low, high, CharacteristicKind.DISTANCE, "distance")
+
+
+class _Edges:
+    """The edges of a part by the planes that they lie in."""
+
+    def __init__(self, solid: Solid) -> None:
+        self._solid = solid
+        self._lines, self._rims = convex_lines(solid), plane_rims(solid)
+
+    def plane(self, i: int, direction: FloatArray, profile: Profile) -> _Plane:
+        face = self._solid.faces[i]
+        lines, rims = self._lines.get(i, ()), self._rims.get(i, ())
+        return _Plane(
+            face=i,
+            level_mm=float(face.centre_mm @ direction),
+            sign=1 if face.normal @ direction > 0 else -1,
+            area_mm2=face.area_mm2,
+            centre_mm=face.centre_mm,
+            lines=lines,
+            rims=rims,
+            shown=profile.of_plane(lines, rims),
+        )
 
 
 def _directions(solid: Solid, left_out: frozenset[int]) -> Iterator[tuple[FloatArray, list[int]]]:
@@ -216,5 +247,6 @@ def _pair(
         high.face,
         low.rims,
         high.rims,
+        (low.centre_mm + high.centre_mm) / 2,
     )
     return PlanePair(kind, word, high.level_mm - low.level_mm, geometry, hidden)

@@ -1,0 +1,73 @@
+"""Check whether a cell can verify what a recipe asks to be measured."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from controller.cad.compiled import CompiledPart
+from controller.config import Cell, Recipe
+from controller.inspection.characteristics import (
+    Capability,
+    Characteristic,
+    capability_of,
+    with_capability,
+)
+from controller.setup.characteristics import build_accuracy, part_characteristics, station_of
+
+UM_PER_MM: Final = 1000.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CheckedCharacteristic:
+    """A characteristic, marked where a PASS does not need it, and how well the cell verifies it."""
+
+    characteristic: Characteristic
+    capability: Capability
+
+
+def check_characteristics(
+    recipe_path: Path, recipe: Recipe, cell: Cell, part: CompiledPart
+) -> tuple[tuple[CheckedCharacteristic, ...], tuple[str, ...]]:
+    """Return what is measured of a part, and for each tolerance that is too tight a sentence.
+
+    General tolerances are never too tight: where the cell cannot verify one, its characteristic is
+    marked, and a PASS names it. A tolerance that somebody stated is meant.
+
+    Parameters
+    ----------
+    recipe_path : for messages
+    recipe, cell, part : what is asked, who measures, of what
+
+    Raises
+    ------
+    ConfigError : the recipe names what the part does not have
+    """
+    station, accuracy = station_of(cell), build_accuracy(cell.accuracy)
+    asked = part_characteristics(recipe_path, recipe, part)
+    checked = tuple(
+        CheckedCharacteristic(one, capability_of(one, station, accuracy))
+        for one in with_capability(asked, station, accuracy)
+    )
+    return checked, tuple(
+        _too_tight(each)
+        for each in checked
+        if each.characteristic.is_measured
+        and not each.characteristic.is_general
+        and not each.capability.is_capable
+    )
+
+
+def _too_tight(checked: CheckedCharacteristic) -> str:
+    one, able = checked.characteristic, checked.capability
+    limits = (
+        f"up to {one.upper_mm:g} mm"
+        if one.is_one_sided
+        else f"{one.lower_mm:g} to {one.upper_mm:g} mm"
+    )
+    least = able.min_tolerance_mm / 2
+    ask = f"{least:.2f} mm" if one.is_one_sided else f"+-{least:.2f} mm"
+    return (
+        f"{one.id}: {limits} ({one.source}) is tighter than this cell can verify: it promises "
+        f"U = {able.U_mm * UM_PER_MM:.0f} um, which allows {ask} at best; widen the tolerance, "
+        "gauge it elsewhere (`ignore: reason`), or use a camera with smaller pixels"
+    )

@@ -1,0 +1,261 @@
+"""What a recipe or a set of views asks of a part's characteristics: limits of its own, or none.
+
+An entry names characteristics as people read them in the list, or by faces, or by kind and place.
+"""
+
+import difflib
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from controller.arrays import FloatArray
+from controller.cad import Solid
+from controller.cad.compiled import CompiledPart
+
+from ._types import Characteristic, CharacteristicKind, RimGeometry, place_of
+from .derive import derive
+from .drafting import between, pair_characteristic
+from .limits import ToleranceClass, fit_limits_mm
+
+NEAR_MM: Final = 1.0  # a place that is given is meant for the axis or the edges so near to it
+SAME_SIZE: Final = 0.1  # and for a size that differs by no more than this share
+PARALLEL_COS: Final = float(np.cos(np.radians(5.0)))
+MAX_NAMED: Final = 3
+_NUMBER = re.compile(r" \(\d+\)")
+
+
+class AskedError(ValueError):
+    """An entry asks for what the part does not have, or for what makes no sense."""
+
+    def __init__(self, index: int, problem: str) -> None:
+        super().__init__(problem)
+        self.index = index
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Asked:
+    """One entry of a list of characteristics.
+
+    Attributes
+    ----------
+    name : id of a characteristic; without its number of all alike; without its kind of a feature
+    faces : ids: of a round feature, or the two planes of a distance
+    kind : what is asked for; None for whatever the name says
+    p_part_mm, axis : (3,) place and axis or direction in the CAD frame, where no name is given
+    nominal_mm : None for that of the CAD model
+    lower_mm, upper_mm : limits of the value
+    plus_mm, minus_mm : how far it may be above and below its nominal value
+    fit : class of tolerance, as ``H7``
+    is_critical : two independent looks must agree, whatever the drawing says
+    ignore : why it is left out; empty where it is not
+    source : where the entry stands, as ``recipe``
+    """
+
+    name: str = ""
+    faces: tuple[int, ...] = ()
+    kind: CharacteristicKind | None = None
+    p_part_mm: FloatArray | None = None
+    axis: FloatArray | None = None
+    nominal_mm: float | None = None
+    lower_mm: float | None = None
+    upper_mm: float | None = None
+    plus_mm: float | None = None
+    minus_mm: float | None = None
+    fit: str = ""
+    is_critical: bool = False
+    ignore: str = ""
+    source: str = "recipe"
+
+    @property
+    def has_limits(self) -> bool:
+        """Whether it states limits or a nominal value of its own."""
+        numbers = self.lower_mm, self.upper_mm, self.plus_mm, self.minus_mm, self.nominal_mm
+        return bool(self.fit) or any(number is not None for number in numbers)
+
+
+def characteristics_of(
+    part: Solid | CompiledPart,
+    tolerance_class: ToleranceClass = "m",
+    given: Sequence[Asked] | None = None,
+    changes: Sequence[Asked] = (),
+) -> tuple[Characteristic, ...]:
+    """Return what is to be measured of a part.
+
+    Parameters
+    ----------
+    part : its CAD model
+    tolerance_class : of ISO 2768-1, for all that has no limits of its own
+    given : only these are measured, in this order; None for all that follow from the CAD model
+    changes : limits of the recipe, what it leaves out, and distances that it adds
+
+    Raises
+    ------
+    AskedError : an entry names what the part does not have, or has limits that make no sense; it
+        says which by its index in `changes`, then in `given`
+    """
+    solid = part.solid if isinstance(part, CompiledPart) else part
+    known = list(derive(part, tolerance_class))
+    for i, asked in enumerate(changes):
+        for at in _found(solid, known, asked, i, tolerance_class):
+            known[at] = _changed(known[at], asked, i)
+    if given is None:
+        return _numbered(known)
+    chosen = []
+    for i, asked in enumerate(given, start=len(changes)):
+        for at in _found(solid, known, asked, i, tolerance_class):
+            one = _changed(known[at], asked, i)
+            is_new_name = asked.p_part_mm is not None and asked.name
+            chosen.append(replace(one, id=asked.name) if is_new_name else one)
+    return _numbered(chosen)
+
+
+def _numbered(characteristics: Sequence[Characteristic]) -> tuple[Characteristic, ...]:
+    return tuple(replace(c, balloon=i) for i, c in enumerate(characteristics, start=1))
+
+
+def _found(
+    solid: Solid,
+    known: list[Characteristic],
+    asked: Asked,
+    index: int,
+    tolerance_class: ToleranceClass,
+) -> list[int]:
+    """Return which of the known characteristics an entry means; a new distance is added to them."""
+    if asked.faces:
+        return _by_faces(solid, known, asked, index, tolerance_class)
+    if asked.p_part_mm is not None:
+        return [_by_place(known, asked, index)]
+    names: dict[str, list[int]] = {}
+    for at, characteristic in enumerate(known):
+        for name in _names(characteristic):
+            names.setdefault(name, []).append(at)
+    wanted = " ".join(asked.name.lower().split())
+    found = names.get(wanted, [])
+    if asked.kind is not None:
+        found = [at for at in found if known[at].kind == asked.kind]
+    if not found:
+        near = difflib.get_close_matches(wanted, names, n=MAX_NAMED, cutoff=0.4)
+        nearest = f"; nearest: {', '.join(near)}" if near else ""
+        raise AskedError(index, f"no characteristic {asked.name!r} on the part{nearest}")
+    kinds = {known[at].kind for at in found}
+    if asked.has_limits and len(kinds) > 1:
+        words = ", ".join(sorted(f"`{wanted} {kind}`" for kind in kinds))
+        raise AskedError(index, f"{asked.name!r} has several characteristics; write one of {words}")
+    return found
+
+
+def _names(characteristic: Characteristic) -> set[str]:
+    """Return what a characteristic may be called, in small letters."""
+    full = characteristic.id.lower()
+    feature = full.removesuffix(f" {characteristic.kind.value}")
+    return {full, feature, _NUMBER.sub("", full), _NUMBER.sub("", feature)}
+
+
+def _by_faces(
+    solid: Solid,
+    known: list[Characteristic],
+    asked: Asked,
+    index: int,
+    tolerance_class: ToleranceClass,
+) -> list[int]:
+    count = len(solid.faces)
+    wrong = [i for i in asked.faces if not 0 <= i < count]
+    if wrong:
+        raise AskedError(index, f"no face F{wrong[0]} on the part, which has F0 to F{count - 1}")
+    wanted = set(asked.faces)
+    found = [
+        at
+        for at, c in enumerate(known)
+        if wanted <= set(c.faces) and (asked.kind is None or c.kind == asked.kind)
+    ]
+    if found:
+        return found
+    names = " and ".join(f"F{i}" for i in asked.faces)
+    if len(asked.faces) == 2:
+        pair = between(solid, *asked.faces)
+        if pair is not None:
+            added = pair_characteristic(pair, tolerance_class)
+            if added is not None:
+                known.append(added)
+                return [len(known) - 1]
+    raise AskedError(index, f"{names}: no characteristic is of these faces, nor are they parallel")
+
+
+def _by_place(known: list[Characteristic], asked: Asked, index: int) -> int:
+    assert asked.p_part_mm is not None
+    best: tuple[float, int] | None = None
+    for at, characteristic in enumerate(known):
+        if asked.kind is not None and characteristic.kind != asked.kind:
+            continue
+        away = _distance_mm(characteristic, asked.p_part_mm, asked.axis)
+        nominal, wanted = characteristic.nominal_mm, asked.nominal_mm
+        if wanted is not None and abs(nominal - wanted) > SAME_SIZE * max(abs(nominal), 1.0):
+            continue
+        cost = away + (abs(nominal - wanted) if wanted is not None else 0.0)
+        if away <= NEAR_MM and (best is None or cost < best[0]):
+            best = cost, at
+    if best is None:
+        place = ", ".join(f"{v:.2f}" for v in asked.p_part_mm)
+        what = asked.kind.value if asked.kind is not None else "characteristic"
+        raise AskedError(index, f"no {what} within {NEAR_MM:g} mm of ({place}) on the part")
+    return best[1]
+
+
+def _distance_mm(
+    characteristic: Characteristic, p_mm: FloatArray, axis: FloatArray | None
+) -> float:
+    """Return how far a place is from a characteristic's rims' axis, or from its edges' span."""
+    geometry = characteristic.geometry
+    middle, own = place_of(geometry)
+    if axis is not None and abs(float(axis @ own)) < PARALLEL_COS * float(np.linalg.norm(axis)):
+        return float("inf")
+    if isinstance(geometry, RimGeometry):
+        points = np.array([rim.centre_mm for rim in geometry.rims])
+        offset = p_mm - middle
+        beside = float(np.linalg.norm(offset - (offset @ own) * own))
+        along, at = points @ own, float(p_mm @ own)
+        return beside + max(0.0, float(along.min()) - at, at - float(along.max()))
+    lines, rims = (*geometry.one, *geometry.other), (*geometry.one_rims, *geometry.other_rims)
+    ends = [p for line in lines for p in (line.start_mm, line.end_mm)]
+    points = np.array([middle, *ends, *(rim.centre_mm for rim in rims)])
+    low, high = points.min(axis=0), points.max(axis=0)
+    return float(np.linalg.norm(np.maximum(0.0, np.maximum(low - p_mm, p_mm - high))))
+
+
+def _changed(characteristic: Characteristic, asked: Asked, index: int) -> Characteristic:
+    if asked.ignore:
+        exempt = f"left out by the {asked.source}: {asked.ignore}"
+        return replace(characteristic, exempt=exempt, is_measured=False)
+    critical = asked.is_critical or characteristic.is_critical
+    characteristic = replace(characteristic, is_critical=critical)
+    if not asked.has_limits:
+        return characteristic
+    old = characteristic.nominal_mm
+    nominal = old if asked.nominal_mm is None else asked.nominal_mm
+    lower, upper = characteristic.lower_mm, characteristic.upper_mm
+    if not characteristic.is_one_sided:
+        lower, upper = lower + nominal - old, upper + nominal - old
+    if asked.fit:
+        try:
+            deviations = fit_limits_mm(asked.fit, nominal)
+        except ValueError as error:
+            raise AskedError(index, str(error)) from error
+        lower, upper = nominal + deviations[0], nominal + deviations[1]
+    lower = nominal - asked.minus_mm if asked.minus_mm is not None else lower
+    upper = nominal + asked.plus_mm if asked.plus_mm is not None else upper
+    lower = asked.lower_mm if asked.lower_mm is not None else lower
+    upper = asked.upper_mm if asked.upper_mm is not None else upper
+    if lower > upper:
+        raise AskedError(
+            index, f"the lower limit {lower:g} mm is above the upper one, {upper:g} mm"
+        )
+    states = asked.fit or any(
+        v is not None for v in (asked.lower_mm, asked.upper_mm, asked.plus_mm, asked.minus_mm)
+    )
+    source = f"{asked.source} {asked.fit}".strip() if states else characteristic.source
+    return replace(
+        characteristic, nominal_mm=nominal, lower_mm=lower, upper_mm=upper, source=source
+    )

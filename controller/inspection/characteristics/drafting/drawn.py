@@ -1,0 +1,111 @@
+"""Limits that a drawing states in the CAD file itself (STEP AP242), put on the characteristics.
+
+They go before general tolerances. What they name is found by its faces: a diameter by its wall, a
+distance by its two planes.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Final
+
+from controller.cad import Solid
+from controller.cad.surfaces.tolerances import Dimension, GeometricTolerance, Tolerance
+
+from .._types import Characteristic, CharacteristicKind
+from ..limits import ToleranceClass, fit_limits_mm
+from .planes import between
+from .writer import pair_characteristic
+
+SOURCE: Final = "AP242"
+SAME_SIZE_MM: Final = 0.05  # a dimension whose nominal value differs is of something else
+ROUND: Final = {
+    "diameter": CharacteristicKind.DIAMETER,
+    "radius": CharacteristicKind.RADIUS,
+}
+LINEAR: Final = frozenset(
+    {CharacteristicKind.DISTANCE, CharacteristicKind.LENGTH, CharacteristicKind.WIDTH}
+)
+
+
+def with_drawn(
+    solid: Solid,
+    characteristics: Sequence[Characteristic],
+    tolerances: Sequence[Tolerance],
+    tolerance_class: ToleranceClass,
+) -> tuple[Characteristic, ...]:
+    """Return characteristics with the limits of a drawing; its other distances are added.
+
+    Parameters
+    ----------
+    solid : the part
+    characteristics : of it, with general tolerances
+    tolerances : of its file
+    tolerance_class : for what is added and has no limits
+    """
+    found = list(characteristics)
+    for tolerance in tolerances:
+        if isinstance(tolerance, Dimension):
+            _put_dimension(solid, found, tolerance, tolerance_class)
+        elif isinstance(tolerance, GeometricTolerance) and tolerance.kind == "position":
+            _put_position(found, tolerance)
+    return tuple(replace(c, balloon=i) for i, c in enumerate(found, start=1))
+
+
+def _put_dimension(
+    solid: Solid, found: list[Characteristic], drawn: Dimension, tolerance_class: ToleranceClass
+) -> None:
+    if drawn.is_angle or not drawn.faces:
+        return
+    kind = next((kind for word, kind in ROUND.items() if word in drawn.kind), None)
+    if kind is not None:
+        mine = [
+            i
+            for i, c in enumerate(found)
+            if c.kind == kind and set(c.faces) & {*drawn.faces, *drawn.other_faces}
+        ]
+    else:
+        mine = [i for i, c in enumerate(found) if c.kind in LINEAR and _joins(c, drawn)]
+        planes = sorted({*drawn.faces, *drawn.other_faces})
+        if not mine and len(planes) == 2:
+            pair = between(solid, planes[0], planes[1])
+            added = None if pair is None else pair_characteristic(pair, tolerance_class)
+            if added is not None:
+                found.append(added)
+                mine = [len(found) - 1]
+    for i in mine:
+        if abs(found[i].nominal_mm - drawn.nominal) <= SAME_SIZE_MM:
+            found[i] = _limited(found[i], drawn)
+
+
+def _joins(characteristic: Characteristic, drawn: Dimension) -> bool:
+    """Return whether a distance is between the ends that a drawing names."""
+    ends = set(characteristic.faces)
+    if drawn.other_faces:
+        return bool(ends & set(drawn.faces)) and bool(ends & set(drawn.other_faces))
+    return ends <= set(drawn.faces)
+
+
+def _limited(characteristic: Characteristic, drawn: Dimension) -> Characteristic:
+    lower, upper = drawn.lower, drawn.upper
+    if lower is None or upper is None:
+        if not drawn.fit:
+            return replace(characteristic, nominal_mm=drawn.nominal)
+        try:
+            lower, upper = fit_limits_mm(drawn.fit, drawn.nominal)
+        except ValueError:
+            return characteristic  # a class that is not known here: the general tolerance stays
+    return replace(
+        characteristic,
+        nominal_mm=drawn.nominal,
+        lower_mm=drawn.nominal + lower,
+        upper_mm=drawn.nominal + upper,
+        source=f"{SOURCE} {drawn.fit}".strip(),
+        is_critical=True,
+    )
+
+
+def _put_position(found: list[Characteristic], drawn: GeometricTolerance) -> None:
+    """Hold axes to half the width of a zone of position."""
+    for i, c in enumerate(found):
+        if c.kind == CharacteristicKind.POSITION and set(c.faces) & set(drawn.faces):
+            found[i] = replace(c, upper_mm=drawn.value_mm / 2, source=SOURCE, is_critical=True)

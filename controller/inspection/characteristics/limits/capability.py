@@ -1,0 +1,138 @@
+"""How well a cell can measure before it has measured: what it may promise of a characteristic.
+
+The uncertainty is that of one length between two edges in one picture, from the camera, the lens,
+the depth at which the part is held, scale and temperature; each with its share, in
+docs/characteristics.md. What a measurement really is uncertain by comes with its result.
+"""
+
+from dataclasses import dataclass
+from math import hypot, sin
+from typing import Final
+
+import numpy as np
+
+from .._types import Characteristic, CharacteristicKind, RimGeometry
+from .decision import COVERAGE_FACTOR
+
+MAX_SHARE: Final = 0.30  # of the tolerance that 2 U may take: the limit of VDA 5 (S17)
+EXPANSION_PER_K: Final = 23e-6  # of aluminium, the metal in the cell that grows most
+
+
+@dataclass(frozen=True, slots=True)
+class Accuracy:
+    """What a measurement in a cell is uncertain by: standard uncertainties.
+
+    Attributes
+    ----------
+    edge_px : noise of an edge that was found, many rays together
+    light_px : which part of a real edge the light shows
+    lens_px : what calibration leaves of distortion and focal length
+    depth_mm : of the part along the line of sight, after one pose was fitted to all views
+    scale : of the calibration, as a share of a length
+    temperature_k : of the part from 20 degrees Celsius
+    """
+
+    edge_px: float
+    light_px: float
+    lens_px: float
+    depth_mm: float
+    scale: float
+    temperature_k: float
+
+
+@dataclass(frozen=True, slots=True)
+class Station:
+    """The camera at the station: pixel on the part, distance to it, width of its picture [mm]."""
+
+    mm_per_px: float
+    distance_mm: float
+    field_mm: float
+
+
+@dataclass(frozen=True, slots=True)
+class Capability:
+    """How well a cell can verify a characteristic.
+
+    Attributes
+    ----------
+    U_mm : expanded uncertainty (k = 2) that it can promise
+    share : of the tolerance that twice this takes
+    min_tolerance_mm : width of the least tolerance that it can verify
+    """
+
+    U_mm: float
+    share: float
+    min_tolerance_mm: float
+
+    @property
+    def is_capable(self) -> bool:
+        """Whether the cell can verify the tolerance."""
+        return self.share <= MAX_SHARE
+
+
+def promised_budget_mm(length_mm: float, station: Station, accuracy: Accuracy) -> dict[str, float]:
+    """Return the standard uncertainties of a length by name [mm].
+
+    Parameters
+    ----------
+    length_mm : between two edges, square to the line of sight
+    station, accuracy : of the cell
+    """
+    # what lens and light do differs more from edge to edge the further they are apart
+    apart = hypot(1.0, length_mm / station.field_mm) * station.mm_per_px
+    return {
+        "edge": accuracy.edge_px * apart,
+        "light": accuracy.light_px * apart,
+        "lens": accuracy.lens_px * apart,
+        "depth": length_mm * accuracy.depth_mm / station.distance_mm,
+        "scale": length_mm * accuracy.scale,
+        "temperature": length_mm * EXPANSION_PER_K * accuracy.temperature_k,
+    }
+
+
+def promised_mm(length_mm: float, station: Station, accuracy: Accuracy) -> float:
+    """Return the expanded uncertainty (k = 2) of a length that a cell can promise.
+
+    Parameters
+    ----------
+    length_mm : between two edges, square to the line of sight
+    station, accuracy : of the cell
+    """
+    return COVERAGE_FACTOR * hypot(*promised_budget_mm(length_mm, station, accuracy).values())
+
+
+def capability_of(
+    characteristic: Characteristic, station: Station, accuracy: Accuracy
+) -> Capability:
+    """Return how well a cell can verify a characteristic.
+
+    Parameters
+    ----------
+    characteristic : with its limits
+    station, accuracy : of the cell
+    """
+    length = characteristic.length_mm or characteristic.nominal_mm
+    U = promised_mm(length, station, accuracy) * _arc_factor(characteristic)
+    tolerance = zone_mm(characteristic)
+    smallest = 2 * U / MAX_SHARE
+    return Capability(U, 2 * U / tolerance if tolerance > 0 else np.inf, smallest)
+
+
+def zone_mm(characteristic: Characteristic) -> float:
+    """Return the width of the zone that a value may lie in: of a position, its diameter."""
+    if characteristic.kind == CharacteristicKind.POSITION:
+        return 2 * characteristic.upper_mm
+    return characteristic.tolerance_mm
+
+
+def _arc_factor(characteristic: Characteristic) -> float:
+    """Return by how much less sure a radius is than the edges of its arc.
+
+    An edge that is off by d moves the height of an arc by d, and the radius by d over 1 - cos of
+    half the arc. From a half circle on it is d itself.
+    """
+    geometry = characteristic.geometry
+    if characteristic.kind != CharacteristicKind.RADIUS or not isinstance(geometry, RimGeometry):
+        return 1.0
+    sweep = min(max((rim.sweep_rad for rim in geometry.rims), default=np.pi), np.pi)
+    return float(1.0 / (2 * sin(sweep / 4) ** 2))

@@ -1,0 +1,148 @@
+"""What a cell may promise, against a published budget; and what it leaves of a PASS."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import hypot, radians
+
+import pytest
+from cad_solids import Body, box, rod, solid_of
+
+from controller.config import load_cell
+from controller.config.cell import AccuracySection
+from controller.config.shipped import EMULATED_CELL
+from controller.inspection import Verdict
+from controller.inspection.characteristics import (
+    Characteristic,
+    Measured,
+    RimGeometry,
+    Station,
+    capability_of,
+    derive,
+    standing_of,
+    verdict_of,
+    with_capability,
+)
+from controller.inspection.characteristics.limits import promised_budget_mm, promised_mm
+from controller.setup.characteristics import build_accuracy, station_of
+
+# 5 megapixels, 100 mm wide at 400 mm: the camera of the budget that the promise was set by
+FINE = Station(mm_per_px=0.0408, distance_mm=400.0, field_mm=100.0)
+DEPTH_MM = 0.05
+ACCURACY = build_accuracy(AccuracySection(depth_mm=DEPTH_MM))
+COARSE = Station(mm_per_px=0.1875, distance_mm=700.0, field_mm=240.0)
+
+
+@pytest.mark.parametrize(
+    ("length_mm", "published_um"),
+    [(20, (2.0, 4.7, 4.0, 2.5, 1.0, 2.3)), (100, (2.8, 6.7, 5.7, 12.5, 5.0, 11.5))],
+)
+def test_the_budget_is_the_published_one(length_mm: float, published_um: tuple[float, ...]) -> None:
+    """To 5 %: the published figures are rounded, and so are those they follow from."""
+    budget = promised_budget_mm(length_mm, FINE, ACCURACY)
+    assert [1000 * v for v in budget.values()] == pytest.approx(published_um, rel=0.05)
+    total = hypot(*published_um)
+    assert 1000 * promised_mm(length_mm, FINE, ACCURACY) == pytest.approx(2 * total, rel=0.03)
+
+
+def test_the_emulated_cells_pixel_is_a_fifth_of_a_millimetre() -> None:
+    station = station_of(load_cell(EMULATED_CELL))
+    assert station.mm_per_px == pytest.approx(0.1875, abs=1e-4)
+    assert station.distance_mm == pytest.approx(700)
+
+
+def part(*diameters_mm: float) -> tuple[Characteristic, ...]:
+    body: Body = box(90, 60, 8)
+    for i, diameter in enumerate(diameters_mm):
+        body = body - rod(diameter / 2, 20, 128).translate((25.0 * i - 25, 0, 0))
+    return derive(solid_of(body))
+
+
+def one(kind: str, *diameters_mm: float) -> Characteristic:
+    return next(c for c in part(*diameters_mm) if kind in c.id)
+
+
+def test_smaller_pixels_make_a_tolerance_capable() -> None:
+    diameter = one("hole 5 mm diameter", 5)  # +-0.1
+    assert not capability_of(diameter, COARSE, ACCURACY).is_capable
+    fine = capability_of(diameter, FINE, ACCURACY)
+    assert fine.is_capable
+    assert fine.share == pytest.approx(2 * fine.U_mm / 0.2)
+    least = replace(
+        diameter,
+        lower_mm=5 - fine.min_tolerance_mm / 2,
+        upper_mm=5 + fine.min_tolerance_mm / 2,
+    )
+    assert capability_of(least, FINE, ACCURACY).share == pytest.approx(0.3)
+
+
+def test_a_position_has_a_zone_as_wide_as_its_diameter() -> None:
+    position = one("hole 5 mm position", 5)
+    U = capability_of(position, FINE, ACCURACY).U_mm
+    assert capability_of(position, FINE, ACCURACY).share == pytest.approx(
+        2 * U / (2 * position.upper_mm)
+    )
+    assert pytest.approx(promised_mm(position.length_mm, FINE, ACCURACY)) == U
+
+
+def test_a_short_arc_is_less_sure_than_a_long_one() -> None:
+    diameter = one("hole 20 mm diameter", 20)
+    assert isinstance(diameter.geometry, RimGeometry)
+    U = {}
+    for sweep_deg in (60, 90, 180, 270):
+        rim = replace(diameter.geometry.rims[0], sweep_rad=radians(sweep_deg))
+        radius = replace(diameter, kind=type(diameter.kind)("radius"), geometry=RimGeometry((rim,)))
+        U[sweep_deg] = capability_of(radius, FINE, ACCURACY).U_mm
+    assert U[180] == U[270] == pytest.approx(capability_of(diameter, FINE, ACCURACY).U_mm)
+    assert U[90] / U[180] == pytest.approx(1 / (1 - 0.5**0.5))  # sagitta of a quarter
+    assert U[60] > U[90]
+
+
+def test_only_general_tolerances_are_marked() -> None:
+    diameter = one("hole 5 mm diameter", 5)
+    stated = replace(diameter, source="recipe")
+    marked, kept = with_capability([diameter, stated], COARSE, ACCURACY)
+    assert "30%" in marked.exempt
+    assert marked.is_measured
+    assert kept.exempt == ""
+
+
+def measured(
+    asked: Characteristic, value: float | None, U: float | None = 0.06, reason: str = ""
+) -> Measured:
+    if value is None:
+        return Measured(asked, None, None, Verdict.NOT_EVALUATED, (), reason)
+    assert U is not None
+    return Measured(asked, value, U, verdict_of(asked, value, U), ("v0",), reason)
+
+
+def test_what_a_pass_needs() -> None:
+    """5 mm +-0.1 with U = 0.06: proven within 0.05, wrong beyond 0.15."""
+    needed = one("hole 5 mm diameter", 5)
+    weak = replace(needed, exempt="the cell promises U = 61 um")
+    hidden = replace(needed, exempt="no picture shows it", is_measured=False)
+    for asked, value, verdict, says in (
+        (needed, 5.04, Verdict.PASS, 0),
+        (needed, 5.08, Verdict.INDETERMINATE, 0),
+        (needed, 5.16, Verdict.FAIL, 0),
+        (needed, None, Verdict.INDETERMINATE, 0),
+        (weak, 5.04, Verdict.PASS, 0),  # proven all the same
+        (weak, 5.08, Verdict.PASS, 1),  # within its limits, and not proven
+        (weak, 5.12, Verdict.INDETERMINATE, 0),  # more likely wrong than right
+        (weak, 5.16, Verdict.FAIL, 0),
+        (weak, None, Verdict.INDETERMINATE, 0),  # a filled hole has no rim
+        (hidden, None, Verdict.PASS, 1),
+    ):
+        standing = standing_of([measured(asked, value)])
+        assert (standing.verdict, len(standing.unproven)) == (verdict, says), (asked.exempt, value)
+        assert bool(standing.reasons) == (verdict is not Verdict.PASS)
+
+
+def test_the_worst_of_all_counts() -> None:
+    asked = one("hole 5 mm diameter", 5)
+    all_of_them = [measured(asked, value) for value in (5.0, 5.08, 5.2)]
+    assert standing_of(all_of_them).verdict is Verdict.FAIL
+    assert "5.200 mm" in standing_of(all_of_them).reasons[0]
+    assert standing_of(all_of_them[:2]).verdict is Verdict.INDETERMINATE
+    assert standing_of(all_of_them[:1]).verdict is Verdict.PASS
+    assert standing_of([]).verdict is Verdict.PASS
