@@ -6,6 +6,7 @@ Writes into each FOLDER, specimen by specimen in turn, so that others may read w
     sNNNN/SET.json          what `cellctl inspect` reads: camera, lamps, views, pictures
     sNNNN/vNN_LAMP.png      1280 x 1024, 8 bit
     parts/NAME.stl          CAD models of parts drawn here; others are read from where they are
+    sNNNN/golden/*.png      with --golden: the perfect part where it is expected, for rivals
     truth.json              for each specimen what it is, what is wrong with it and where, its true
                             poses, diameters and ends of holes, which views show the defect
 A folder begun earlier is continued: what truth.json lists is kept. Specimen N of a folder depends
@@ -117,6 +118,7 @@ ARM_MM, ARM_DEG = 0.1, 0.1  # of a view
 PRIOR_MM, PRIOR_DEG = 1.5, 1.7
 MIN_SHOWN_PX = 12  # a view with fewer changed pixels does not show a defect
 MAX_TRIES = 25
+GOLDEN_LAMPS = ("backlight", "ring")
 
 
 def draw_sight(rng: np.random.Generator) -> Sight:
@@ -236,6 +238,9 @@ def plain_look(**material: float) -> Look:
     return Look(material, flat + 1, flat)
 
 
+HAND_LOOK = plain_look(metal=0.5, alpha=0.35, specular=0.35, diffuse=0.2)
+
+
 def draw_part(rng: np.random.Generator, *, held_out: bool) -> HeldPart:
     if rng.random() < FROM_FILE:
         files = FILES[held_out]
@@ -313,12 +318,11 @@ class Specimen:
     def things(self, view: View, body: Body | None = None) -> list[Thing]:
         """Return what stands before the camera, the part first."""
         grasp: Grasp = self.grasps[view.grasp]
-        metal = plain_look(metal=0.5, alpha=0.35, specular=0.35, diffuse=0.2)
         triangles = moved(triangles_of(body or self.built.body), self.built)
         stain = None if body is not None else self.built.stain
         out = [Thing(triangles, view.T, self.look, stain=stain)]
         for box in grasp.boxes:
-            out.append(Thing(box.triangles_mm(), view.T @ box.T, metal, is_smooth=False))
+            out.append(Thing(box.triangles_mm(), view.T @ box.T, HAND_LOOK, is_smooth=False))
         if self.dust[1]:
             grey = plain_look(metal=0.05, alpha=0.5, specular=0.3, diffuse=0.4)
             out.append(Thing(self.dust[0], view.T, grey, is_smooth=False))
@@ -353,6 +357,41 @@ class Specimen:
             self.trap = {"views": self.hidden}
         return pictures, shows
 
+    def expected(self) -> list[tuple[Array, list[Array]]]:
+        """Return where the cell believes part and gripper's boxes are, view by view."""
+        rng = np.random.default_rng([self.seed, 2])
+        middle = self.body.bounding_box.centroid
+        slips = [disturbed(np.eye(4), middle, SLIP_MM, SLIP_DEG, rng) for _ in self.grasps]
+        out = []
+        for view in self.views:
+            pivot = view.T[:3, :3] @ middle + view.T[:3, 3]
+            T = disturbed(view.T @ slips[view.grasp], pivot, ARM_MM, ARM_DEG, rng)
+            arm = disturbed(np.eye(4), pivot, ARM_MM, ARM_DEG, rng)
+            out.append((T, [arm @ view.T @ box.T for box in self.grasps[view.grasp].boxes]))
+        return out
+
+    def trace_golden(self, gains: Words) -> list[dict[str, NDArray[np.uint8]]]:
+        """Return pictures of the perfect part of the same material where it is expected."""
+        triangles = triangles_of(self.part.build())
+        flat = np.zeros((8, 8), np.float32)
+        look = Look(self.look.material, flat + 1, flat)
+        rng = np.random.default_rng([self.seed, 3])
+        out = []
+        for number, (T, boxes) in enumerate(self.expected()):
+            things = [Thing(triangles, T, look)]
+            held_by = self.grasps[self.views[number].grasp].boxes
+            for box, at in zip(held_by, boxes, strict=True):
+                things.append(Thing(box.triangles_mm(), at, HAND_LOOK, is_smooth=False))
+            seed = self.seed * 100 + 50 + number
+            seen = trace_view(self.sight, things, self.station, GOLDEN_LAMPS, seed, is_coarse=True)
+            out.append(
+                {
+                    k: develop(light, gains[k], self.sensor, rng)
+                    for k, light in seen.radiance.items()
+                }
+            )
+        return out
+
     def _world(self) -> Array:
         """Return the pose of the station in the set's world."""
         T = np.eye(4)
@@ -363,15 +402,11 @@ class Specimen:
 
     def set_words(self, part: str) -> Words:
         """Return SET.json: what the cell believes."""
-        T_world, rng = self._world(), np.random.default_rng([self.seed, 2])
+        T_world = self._world()
         ring, side = self.station["ring"], self.station["side"]
-        middle = self.body.bounding_box.centroid
-        slips = [disturbed(np.eye(4), middle, SLIP_MM, SLIP_DEG, rng) for _ in self.grasps]
         views = []
-        for number, view in enumerate(self.views):
-            pivot = view.T[:3, :3] @ middle + view.T[:3, 3]
-            T = disturbed(view.T @ slips[view.grasp], pivot, ARM_MM, ARM_DEG, rng)
-            arm = disturbed(np.eye(4), pivot, ARM_MM, ARM_DEG, rng)
+        for number, (T, boxes) in enumerate(self.expected()):
+            halves = [box.half_mm for box in self.grasps[self.views[number].grasp].boxes]
             views.append(
                 {
                     "id": f"v{number:02d}",
@@ -379,13 +414,12 @@ class Specimen:
                     "prior_mm": PRIOR_MM,
                     "prior_deg": PRIOR_DEG,
                     "gripper_boxes": [
-                        {"T": rounded(T_world @ arm @ view.T @ box.T),
-                         "half_mm": np.round(box.half_mm, 4).tolist()}
-                        for box in self.grasps[view.grasp].boxes
+                        {"T": rounded(T_world @ box), "half_mm": np.round(half, 4).tolist()}
+                        for box, half in zip(boxes, halves, strict=True)
                     ],
                     "pictures": {lamp: f"v{number:02d}_{lamp}.png" for lamp in LAMPS},
                 }
-            )  # fmt: skip
+            )
 
         def at(p: Sequence[float]) -> list[float]:
             point: list[float] = np.round(
@@ -554,6 +588,26 @@ class Folder:
         print(f"{self.path.name} {self.name(number)} {kind:16} {specimen.part.name:18} "
               f"{specimen.material['kind']:9} {seconds:5.1f} s  {seen}", flush=True)  # fmt: skip
 
+    def add_golden(self) -> bool:
+        """Add golden views to the first specimen without; return False where all have them."""
+        for words in self.truth["specimens"]:
+            folder = self.path / words["specimen"] / "golden"
+            if folder.exists():
+                continue
+            start = time.perf_counter()
+            specimen = Specimen(words["seed"], words["cls"], words["kind"])
+            views = specimen.trace_golden(words["gains"])
+            partial = folder.with_suffix(".partial")
+            partial.mkdir(exist_ok=True)
+            for view, lamps in enumerate(views):
+                for lamp, picture in lamps.items():
+                    cv2.imwrite(str(partial / f"v{view:02d}_{lamp}.png"), picture)
+            partial.rename(folder)
+            seconds = time.perf_counter() - start
+            print(f"{self.path.name} {words['specimen']} golden {seconds:5.1f} s", flush=True)
+            return True
+        return False
+
     def _cad(self, part: HeldPart, folder: Path) -> str:
         if part.path is not None:
             return os.path.relpath(part.path, folder)
@@ -563,12 +617,18 @@ class Folder:
         return os.path.relpath(path, folder)
 
 
+def is_late(until: str | None) -> bool:
+    now = datetime.datetime.now().astimezone().strftime("%H:%M")
+    return until is not None and now >= until
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Parse, trace, and turn an error into one sentence."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folders", nargs="+", metavar="FOLDER=SEED", help="filled in turn")
     parser.add_argument("--count", type=int, default=12, help="specimens a folder")
     parser.add_argument("--until", help="HH:MM; no specimen is begun later")
+    parser.add_argument("--golden", action="store_true", help="add golden views, for rivals")
     args = parser.parse_args(argv)
     cv2.setNumThreads(1)
     try:
@@ -577,14 +637,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         for word in args.folders:
             path, _, seed = word.rpartition("=")
             folders.append(Folder(Path(path), int(seed)))
-        while any(f.next_number() < args.count for f in folders):
-            for folder in sorted(folders, key=Folder.next_number):
-                now = datetime.datetime.now().astimezone().strftime("%H:%M")
-                if args.until and now >= args.until:
-                    return 0
-                number = folder.next_number()
-                if number < args.count:
-                    folder.add(number)
+        while any(f.next_number() < args.count for f in folders) and not is_late(args.until):
+            folder = min(folders, key=Folder.next_number)
+            folder.add(folder.next_number())
+        while args.golden and not is_late(args.until):
+            added = [folder.add_golden() for folder in folders]
+            if not any(added):
                 break
     except (NoTracerError, NoHoldError, CadError, OSError, ValueError) as error:
         print(f"trace_held: {error}", file=sys.stderr)

@@ -32,6 +32,7 @@ TILE_CELLS = 512
 MAX_BOUNCES = 5
 INSIDE, AT_EDGE = 9, 36  # rays a pixel under a lamp
 INSIDE_DARK, AT_EDGE_DARK = 4, 49  # before the panel
+COARSE = 4, 16  # for pictures that nobody measures in
 BRIGHTEST = 8.0  # of one ray: rare ones brighter still would be white dots
 EVEN_PX = 3.0
 CREASE_RAD = np.radians(32.0)  # flatter than this, facets are of one round surface
@@ -106,7 +107,13 @@ class Seen:
 
 
 def trace_view(
-    sight: Sight, things: Sequence[Thing], station: Words, lamps: Sequence[str], seed: int
+    sight: Sight,
+    things: Sequence[Thing],
+    station: Words,
+    lamps: Sequence[str],
+    seed: int,
+    *,
+    is_coarse: bool = False,
 ) -> Seen:
     """Return the radiance under each lamp, panel = 1 where it glows.
 
@@ -117,6 +124,7 @@ def trace_view(
     station : lamps and panel as in truth.json
     lamps : which to light, one at a time
     seed : of the rays
+    is_coarse : with fewer of them
     """
     mi = tracer()
     rng = np.random.default_rng(seed)
@@ -143,10 +151,8 @@ def trace_view(
         inside = np.flatnonzero((~edges & (label >= 0)).ravel())
         at_edge = np.flatnonzero(edges.ravel())
         flat = picture.ravel()
-        for pixels, spp in (
-            (inside, INSIDE_DARK if dark else INSIDE),
-            (at_edge, AT_EDGE_DARK if dark else AT_EDGE),
-        ):
+        rays = (INSIDE_DARK, AT_EDGE_DARK) if dark else (INSIDE, AT_EDGE)
+        for pixels, spp in zip((inside, at_edge), COARSE if is_coarse else rays, strict=True):
             direct, bounced, cover = _trace(scene, eye, pixels, spp, rng)
             if pixels is inside:
                 bounced = _evened(bounced, inside, ~edges & (label >= 0))

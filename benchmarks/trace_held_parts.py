@@ -311,12 +311,13 @@ def bracket(rng: np.random.Generator) -> tuple[list[Step], list[Hole]]:
     ]
     d = _half(rng, 6, 9)
     q = wide / 2 - _half(rng, 8, 10)
+    beside = max(q - 4, off + r / 2 + d / 2 + 1)  # the rib
     holes = [
         _through("hole_1", (long - 10, -q, t), (long - 10, -q, 0), d),
         _through("hole_2", (long - 10, q, t), (long - 10, q, 0), d),
         _through("hole_3", (t + 14, -q, t), (t + 14, -q, 0), _half(rng, 4, 6)),
         _through("hole_4", (t, -q + 1, high - 12), (0, -q + 1, high - 12), _half(rng, 8, 12)),
-        _through("hole_5", (t, q - 4, high * 0.48), (0, q - 4, high * 0.48), d),
+        _through("hole_5", (t, beside, high * 0.48), (0, beside, high * 0.48), d),
     ]
     return steps, holes
 
@@ -399,11 +400,12 @@ def fork(rng: np.random.Generator) -> tuple[list[Step], list[Hole]]:
     z = t + high - 16
     d = _half(rng, 9, 13)
     small = _half(rng, 5.5, 7.5)
+    left = min(-long / 2 + 8, x0 - width / 2 - small / 2 - 1)
     holes = [
         _through("cross_1", (x0, -y, z), (x0, -y + cheek, z), d),
         _through("cross_2", (x0, y, z), (x0, y - cheek, z), d),
-        _through("hole_1", (-long / 2 + 8, -y + 9, t), (-long / 2 + 8, -y + 9, 0), small),
-        _through("hole_2", (-long / 2 + 8, y - 9, t), (-long / 2 + 8, y - 9, 0), small),
+        _through("hole_1", (left, -y + 9, t), (left, -y + 9, 0), small),
+        _through("hole_2", (left, y - 9, t), (left, y - 9, 0), small),
         _through("hole_3", (long / 2 - 9, 3, t), (long / 2 - 9, 3, 0), small + 2),
     ]
     return steps, holes
