@@ -66,7 +66,7 @@ def measure_edges(
     picture: Grey,
     origins_px: FloatArray,
     directions: FloatArray,
-    reach_px: float,
+    reach_px: float | FloatArray,
     noise: float = 0.5,
     rising: FloatArray | None = None,
 ) -> EdgeFits:
@@ -77,7 +77,7 @@ def measure_edges(
     picture : (height, width)
     origins_px : (n, 2) where the steps are expected, x before y
     directions : (n, 2) unit, square to the edge
-    reach_px : how far from there they are looked for, to both sides
+    reach_px : how far from there they are looked for, to both sides; one, or one a ray (n,)
     noise : rms of a pixel [grey], at least that of rounding is taken
     rising : (n,) 1 where it must get brighter along the ray, -1 darker, 0 either; None for either
     """
@@ -86,17 +86,18 @@ def measure_edges(
         nothing = np.zeros(0)
         return EdgeFits(nothing, nothing, nothing, nothing, nothing, nothing, nothing)
     half = round(FIT_PX / STEP_PX)
-    steps = half + int(np.ceil(reach_px / STEP_PX))
+    reach = np.broadcast_to(np.asarray(reach_px, np.float64), count)
+    steps = half + int(np.ceil(reach.max() / STEP_PX))
     offsets = np.arange(-steps, steps + 1, dtype=np.float64) * STEP_PX
     profiles, is_inside = sample_rays(picture, origins_px, directions, offsets)
-    start = _strongest(profiles, reach_px, rising)
+    start = _strongest(profiles, reach, rising)
     # the fitted window is cut out about the start, so that all rays have equally many samples
     columns = start[:, None] + np.arange(-half, half + 1)
     values = np.take_along_axis(profiles, columns, axis=1)
     fits = _fit(values, offsets[steps - half : steps + half + 1], noise)
     offset = offsets[start] + fits.offset_px
     good = np.take_along_axis(is_inside, columns, axis=1).all(axis=1) & fits.is_found
-    good &= np.abs(offset) <= reach_px
+    good &= np.abs(offset) <= reach
     if rising is not None:
         good &= fits.contrast * rising >= 0
     return replace(fits, offset_px=np.where(good, offset, np.nan))
@@ -141,14 +142,14 @@ def blur_shift_px(width_px: FloatArray | float, curvature: FloatArray | float) -
     return np.asarray(0.5 * np.square(width_px) * curvature, dtype=np.float64)
 
 
-def _strongest(profiles: FloatArray, reach_px: float, rising: FloatArray | None) -> IndexArray:
+def _strongest(profiles: FloatArray, reach_px: FloatArray, rising: FloatArray | None) -> IndexArray:
     """Return per ray the sample (n,) where it is steepest, near ones preferred."""
     slope = profiles[:, 2 * SPAN :] - profiles[:, : -2 * SPAN]
     steps = profiles.shape[1] // 2
     place = STEP_PX * np.abs(np.arange(-steps + SPAN, steps - SPAN + 1))
-    worth = 1.0 - FAR * place / max(reach_px, 1.0)
+    worth = 1.0 - FAR * place / np.maximum(reach_px, 1.0)[:, None]
     # a step is looked for within the reach; what lies beyond is there to be fitted
-    worth = np.where(place <= reach_px, worth, 0.0)
+    worth = np.where(place <= reach_px[:, None], worth, 0.0)
     size = np.abs(slope)
     if rising is not None:
         size = np.where(rising[:, None] * slope < 0, 0.0, size)

@@ -1,0 +1,165 @@
+"""Edges of a part as curves in space: where rays begin, and which way they are counted."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.arrays import FloatArray
+from controller.cad import Solid
+
+from ..characteristics import EdgeLine, Rim
+
+SPACING_PX: Final = 0.5  # between rays; nearer ones see the same pixels
+MAX_RAYS: Final = 160
+MIN_RAYS: Final = 16
+CORNER_PX: Final = 5.0  # rays nearer to a corner see what is round it
+NEIGHBOUR: Final = 0.02  # step along a curve for its tangent and bend, of its length
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Curve:
+    """Points of one edge, CAD frame.
+
+    Attributes
+    ----------
+    before_mm, points_mm, after_mm : (n, 3) points, and others a little way back and on
+    shift : (n, 3) unit, the way an offset is counted
+    out : (n, 3) unit, out of the material
+    design : (n, p, 3) how a point moves with each unknown of the feature [mm]
+    facet_mm : how far the mesh may be from the curve
+    outward : 1 where the shift leads out of the material, -1 into it
+    """
+
+    before_mm: FloatArray
+    points_mm: FloatArray
+    after_mm: FloatArray
+    shift: FloatArray
+    out: FloatArray
+    design: FloatArray
+    facet_mm: float
+    outward: float
+
+
+def rim_curve(
+    solid: Solid,
+    rim: Rim,
+    directions: tuple[FloatArray, FloatArray],
+    pixel_mm: float,
+    moved_mm: FloatArray,
+    chord_mm: float,
+) -> Curve:
+    """Return a rim's points; unknowns are its place along two directions, and its radius.
+
+    Parameters
+    ----------
+    solid : the part
+    rim : nominal
+    directions : (3,) each, `rim_directions`, the same for all rims of a feature
+    pixel_mm : size of a pixel there
+    moved_mm : (3,) how far it is from its nominal place along them, and its radius
+    chord_mm : see `facet_mm`
+    """
+    first, second = directions
+    centre = rim.centre_mm + moved_mm[0] * first + moved_mm[1] * second
+    radius = rim.radius_mm + float(moved_mm[2])
+    is_closed = rim.sweep_rad > 2 * np.pi - 1e-3
+    length_px = rim.radius_mm * rim.sweep_rad / pixel_mm
+    count = int(np.clip(length_px / SPACING_PX, MIN_RAYS, MAX_RAYS))
+    side = np.cross(rim.axis, rim.start)
+    if is_closed:
+        angle = np.arange(count, dtype=np.float64) * (rim.sweep_rad / count)
+    else:
+        corner = min(CORNER_PX * pixel_mm / radius, 0.25 * rim.sweep_rad)
+        angle = np.linspace(corner, rim.sweep_rad - corner, count)
+
+    def radial(at: NDArray[np.floating]) -> FloatArray:
+        return np.asarray(np.cos(at)[:, None] * rim.start + np.sin(at)[:, None] * side, np.float64)
+
+    out_radial = radial(angle)
+    normal = solid.faces[rim.beyond].normal
+    if abs(float(normal @ rim.axis)) < 0.5:
+        normal = rim.axis
+    out = (-out_radial if rim.is_hole else out_radial) + normal
+    design = np.stack(
+        [np.broadcast_to(first, out.shape), np.broadcast_to(second, out.shape), out_radial], axis=1
+    )
+    return Curve(
+        before_mm=centre + radius * radial(angle - NEIGHBOUR),
+        points_mm=centre + radius * out_radial,
+        after_mm=centre + radius * radial(angle + NEIGHBOUR),
+        shift=out_radial,
+        out=out / np.linalg.norm(out, axis=1, keepdims=True),
+        design=design,
+        facet_mm=chord_mm,
+        outward=-1.0 if rim.is_hole else 1.0,
+    )
+
+
+def rim_directions(axis: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return two unit directions (3,), square to an axis and to each other."""
+    helper = np.eye(3)[int(np.argmin(np.abs(axis)))]
+    first = np.cross(axis, helper)
+    first /= np.linalg.norm(first)
+    return first, np.cross(axis, first)
+
+
+def line_curve(
+    solid: Solid, line: EdgeLine, direction: FloatArray, pixel_mm: float, moved_mm: float
+) -> Curve:
+    """Return a straight edge's points; unknowns are its shift along a direction, and its slope.
+
+    Parameters
+    ----------
+    solid : the part
+    line : nominal
+    direction : (3,) unit, square to it
+    pixel_mm : size of a pixel there
+    moved_mm : how far it is from its nominal place, along the direction
+    """
+    along = line.end_mm - line.start_mm
+    length = float(np.linalg.norm(along))
+    along = along / max(length, 1e-9)
+    corner = min(CORNER_PX * pixel_mm, 0.3 * length)
+    count = int(np.clip((length - 2 * corner) / pixel_mm / SPACING_PX, MIN_RAYS, MAX_RAYS))
+    place = np.linspace(corner - 0.5 * length, 0.5 * length - corner, count)
+    middle = 0.5 * (line.start_mm + line.end_mm) + moved_mm * direction
+    points = middle + place[:, None] * along
+    out: FloatArray = np.sum([solid.faces[face].normal for face in line.faces], axis=0)
+    size = float(np.linalg.norm(out))
+    out = out / size if size > 0.1 else direction
+    shift = np.broadcast_to(direction, points.shape)
+    slope = (2.0 * place / length)[:, None] * direction
+    step = NEIGHBOUR * length * along
+    return Curve(
+        before_mm=points - step,
+        points_mm=points,
+        after_mm=points + step,
+        shift=shift,
+        out=np.broadcast_to(out, points.shape),
+        design=np.stack([shift, slope], axis=1),
+        facet_mm=0.0,
+        outward=_outward(solid, line, direction),
+    )
+
+
+def _outward(solid: Solid, line: EdgeLine, direction: FloatArray) -> float:
+    """Return 1 where a shift moves the edge's own face out of the material, else -1."""
+    along = [float(solid.faces[face].normal @ direction) for face in line.faces]
+    return 1.0 if max(along, key=abs) > 0 else -1.0
+
+
+def facet_mm(solid: Solid, rim: Rim) -> float:
+    """Return how far the chords of a wall's mesh lie inside the circle of its rim."""
+    triangles = np.asarray(solid.mesh.faces)[solid.face_of_triangle == rim.wall]
+    vertices = np.asarray(solid.mesh.vertices)[np.unique(triangles)] - rim.centre_mm
+    height = vertices @ rim.axis
+    near = vertices[np.abs(height) < 0.05]
+    side = np.cross(rim.axis, rim.start)
+    angle = np.sort(np.arctan2(near @ side, near @ rim.start))
+    if len(angle) < 3:
+        return 0.0
+    gaps = np.diff(angle)
+    gap = float(np.median(gaps[gaps > 1e-4])) if (gaps > 1e-4).any() else 0.0
+    return float(rim.radius_mm * (1.0 - np.cos(0.5 * gap)))

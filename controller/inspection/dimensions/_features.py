@@ -1,0 +1,142 @@
+"""What is fitted in a picture: a hole or boss by its rims, a face by its straight edges."""
+
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+
+from controller.arrays import BoolArray, FloatArray
+from controller.cad import Solid
+
+from ..characteristics import EdgeLine, Rim
+from ._curves import Curve, facet_mm, line_curve, rim_curve, rim_directions
+from ._rays import Rays
+
+NO_POINTS: Final = np.zeros((0, 2))
+
+
+@dataclass(eq=False)
+class RimFeature:
+    """A hole or a boss; unknowns: its place along `rim_directions` of its axis, and its radius.
+
+    Attributes
+    ----------
+    rims : arcs of the same radius on the same axis
+    """
+
+    rims: tuple[Rim, ...]
+    _chords_mm: tuple[float, ...] = ()
+
+    @property
+    def unknown_count(self) -> int:
+        """Of the whole feature."""
+        return 3
+
+    def curves(self, solid: Solid, pixel_mm: float, moved_mm: FloatArray) -> list[Curve]:
+        """Return its edges, moved as far as is known by now.
+
+        Parameters
+        ----------
+        solid : the part
+        pixel_mm : size of a pixel there
+        moved_mm : (3,) the unknowns
+        """
+        if not self._chords_mm:
+            self._chords_mm = tuple(facet_mm(solid, rim) for rim in self.rims)
+        directions = rim_directions(self.rims[0].axis)
+        return [
+            rim_curve(solid, rim, directions, pixel_mm, moved_mm, chord)
+            for rim, chord in zip(self.rims, self._chords_mm, strict=True)
+        ]
+
+    def design(self, rays: Rays, curve: FloatArray) -> FloatArray:
+        """Return how offsets (n, 3) grow with the unknowns; `curve` (n,) counts from its first."""
+        return rays.design[:, :3]
+
+    @property
+    def middle_mm(self) -> FloatArray:
+        """(3,) CAD frame."""
+        return np.asarray(self.rims[0].centre_mm)
+
+
+@dataclass(frozen=True, eq=False)
+class FaceFeature:
+    """A plane face by its edges; unknowns: its shift, then the slope of each edge.
+
+    Attributes
+    ----------
+    lines : edges that lie on it
+    directions : (k, 3) unit, the way each is shifted
+    """
+
+    lines: tuple[EdgeLine, ...]
+    directions: FloatArray
+
+    @property
+    def unknown_count(self) -> int:
+        """Of the whole feature."""
+        return 1 + len(self.lines)
+
+    def curves(self, solid: Solid, pixel_mm: float, moved_mm: FloatArray) -> list[Curve]:
+        """Return its edges, moved as far as is known by now.
+
+        Parameters
+        ----------
+        solid : the part
+        pixel_mm : size of a pixel there
+        moved_mm : (p,) the unknowns; slopes stay nominal, they are small
+        """
+        return [
+            line_curve(solid, line, direction, pixel_mm, float(moved_mm[0]))
+            for line, direction in zip(self.lines, self.directions, strict=True)
+        ]
+
+    def design(self, rays: Rays, curve: FloatArray) -> FloatArray:
+        """Return how offsets (n, p) grow with the unknowns; `curve` (n,) counts from its first."""
+        out = np.zeros((len(rays.pixels), self.unknown_count))
+        out[:, 0] = rays.design[:, 0]
+        out[np.arange(len(out)), 1 + curve.astype(np.intp)] = rays.design[:, 1]
+        return out
+
+    @property
+    def middle_mm(self) -> FloatArray:
+        """(3,) CAD frame."""
+        return np.asarray(0.5 * (self.lines[0].start_mm + self.lines[0].end_mm))
+
+
+Feature = RimFeature | FaceFeature
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class FeatureFit:
+    """What one picture shows of a feature.
+
+    Attributes
+    ----------
+    reason : why it does not count; empty where it does
+    values_mm : (p,) unknowns, from nominal
+    noise : (p, p) covariance from the scatter of the edge points [mm²]
+    pose : (p, 6) how they grow with an error of the part's position and rotation
+    edge : (p, k) standard uncertainties by light that moves edges, one of k ways each
+    wall, blur, facets : (p,) the same by walls seen flat, by what blur does to a round edge, and by
+        a mesh that may be meant to be round
+    points_px, accepted : (n, 2), (n,) edge points
+    shape_px : (k, 2) fitted shape
+    form_mm, form_u_mm : peak to valley of its edges about the shape, and the standard uncertainty
+    share : of the rays that were predicted
+    """
+
+    reason: str
+    values_mm: FloatArray = field(default_factory=lambda: np.zeros(0))
+    noise: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+    pose: FloatArray = field(default_factory=lambda: np.zeros((0, 6)))
+    edge: FloatArray = field(default_factory=lambda: np.zeros((0, 1)))
+    wall: FloatArray = field(default_factory=lambda: np.zeros(0))
+    blur: FloatArray = field(default_factory=lambda: np.zeros(0))
+    facets: FloatArray = field(default_factory=lambda: np.zeros(0))
+    points_px: FloatArray = field(default_factory=lambda: NO_POINTS)
+    accepted: BoolArray = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
+    shape_px: FloatArray = field(default_factory=lambda: NO_POINTS)
+    form_mm: float = 0.0
+    form_u_mm: float = float("inf")
+    share: float = 0.0

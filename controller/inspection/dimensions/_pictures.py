@@ -1,0 +1,408 @@
+"""Features fitted in one picture: rays across their predicted edges, twice, and self-checks.
+
+The first look goes far, along some of the rays, for a dimension may be wrong by many pixels. The
+second goes along all of them, placed anew where the first found the edge, so that each crosses it
+squarely and in its middle.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from controller.arrays import BoolArray, FloatArray, Grey, IndexArray
+from controller.imaging import EdgeFits, blur_shift_px, measure_edges, transform
+from controller.imaging.levels import pixel_noise
+
+from .._pose import PosedPart
+from .._scene import make_scene
+from ._features import Feature, FeatureFit
+from ._rays import Rays, place_rays, with_rotation, with_visibility
+from ._solve import Solution, solve
+from ._types import BACKLIT, MeasuringSettings, PosedView
+
+FAR_PX: Final = {True: 16.0, False: 6.0}  # before a panel no other edge looks alike
+FAR_SHARE: Final = 0.6  # of a radius: farther is the other side
+NEAR_PX: Final = 2.5
+FEW: Final = 48  # rays of the first look
+RECTANGLE: Final = 1 / 12**0.5  # standard deviation of a rectangle, of its width
+BLUR_KNOWN: Final = 0.1  # share by which the blur of a lens differs from a Gaussian one
+# a polygon's mean radius is two thirds of a chord's height less; it may be meant or not
+FACET: Final = 2 / 3 / 3**0.5
+WAVES: Final = 3  # round a circle, in which light moves its edge
+FORM_POINTS: Final = 5  # neighbours whose mean is a point of the form
+FAINT: Final = 2.0  # times the error of the better rays: such a ray shows no form
+SURE_PX: Final = 0.1  # rays so good show how sharp the picture is
+MIN_SURE: Final = 20
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Prediction:
+    """What a view must show of features.
+
+    Attributes
+    ----------
+    view : the view
+    features : in order
+    rays : across all their edges
+    feature, curve : (n,) which feature each ray is of, and which of its edges, from 0
+    pixel_mm : size of a pixel at the part
+    pivot_mm : (3,) world, about which its rotation is uncertain
+    """
+
+    view: PosedView
+    features: tuple[Feature, ...]
+    rays: Rays
+    feature: IndexArray
+    curve: IndexArray
+    pixel_mm: float
+    pivot_mm: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Sharpness:
+    """What the edges of a backlit picture have in common: width [px] and contrast [grey]."""
+
+    width_px: float
+    contrast: float
+
+
+def predict(part: PosedPart, view: PosedView, features: Sequence[Feature]) -> Prediction:
+    """Return where a view must show features, one at least.
+
+    Parameters
+    ----------
+    part : the part
+    view : with its pose
+    features : of the part
+    """
+    camera, T = view.task.camera, view.T_world_part
+    pivot = transform(T, part.solid.centroid_mm[None])[0]
+    pixel_mm = camera.mm_per_px(pivot)
+    curves, feature, curve = [], [], []
+    for i, one in enumerate(features):
+        edges = one.curves(part.solid, pixel_mm, np.zeros(one.unknown_count))
+        for j, edge in enumerate(edges):
+            feature.append(np.full(len(edge.points_mm), i, dtype=np.intp))
+            curve.append(np.full(len(edge.points_mm), j, dtype=np.intp))
+        curves += edges
+    scene = view.scene if view.scene is not None else make_scene(view.task)
+    rays = with_visibility(place_rays(curves, T, camera), curves, part, T, camera, scene)
+    return Prediction(
+        view, tuple(features), rays, np.concatenate(feature), np.concatenate(curve), pixel_mm, pivot
+    )
+
+
+def fit_features(
+    part: PosedPart,
+    prediction: Prediction,
+    lamp: str,
+    sharpness: Sharpness | None,
+    settings: MeasuringSettings,
+) -> tuple[list[FeatureFit], Sharpness | None]:
+    """Return what one picture shows of each feature, and how sharp its edges are.
+
+    Parameters
+    ----------
+    part : the part
+    prediction : what must show
+    lamp : which picture, `BACKLIT` or a lamp
+    sharpness : of the view's backlit picture; None for that itself
+    settings : when a measurement counts
+    """
+    view, rays = prediction.view, prediction.rays
+    is_backlit = lamp == BACKLIT
+    picture = view.pictures.backlit if is_backlit else view.pictures.lit[lamp]
+    noise = pixel_noise(picture, None, 1)
+    shows = (rays.rising != 0) if is_backlit else rays.shows_lit
+    index = np.flatnonzero(shows)
+    owner = prediction.feature[index]
+    counts = np.bincount(owner, minlength=len(prediction.features))
+    rising = rays.rising[index] if is_backlit else None
+    chosen = rays.chosen(index)
+    moved = _first_look(prediction, picture, index, rising, noise, counts)
+    again = _placed_again(part, prediction, moved).chosen(index)
+    found = measure_edges(picture, again.pixels, again.normals, NEAR_PX, noise, rising)
+    again = replace(
+        with_rotation(again, view.T_world_part, prediction.pivot_mm),
+        rising=chosen.rising,
+        wall_px=chosen.wall_px,
+    )
+    if sharpness is None:
+        sharpness = _sharpness(found)
+    fits = []
+    for i, feature in enumerate(prediction.features):
+        mine = np.flatnonzero(owner == i)
+        if len(mine) < settings.min_rays:
+            fits.append(FeatureFit("no edge of it is in sight"))
+            continue
+        fits.append(
+            _fit(
+                feature,
+                again.chosen(mine),
+                prediction.curve[index[mine]],
+                _some(found, mine),
+                moved[i],
+                _Picture(is_backlit, noise, sharpness),
+                settings,
+            )
+        )
+    return fits, sharpness
+
+
+@dataclass(frozen=True, slots=True)
+class _Picture:
+    is_backlit: bool
+    noise: float
+    sharpness: Sharpness | None
+
+
+def _first_look(
+    prediction: Prediction,
+    picture: Grey,
+    index: IndexArray,
+    rising: FloatArray | None,
+    noise: float,
+    counts: IndexArray,
+) -> list[FloatArray]:
+    """Return the unknowns of each feature as a look from afar has them, zeros where it has none."""
+    is_backlit = rising is not None
+    rays, owner = prediction.rays, prediction.feature[index]
+    stride = np.maximum(counts // FEW, 1)[owner] if len(owner) else owner
+    place = np.arange(len(index)) - np.concatenate([[0], np.cumsum(counts)[:-1]])[owner]
+    few = np.flatnonzero(place % np.maximum(stride, 1) == 0) if len(owner) else place
+    sides = rays.chosen(index[few])
+    found = measure_edges(
+        picture,
+        sides.pixels,
+        sides.normals,
+        np.minimum(sides.reach_px[:, 0 if is_backlit else 1], FAR_PX[is_backlit]),
+        noise,
+        None if rising is None else rising[few],
+    )
+    moved = []
+    for i, feature in enumerate(prediction.features):
+        mine = np.flatnonzero(owner[few] == i)
+        start = np.zeros(feature.unknown_count)
+        if len(mine) >= 2 * feature.unknown_count:
+            some = sides.chosen(mine)
+            # the other side of a small hole is no edge of this side
+            radius = 1.0 / np.maximum(np.abs(some.curvature), 1e-6)
+            offset = np.where(
+                np.abs(found.offset_px[mine]) < FAR_SHARE * radius, found.offset_px[mine], np.nan
+            )
+            curve = prediction.curve[index[few[mine]]]
+            answer = _solved(
+                feature, some, curve, offset, np.square(found.sigma_px[mine]) + SURE_PX**2
+            )
+            if answer is not None:
+                start = answer.values
+        moved.append(start)
+    return moved
+
+
+def _placed_again(part: PosedPart, prediction: Prediction, moved: Sequence[FloatArray]) -> Rays:
+    curves = [
+        curve
+        for feature, by in zip(prediction.features, moved, strict=True)
+        for curve in feature.curves(part.solid, prediction.pixel_mm, by)
+    ]
+    view = prediction.view
+    return place_rays(curves, view.T_world_part, view.task.camera)
+
+
+def _solved(
+    feature: Feature, rays: Rays, curve: IndexArray, offset: FloatArray, variance: FloatArray
+) -> Solution | None:
+    """Return the solution for the unknowns that any ray shows, the others zero."""
+    design = feature.design(rays, curve.astype(np.float64))
+    shown = np.abs(design).max(axis=0) > 0
+    found = solve(design[:, shown], offset, variance, rays.spacing_px)
+    if found is None or shown.all():
+        return found
+    count = len(shown)
+    values, gain = np.zeros(count), np.zeros((count, len(offset)))
+    noise = np.zeros((count, count))
+    values[shown], gain[shown] = found.values, found.gain
+    noise[np.ix_(shown, shown)] = found.noise
+    return replace(found, values=values, gain=gain, noise=noise)
+
+
+def _fit(
+    feature: Feature,
+    rays: Rays,
+    curve: IndexArray,
+    found: EdgeFits,
+    moved: FloatArray,
+    picture: _Picture,
+    settings: MeasuringSettings,
+) -> FeatureFit:
+    """Return a feature fitted to the edges found beside it, or why they do not count.
+
+    Parameters
+    ----------
+    feature : what is fitted
+    rays, curve : those that must show it, and which of its edges each crosses
+    found : what they crossed
+    moved : its unknowns so far
+    picture, settings : what edges must be like
+    """
+    good = found.is_found & (found.sigma_px <= settings.max_ray_px)
+    points = rays.pixels + np.nan_to_num(found.offset_px)[:, None] * rays.normals
+    if good.sum() < settings.min_share * len(good):
+        return FeatureFit(
+            f"{100 * good.mean():.0f} % of its edge found where it must show, "
+            f"{100 * settings.min_share:.0f} % is required",
+            points_px=points,
+            accepted=np.zeros(len(good), dtype=np.bool_),
+        )
+    width = float(np.median(found.width_px[good]))
+    # what blur does to a round edge, and what light on a wall seen flat does on the average
+    blur = blur_shift_px(width, rays.curvature)
+    offset = found.offset_px + blur
+    offset = offset + rays.rising * 0.5 * rays.wall_px
+    wall = RECTANGLE * rays.wall_px
+    variance = np.square(found.sigma_px) + np.square(wall)
+    answer = _solved(feature, rays, curve, np.where(good, offset, np.nan), variance)
+    if answer is None:
+        return FeatureFit("too little of its edge shows for a shape", points_px=points)
+    used = answer.used
+    reason = _failure(answer, rays, found, width, picture, settings)
+    edge_px = settings.backlit_edge_px if picture.is_backlit else settings.lit_edge_px
+    form, form_u = _form(answer, rays, curve, found)
+    fitted = rays.pixels + (answer_place(feature, rays, curve, answer))[:, None] * rays.normals
+    return FeatureFit(
+        reason=reason,
+        values_mm=moved + answer.values,
+        noise=answer.noise,
+        pose=answer.gain @ rays.pose,
+        edge=answer.gain @ (edge_px * _modes(rays)),
+        wall=answer.gain @ (rays.rising * wall),
+        blur=answer.gain @ (BLUR_KNOWN * blur),
+        facets=answer.gain @ (FACET * rays.facet_px),
+        points_px=points,
+        accepted=used,
+        shape_px=fitted,
+        form_mm=form,
+        form_u_mm=form_u,
+        share=float(used.mean()),
+    )
+
+
+def _form(answer: Solution, rays: Rays, curve: IndexArray, found: EdgeFits) -> tuple[float, float]:
+    """Return how far the form of an edge goes, peak to valley, and its standard uncertainty [mm].
+
+    Walls seen flat and faint edges show no form. Neighbours are averaged, edge by edge.
+
+    Parameters
+    ----------
+    answer, rays, curve, found : see `_fit`
+    """
+    u_mm = found.sigma_px / np.maximum(rays.px_per_mm, 1e-9)
+    clear = answer.used & (rays.wall_px == 0)
+    if clear.sum() < FORM_POINTS:
+        return 0.0, float("inf")
+    clear &= u_mm <= FAINT * np.percentile(u_mm[clear], 25)
+    most, u_most = 0.0, float("inf")
+    for one in np.unique(curve):
+        mine = np.flatnonzero(clear & (curve == one))
+        if len(mine) < 2 * FORM_POINTS:
+            continue
+        off = answer.residuals[mine] / np.maximum(rays.px_per_mm[mine], 1e-9)
+        smooth = np.convolve(off, np.full(FORM_POINTS, 1.0 / FORM_POINTS), mode="valid")
+        # nearer than a pixel two rays see one noise
+        count = max(FORM_POINTS * min(float(np.median(rays.spacing_px[mine])), 1.0), 1.0)
+        u_both = float(np.median(u_mm[mine])) * float(np.sqrt(2.0 / count))
+        most = max(most, float(np.ptp(smooth)))
+        u_most = min(u_most, u_both)
+    return most, u_most
+
+
+def _modes(rays: Rays) -> FloatArray:
+    """Return shapes (n, k) in which light may move an edge: as a whole, and more here than there.
+
+    Round a whole circle only the first moves a radius and the next two a place. Of an arc that
+    shows, all the rest are taken for one or the other as well.
+    """
+    angle = np.arctan2(rays.normals[:, 1], rays.normals[:, 0])
+    waves = [wave(k * angle) for k in range(1, WAVES + 1) for wave in (np.cos, np.sin)]
+    return np.column_stack([rays.outward, *waves])
+
+
+def answer_place(feature: Feature, rays: Rays, curve: IndexArray, answer: Solution) -> FloatArray:
+    """Return where on each ray (n,) the fitted shape is [px].
+
+    Parameters
+    ----------
+    feature : what was fitted
+    rays, curve : across its edges
+    answer : the fit
+    """
+    return np.asarray(feature.design(rays, curve.astype(np.float64)) @ answer.values)
+
+
+def _failure(
+    answer: Solution,
+    rays: Rays,
+    found: EdgeFits,
+    width: float,
+    picture: _Picture,
+    settings: MeasuringSettings,
+) -> str:
+    """Return the self-check that failed, empty where all passed."""
+    used = answer.used
+    share = float(used.mean())
+    if share < settings.min_share:
+        return (
+            f"{100 * share:.0f} % of its edge lies on the fitted shape, "
+            f"{100 * settings.min_share:.0f} % is required"
+        )
+    burnt = float(found.burnt[used].mean())
+    if burnt > settings.max_burnt:
+        return f"{100 * burnt:.0f} % of the pixels beside its edge are burnt out"
+    low, high = settings.width_px
+    if not low <= width <= high:
+        return f"its edge is {width:.2f} px wide, a lens in focus makes {low:.2f} to {high:.1f} px"
+    sharp = picture.sharpness
+    if sharp is not None:
+        if abs(width / sharp.width_px - 1.0) > settings.max_width_change:
+            return (
+                f"its edge is {width:.2f} px wide, the picture's other edges are "
+                f"{sharp.width_px:.2f} px: not one edge, or out of focus"
+            )
+        contrast = float(np.median(np.abs(found.contrast[used])))
+        least = settings.min_contrast_share * sharp.contrast
+        if picture.is_backlit and contrast < least:
+            return (
+                f"its contrast is {contrast:.0f} grey levels, {least:.0f} are required: "
+                "light on its wall hides the edge"
+            )
+    residual = float(np.median(found.residual[used]))
+    height = float(np.median(np.abs(found.contrast[used])))
+    most = 3.0 * picture.noise + settings.max_profile * height
+    if residual > most:
+        return (
+            f"the light across its edge is off a blurred step by {residual:.1f} grey levels, "
+            f"{most:.1f} is allowed"
+        )
+    scatter_limit = settings.max_form_px + 3.0 * float(np.median(found.sigma_px[used]))
+    if answer.scatter > scatter_limit:
+        return (
+            f"its edge scatters by {answer.scatter:.2f} px about the fitted shape, "
+            f"{scatter_limit:.2f} px is allowed"
+        )
+    return ""
+
+
+def _sharpness(found: EdgeFits) -> Sharpness | None:
+    sure = found.is_found & (found.sigma_px < SURE_PX)
+    if sure.sum() < MIN_SURE:
+        return None
+    return Sharpness(
+        float(np.median(found.width_px[sure])), float(np.median(np.abs(found.contrast[sure])))
+    )
+
+
+def _some(found: EdgeFits, which: IndexArray | BoolArray) -> EdgeFits:
+    return EdgeFits(*(getattr(found, name)[which] for name in found.__slots__))

@@ -1,0 +1,321 @@
+"""Where in a picture a part's edges must show: rays across them, and what is to either side.
+
+Before a backlight panel an edge shows where the panel is seen on one side of it and the part on the
+other: of a hole seen obliquely that is the near rim on one side and the far rim on the other. So
+each ray is compared with the edge that ends the light there.
+
+A wall that is seen flat throws the panel's light back like a mirror. Where it is only a few pixels
+wide in the picture, the edge that shows may be either of its two ends.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from controller.arrays import BoolArray, FloatArray, IndexArray, Int32Array
+from controller.imaging import Camera, inverse_pose, transform
+
+from .._pose import PosedPart
+from .._scene import ViewScene
+from ._curves import Curve
+
+BESIDE_PX: Final = np.array([0.12, 0.25, 0.5, 1.0, 2.0, 3.0, 4.0])  # looked at, on either side
+FARTHER_PX: Final = np.array([6.0, 8.0, 11.0, 14.0, 18.0, 24.0, 32.0])  # where the next edge may be
+CLOSE_PX: Final = 0.25  # from here on one side must be all panel
+PLAIN_PX: Final = 1.0  # from here on the other side must be all part
+NEAR_PX: Final = 3.0  # under a lamp, no other edge may be nearer
+FLAT_COS: Final = 0.5  # a wall seen flatter throws light back
+FREE_PX: Final = 0.5  # off the edge, out of the material, from where the camera must be in sight
+NONE: Final = -1
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Rays:
+    """Rays across the edges of a view.
+
+    Attributes
+    ----------
+    curve : (n,) which curve
+    points_mm : (n, 3) CAD frame
+    pixels, normals : (n, 2) where they begin, and unit, the way an offset is counted
+    design : (n, p) how far the edge moves along the ray with each unknown of its feature [px/mm]
+    pose : (n, 6) how far it moves with the part's position and rotation [px/mm, px/rad]
+    spacing_px : (n,) to the next ray
+    curvature : (n,) of the edge in the picture [1/px], positive where it bends away from the normal
+    rising : (n,) before the panel: 1 where it gets brighter along the ray, -1 darker, 0 where the
+        edge does not show
+    shows_lit : (n,) it may show under a lamp
+    wall_px : (n,) width of a wall seen flat on the dark side, 0 where there is none or it is wide
+    px_per_mm : (n,) along the offset
+    facet_px : (n,) how far the mesh's chords are from the edge
+    outward : (n,) 1 where the ray leads out of the material, else -1
+    reach_px : (n, 2) to half-way to the next edge, before the panel and under a lamp
+    """
+
+    curve: IndexArray
+    points_mm: FloatArray
+    pixels: FloatArray
+    normals: FloatArray
+    design: FloatArray
+    pose: FloatArray
+    spacing_px: FloatArray
+    curvature: FloatArray
+    rising: FloatArray
+    shows_lit: BoolArray
+    wall_px: FloatArray
+    px_per_mm: FloatArray
+    facet_px: FloatArray
+    outward: FloatArray
+    reach_px: FloatArray
+
+    def chosen(self, which: BoolArray | IndexArray) -> "Rays":
+        """Return some of the rays."""
+        return Rays(*(getattr(self, name)[which] for name in self.__slots__))
+
+
+def place_rays(curves: Sequence[Curve], T_world_part: FloatArray, camera: Camera) -> Rays:
+    """Return the rays across curves; nothing is known yet of what shows.
+
+    Parameters
+    ----------
+    curves : CAD frame, one at least
+    T_world_part : (4, 4)
+    camera : of the view
+    """
+    counts = [len(curve.points_mm) for curve in curves]
+    points = np.concatenate([curve.points_mm for curve in curves])
+    shift = np.concatenate([curve.shift for curve in curves])
+    parameters = max(curve.design.shape[1] for curve in curves)
+    moves = np.concatenate(
+        [
+            np.pad(curve.design, ((0, 0), (0, parameters - curve.design.shape[1]), (0, 0)))
+            for curve in curves
+        ]
+    )
+    world = transform(T_world_part, points)
+    pixels = camera.project(world)
+    before = camera.project(
+        transform(T_world_part, np.concatenate([curve.before_mm for curve in curves]))
+    )
+    after = camera.project(
+        transform(T_world_part, np.concatenate([curve.after_mm for curve in curves]))
+    )
+    tangent = 0.5 * (after - before)
+    length = np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-9)
+    jacobian = _projection(world, camera)
+    R = T_world_part[:3, :3]
+    normals = np.column_stack([-tangent[:, 1], tangent[:, 0]]) / length
+    along = np.einsum("nij,nj->ni", jacobian, shift @ R.T)
+    sign = np.where((along * normals).sum(axis=1) < 0, -1.0, 1.0)
+    normals *= sign[:, None]
+    bend = after - 2 * pixels + before
+    across = np.einsum("nij,ni->nj", jacobian, normals)
+    step = np.concatenate([_spacing(pixels[i : i + n]) for i, n in _runs(counts)])
+    return Rays(
+        curve=np.repeat(np.arange(len(curves)), counts),
+        points_mm=points,
+        pixels=pixels,
+        normals=normals,
+        design=np.einsum("nj,npj->np", across, moves @ R.T),
+        pose=np.concatenate([across, np.zeros_like(across)], axis=1),
+        spacing_px=step,
+        curvature=-(bend * normals).sum(axis=1) / length[:, 0] ** 2,
+        rising=np.zeros(len(points)),
+        shows_lit=np.zeros(len(points), dtype=np.bool_),
+        wall_px=np.zeros(len(points)),
+        px_per_mm=(px_per_mm := np.abs((along * normals).sum(axis=1))),
+        facet_px=px_per_mm * np.repeat([curve.facet_mm for curve in curves], counts),
+        outward=np.repeat([curve.outward for curve in curves], counts),
+        reach_px=np.full((len(points), 2), NEAR_PX),
+    )
+
+
+def with_rotation(rays: Rays, T_world_part: FloatArray, pivot_world_mm: FloatArray) -> Rays:
+    """Return rays that know how rotations about a point move their edges.
+
+    Parameters
+    ----------
+    rays : to be completed
+    T_world_part : (4, 4)
+    pivot_world_mm : (3,) about which the part's rotation is uncertain
+    """
+    arm = transform(T_world_part, rays.points_mm) - pivot_world_mm
+    # a rotation w moves a point by w x arm, so along a by w . (arm x a)
+    across = rays.pose[:, :3]
+    pose = np.concatenate([across, np.cross(arm, across)], axis=1)
+    values = {name: getattr(rays, name) for name in rays.__slots__}
+    return Rays(**{**values, "pose": pose})
+
+
+def with_visibility(
+    rays: Rays,
+    curves: Sequence[Curve],
+    part: PosedPart,
+    T_world_part: FloatArray,
+    camera: Camera,
+    scene: ViewScene,
+) -> Rays:
+    """Return rays that know where their edges show.
+
+    Parameters
+    ----------
+    rays : as `place_rays` returns them for these curves
+    curves : CAD frame
+    part : what may hide them
+    T_world_part, camera : of the view
+    scene : what else stands there
+    """
+    clear = _is_clear(rays, curves, part, T_world_part, camera, scene)
+    index = np.flatnonzero(clear)
+    if len(index) == 0:
+        return rays
+    beside = np.concatenate([-BESIDE_PX[::-1], BESIDE_PX])
+    at = rays.pixels[index, None] + beside[None, :, None] * rays.normals[index, None]
+    face, cosine = _seen(part, T_world_part, camera, at.reshape(-1, 2))
+    face, cosine = face.reshape(at.shape[:2]), cosine.reshape(at.shape[:2])
+    half = len(BESIDE_PX)
+    # near the edge first, on both sides
+    inner, outer = face[:, half - 1 :: -1], face[:, half:]
+    # nearer to the edge than the mesh knows it nothing can be said
+    known = np.maximum(CLOSE_PX, 2.0 * rays.facet_px[index])[:, None] <= BESIDE_PX
+    plain = BESIDE_PX >= PLAIN_PX
+    inner_panel, outer_panel = (((side == NONE) | ~known).all(axis=1) for side in (inner, outer))
+    inner_part, outer_part = ((side[:, plain] != NONE).all(axis=1) for side in (inner, outer))
+    rising = np.where(outer_panel & inner_part, 1.0, 0.0)
+    rising -= np.where(inner_panel & outer_part, 1.0, 0.0)
+    flat = np.where(
+        (rising > 0)[:, None], _flat_px(inner, cosine[:, half - 1 :: -1]),
+        _flat_px(outer, cosine[:, half:]),
+    ).max(axis=1)  # fmt: skip
+    is_panel = _on_panel(scene, at.reshape(-1, 2)).reshape(at.shape[:2]).all(axis=1)
+    last = int(np.flatnonzero(BESIDE_PX <= NEAR_PX)[-1])
+    ignored = ~known | (BESIDE_PX > NEAR_PX)
+    alike = [((side == side[:, last : last + 1]) | ignored).all(axis=1) for side in (inner, outer)]
+    lit = alike[0] & alike[1] & (inner[:, last] != outer[:, last])
+    values = {name: getattr(rays, name).copy() for name in rays.__slots__}
+    values["rising"][index] = np.where(is_panel, rising, 0.0)
+    values["shows_lit"][index] = lit
+    values["wall_px"][index] = np.where(rising != 0, flat, 0.0)
+    shows = np.flatnonzero((rising != 0) | lit)
+    values["reach_px"][index[shows]] = _reach(
+        rays.chosen(index[shows]),
+        inner[shows, last],
+        outer[shows, last],
+        part,
+        T_world_part,
+        camera,
+    )
+    return Rays(**values)
+
+
+def _reach(
+    rays: Rays,
+    inner: Int32Array,
+    outer: Int32Array,
+    part: PosedPart,
+    T_world_part: FloatArray,
+    camera: Camera,
+) -> FloatArray:
+    """Return how far along rays an edge is theirs, (n, 2) before the panel and under a lamp.
+
+    Parameters
+    ----------
+    rays : some that show their edge
+    inner, outer : (n,) the face beside it, on the side of the ray's origin and on the other
+    part, T_world_part, camera : as `with_visibility`
+    """
+    if len(rays.pixels) == 0:
+        return np.zeros((0, 2))
+    far = np.concatenate([-FARTHER_PX, FARTHER_PX])
+    at = rays.pixels[:, None] + far[None, :, None] * rays.normals[:, None]
+    face = _seen(part, T_world_part, camera, at.reshape(-1, 2))[0].reshape(at.shape[:2])
+    count = len(FARTHER_PX)
+    first = np.full((len(face), 2), FARTHER_PX[-1])
+    edges = np.concatenate([[NEAR_PX], FARTHER_PX])
+    for side, beside in ((face[:, :count], inner), (face[:, count:], outer)):
+        as_panel = (side == NONE) != (beside == NONE)[:, None]
+        as_face = side != beside[:, None]
+        for k, other in enumerate((as_panel, as_face)):
+            met = np.where(other.any(axis=1), edges[np.argmax(other, axis=1)], FARTHER_PX[-1])
+            first[:, k] = np.minimum(first[:, k], met)
+    return np.asarray(np.maximum(0.5 * first, NEAR_PX))
+
+
+def _flat_px(face: Int32Array, cosine: FloatArray) -> FloatArray:
+    """Return the width (n, 1) of what is seen flat beside edges; 0 where it does not end."""
+    flat = (face != NONE) & (cosine < FLAT_COS)
+    run = np.cumprod(flat, axis=1)
+    ends = run.sum(axis=1)
+    edges = np.concatenate([[0.0], BESIDE_PX])
+    # it ends between the last place that shows it and the next
+    width = 0.5 * (edges[ends] + edges[np.minimum(ends + 1, len(BESIDE_PX))])
+    return np.asarray(np.where((ends == 0) | (ends == len(BESIDE_PX)), 0.0, width)[:, None])
+
+
+def _is_clear(
+    rays: Rays,
+    curves: Sequence[Curve],
+    part: PosedPart,
+    T_world_part: FloatArray,
+    camera: Camera,
+    scene: ViewScene,
+) -> BoolArray:
+    """Return which edge points (n,) the camera sees, nothing standing before or beside them."""
+    width, height = camera.size_px
+    reach = BESIDE_PX[-1]
+    inside = ((rays.pixels > reach) & (rays.pixels < [width - 1 - reach, height - 1 - reach])).all(
+        axis=1
+    )
+    x, y = np.clip(np.round(rays.pixels).astype(np.intp), 0, [width - 1, height - 1]).T
+    clear: BoolArray = inside & ~scene.holder_mask[y, x]
+    eye = transform(inverse_pose(T_world_part), camera.position_mm[None])[0]
+    pixel_mm = camera.mm_per_px(transform(T_world_part, rays.points_mm[:1])[0])
+    facet = np.array([curve.facet_mm for curve in curves])[rays.curve]
+    off = np.maximum(FREE_PX * pixel_mm, 2.0 * facet)
+    out = np.concatenate([curve.out for curve in curves])
+    towards = rays.points_mm + off[:, None] * out - eye
+    _, met = part.caster.first_hit(eye, towards)
+    return np.asarray(clear & (met >= 1.0))
+
+
+def _seen(
+    part: PosedPart, T_world_part: FloatArray, camera: Camera, pixels: FloatArray
+) -> tuple[Int32Array, FloatArray]:
+    """Return which face (n,) pixels show, `NONE` beside the part, and the cosine of incidence."""
+    T_part_world = inverse_pose(T_world_part)
+    eye = transform(T_part_world, camera.position_mm[None])[0]
+    lines = camera.sight_lines(pixels) @ T_part_world[:3, :3].T
+    triangle, _ = part.caster.first_hit(eye, lines)
+    met = triangle >= 0
+    face = np.where(met, part.solid.face_of_triangle[triangle], NONE).astype(np.int32)
+    normals = part.caster.normals[triangle]
+    cosine = np.abs((normals * lines).sum(axis=1)) / np.linalg.norm(lines, axis=1)
+    return face, np.where(met, cosine, 1.0)
+
+
+def _on_panel(scene: ViewScene, pixels: FloatArray) -> BoolArray:
+    height, width = scene.panel.shape
+    x, y = np.clip(np.round(pixels).astype(np.intp), 0, [width - 1, height - 1]).T
+    return np.asarray(scene.panel[y, x])
+
+
+def _projection(world_mm: FloatArray, camera: Camera) -> FloatArray:
+    """Return how pixels move with world points, (n, 2, 3) [px/mm], by central differences."""
+    step = 0.01
+    moved = np.concatenate(
+        [world_mm + sign * step * axis for axis in np.eye(3) for sign in (1.0, -1.0)]
+    )
+    pixels = camera.project(moved).reshape(3, 2, -1, 2)
+    return np.asarray(np.moveaxis(pixels[:, 0] - pixels[:, 1], 0, 2) / (2 * step))
+
+
+def _spacing(pixels: FloatArray) -> FloatArray:
+    way = np.linalg.norm(np.diff(pixels, axis=0), axis=1)
+    return np.append(way, way[-1:])
+
+
+def _runs(counts: Sequence[int]) -> list[tuple[int, int]]:
+    starts = np.concatenate([[0], np.cumsum(counts)[:-1]])
+    return list(zip(starts.tolist(), counts, strict=True))

@@ -1,0 +1,315 @@
+"""Dimensions of a plate whose pictures come from formulas of the tests' own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+
+import numpy as np
+import pytest
+from plate_pictures import (
+    HEIGHT_MM,
+    NOMINAL,
+    PIXEL_MM,
+    Plate,
+    asked,
+    length_edges,
+    part,
+    pictures,
+    pose,
+    rims,
+    view,
+)
+from scipy.ndimage import gaussian_filter
+
+from controller.arrays import FloatArray
+from controller.imaging import transform
+from controller.inspection import PosedPart, ViewPictures, WorldBox
+from controller.inspection.characteristics import (
+    Characteristic,
+    CharacteristicKind,
+    EdgeLine,
+    EdgePairGeometry,
+    Look,
+    RimGeometry,
+)
+from controller.inspection.dimensions import BACKLIT, PosedView, look, measure
+
+DIAMETER, POSITION = CharacteristicKind.DIAMETER, CharacteristicKind.POSITION
+TILTED = pose(22.0, 35.0)
+SQUARE = pose(0.0)
+
+
+@cache
+def plate() -> PosedPart:
+    return part()
+
+
+@cache
+def shown(tilt_deg: float, about_deg: float, built: Plate = NOMINAL) -> ViewPictures:
+    return pictures(built, pose(tilt_deg, about_deg))
+
+
+def tilted(built: Plate = NOMINAL, **options: object) -> PosedView:
+    return view(shown(22.0, 35.0, built), TILTED, **options)  # type: ignore[arg-type]
+
+
+def holes(kind: CharacteristicKind, *, datum: int | None = None) -> list[Characteristic]:
+    body = plate().solid
+    given = () if datum is None else rims(NOMINAL, datum, body)
+    return [
+        asked(kind, RimGeometry(rims(NOMINAL, i, body), given), 2 * bore.radius)
+        if kind is DIAMETER
+        else asked(kind, RimGeometry(rims(NOMINAL, i, body), given), 0.0)
+        for i, bore in enumerate(NOMINAL.bores)
+    ]
+
+
+def looks(characteristic: Characteristic, seen: PosedView) -> dict[str, Look]:
+    return {e.look.lamp: e.look for e in look(plate(), [characteristic], seen)[0]}
+
+
+# --- holes --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("index", [0, 1, 2])
+@pytest.mark.parametrize("lamp", [BACKLIT, "ring"])
+def test_diameters_are_right_to_a_few_hundredths_of_a_pixel(index: int, lamp: str) -> None:
+    found = looks(holes(DIAMETER)[index], tilted())[lamp]
+    assert found.reason == ""
+    true = 2 * NOMINAL.bores[index].radius
+    assert found.measured_mm == pytest.approx(true, abs=0.05 * PIXEL_MM)
+    assert abs(found.measured_mm - true) < 2 * found.u_mm < PIXEL_MM
+
+
+def test_a_tilted_circle_is_not_placed_by_the_centre_of_its_ellipse() -> None:
+    found = looks(holes(POSITION)[0], tilted())
+    # fitting the ellipse's centre would put a bore of 9 mm radius, tilted by 22 degrees at 600 mm,
+    # r² sin(t) cos(t) / z = 47 um off; near and far rim in one ellipse far more
+    for one in found.values():
+        assert one.reason == ""
+        assert one.measured_mm < 0.005
+
+
+@pytest.mark.parametrize("change", [-1.0, -0.25, 0.25, 1.0])
+def test_a_bore_of_another_size_is_measured_as_it_is(change: float) -> None:
+    built = NOMINAL.with_bore(2, radius=5.5 + change)
+    one = looks(holes(DIAMETER)[2], tilted(built))[BACKLIT]
+    assert one.reason == ""
+    assert one.measured_mm == pytest.approx(11.0 + 2 * change, abs=2 * one.u_mm)
+    assert 2 * one.u_mm < 0.1
+
+
+def test_a_bore_out_of_place_is_measured_where_it_is() -> None:
+    built = NOMINAL.with_bore(1, x=20.8, y=9.4)
+    by_lamp = looks(holes(POSITION)[1], tilted(built))
+    for one in by_lamp.values():
+        if not one.reason:
+            assert one.measured_mm == pytest.approx(1.0, abs=2 * one.u_mm)
+    assert by_lamp[BACKLIT].reason == ""
+
+
+def test_a_place_is_given_from_its_datum() -> None:
+    # the whole pattern is 0.3 mm off: from the pose the bore is out of place, from the datum not
+    moved = NOMINAL.with_bore(0, x=0.3)
+    moved = moved.with_bore(1, x=20.3)
+    seen = tilted(moved)
+    by_pose = looks(holes(POSITION)[1], seen)[BACKLIT]
+    by_datum = looks(holes(POSITION, datum=0)[1], seen)[BACKLIT]
+    assert by_pose.measured_mm == pytest.approx(0.3, abs=0.02)
+    assert by_datum.measured_mm < 0.02
+    # the pose's error is in both, and falls out of their difference
+    assert by_datum.budget["pose"] < 0.5 * by_pose.budget["pose"]
+
+
+def test_square_on_the_wall_seen_flat_is_in_the_uncertainty() -> None:
+    seen = view(shown(0.0, 0.0), SQUARE)
+    one = looks(holes(DIAMETER)[0], seen)[BACKLIT]
+    # the far rim is nearer to the axis in the picture by r h / z; a wall may be bright or dark
+    wall = NOMINAL.bores[0].radius * HEIGHT_MM / 600.0
+    assert one.reason == ""
+    assert one.budget["walls seen flat"] == pytest.approx(2 * wall / np.sqrt(12), rel=0.3)
+    assert abs(one.measured_mm - 18.0) < 2 * one.u_mm
+
+
+# --- uncertainty --------------------------------------------------------------------------------
+
+
+def test_the_uncertainty_covers_errors_of_the_pose() -> None:
+    sigma = (0.15, 0.003)
+    rng = np.random.default_rng(12)
+    characteristics = [*holes(DIAMETER), *holes(POSITION)]
+    inside = total = 0
+    sizes = []
+    true = [2 * bore.radius for bore in NOMINAL.bores]
+    for _ in range(25):
+        T = pose_off(TILTED, rng.normal(0, sigma[0], 3), rng.normal(0, sigma[1], 3))
+        seen = view(shown(22.0, 35.0), T, sigma=sigma)
+        for k, found in enumerate(look(plate(), characteristics, seen)):
+            for e in found:
+                if e.look.reason:
+                    continue
+                off = e.look.measured_mm - (true[k] if k < 3 else 0.0)
+                sizes.append(abs(off) / e.look.u_mm / 2)
+                inside += sizes[-1] <= 1
+                total += 1
+    assert total > 100
+    assert inside >= 0.95 * total
+    # and is no larger than it must be
+    assert np.mean(sizes) > 0.15
+
+
+def pose_off(T: FloatArray, shift_mm: FloatArray, turn_rad: FloatArray) -> FloatArray:
+    """A pose off by a shift of the centre of mass and a small rotation about it."""
+    centre = transform(T, plate().solid.centroid_mm[None])[0]
+    x, y, z = turn_rad
+    turn = np.array([[1, -z, y], [z, 1, -x], [-y, x, 1]])
+    u, _, vt = np.linalg.svd(turn)
+    off = T.copy()
+    off[:3, :3] = u @ vt @ T[:3, :3]
+    off[:3, 3] = u @ vt @ (T[:3, 3] - centre) + centre + shift_mm
+    return off
+
+
+def test_depth_is_scale() -> None:
+    near, far = (view(shown(22.0, 35.0), TILTED, sigma=(mm, 1e-6)) for mm in (0.01, 0.5))
+    length = asked(CharacteristicKind.LENGTH, length_edges(NOMINAL, plate().solid), 60.0)
+    budget = [looks(length, seen)[BACKLIT].budget["pose"] for seen in (near, far)]
+    # dL / L = dZ / Z, for all but the little that tilt makes of a shift
+    assert budget[1] == pytest.approx(60.0 * 0.5 / 600.0, rel=0.25)
+    assert budget[0] == pytest.approx(budget[1] / 50, rel=0.01)
+
+
+def test_each_uncertainty_is_named_and_their_squares_sum_up() -> None:
+    one = looks(holes(DIAMETER)[0], tilted())[BACKLIT]
+    assert one.u_mm == pytest.approx(np.sqrt(sum(v**2 for v in one.budget.values())), rel=1e-6)
+    assert {"edge noise", "pose", "lens", "temperature", "scale"} <= set(one.budget)
+    # aluminium by 5 K
+    assert one.budget["temperature"] == pytest.approx(18.0 * 5 * 23e-6)
+
+
+# --- edges --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("change", [0.0, 0.4, -0.4])
+def test_the_length_of_the_plate(change: float) -> None:
+    built = Plate(length=60.0 + change)
+    length = asked(CharacteristicKind.LENGTH, length_edges(NOMINAL, plate().solid), 60.0)
+    one = looks(length, tilted(built))[BACKLIT]
+    assert one.reason == ""
+    assert one.measured_mm == pytest.approx(60.0 + change, abs=2 * one.u_mm)
+    assert one.measured_mm == pytest.approx(60.0 + change, abs=0.012)
+
+
+def test_a_straight_edge_is_straight() -> None:
+    edges = length_edges(NOMINAL, plate().solid)
+    straight = asked(CharacteristicKind.STRAIGHTNESS, edges, 0.0)
+    one = looks(straight, view(shown(0.0, 0.0), SQUARE))[BACKLIT]
+    assert one.reason == ""
+    assert one.measured_mm < 2 * one.u_mm
+
+
+def test_a_round_hole_is_round() -> None:
+    body = plate().solid
+    form = asked(CharacteristicKind.ROUNDNESS, RimGeometry(rims(NOMINAL, 0, body)), 0.0)
+    one = looks(form, tilted())["ring"]
+    assert one.reason == ""
+    assert one.measured_mm < 2 * one.u_mm
+
+
+def test_the_angle_of_two_sides() -> None:
+    body = plate().solid
+    edges = length_edges(NOMINAL, body)
+    end = edges.one[0]
+    top = end.faces[1]
+    side = next(f.id for f in body.faces if f.kind == "plane" and f.normal[1] < -0.9)
+    low = EdgeLine(np.array([-30.0, -21, HEIGHT_MM]), np.array([30.0, -21, HEIGHT_MM]), (side, top))
+    geometry = EdgePairGeometry((end,), (low,), np.array([0.0, 0, 1]), edges.one_face, side)
+    angle = asked(CharacteristicKind.ANGLE, geometry, np.pi / 2, 0.01)
+    one = looks(angle, view(shown(0.0, 0.0), SQUARE))[BACKLIT]
+    assert one.reason == ""
+    assert one.measured_mm == pytest.approx(np.pi / 2, abs=2 * one.u_mm)
+    assert one.u_mm < np.radians(0.1)
+
+
+# --- self-checks --------------------------------------------------------------------------------
+
+
+def test_a_rim_behind_the_gripper_is_not_measured() -> None:
+    bore = NOMINAL.bores[1]
+    at = transform(TILTED, np.array([[bore.x, bore.y, HEIGHT_MM + 30.0]]))[0]
+    T = np.eye(4)
+    T[:3, 3] = at
+    box = WorldBox(T, np.array([12.0, 12.0, 2.0]))
+    seen = tilted(holder=(box,))
+    by_lamp = looks(holes(DIAMETER)[1], seen)
+    assert {one.reason for one in by_lamp.values()} == {"no edge of it is in sight"}
+    assert looks(holes(DIAMETER)[2], seen)[BACKLIT].reason == ""
+
+
+def changed(by: Callable[[FloatArray], FloatArray]) -> PosedView:
+    one = shown(22.0, 35.0)
+
+    def applied(picture: FloatArray) -> FloatArray:
+        return np.clip(np.round(by(picture.astype(float))), 0, 255).astype(np.uint8)
+
+    lit = {name: applied(p) for name, p in one.lit.items()}
+    return view(ViewPictures(applied(one.backlit), lit), TILTED)
+
+
+@pytest.mark.parametrize(
+    ("by", "word"),
+    [
+        (lambda p: 0 * p + 8, "found"),
+        (lambda p: gaussian_filter(p, 2.6), "wide"),
+        (lambda p: 1.6 * p, "burnt out"),
+    ],
+    ids=["lamp off", "defocused", "burnt out"],
+)
+def test_bad_pictures_are_not_measured(by: Callable[[FloatArray], FloatArray], word: str) -> None:
+    one = looks(holes(DIAMETER)[0], changed(by))[BACKLIT]
+    assert word in one.reason
+
+
+def test_a_bore_that_is_not_there_is_not_measured() -> None:
+    built = Plate(bores=NOMINAL.bores[:2])
+    for one in looks(holes(DIAMETER)[2], tilted(built)).values():
+        assert "found where it must show" in one.reason
+
+
+def test_a_chipped_rim_keeps_its_diameter_or_is_not_measured() -> None:
+    one = shown(22.0, 35.0)
+    picture = one.backlit.copy()
+    # a bite of 8 px at the rim of the largest bore lets light through
+    x, y = np.round(view(one, TILTED).task.camera.project(
+        transform(TILTED, np.array([[9.0, 0.0, HEIGHT_MM]]))
+    )[0]).astype(int)  # fmt: skip
+    rows, columns = np.mgrid[0 : picture.shape[0], 0 : picture.shape[1]]
+    picture[np.hypot(columns - x, rows - y) < 8] = 210
+    found = looks(holes(DIAMETER)[0], view(ViewPictures(picture, one.lit), TILTED))[BACKLIT]
+    assert found.reason or found.measured_mm == pytest.approx(18.0, abs=2 * found.u_mm)
+
+
+# --- all views ----------------------------------------------------------------------------------
+
+
+def test_two_views_of_all_holes_make_one_value_each() -> None:
+    other = pose(18.0, 200.0)
+    views = [tilted(), view(pictures(NOMINAL, other), other, "v01", grasp=1)]
+    characteristics = holes(DIAMETER)
+    results = measure(plate(), characteristics, views)
+    for bore, result in zip(NOMINAL.bores, results, strict=True):
+        assert result.views == ("v00", "v01")
+        assert not result.is_open
+        assert result.measured_mm == pytest.approx(2 * bore.radius, abs=result.U_mm)
+        assert result.U_mm is not None
+        assert result.U_mm < min(2 * one.u_mm for one in result.looks if not one.reason) + 1e-9
+
+
+def test_a_view_without_anything_to_measure_says_why() -> None:
+    built = Plate(bores=NOMINAL.bores[:2])
+    (result,) = measure(plate(), holes(DIAMETER)[2:], [tilted(built)])
+    assert result.measured_mm is None
+    assert result.U_mm is None
+    assert "found where it must show" in result.reason
+    assert measure(plate(), holes(DIAMETER)[2:], [])[0].reason == "no view of it"
