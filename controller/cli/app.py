@@ -11,7 +11,7 @@ import typer
 
 from .calibrating import camera
 from .devices import doctor, emulate
-from .inspecting import inspect
+from .inspecting import inspect, replay, verify
 from .parts import compile_
 from .planning import check, plan
 from .project import init
@@ -71,6 +71,8 @@ for _command, _example in (
     (plan, "cellctl plan --recipe featuretype --report featuretype.html"),
     (emulate, "cellctl emulate --part recipes/parts/holder.stl --speed 5"),
     (report, "cellctl report --format json"),
+    (replay, "cellctl replay --recipe stricter.yaml"),
+    (verify, "cellctl verify 20260314-092641-512-holder"),
     (doctor, "cellctl doctor --cell cell.yaml"),
 ):
     app.command(

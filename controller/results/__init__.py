@@ -12,11 +12,14 @@ from .judged import Header, JudgedPart, judged_part, judged_parts, result_json
 from .report import SCHEMA_VERSION, report_json, write_html
 from .run import (
     ResultsError,
+    RunProof,
     RunRecord,
     RunSummary,
     UnknownRunError,
     list_runs,
     load_run,
+    note_results,
+    prove_run,
 )
 from .writing import SUFFIXES, write_parts, write_report
 
@@ -26,6 +29,7 @@ __all__ = [
     "Header",
     "JudgedPart",
     "ResultsError",
+    "RunProof",
     "RunRecord",
     "RunSummary",
     "UnknownRunError",
@@ -35,6 +39,8 @@ __all__ = [
     "judged_parts",
     "list_runs",
     "load_run",
+    "note_results",
+    "prove_run",
     "qif_bytes",
     "report_json",
     "result_json",

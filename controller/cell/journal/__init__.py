@@ -8,7 +8,7 @@ names the last row known to be on the disk, so that rows cut off the end are not
 
 from ._care import CellJournal, first_flaw, open_cell_journal
 from ._form import JOURNAL_NAME, SCHEMA_VERSION, JournalError, Row, RowKind
-from ._reader import first_broken_row, read_rows, read_rows_of_kinds
+from ._reader import BrokenRow, broken_rows, first_broken_row, read_rows, read_rows_of_kinds
 from ._writer import Journal
 from .rows import Body, Once, is_of, read_row
 
@@ -16,12 +16,14 @@ __all__ = [
     "JOURNAL_NAME",
     "SCHEMA_VERSION",
     "Body",
+    "BrokenRow",
     "CellJournal",
     "Journal",
     "JournalError",
     "Once",
     "Row",
     "RowKind",
+    "broken_rows",
     "first_broken_row",
     "first_flaw",
     "is_of",

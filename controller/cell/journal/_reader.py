@@ -3,10 +3,22 @@
 import json
 import sqlite3
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from ._form import GENESIS, JournalError, Row, RowKind, digest_of
 from ._writer import require_known_version
+
+
+@dataclass(frozen=True, slots=True)
+class BrokenRow:
+    """A row that does not fit the chain, and why."""
+
+    seq: int
+    run: str
+    part: int | None
+    name: str
+    why: str
 
 
 def read_rows(path: Path, run: str | None = None) -> Iterator[Row]:
@@ -66,21 +78,46 @@ def first_broken_row(path: Path) -> int | None:
     ------
     JournalError : no journal there
     """
+    found = next(_broken(path), None)
+    return None if found is None else found.seq
+
+
+def broken_rows(path: Path) -> list[BrokenRow]:
+    """Return all rows that do not fit the chain, in order; empty if it is whole.
+
+    A changed row is named itself; where its hash was made to fit, the row after it is. Of rows cut
+    off the end nothing is seen here.
+
+    Raises
+    ------
+    JournalError : no journal there
+    """
+    return list(_broken(path))
+
+
+def _broken(path: Path) -> Iterator[BrokenRow]:
     db = _open_to_read(path)
     # a byte that can no longer be decoded makes a changed row like any other
     db.text_factory = lambda raw: raw.decode("utf-8", "replace")
     try:
-        prev = GENESIS
+        last_seq, prev = 0, GENESIS
         for row in db.execute("SELECT * FROM journal ORDER BY seq"):
             *fields, prev_hash, digest = row
-            if prev_hash != prev or digest_of(prev, *fields) != digest:
-                return int(fields[0])
-            prev = digest
+            seq, _, _, run, part, _, name, _ = fields
+            if digest_of(prev_hash, *fields) != digest:
+                yield BrokenRow(seq, run, part, name, "was changed")
+            elif seq != last_seq + 1:
+                gap = f"{last_seq + 1} to {seq - 1}" if seq > last_seq + 2 else f"{seq - 1}"
+                yield BrokenRow(seq, run, part, name, f"follows a gap: row {gap} was removed")
+            elif prev_hash != prev:
+                yield BrokenRow(
+                    seq, run, part, name, f"does not follow row {last_seq}, which was replaced"
+                )
+            last_seq, prev = seq, digest
     except sqlite3.Error as error:
         raise JournalError(f"journal {path}: {error}; it is damaged or not a journal") from error
     finally:
         db.close()
-    return None
 
 
 def _open_to_read(path: Path) -> sqlite3.Connection:

@@ -1,5 +1,5 @@
-"""`cellctl inspect`: judge stored pictures of a part."""
+"""`cellctl inspect`, `replay`, `verify`: stored pictures judged, once more, and proven."""
 
-from .commands import inspect
+from .commands import inspect, replay, verify
 
-__all__ = ["inspect"]
+__all__ = ["inspect", "replay", "verify"]

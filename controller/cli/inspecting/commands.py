@@ -1,11 +1,11 @@
-"""Arguments and help of `cellctl inspect`."""
+"""Arguments and help of `cellctl inspect`, `replay` and `verify`."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from ..options import JsonOption
+from ..options import JsonOption, RunsOption
 
 
 def inspect(
@@ -34,3 +34,46 @@ def inspect(
     from .stored_views import inspect_set
 
     raise typer.Exit(inspect_set(views, recipe, report, as_json=json))
+
+
+RunArg = Annotated[
+    str | None,
+    typer.Argument(metavar="RUN", help="name of the run, or its folder (default: the newest)"),
+]
+
+
+def replay(
+    run_name: RunArg = None,
+    recipe: Annotated[
+        Path | None,
+        typer.Option(
+            "--recipe",
+            metavar="RECIPE",
+            help="recipe (YAML, or a name as in `run`) to judge by (default: the run's)",
+        ),
+    ] = None,
+    runs: RunsOption = Path("runs"),
+    json: JsonOption = False,
+) -> None:
+    """Judge the stored pictures of a run again, and list what changes.
+
+    With the run's own recipe nothing does: every number is the same to the last bit.
+    """
+    from .replayed_run import replay_run
+
+    raise typer.Exit(replay_run(runs, run_name, recipe, as_json=json))
+
+
+def verify(
+    run_name: RunArg = None,
+    head: Annotated[
+        str | None,
+        typer.Option("--head", metavar="HASH", help="hash that was noted when the run was done"),
+    ] = None,
+    runs: RunsOption = Path("runs"),
+    json: JsonOption = False,
+) -> None:
+    """Check that pictures, results and journal of a run are as they were written."""
+    from .verified_run import verify_run
+
+    raise typer.Exit(verify_run(runs, run_name, head, as_json=json))

@@ -27,6 +27,7 @@ from ..inputs.part_files import emulated_orientation
 from ..planning.recipe_check import warn_of
 from ..terminal.output import warn
 from .ends import Ends
+from .report_file import note_report
 from .run_output import display, print_result
 
 EMULATOR_READS = (".stl", ".obj", ".ply", ".off")
@@ -178,6 +179,7 @@ def _report(result: RunResult, runs_dir: Path, run_id: str, *, as_json: bool) ->
             f"`cellctl report {run_id} --runs {runs_dir}` writes it"
         )
         return 1
+    note_report(runs_dir, run_id, report)
     return print_result(result, run_id, report, as_json=as_json)
 
 
@@ -188,6 +190,7 @@ def _report_if_any(runs_dir: Path, run_id: str) -> None:
     except (ResultsError, OSError) as error:
         log.warning("no report: %s", error)
     else:
+        note_report(runs_dir, run_id, report)
         warn(f"report: {report}")
 
 

@@ -3,18 +3,21 @@
 import json
 from pathlib import Path
 
+from controller.cell.journal import JournalError
 from controller.config import ConfigError
 from controller.results import (
     ResultsError,
     judged_parts,
     load_run,
+    note_results,
     report_json,
     write_html,
     write_parts,
 )
+from controller.results.pages import write_page
 
 from ..inputs.checks import check_writable_folder
-from ..terminal.output import emit, print_line
+from ..terminal.output import emit, print_line, warn
 
 
 def write_report(runs_dir: Path, run: str | None, form: str, output: Path | None) -> int:
@@ -38,19 +41,36 @@ def write_report(runs_dir: Path, run: str | None, form: str, output: Path | None
             emit(body)
         else:
             _check(output)
-            output.write_text(json.dumps(body, indent=1, ensure_ascii=False), encoding="utf-8")
+            write_page(json.dumps(body, indent=1, ensure_ascii=False), output)
+            note_report(record.folder.parent, record.run_id, output)
             print_line(f"report: {output}")
         return 0
-    path = output or runs_dir / record.run_id / f"report.{form}"
+    path = output or record.folder / f"report.{form}"
     _check(path)
     if form == "html":
-        print_line(f"report: {write_html(record, path)}")
-        return 0
-    try:
-        print_line(f"report: {write_parts(judged_parts(record), form, path)}")
-    except ValueError as error:
-        raise ResultsError(f"run {record.run_id}: no {form} file, {error}") from error
+        write_html(record, path)
+    else:
+        try:
+            write_parts(judged_parts(record), form, path)
+        except ValueError as error:
+            raise ResultsError(f"run {record.run_id}: no {form} file, {error}") from error
+    note_report(record.folder.parent, record.run_id, path)
+    print_line(f"report: {path}")
     return 0
+
+
+def note_report(runs_dir: Path, run_id: str, file: Path) -> None:
+    """Append the hash of a report to the journal, where it is in the run's folder; else warn.
+
+    Parameters
+    ----------
+    runs_dir, run_id : of the run
+    file : the report, just written
+    """
+    try:
+        note_results(runs_dir, run_id, [file])
+    except (JournalError, OSError) as error:
+        warn(f"{file}: its hash is not in the journal, and `cellctl verify` will say so: {error}")
 
 
 def _check(output: Path) -> None:

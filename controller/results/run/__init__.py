@@ -1,11 +1,11 @@
 """A run, folded from the rows of its journal.
 
 `load.py` finds runs, `_fold.py` and `_parts.py` fold their rows into the `RunRecord` of `model.py`,
-`log_words.py` puts a row in words.
+`log_words.py` puts a row in words, `proof.py` shows what was changed since.
 """
 
 from ._parts import PartFold
-from .load import RunSummary, list_runs, load_run
+from .load import RunSummary, find_run, list_runs, load_run
 from .log_words import row_words, stage_words
 from .model import (
     Box,
@@ -30,6 +30,7 @@ from .model import (
     VerdictReport,
     ViewReport,
 )
+from .proof import RunProof, Tampering, note_results, prove_run
 
 __all__ = [
     "Box",
@@ -46,17 +47,22 @@ __all__ = [
     "Points",
     "ResultsError",
     "RunOutcome",
+    "RunProof",
     "RunRecord",
     "RunSummary",
     "SightingReport",
     "StageReport",
     "StepReport",
+    "Tampering",
     "UnknownRunError",
     "UnseenReport",
     "VerdictReport",
     "ViewReport",
+    "find_run",
     "list_runs",
     "load_run",
+    "note_results",
+    "prove_run",
     "row_words",
     "stage_words",
 ]

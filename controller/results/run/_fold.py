@@ -8,7 +8,7 @@ from typing import Final, TypeVar, cast
 from pydantic import ValidationError
 
 from controller.cell.custody import Custody, where_it_is
-from controller.cell.journal import Body, Row, read_row, rows
+from controller.cell.journal import Body, Row, is_of, read_row, rows
 
 from ._parts import PartFold
 from .log_words import row_words
@@ -42,7 +42,7 @@ def fold(run_id: str, folder: Path, found: Sequence[Row], broken: int | None) ->
     ------
     ResultsError : a row is not what this version of cellctl writes
     """
-    log = tuple(_entry(row, found[0].t_mono_s) for row in found)
+    log = tuple(_entry(row, found[0].t_mono_s) for row in _of_the_run(found))
     began = _last(log, rows.RunBegan) or rows.RunBegan()
     ended = _last(log, rows.RunEnded)
     at_rest, broke_off = _last(log, rows.AtRest), _last(log, rows.RunBrokeOff)
@@ -194,6 +194,12 @@ def _where(part: PartReport | None) -> str:
     if part.unconfirmed:
         return where_it_is(Custody.UNKNOWN, f"last known: {part.custody.value}")
     return where_it_is(part.custody, part.custody_detail)
+
+
+def _of_the_run(found: Sequence[Row]) -> Sequence[Row]:
+    """Return the rows up to the run's end; reports written later are noted after it."""
+    last = next((i for i, row in enumerate(found) if is_of(row, rows.RunEnded)), len(found) - 1)
+    return [*found[: last + 1], *(r for r in found[last + 1 :] if not is_of(r, rows.FilesStored))]
 
 
 def _stages(log: Sequence[LogEntry]) -> tuple[StageReport, ...]:

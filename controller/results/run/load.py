@@ -63,9 +63,7 @@ def load_run(runs_dir: Path, run: str | None = None) -> RunRecord:
     UnknownRunError : no such run; the message names the runs there are
     ResultsError : none is named and there is none, or several begin so, or an unreadable journal
     """
-    if run is not None and (Path(run).parent / JOURNAL_NAME).is_file() and Path(run).is_dir():
-        runs_dir, run = Path(run).parent, Path(run).resolve().name
-    run_id = _choose(runs_dir, run)
+    runs_dir, run_id = find_run(runs_dir, run)
     path = runs_dir / JOURNAL_NAME
     try:
         rows = tuple(read_rows(path, run_id))
@@ -75,6 +73,22 @@ def load_run(runs_dir: Path, run: str | None = None) -> RunRecord:
     except ValueError as error:
         raise ResultsError(f"journal {path}: a row of {run_id} is no JSON: {error}") from error
     return fold(run_id, runs_dir / run_id, rows, broken)
+
+
+def find_run(runs_dir: Path, run: str | None = None) -> tuple[Path, str]:
+    """Return the folder of all runs that a run is in, and the run's id.
+
+    Parameters
+    ----------
+    runs_dir, run : as `load_run` takes them
+
+    Raises
+    ------
+    UnknownRunError, ResultsError : as `load_run`
+    """
+    if run is not None and (Path(run).parent / JOURNAL_NAME).is_file() and Path(run).is_dir():
+        runs_dir, run = Path(run).parent, Path(run).resolve().name
+    return runs_dir, _choose(runs_dir, run)
 
 
 def _choose(runs_dir: Path, run: str | None) -> str:

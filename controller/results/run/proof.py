@@ -1,0 +1,192 @@
+"""Proves that a run is as it was written: rows by their chain, files by their hashes in rows.
+
+What it cannot prove: whoever can write the folder can also write all of it anew, chain included.
+Only a hash that was noted elsewhere shows that (`head`).
+"""
+
+import hashlib
+import sqlite3
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from controller.cell.journal import (
+    JOURNAL_NAME,
+    Journal,
+    JournalError,
+    Row,
+    broken_rows,
+    first_broken_row,
+    first_flaw,
+    is_of,
+    read_rows,
+    rows,
+)
+
+from .load import find_run
+from .model import ResultsError
+
+PICTURES: Final = "pictures"
+RESULTS: Final = ("report.*", "*.views.json")  # files of a run that its journal has to know
+CHUNK_BYTES: Final = 1 << 20
+
+
+@dataclass(frozen=True, slots=True)
+class Tampering:
+    """Something of a run that is not as it was written.
+
+    Attributes
+    ----------
+    subject : ``row 17 (view)``, or a file in the run's folder
+    problem : what is wrong with it
+    """
+
+    subject: str
+    problem: str
+
+
+@dataclass(frozen=True, slots=True)
+class RunProof:
+    """What was checked of a run, and what is not as it was written.
+
+    Attributes
+    ----------
+    row_count, file_count : of the run
+    last_seq, last_hash : of the journal; noted elsewhere, they prove later that nothing up to here
+        was written anew
+    """
+
+    run_id: str
+    row_count: int
+    file_count: int
+    tampered: tuple[Tampering, ...]
+    last_seq: int
+    last_hash: str
+
+
+def prove_run(runs_dir: Path, run: str | None = None, head: str | None = None) -> RunProof:
+    """Return what of a run is not as it was written.
+
+    Parameters
+    ----------
+    runs_dir : folder with the journal and the runs' own folders
+    run : a run's id, an unambiguous beginning of it, or the path of its folder; None for the newest
+    head : hash of a row, noted when the run was done
+
+    Raises
+    ------
+    UnknownRunError : no such run
+    ResultsError : the journal cannot be read
+    """
+    runs_dir, run_id = find_run(runs_dir, run)
+    path, folder = runs_dir / JOURNAL_NAME, runs_dir / run_id
+    try:
+        found = list(read_rows(path, run_id))
+        tampered = list(_broken(path))
+        hashes = _hashes(path)
+    except (JournalError, sqlite3.Error, ValueError) as error:
+        raise ResultsError(f"journal {path}: {error}") from error
+    if head is not None and head not in (digest for _, digest in hashes):
+        tampered.append(Tampering("journal", f"has no row with the hash {head:.80}"))
+    stored = stored_files(found)
+    tampered += _changed(folder, stored)
+    tampered += _strange(folder, stored)
+    if not stored:
+        tampered.append(
+            Tampering("journal", "has no hash of any file: an earlier cellctl wrote this run")
+        )
+    last_seq, last_hash = hashes[-1]
+    return RunProof(run_id, len(found), len(stored), tuple(tampered), last_seq, last_hash)
+
+
+def stored_files(found: Sequence[Row]) -> dict[str, tuple[str, int]]:
+    """Return by file the SHA-256 that was written last, and the number of its row."""
+    stored: dict[str, tuple[str, int]] = {}
+    for row in found:
+        if is_of(row, rows.FilesStored):
+            for file, digest in row.body.items():
+                stored[str(file)] = (str(digest), row.seq)
+    return stored
+
+
+def note_results(runs_dir: Path, run_id: str, files: Sequence[Path]) -> None:
+    """Append the hashes of files in a run's folder to the journal; files elsewhere are left out.
+
+    Parameters
+    ----------
+    runs_dir : folder with the journal
+    run_id : of the run
+    files : reports and exports, just written
+
+    Raises
+    ------
+    JournalError : the journal cannot be written, or is broken and so must not be
+    OSError : a file cannot be read again
+    """
+    path, folder = runs_dir / JOURNAL_NAME, (runs_dir / run_id).resolve()
+    inside = [file.resolve() for file in files if file.resolve().is_relative_to(folder)]
+    if not inside:
+        return
+    broken = first_broken_row(path)
+    if broken is not None:
+        raise JournalError(f"journal {path}: row {broken} is broken, so nothing is added to it")
+    digests = {file.relative_to(folder).as_posix(): _sha256(file) for file in inside}
+    journal = Journal(path, run_id)
+    try:
+        journal.write(rows.FilesStored(digests))
+    finally:
+        journal.close()
+
+
+def _broken(path: Path) -> Iterator[Tampering]:
+    found = broken_rows(path)
+    for row in found:
+        yield Tampering(f"row {row.seq} ({row.name}, run {row.run})", row.why)
+    if not found and (flaw := first_flaw(path)) is not None:  # at its end, or in its table
+        yield Tampering("journal", flaw)
+
+
+def _hashes(path: Path) -> list[tuple[int, str]]:
+    db = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)
+    try:
+        return [(int(seq), str(h)) for seq, h in db.execute("SELECT seq, hash FROM journal")]
+    finally:
+        db.close()
+
+
+def _changed(folder: Path, stored: dict[str, tuple[str, int]]) -> Iterator[Tampering]:
+    """Yield the files that are missing or not as they were written."""
+    root = folder.resolve()
+    for file, (digest, seq) in stored.items():
+        path = (folder / file).resolve()
+        if not path.is_relative_to(root):
+            yield Tampering(file, f"row {seq} names a file outside of the run's folder")
+        elif not path.is_file():
+            yield Tampering(file, f"is missing; row {seq} has its hash")
+        else:
+            try:
+                is_same = _sha256(path) == digest
+            except OSError as error:
+                yield Tampering(file, f"cannot be read: {error.strerror}")
+                continue
+            if not is_same:
+                yield Tampering(file, f"was changed; its hash is not that of row {seq}")
+
+
+def _strange(folder: Path, stored: dict[str, tuple[str, int]]) -> Iterator[Tampering]:
+    """Yield pictures and results that no row knows."""
+    there = [path for path in (folder / PICTURES).rglob("*") if not path.is_dir()]
+    there += [path for pattern in RESULTS for path in folder.glob(pattern)]
+    for path in sorted(there):
+        file = path.relative_to(folder).as_posix()
+        if file not in stored:
+            yield Tampering(file, "is not in the journal")
+
+
+def _sha256(path: Path) -> str:
+    digest = hashlib.sha256()
+    with path.open("rb") as file:
+        while chunk := file.read(CHUNK_BYTES):
+            digest.update(chunk)
+    return digest.hexdigest()
