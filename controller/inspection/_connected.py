@@ -2,6 +2,7 @@
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from controller.arrays import BoolArray, Float32Array, FloatArray
 from controller.imaging import Camera, ViewMaps, inverse_pose, transform
@@ -55,7 +56,10 @@ def connected_findings(
             continue
         x, y, w, h, _ = (int(v) for v in stats[i])
         at = (float(centres[i][0] + corner[0]), float(centres[i][1] + corner[1]))
-        point, faces = _nearest_on_part(part, maps, camera, T_world_part, labels == i, corner)
+        rows, columns = np.nonzero(grow(labels == i, 5))
+        point, faces = nearest_on_part(
+            part, maps, camera, T_world_part, columns + corner[0], rows + corner[1]
+        )
         found.append(
             Finding(
                 kind=kind,
@@ -71,26 +75,32 @@ def connected_findings(
     return found
 
 
-def _nearest_on_part(
+def nearest_on_part(
     part: PosedPart,
     maps: ViewMaps,
     camera: Camera,
     T: FloatArray,
-    marked: BoolArray,
-    corner: tuple[int, int],
+    xs: NDArray[np.integer],
+    ys: NDArray[np.integer],
 ) -> tuple[FloatArray, tuple[int, ...]]:
-    ys, xs = np.nonzero(grow(marked, 5))
-    u = xs + corner[0] - maps.roi[0]
-    v = ys + corner[1] - maps.roi[1]
+    """Return the middle of what pixels see of a part, CAD frame, and the faces most of them see.
+
+    Parameters
+    ----------
+    part : the part
+    maps : what the picture shows of it
+    camera : calibrated, in the world's frame
+    T : (4, 4) pose of the part in the world
+    xs, ys : (n,) the pixels; where they see none of it, the nearest one that does
+    """
+    u, v = xs - maps.roi[0], ys - maps.roi[1]
     height, width = maps.mask.shape
     inside = (u >= 0) & (v >= 0) & (u < width) & (v < height)
     u, v = u[inside], v[inside]
     on = maps.mask[v, u] if len(u) else np.zeros(0, dtype=bool)
     if not on.any():
         rows, columns = np.nonzero(maps.mask)
-        middle = np.array(
-            [xs.mean() + corner[0] - maps.roi[0], ys.mean() + corner[1] - maps.roi[1]]
-        )
+        middle = np.array([xs.mean() - maps.roi[0], ys.mean() - maps.roi[1]])
         nearest = int(np.argmin((columns - middle[0]) ** 2 + (rows - middle[1]) ** 2))
         u, v = columns[nearest : nearest + 1], rows[nearest : nearest + 1]
     else:

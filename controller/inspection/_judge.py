@@ -17,13 +17,27 @@ from controller.arrays import BoolArray
 from controller.cad import Solid, SurfaceSamples
 from controller.imaging import rotation_angle
 
-from ._types import OUTLINE, Finding, FindingKind, InspectionLimits, Unjudged, Verdict, ViewResult
+from ._types import (
+    OUTLINE,
+    Check,
+    Finding,
+    InspectionLimits,
+    Unjudged,
+    Verdict,
+    ViewResult,
+)
 
 SURE_AREA: Final = 2.5  # times the smallest area: no noise at a border grows so large
 SAME_PLACE_MM: Final = 6.0  # findings of two views whose middles are this close are one thing
 SAME_PLACE_SHARE: Final = 0.25  # and this share of their sizes more
 OTHER_LOOK_RAD: Final = float(np.radians(15.0))  # the part turned by less: the same look again
-EVEN_MISFIT: Final = 0.03  # a lit picture so well predicted that its findings are no finish's doing
+EVEN_MISFIT: Final = 0.12  # a lit picture so well predicted that its findings are no finish's doing
+MARK_PLACE_MM: Final = 1.0  # the same of marks: two poses, and the middle of what shows of one
+MARK_PLACE_SHARE: Final = 0.35
+SAME_PIXELS_PX: Final = 4.0  # nearer in two pictures it may be dirt on the lens
+OTHER_SIDE_RAD: Final = float(np.radians(60.0))  # a dent's bright side turns with the lamp
+SEEN_AGAIN_COUNT: Final = 2  # looks that would have shown a mark and did not: it was a reflection
+PLAIN: Final = 3.0  # a mark so far beyond texture is not argued away
 MIN_FACE_SHARE: Final = 0.5  # of a face that must have been compared
 MADE_GOOD_SHARE: Final = 0.99  # of what a failed view was to show that others had in sight
 NO_VIEW: Final = "in no view that was evaluated"
@@ -119,7 +133,7 @@ def judge(
         float(samples.areas_mm2[mask].sum() / samples.areas_mm2.sum())
         for mask in (compared, in_sight)
     )
-    confirmed, unconfirmed = _confirm(evaluated, limits)
+    confirmed, unconfirmed = _confirm(evaluated, samples, limits)
     found = dict.fromkeys((i for _, f in unconfirmed for i in f.face_ids), Verdict.INDETERMINATE)
     found |= dict.fromkeys((i for _, f in confirmed for i in f.face_ids), Verdict.FAIL)
     excuses = _unjudged(samples, evaluated)
@@ -195,18 +209,30 @@ def _claim(views: Sequence[ViewResult]) -> str:
     if lit:
         parts.append(
             f"no area of {max(c.size_mm for c in lit):g} mm or more half as bright as predicted, "
-            "or twice as bright"
+            f"or twice as bright{_marks(lit)}"
         )
     if not parts:
         return "no difference found"
     return "; ".join(parts) + "; dimensions are not measured"
 
 
+def _marks(lit: Sequence[Check]) -> str:
+    """Return the sizes of marks that were looked for, nine tenths of the surface as small."""
+    words = []
+    for kind in ("dent", "scratch", "stain"):
+        widths = [c.smallest_mm[kind] for c in lit if kind in c.smallest_mm]
+        known = np.concatenate([w[np.isfinite(w)] for w in widths]) if widths else np.zeros(0)
+        if len(known):
+            words.append(f"no {kind} {float(np.quantile(known, 0.9)):.1f} mm wide or wider")
+    return "".join(f", {word}" for word in words)
+
+
 def _confirm(
-    views: Sequence[ViewResult], limits: InspectionLimits
+    views: Sequence[ViewResult], samples: SurfaceSamples, limits: InspectionLimits
 ) -> tuple[list[tuple[str, Finding]], list[tuple[str, Finding]]]:
     """Split findings into those that decide and those that one error could explain."""
     every = [(view, f) for view in views for f in view.findings]
+    seconds = every + [(view, f) for view in views for f in view.hints]
     sure: list[tuple[str, Finding]] = []
     unconfirmed: list[tuple[str, Finding]] = []
     for view, finding in every:
@@ -214,11 +240,42 @@ def _confirm(
             other is not finding
             and _is_other_look(view, finding, other_view, other, limits)
             and _is_same_place(finding, other)
-            for other_view, other in every
+            for other_view, other in seconds
         )
-        (sure if seconded else unconfirmed).append((view.view_id, finding))
+        if seconded:
+            sure.append((view.view_id, finding))
+        elif not _is_argued_away(view, finding, views, samples):
+            unconfirmed.append((view.view_id, finding))
     sure.sort(key=lambda item: -item[1].area_mm2)
     return sure, unconfirmed
+
+
+def _is_argued_away(
+    view: ViewResult, finding: Finding, views: Sequence[ViewResult], samples: SurfaceSamples
+) -> bool:
+    """Return whether other looks would have shown a mark and did not: light made it, not the part.
+
+    What is on the part stays where it is as the part turns. A dent may hide under one lamp, so that
+    more than one look is needed; a mark far beyond all texture is not argued away.
+    """
+    if not finding.kind.is_mark or finding.evidence >= PLAIN:
+        return False
+    nearest = int(np.argmin(np.linalg.norm(samples.points_mm - finding.p_part_mm, axis=1)))
+    looks = 0
+    for other in views:
+        if _turn(view, other) < OTHER_LOOK_RAD:
+            continue
+        marks = [f for f in (*other.findings, *other.hints) if _is_same_place(finding, f)]
+        for check in other.checks:
+            widths = check.smallest_mm.get("scratch" if finding.is_long else "dent")
+            if widths is None or check.reason or any(f.lamp == check.name for f in marks):
+                continue
+            looks += bool(widths[nearest] <= finding.size_mm)
+    return looks >= SEEN_AGAIN_COUNT
+
+
+def _turn(view: ViewResult, other: ViewResult) -> float:
+    return rotation_angle(view.T_world_part[:3, :3] @ other.T_world_part[:3, :3].T)
 
 
 def _is_other_look(
@@ -232,19 +289,36 @@ def _is_other_look(
 
     Two lamps in one pose share its error, and their prediction's. The part turned, that error
     would move; not so the light model's about a finish, so that two lit pictures decide only where
-    both are predicted well all over. Outline and shading of one pose share only the pose, and both
-    checks have confirmed it: together they count where both are too large for what an error
-    within these limits makes.
+    both are predicted well all over. A mark is found against its own face, whatever the model; it
+    decides with any other look at the part turned, but not where both are the same pixels, as dirt
+    on the lens is. Two lamps in one pose decide on a dent whose bright side turns with the lamp.
+    Outline and shading of one pose share only the pose, and both checks have confirmed it:
+    together they count where both are too large for what an error within these limits makes.
     """
-    angle = rotation_angle(view.T_world_part[:3, :3] @ other_view.T_world_part[:3, :3].T)
-    is_lit = finding.kind is FindingKind.SURFACE and other.kind is FindingKind.SURFACE
+    if finding.kind.is_mark or other.kind.is_mark:
+        if view.view_id == other_view.view_id:
+            return _turns_with_the_lamp(finding, other)
+        away = np.hypot(*np.subtract(finding.at_px, other.at_px))
+        return _turn(view, other_view) >= OTHER_LOOK_RAD and bool(away > SAME_PIXELS_PX)
+    is_lit = finding.kind.is_lit and other.kind.is_lit
     if is_lit and max(_misfit(view, finding), _misfit(other_view, other)) > EVEN_MISFIT:
         return False  # what the finish does in one view it may do in the other
-    if view.view_id != other_view.view_id and angle >= OTHER_LOOK_RAD:
+    if view.view_id != other_view.view_id and _turn(view, other_view) >= OTHER_LOOK_RAD:
         return True
     least = SURE_AREA * limits.min_area_mm2
-    is_both = (finding.kind is FindingKind.SURFACE) != (other.kind is FindingKind.SURFACE)
+    is_both = finding.kind.is_lit != other.kind.is_lit
     return is_both and min(finding.area_mm2, other.area_mm2) >= least
+
+
+def _turns_with_the_lamp(finding: Finding, other: Finding) -> bool:
+    """Return whether two lamps show a bright and a dark side, and not the same ones."""
+    if finding.lamp == other.lamp:
+        return False
+    lengths = [float(np.hypot(*f.dipole_px)) for f in (finding, other)]
+    if min(lengths) == 0.0 or min(finding.evidence, other.evidence) < 1.0:
+        return False
+    cosine = float(np.dot(finding.dipole_px, other.dipole_px)) / (lengths[0] * lengths[1])
+    return cosine < float(np.cos(OTHER_SIDE_RAD))
 
 
 def _misfit(view: ViewResult, finding: Finding) -> float:
@@ -252,7 +326,9 @@ def _misfit(view: ViewResult, finding: Finding) -> float:
 
 
 def _is_same_place(finding: Finding, other: Finding) -> bool:
-    reach = SAME_PLACE_MM + SAME_PLACE_SHARE * (finding.size_mm + other.size_mm)
+    is_mark = finding.kind.is_mark and other.kind.is_mark
+    mm, share = (MARK_PLACE_MM, MARK_PLACE_SHARE) if is_mark else (SAME_PLACE_MM, SAME_PLACE_SHARE)
+    reach = mm + share * (finding.size_mm + other.size_mm)
     return bool(np.linalg.norm(other.p_part_mm - finding.p_part_mm) < reach)
 
 

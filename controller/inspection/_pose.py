@@ -143,16 +143,11 @@ def poses_as_good(
     """
     T, camera = fit.T_world_part, task.camera
     pivot = transform(T, part.solid.centroid_mm[None])[0]
-    found = ~np.isnan(fit.gap_px)
-    jacobian = edge_jacobian(fit.edge_points_mm[found], fit.edge_normals[found], pivot, camera)
-    scale = np.array([PLANNED_HOLD[0]] * 3 + [PLANNED_HOLD[1]] * 3)
-    information = sample_information(fit.step_mm, SIGMA_PX) * jacobian.T @ jacobian
-    # in units of the prior, so that lengths and angles compare; the least certain come first
-    values, directions = np.linalg.eigh(information * np.outer(scale, scale) + np.eye(6))
+    steps = pose_steps(part, task, fit)
     points = transform(T, np.asarray(part.solid.mesh.vertices))
     before_px = camera.project(points)
     for k in range(OPEN_COUNT):
-        step = directions[:, k] * scale / np.sqrt(values[k])
+        step = steps[k]
         for share in TRIED:
             T_step = twist(share * step[3:], share * step[:3], pivot)
             moved_px = camera.project(transform(T_step, points)) - before_px
@@ -162,6 +157,50 @@ def poses_as_good(
             other = _fit(part, task, T_tried, outline, T_tried, AS_PLACED, REACH_PX[:1])
             if other is not None and _is_as_good(other, fit):
                 yield other
+
+
+def pose_steps(part: PosedPart, task: ViewTask, fit: PoseFit) -> FloatArray:
+    """Return six independent steps of one standard deviation each, (6, 6), the least certain first.
+
+    Each is a displacement [mm] and a turn [rad] about the centre of mass, in the world.
+
+    Parameters
+    ----------
+    part : the part
+    task : the view, with its camera
+    fit : the pose measured
+    """
+    pivot = transform(fit.T_world_part, part.solid.centroid_mm[None])[0]
+    found = ~np.isnan(fit.gap_px)
+    jacobian = edge_jacobian(fit.edge_points_mm[found], fit.edge_normals[found], pivot, task.camera)
+    scale = np.array([PLANNED_HOLD[0]] * 3 + [PLANNED_HOLD[1]] * 3)
+    information = sample_information(fit.step_mm, SIGMA_PX) * jacobian.T @ jacobian
+    # in units of the prior, so that lengths and angles compare; the least certain come first
+    values, directions = np.linalg.eigh(information * np.outer(scale, scale) + np.eye(6))
+    return np.asarray((directions * scale[:, None] / np.sqrt(values)).T)
+
+
+def point_spread(
+    part: PosedPart, task: ViewTask, fit: PoseFit, points_mm: FloatArray
+) -> FloatArray:
+    """Return how far points (n, 3) of the part, world, may be off in the picture (n,) [px].
+
+    One standard deviation, from what the outline leaves open of the pose.
+
+    Parameters
+    ----------
+    part : the part
+    task : the view, with its camera
+    fit : the pose measured
+    points_mm : in the world
+    """
+    pivot = transform(fit.T_world_part, part.solid.centroid_mm[None])[0]
+    here = task.camera.project(points_mm)
+    total = np.zeros(len(points_mm))
+    for step in pose_steps(part, task, fit):
+        away = task.camera.project(transform(twist(step[3:], step[:3], pivot), points_mm)) - here
+        total += (away**2).sum(axis=1)
+    return np.asarray(np.sqrt(total))
 
 
 def moved(part: PosedPart, task: ViewTask, fit: PoseFit) -> tuple[float, float]:

@@ -7,7 +7,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.arrays import BoolArray, FloatArray, Grey
+from controller.arrays import BoolArray, Float32Array, FloatArray, Grey
 from controller.imaging import Camera, PointLamp
 
 
@@ -30,7 +30,7 @@ class Unjudged(StrEnum):
     BOUNCE = "lit by light from neighbouring surfaces, which no prediction knows"
     HIGHLIGHT = "where the lamp's highlight may be"
     ROUGH = "a finish too uneven for the smallest defect to stand out"
-    SHAPE = "a free-form surface, whose brightness is not predicted"
+    LIGHT = "lit in a way that the prediction does not know: another lamp or view is needed"
     EDGE = "too near to an edge for the smallest defect to show whole"
     LAMP = "in pictures that failed their self-check"
 
@@ -46,6 +46,20 @@ class FindingKind(StrEnum):
     MISSING = "missing material"
     EXTRA = "extra material"
     SURFACE = "surface differs"
+    DENT = "dent"
+    PIT = "pit"
+    SCRATCH = "scratch"
+    STAIN = "stain"
+
+    @property
+    def is_mark(self) -> bool:
+        """A local mark in a face's texture, which dust, dirt or a reflection may make too."""
+        return self in (self.DENT, self.PIT, self.SCRATCH, self.STAIN)
+
+    @property
+    def is_lit(self) -> bool:
+        """Found in a picture under a lamp, by its brightness."""
+        return self is self.SURFACE or self.is_mark
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +80,10 @@ class InspectionLimits:
     max_edge_px : an edge may be this wide (standard deviation of its blur), and
     max_edge_growth_px : wider than predicted by so much more, or the picture is defocused
     max_burnt_share : of the pixels of panel or part that may be burnt out
+    false_marks : how often, in the mean, the texture of good faces may look like a mark in a
+        picture; a part of twelve pictures then shows one such in eight parts
+    weak_marks : the same of marks that are of no account alone, but confirm another picture's
+    dust_mm : a mark no wider than this may be a speck of dust, and is none
     """
 
     smallest_defect_mm: float = 3.0
@@ -80,6 +98,9 @@ class InspectionLimits:
     max_edge_px: float = 1.3
     max_edge_growth_px: float = 0.45
     max_burnt_share: float = 0.05
+    false_marks: float = 0.01
+    weak_marks: float = 0.3
+    dust_mm: float = 0.3
 
     @property
     def min_area_mm2(self) -> float:
@@ -143,6 +164,9 @@ class Finding:
     box_px : x0, y0, x1, y1
     p_part_mm : (3,) nearest point of the part, CAD frame
     face_ids : surfaces it lies on, largest share first
+    evidence : of a mark how far it is beyond what texture makes; below 1 it only confirms others
+    contrast : of a mark its brightness against its surroundings, as a share
+    dipole_px : of a mark with a bright and a dark side, from the dark one to the bright one
     """
 
     kind: FindingKind
@@ -153,6 +177,14 @@ class Finding:
     box_px: tuple[int, int, int, int]
     p_part_mm: FloatArray
     face_ids: tuple[int, ...]
+    evidence: float = 1.0
+    contrast: float = 0.0
+    dipole_px: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def is_long(self) -> bool:
+        """It is a line: what shows it is a line filter."""
+        return self.kind is FindingKind.SCRATCH
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -168,6 +200,8 @@ class Check:
         the width of the smallest area that stands out
     length_mm : see `size_mm`; 0 under a lamp
     misfit : share by which a tenth of the lit surface, at least, is off its predicted brightness
+    smallest_mm : by kind of mark (dent, scratch, stain) the smallest width that would have been
+        found at each sample (n,), inf where none
     """
 
     name: str
@@ -176,6 +210,7 @@ class Check:
     size_mm: float = 0.0
     length_mm: float = 0.0
     misfit: float = 0.0
+    smallest_mm: Mapping[str, Float32Array] = field(default_factory=dict)
 
 
 OUTLINE = "outline"
@@ -200,6 +235,7 @@ class ViewResult:
     unjudged : (n,) of a sample in sight that no check compared why not, as number of `Unjudged`
         counted from 1, else 0; may be empty
     outline_px : outline of the prediction at the measured pose, (k, 2), for the report
+    hints : marks too weak to be findings, which may confirm another look's
     """
 
     view_id: str
@@ -216,6 +252,7 @@ class ViewResult:
     unobstructed: BoolArray = field(default_factory=lambda: np.zeros(0, dtype=bool))
     checks: tuple[Check, ...] = ()
     unjudged: NDArray[np.uint8] = field(default_factory=lambda: np.zeros(0, dtype=np.uint8))
+    hints: tuple[Finding, ...] = ()
 
     @property
     def in_sight(self) -> BoolArray:

@@ -92,7 +92,10 @@ def register(
 
 
 def _steps(
-    picture: Grey | Float32Array, edge_px: FloatArray, normals: FloatArray
+    picture: Grey | Float32Array,
+    edge_px: FloatArray,
+    normals: FloatArray,
+    min_step_grey: float = MIN_STEP_GREY,
 ) -> tuple[BoolArray, FloatArray, FloatArray]:
     """Return which profiles show one step, where on the normal it is, and how wide; (n,) each."""
     offsets = np.arange(-REACH_PX, REACH_PX + STEP_PX / 2, STEP_PX)
@@ -111,7 +114,7 @@ def _steps(
     near = np.abs(middles[None, :] - peak[:, None]) <= NEAR_PX
     change = np.where(near, slope, 0.0).sum(axis=1)
     signed = np.abs(np.where(near, rise, 0.0).sum(axis=1))
-    is_clear = (signed > MIN_STEP_GREY) & (signed > 0.7 * change)
+    is_clear = (signed > min_step_grey) & (signed > 0.7 * change)
     is_clear &= np.abs(peak) < REACH_PX - NEAR_PX / 2
     weight = np.where(near, slope, 0.0)
     weight = np.maximum(weight - FLOOR * weight.max(axis=1, keepdims=True), 0.0)
@@ -123,3 +126,84 @@ def _steps(
     middle = (wide * middles).sum(axis=1) / total
     width = np.sqrt((wide * (middles - middle[:, None]) ** 2).sum(axis=1) / total)
     return is_clear, place, width
+
+
+SEARCHED_PX: Final = 7.0  # to either side
+SHIFT_STEP_PX: Final = 0.5
+SOFT_PX: Final = 0.8
+CAPPED: Final = 10.0  # times the noise of slopes: a few strong edges do not outvote the others
+STEP_NOISES: Final = 6.0  # a step that shows, in standard deviations of noise
+MIN_SHOWN_GREY: Final = 5.0  # of eight bits
+MIN_CLEAR: Final = 20
+TOGETHER: Final = 5.0  # neighbouring points of an edge show the same
+SURE: Final = 6.0  # standard deviations of a shift's mean slope
+ASIDE_PX: Final = 2.5
+FALL_SHARE: Final = 0.15  # of the peak that must be gone so far aside, whichever way
+
+
+def register_edges(picture: Grey, edge_px: FloatArray, normals: FloatArray) -> Registration | None:
+    """Return how a picture lies on predicted edges (n, 2), bright or dark beside; None if untold.
+
+    For pictures whose outline hardly shows: each shift is weighed by the slopes that it puts on
+    the edges, outline and inner edges alike. The width is of those that show clearly.
+
+    Parameters
+    ----------
+    picture : (height, width) grey
+    edge_px : (n, 2) points of edges, x before y
+    normals : (n, 2) unit, square to them
+    """
+    if len(edge_px) < MIN_PROFILES:
+        return None
+    x0, y0 = (np.floor(edge_px.min(axis=0) - SEARCHED_PX - 4)).astype(int)
+    x1, y1 = (np.ceil(edge_px.max(axis=0) + SEARCHED_PX + 5)).astype(int)
+    x0, y0 = max(x0, 0), max(y0, 0)
+    soft = cv2.GaussianBlur(picture[y0:y1, x0:x1].astype(np.float32), (0, 0), SOFT_PX)
+    dx = cv2.Sobel(soft, cv2.CV_32F, 1, 0, ksize=3) / 8
+    dy = cv2.Sobel(soft, cv2.CV_32F, 0, 1, ksize=3) / 8
+    shifts = np.arange(-SEARCHED_PX, SEARCHED_PX + SHIFT_STEP_PX / 2, SHIFT_STEP_PX)
+    sx, sy = (s.ravel() for s in np.meshgrid(shifts, shifts))
+    u = (edge_px[:, :1] - x0 + sx).astype(np.float32)
+    v = (edge_px[:, 1:] - y0 + sy).astype(np.float32)
+    slope = np.abs(
+        cv2.remap(dx, u, v, cv2.INTER_LINEAR) * normals[:, :1].astype(np.float32)
+        + cv2.remap(dy, u, v, cv2.INTER_LINEAR) * normals[:, 1:].astype(np.float32)
+    )
+    noise = max(float(np.median(slope)) / 0.6745, 0.05)
+    capped = np.minimum(slope / noise, CAPPED)
+    score = capped.mean(axis=0).reshape(len(shifts), len(shifts))
+    row, column = np.unravel_index(int(score.argmax()), score.shape)
+    far = (np.maximum(np.abs(sx), np.abs(sy)) > SEARCHED_PX - SHIFT_STEP_PX).reshape(score.shape)
+    level = float(np.median(score[far]))
+    chance = float(capped[:, far.ravel()].std()) / np.sqrt(len(edge_px) / TOGETHER)
+    height = float(score[row, column]) - level
+    aside = round(ASIDE_PX / SHIFT_STEP_PX)
+    if not (
+        height > SURE * chance
+        and aside <= row < len(shifts) - aside
+        and aside <= column < len(shifts) - aside
+    ):
+        return None
+    ring = [(a, b) for a in (-aside, 0, aside) for b in (-aside, 0, aside) if a or b]
+    fall = max(float(score[row + a, column + b]) for a, b in ring) - level
+    if fall > height - max(FALL_SHARE * height, SURE * chance / 2):
+        return None  # along some direction another shift would do as well
+    near = score[row - aside : row + aside + 1, column - aside : column + aside + 1] - level
+    weight = np.maximum(near - 0.3 * height, 0.0)
+    steps = shifts[: 2 * aside + 1] - shifts[aside]
+    total = weight.sum()
+    mean = np.array([(weight.sum(axis=0) @ steps), (weight.sum(axis=1) @ steps)]) / total
+    shift = np.array([shifts[column], shifts[row]]) + mean
+    least = max(STEP_NOISES * picture_noise(picture[y0:y1, x0:x1]), MIN_SHOWN_GREY)
+    is_clear, _, width = _steps(picture, edge_px + shift, normals, least)
+    if is_clear.sum() < MIN_CLEAR:
+        return None
+    # noise widens faint steps: the quarter that is sharper than the others shows the lens
+    return Registration(shift, float(np.quantile(width[is_clear], 0.25)), 0.0)
+
+
+def picture_noise(window: Grey | Float32Array) -> float:
+    """Return the standard deviation of a picture's noise [grey], by what no lens could show."""
+    kernel = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32) / 6.0
+    rest = cv2.filter2D(window.astype(np.float32), cv2.CV_32F, kernel)
+    return 1.4826 * float(np.median(np.abs(rest[::2, ::2])))

@@ -21,7 +21,7 @@ from controller.recognition.fitting import OutlineMeasure
 from ._outline import compare_outline
 from ._pose import PosedPart, PoseFit, measure_pose, moved, poses_as_good
 from ._scene import ViewScene, make_scene, samples_in_sight
-from ._types import FindingKind, InspectionLimits, ViewPictures, ViewResult, ViewTask
+from ._types import InspectionLimits, ViewPictures, ViewResult, ViewTask
 from .lit import BURNT_GREY, LitPictures
 from .registration import Registration, register
 
@@ -71,7 +71,7 @@ def inspect_view(
         return _not_evaluated(task, samples, f"no picture under {missing[0]}")
     view = _View(part, samples, task, pictures, scene, dark, judged, sharp)
     best = view.compare_at(fit)
-    if not any(f.kind is FindingKind.SURFACE for f in best.findings):
+    if not any(f.kind.is_lit for f in best.findings):
         return best
     # what a lit picture shows against one pose, and not against another that the outline allows as
     # well, speaks of the pose and not of the part
@@ -136,7 +136,8 @@ class _View:
             shift_mm=shift,
             turn_rad=turn,
             residual_px=fit.residual_px,
-            findings=tuple(findings),
+            findings=tuple(f for f in findings if f.evidence >= 1.0),
+            hints=tuple(f for f in findings if f.evidence < 1.0),
             compared=compared,
             outline_px=mask_contour(fit.maps.mask) + np.array([x0, y0]),
             beside_gripper=visible.beside_gripper,

@@ -350,11 +350,11 @@ def test_a_second_look_is_of_the_same_place_from_elsewhere(
     [
         (0.01, FindingKind.SURFACE, Verdict.FAIL),
         (
-            0.08,
+            0.2,
             FindingKind.SURFACE,
             Verdict.INDETERMINATE,
         ),  # an uneven finish is odd from all sides
-        (0.08, FindingKind.MISSING, Verdict.FAIL),  # which no finish explains
+        (0.2, FindingKind.MISSING, Verdict.FAIL),  # which no finish explains
     ],
 )
 def test_lit_pictures_alone_fail_a_part_only_where_they_are_predicted_well(

@@ -308,12 +308,28 @@ def test_a_view_out_of_focus_is_not_evaluated(sigma_px: float) -> None:
     )
 
 
-@pytest.mark.parametrize("lamp", ["ring", "side"])
-def test_a_lit_picture_exposed_too_long_is_not_evaluated(lamp: str) -> None:
+def exposed(lamp: str, factor: float) -> tuple[ViewResult, NDArray[np.uint8]]:
     pictures = right_pictures()
-    burnt = np.clip(pictures.lit[lamp].astype(float) * 2.5, 0, 255).astype(np.uint8)
-    result = look(replace(pictures, lit={**pictures.lit, lamp: burnt}))
+    burnt = np.clip(pictures.lit[lamp].astype(float) * factor, 0, 255).astype(np.uint8)
+    return look(replace(pictures, lit={**pictures.lit, lamp: burnt})), burnt
+
+
+@pytest.mark.parametrize(("lamp", "factor"), [("ring", 2.5), ("side", 4.0)])
+def test_a_lit_picture_exposed_too_long_is_not_evaluated(lamp: str, factor: float) -> None:
+    result, _ = exposed(lamp, factor)
     assert_lamp_not_evaluated(result, lamp, "burnt out")
+
+
+def test_what_is_burnt_out_is_not_compared_and_no_finding() -> None:
+    result, burnt = exposed("side", 2.5)
+    (check,) = (c for c in result.checks if c.name == "side")
+    assert not [f for f in result.findings if f.lamp == "side"]
+    pixels = CAMERA.project(transform(result.T_world_part, samples().points_mm)).round().astype(int)
+    soft = cv2.blur(burnt, (9, 9))
+    height, width = burnt.shape
+    u, v = np.clip(pixels, 0, [width - 1, height - 1]).T
+    assert (soft[v, u] == 255).sum() > 10
+    assert not check.compared[soft[v, u] == 255].any()
 
 
 @pytest.mark.parametrize("view", VIEWS)
@@ -359,7 +375,8 @@ def test_only_what_faces_the_camera_and_nothing_hides_is_in_sight_and_less_is_co
     share = {f.id: float(seen[ids == f.id].mean()) for f in solid().faces}
     compared = {f.id: float(result.compared[ids == f.id].mean()) for f in solid().faces}
     assert all(compared[i] <= share[i] for i in share)
-    assert compared[face_id("plane", (12, 8, 18))] > 0.8
+    # a face of 12 mm, whose rim a defect of 3 mm does not fit on
+    assert compared[face_id("plane", (12, 8, 18))] > 0.5
     assert compared[face_id("plane", (0, 0, 12))] > 0.6
     assert share[face_id("plane", (12, 8, 18))] > 0.95  # the boss, towards the camera
     assert share[face_id("plane", (8, -9, 6))] > 0.6  # the pocket's floor, between its walls

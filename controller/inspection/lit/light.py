@@ -38,6 +38,8 @@ class Surface:
     face : (h, w) face met, -1 where none
     cosine : (h, w) of the angle at which the surface is seen, 0 where the part is not
     area_mm2 : (h, w) of surface in a pixel of the full picture
+    depth_mm : (h, w) along the camera's axis, 0 where the part is not
+    node_mm : (h, w) side of a node square to the line of sight
     """
 
     seen: BoolArray
@@ -47,6 +49,8 @@ class Surface:
     face: Int32Array
     cosine: Float32Array
     area_mm2: Float32Array
+    depth_mm: Float32Array
+    node_mm: Float32Array
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -112,6 +116,8 @@ def find_surface(
         face=face,
         cosine=spread(np.clip(cosine, 0.0, 1.0)),
         area_mm2=spread(side_mm**2 / np.maximum(cosine, 0.2)),
+        depth_mm=spread(maps.depth_mm[seen]),
+        node_mm=spread(step_px * side_mm),
     )
 
 

@@ -1,29 +1,53 @@
 """The lit pictures of one view: each must lie where the pose says, and look as its light allows."""
 
+from dataclasses import replace
+from functools import cached_property
 from typing import Final
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.arrays import BoolArray, Float32Array, Grey
+from controller.arrays import BoolArray, Float32Array, Grey, Int32Array
 from controller.cad import SurfaceSamples
 from controller.imaging import ViewMaps, transform
+from controller.recognition.fitting import EdgePoints, predict_edges
 
 from .._connected import connected_findings, grow
-from .._pose import PosedPart, PoseFit
+from .._pose import PosedPart, PoseFit, point_spread
 from .._scene import HOLDER_MARGIN_PX, ViewScene, Visibility
 from .._types import Check, Finding, FindingKind, Unjudged, ViewTask
-from ..registration import Registration, register
-from .compare import Compared, compare
+from ..registration import Registration, picture_noise, register, register_edges
+from .brightness import Brightness, fit_brightness
+from .compare import (
+    BURNT_GREY,
+    FITTED_COUNT,
+    MAX_BURNT,
+    WORST_TYPICAL,
+    Compared,
+    compare,
+    fitted_nodes,
+    in_penumbra,
+)
 from .light import Light, Surface, bound_light, find_surface
+from .marks import Answers, answers, smallest_nodes
+from .spots import local_findings
+from .texture import Texture, feature_edges, find_texture
 
-SHADING_STEP_PX: Final = 2  # shading is compared on every second pixel: defects are many px large
+STEP_PX: Final = 2  # faces are compared on every second pixel
+LIGHT_STRIDE: Final = 1  # light is found on each of these nodes: shadows are as narrow as defects
 LENS_PX: Final = 0.7  # about how a lens blurs
 LENS_WIDTH_PX: Final = 0.56  # as `register` measures that
-MIN_NODES: Final = 3  # a difference in shading is at least as wide, on the grid
+MIN_NODES: Final = 3  # a difference in light is at least as wide, on the grid
 MIN_WIDTH_PX: Final = 7.0  # and leaves so much of a defect, the blur of its border taken off
 DISC_SHARE: Final = 0.6  # of a defect's disc that must lie on compared pixels
+EDGE_PLAY_MM: Final = 0.3  # edges are broken, and features may be off, by so much within tolerance
+EDGE_PLAY_PX: Final = 2.0  # blur of the edge and of the filters, three standard deviations
+POSE_SPREADS: Final = 2.0  # standard deviations of the pose that an edge may be off by
+SPREAD_NODES: Final = 8  # the pose's spread changes slowly
+BOUNCED: Final = 0.25  # of a lamp's light, that a corner adds: it changes as fast as a mark
+LIT: Final = 0.05  # of a surface square to the lamp: less light shows no texture
+MIN_NOISE_GREY: Final = 0.3  # of eight bits
 
 
 class LitPictures:
@@ -51,23 +75,68 @@ class LitPictures:
     ) -> None:
         self._part, self._samples, self._task, self._scene = part, samples, task, scene
         self._fit, self._visibility, self._sharp = fit, visible, sharp
-        step = SHADING_STEP_PX
-        whole = fit.maps
-        x0, y0, x1, y1 = whole.roi
-        self._window = (slice(y0, y1, step), slice(x0, x1, step))
-        maps = ViewMaps(whole.roi, whole.triangle[::step, ::step], whole.depth_mm[::step, ::step])
-        self._surface: Surface = find_surface(part.solid, maps, fit.T_world_part, task.camera, step)
+        self._fine = self._surface_at(STEP_PX)
+        self._coarse = self._surface_at(STEP_PX * LIGHT_STRIDE)
         com = transform(fit.T_world_part, part.solid.centroid_mm[None])[0]
         self._mm = task.camera.mm_per_px(com)
         # only inside the outline: beside it stands whatever stands behind the part
-        filled = np.zeros(maps.mask.shape, dtype=np.uint8)
+        filled = np.zeros(fit.maps.mask.shape, dtype=np.uint8)
         contours, _ = cv2.findContours(
-            maps.mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE
+            fit.maps.mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE
         )
         cv2.drawContours(filled, contours, -1, 1, thickness=cv2.FILLED)
-        slack = max(1, round(task.limits.slack_px / step))
-        self._inside: BoolArray = ~grow(filled == 0, slack)
-        self._unheld: BoolArray = ~scene.holder_mask[self._window]
+        self._inside: BoolArray = ~grow(filled == 0, task.limits.slack_px)
+
+    def _surface_at(self, step: int) -> Surface:
+        whole = self._fit.maps
+        maps = ViewMaps(whole.roi, whole.triangle[::step, ::step], whole.depth_mm[::step, ::step])
+        return find_surface(self._part.solid, maps, self._fit.T_world_part, self._task.camera, step)
+
+    def _unheld(self, step: int) -> BoolArray:
+        x0, y0, x1, y1 = self._fit.maps.roi
+        return np.asarray(~self._scene.holder_mask[y0:y1:step, x0:x1:step])
+
+    @cached_property
+    def _edges(self) -> EdgePoints:
+        """Edges of the part in sight, off the gripper."""
+        edges = predict_edges(self._part.edges, self._fit.T_world_part, self._task.camera)
+        width, height = self._task.camera.size_px
+        x, y = np.round(edges.pixels).astype(int).T
+        inside = (x >= 0) & (y >= 0) & (x < width) & (y < height)
+        free = inside.copy()
+        free[inside] = ~self._scene.holder_mask[y[inside], x[inside]]
+        return replace(
+            edges,
+            points_mm=edges.points_mm[free],
+            pixels=edges.pixels[free],
+            normals=edges.normals[free],
+            on_outline=edges.on_outline[free],
+            lift=edges.lift[free],
+            jump_mm=edges.jump_mm[free],
+        )
+
+    @cached_property
+    def _smooth_faces(self) -> BoolArray:
+        """Fine nodes on smooth faces, off edges, outline and gripper."""
+        edge = feature_edges(self._fine).astype(np.uint8)
+        away = STEP_PX * cv2.distanceTransform(1 - edge, cv2.DIST_L2, 5)
+        near = away <= EDGE_PLAY_PX + EDGE_PLAY_MM / self._mm + POSE_SPREADS * self._spread_px()
+        unheld = self._unheld(STEP_PX)
+        usable: BoolArray = self._fine.seen & ~near & unheld & self._inside[::STEP_PX, ::STEP_PX]
+        return usable & (self._fine.cosine > self._flattest)
+
+    def _spread_px(self) -> Float32Array:
+        """Return how far off the pose may be at the fine nodes (h, w), one standard deviation."""
+        surface = self._fine
+        rows, columns = np.nonzero(surface.seen)
+        some = np.flatnonzero((rows % SPREAD_NODES == 0) & (columns % SPREAD_NODES == 0))
+        shape = tuple(-(-n // SPREAD_NODES) for n in surface.seen.shape)
+        coarse = np.zeros(shape, dtype=np.float32)
+        spread = point_spread(self._part, self._task, self._fit, surface.points[some])
+        coarse[rows[some] // SPREAD_NODES, columns[some] // SPREAD_NODES] = spread
+        wide = cv2.dilate(coarse, np.ones((3, 3), np.uint8))
+        full = np.repeat(np.repeat(wide, SPREAD_NODES, axis=0), SPREAD_NODES, axis=1)
+        return np.asarray(full[: surface.seen.shape[0], : surface.seen.shape[1]])
 
     def check(
         self, lamp_name: str, picture: Grey
@@ -76,106 +145,227 @@ class LitPictures:
         task, limits = self._task, self._task.limits
         lamp = next(lamp for lamp in task.lamps if lamp.name == lamp_name)
         light = bound_light(
-            self._surface, self._part.caster, self._fit.T_world_part, task.camera, lamp,
+            self._coarse, self._part.caster, self._fit.T_world_part, task.camera, lamp,
             self._scene.holder,
         )  # fmt: skip
-        outcome = self._misfit(picture, light) or self._compare(picture, light)
-        if isinstance(outcome, str):
-            nothing = np.zeros(len(self._samples.points_mm), dtype=bool)
+        step = STEP_PX * LIGHT_STRIDE
+        unheld = self._unheld(step)
+        inside = self._inside[::step, ::step]
+        valid = inside & unheld & ~grow(light.touched, HOLDER_MARGIN_PX // step + 1)
+        x0, y0, x1, y1 = self._fit.maps.roi
+        smooth = cv2.GaussianBlur(picture[y0:y1, x0:x1], (0, 0), 1.0)
+        observed = np.asarray(smooth[::step, ::step], np.float32)
+        reason = self._misfit(picture, light)
+        fitting = fitted_nodes(self._coarse, light, valid)
+        if not reason and fitting.sum() < FITTED_COUNT:
+            # nothing that this lamp is known to light is in sight: nothing is compared or found
+            code = np.where(self._visibility.free, Unjudged.UNLIT.number, 0)
+            return Check(lamp_name, "", self._none()), [], code.astype(np.uint8)
+        brightness = None
+        if not reason:
+            told = fitting & (observed < BURNT_GREY)
+            brightness = fit_brightness(
+                observed, light, told if told.sum() >= FITTED_COUNT else fitting, self._coarse.face
+            )
+            reason = self._unlike(observed, fitting, brightness)
+        if reason or brightness is None:
             code = np.where(self._visibility.free, Unjudged.LAMP.number, 0)
-            return Check(lamp_name, outcome, nothing), [], code.astype(np.uint8)
-        compared, code = self._per_sample(outcome)
-        check = Check(lamp_name, "", compared, limits.smallest_defect_mm, misfit=outcome.misfit)
-        step = SHADING_STEP_PX
+            return Check(lamp_name, reason, self._none()), [], code.astype(np.uint8)
+        outcome = compare(
+            observed, self._coarse, light, brightness, valid,
+            _ground_level(picture, self._fit.maps, self._scene), limits, self._flattest,
+        )  # fmt: skip
+        found = self._wrong_light(lamp_name, outcome)
+        texture, noise = self._texture(picture, light, brightness, valid)
+        answer = answers(texture, noise, limits.false_marks, limits.weak_marks)
+        found += local_findings(
+            answer, texture, picture, self._fine, self._part, self._fit, task, lamp_name, STEP_PX
+        )
+        compared, code = self._per_sample(outcome, answer, texture)
+        check = Check(
+            lamp_name, "", compared, limits.smallest_defect_mm, misfit=brightness.misfit,
+            smallest_mm=self._smallest(answer, texture),
+        )  # fmt: skip
+        return check, found, code
+
+    def _none(self) -> BoolArray:
+        return np.zeros(len(self._samples.points_mm), dtype=bool)
+
+    def _unlike(self, observed: Float32Array, fitting: BoolArray, brightness: Brightness) -> str:
+        """Return why a picture cannot be of this lamp on this part, empty if it can."""
+        limits = self._task.limits
+        if float((observed[fitting] >= BURNT_GREY).mean()) > MAX_BURNT:
+            return "it is burnt out: a shorter exposure or a darker lamp is needed"
+        if float(np.quantile(observed[fitting], 0.9)) < limits.min_contrast / 4:
+            return "it gives no light: is the lamp on?"
+        if brightness.typical > WORST_TYPICAL:
+            return (
+                f"brightness scatters by {100 * brightness.typical:.0f} % about the prediction, "
+                f"{100 * WORST_TYPICAL:.0f} % is allowed: not this lamp, or not this finish"
+            )
+        return ""
+
+    def _wrong_light(self, lamp_name: str, outcome: Compared) -> list[Finding]:
+        """Return connected places where light or shadow is not what it must be."""
+        step = STEP_PX * LIGHT_STRIDE
+        limits = self._task.limits
         kernel = np.ones((MIN_NODES, MIN_NODES), np.uint8)
         opened = cv2.morphologyEx(outcome.wrong.astype(np.uint8), cv2.MORPH_OPEN, kernel)
         x0, y0, x1, y1 = self._fit.maps.roi
-        area = np.where(self._surface.seen, self._surface.area_mm2, np.float32(self._mm**2))
+        area = np.where(self._coarse.seen, self._coarse.area_mm2, np.float32(self._mm**2))
         full, areas = (
             np.repeat(np.repeat(a, step, axis=0), step, axis=1)[: y1 - y0, : x1 - x0]
             for a in (opened > 0, area)
         )
-        found = connected_findings(
-            full, FindingKind.SURFACE, lamp_name, self._part, self._fit.maps, task.camera,
+        return connected_findings(
+            full, FindingKind.SURFACE, lamp_name, self._part, self._fit.maps, self._task.camera,
             self._fit.T_world_part, (x0, y0), areas, limits.min_area_mm2,
         )  # fmt: skip
-        return check, found, code
+
+    def _texture(
+        self, picture: Grey, light: Light, brightness: Brightness, valid: BoolArray
+    ) -> tuple[Texture, Float32Array]:
+        """Return the texture of the faces under a lamp, and the camera's noise in it."""
+        shape = self._fine.seen.shape
+        x0, y0, x1, y1 = self._fit.maps.roi
+        window = picture[y0:y1, x0:x1].astype(np.float32)
+        even = cv2.copyMakeBorder(window, 0, -window.shape[0] % 2, 0, -window.shape[1] % 2,
+                                  cv2.BORDER_REPLICATE)  # fmt: skip
+        observed = cv2.resize(even, shape[::-1], interpolation=cv2.INTER_AREA)
+        good = ~in_penumbra(light) & (light.bounce < BOUNCED * light.least)
+        good &= valid & (light.least > LIT)
+        usable = self._smooth_faces & _spread_out(good, shape)
+        usable &= observed < BURNT_GREY
+        predicted = _interpolated(brightness.direct, self._coarse.seen, shape)
+        texture = find_texture(np.asarray(observed, np.float32), self._fine, usable, predicted)
+        grey = max(picture_noise(window), MIN_NOISE_GREY) / STEP_PX
+        return texture, np.asarray(grey / np.maximum(texture.smooth, 1.0), np.float32)
 
     def _misfit(self, picture: Grey, light: Light) -> str:
         """Return why a lit picture does not lie on the pose, or is not sharp; empty if it does."""
         limits, fit = self._task.limits, self._fit
         expected = self._expected(picture, light)
         steps = register(picture, fit.edge_px, fit.edge_normals, expected)
+        # the expected picture is blurred by a good lens; the backlit one tells how good this one is
+        lens = max(self._sharp.width_px - LENS_WIDTH_PX, 0.0) if self._sharp is not None else 0.0
+        growth = steps.growth_px if steps is not None else 0.0
         if steps is None:
-            return "it shows too little of the part's outline to verify the pose"
+            steps = register_edges(picture, self._edges.pixels, self._edges.normals)
+            growth = steps.width_px - LENS_WIDTH_PX if steps is not None else 0.0
+        if steps is None:
+            return "it shows too little of the part's outline and edges to verify the pose"
         shift = float(np.linalg.norm(steps.shift_px))
         if shift > limits.max_lit_shift_px:
             return (
                 f"it is {shift:.1f} px beside the backlit one, "
                 f"{limits.max_lit_shift_px:.1f} px is allowed: the part or the camera moved"
             )
-        # the expected picture is blurred by a good lens; the backlit one tells how good this one is
-        lens = max(self._sharp.width_px - LENS_WIDTH_PX, 0.0) if self._sharp is not None else 0.0
-        if steps.growth_px - lens > limits.max_edge_growth_px:
+        if growth - lens > limits.max_edge_growth_px:
             return (
-                f"its edges are {steps.growth_px:.1f} px wider than they should be, "
+                f"its edges are {growth:.1f} px wider than they should be, "
                 f"{lens + limits.max_edge_growth_px:.1f} px is allowed: out of focus, or moved"
             )
         return ""
 
     def _expected(self, picture: Grey, light: Light) -> Float32Array:
         """Return the whole picture as predicted, to a grey level or ten, (height, width)."""
-        step = SHADING_STEP_PX
+        step = STEP_PX * LIGHT_STRIDE
         whole = self._fit.maps
         x0, y0, x1, y1 = whole.roi
         matt = 0.5 * (light.least + light.most)
-        bright = self._surface.seen & (matt > 0.3)
-        observed = picture[self._window].astype(np.float32)
+        bright = self._coarse.seen & (matt > 0.3)
+        observed = picture[y0:y1:step, x0:x1:step].astype(np.float32)
         gain = float(np.median(observed[bright] / matt[bright])) if bright.any() else 0.0
         full = np.repeat(np.repeat(matt, step, axis=0), step, axis=1)[: y1 - y0, : x1 - x0]
         out = np.full(picture.shape, _ground_level(picture, whole, self._scene), dtype=np.float32)
         # a node may be seen where the pixel beside it is not: its neighbour's light then
-        wide = cv2.dilate(full, np.ones((3, 3), np.uint8))
+        wide = cv2.dilate(full, np.ones((2 * step - 1, 2 * step - 1), np.uint8))
         lit = gain * np.where(full > 0, full, wide)
         out[y0:y1, x0:x1] = np.where(whole.mask, lit, out[y0:y1, x0:x1])
         return np.asarray(cv2.GaussianBlur(out, (0, 0), LENS_PX), dtype=np.float32)
-
-    def _compare(self, picture: Grey, light: Light) -> Compared | str:
-        task, scene, surface = self._task, self._scene, self._surface
-        x0, y0, x1, y1 = self._fit.maps.roi
-        step = SHADING_STEP_PX
-        smooth = cv2.GaussianBlur(picture[y0:y1, x0:x1], (0, 0), 1.0)
-        observed = smooth[::step, ::step].astype(np.float32)
-        valid = self._unheld & ~grow(light.touched, HOLDER_MARGIN_PX // step + 1)
-        return compare(
-            observed, surface, light, self._inside, valid,
-            _ground_level(picture, self._fit.maps, scene), self._part.solid.faces, task.limits,
-            self._flattest,
-        )  # fmt: skip
 
     @property
     def _flattest(self) -> float:
         """The cosine below which the smallest defect is too narrow in the picture."""
         return float(MIN_WIDTH_PX * self._mm / self._task.limits.smallest_defect_mm)
 
-    def _per_sample(self, outcome: Compared) -> tuple[BoolArray, NDArray[np.uint8]]:
-        """Return which samples a picture compared (n,), and why not the others (n,)."""
-        disc_px = self._task.limits.smallest_defect_mm / self._mm / SHADING_STEP_PX
-        size = max(1, round(disc_px)) | 1
-        share = cv2.blur(outcome.compared.astype(np.float32), (size, size))
-        x0, y0, _, _ = self._fit.maps.roi
-        u, v = ((self._visibility.pixels - [x0, y0]) // SHADING_STEP_PX).T
-        height, width = outcome.compared.shape
+    def _at_samples(self, step: int) -> tuple[BoolArray, NDArray[np.intp], NDArray[np.intp]]:
+        """Return which samples (n,) fall on the grid, and the rows and columns of these."""
+        x0, y0, x1, y1 = self._fit.maps.roi
+        u, v = ((self._visibility.pixels - [x0, y0]) // step).T
+        height, width = -(-(y1 - y0) // step), -(-(x1 - x0) // step)
         inside = self._visibility.free & (u >= 0) & (v >= 0) & (u < width) & (v < height)
-        compared = np.zeros(len(u), dtype=bool)
-        code = np.zeros(len(u), dtype=np.uint8)
-        v, u = v[inside], u[inside]
-        whole = outcome.compared[v, u] & (share[v, u] >= DISC_SHARE)
-        compared[inside] = whole & (self._flattest < 1.0)
+        return inside, v[inside], u[inside]
+
+    def _smallest(self, answer: Answers, texture: Texture) -> dict[str, Float32Array]:
+        """Return per kind of mark the smallest width [mm] found at each sample (n,), else inf."""
+        inside, v, u = self._at_samples(STEP_PX)
+        slant = np.maximum(self._fine.node_mm / np.maximum(self._fine.cosine, 0.05), 1e-6)
+        out = {}
+        for kind, nodes in smallest_nodes(answer, texture).items():
+            widths = np.full(len(inside), np.inf, dtype=np.float32)
+            widths[inside] = (nodes * slant)[v, u]
+            out[kind] = widths
+        return out
+
+    def _per_sample(
+        self, outcome: Compared, answer: Answers, texture: Texture
+    ) -> tuple[BoolArray, NDArray[np.uint8]]:
+        """Return which samples a picture compared (n,), and why not the others (n,)."""
+        limits = self._task.limits
+        slant = self._fine.node_mm / np.maximum(self._fine.cosine, 0.05)
+        nodes = smallest_nodes(answer, texture)[FindingKind.DENT.name.lower()]
+        fine = nodes <= limits.smallest_defect_mm / np.maximum(slant, 1e-6)
+        size = limits.smallest_defect_mm / self._mm / STEP_PX
+        whole = _near_own_face(fine, self._fine.face, size) & (_share(fine, size) >= DISC_SHARE)
+        step = STEP_PX * LIGHT_STRIDE
+        rough = limits.smallest_defect_mm / self._mm / step
+        light = outcome.compared & (_share(outcome.compared, rough) >= DISC_SHARE)
+        inside, v, u = self._at_samples(STEP_PX)
+        stride = LIGHT_STRIDE
+        shown = (whole[v, u] | light[v // stride, u // stride]) & (self._flattest < 1.0)
+        compared = self._none()
+        code = np.zeros(len(inside), dtype=np.uint8)
+        compared[inside] = shown
         edge = Unjudged.EDGE.number
-        reason = outcome.reason[v, u]
-        code[inside] = np.where(whole, 0, np.where(reason == 0, edge, reason))
+        reason = outcome.reason[v // stride, u // stride]
+        code[inside] = np.where(shown, 0, np.where(reason == 0, edge, reason))
         return compared, code
+
+
+def _share(mask: BoolArray, size_nodes: float) -> Float32Array:
+    """Return which share of a defect about each node lies on a mask (h, w)."""
+    size = max(1, round(size_nodes)) | 1
+    return np.asarray(cv2.blur(mask.astype(np.float32), (size, size)), np.float32)
+
+
+def _near_own_face(mask: BoolArray, face: Int32Array, size_nodes: float) -> BoolArray:
+    """Return which nodes (h, w) have a mask's nearest node on their own face, half a defect off."""
+    if not mask.any():
+        return mask
+    away, nearest = cv2.distanceTransformWithLabels(
+        (~mask).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    face_of = np.full(int(nearest.max()) + 1, -1, dtype=np.int32)
+    face_of[nearest[mask]] = face[mask]
+    return np.asarray((away <= size_nodes / 2) & (face_of[nearest] == face) & (face >= 0))
+
+
+def _spread_out(mask: BoolArray, shape: tuple[int, int]) -> BoolArray:
+    """Return a mask of the light's nodes on the finer nodes (h, w), where all around is set."""
+    sure = cv2.erode(mask.astype(np.uint8), np.ones((3, 3), np.uint8), borderValue=0)
+    full = np.repeat(np.repeat(sure, LIGHT_STRIDE, axis=0), LIGHT_STRIDE, axis=1)
+    return np.asarray(full[: shape[0], : shape[1]] > 0)
+
+
+def _interpolated(values: Float32Array, seen: BoolArray, shape: tuple[int, int]) -> Float32Array:
+    """Return values of the light's nodes on the finer nodes (h, w), nothing taken from beyond."""
+    v, u = np.mgrid[0 : shape[0], 0 : shape[1]].astype(np.float32) / LIGHT_STRIDE
+    border = cv2.BORDER_REPLICATE
+    top = cv2.remap(np.where(seen, values, 0).astype(np.float32), u, v, cv2.INTER_LINEAR,
+                    borderMode=border)  # fmt: skip
+    weight = cv2.remap(seen.astype(np.float32), u, v, cv2.INTER_LINEAR, borderMode=border)
+    return np.asarray(top / np.maximum(weight, 1e-3), np.float32)
 
 
 def _ground_level(picture: Grey, maps: ViewMaps, scene: ViewScene) -> float:

@@ -1,0 +1,165 @@
+"""How bright a part's surface looks under a lamp: fitted to the picture itself, with its own error.
+
+A finish throws back a matt share of the light, a highlight that is the sum of several lobes, and
+light that came from neighbouring surfaces. How much of each is found from the whole part in one
+picture, robustly and with no share below zero. How far the picture is off that, the more where
+highlights or bounced light make much of it, is the prediction's own error.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from scipy.optimize import nnls
+
+from controller.arrays import BoolArray, Float32Array, FloatArray, Int32Array
+
+from .light import Light
+
+FIT_SAMPLE: Final = 4000
+ROUNDS: Final = 6
+OUTLYING: Final = 2.0  # robust standard deviations: farther off a node loses weight
+PIECES: Final = 5  # of a face err independently: a finish is alike all over it
+STRAY_GREY: Final = 5.0  # of eight bits: no more light than that comes from nowhere
+PRIOR_SHARE: Final = 1.0  # highlights up to as bright as the matt share are nothing special
+MIN_ERROR: Final = 0.01  # of the brightness
+SHARE_BINS: Final = (0.0, 0.15, 0.4, 0.7, 1.01)  # of highlight and bounce in the brightness
+BIN_COUNT: Final = 60  # nodes that show a spread
+UNKNOWN_SPREAD: Final = 0.35  # where too few nodes show one
+UNSEEN_SPREAD: Final = 0.15  # of a face none of whose nodes shows its tone: other directions
+FACE_COUNT: Final = 60  # nodes that show a face's own tone
+FAINT_GREY: Final = 6.0
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Brightness:
+    """A picture's light as fitted to it; (h, w) each, grey.
+
+    Attributes
+    ----------
+    predicted : with shadows and bounced light
+    direct : without bounced light, whose bound changes by leaps
+    unshaded : as if nothing threw a shadow
+    spread, spread_open : relative standard deviation of the prediction, and of `unshaded`
+    tone : what the node's face is brighter than predicted as a whole, by its lit nodes
+    misfit : by how much a tenth of the fitted nodes is off, at least, as a share
+    typical : median of the same
+    """
+
+    predicted: Float32Array
+    direct: Float32Array
+    unshaded: Float32Array
+    spread: Float32Array
+    spread_open: Float32Array
+    tone: Float32Array
+    misfit: float
+    typical: float
+
+
+def fit_brightness(
+    observed: Float32Array, light: Light, fitting: BoolArray, face: Int32Array
+) -> Brightness:
+    """Return the brightness that a picture shows of a lamp's light.
+
+    Parameters
+    ----------
+    observed : (h, w) grey
+    light : of the lamp
+    fitting : (h, w) nodes whose light is known well, some hundred at least
+    face : (h, w) met, -1 where none
+    """
+    matt = 0.5 * (light.least + light.most)
+    glints = [0.5 * (dim + bright) for dim, bright in light.glints]
+    columns = np.stack([matt, *glints, light.bounce, np.ones_like(matt)], axis=-1)
+    index = np.flatnonzero(fitting)
+    chosen = index[:: max(1, len(index) // FIT_SAMPLE)]
+    count = min(PIECES * len(np.unique(face[fitting])), len(chosen))
+    lights = columns.reshape(-1, columns.shape[-1])[chosen].astype(np.float64)
+    shares, information = _shares(lights, observed.ravel()[chosen].astype(np.float64), count)
+    predicted = (columns @ shares.astype(np.float32)).astype(np.float32)
+    half = np.linalg.cholesky(np.linalg.inv(information)).astype(np.float32)
+    unsure = np.linalg.norm(columns @ half, axis=-1) / np.maximum(predicted, FAINT_GREY)
+    parts = [np.float32(k) * columns[..., i] for i, k in enumerate(shares)]
+    direct = (predicted - parts[-2]).astype(np.float32)
+    # in the open a surface has the lamp's whole light; its highlight then is not known better
+    columns[..., 0] = light.open
+    unshaded = (columns @ shares.astype(np.float32)).astype(np.float32)
+    unsure_open = np.linalg.norm(columns @ half, axis=-1) / np.maximum(unshaded, FAINT_GREY)
+    off = np.asarray(observed / np.maximum(predicted, FAINT_GREY), np.float32)
+    tone, tone_spread = _tones(off, face, fitting)
+    rest = np.abs(off / tone - 1.0)
+    moving = (np.sum(parts[1:-1], axis=0) / np.maximum(predicted, 1e-3)).astype(np.float32)
+    known = _spread(rest, moving, fitting)
+    spread, spread_open = (
+        np.sqrt(known**2 + tone_spread**2 + u**2).astype(np.float32) for u in (unsure, unsure_open)
+    )
+    whole = np.abs(off[fitting] - np.median(off[fitting]))
+    return Brightness(
+        predicted, direct, unshaded, spread, spread_open, tone,
+        float(np.quantile(whole, 0.9)), float(np.median(whole)),
+    )  # fmt: skip
+
+
+def _shares(lights: FloatArray, b: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
+    """Return the shares (columns,) of light, none below 0, and their information matrix.
+
+    A matt surface is the first guess; highlights, bounced and stray light must be seen to be there.
+
+    Parameters
+    ----------
+    lights, b : (n, columns) light, and (n,) grey, of some nodes
+    count : nodes that err independently
+    """
+    scale = np.maximum(b, FAINT_GREY)
+    gain = float(np.median(b / np.maximum(lights[:, 0], 1e-3)))
+    prior = np.full(lights.shape[1], 1.0 / gain)
+    prior[0], prior[-1] = 0.0, 1.0 / STRAY_GREY
+    weight = 1.0 / scale
+    solution, error = np.zeros(lights.shape[1]), 1.0
+    for _ in range(ROUNDS):
+        weighed = lights * weight[:, None]
+        pull = PRIOR_SHARE * error * np.sqrt(len(b) / count) * np.diag(prior)
+        # the factor of a matrix has the same least squares, in as many rows as columns
+        q, r = np.linalg.qr(np.vstack([weighed, pull]))
+        solution, _ = nnls(r, q.T @ np.concatenate([b * weight, np.zeros(len(pull))]))
+        off = np.abs(b - lights @ solution) / scale
+        error = max(1.4826 * float(np.median(off)), MIN_ERROR)
+        weight = np.minimum(1.0, OUTLYING * error / np.maximum(off, 1e-9)) / scale
+    weighed = lights * weight[:, None]
+    information = weighed.T @ weighed * (count / len(b)) / error**2 + np.diag(prior**2 + 1e-12)
+    return solution, information
+
+
+def _tones(
+    off: Float32Array, face: Int32Array, fitting: BoolArray
+) -> tuple[Float32Array, Float32Array]:
+    """Return each node's face's tone, and how well that is known (share)."""
+    count = int(face.max()) + 1
+    tone = np.ones(count + 1, dtype=np.float32)
+    known = np.zeros(count + 1, dtype=bool)
+    mine, values = face[fitting], off[fitting]
+    order = np.argsort(mine, kind="stable")
+    ids, begins = np.unique(mine[order], return_index=True)
+    for i, some in zip(ids.tolist(), np.split(values[order], begins[1:]), strict=True):
+        if len(some) >= FACE_COUNT:
+            tone[i], known[i] = max(float(np.median(some)), 0.05), True
+    common = float(np.median(tone[known])) if known.any() else 1.0
+    between = np.abs(tone[known] / common - 1.0)
+    # of two or three faces the farthest off counts, of more the most of them
+    play = float(np.quantile(between, 0.75) / 0.8) if len(between) > 1 else UNKNOWN_SPREAD
+    tone[~known] = common
+    spread = np.where(known, 0.0, max(play, UNSEEN_SPREAD)).astype(np.float32)
+    return tone[face], spread[face]
+
+
+def _spread(rest: Float32Array, moving: Float32Array, fitting: BoolArray) -> Float32Array:
+    """Return the scatter of the prediction (h, w), by the share of light that depends on more."""
+    where = np.digitize(moving, SHARE_BINS[1:-1])
+    by_bin = np.full(len(SHARE_BINS) - 1, UNKNOWN_SPREAD, dtype=np.float32)
+    known, seen = rest[fitting], where[fitting]
+    for i in range(len(by_bin)):
+        some = known[seen == i]
+        if len(some) >= BIN_COUNT:
+            # half of the nodes say nothing of the others: the wider part counts
+            by_bin[i] = max(1.4826 * float(np.median(some)), float(np.quantile(some, 0.9)) / 1.645)
+    return by_bin[where]

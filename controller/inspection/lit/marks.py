@@ -1,0 +1,245 @@
+"""Local marks in a face's texture: spots and lines that the texture itself does not make.
+
+Each filter answers to marks of one width, lines of one direction. What it answers on a face without
+marks is that face's own texture and the camera's noise, so its scatter there sets the scale, face
+by face, direction by direction (so that machining marks raise the scale of their own direction
+only), and near by. How far such answers go by chance follows from the tail of their local maxima: a
+mark is one that texture would make so many times in a picture at most, as the setting says.
+"""
+
+from dataclasses import dataclass
+from functools import cache
+from types import MappingProxyType
+from typing import Final
+
+import cv2
+import numpy as np
+
+from controller.arrays import Float32Array, FloatArray, Int32Array
+
+from .texture import Texture
+
+SPOT_NODES: Final = (1.2, 2.0, 3.3, 5.5, 9.0)  # standard deviation of a spot's middle
+SURROUND: Final = 1.6  # times that: of what it is compared with
+LINE_NODES: Final = 0.9  # across
+LINE_LENGTH_NODES: Final = 4.5  # along
+DIRECTIONS: Final = 12
+ON_REGION: Final = 0.5  # of a filter's weight that must lie on the region
+NEAR_NODES: Final = 20.0  # texture may differ from one part of a face to another
+CLIPPED: Final = 3.0  # standard deviations a node adds to that, at most
+WRONG_SHAPE: Final = 0.5  # share of a predicted change that may be wrong, as at a highlight
+MIN_MAXIMA: Final = 30  # that show a tail
+HEAVIEST: Final = 0.8  # exponent of the tail: 2 is normal noise, 1 exponential
+LIGHTEST: Final = 2.0
+QUIETEST: Final = 0.002  # contrast below which no face's texture is taken to be
+# what a mark is taken to differ from its surroundings by, for the smallest one that is found: a
+# dent whose flanks turn by ten degrees, a scratch of bare metal, a film that darkens
+CONTRASTS: Final = MappingProxyType({"dent": 0.3, "scratch": 0.2, "stain": 0.15})
+MIN_SPOT: Final = 0.1  # what differs by less is finish, not a mark
+MIN_LINE: Final = 0.1
+DISC: Final = 1.4  # radius of a spot by the standard deviation of the filter that answers most
+LINE_WIDTH: Final = 2.5  # width of a line likewise
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Answers:
+    """What the filters answer to a texture; (filters, h, w).
+
+    Attributes
+    ----------
+    excess : contrast, less what the shape explains; signed
+    limit : what texture exceeds as often as the setting allows, and no less than a mark's
+    weak : the same, where one more in a picture is of no account
+    """
+
+    excess: Float32Array
+    limit: Float32Array
+    weak: Float32Array
+
+
+def answers(texture: Texture, noise: Float32Array, rate: float, weak_rate: float) -> Answers:
+    """Return what spot and line filters answer, and what is beyond chance.
+
+    Parameters
+    ----------
+    texture : of a picture's faces
+    noise : (h, w) standard deviation of a node's contrast that the camera makes at least
+    rate : how often in a picture texture may be taken for a mark
+    weak_rate : likewise, of marks that only confirm others
+    """
+    inside = (texture.region > 0).astype(np.float32)
+    raw = np.concatenate([_spots(texture.contrast, inside), _lines(texture.contrast, inside)])
+    shape = np.zeros_like(raw)
+    if texture.curved.any():
+        shape = np.concatenate([_spots(texture.shape, inside), _lines(texture.shape, inside)])
+        kernel = np.ones((3, 3), np.uint8)
+        shape = np.stack([cv2.dilate(np.abs(s), kernel) for s in shape])
+    quiet = _gains()[:, None, None] * np.maximum(noise, QUIETEST)
+    excess = np.sign(raw) * np.maximum(np.abs(raw) - WRONG_SHAPE * shape, 0.0)
+    scatter = np.maximum(_scatter(excess, texture.region, inside), quiet).astype(np.float32)
+    height = np.abs(excess) / scatter
+    peaks = [_maxima(z, texture.region) for z in height]
+    pooled = np.concatenate(peaks)
+    count = len(peaks)
+    sure, weak = (
+        np.array([tail(p if len(p) >= MIN_MAXIMA else pooled, r / count) for p in peaks])
+        for r in (rate, weak_rate)
+    )
+    least = np.array(
+        [MIN_SPOT * _spot_gain()] * len(SPOT_NODES) + [MIN_LINE * _line_gain()] * DIRECTIONS
+    )[:, None, None]
+    limit = np.maximum(sure[:, None, None] * scatter, least).astype(np.float32)
+    low = np.maximum(np.minimum(weak, sure)[:, None, None] * scatter, least)
+    return Answers(excess, limit, low.astype(np.float32))
+
+
+def tail(maxima: FloatArray, expected: float) -> float:
+    """Return the height that ``expected`` of the local maxima exceed, by their Weibull tail.
+
+    The tail is taken from the half of them and the tenth of them that are higher: marks are few.
+
+    Parameters
+    ----------
+    maxima : (n,) heights above 0
+    expected : how many, in the mean
+    """
+    if len(maxima) < MIN_MAXIMA:
+        return float("inf") if not len(maxima) else 2.0 * float(maxima.max()) + 6.0
+    half, tenth = (max(float(np.quantile(maxima, q)), 1e-6) for q in (0.5, 0.9))
+    exponent = np.log(np.log(10) / np.log(2)) / np.log(max(tenth / half, 1.01))
+    exponent = float(np.clip(exponent, HEAVIEST, LIGHTEST))
+    reach = max(np.log(len(maxima) / expected), np.log(10)) / np.log(10)
+    return float(tenth * reach ** (1 / exponent))
+
+
+def _spots(values: Float32Array, inside: Float32Array) -> Float32Array:
+    """Return each spot filter's answer (scales, h, w): mean of a middle less its surround's."""
+    out = []
+    for sigma in SPOT_NODES:
+        middle, weight = _mean(values, inside, sigma)
+        around, _ = _mean(values, inside, SURROUND * sigma)
+        out.append(np.where((inside > 0) & (weight > ON_REGION), middle - around, 0.0))
+    return np.stack(out).astype(np.float32)
+
+
+def _mean(
+    values: Float32Array, inside: Float32Array, sigma: float
+) -> tuple[Float32Array, Float32Array]:
+    top = cv2.GaussianBlur(values, (0, 0), sigma)
+    weight = cv2.GaussianBlur(inside, (0, 0), sigma)
+    return (
+        np.asarray(top / np.maximum(weight, 1e-3), np.float32),
+        np.asarray(weight, np.float32),
+    )
+
+
+def _lines(values: Float32Array, inside: Float32Array) -> Float32Array:
+    """Return each line filter's answer (directions, h, w): curvature across, averaged along."""
+    soft = cv2.GaussianBlur(values, (0, 0), LINE_NODES)
+    xx = cv2.Sobel(soft, cv2.CV_32F, 2, 0, ksize=3) / 4
+    yy = cv2.Sobel(soft, cv2.CV_32F, 0, 2, ksize=3) / 4
+    xy = cv2.Sobel(soft, cv2.CV_32F, 1, 1, ksize=3) / 4
+    # a mask's border bends what is filled with zeros beside it
+    good = cv2.erode(inside, np.ones((3, 3), np.uint8))
+    out = []
+    for angle, kernel in zip(_angles(), _line_kernels(), strict=True):
+        c, s = np.cos(angle), np.sin(angle)  # along the line; across is (-s, c)
+        across = (s * s * xx - 2 * s * c * xy + c * c * yy) * good
+        out.append(cv2.filter2D(across, cv2.CV_32F, kernel))
+    return np.stack(out).astype(np.float32) * (good > 0)
+
+
+def _angles() -> FloatArray:
+    return np.asarray(np.arange(DIRECTIONS) * np.pi / DIRECTIONS)
+
+
+@cache
+def _line_kernels() -> tuple[Float32Array, ...]:
+    reach = int(np.ceil(2 * LINE_LENGTH_NODES))
+    v, u = np.mgrid[-reach : reach + 1, -reach : reach + 1].astype(np.float64)
+    kernels = []
+    for angle in _angles():
+        along, across = u * np.cos(angle) + v * np.sin(angle), v * np.cos(angle) - u * np.sin(angle)
+        kernel = np.exp(-0.5 * (along / LINE_LENGTH_NODES) ** 2 - 0.5 * (across / 0.6) ** 2)
+        kernels.append((kernel / kernel.sum()).astype(np.float32))
+    return tuple(kernels)
+
+
+@cache
+def _gains() -> FloatArray:
+    """Return each filter's standard deviation on white noise of 1 a node (filters,)."""
+    rng = np.random.default_rng(1)
+    white = rng.normal(size=(160, 160)).astype(np.float32)
+    whole = np.ones_like(white)
+    both = np.concatenate([_spots(white, whole), _lines(white, whole)])
+    return np.asarray(both[:, 40:-40, 40:-40].std(axis=(1, 2)))
+
+
+def _scatter(raw: Float32Array, region: Int32Array, inside: Float32Array) -> Float32Array:
+    """Return the standard deviation of each filter's answers (filters, h, w), by face, near by."""
+    order = np.argsort(region.ravel(), kind="stable")
+    ids, begins = np.unique(region.ravel()[order], return_index=True)
+    groups = np.split(order, begins[1:])
+    out = np.empty_like(raw)
+    small = cv2.resize(inside, None, fx=0.25, fy=0.25, interpolation=cv2.INTER_AREA)
+    weight = np.maximum(cv2.GaussianBlur(small, (0, 0), NEAR_NODES / 4), 1e-3)
+    for filtered, target in zip(raw, out, strict=True):
+        level = np.zeros(int(region.max()) + 1, dtype=np.float32)
+        flat = np.abs(filtered.ravel())
+        for i, group in zip(ids.tolist(), groups, strict=True):
+            if i:
+                some = flat[group[:: max(1, len(group) // 2000)]]
+                level[i] = 1.4826 * float(np.median(some))
+        face = level[region]
+        bounded = np.minimum(filtered**2, (CLIPPED * face) ** 2)
+        coarse = cv2.resize(bounded, small.shape[::-1], interpolation=cv2.INTER_AREA)
+        near = cv2.GaussianBlur(coarse, (0, 0), NEAR_NODES / 4) / weight
+        wide = cv2.resize(near, filtered.shape[::-1], interpolation=cv2.INTER_LINEAR)
+        target[:] = np.maximum(face, np.sqrt(np.maximum(wide, 0.0)))
+    return out
+
+
+def _maxima(z: Float32Array, region: Int32Array) -> FloatArray:
+    """Return the heights of the local maxima of an answer, either sign, on regions."""
+    height = np.abs(z)
+    top = cv2.dilate(height, np.ones((3, 3), np.uint8))
+    return np.asarray(height[(height >= top) & (region > 0) & (height > 0)], np.float64)
+
+
+def smallest_nodes(answer: Answers, texture: Texture) -> dict[str, Float32Array]:
+    """Return per kind of mark the smallest width found at each node (h, w), inf where none is.
+
+    Parameters
+    ----------
+    answer : of the filters
+    texture : what they answered to
+    """
+    inside = texture.region > 0
+    need = answer.limit
+    count = len(SPOT_NODES)
+    most = _spot_gain()
+    out = {}
+    for kind in ("dent", "stain"):
+        widths = np.full(inside.shape, np.inf, dtype=np.float32)
+        for sigma, least in zip(SPOT_NODES[::-1], need[:count][::-1], strict=True):
+            widths[inside & (CONTRASTS[kind] * most >= least)] = 2 * DISC * sigma
+        out[kind] = widths
+    line = _line_gain()
+    worst = need[count:].max(axis=0)
+    found = inside & (CONTRASTS["scratch"] * line >= worst)
+    out["scratch"] = np.where(found, LINE_WIDTH * LINE_NODES, np.inf).astype(np.float32)
+    return out
+
+
+def _spot_gain() -> float:
+    """Return a spot filter's answer in the middle of a disc of contrast 1 and its best size."""
+    return float(np.exp(-0.5 * (DISC / SURROUND) ** 2) - np.exp(-0.5 * DISC**2))
+
+
+@cache
+def _line_gain() -> float:
+    """Return a line filter's answer to a long line of contrast 1, `LINE_WIDTH` of its sigma."""
+    v, u = np.mgrid[-40:41, -40:41].astype(np.float32)
+    width = LINE_WIDTH * LINE_NODES
+    line = np.clip(0.5 * width + 0.5 - np.abs(v), 0, 1).astype(np.float32)
+    return float(np.abs(_lines(line, np.ones_like(u))[0, 40, 40]))

@@ -1,0 +1,216 @@
+"""Marks -> findings: their extent in the full picture, what they are, and where on the part.
+
+A speck of dust is as small as the blur allows and is no defect; a mark is measured in the picture
+itself, by where it keeps half of its contrast.
+"""
+
+from typing import Final
+
+import cv2
+import numpy as np
+
+from controller.arrays import BoolArray, Grey
+
+from .._connected import nearest_on_part
+from .._pose import PosedPart, PoseFit
+from .._types import Finding, FindingKind, ViewTask
+from .light import Surface
+from .marks import SPOT_NODES, Answers
+from .texture import Texture
+
+BLUR_PX: Final = 1.65  # full width at half maximum of a point: what a good lens makes
+LONG: Final = 3.0  # times as long as wide: a line
+MAX_MARKS: Final = 40  # of a picture: a face full of marks is a finish
+BOTH_SIDES: Final = 0.4  # a dent's darker side is as strong as that, in its brighter side
+STAIN_MM: Final = 3.0  # wider marks of one sign are stains
+
+
+def local_findings(
+    answer: Answers,
+    texture: Texture,
+    picture: Grey,
+    surface: Surface,
+    part: PosedPart,
+    fit: PoseFit,
+    task: ViewTask,
+    lamp_name: str,
+    step_px: int,
+) -> list[Finding]:
+    """Return the marks of a picture that its texture does not make, the strongest first.
+
+    Parameters
+    ----------
+    answer : of the filters to the texture
+    texture : of the picture's faces
+    picture : (height, width) grey, for what is smaller than a node
+    surface : what the nodes see
+    part, fit, task : the part, its pose, the view
+    lamp_name : of the picture
+    step_px : of the nodes
+    """
+    height = np.abs(answer.excess)
+    strength = height / answer.limit
+    marked = np.asarray((height >= answer.weak).any(axis=0))
+    count, label, stats, _ = cv2.connectedComponentsWithStats(
+        cv2.dilate(marked.astype(np.uint8), np.ones((3, 3), np.uint8)), connectivity=8
+    )
+    found: list[tuple[float, Finding]] = []
+    for i in range(1, count):
+        x, y, w, h = (int(v) for v in stats[i, :4])
+        window = (slice(y, y + h), slice(x, x + w))
+        here = label[window] == i
+        local = np.where(here, strength[:, window[0], window[1]], 0.0)
+        which, row, column = np.unravel_index(int(local.argmax()), local.shape)
+        peak = (y + int(row), x + int(column))
+        mark = _measure(answer, texture, surface, int(which), peak, here, window)
+        if mark is None:
+            continue
+        extent, length_mm, kind, contrast, dipole = mark
+        if _is_dust(picture, fit, peak, step_px, task, surface, length_mm):
+            continue
+        found.append(
+            (
+                float(local.max()),
+                _finding(
+                    extent,
+                    kind,
+                    lamp_name,
+                    part,
+                    fit,
+                    task,
+                    surface,
+                    step_px,
+                    length_mm,
+                    float(local.max()),
+                    contrast,
+                    dipole,
+                ),
+            )
+        )
+    found.sort(key=lambda item: -item[0])
+    return [f for _, f in found[:MAX_MARKS]]
+
+
+def _measure(
+    answer: Answers,
+    texture: Texture,
+    surface: Surface,
+    which: int,
+    peak: tuple[int, int],
+    here: BoolArray,
+    window: tuple[slice, slice],
+) -> tuple[BoolArray, float, FindingKind, float, tuple[float, float]] | None:
+    """Return a mark's nodes (h, w), its length [mm], kind, contrast and dipole."""
+    soft = cv2.GaussianBlur(texture.contrast, (0, 0), 0.7 if which >= len(SPOT_NODES) else
+                            max(0.7, 0.5 * SPOT_NODES[which]))  # fmt: skip
+    reach = 6 if which >= len(SPOT_NODES) else int(3 * SPOT_NODES[which]) + 3
+    y0, y1 = max(window[0].start - reach, 0), window[0].stop + reach
+    x0, x1 = max(window[1].start - reach, 0), window[1].stop + reach
+    patch = soft[y0:y1, x0:x1]
+    near = np.zeros(patch.shape, dtype=np.uint8)
+    near[window[0].start - y0 :, window[1].start - x0 :][: here.shape[0], : here.shape[1]] = here
+    wide = cv2.dilate(near, np.ones((5, 5), np.uint8))
+    inside = (wide > 0) & (texture.region[y0:y1, x0:x1] > 0)
+    if not inside.any():
+        return None
+    most, least = float(patch[inside].max()), float(patch[inside].min())
+    contrast = most if most > -least else least
+    body = inside & (patch * np.sign(contrast) >= 0.5 * abs(contrast))
+    both = inside & (np.abs(patch) >= 0.5 * min(most, -least)) if min(most, -least) > 0 else body
+    is_dipole = min(most, -least) >= BOTH_SIDES * max(most, -least)
+    extent_small = both if is_dipole else body
+    rows, columns = np.nonzero(extent_small)
+    node = float(surface.node_mm[peak])
+    slant = 1.0 / max(float(surface.cosine[peak]), 0.2)
+    points = np.column_stack([columns, rows]).astype(np.float64)
+    centred = points - points.mean(axis=0)
+    spread = np.linalg.eigvalsh(centred.T @ centred / max(len(points), 1) + np.eye(2) / 12.0)
+    length, width = (float(np.sqrt(12 * s)) for s in (spread[1], spread[0]))
+    is_line = which >= len(SPOT_NODES) and length > LONG * width
+    is_line |= length > 2 * LONG * width
+    length_mm = float(length * node * np.sqrt(slant))
+    dipole = (0.0, 0.0)
+    if is_dipole:
+        weight = np.where(inside, patch, 0.0)
+        bright = np.argwhere(weight >= 0.5 * most).mean(axis=0)
+        dark = np.argwhere(weight <= 0.5 * least).mean(axis=0)
+        dipole = (float(bright[1] - dark[1]), float(bright[0] - dark[0]))
+    if is_line:
+        kind = FindingKind.SCRATCH
+    elif is_dipole:
+        kind = FindingKind.DENT
+    elif length_mm >= STAIN_MM:
+        kind = FindingKind.STAIN
+    else:
+        kind = FindingKind.PIT
+    extent = np.zeros(texture.region.shape, dtype=bool)
+    extent[y0:y1, x0:x1] = extent_small
+    return extent, length_mm, kind, contrast, dipole
+
+
+def _is_dust(
+    picture: Grey,
+    fit: PoseFit,
+    peak: tuple[int, int],
+    step_px: int,
+    task: ViewTask,
+    surface: Surface,
+    length_mm: float,
+) -> bool:
+    """Return whether a mark is no larger than a speck of dust, the lens's blur taken off."""
+    dust_mm = task.limits.dust_mm
+    node_mm = float(surface.node_mm[peak])
+    px_mm = node_mm / step_px
+    if length_mm > 4 * dust_mm + 3 * node_mm:
+        return False
+    reach = int(np.ceil(2 * dust_mm / px_mm)) + 6
+    x = fit.maps.roi[0] + peak[1] * step_px
+    y = fit.maps.roi[1] + peak[0] * step_px
+    patch = picture[max(y - reach, 0) : y + reach + 1, max(x - reach, 0) : x + reach + 1]
+    values = patch.astype(np.float32)
+    level = float(np.median(values))
+    off = np.abs(values - level)
+    middle = off[reach - 4 : reach + 5, reach - 4 : reach + 5]
+    if not middle.size:
+        return False
+    half = off >= 0.5 * float(middle.max())
+    _, labels = cv2.connectedComponents(half.astype(np.uint8), connectivity=8)
+    row, column = np.unravel_index(int(middle.argmax()), middle.shape)
+    body = labels == labels[reach - 4 + row, reach - 4 + column]
+    width_px = 2.0 * np.sqrt(float(body.sum()) / np.pi)
+    true_px = np.sqrt(max(width_px**2 - BLUR_PX**2, 0.0))
+    return bool(true_px * px_mm <= dust_mm)
+
+
+def _finding(
+    extent: BoolArray,
+    kind: FindingKind,
+    lamp_name: str,
+    part: PosedPart,
+    fit: PoseFit,
+    task: ViewTask,
+    surface: Surface,
+    step_px: int,
+    length_mm: float,
+    evidence: float,
+    contrast: float,
+    dipole: tuple[float, float],
+) -> Finding:
+    rows, columns = np.nonzero(extent)
+    x0, y0, _, _ = fit.maps.roi
+    xs, ys = x0 + columns * step_px, y0 + rows * step_px
+    point, faces = nearest_on_part(part, fit.maps, task.camera, fit.T_world_part, xs, ys)
+    area = float(surface.area_mm2[extent].sum()) * step_px**2
+    return Finding(
+        kind=kind,
+        lamp=lamp_name,
+        area_mm2=area,
+        size_mm=length_mm,
+        at_px=(float(xs.mean()), float(ys.mean())),
+        box_px=(int(xs.min()), int(ys.min()), int(xs.max()) + step_px, int(ys.max()) + step_px),
+        p_part_mm=point,
+        face_ids=faces,
+        evidence=evidence,
+        contrast=contrast,
+        dipole_px=dipole,
+    )

@@ -1,0 +1,181 @@
+"""A lit picture against its own smooth faces: what is left is texture, and local defects in it.
+
+How bright a face is as a whole, and how that changes across it, is the finish's and the lamp's and
+is taken from the picture itself, guided by the prediction. What a face keeps is its contrast, as a
+share of its brightness: the finish's texture, camera noise, and whatever is local on it. Near what
+the CAD model says is no smooth face (edges, borders of shadows) nothing is compared.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import cv2
+import numpy as np
+
+from controller.arrays import BoolArray, Float32Array, FloatArray, Int32Array
+
+from .light import Surface
+
+CREASE_COSINE: Final = float(np.cos(np.radians(8.0)))  # between nodes: no smooth face turns faster
+DEPTH_STEP: Final = 4.0  # between nodes, in what a plane seen as flat as allowed would make
+MIN_REGION: Final = 60  # nodes that fix how a face's brightness runs
+FITTED_COUNT: Final = 3000  # of its nodes, at most
+ROUNDS: Final = 4
+OUTLYING: Final = 2.5  # robust standard deviations: farther off a node loses weight
+SLOW_NODES: Final = 14.0  # what changes over more is the finish's or the light's
+DARKEST_GREY: Final = 6.0  # below, contrast is taken of this much
+RULED: Final = 0.05  # a face whose normals vary along one direction: this little along the other
+RULED_COUNT: Final = 40  # nodes to a bin of normals
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Texture:
+    """Contrast of a picture's faces about their own smooth brightness; (h, w) each.
+
+    Attributes
+    ----------
+    region : connected piece of a face, from 1; 0 where nothing is compared
+    contrast : share of the brightness; 0 outside regions
+    smooth : the brightness itself [grey]
+    shape : contrast that the fitted brightness has by itself, as at a highlight's border: what of
+        it is wrong is left in `contrast`
+    curved : (count + 1,) by region: its normals vary
+    """
+
+    region: Int32Array
+    contrast: Float32Array
+    smooth: Float32Array
+    shape: Float32Array
+    curved: BoolArray
+
+
+def feature_edges(surface: Surface) -> BoolArray:
+    """Return which nodes (h, w) lie where the CAD model shows an edge, a crease or an outline."""
+    seen = surface.seen
+    normal = np.zeros((*seen.shape, 3), dtype=np.float32)
+    normal[seen] = surface.normals
+    depth, edge = surface.depth_mm, np.zeros(seen.shape, dtype=bool)
+    side = surface.node_mm
+    for axis in (0, 1):
+        a = (slice(None, -1), slice(None)) if axis == 0 else (slice(None), slice(None, -1))
+        b = (slice(1, None), slice(None)) if axis == 0 else (slice(None), slice(1, None))
+        both = seen[a] & seen[b]
+        turned = (normal[a] * normal[b]).sum(axis=2) < CREASE_COSINE
+        far = np.abs(depth[a] - depth[b]) > DEPTH_STEP * np.maximum(side[a], side[b])
+        other = (surface.face[a] != surface.face[b]) | (both & (turned | far))
+        edge[a] |= other
+        edge[b] |= other
+    return edge
+
+
+def find_texture(
+    observed: Float32Array, surface: Surface, usable: BoolArray, predicted: Float32Array
+) -> Texture:
+    """Return the texture of a picture's faces.
+
+    Parameters
+    ----------
+    observed : (h, w) grey
+    surface : what its nodes see
+    usable : (h, w) on smooth faces, off edges and borders of shadows, so that pieces of two faces
+        do not touch
+    predicted : (h, w) grey, to any factor face by face
+    """
+    count, label, stats, _ = cv2.connectedComponentsWithStats(
+        usable.astype(np.uint8), connectivity=4
+    )
+    too_small = stats[:, cv2.CC_STAT_AREA] < MIN_REGION
+    too_small[0] = True
+    label[too_small[label]] = 0
+    smooth = np.ones(observed.shape, dtype=np.float32)
+    curved = np.zeros(count, dtype=bool)
+    normal = np.zeros((*observed.shape, 3), dtype=np.float32)
+    normal[surface.seen] = surface.normals
+    for i in np.flatnonzero(~too_small).tolist():
+        x, y, w, h = stats[i, :4]
+        window = (slice(y, y + h), slice(x, x + w))
+        here = label[window] == i
+        normals = normal[window][here]
+        curved[i] = float(np.ptp(normals, axis=0).max()) > 0.02
+        fitted = _smooth(observed[window], predicted[window], here, normals, bool(curved[i]))
+        smooth[window][here] = fitted
+    inside = label > 0
+    contrast = np.where(inside, (observed - smooth) / np.maximum(smooth, DARKEST_GREY), 0.0)
+    weight = inside.astype(np.float32)
+    contrast = _high_pass(np.asarray(contrast, np.float32), weight)
+    shape = np.zeros_like(contrast)
+    bent = curved[label]
+    if bent.any():
+        mean = _slow(np.where(bent, smooth, 0).astype(np.float32), bent.astype(np.float32))
+        shape = np.where(bent, smooth / np.maximum(mean, 1.0) - 1.0, 0.0).astype(np.float32)
+    return Texture(label.astype(np.int32), contrast, smooth, shape, curved)
+
+
+def _smooth(
+    observed: Float32Array,
+    predicted: Float32Array,
+    here: BoolArray,
+    normals: Float32Array,
+    is_curved: bool,
+) -> FloatArray:
+    """Return a region's brightness (n,) as the prediction and a slow change of it explain it."""
+    rows, columns = np.nonzero(here)
+    values = observed[here].astype(np.float64)
+    size = max(here.shape)
+    x = 2 * columns / size - here.shape[1] / size
+    y = 2 * rows / size - here.shape[0] / size
+    guide = predicted[here].astype(np.float64)
+    guide /= max(float(guide.mean()), 1e-3)
+    slow = [np.ones_like(x), x, y, x * x, x * y, y * y]
+    guided = [guide, guide * x, guide * y] if is_curved else [guide]
+    design = np.stack([*guided, *slow], axis=1)
+    chosen = slice(None, None, max(1, len(values) // FITTED_COUNT))
+    terms, b = design[chosen], values[chosen]
+    weight = np.ones(len(b))
+    ridge = 1e-6 * len(b) * np.eye(terms.shape[1])
+    solution = np.zeros(terms.shape[1])
+    for _ in range(ROUNDS):
+        weighed = terms * weight[:, None]
+        solution = np.linalg.solve(weighed.T @ terms + ridge, weighed.T @ b)
+        off = np.abs(b - terms @ solution)
+        scale = 1.4826 * float(np.median(off)) + 0.1
+        weight = np.minimum(1.0, OUTLYING * scale / np.maximum(off, 1e-9)) ** 2
+    fitted = design @ solution
+    if is_curved:
+        fitted = fitted + _ruled(values - fitted, normals)
+    return np.maximum(fitted, 1.0)
+
+
+def _ruled(rest: FloatArray, normals: Float32Array) -> FloatArray:
+    """Return what a face bent one way only has alike along its straight lines (n,), else zeros.
+
+    Along a cylinder's lines the normal is the same, and so is what the lamp makes of it.
+    """
+    centred = normals - normals.mean(axis=0)
+    values, directions = np.linalg.eigh(centred.T @ centred)
+    if len(rest) < 4 * RULED_COUNT or values[1] > RULED * values[2]:
+        return np.zeros_like(rest)
+    along = centred @ directions[:, 2]
+    order = np.argsort(along, kind="stable")
+    bins = max(4, len(rest) // RULED_COUNT)
+    parts = np.array_split(order, bins)
+    middle = np.array([float(along[p].mean()) for p in parts])
+    typical = np.array([float(np.median(rest[p])) for p in parts])
+    return np.asarray(np.interp(along, middle, typical))
+
+
+def _slow(values: Float32Array, weight: Float32Array) -> Float32Array:
+    """Return a slow mean of values (h, w) with weights 0 or 1, where these are."""
+    top = cv2.GaussianBlur(values * weight, (0, 0), SLOW_NODES)
+    bottom = cv2.GaussianBlur(weight, (0, 0), SLOW_NODES)
+    return np.asarray(top / np.maximum(bottom, 1e-3), np.float32)
+
+
+def _high_pass(contrast: Float32Array, weight: Float32Array) -> Float32Array:
+    """Return a contrast (h, w) without what changes slowly; what stands out does not move that."""
+    some = contrast[weight > 0]
+    if not len(some):
+        return contrast
+    limit = 3 * 1.4826 * float(np.median(np.abs(some))) + 1e-3
+    out = contrast - _slow(np.clip(contrast, -limit, limit), weight)
+    return np.asarray(out * weight, np.float32)
