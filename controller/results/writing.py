@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable, Mapping, Sequence
+from datetime import datetime
 from pathlib import Path
 from typing import Final
 
@@ -10,7 +11,8 @@ from controller.cad import Solid
 from .exports import csv_text, dfq_bytes, qif_bytes
 from .judged import JudgedPart, result_json
 from .pages import write_file
-from .report import render_parts
+from .report import PdfError, pdf_bytes, render, render_parts
+from .run import RunRecord
 
 
 def write_report(parts: Sequence[JudgedPart], path: Path, solid: Solid | None = None) -> Path:
@@ -25,12 +27,12 @@ def write_report(parts: Sequence[JudgedPart], path: Path, solid: Solid | None = 
     Raises
     ------
     ValueError : another suffix, no part, or parts of different products
+    PdfError : this machine can make no PDF; the page stands beside it as HTML
     OSError : the file cannot be written
     """
-    form = path.suffix.lower().removeprefix(".")
-    if form not in FORMS:
+    if path.suffix.lower() not in SUFFIXES:
         raise ValueError(f"{path.name}: the suffix of a report is one of {', '.join(SUFFIXES)}")
-    return write_parts(parts, form, path, solid)
+    return write_parts(parts, path.suffix.lower().removeprefix("."), path, solid)
 
 
 def write_parts(
@@ -41,18 +43,41 @@ def write_parts(
     Parameters
     ----------
     parts : of one product, at least one
-    form : a key of `FORMS`
+    form : a suffix without its dot
     path : any suffix
     solid : the product's CAD model, for the drawings of a page
 
     Raises
     ------
     ValueError : no part, or parts of different products
+    PdfError : this machine can make no PDF; the page stands beside it as HTML
     OSError : the file cannot be written
     """
     if not parts:
         raise ValueError("there is no part to report on")
+    if form == "pdf":
+        paper = render_parts(parts, solid, on_paper=True)
+        return _write_pdf(paper, parts[0].header.part, parts[-1].header.end, path)
     return write_file(FORMS[form](parts, solid), path)
+
+
+def write_run_pdf(record: RunRecord, path: Path) -> Path:
+    """Write the printed pages of a run as PDF and return the path.
+
+    Raises
+    ------
+    PdfError : this machine can make no PDF; the page stands beside it as HTML
+    OSError : the file cannot be written
+    """
+    return _write_pdf(render(record, on_paper=True), record.recipe_name, record.end, path)
+
+
+def _write_pdf(paper: str, title: str, at: datetime, path: Path) -> Path:
+    try:
+        return write_file(pdf_bytes(paper, f"Inspection report {title}", at), path)
+    except PdfError as error:
+        page = write_file(paper.encode(), path.with_suffix(".html"))
+        raise PdfError(f"{error}: {page}") from error
 
 
 def _html(parts: Sequence[JudgedPart], solid: Solid | None) -> bytes:
@@ -75,4 +100,4 @@ FORMS: Final[Mapping[str, Writer]] = {
     "qif": lambda parts, _: qif_bytes(parts),
     "dfq": lambda parts, _: dfq_bytes(parts),
 }
-SUFFIXES: Final = tuple(f".{form}" for form in FORMS)
+SUFFIXES: Final = tuple(f".{form}" for form in ("pdf", *FORMS))

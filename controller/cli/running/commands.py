@@ -132,6 +132,7 @@ class Form(StrEnum):
     """Format of a report."""
 
     HTML = "html"
+    PDF = "pdf"
     JSON = "json"
     CSV = "csv"
     QIF = "qif"

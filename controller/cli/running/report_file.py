@@ -13,6 +13,7 @@ from controller.results import (
     report_json,
     write_html,
     write_parts,
+    write_run_pdf,
 )
 from controller.results.pages import write_page
 
@@ -27,12 +28,12 @@ def write_report(runs_dir: Path, run: str | None, form: str, output: Path | None
     ----------
     runs_dir : folder of all runs
     run : id, the beginning of an id, or folder of the run; None for the newest
-    form : "html", "json", "csv", "qif" or "dfq"
+    form : "html", "pdf", "json", "csv", "qif" or "dfq"
     output : file to write; None for a file in the run's folder, or JSON on stdout
 
     Raises
     ------
-    ResultsError : the run has nothing that the format could hold
+    ResultsError : the run has nothing that the format could hold, or this machine makes no PDF
     """
     record = load_run(runs_dir, run)
     if form == "json":
@@ -49,6 +50,8 @@ def write_report(runs_dir: Path, run: str | None, form: str, output: Path | None
     _check(path)
     if form == "html":
         write_html(record, path)
+    elif form == "pdf":
+        write_run_pdf(record, path)
     else:
         try:
             write_parts(judged_parts(record), form, path)

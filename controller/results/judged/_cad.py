@@ -15,6 +15,9 @@ def solid_of_run(record: RunRecord) -> Solid | str:
     if not name or name not in record.files:
         return "the journal does not name the CAD file"
     path = Path(name)
+    if not path.is_absolute() and not path.is_file():
+        # the run began where its folder of runs is
+        path = record.folder.absolute().parent.parent / name
     try:
         sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
     except OSError:

@@ -29,7 +29,7 @@ SIDES: Final = (
 )
 LIGHT: Final = np.array([-0.35, -0.55, 0.76])
 PAPER, INK, SPECK = 255.0, 40.0, 250.0
-# blue, green and red of the classes in page.css
+# blue, green and red of the classes, as in signed.html.j2
 COLOURS: Final[dict[str, tuple[float, float, float]]] = {
     "pass": (118.0, 154.0, 26.0),
     "fail": (0.0, 94.0, 213.0),
@@ -123,10 +123,10 @@ def _paint(
     light = np.clip(np.asarray(solid.mesh.face_normals) @ (LIGHT @ axes), 0, 1)
     level = (0.72 + 0.28 * light)[triangle]
     colour = np.array([COLOURS[name] for name in names])[kind[face]]
-    stripe = ((rows + columns) // (STRIPE_PX * FINER)) % 2 == 0
+    flat_rows = (rows // (STRIPE_PX * FINER)) % 2 == 0
     upright = (columns // (STRIPE_PX * FINER)) % 2 == 0
     white = dither > share[face]
-    white |= (kind[face] == names.index("fail")) & stripe
+    white |= (kind[face] == names.index("fail")) & flat_rows
     white |= (kind[face] == names.index("compared")) & upright
     image = np.where(white[..., None], SPECK, colour) * level[..., None]
     image = np.where(on[..., None], image, PAPER)
