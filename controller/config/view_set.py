@@ -16,7 +16,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, ValidationError, mo
 from controller.arrays import BoolArray
 from controller.yaml_text import WrongKeyError, YamlText
 
-from .cell import MAX_SIZE_PX, LightSection
+from .cell import MAX_SIZE_PX, AccuracySection, LightSection
 from .characteristics import GivenSection
 from .errors import ConfigError
 from .files import read_text
@@ -179,6 +179,7 @@ class ViewSetFile(Section):
     recipe : with the limits to judge by, where no other is given
     unseen : by face id, why the plan could not show all of it
     sample_count : of the surface, for `planned`
+    accuracy : what measuring with this camera is uncertain by
     """
 
     schema_: Literal["cellctl.views/1"] = Field(alias="schema")
@@ -191,6 +192,7 @@ class ViewSetFile(Section):
     recipe: Recipe | None = None
     unseen: dict[int, str] = Field(default_factory=dict)
     sample_count: int | None = Field(None, ge=1)
+    accuracy: AccuracySection = AccuracySection()
 
     @model_validator(mode="after")
     def _rings_have_a_radius(self) -> "ViewSetFile":

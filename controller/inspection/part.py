@@ -15,7 +15,7 @@ from controller.cad import SurfaceSamples
 from ._judge import NO_PLAN, NOTHING, PartVerdict, judge
 from ._pose import PosedPart
 from ._types import InspectionLimits, Verdict, ViewPictures, ViewResult, ViewTask
-from .characteristics import Characteristic, Measured
+from .characteristics import Characteristic, Measured, standing_of, worse
 from .view import inspect_view
 
 
@@ -117,6 +117,7 @@ class PartInspection:
     measured : characteristics with their results
     findings : differences
     ledger : per surface what was compared, and why the rest was not
+    unproven : what a PASS does not say, in sentences: characteristics that were not verified
     """
 
     verdict: Verdict
@@ -125,6 +126,7 @@ class PartInspection:
     measured: tuple[Measured, ...]
     findings: tuple[PartFinding, ...]
     ledger: PartVerdict
+    unproven: tuple[str, ...] = ()
 
 
 def inspect_part(
@@ -164,7 +166,11 @@ def inspect_part(
         for result in results
         for finding in result.findings
     )
-    return PartInspection(ledger.verdict, ledger.reasons, results, (), findings, ledger)
+    measured: tuple[Measured, ...] = ()
+    standing = standing_of(measured)
+    verdict = worse(ledger.verdict, standing.verdict)
+    reasons = (*standing.reasons, *ledger.reasons)
+    return PartInspection(verdict, reasons, results, measured, findings, ledger, standing.unproven)
 
 
 def _result(views: ViewSet, view: HeldView) -> ViewResult:

@@ -9,15 +9,21 @@ from controller.arrays import Grey
 from controller.cad.compiled import CompiledPart, load_part, options_among
 from controller.config import ConfigError, Recipe
 from controller.config.view_set import ViewSetFile
+from controller.imaging import transform
 from controller.inspection import (
     InspectionLimits,
     PartInspection,
     PartSettings,
     ViewResult,
+    ViewSet,
     inspect_part,
 )
-from controller.inspection.characteristics import Characteristic
-from controller.setup.characteristics import part_characteristics
+from controller.inspection.characteristics import Characteristic, with_capability
+from controller.setup.characteristics import (
+    build_accuracy,
+    part_characteristics,
+    station_at,
+)
 from controller.setup.faces import faces_left_out
 
 from .pictures import read_grey
@@ -107,7 +113,7 @@ def judge_views(
     """
     settings = _settings(file, part, judging)
     views = build_view_set(file, part, pictures, settings.limits, results)
-    return inspect_part(views, _characteristics(file, part, judging), settings)
+    return inspect_part(views, _characteristics(file, part, judging, views), settings)
 
 
 def _settings(file: ViewSetFile, part: CompiledPart, judging: Judging) -> PartSettings:
@@ -125,7 +131,16 @@ def _settings(file: ViewSetFile, part: CompiledPart, judging: Judging) -> PartSe
 
 
 def _characteristics(
-    file: ViewSetFile, part: CompiledPart, judging: Judging
+    file: ViewSetFile, part: CompiledPart, judging: Judging, views: ViewSet
 ) -> tuple[Characteristic, ...]:
-    """Return what is measured: the set's characteristics, else those of CAD file and recipe."""
-    return part_characteristics(judging.path, judging.recipe, part, file.characteristics or None)
+    """Return what is measured: the set's characteristics, else those of CAD file and recipe.
+
+    General tolerances that the camera cannot verify are marked, by the first view in a gripper.
+    """
+    found = part_characteristics(judging.path, judging.recipe, part, file.characteristics or None)
+    if not views.views:
+        return found
+    held = next((v.task for v in views.views if v.task.holder), views.views[0].task)
+    p_mm = transform(held.T_world_part, part.solid.centroid_mm[None])[0]
+    station = station_at(held.camera, p_mm)
+    return with_capability(found, station, build_accuracy(file.accuracy))

@@ -26,6 +26,7 @@ def json_lines(part: PartInspection) -> Iterator[dict[str, Any]]:
         "verdict": part.verdict.value,
         "covered_fraction": part.ledger.compared_fraction,
         "reasons": list(part.reasons),
+        "unproven": list(part.unproven),
     }
 
 

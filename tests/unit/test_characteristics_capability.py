@@ -22,6 +22,7 @@ from controller.inspection.characteristics import (
     standing_of,
     verdict_of,
     with_capability,
+    worse,
 )
 from controller.inspection.characteristics.limits import promised_budget_mm, promised_mm
 from controller.setup.characteristics import build_accuracy, station_of
@@ -146,3 +147,10 @@ def test_the_worst_of_all_counts() -> None:
     assert standing_of(all_of_them[:2]).verdict is Verdict.INDETERMINATE
     assert standing_of(all_of_them[:1]).verdict is Verdict.PASS
     assert standing_of([]).verdict is Verdict.PASS
+
+
+@pytest.mark.parametrize("other", [Verdict.PASS, Verdict.INDETERMINATE, Verdict.FAIL])
+def test_a_part_is_as_bad_as_the_worst_known_of_it(other: Verdict) -> None:
+    assert worse(Verdict.FAIL, other) is Verdict.FAIL
+    assert worse(other, Verdict.PASS) is other
+    assert worse(Verdict.INDETERMINATE, other) is not Verdict.PASS

@@ -25,7 +25,7 @@ from .limits import (
     capability_of,
     decide,
 )
-from .verdicts import Standing, standing_of, verdict_of, with_capability
+from .verdicts import Standing, standing_of, verdict_of, with_capability, worse
 
 __all__ = [
     "CONFORMANCE_PROBABILITY",
@@ -55,4 +55,5 @@ __all__ = [
     "standing_of",
     "verdict_of",
     "with_capability",
+    "worse",
 ]

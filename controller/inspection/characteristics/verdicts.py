@@ -16,6 +16,12 @@ from .limits import (
 )
 
 UM_PER_MM: Final = 1000.0
+BADNESS: Final = {
+    Verdict.PASS: 0,
+    Verdict.NOT_EVALUATED: 1,
+    Verdict.INDETERMINATE: 2,
+    Verdict.FAIL: 3,
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +39,11 @@ class Standing:
     verdict: Verdict
     reasons: tuple[str, ...]
     unproven: tuple[str, ...]
+
+
+def worse(one: Verdict, other: Verdict) -> Verdict:
+    """Return the verdict on a part of which two things are known."""
+    return max(one, other, key=BADNESS.__getitem__)
 
 
 def verdict_of(

@@ -97,6 +97,7 @@ class PartFile:
             recipe=self.recipe,
             unseen={} if part.plan is None else {u.face_id: u.reason for u in part.plan.unseen},
             sample_count=len(masks[0]) if masks else None,
+            accuracy=self.cell.accuracy,
         )
 
     def _view(self, shown: Shown, number: int, part: PartRecord) -> SetView:

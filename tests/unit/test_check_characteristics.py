@@ -1,0 +1,93 @@
+"""What `cellctl check` refuses: stated tolerances beyond the cell, never general ones."""
+
+from __future__ import annotations
+
+import re
+from functools import cache
+from pathlib import Path
+
+import pytest
+from cad_solids import box, rod, solid_of
+
+from controller.cad.compiled import CompiledPart, compile_solid
+from controller.cell.compute.check_characteristics import (
+    CheckedCharacteristic,
+    check_characteristics,
+)
+from controller.config import load_cell, load_recipe
+from controller.config.shipped import EMULATED_CELL
+
+METROLOGY_CELL = EMULATED_CELL.with_name("metrology.yaml")
+
+
+@cache
+def part() -> CompiledPart:
+    return compile_solid(solid_of(box(60, 40, 20) - rod(6, 30, 128), "block"))
+
+
+def checked(
+    folder: Path, cell: Path, *entries: str
+) -> tuple[dict[str, CheckedCharacteristic], tuple[str, ...]]:
+    (folder / "block.stl").write_bytes(b"solid")
+    lines = "".join(f"    - {entry}\n" for entry in entries)
+    path = folder / "block.yaml"
+    listed = f"inspection:\n  characteristics:\n{lines}" if entries else ""
+    path.write_text(f"name: block\npart: block.stl\n{listed}")
+    found, problems = check_characteristics(path, load_recipe(path), load_cell(cell), part())
+    return {each.characteristic.id: each for each in found}, problems
+
+
+def test_general_tolerances_stop_no_recipe(tmp_path: Path) -> None:
+    found, problems = checked(tmp_path, EMULATED_CELL)
+    assert problems == ()
+    diameter = found["hole 12 mm diameter"]  # +-0.2 at 0.19 mm a pixel
+    assert not diameter.capability.is_capable
+    assert "30%" in diameter.characteristic.exempt
+    length = next(each for name, each in found.items() if name.startswith("length 60"))
+    assert length.capability.is_capable  # +-0.3
+    assert length.characteristic.exempt == ""
+
+
+def test_a_stated_tolerance_that_is_too_tight_is_refused_with_what_the_cell_can_do(
+    tmp_path: Path,
+) -> None:
+    entry = "{id: hole 12 mm diameter, plus: 0.05, minus: 0.05}"
+    found, problems = checked(tmp_path, EMULATED_CELL, entry)
+    assert len(problems) == 1
+    assert "hole 12 mm diameter: 11.95 to 12.05 mm (recipe)" in problems[0]
+    allowed = re.search(r"allows \+-(\d+\.\d+) mm", problems[0])
+    assert allowed is not None
+    assert found["hole 12 mm diameter"].characteristic.exempt == ""
+    widened = float(allowed[1]) + 0.01  # it is printed to two digits
+    wide = f"{{id: hole 12 mm diameter, plus: {widened}, minus: {widened}}}"
+    assert checked(tmp_path, EMULATED_CELL, wide)[1] == ()
+
+
+@pytest.mark.parametrize(
+    "entry",
+    [
+        "{id: hole 12 mm diameter, plus: 0.05, minus: 0.05}",
+        "{id: hole 12 mm diameter, fit: H12}",
+        "{id: hole 12 mm position, upper: 0.1}",
+    ],
+)
+def test_smaller_pixels_verify_what_larger_ones_do_not(tmp_path: Path, entry: str) -> None:
+    assert len(checked(tmp_path, EMULATED_CELL, entry)[1]) == 1
+    assert checked(tmp_path, METROLOGY_CELL, entry)[1] == ()
+
+
+def test_a_fit_for_a_bearing_is_for_no_camera_of_ours(tmp_path: Path) -> None:
+    (problem,) = checked(tmp_path, METROLOGY_CELL, "{id: hole 12 mm diameter, fit: H7}")[1]
+    assert "(recipe H7)" in problem
+
+
+def test_what_is_left_out_is_not_refused(tmp_path: Path) -> None:
+    entries = "{id: hole 12 mm diameter, fit: H7}", "{id: hole 12 mm, ignore: plug gauge}"
+    found, problems = checked(tmp_path, EMULATED_CELL, *entries)
+    assert problems == ()
+    assert "plug gauge" in found["hole 12 mm diameter"].characteristic.exempt
+
+
+def test_all_of_class_m_is_verified_by_the_metrology_cell(tmp_path: Path) -> None:
+    found, _ = checked(tmp_path, METROLOGY_CELL)
+    assert all(each.capability.is_capable for each in found.values())
