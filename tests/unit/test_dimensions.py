@@ -24,7 +24,7 @@ from scipy.ndimage import gaussian_filter
 
 from controller.arrays import FloatArray
 from controller.imaging import transform
-from controller.inspection import PosedPart, ViewPictures, WorldBox
+from controller.inspection import PosedPart, Verdict, ViewPictures, WorldBox
 from controller.inspection.characteristics import (
     Characteristic,
     CharacteristicKind,
@@ -300,7 +300,7 @@ def test_two_views_of_all_holes_make_one_value_each() -> None:
     results = measure(plate(), characteristics, views)
     for bore, result in zip(NOMINAL.bores, results, strict=True):
         assert result.views == ("v00", "v01")
-        assert not result.is_open
+        assert result.verdict is Verdict.PASS
         assert result.measured_mm == pytest.approx(2 * bore.radius, abs=result.U_mm)
         assert result.U_mm is not None
         assert result.U_mm < min(2 * one.u_mm for one in result.looks if not one.reason) + 1e-9
@@ -311,5 +311,32 @@ def test_a_view_without_anything_to_measure_says_why() -> None:
     (result,) = measure(plate(), holes(DIAMETER)[2:], [tilted(built)])
     assert result.measured_mm is None
     assert result.U_mm is None
+    assert result.verdict is Verdict.NOT_EVALUATED
     assert "found where it must show" in result.reason
     assert measure(plate(), holes(DIAMETER)[2:], [])[0].reason == "no view of it"
+
+
+def test_a_datum_in_another_view_will_do() -> None:
+    # in each view the gripper hides one of the two bores
+    body = plate().solid
+    geometry = RimGeometry(rims(NOMINAL, 2, body), rims(NOMINAL, 1, body))
+    place = asked(POSITION, geometry, 0.0)
+    built = NOMINAL.with_bore(2, x=-18.4)
+    views = []
+    for i, hidden in enumerate((1, 2)):
+        bore = NOMINAL.bores[hidden]
+        T = np.eye(4)
+        T[:3, 3] = transform(TILTED, np.array([[bore.x, bore.y, HEIGHT_MM + 30.0]]))[0]
+        box = WorldBox(T, np.array([12.0, 12.0, 2.0]))
+        views.append(view(shown(22.0, 35.0, built), TILTED, f"v{i}", (box,), grasp=i))
+    (alone,) = measure(plate(), [place], views[:1])
+    assert alone.verdict is Verdict.NOT_EVALUATED
+    (both,) = measure(plate(), [place], views)
+    assert both.measured_mm == pytest.approx(0.4, abs=0.02)
+    assert both.verdict is Verdict.FAIL
+    assert "beyond the upper limit" in both.reason
+    # nothing falls out: the uncertainty is that of two places from the pose
+    (one,) = measure(plate(), [asked(POSITION, RimGeometry(geometry.rims), 0.0)], views)
+    assert both.U_mm is not None
+    assert one.U_mm is not None
+    assert both.U_mm > one.U_mm

@@ -25,7 +25,7 @@ from ..characteristics import (
 )
 from ._curves import rim_directions
 from ._features import FaceFeature, Feature, FeatureFit, RimFeature
-from ._types import BACKLIT, MeasuringSettings, PosedView
+from ._types import MeasuringSettings, PosedView
 
 NOISE: Final = "edge noise"
 LIGHT: Final = "edge type and light"
@@ -77,6 +77,12 @@ def features_of(characteristic: Characteristic) -> tuple[Feature, ...]:
     return _face(geometry.one, geometry.direction), _face(geometry.other, geometry.direction)
 
 
+def has_halves(characteristic: Characteristic) -> bool:
+    """Return whether a value is the difference of two features, which two pictures may show."""
+    is_angle = characteristic.kind is CharacteristicKind.ANGLE
+    return not is_angle and len(features_of(characteristic)) > 1
+
+
 def feature_key(feature: Feature) -> tuple[object, ...]:
     """Return what is the same for features that need fitting but once."""
     if isinstance(feature, RimFeature):
@@ -91,8 +97,9 @@ def estimate(
     lamp: str,
     solid: Solid,
     settings: MeasuringSettings,
+    only: int | None = None,
 ) -> Estimate:
-    """Return what one picture says of a characteristic.
+    """Return what one picture says of a characteristic, or of one of its two features.
 
     Parameters
     ----------
@@ -101,10 +108,13 @@ def estimate(
     view, lamp : the picture
     solid : the part
     settings : what is uncertain before any picture
+    only : which feature, where the other is taken from other pictures; None for all
     """
+    if only is not None:
+        fits = fits[only : only + 1]
     T = view.T_world_part
     eye = transform(inverse_pose(T), view.task.camera.position_mm[None])[0]
-    middle = features_of(characteristic)[0].middle_mm
+    middle = features_of(characteristic)[only or 0].middle_mm
     towards = (eye - middle) / np.linalg.norm(eye - middle)
     reason = "; ".join(dict.fromkeys(fit.reason for fit in fits if fit.reason))
     if any(len(fit.values_mm) == 0 for fit in fits):
@@ -117,6 +127,9 @@ def estimate(
         vector = np.array([fits[0].form_mm - characteristic.nominal_mm])
     else:
         rows, length_mm = _rows(characteristic, solid)
+        if only is not None:
+            # what grows with the length counts once
+            rows, length_mm = rows[only : only + 1], length_mm * (only == 0)
         vector = np.sum([r @ f.values_mm for r, f in zip(rows, fits, strict=True)], axis=0)
         is_angle = characteristic.kind is CharacteristicKind.ANGLE
         parts = _parts(rows, fits, view.covariance)
@@ -285,8 +298,3 @@ def _look(
         accepted=accepted.astype(np.float64),
         shape_px=np.concatenate([fit.shape_px for fit in fits]),
     )
-
-
-def is_backlit(look: Look) -> bool:
-    """Return whether a look is before the panel."""
-    return look.lamp == BACKLIT

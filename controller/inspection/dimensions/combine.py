@@ -5,7 +5,7 @@ looking again: scale and temperature always, the pose within a grasp, the lens w
 under the same lamp.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -17,6 +17,7 @@ from ..characteristics import Characteristic, Look
 from ._looks import BLUR, FACETS, LENS, LIGHT, POSE, SCALE, TEMPERATURE, WALL, Estimate, value_of
 from ._types import MeasuringSettings
 
+DISAGREES: Final = "disagrees with the other looks"
 COVERAGE: Final = 2.0  # k
 MAX_DROPPED: Final = 1 / 3  # of the looks that may disagree with all others
 NAMED: Final = 2  # reasons that are named; more say the same
@@ -44,7 +45,10 @@ class Combined:
 
 
 def combine(
-    characteristic: Characteristic, estimates: Sequence[Estimate], settings: MeasuringSettings
+    characteristic: Characteristic,
+    estimates: Sequence[Estimate],
+    settings: MeasuringSettings,
+    halves: Sequence[Sequence[Estimate]] = (),
 ) -> Combined:
     """Return what all looks at a characteristic come to.
 
@@ -53,35 +57,87 @@ def combine(
     characteristic : what is asked
     estimates : picture by picture
     settings : which looks are independent
+    halves : of a difference, picture by picture what each feature says alone; taken where no
+        picture shows both. None of what they have in common falls out then
     """
-    good = [i for i, e in enumerate(estimates) if not e.look.reason and np.isfinite(e.look.u_mm)]
     looks = [e.look for e in estimates]
+    whole = _chosen(estimates, settings)
+    if whole is None:
+        parts = [_chosen(half, settings) for half in halves]
+        found = [part for part in parts if part is not None]
+        if len(found) < 2 or len(found) < len(parts):
+            return Combined(None, None, _why_none(looks), False, (), tuple(looks))
+        whole = _sum(found)
+    value, u = value_of(characteristic, whole.vector_mm, _total(whole.parts))
+    for i, reason in whole.dropped:
+        if whole.is_direct:
+            looks[i] = replace(looks[i], reason=reason)
+    reason = whole.reason
+    if characteristic.is_critical and not reason and not whole.is_twice:
+        reason = "one look only, two independent ones are required"
+    return Combined(value, COVERAGE * u, reason, bool(reason), whole.views, tuple(looks))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Mean:
+    """Looks that agree, as one; `dropped` are those that do not, by number, and why."""
+
+    vector_mm: FloatArray
+    parts: Mapping[str, FloatArray]
+    reason: str
+    is_twice: bool
+    is_direct: bool
+    views: tuple[str, ...]
+    dropped: tuple[tuple[int, str], ...]
+
+
+def _chosen(estimates: Sequence[Estimate], settings: MeasuringSettings) -> _Mean | None:
+    """Return the mean of the looks that count, None where there is none."""
+    good = [i for i, e in enumerate(estimates) if not e.look.reason and np.isfinite(e.look.u_mm)]
     if not good:
-        return Combined(None, None, _why_none(looks), False, (), tuple(looks))
+        return None
+    count = len(good)
+    dropped: list[tuple[int, str]] = []
     reason = ""
     while len(good) > 1:
         worst, off, allowed = _worst([estimates[i] for i in good])
         if off <= allowed:
             break
-        lost = len([look for look in looks if look.reason.startswith(DISAGREES)]) + 1
-        total = len(good) + lost - 1
-        if len(good) == 2 or lost > MAX_DROPPED * total:
+        if len(good) == 2 or len(dropped) + 1 > MAX_DROPPED * count:
             reason = f"looks disagree by {off:.3f} mm, their uncertainties allow {allowed:.3f} mm"
             break
-        i = good.pop(worst)
-        looks[i] = replace(
-            looks[i], reason=f"{DISAGREES} by {off:.3f} mm, {allowed:.3f} mm is explained"
-        )
+        why = f"{DISAGREES} by {off:.3f} mm, {allowed:.3f} mm is explained"
+        dropped.append((good.pop(worst), why))
     used = [estimates[i] for i in good]
-    vector, covariance = _mean(used, settings)
-    value, u = value_of(characteristic, vector, covariance)
-    if characteristic.is_critical and not reason and not _has_two(used, settings):
-        reason = "one look only, two independent ones are required"
+    vector, parts = _mean(used, settings)
     views = tuple(dict.fromkeys(e.look.view_id for e in used))
-    return Combined(value, COVERAGE * u, reason, bool(reason), views, tuple(looks))
+    return _Mean(vector, parts, reason, _has_two(used, settings), True, views, tuple(dropped))
 
 
-DISAGREES: Final = "disagrees with the other looks"
+def _sum(halves: Sequence[_Mean]) -> _Mean:
+    """Return a difference put together from what two features say alone."""
+    one, other = halves
+    parts = {}
+    for name in dict.fromkeys([*one.parts, *other.parts]):
+        both = [half.parts[name] for half in halves if name in half.parts]
+        if name in (LIGHT, FACETS) and len(both) == 2:
+            # light moves both edges the same way, out of the material or into it
+            parts[name] = both[0] + both[1] + 2.0 * _geometric(both[0], both[1])
+        else:
+            parts[name] = np.sum(both, axis=0)
+    return _Mean(
+        one.vector_mm + other.vector_mm,
+        parts,
+        one.reason or other.reason,
+        one.is_twice and other.is_twice,
+        False,
+        tuple(dict.fromkeys([*one.views, *other.views])),
+        (),
+    )
+
+
+def _total(parts: Mapping[str, FloatArray]) -> FloatArray:
+    return np.asarray(np.sum(list(parts.values()), axis=0))
 
 
 def is_independent(one: Estimate, other: Estimate, settings: MeasuringSettings) -> bool:
@@ -97,21 +153,24 @@ def is_independent(one: Estimate, other: Estimate, settings: MeasuringSettings) 
     return bool(float(one.towards @ other.towards) < np.cos(settings.independent_rad))
 
 
-def _mean(used: Sequence[Estimate], settings: MeasuringSettings) -> tuple[FloatArray, FloatArray]:
-    """Return the weighted mean of looks, and its covariance."""
+def _mean(
+    used: Sequence[Estimate], settings: MeasuringSettings
+) -> tuple[FloatArray, dict[str, FloatArray]]:
+    """Return the weighted mean of looks, and its covariances by name."""
     weight = np.array([1.0 / e.look.u_mm**2 for e in used])
     weight /= weight.sum()
     vector = np.sum([w * e.vector_mm for w, e in zip(weight, used, strict=True)], axis=0)
-    size = len(vector)
-    covariance = np.zeros((size, size))
-    for i, one in enumerate(used):
-        for j, other in enumerate(used):
-            for name, part in one.parts.items():
+    parts: dict[str, FloatArray] = {}
+    for name in used[0].parts:
+        total = np.zeros((len(vector), len(vector)))
+        for i, one in enumerate(used):
+            for j, other in enumerate(used):
                 shared = 1.0 if i == j else _shared(name, one, other, settings)
                 if shared:
-                    both = _geometric(part, other.parts[name])
-                    covariance += weight[i] * weight[j] * shared * both
-    return vector, covariance
+                    both = _geometric(one.parts[name], other.parts[name])
+                    total += weight[i] * weight[j] * shared * both
+        parts[name] = total
+    return vector, parts
 
 
 def _shared(name: str, one: Estimate, other: Estimate, settings: MeasuringSettings) -> float:

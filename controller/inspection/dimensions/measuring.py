@@ -1,12 +1,14 @@
 """All characteristics of a part measured in all its views."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Final
 
 from .._pose import PosedPart
-from ..characteristics import Characteristic
+from .._types import Verdict
+from ..characteristics import Characteristic, Measured, verdict_of
 from ._features import Feature, FeatureFit
-from ._looks import Estimate, estimate, feature_key, features_of
+from ._looks import Estimate, estimate, feature_key, features_of, has_halves
 from ._pictures import fit_features, predict
 from ._types import BACKLIT, MeasuringSettings, PosedView
 from .combine import Combined, combine
@@ -19,8 +21,8 @@ def measure(
     characteristics: Sequence[Characteristic],
     views: Sequence[PosedView],
     settings: MeasuringSettings = DEFAULT,
-) -> tuple[Combined, ...]:
-    """Return each characteristic's value and uncertainty from all views, in order.
+) -> tuple[Measured, ...]:
+    """Return each characteristic with its value, uncertainty and verdict from all views, in order.
 
     Parameters
     ----------
@@ -29,14 +31,19 @@ def measure(
     views : with pictures, and the part's pose in them
     settings : when a measurement counts, and what is uncertain before any picture
     """
-    estimates: list[list[Estimate]] = [[] for _ in characteristics]
-    for view in views:
-        for mine, found in zip(estimates, look(part, characteristics, view, settings), strict=True):
-            mine += found
-    return tuple(
-        combine(characteristic, found, settings)
-        for characteristic, found in zip(characteristics, estimates, strict=True)
-    )
+    by_view = [_looks(part, characteristics, view, settings) for view in views]
+    answers = []
+    for i, characteristic in enumerate(characteristics):
+        whole = [e for view in by_view for e in view[i].whole]
+        halves = [[e for view in by_view for e in view[i].halves[k]] for k in range(2)]
+        is_halved = has_halves(characteristic)
+        answers.append(
+            _judged(
+                characteristic,
+                combine(characteristic, whole, settings, halves if is_halved else ()),
+            )
+        )
+    return tuple(answers)
 
 
 def look(
@@ -54,11 +61,31 @@ def look(
     view : with its pictures, and the part's pose
     settings : see `measure`
     """
+    return [found.whole for found in _looks(part, characteristics, view, settings)]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Looks:
+    """What the pictures of a view say of a characteristic, and of each of its features."""
+
+    whole: list[Estimate]
+    halves: tuple[list[Estimate], list[Estimate]]
+
+
+def _looks(
+    part: PosedPart,
+    characteristics: Sequence[Characteristic],
+    view: PosedView,
+    settings: MeasuringSettings,
+) -> list[_Looks]:
+    keys = [
+        {feature_key(feature): feature for feature in features_of(characteristic)}
+        for characteristic in characteristics
+    ]
     features: dict[tuple[object, ...], Feature] = {}
-    for characteristic in characteristics:
-        for feature in features_of(characteristic):
-            features.setdefault(feature_key(feature), feature)
-    answers: list[list[Estimate]] = [[] for _ in characteristics]
+    for mine in keys:
+        features = mine | features
+    answers = [_Looks([], ([], [])) for _ in characteristics]
     if not features:
         return answers
     prediction = predict(part, view, tuple(features.values()))
@@ -67,7 +94,46 @@ def look(
         fits, sharp = fit_features(part, prediction, lamp, sharpness, settings)
         sharpness = sharpness or sharp
         by_key: dict[tuple[object, ...], FeatureFit] = dict(zip(features, fits, strict=True))
-        for characteristic, found in zip(characteristics, answers, strict=True):
-            mine = [by_key[feature_key(f)] for f in features_of(characteristic)]
-            found.append(estimate(characteristic, mine, view, lamp, part.solid, settings))
+        for characteristic, mine, found in zip(characteristics, keys, answers, strict=True):
+            own = [by_key[key] for key in mine]
+            found.whole.append(estimate(characteristic, own, view, lamp, part.solid, settings))
+            if has_halves(characteristic) and found.whole[-1].look.reason:
+                for k, half in enumerate(found.halves):
+                    half.append(estimate(characteristic, own, view, lamp, part.solid, settings, k))
     return answers
+
+
+def _judged(characteristic: Characteristic, found: Combined) -> Measured:
+    verdict, reason = Verdict.NOT_EVALUATED, found.reason
+    if found.measured_mm is not None and found.U_mm is not None:
+        verdict = Verdict.INDETERMINATE
+        if not found.is_open:
+            verdict = verdict_of(characteristic, found.measured_mm, found.U_mm)
+            reason = _why(characteristic, found.measured_mm, found.U_mm, verdict)
+    return Measured(
+        characteristic=characteristic,
+        measured_mm=found.measured_mm,
+        U_mm=found.U_mm,
+        verdict=verdict,
+        views=found.views,
+        reason=reason,
+        looks=found.looks,
+    )
+
+
+def _why(characteristic: Characteristic, value: float, U: float, verdict: Verdict) -> str:
+    """Return which limit a value is beyond or too near to, empty for one that fits.
+
+    Parameters
+    ----------
+    characteristic : with its limits
+    value, U : measured
+    verdict : on it
+    """
+    if verdict is Verdict.PASS:
+        return ""
+    lower, upper = characteristic.lower_mm, characteristic.upper_mm
+    is_upper = abs(value - upper) <= abs(value - lower) or characteristic.is_one_sided
+    limit, side = (upper, "upper") if is_upper else (lower, "lower")
+    word = "beyond" if verdict is Verdict.FAIL else "too near to"
+    return f"{value:.3f} is {word} the {side} limit {limit:.3f}, U {U:.3f}"
