@@ -132,8 +132,11 @@ def load_with_lines(path: Path, model: type[Model]) -> Loaded[Model]:
 
 
 def line_in(path: Path, location: Location) -> int | None:
-    """Return the line of a key in a file that was read before, None if the key is not there."""
-    return _text(path).line(location)
+    """Return the line of a key in a file that was read before, None if the key is not there.
+
+    A set of views, which may hold a recipe, is JSON and has no lines to name.
+    """
+    return None if path.suffix.lower() == ".json" else _text(path).line(location)
 
 
 def _text(path: Path) -> YamlText:

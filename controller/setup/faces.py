@@ -51,8 +51,7 @@ def faces_left_out(path: Path, recipe: Recipe, faces: Sequence[Face]) -> dict[in
 
 
 def _unknown_face(path: Path, name: str, wanted: str, names: dict[str, list[int]]) -> str:
-    is_yaml = path.suffix.lower() in (".yaml", ".yml")  # a set of views may hold a recipe, too
-    line = line_in(path, ("inspection", "not_inspected", name)) if is_yaml else None
+    line = line_in(path, ("inspection", "not_inspected", name))
     where = f"{path}:{line}" if line is not None else f"{path}"
     if wanted == "plane":
         hint = "planes are named by number, as in `F3` or `F3 to F9`"

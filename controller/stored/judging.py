@@ -1,11 +1,11 @@
 """Have the part of a set of views inspected, as a recipe says."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
-from controller.arrays import Grey
+from controller.arrays import BoolArray, Grey
 from controller.cad.compiled import CompiledPart, load_part, options_among
 from controller.config import ConfigError, Recipe
 from controller.config.view_set import ViewSetFile
@@ -19,15 +19,16 @@ from controller.inspection import (
     inspect_part,
 )
 from controller.inspection.characteristics import Characteristic, with_capability
-from controller.setup.characteristics import (
-    build_accuracy,
-    part_characteristics,
-    station_at,
-)
+from controller.setup.characteristics import build_accuracy, part_characteristics, station_at
 from controller.setup.faces import faces_left_out
 
 from .pictures import read_grey
-from .view_set import NO_RESULTS, Pictures, build_view_set, planned_samples
+from .view_set import (
+    NO_RESULTS,
+    Pictures,
+    build_view_set,
+    planned_samples,
+)
 
 MAX_PROBLEM_COUNT: Final = 10  # wrong pictures named at once
 
@@ -40,10 +41,12 @@ class Judging:
     ----------
     recipe : with the limits; None for a recipe's defaults
     path : the file that has the recipe, for messages
+    set_path : the set, for messages
     """
 
     recipe: Recipe | None
     path: Path
+    set_path: Path
 
 
 def compiled_part(set_path: Path, file: ViewSetFile) -> CompiledPart:
@@ -109,24 +112,37 @@ def judge_views(
 
     Raises
     ------
-    ConfigError : the recipe leaves out a face that the part does not have
+    ConfigError : the recipe names what the part does not have, or the set expects the part where
+        no camera can see it
     """
-    settings = _settings(file, part, judging)
-    views = build_view_set(file, part, pictures, settings.limits, results)
+    try:
+        planned = planned_samples(file, part)
+        views = build_view_set(file, part, pictures, _limits(judging), results)
+    except ConfigError as error:
+        raise ConfigError(f"{judging.set_path}: {error}") from error
+    settings = _settings(file, part, judging, planned)
     return inspect_part(views, _characteristics(file, part, judging, views), settings)
 
 
-def _settings(file: ViewSetFile, part: CompiledPart, judging: Judging) -> PartSettings:
-    planned = planned_samples(file, part)
+def _limits(judging: Judging) -> InspectionLimits:
     if judging.recipe is None:
-        return PartSettings(InspectionLimits(), unseen_reasons=file.unseen, planned=planned)
-    section = judging.recipe.inspection
-    return PartSettings(
-        InspectionLimits(smallest_defect_mm=section.smallest_defect_mm),
-        min_coverage=section.min_coverage,
+        return InspectionLimits()
+    return InspectionLimits(smallest_defect_mm=judging.recipe.inspection.smallest_defect_mm)
+
+
+def _settings(
+    file: ViewSetFile,
+    part: CompiledPart,
+    judging: Judging,
+    planned: Mapping[str, BoolArray],
+) -> PartSettings:
+    settings = PartSettings(_limits(judging), unseen_reasons=file.unseen, planned=planned)
+    if judging.recipe is None:
+        return settings
+    return replace(
+        settings,
+        min_coverage=judging.recipe.inspection.min_coverage,
         not_inspected=faces_left_out(judging.path, judging.recipe, part.solid.faces),
-        unseen_reasons=file.unseen,
-        planned=planned,
     )
 
 

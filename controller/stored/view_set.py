@@ -11,7 +11,7 @@ from controller.arrays import BoolArray, FloatArray, Grey
 from controller.cad.compiled import CompiledPart
 from controller.config import ConfigError
 from controller.config.view_set import PoseRows, SetCamera, SetView, ViewSetFile, unpacked
-from controller.imaging import Camera, inverse_pose, rotation_angle
+from controller.imaging import Camera, inverse_pose, rotation_angle, transform
 from controller.inspection import (
     HeldView,
     InspectionLimits,
@@ -56,10 +56,12 @@ def build_view_set(
 
     Raises
     ------
-    ConfigError : the set's plan counts other samples than this part has
+    ConfigError : the set's plan counts other samples than this part has, or the part is expected
+        behind a camera
     """
     planned = planned_samples(file, part)
     tasks = [_task(file, view, limits) for view in file.views]
+    _require_in_front(tasks, part.solid.centroid_mm)
     grasps = _grasps(file.views, tasks)
     views = tuple(
         HeldView(
@@ -104,7 +106,8 @@ def build_pose(rows: PoseRows) -> FloatArray:
     return T
 
 
-def _camera(camera: SetCamera) -> Camera:
+def build_camera(camera: SetCamera) -> Camera:
+    """Return the camera of a set, or of a view."""
     return Camera(
         camera.size_px,
         np.array(camera.K),
@@ -114,7 +117,7 @@ def _camera(camera: SetCamera) -> Camera:
 
 
 def _task(file: ViewSetFile, view: SetView, limits: InspectionLimits) -> ViewTask:
-    camera = _camera(view.camera or file.camera)
+    camera = build_camera(view.camera or file.camera)
     panel = file.panel_of(view)
     assert panel is not None
     axis = camera.T_world_cam[:3, 2]
@@ -132,6 +135,17 @@ def _task(file: ViewSetFile, view: SetView, limits: InspectionLimits) -> ViewTas
         limits=limits,
         is_hold_measured=view.is_hold_measured,
     )
+
+
+def _require_in_front(tasks: Sequence[ViewTask], centroid_mm: FloatArray) -> None:
+    for i, task in enumerate(tasks):
+        centre = transform(task.T_world_part, centroid_mm[None])[0]
+        depth_mm = float((centre - task.camera.position_mm) @ task.camera.T_world_cam[:3, 2])
+        if depth_mm <= 0:
+            raise ConfigError(
+                f"`views.{i}.T_world_part`: the part would be {-depth_mm:.0f} mm behind the "
+                "camera; `T_world_cam` looks along its z"
+            )
 
 
 def _pictures(file: ViewSetFile, view: SetView, of_view: Mapping[str, Grey]) -> ViewPictures:

@@ -43,9 +43,8 @@ def write(runs: Path) -> Path:
         journal.write(rows.FilesStored({name: sha256(path)}), 1)
     journal.write(rows.FilesStored({views.name: sha256(views)}), 1)
     file = load_view_set(views)
-    found = judge_views(
-        file, compiled_part(views, file), read_pictures(views, file), Judging(file.recipe, views)
-    )
+    judging = Judging(file.recipe, views, views)
+    found = judge_views(file, compiled_part(views, file), read_pictures(views, file), judging)
     journal.write(measured_row(found.measured), 1)
     journal.write(findings_row(found.findings), 1)
     ledger = replace(found.ledger, verdict=found.verdict, reasons=found.reasons)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import shutil
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -148,8 +150,52 @@ def test_a_recipe_for_another_part_is_refused(
     assert "the recipe is for holder, the set shows shown" in capsys.readouterr().err
 
 
-def test_the_report_has_the_same_lines(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    report = folder / "out" / "part.json"
+@pytest.mark.parametrize("form", ["html", "json"])
+def test_the_report_has_the_verdict(
+    folder: Path, form: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    report = folder / "out" / f"part.{form}"
     main(["inspect", str(folder / "SET.json"), "--json", "--report", str(report)])
-    assert json.loads(report.read_text()) == lines_of(capsys.readouterr().out)
-    assert [path.name for path in report.parent.iterdir()] == ["part.json"]
+    end = lines_of(capsys.readouterr().out)[-1]
+    assert end["verdict"] in report.read_text().lower()
+    assert [path.name for path in report.parent.iterdir()] == [report.name]
+
+
+def test_a_report_of_an_unknown_form_is_refused_before_any_work(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["inspect", str(folder / "SET.json"), "--report", "part.docx"]) == 2
+    printed = capsys.readouterr()
+    assert ".html" in printed.err
+    assert printed.out == ""
+
+
+def test_a_full_disk_loses_no_verdict_and_no_earlier_report(folder: Path) -> None:
+    report = folder / "out" / "part.html"
+    report.parent.mkdir()
+    report.write_text("the report of before", encoding="utf-8")
+    # the file may not grow beyond what a full disk would take; checks before work need 4 KiB
+    limited = (
+        "import resource, sys; from controller.cli import main; "
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (8192, 8192)); sys.exit(main(sys.argv[1:]))"
+    )
+    words = ["inspect", str(folder / "SET.json"), "--json", "--report", str(report)]
+    done = subprocess.run(
+        [sys.executable, "-c", limited, *words], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 1
+    assert lines_of(done.stdout)[-1]["verdict"] == "indeterminate"
+    assert f"{report}: File too large" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert report.read_text(encoding="utf-8") == "the report of before"
+    assert [path.name for path in report.parent.iterdir()] == ["part.html"]
+
+
+def test_a_part_expected_behind_the_camera_is_refused(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    tree = view_sets.tree()
+    tree["views"][1]["T_world_part"][1][3] = -900.0  # the camera stands at y = -700
+    (folder / "SET.json").write_text(json.dumps(tree), encoding="utf-8")
+    assert main(["inspect", str(folder / "SET.json"), "--json"]) == 2
+    assert "SET.json: `views.1.T_world_part`: the part would be" in capsys.readouterr().err

@@ -2,18 +2,16 @@
 
 import asyncio
 import hashlib
-import platform
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from controller.config import Cell, Recipe
 from controller.setup.layout import build_layout
+from controller.setup.software import software_versions
 
 from ..compute import Compute, Job
 from ..custody import CellIdentity, Held, fold_custody, where_it_is
@@ -263,9 +261,5 @@ def who_and_what(order: RunOrder, where: Mapping[str, dict[str, Any]]) -> rows.R
         speed=order.speed,
         clock=None if order.clock.path is None else str(order.clock.path),
         count=order.count,
-        software={
-            "cellctl": version("cellctl"),
-            "python": sys.version.split()[0],
-            "system": platform.platform(terse=True),
-        },
+        software=software_versions(),
     )

@@ -279,4 +279,5 @@ def judge(
     """
     file = load_view_set(set_path)
     pictures = read_pictures(set_path, file)
-    return judge_views(file, context(job).part, pictures, Judging(file.recipe, set_path), results)
+    judging = Judging(file.recipe, set_path, set_path)
+    return judge_views(file, context(job).part, pictures, judging, results)

@@ -1,7 +1,9 @@
 """`cellctl inspect`: read a set of views with its pictures, judge the part, print what came out."""
 
-import json
+import hashlib
+import os
 import time
+from datetime import UTC, datetime
 from pathlib import Path
 
 from controller.cad.compiled import part_name
@@ -9,7 +11,8 @@ from controller.config import ConfigError, find_recipe, load_recipe
 from controller.config.files import read_bytes
 from controller.config.view_set import ViewSetFile, load_view_set
 from controller.inspection import Verdict
-from controller.results.pages import write_page
+from controller.results import SUFFIXES, Header, judged_part, write_report
+from controller.setup.software import software_versions
 from controller.stored import Judging, compiled_part, json_lines, judge_views, read_pictures
 
 from ..inputs.checks import check_writable_folder
@@ -35,7 +38,7 @@ def inspect_set(
     -------
     exit code: 0 for a pass, else 1
     """
-    started = time.monotonic()
+    started, began = time.monotonic(), datetime.now(UTC)
     if report is not None:
         _check_report(report)
     file = load_view_set(set_path)
@@ -51,7 +54,9 @@ def inspect_set(
     else:
         print_part(part.solid.name, found)
     if report is not None:
-        write_page(json.dumps(lines, indent=1, ensure_ascii=False) + "\n", report)
+        about = _header(set_path, file, judging, part.solid.name, began)
+        judged = judged_part(found, about, set_path.parent, _files(set_path, file))
+        write_report([judged], report, part.solid)
         (warn if as_json else print_line)(f"report: {report}")
     return 0 if found.verdict is Verdict.PASS else 1
 
@@ -70,7 +75,7 @@ def judging_of(set_path: Path, file: ViewSetFile, recipe_path: Path | None) -> J
     ConfigError : the recipe is wrong, or for another part
     """
     if recipe_path is None:
-        return Judging(file.recipe, set_path)
+        return Judging(file.recipe, set_path, set_path)
     path = find_recipe(recipe_path)
     recipe = load_recipe(path)
     if part_name(recipe.part) != part_name(file.part):
@@ -81,13 +86,44 @@ def judging_of(set_path: Path, file: ViewSetFile, recipe_path: Path | None) -> J
     own, other = (read_bytes(cad, MAX_CAD_BYTES, "a CAD file") for cad in (recipe.part, file.part))
     if own != other:
         warn(f"{path}: its CAD file differs from {file.part}, which the part is judged by")
-    return Judging(recipe, path)
+    return Judging(recipe, path, set_path)
 
 
 def _check_report(report: Path) -> None:
     """Raise ConfigError where no report can be written."""
-    if report.suffix.lower() != ".json":
-        raise ConfigError(f"--report {report}: name a file that ends in .json")
+    if report.suffix.lower() not in SUFFIXES:
+        raise ConfigError(f"--report {report}: name a file that ends in {', '.join(SUFFIXES)}")
     if report.is_dir():
         raise ConfigError(f"--report {report}: is a directory; name a file in it")
     check_writable_folder(report.parent, "--report in")
+
+
+def _header(
+    set_path: Path, file: ViewSetFile, judging: Judging, name: str, began: datetime
+) -> Header:
+    """Return what a report says of a part besides what was measured."""
+    recipe = judging.path if judging.path != set_path else None
+    return Header(
+        part=name,
+        recipe="" if recipe is None else recipe.name,
+        recipe_sha256="" if recipe is None else _sha256(recipe),
+        cad=file.part.name,
+        cad_sha256=_sha256(file.part),
+        software=software_versions(),
+        start=began,
+        end=datetime.now(UTC),
+    )
+
+
+def _files(set_path: Path, file: ViewSetFile) -> dict[str, dict[str, str]]:
+    """Return the pictures' files by view and lamp, as seen from the set."""
+    return {
+        view.id: {
+            lamp: os.path.relpath(path, set_path.parent) for lamp, path in view.pictures.items()
+        }
+        for view in file.views
+    }
+
+
+def _sha256(path: Path) -> str:
+    return hashlib.sha256(read_bytes(path, MAX_CAD_BYTES, "a CAD file")).hexdigest()
