@@ -236,7 +236,7 @@ def _confirm(
     sure: list[tuple[str, Finding]] = []
     unconfirmed: list[tuple[str, Finding]] = []
     for view, finding in every:
-        seconded = any(
+        seconded = finding.is_sure or any(
             other is not finding
             and _is_other_look(view, finding, other_view, other, limits)
             and _is_same_place(finding, other)

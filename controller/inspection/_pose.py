@@ -1,4 +1,4 @@
-"""Where the part is in a view: fitted to its outline, and what the outline leaves open.
+"""What is compared with a view at a pose, and other poses that its outline leaves open.
 
 A round part shows hardly how it is turned about its axis, a part seen squarely not how deep it is.
 Such a pose is one of many that the outline allows alike. What a lit picture tells against the one
@@ -29,30 +29,26 @@ from controller.recognition.fitting import (
     FitOptions,
     OutlineMeasure,
     Prior,
-    edge_jacobian,
     edge_model,
     fit_edges,
     predict_outline,
-    sample_information,
     twist,
 )
 
 from ._types import ViewTask
 
 PLANNED_HOLD: Final = (1.5, 0.03)  # [mm, rad] how far a fresh grip may be from the planned one
-MEASURED_HOLD: Final = (0.3, 0.005)  # the same once a view has measured it
 AS_PLACED: Final = (0.05, 0.001)  # a pose that is tried is fitted on by no more
-# how far off the outline may be; one step each, as what shows changes while a held part tilts
-REACH_PX: Final = (25.0, 12.5, 8.0, 6.0, 5.0)
+REACH_PX: Final = 25.0  # how far off the outline may be there
 COMPARED_PX: Final = 6.25  # the observed outline is looked for so far from the fitted one
 CLEAR_PX: Final = 1.0  # light through a slit narrower than this is not compared
 PAIRED_PX: Final = 2.0  # nearer than this a point of the outline is found
 SIGMA_PX: Final = 0.4  # of an outline point: before a panel nothing moves a whole outline
 MIN_POINTS: Final = 20  # of an outline, observed or predicted
-HELD_BACK_PX: Final = 0.12  # a pose that its prior does not hold back fits better than this
 OFF_PX: Final = 0.5  # an outline point that the fit has not brought to the picture's outline
 OFF_SHARE: Final = 0.03  # of them; good fits leave one in a hundred
-MAX_FITS: Final = 4
+SMALL: Final = 1e-4  # step of a derivative [mm, rad]
+FLOOR: Final = 1e-9  # of a variance, so that rounding makes none negative
 OPEN_COUNT: Final = 2  # directions that an outline may leave open: a turn, and a tilt
 TRIED: Final = (0.5, -0.5, 1.0, -1.0, 2.0, -2.0)  # standard deviations
 SHOWS_PX: Final = 1.0  # a pose nearer than this in the picture is the same one
@@ -91,6 +87,7 @@ class PoseFit:
     edge_points_mm : (n, 3) the part's points there, world
     gap_px : (n,) how far beyond it the observed outline is; nan where there is none near
     step_mm : between these points
+    covariance : (6, 6) of the centre of mass, world [mm], and of the rotation vector about it [rad]
     """
 
     T_world_part: FloatArray
@@ -102,43 +99,22 @@ class PoseFit:
     edge_points_mm: FloatArray
     gap_px: FloatArray
     step_mm: float
-
-
-def measure_pose(part: PosedPart, task: ViewTask, outline: OutlineMeasure) -> PoseFit | None:
-    """Return the pose fitted to an outline, begun where the task expects the part; None if none.
-
-    Parameters
-    ----------
-    part : the part
-    task : the view, with its camera and the pose expected
-    outline : observed
-    """
-    expected = task.T_world_part
-    prior = MEASURED_HOLD if task.is_hold_measured else PLANNED_HOLD
-    fit = _fit(part, task, expected, outline, expected, prior)
-    for _ in range(MAX_FITS):
-        if fit is None or (fit.residual_px <= HELD_BACK_PX and _off_share(fit) <= OFF_SHARE):
-            break
-        # the view that measured the hold may have known it badly, and a fresh grip may be further
-        # off than these steps go: on from there, as for a fresh grip, whose prior stays where it
-        # is, or what the outline leaves open would drift
-        again = _fit(part, task, fit.T_world_part, outline, expected, PLANNED_HOLD)
-        if again is None or _badness(again) >= _badness(fit):
-            break
-        fit = again
-    return fit
+    covariance: FloatArray
 
 
 def poses_as_good(
-    part: PosedPart, task: ViewTask, fit: PoseFit, outline: OutlineMeasure
+    part: PosedPart,
+    task: ViewTask,
+    fit: PoseFit,
+    outline: OutlineMeasure,
 ) -> Iterator[PoseFit]:
-    """Yield other poses that the outline allows as well as the fitted one, nearest first.
+    """Yield other poses that the outlines allow as well as the fitted one, nearest first.
 
     Parameters
     ----------
     part : the part
     task : the view, with its camera and the pose expected
-    fit : of `measure_pose`
+    fit : the pose measured
     outline : observed
     """
     T, camera = fit.T_world_part, task.camera
@@ -154,7 +130,7 @@ def poses_as_good(
             if np.linalg.norm(moved_px, axis=1).max() < SHOWS_PX:
                 continue
             T_tried = T_step @ T
-            other = _fit(part, task, T_tried, outline, T_tried, AS_PLACED, REACH_PX[:1])
+            other = _fit(part, task, T_tried, fit, outline)
             if other is not None and _is_as_good(other, fit):
                 yield other
 
@@ -170,14 +146,19 @@ def pose_steps(part: PosedPart, task: ViewTask, fit: PoseFit) -> FloatArray:
     task : the view, with its camera
     fit : the pose measured
     """
-    pivot = transform(fit.T_world_part, part.solid.centroid_mm[None])[0]
-    found = ~np.isnan(fit.gap_px)
-    jacobian = edge_jacobian(fit.edge_points_mm[found], fit.edge_normals[found], pivot, task.camera)
-    scale = np.array([PLANNED_HOLD[0]] * 3 + [PLANNED_HOLD[1]] * 3)
-    information = sample_information(fit.step_mm, SIGMA_PX) * jacobian.T @ jacobian
-    # in units of the prior, so that lengths and angles compare; the least certain come first
-    values, directions = np.linalg.eigh(information * np.outer(scale, scale) + np.eye(6))
-    return np.asarray((directions * scale[:, None] / np.sqrt(values)).T)
+    T, camera = fit.T_world_part, task.camera
+    pivot = transform(T, part.solid.centroid_mm[None])[0]
+    points = transform(T, np.asarray(part.solid.mesh.vertices))
+    before_px = camera.project(points)
+    moves = [
+        (camera.project(transform(twist(d[3:], d[:3], pivot), points)) - before_px).ravel() / SMALL
+        for d in SMALL * np.eye(6)
+    ]
+    shows = np.array(moves)
+    # of steps as probable as each other, those that move most in the picture come first
+    root = np.linalg.cholesky(fit.covariance + FLOOR * np.diag(np.diag(fit.covariance)))
+    _, directions = np.linalg.eigh(root.T @ shows @ shows.T @ root)
+    return np.asarray((root @ directions[:, ::-1]).T)
 
 
 def point_spread(
@@ -221,36 +202,28 @@ def moved(part: PosedPart, task: ViewTask, fit: PoseFit) -> tuple[float, float]:
 def _fit(
     part: PosedPart,
     task: ViewTask,
-    T_start: FloatArray,
+    T_tried: FloatArray,
+    fit: PoseFit,
     outline: OutlineMeasure,
-    T_expected: FloatArray,
-    prior: tuple[float, float],
-    reach_px: tuple[float, ...] = REACH_PX,
 ) -> PoseFit | None:
-    """Return all six freedoms fitted to an outline, None where it is not found.
-
-    The prior draws them towards the pose expected: depth and tilt hardly show in one view.
-
-    Parameters
-    ----------
-    part, task : the part, and the view with its camera
-    T_start : (4, 4) where to begin
-    outline : observed
-    T_expected : (4, 4) what the prior draws towards
-    prior : standard deviations of that pose [mm, rad]
-    reach_px : see `REACH_PX`
-    """
+    """Return a pose that is tried, fitted on by a little; None where the outline is not found."""
     if len(outline.points) < MIN_POINTS:
         return None
-    mm, rad = prior
-    expected = Prior((mm, mm, mm), (rad, rad, rad), T_expected)
-    options = FitOptions(reach_px, steps=1, prior=expected, noise=SIGMA_PX)
-    found = fit_edges(part.edges, T_start, task.camera, outline, options)
-    return None if found is None else _compared(part, task, found.T_world_part, outline)
+    mm, rad = AS_PLACED
+    prior = Prior((mm, mm, mm), (rad, rad, rad), T_tried)
+    options = FitOptions((REACH_PX,), steps=1, prior=prior, noise=SIGMA_PX)
+    found = fit_edges(part.edges, T_tried, task.camera, outline, options)
+    if found is None:
+        return None
+    return _compared(part, task, found.T_world_part, outline, fit.covariance)
 
 
 def _compared(
-    part: PosedPart, task: ViewTask, T: FloatArray, outline: OutlineMeasure
+    part: PosedPart,
+    task: ViewTask,
+    T: FloatArray,
+    outline: OutlineMeasure,
+    covariance: FloatArray,
 ) -> PoseFit | None:
     """Return a pose with its outline, one point a pixel, None where it is out of the picture."""
     camera = task.camera
@@ -275,18 +248,13 @@ def _compared(
         edge_points_mm=rim.points_mm[mine],
         gap_px=gap,
         step_mm=rim.step_mm,
+        covariance=covariance,
     )
 
 
 def _off_share(fit: PoseFit) -> float:
     off = np.isnan(fit.gap_px) | (np.abs(fit.gap_px) > OFF_PX)
     return float(off.mean())
-
-
-def _badness(fit: PoseFit) -> float:
-    """Return the mean distance of the outlines [px], where each point counts to a few pixels."""
-    far_px = 6 * OFF_PX
-    return float(np.nan_to_num(np.minimum(np.abs(fit.gap_px), far_px), nan=far_px).mean())
 
 
 def _is_as_good(other: PoseFit, fit: PoseFit) -> bool:

@@ -45,6 +45,9 @@ class FindingKind(StrEnum):
 
     MISSING = "missing material"
     EXTRA = "extra material"
+    CHIP = "chip"
+    BURR = "burr"
+    DIMENSION = "face out of place"
     SURFACE = "surface differs"
     DENT = "dent"
     PIT = "pit"
@@ -69,7 +72,6 @@ class InspectionLimits:
     Attributes
     ----------
     smallest_defect_mm : what the recipe asks to be found
-    max_residual_px : outline fit worse than this: the view is not evaluated
     min_outline_share : less of the predicted outline found: the view is not evaluated; a part in
         the wrong place keeps a third by chance, one that lost its half keeps three quarters
     max_shift_mm, max_turn_rad : farther from the expected pose the part has slipped in the jaws
@@ -87,7 +89,6 @@ class InspectionLimits:
     """
 
     smallest_defect_mm: float = 3.0
-    max_residual_px: float = 0.5
     min_outline_share: float = 0.6
     max_shift_mm: float = 4.0
     max_turn_rad: float = 0.12
@@ -167,6 +168,7 @@ class Finding:
     evidence : of a mark how far it is beyond what texture makes; below 1 it only confirms others
     contrast : of a mark its brightness against its surroundings, as a share
     dipole_px : of a mark with a bright and a dark side, from the dark one to the bright one
+    is_sure : one look is enough: neither dust nor light nor an error of the pose looks like it
     """
 
     kind: FindingKind
@@ -180,6 +182,7 @@ class Finding:
     evidence: float = 1.0
     contrast: float = 0.0
     dipole_px: tuple[float, float] = (0.0, 0.0)
+    is_sure: bool = False
 
     @property
     def is_long(self) -> bool:

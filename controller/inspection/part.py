@@ -16,7 +16,9 @@ from ._judge import NO_PLAN, NOTHING, PartVerdict, judge
 from ._pose import PosedPart
 from ._types import InspectionLimits, Verdict, ViewPictures, ViewResult, ViewTask
 from .characteristics import Characteristic, Measured, standing_of, worse
-from .view import inspect_view
+from .grasp_pose import OutlineView, PoseSettings, ViewPose, fit_grasp
+from .integrity import Allowances
+from .view import SeenView, Strictness, compare_view, outline_view, see_view
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -69,6 +71,8 @@ class PartSettings:
     not_inspected : by face id, why the recipe leaves it out
     unseen_reasons : by face id, why the plan could not show all of it
     planned : by view id, which samples (n,) the plan meant it to show
+    allowances : what the outline of a good part may show
+    pose : what is known of arm, parts and light before the pictures
     """
 
     limits: InspectionLimits
@@ -76,6 +80,8 @@ class PartSettings:
     not_inspected: Mapping[int, str] = field(default_factory=lambda: NOTHING)
     unseen_reasons: Mapping[int, str] = field(default_factory=lambda: NOTHING)
     planned: Mapping[str, BoolArray] = field(default_factory=lambda: NO_PLAN)
+    allowances: Allowances = field(default_factory=Allowances)
+    pose: PoseSettings = field(default_factory=PoseSettings)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -140,7 +146,7 @@ def inspect_part(
     characteristics : to be measured
     settings : how strictly
     """
-    results = tuple(_result(views, view) for view in views.views)
+    results = inspect_views(views, settings)
     ledger = judge(
         views.part.solid,
         views.samples,
@@ -173,9 +179,47 @@ def inspect_part(
     return PartInspection(verdict, reasons, results, measured, findings, ledger, standing.unproven)
 
 
-def _result(views: ViewSet, view: HeldView) -> ViewResult:
-    """Return what a view showed, on the samples that it counts for."""
-    if view.result is not None:
-        return view.result
-    result = inspect_view(views.part, views.samples, view.task, view.pictures)
-    return result if view.counted is None else result.within(view.counted)
+def inspect_views(views: ViewSet, settings: PartSettings) -> tuple[ViewResult, ...]:
+    """Return what each view showed, the part's pose found from all views of its grasp."""
+    known = {view.task.view_id for view in views.views if view.result is not None}
+    seen = {
+        view.task.view_id: see_view(view.task, view.pictures)
+        for view in views.views
+        if view.task.view_id not in known
+    }
+    strictness = Strictness(settings.allowances, settings.pose, len(views.views))
+    poses = find_poses(views, seen, settings.pose)
+    out = []
+    for view in views.views:
+        name = view.task.view_id
+        if view.result is not None:
+            out.append(view.result)
+            continue
+        result = compare_view(
+            views.part, views.samples, view.task, view.pictures, seen[name], poses.get(name),
+            strictness,
+        )  # fmt: skip
+        out.append(result if view.counted is None else result.within(view.counted))
+    return tuple(out)
+
+
+def find_poses(
+    views: ViewSet, seen: Mapping[str, SeenView], settings: PoseSettings
+) -> dict[str, ViewPose]:
+    """Return the part's pose in each view, by view id, one fit for each grasp.
+
+    Parameters
+    ----------
+    views : with their pictures
+    seen : by view id, what stands in them
+    settings : what is known of arm, parts and light
+    """
+    by_grasp: dict[int, list[OutlineView]] = {}
+    for view in views.views:
+        if view.task.view_id not in seen:
+            continue
+        outline = outline_view(view.task, seen[view.task.view_id], view.prior_mm, view.prior_rad)
+        if outline is not None:
+            by_grasp.setdefault(view.grasp, []).append(outline)
+    fits = (fit_grasp(views.part, every, settings) for every in by_grasp.values())
+    return {pose.view_id: pose for fit in fits if fit is not None for pose in fit.views}

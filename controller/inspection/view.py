@@ -1,6 +1,6 @@
-"""One view against the CAD: measure the pose, then look for what should not be or is not there.
+"""One view against the CAD: where the part is, then what should not be or is not there.
 
-Two kinds of comparison: the silhouette before the backlight panel (`_outline`), and the brightness
+Two kinds of comparison: the silhouette before the backlight panel (`integrity`), and the brightness
 under each lamp (`lit`). Each returns which surface samples it compared, so that a defect of the
 smallest size there would have been a finding; samples in sight that none compared keep the reason.
 A picture that does not lie where the pose says, or is not sharp (`registration`), proves nothing
@@ -8,28 +8,127 @@ and is not evaluated.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from controller.arrays import BoolArray
 from controller.cad import SurfaceSamples
-from controller.imaging import mask_contour, subpixel_contour, threshold_levels
-from controller.recognition.fitting import OutlineMeasure
+from controller.imaging import mask_contour, render_maps, threshold_levels, view_roi
 
-from ._outline import compare_outline
-from ._pose import PosedPart, PoseFit, measure_pose, moved, poses_as_good
+from ._pose import PLANNED_HOLD, PosedPart, PoseFit, moved, poses_as_good
 from ._scene import ViewScene, make_scene, samples_in_sight
-from ._types import InspectionLimits, ViewPictures, ViewResult, ViewTask
+from ._types import (
+    Check,
+    Finding,
+    FindingKind,
+    InspectionLimits,
+    ViewPictures,
+    ViewResult,
+    ViewTask,
+)
+from .grasp_pose import (
+    Backlit,
+    GraspPose,
+    OutlineView,
+    PoseSettings,
+    ViewPose,
+    backlit_outline,
+    fit_grasp,
+)
+from .integrity import Allowances, OutlineResult, compare_outline
 from .lit import BURNT_GREY, LitPictures
 from .registration import Registration, register
+
+NEAR_SHARE: Final = 0.9  # of the outline, found where it should be
+ROUGH: Final = 3.0  # standard deviations of noise and light that an outline may be uneven by
+MEASURED_HOLD: Final = (0.3, 0.005)  # [mm, rad] how far a grip that a view has measured may be off
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class SeenView:
+    """A view's picture before the panel, and what stands in it.
+
+    Attributes
+    ----------
+    scene : what stands there besides the part
+    backlit : its outline; None where the picture proves nothing
+    reason : why it does not; empty where it does
+    """
+
+    scene: ViewScene
+    backlit: Backlit | None
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Strictness:
+    """What a good part may show, and what is known before the pictures.
+
+    Attributes
+    ----------
+    allowances : of its outline
+    pose : of its pose
+    view_count : views of the part
+    """
+
+    allowances: Allowances = field(default_factory=Allowances)
+    pose: PoseSettings = field(default_factory=PoseSettings)
+    view_count: int = 1
+
+
+def see_view(task: ViewTask, pictures: ViewPictures) -> SeenView:
+    """Return the outline in a view's picture before the panel, or why there is none."""
+    scene = make_scene(task)
+    limits = task.limits
+    low, _, high = threshold_levels(pictures.backlit, scene.panel)
+    if high - low < limits.min_contrast:
+        return SeenView(
+            scene,
+            None,
+            f"backlight contrast {high - low:.0f} grey levels, {limits.min_contrast:.0f} "
+            "are required: is the panel's lamp on?",
+        )
+    burnt = float((pictures.backlit[scene.panel] >= BURNT_GREY).mean())
+    if burnt > limits.max_burnt_share:
+        return SeenView(
+            scene,
+            None,
+            f"{100 * burnt:.0f} % of the panel are burnt out: its edges are not true",
+        )
+    return SeenView(scene, backlit_outline(pictures.backlit, scene), "")
+
+
+def outline_view(
+    task: ViewTask, seen: SeenView, prior_mm: float, prior_rad: float
+) -> OutlineView | None:
+    """Return a view as far as its pose goes, None where its picture proves nothing.
+
+    Parameters
+    ----------
+    task : the view
+    seen : its picture before the panel
+    prior_mm, prior_rad : standard deviations of the pose expected
+    """
+    if seen.backlit is None:
+        return None
+    return OutlineView(
+        task.view_id,
+        task.camera,
+        task.T_world_part,
+        seen.backlit.outline,
+        seen.backlit.noise_px,
+        prior_mm,
+        prior_rad,
+    )
 
 
 def inspect_view(
     part: PosedPart, samples: SurfaceSamples, task: ViewTask, pictures: ViewPictures
 ) -> ViewResult:
-    """Return what one view of a held part showed: findings, and what each check compared.
+    """Return what one view of a held part showed by itself: findings, what each check compared.
 
     Parameters
     ----------
@@ -37,28 +136,56 @@ def inspect_view(
     task : the view: camera, pose expected, limits
     pictures : taken while the arm stood still at the view's pose
     """
-    scene = make_scene(task)
+    seen = see_view(task, pictures)
+    own = outline_view(task, seen, *(MEASURED_HOLD if task.is_hold_measured else PLANNED_HOLD))
+    strictness = Strictness()
+    grasp = None if own is None else fit_grasp(part, [own], strictness.pose)
+    if own is not None and task.is_hold_measured and not _is_near(grasp):
+        # the view that measured the hold may have known it badly
+        own = outline_view(task, seen, *PLANNED_HOLD)
+        assert own is not None
+        grasp = fit_grasp(part, [own], strictness.pose)
+    pose = None if grasp is None else grasp.views[0]
+    return compare_view(part, samples, task, pictures, seen, pose, strictness)
+
+
+def _is_near(grasp: GraspPose | None) -> bool:
+    return grasp is not None and grasp.views[0].paired >= NEAR_SHARE
+
+
+def compare_view(
+    part: PosedPart,
+    samples: SurfaceSamples,
+    task: ViewTask,
+    pictures: ViewPictures,
+    seen: SeenView,
+    pose: ViewPose | None,
+    strictness: Strictness,
+) -> ViewResult:
+    """Return what a view showed of a part whose pose is known: findings, what was compared.
+
+    Parameters
+    ----------
+    part, samples : the CAD model and its surface samples
+    task : the view: camera, pose expected, limits
+    pictures : taken while the arm stood still at the view's pose
+    seen : its picture before the panel
+    pose : of the part; None where no outline was found
+    strictness : what a good part may show
+    """
     limits = task.limits
-    low, level, high = threshold_levels(pictures.backlit, scene.panel)
-    if high - low < limits.min_contrast:
-        return _not_evaluated(
-            task,
-            samples,
-            f"backlight contrast {high - low:.0f} grey levels, {limits.min_contrast:.0f} "
-            "are required: is the panel's lamp on?",
-        )
-    burnt = float((pictures.backlit[scene.panel] >= BURNT_GREY).mean())
-    if burnt > limits.max_burnt_share:
-        return _not_evaluated(
-            task, samples, f"{100 * burnt:.0f} % of the panel are burnt out: its edges are not true"
-        )
-    dark = (pictures.backlit < level) & scene.panel
-    judged = scene.panel & ~scene.holder_mask
-    outline = OutlineMeasure(subpixel_contour(pictures.backlit, level), judged)
-    fit = measure_pose(part, task, outline)
-    if fit is None:
+    if seen.backlit is None:
+        return _not_evaluated(task, samples, seen.reason)
+    fit = None if pose is None else _as_fit(part, task, seen.backlit, pose)
+    if pose is None or fit is None:
         return _not_evaluated(task, samples, "no outline of the part where it should be")
     refusal = _pose_refusal(fit, *moved(part, task, fit), limits)
+    rough_px = ROUGH * float(np.hypot(pose.noise_px, strictness.pose.light_px))
+    if not refusal and pose.residual_px > rough_px:
+        refusal = (
+            f"outline uneven by {pose.residual_px:.2f} px, {rough_px:.2f} px is what noise and "
+            "light can do: not this part, or not before the panel"
+        )
     sharp = None if refusal else register(pictures.backlit, fit.edge_px, fit.edge_normals)
     if not refusal and sharp is not None and sharp.width_px > limits.max_edge_px:
         refusal = (
@@ -69,13 +196,17 @@ def inspect_view(
         return _not_evaluated(task, samples, refusal)
     if missing := [lamp.name for lamp in task.lamps if lamp.name not in pictures.lit]:
         return _not_evaluated(task, samples, f"no picture under {missing[0]}")
-    view = _View(part, samples, task, pictures, scene, dark, judged, sharp)
+    outline = compare_outline(
+        part, pose, fit.maps, seen.backlit, task, samples, strictness.allowances, strictness.pose,
+        strictness.view_count,
+    )  # fmt: skip
+    view = _View(part, samples, task, pictures, seen.scene, sharp, outline)
     best = view.compare_at(fit)
     if not any(f.kind.is_lit for f in best.findings):
         return best
     # what a lit picture shows against one pose, and not against another that the outline allows as
     # well, speaks of the pose and not of the part
-    for other in poses_as_good(part, task, fit, outline):
+    for other in poses_as_good(part, task, fit, seen.backlit.outline):
         if _pose_refusal(other, *moved(part, task, other), limits):
             continue
         result = view.compare_at(other)
@@ -84,6 +215,27 @@ def inspect_view(
         if not best.findings:
             break
     return best
+
+
+def _as_fit(part: PosedPart, task: ViewTask, backlit: Backlit, pose: ViewPose) -> PoseFit | None:
+    """Return a pose with what it predicts of the picture, None where it is out of it."""
+    roi = view_roi(part.solid.mesh.vertices, pose.T_world_part, task.camera)
+    if roi is None:
+        return None
+    points = pose.rims.points
+    mine = backlit.outline.is_judged(points.pixels)
+    return PoseFit(
+        T_world_part=pose.T_world_part,
+        residual_px=float(np.nanmedian(np.abs(pose.gap_px[mine]))),
+        paired=pose.paired,
+        maps=render_maps(part.caster, pose.T_world_part, task.camera, roi),
+        edge_px=points.pixels[mine],
+        edge_normals=points.normals[mine],
+        edge_points_mm=points.points_mm[mine],
+        gap_px=pose.gap_px[mine],
+        step_mm=points.step_mm,
+        covariance=pose.covariance,
+    )
 
 
 def _explains_more(result: ViewResult, best: ViewResult) -> bool:
@@ -103,18 +255,16 @@ class _View:
     task: ViewTask
     pictures: ViewPictures
     scene: ViewScene
-    dark: BoolArray
-    judged: BoolArray
     sharp: Registration | None
+    outline: OutlineResult
 
     def compare_at(self, fit: PoseFit) -> ViewResult:
         """Return what the pictures tell of the part if this is its pose."""
         part, samples, task, scene = self.part, self.samples, self.task, self.scene
         shift, turn = moved(part, task, fit)
         visible = samples_in_sight(part, samples, task.camera, fit.T_world_part, scene)
-        outline = compare_outline(part, fit, self.dark, self.judged, task, samples)
-        findings = outline.findings
-        checks = [outline.check]
+        findings: list[Finding] = list(self.outline.findings)
+        checks: list[Check] = [self.outline.check]
         codes: list[NDArray[np.uint8]] = []
         if task.lamps:
             shading = LitPictures(part, samples, task, scene, fit, visible, self.sharp)
@@ -153,11 +303,6 @@ def _pose_refusal(fit: PoseFit, shift: float, turn: float, limits: InspectionLim
         return (
             f"{100 * fit.paired:.0f} % of the part's outline found, "
             f"{100 * limits.min_outline_share:.0f} % is required: slipped, or another part"
-        )
-    if fit.residual_px > limits.max_residual_px:
-        return (
-            f"outline off by {fit.residual_px:.2f} px, {limits.max_residual_px:.2f} px is allowed: "
-            "not this part, not this pose, or a wrong dimension"
         )
     if shift > limits.max_shift_mm or turn > limits.max_turn_rad:
         return (

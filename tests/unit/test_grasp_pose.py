@@ -76,7 +76,7 @@ def test_a_pose_is_as_near_to_the_truth_as_it_says() -> None:
     fit = of_perfect()
     for off, view in zip(away(fit), fit.views, strict=True):
         # along the camera's axis, world y, 0.1 mm of the arm's own error is what is known
-        assert np.abs(off[[0, 2]]).max() < 0.01
+        assert np.abs(off[[0, 2]]).max() < 0.015
         chi2 = off @ np.linalg.solve(view.covariance, off)
         assert chi2 < 16.8  # 99 % of six freedoms
         # the renderer has four by four rays a pixel, and edges along its rows
@@ -112,8 +112,9 @@ def test_a_bore_too_wide_has_grown_inwards() -> None:
 def test_a_bore_out_of_place_moves_its_face_and_not_the_pose() -> None:
     body = (blank() + boss()) - bore().translate((0.8, 0, 0)) - cross_bore() - pocket()
     fit = fitted(body)
-    for off in away(fit):
-        assert np.abs(off[[0, 2]]).max() < 0.03
+    for off, view in zip(away(fit), fit.views, strict=True):
+        assert np.abs(off[[0, 2]]).max() < 0.06
+        assert off @ np.linalg.solve(view.covariance, off) < 16.8
     wall = next(f.id for f in part().solid.faces if abs(f.radius_mm - 5) < 0.1)
     moved = next(f for f in fit.faces if f.face_id == wall)
     assert moved.moved_mm[:2] == pytest.approx([0.8, 0.0], abs=0.06)

@@ -165,12 +165,15 @@ def test_a_missing_boss_leaves_the_outline_empty_seen_from_the_side() -> None:
 def test_a_corner_cut_off_by_five_millimetres_is_missing() -> None:
     # a prism of 5 x 5 mm off the lower left edge, all along the part's depth
     wedge = Body.cube((5 * np.sqrt(2), 5 * np.sqrt(2), 60), True).rotate((0, 0, 45))
-    result = inspect(perfect() - wedge.translate((-23, -17, 0)))
+    pictures = photograph(perfect() - wedge.translate((-23, -17, 0)), FRONT, hand(FRONT))
+    result = look(pictures)
     (gap,) = of_kind(result, FindingKind.MISSING)
     assert gap.lamp == "backlit"
     assert away_mm(gap, (-21.3, -15.3, 12)) < 5
-    # 12.5 mm2 of each cross-section, drawn out over 24 mm of depth seen at 10 degrees
-    assert 8 < gap.area_mm2 < 25
+    # what has become bright, by the pictures themselves
+    brighter = pictures.backlit.astype(int) - right_pictures().backlit > 60
+    mm = CAMERA.mm_per_px(np.zeros(3))
+    assert gap.area_mm2 == pytest.approx(brighter.sum() * mm**2, rel=0.1)
     assert of_kind(result, FindingKind.EXTRA) == []
     assert set(gap.face_ids) & {face_id("plane", (0, 0, 12)), face_id("plane", (-23, 0, 0))}
 

@@ -39,8 +39,11 @@ LOOSE: Final = 3.0  # standard deviations beyond which a point belongs to someth
 COMPARED_PX: Final = 6.25  # the observed outline is looked for so far from the fitted one
 CORRELATED_PX: Final = 3.0  # blur and pixels err together along an edge over so much
 ALONG_MM: Final = 3.0  # light and form differ along an edge, hardly within so much of it
+BENT: Final = 0.1  # share of a face's shift that straight lines do not tell of a curved outline
 ALONG_SHARE: Final = 1 / 3  # by that share of what they do to the edge as a whole
 PAIRED_PX: Final = 2.0  # nearer than this a point of the outline is found
+MAX_CYCLES: Final = 4
+MISSED_SHARE: Final = 0.4  # of the outline; a wrong part or a wrong place leaves more
 MIN_POINTS: Final = 20  # of an outline, observed or predicted
 SPLIT_RAD: Final = 0.5  # of a curved edge: what light does to it changes along it
 
@@ -61,14 +64,32 @@ def fit_grasp(
     if not usable:
         return None
     state = np.zeros((1 + len(usable), 6))
-    for reach in REACH_PX:
-        rims = [_coarse(part, view, state) for view in _placed(part, usable, state)]
-        found = [
-            view.outline.gaps(r.points.pixels, r.points.normals, r.points, reach).gap_px
-            for view, r in zip(usable, rims, strict=True)
-        ]
-        state = _coarse_step(usable, rims, found, state, settings)
+    missed = 1.0
+    for _ in range(MAX_CYCLES):
+        # a part may sit farther off than these steps go: on from there
+        before = missed
+        moved, missed = _approach(part, usable, state, settings)
+        if missed >= before:
+            break
+        state = moved
+        if missed <= MISSED_SHARE:
+            break
     return _fine(part, usable, views, state, settings)
+
+
+def _approach(
+    part: PosedPart, views: Sequence[OutlineView], state: FloatArray, settings: PoseSettings
+) -> tuple[FloatArray, float]:
+    """Return the state some steps on, and the share of the outline that was not near by then."""
+    for reach in REACH_PX:
+        rims = [_coarse(part, placed) for placed in _placed(part, views, state)]
+        gaps = [
+            view.outline.gaps(r.points.pixels, r.points.normals, r.points, reach).gap_px
+            for view, r in zip(views, rims, strict=True)
+        ]
+        state = _coarse_step(views, rims, gaps, state, settings)
+    off = np.abs(np.nan_to_num(np.concatenate(gaps), nan=np.inf))
+    return state, float(np.mean(off > PAIRED_PX)) if len(off) else 1.0
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -88,7 +109,7 @@ def _placed(part: PosedPart, views: Sequence[OutlineView], state: FloatArray) ->
     ]
 
 
-def _coarse(part: PosedPart, placed: _Placed, state: FloatArray) -> Rims:
+def _coarse(part: PosedPart, placed: _Placed) -> Rims:
     camera = placed.view.camera
     return find_rims(part, placed.T_world_part, camera, COARSE_COUNT, 0.0)
 
@@ -304,12 +325,28 @@ def _left(
     return out
 
 
-def _weights(one: _Predicted, left: FloatArray, settings: PoseSettings, share: float) -> FloatArray:
-    """Return the information of each point: what is plainly something else has little."""
+def _weights(
+    one: _Predicted,
+    left: FloatArray,
+    shape: FloatArray,
+    settings: PoseSettings,
+    share: float,
+) -> FloatArray:
+    """Return the information of each point: what is plainly something else has little.
+
+    Parameters
+    ----------
+    one : the view's outline
+    left : (n,) how far the observed one is off, faces moved
+    shape : (n,) how far faces out of place move it
+    settings : what is known of light
+    share : of `LOOSE`, what counts for much
+    """
     scale = share * LOOSE * np.hypot(one.noise_px, settings.light_px)
     trust = 1.0 / (1.0 + (left / scale) ** 2) ** 2
     variance = one.correlated * one.noise_px**2
     variance = variance + one.along * (ALONG_SHARE * settings.light_px) ** 2
+    variance = variance + one.along * (BENT * shape) ** 2
     return np.asarray(np.where(np.isfinite(left), trust / variance, 0.0))
 
 
@@ -343,8 +380,9 @@ def _solve(
     information, pull = np.diag(diagonal), -diagonal * x
     moved = prior.beyond_pose(x)
     for one, gap in zip(predicted, gaps, strict=True):
-        left = gap - one.design @ moved
-        weight = _weights(one, left, prior.settings, share)
+        shape = one.design @ moved
+        left = gap - shape
+        weight = _weights(one, left, shape, prior.settings, share)
         design = sp.diags(weight) @ one.design
         common, known = _common(one, left, weight, prior.settings)
         together = (one.edges.T @ design).toarray()
@@ -367,13 +405,16 @@ def _view_pose(
     T = placed.T_world_part
     at = slice(6 + 6 * number, 12 + 6 * number)
     light = prior.first_size + 3
-    left = gap - one.design @ prior.beyond_pose(x, light)
+    shape = one.design @ prior.beyond_pose(x, light)
+    left = gap - shape
     beside = left - x[light + number]
-    weight = _weights(one, beside, prior.settings, ROUNDS[-1][0])
+    weight = _weights(one, beside, shape, prior.settings, ROUNDS[-1][0])
     common, _ = _common(one, beside, weight, prior.settings)
     edge_px = x[light + number] + one.edges @ common
     rest = left - edge_px
     on = np.isfinite(rest)
+    judged = placed.view.outline.is_judged(one.rims.points.pixels)
+    near = np.abs(np.nan_to_num(left[judged], nan=np.inf)) < PAIRED_PX
     both = np.zeros((6, len(x)))
     both[:, :6] = np.eye(6)
     both[:, at] += np.eye(6)
@@ -391,7 +432,7 @@ def _view_pose(
         edge_px=edge_px,
         noise_px=float(np.median(one.noise_px)),
         residual_px=1.48 * float(np.median(np.abs(rest[on]))) if on.any() else float("inf"),
-        paired=float(np.mean(np.abs(np.nan_to_num(gap, nan=np.inf)) < PAIRED_PX)),
+        paired=float(near.mean()) if len(near) else 0.0,
     )
 
 

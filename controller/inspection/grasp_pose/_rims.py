@@ -1,18 +1,21 @@
 """The predicted outline of a posed part, point by point, with the faces that make it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
 from controller.arrays import FloatArray, IntArray
-from controller.imaging import Camera, meet_part, transform
+from controller.imaging import Camera, inverse_pose, meet_part, transform
 from controller.recognition.fitting import EdgePoints, edge_jacobian, predict_outline
 
 from .._pose import PosedPart
 
 CLEAR_PX: Final = 1.0  # light through a slit narrower than this is not compared
 SMOOTH: Final = 0.9  # cosine between two sides that move an outline together
+RIM: Final = 0.94  # cosine: a chord of a circle and its tangent there
+AHEAD_MM: Final = 0.2  # along an edge, to tell its direction in the picture
+HALF: Final = 0.5  # an axis is as long as 1, or 0 where a face has none
 FREEDOMS: Final = 4  # of a face: along its normals, and a shift of a curved one
 
 
@@ -57,14 +60,18 @@ def find_rims(
         beside = camera.sight_lines(edges.pixels + CLEAR_PX * edges.normals)
         met, _ = meet_part(part.caster, T_world_part, camera.position_mm, beside)
         edges = _those(edges, np.flatnonzero(met < 0))
+    triangles = model.sides[edges.edge].astype(np.int64)
+    faces = part.solid.face_of_triangle[triangles].astype(np.int64)
+    rounds = _Rounds(part)
+    edges = _round_normals(part, rounds, edges, faces, T_world_part, camera)
     R = T_world_part[:3, :3]
     pivot = transform(T_world_part, model.centroid_mm[None])[0]
     world = edge_jacobian(edges.points_mm, edges.normals, pivot, camera)
     along = world[:, :3] @ R
     jacobian = np.hstack([along, world[:, 3:] @ R])
-    triangles = model.sides[edges.edge].astype(np.int64)
-    faces = part.solid.face_of_triangle[triangles].astype(np.int64)
-    first, second = model.first[edges.edge, :3], model.second[edges.edge, :3]
+    local = transform(inverse_pose(T_world_part), edges.points_mm)
+    first = rounds.even(model.first[edges.edge, :3], faces[:, 0], local)
+    second = rounds.even(model.second[edges.edge, :3], faces[:, 1], local)
     is_plane = np.array([face.kind == "plane" for face in part.solid.faces])
     return Rims(
         points=edges,
@@ -73,6 +80,69 @@ def find_rims(
         per_face=_per_face(along, first, second, is_plane[faces]),
         facet_px=_facets(part, edges.edge, triangles, faces, np.linalg.norm(along, axis=1)),
     )
+
+
+class _Rounds:
+    """The faces of a part that go round an axis."""
+
+    def __init__(self, part: PosedPart) -> None:
+        self._axes = np.array([face.axis for face in part.solid.faces])
+        self._centres = np.array([face.centre_mm for face in part.solid.faces])
+        self.is_round = np.linalg.norm(self._axes, axis=1) > HALF
+
+    def tangents(self, faces: IntArray, local_mm: FloatArray) -> FloatArray:
+        """Return unit vectors (n, 3) round the axes of faces (n,) at points (n, 3), CAD frame."""
+        tangent = np.cross(self._axes[faces], local_mm - self._centres[faces])
+        size = np.linalg.norm(tangent, axis=1, keepdims=True)
+        return np.asarray(tangent / np.maximum(size, 1e-12))
+
+    def even(self, normals: FloatArray, faces: IntArray, local_mm: FloatArray) -> FloatArray:
+        """Return facets' normals (n, 3) as those of the round faces (n,) they stand for."""
+        tangent = self.tangents(faces, local_mm)
+        out = normals - (normals * tangent).sum(axis=1, keepdims=True) * tangent
+        out /= np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-12)
+        return np.where(self.is_round[faces][:, None], out, normals)
+
+
+def _round_normals(
+    part: PosedPart,
+    rounds: _Rounds,
+    edges: EdgePoints,
+    faces: IntArray,
+    T_world_part: FloatArray,
+    camera: Camera,
+) -> EdgePoints:
+    """Return the points with normals of the circles that chords of round faces' rims stand for.
+
+    By its chords a disc would show how it is turned about its axis; a round one does not.
+
+    Parameters
+    ----------
+    part : with its edges
+    rounds : its round faces
+    edges : predicted
+    faces : (n, 2) on both sides of them
+    T_world_part : (4, 4)
+    camera : of the view
+    """
+    which = np.where(rounds.is_round[faces[:, 0]], faces[:, 0], faces[:, 1])
+    along = part.edges.along_mm[edges.edge] / part.edges.length_mm[edges.edge][:, None]
+    tangent = rounds.tangents(which, transform(inverse_pose(T_world_part), edges.points_mm))
+    is_rim = rounds.is_round[which] & (np.abs((along * tangent).sum(axis=1)) > RIM)
+    if not is_rim.any():
+        return edges
+    points = edges.points_mm[is_rim]
+    ahead = points + AHEAD_MM * tangent[is_rim] @ T_world_part[:3, :3].T
+    run = camera.project(ahead) - camera.project(points)
+    run /= np.maximum(np.linalg.norm(run, axis=1, keepdims=True), 1e-12)
+    turned = np.column_stack([-run[:, 1], run[:, 0]])
+    before = edges.normals[is_rim]
+    turned *= np.sign((turned * before).sum(axis=1, keepdims=True))
+    normals = edges.normals.copy()
+    # seen nearly along its plane a circle's chord may look turned much: that is left as it is
+    close = (turned * before).sum(axis=1) > RIM
+    normals[np.flatnonzero(is_rim)[close]] = turned[close]
+    return replace(edges, normals=normals)
 
 
 def _those(edges: EdgePoints, which: IntArray) -> EdgePoints:

@@ -67,7 +67,8 @@ class ViewPose:
     edge_px : (n,) what of it an edge's points have in common, which light does too
     noise_px : standard deviation of one point, from the picture's noise and the CAD's facets
     residual_px : robust standard deviation of what no edge has in common
-    paired : share of the predicted outline that is found
+    paired : share of the predicted outline, where it is judged, that is found within 2 px once
+        faces are where they are
     """
 
     view_id: str

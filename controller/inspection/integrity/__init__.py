@@ -1,0 +1,15 @@
+"""What an outline before the panel proves of a part: material missing, too much, out of place."""
+
+from ._allowed import Allowances, allowed_mm
+from ._outline import OutlineResult, compare_outline
+from ._runs import Run, RunTest, find_runs
+
+__all__ = [
+    "Allowances",
+    "OutlineResult",
+    "Run",
+    "RunTest",
+    "allowed_mm",
+    "compare_outline",
+    "find_runs",
+]

@@ -1,0 +1,298 @@
+"""The silhouette before the panel against the CAD: what sticks out, what is missing, what is moved.
+
+Two looks at one thing. Runs of the outline that are off by a fraction of a pixel (`_runs`), after
+what is allowed has been taken off: a pose known so well, faces within their tolerance, light on an
+edge as a whole. And areas of material too much or too little, where the outline is too far off for
+its points to be matched.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from controller.arrays import BoolArray, FloatArray, IntArray
+from controller.cad import SurfaceSamples
+from controller.imaging import ViewMaps, inverse_pose, transform
+
+from .._connected import connected_findings, grow
+from .._pose import PosedPart
+from .._types import OUTLINE, Check, Finding, FindingKind, ViewTask
+from ..grasp_pose import Backlit, PoseSettings, ViewPose
+from ._allowed import Allowances, allowed_mm
+from ._runs import Run, RunTest, find_runs
+
+MARGIN_PX: Final = 40  # beyond the outline, where material may stick out
+LOST_PX: Final = 6.0  # what a point without any partner counts as
+NEAR_PX: Final = 6  # beside what is not judged the observed outline ends
+INSIDE_PX: Final = 2.0  # a lost point is dark or bright so far to either side of it
+HALF: Final = 0.5  # between part and panel
+LIGHT_SIGMAS: Final = 2.0  # of what light may do to an edge as a whole
+AREA_PX: Final = 9  # smaller areas are for the runs
+WHOLE_EDGE: Final = 0.7  # share of an edge that is off: it is out of place, not broken
+THICK: Final = 0.6  # a burr is higher than this share of its length, or thin
+BURR_PX: Final = 3.0  # what is smaller may be dust
+CHIP_PX: Final = 6.0
+SURE_PX: Final = 3.0  # no light eats so deep into one place of an edge
+CLEARLY_PX: Final = 0.3  # a face farther out of place than allowed, by so much
+FULL_RUN: Final = 0.6  # of the points along a run that must have been compared
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class OutlineResult:
+    """What the silhouette showed: findings, and the check with what it compared."""
+
+    findings: list[Finding]
+    check: Check
+
+
+def compare_outline(
+    part: PosedPart,
+    pose: ViewPose,
+    maps: ViewMaps,
+    backlit: Backlit,
+    task: ViewTask,
+    samples: SurfaceSamples,
+    allowances: Allowances,
+    settings: PoseSettings,
+    view_count: int = 1,
+) -> OutlineResult:
+    """Return where the silhouette of a view differs from the CAD, and what it compared.
+
+    Parameters
+    ----------
+    part : the solid, with rays against it
+    pose : fitted, with the predicted outline and how far the observed one is off
+    maps : the prediction at the pose
+    backlit : the picture, relative to the panel's light
+    task : the view; with its camera
+    samples : of the surface, to know what the outline covers
+    allowances : what a good part may show
+    settings : what is known of arm, parts and light
+    view_count : of the part, so that its false alarms can be bounded
+    """
+    look = _Look(part, pose, maps, backlit, task, allowances, settings)
+    test = RunTest(
+        noise_px=max(pose.noise_px, min(pose.residual_px, settings.light_px)),
+        wave_px=float(np.hypot(settings.light_px / 3.0, allowances.form_mm / look.mm)),
+        false_alarms=allowances.false_alarms,
+        view_count=view_count,
+    )
+    points = pose.rims.points
+    runs = find_runs(points.pixels, points.normals, look.off_px, look.step_px, test)
+    areas = _areas(look, maps)
+    findings = [f for f in (look.finding(run) for run in runs) if f is not None]
+    findings = [f for f in findings if not any(_same(f, area) for area in areas)] + areas
+    limit_px = test.limit(len(points.pixels)) * float(test.sigma_px(np.array([CHIP_PX]))[0])
+    near = look.compared(limit_px)
+    compared: BoolArray = np.zeros(len(samples.points_mm), dtype=bool)
+    if near.any():
+        tree = cKDTree(points.points_mm[near])
+        far, _ = tree.query(transform(pose.T_world_part, samples.points_mm))
+        # a chip of the smallest size about such a point reaches well across the outline
+        compared |= far <= task.limits.smallest_defect_mm / 4
+    size_mm = limit_px * look.mm
+    return OutlineResult(findings, Check(OUTLINE, "", compared, size_mm, CHIP_PX * look.mm))
+
+
+class _Look:
+    """One view's outline with what is allowed taken off."""
+
+    def __init__(
+        self,
+        part: PosedPart,
+        pose: ViewPose,
+        maps: ViewMaps,
+        backlit: Backlit,
+        task: ViewTask,
+        allowances: Allowances,
+        settings: PoseSettings,
+    ) -> None:
+        self.part, self.pose, self.backlit, self.task = part, pose, backlit, task
+        self.maps = maps
+        self.points = pose.rims.points
+        centre = transform(pose.T_world_part, part.solid.centroid_mm[None])[0]
+        self.mm = task.camera.mm_per_px(centre)
+        self.step_px = self.points.step_mm / self.mm
+        self.judged = backlit.outline.is_judged(self.points.pixels)
+        self.allowed_mm = allowed_mm(part, allowances.tolerance_class)
+        self.light_px = LIGHT_SIGMAS * settings.light_px
+        self.off_px = self._off()
+
+    def _off(self) -> FloatArray:
+        """Return how far beyond what is allowed the observed outline is, (n,); nan: not known."""
+        pose = self.pose
+        shape = pose.gap_px - pose.left_px
+        moves = np.abs(pose.rims.per_face)
+        allowed = self.allowed_mm[pose.rims.faces]
+        # both faces of an edge may be off, and a curved one grown and moved
+        room = (moves[..., 0] * allowed.sum(axis=2)).sum(axis=1)
+        light = np.clip(pose.edge_px, -self.light_px, self.light_px)
+        self.beyond_px = shape - np.clip(shape, -room, room)
+        off = pose.gap_px - np.clip(shape, -room, room) - light
+        off[~self.judged] = np.nan
+        return self._with_lost(off)
+
+    def _with_lost(self, off: FloatArray) -> FloatArray:
+        """Return the same where points without a partner count: the panel or the part is there."""
+        lost = np.isnan(self.pose.gap_px) & self.judged & ~self._near_unjudged()
+        if not lost.any():
+            return off
+        at, normals = self.points.pixels[lost], self.points.normals[lost]
+        within, beyond = at - INSIDE_PX * normals, at + INSIDE_PX * normals
+        is_dark_within, is_dark_beyond = (self._is_dark(p) for p in (within, beyond))
+        # at a slender corner that far inside is outside again, on the other side
+        fits = self._is_part(within) & ~self._is_part(beyond)
+        out = off.copy()
+        out[lost] = np.select(
+            [fits & ~is_dark_within & ~is_dark_beyond, fits & is_dark_within & is_dark_beyond],
+            [-LOST_PX, LOST_PX],
+            np.nan,
+        )
+        return out
+
+    def _is_dark(self, at_px: FloatArray) -> BoolArray:
+        height, width = self.backlit.share.shape
+        x, y = np.round(at_px).astype(np.int64).T
+        x, y = np.clip(x, 0, width - 1), np.clip(y, 0, height - 1)
+        return np.asarray(self.backlit.share[y, x] < HALF)
+
+    def _is_part(self, at_px: FloatArray) -> BoolArray:
+        x0, y0, _, _ = self.maps.roi
+        mask = self.maps.mask
+        x, y = np.round(at_px).astype(np.int64).T
+        x, y = np.clip(x - x0, 0, mask.shape[1] - 1), np.clip(y - y0, 0, mask.shape[0] - 1)
+        return np.asarray(mask[y, x])
+
+    def _near_unjudged(self) -> BoolArray:
+        x, y = np.round(self.points.pixels).astype(np.int64).T
+        height, width = self.backlit.judged.shape
+        x, y = np.clip(x, 0, width - 1), np.clip(y, 0, height - 1)
+        return np.asarray(grow(~self.backlit.judged, NEAR_PX)[y, x])
+
+    def compared(self, limit_px: float) -> BoolArray:
+        """Return which outline points (n,) lie where a run would have been seen, and none was."""
+        good: BoolArray = np.abs(np.nan_to_num(self.off_px, nan=np.inf)) <= limit_px
+        if not good.any():
+            return good
+        tree = cKDTree(self.points.pixels[good])
+        counts = tree.query_ball_point(self.points.pixels, CHIP_PX / 2, return_length=True)
+        good &= np.array(counts, dtype=np.float64) >= FULL_RUN * CHIP_PX / self.step_px
+        return good
+
+    def is_moved(self, points: IntArray) -> bool:
+        """Return whether faces out of place, farther than allowed, are what points show."""
+        beyond = self.beyond_px[points]
+        here = np.isfinite(beyond)
+        if not here.any():
+            return False
+        rest = np.abs(self.off_px[points] - beyond)[here]
+        return bool((np.abs(beyond[here]) > np.maximum(rest, CLEARLY_PX)).mean() > HALF)
+
+    def near(self, box_px: tuple[int, int, int, int]) -> IntArray:
+        """Return the outline points in a box of the picture, or beside it."""
+        x0, y0, x1, y1 = box_px
+        x, y = self.points.pixels.T
+        inside = (x > x0 - 2) & (x < x1 + 2) & (y > y0 - 2) & (y < y1 + 2)
+        return np.flatnonzero(inside)
+
+    def finding(self, run: Run) -> Finding | None:
+        """Return what a run is, None for what is too small to be told from dust."""
+        kind = self._kind(run)
+        if kind is None:
+            return None
+        at = self.points.pixels[run.points]
+        deepest = run.points[np.argmax(np.abs(self.off_px[run.points]))]
+        low, high = at.min(axis=0), at.max(axis=0)
+        T_part_world = inverse_pose(self.pose.T_world_part)
+        middle = np.median(self.points.points_mm[run.points], axis=0)
+        nearest = np.argmin(np.linalg.norm(self.points.points_mm[run.points] - middle, axis=1))
+        chosen = run.points[nearest] if kind is not FindingKind.CHIP else deepest
+        ids, counts = np.unique(self.pose.rims.faces[run.points], return_counts=True)
+        order = np.argsort(-counts)
+        shares = counts[order] / len(run.points)
+        return Finding(
+            kind=kind,
+            lamp="backlit",
+            area_mm2=run.area_px * self.mm**2,
+            size_mm=float(np.hypot(run.length_px, run.depth_px)) * self.mm,
+            at_px=(float(self.points.pixels[chosen][0]), float(self.points.pixels[chosen][1])),
+            box_px=(int(low[0]), int(low[1]), int(high[0]) + 1, int(high[1]) + 1),
+            p_part_mm=transform(T_part_world, self.points.points_mm[chosen][None])[0],
+            face_ids=tuple(int(i) for i in ids[order][shares > 0.2]) or (int(ids[order][0]),),
+            is_sure=kind is not FindingKind.DIMENSION
+            and run.depth_px < -SURE_PX
+            and run.length_px >= CHIP_PX,
+        )
+
+    def _kind(self, run: Run) -> FindingKind | None:
+        mine = np.zeros(len(self.off_px), dtype=bool)
+        mine[run.points] = True
+        faces = np.sort(self.pose.rims.faces, axis=1)
+        _, edge = np.unique(faces, axis=0, return_inverse=True)
+        edge = edge.reshape(-1)
+        own = np.bincount(edge[run.points]).argmax()
+        of_edge = (edge == own) & np.isfinite(self.off_px)
+        if mine[of_edge].mean() >= WHOLE_EDGE and run.length_px >= CHIP_PX:
+            return FindingKind.DIMENSION
+        if self.is_moved(run.points):
+            return FindingKind.DIMENSION
+        if run.depth_px < 0:
+            is_sharp = faces[run.points, 0] != faces[run.points, 1]
+            return FindingKind.CHIP if is_sharp.mean() > HALF else FindingKind.MISSING
+        if run.depth_px < BURR_PX and run.length_px < CHIP_PX:
+            return None
+        return FindingKind.BURR
+
+
+def _areas(look: _Look, maps: ViewMaps) -> list[Finding]:
+    task, T = look.task, look.pose.T_world_part
+    x0, y0 = max(maps.roi[0] - MARGIN_PX, 0), max(maps.roi[1] - MARGIN_PX, 0)
+    x1 = min(maps.roi[2] + MARGIN_PX, task.camera.size_px[0])
+    y1 = min(maps.roi[3] + MARGIN_PX, task.camera.size_px[1])
+    expected = np.zeros((y1 - y0, x1 - x0), dtype=bool)
+    expected[maps.roi[1] - y0 : maps.roi[3] - y0, maps.roi[0] - x0 : maps.roi[2] - x0] = maps.mask
+    window = (slice(y0, y1), slice(x0, x1))
+    dark, judged = look.backlit.share[window] < HALF, look.backlit.judged[window]
+    allowed_px = float(look.allowed_mm.sum(axis=1).max()) / look.mm
+    slack = int(np.ceil(max(allowed_px, BURR_PX)))
+    area = np.full(expected.shape, look.mm**2, dtype=np.float32)
+    found: list[Finding] = []
+    # where gripper and part overlap in the picture no ground is left to compare with
+    for wrong, kind in (
+        (expected & ~dark & judged, FindingKind.MISSING),
+        (~expected & dark & judged, FindingKind.EXTRA),
+    ):
+        side = expected if kind is FindingKind.EXTRA else ~expected
+        deep = wrong & ~grow(side, slack)
+        if not deep.any():
+            continue
+        # grown back to the outline, so that its size is its size
+        whole = wrong & grow(deep, slack + 1)
+        whole_found = connected_findings(
+            whole, kind, "backlit", look.part, maps, task.camera, T, (x0, y0), area,
+            AREA_PX * look.mm**2,
+        )  # fmt: skip
+        for f in whole_found:
+            if not _touches_part(f, expected, (x0, y0)):
+                continue
+            is_moved = look.is_moved(look.near(f.box_px))
+            found.append(
+                replace(f, kind=FindingKind.DIMENSION) if is_moved else replace(f, is_sure=True)
+            )
+    return found
+
+
+def _touches_part(finding: Finding, expected: BoolArray, corner: tuple[int, int]) -> bool:
+    """Return whether a difference is at the part: what hangs free before the panel is dirt."""
+    x0, y0, x1, y1 = finding.box_px
+    left, top = corner
+    window = expected[max(y0 - top - 3, 0) : y1 - top + 3, max(x0 - left - 3, 0) : x1 - left + 3]
+    return bool(window.any())
+
+
+def _same(run: Finding, area: Finding) -> bool:
+    x0, y0, x1, y1 = area.box_px
+    left, top, right, bottom = run.box_px
+    return left <= x1 + 4 and right >= x0 - 4 and top <= y1 + 4 and bottom >= y0 - 4

@@ -1,0 +1,157 @@
+"""Where an outline is off all along a run: means over windows of many lengths, against their noise.
+
+A short deep notch and a long shallow one are both rare by chance. Each window's mean is compared
+with what noise, light and uneven edges make of it; the limit follows from how many windows a part
+has, and from how many good parts may be called bad.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+from scipy.stats import norm
+
+from controller.arrays import BoolArray, FloatArray, IntArray
+
+WINDOWS_PX: Final = (1.5, 3.0, 6.0, 12.0, 24.0)  # half of their lengths
+BLUR_PX: Final = 3.0  # along an edge, points nearer than this are one
+ALIKE: Final = 0.5  # cosine between normals of one run
+LINKED_PX: Final = 3.0  # points of one run are no farther apart
+BELONGS: Final = 0.4  # share of a run's largest difference that still belongs to it
+
+
+@dataclass(frozen=True, slots=True)
+class RunTest:
+    """How a run is told from chance.
+
+    Attributes
+    ----------
+    noise_px : of one point, standard deviation
+    wave_px : of what moves neighbouring points together: light, uneven edges
+    false_alarms : runs of good parts, per part
+    view_count : of the part
+    """
+
+    noise_px: float
+    wave_px: float
+    false_alarms: float = 1e-3
+    view_count: int = 1
+
+    def limit(self, point_count: int) -> float:
+        """Return how many standard deviations a window's mean may be off, of so many points."""
+        windows = len(WINDOWS_PX) * max(point_count / BLUR_PX, 1.0) * max(self.view_count, 1)
+        return float(norm.isf(self.false_alarms / (2 * windows)))
+
+    def sigma_px(self, count: FloatArray) -> FloatArray:
+        """Return the standard deviation of means over so many points (n,)."""
+        independent = np.maximum(count / BLUR_PX, 1.0)
+        return np.asarray(np.hypot(self.noise_px / np.sqrt(independent), self.wave_px))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Run:
+    """Neighbouring outline points that are off to one side.
+
+    Attributes
+    ----------
+    points : which, in the order given
+    depth_px : the largest difference, signed: positive is material too much
+    length_px : along the outline
+    area_px : between both outlines
+    significance : of the plainest window, in standard deviations
+    """
+
+    points: IntArray
+    depth_px: float
+    length_px: float
+    area_px: float
+    significance: float
+
+
+def find_runs(
+    at_px: FloatArray, normals: FloatArray, off_px: FloatArray, step_px: float, test: RunTest
+) -> list[Run]:
+    """Return the runs of an outline that chance does not explain.
+
+    Parameters
+    ----------
+    at_px, normals : (n, 2) points of the predicted outline, and its normals
+    off_px : (n,) how far the observed one is beyond; nan where that is not known
+    step_px : between points
+    test : how a run is told from chance
+    """
+    known = np.flatnonzero(np.isfinite(off_px))
+    if len(known) < 3:
+        return []
+    at, direction, off = at_px[known], normals[known], off_px[known]
+    tree = cKDTree(at)
+    limit = test.limit(len(known))
+    best = np.zeros(len(known))
+    for half in WINDOWS_PX:
+        beside = _beside(tree, direction, half)
+        count = np.asarray(beside.sum(axis=1), dtype=np.float64).ravel()
+        mean = (beside @ off) / count
+        z = mean / test.sigma_px(count * step_px)
+        best = np.where(np.abs(z) > np.abs(best), z, best)
+    runs = []
+    for sign in (1.0, -1.0):
+        flagged = sign * best > limit
+        runs += _linked(tree, flagged, sign, off, best, known, step_px, test, limit)
+    return sorted(runs, key=lambda run: -run.significance)
+
+
+def _beside(tree: cKDTree, direction: FloatArray, half_px: float) -> sp.csr_matrix:
+    """Return (n, n) which points are in each other's window."""
+    n = len(direction)
+    pairs = tree.query_pairs(half_px, output_type="ndarray")
+    alike = (direction[pairs[:, 0]] * direction[pairs[:, 1]]).sum(axis=1) > ALIKE
+    i, j = pairs[alike].T
+    rows = np.concatenate([i, j, np.arange(n)])
+    columns = np.concatenate([j, i, np.arange(n)])
+    return sp.csr_matrix((np.ones(len(rows)), (rows, columns)), shape=(n, n))
+
+
+def _linked(
+    tree: cKDTree,
+    flagged: BoolArray,
+    sign: float,
+    off: FloatArray,
+    best: FloatArray,
+    known: IntArray,
+    step_px: float,
+    test: RunTest,
+    limit: float,
+) -> list[Run]:
+    if not flagged.any():
+        return []
+    pairs = tree.query_pairs(LINKED_PX, output_type="ndarray")
+    pairs = pairs[flagged[pairs].all(axis=1)]
+    n = len(off)
+    graph = sp.csr_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
+    _, label = connected_components(graph, directed=False)
+    out = []
+    for name in np.unique(label[flagged]):
+        mine = np.flatnonzero(flagged & (label == name))
+        # windows reach beyond what is off
+        size = sign * off[mine]
+        mine = mine[size > max(BELONGS * float(size.max()), 2 * test.noise_px)]
+        if len(mine) == 0:
+            continue
+        own = float(np.abs(off[mine].mean())) / float(
+            test.sigma_px(np.array([len(mine) * step_px]))[0]
+        )
+        if own < limit:  # a window reached as far as here, that is all
+            continue
+        out.append(
+            Run(
+                points=known[mine],
+                depth_px=float(sign * (sign * off[mine]).max()),
+                length_px=len(mine) * step_px,
+                area_px=float(np.abs(off[mine]).sum()) * step_px,
+                significance=float(np.abs(best[mine]).max()),
+            )
+        )
+    return out
