@@ -38,6 +38,7 @@ from controller.recognition.fitting import (
 from ._types import ViewTask
 
 PLANNED_HOLD: Final = (1.5, 0.03)  # [mm, rad] how far a fresh grip may be from the planned one
+MEASURED_HOLD: Final = (0.3, 0.005)  # the same once a view has measured it
 AS_PLACED: Final = (0.05, 0.001)  # a pose that is tried is fitted on by no more
 REACH_PX: Final = 25.0  # how far off the outline may be there
 COMPARED_PX: Final = 6.25  # the observed outline is looked for so far from the fitted one

@@ -18,7 +18,14 @@ from ._types import InspectionLimits, Verdict, ViewPictures, ViewResult, ViewTas
 from .characteristics import Characteristic, Measured, standing_of, worse
 from .grasp_pose import OutlineView, PoseSettings, ViewPose, fit_grasp
 from .integrity import Allowances
-from .view import SeenView, Strictness, compare_view, outline_view, see_view
+from .view import (
+    SeenView,
+    Strictness,
+    compare_view,
+    outline_view,
+    restate_outline,
+    see_view,
+)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -181,26 +188,29 @@ def inspect_part(
 
 def inspect_views(views: ViewSet, settings: PartSettings) -> tuple[ViewResult, ...]:
     """Return what each view showed, the part's pose found from all views of its grasp."""
-    known = {view.task.view_id for view in views.views if view.result is not None}
-    seen = {
-        view.task.view_id: see_view(view.task, view.pictures)
-        for view in views.views
-        if view.task.view_id not in known
-    }
+    seen = {view.task.view_id: see_view(view.task, view.pictures) for view in views.views}
     strictness = Strictness(settings.allowances, settings.pose, len(views.views))
     poses = find_poses(views, seen, settings.pose)
-    out = []
-    for view in views.views:
-        name = view.task.view_id
-        if view.result is not None:
-            out.append(view.result)
-            continue
-        result = compare_view(
-            views.part, views.samples, view.task, view.pictures, seen[name], poses.get(name),
-            strictness,
-        )  # fmt: skip
-        out.append(result if view.counted is None else result.within(view.counted))
-    return tuple(out)
+    return tuple(
+        _result(views, view, seen[view.task.view_id], poses.get(view.task.view_id), strictness)
+        for view in views.views
+    )
+
+
+def _result(
+    views: ViewSet, view: HeldView, seen: SeenView, pose: ViewPose | None, strictness: Strictness
+) -> ViewResult:
+    """Return what a view showed, on the samples that it counts for."""
+    if view.result is not None:
+        if pose is None:
+            return view.result
+        return restate_outline(
+            views.part, views.samples, view.task, seen, pose, strictness, view.result
+        )
+    result = compare_view(
+        views.part, views.samples, view.task, view.pictures, seen, pose, strictness
+    )
+    return result if view.counted is None else result.within(view.counted)
 
 
 def find_poses(
@@ -216,8 +226,6 @@ def find_poses(
     """
     by_grasp: dict[int, list[OutlineView]] = {}
     for view in views.views:
-        if view.task.view_id not in seen:
-            continue
         outline = outline_view(view.task, seen[view.task.view_id], view.prior_mm, view.prior_rad)
         if outline is not None:
             by_grasp.setdefault(view.grasp, []).append(outline)

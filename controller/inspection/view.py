@@ -18,9 +18,10 @@ from controller.arrays import BoolArray
 from controller.cad import SurfaceSamples
 from controller.imaging import mask_contour, render_maps, threshold_levels, view_roi
 
-from ._pose import PLANNED_HOLD, PosedPart, PoseFit, moved, poses_as_good
+from ._pose import MEASURED_HOLD, PLANNED_HOLD, PosedPart, PoseFit, moved, poses_as_good
 from ._scene import ViewScene, make_scene, samples_in_sight
 from ._types import (
+    OUTLINE,
     Check,
     Finding,
     FindingKind,
@@ -44,7 +45,6 @@ from .registration import Registration, register
 
 NEAR_SHARE: Final = 0.9  # of the outline, found where it should be
 ROUGH: Final = 3.0  # standard deviations of noise and light that an outline may be uneven by
-MEASURED_HOLD: Final = (0.3, 0.005)  # [mm, rad] how far a grip that a view has measured may be off
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -196,10 +196,7 @@ def compare_view(
         return _not_evaluated(task, samples, refusal)
     if missing := [lamp.name for lamp in task.lamps if lamp.name not in pictures.lit]:
         return _not_evaluated(task, samples, f"no picture under {missing[0]}")
-    outline = compare_outline(
-        part, pose, fit.maps, seen.backlit, task, samples, strictness.allowances, strictness.pose,
-        strictness.view_count,
-    )  # fmt: skip
+    outline = _outline(part, samples, task, seen.backlit, pose, fit, strictness)
     view = _View(part, samples, task, pictures, seen.scene, sharp, outline)
     best = view.compare_at(fit)
     if not any(f.kind.is_lit for f in best.findings):
@@ -215,6 +212,60 @@ def compare_view(
         if not best.findings:
             break
     return best
+
+
+def restate_outline(
+    part: PosedPart,
+    samples: SurfaceSamples,
+    task: ViewTask,
+    seen: SeenView,
+    pose: ViewPose,
+    strictness: Strictness,
+    known: ViewResult,
+) -> ViewResult:
+    """Return what a view showed, its outline compared again at a pose that more views have found.
+
+    What lit pictures showed, at the pose that the view alone has found, stays.
+
+    Parameters
+    ----------
+    part, samples : the CAD model and its surface samples
+    task : the view: camera, pose expected, limits
+    seen : its picture before the panel
+    pose : of the part
+    strictness : what a good part may show
+    known : what it showed by itself
+    """
+    fit = None if seen.backlit is None else _as_fit(part, task, seen.backlit, pose)
+    if seen.backlit is None or fit is None or not known.evaluated:
+        return known
+    outline = _outline(part, samples, task, seen.backlit, pose, fit, strictness)
+    in_sight = known.in_sight | known.unobstructed if len(known.unobstructed) else known.in_sight
+    check = replace(outline.check, compared=outline.check.compared & in_sight)
+    checks = (check, *(c for c in known.checks if c.name != OUTLINE))
+    lit = (f for f in known.findings if f.kind is FindingKind.SURFACE)
+    return replace(
+        known,
+        T_world_part=pose.T_world_part,
+        findings=(*outline.findings, *lit),
+        checks=checks,
+        compared=np.logical_or.reduce([c.compared for c in checks]),
+    )
+
+
+def _outline(
+    part: PosedPart,
+    samples: SurfaceSamples,
+    task: ViewTask,
+    backlit: Backlit,
+    pose: ViewPose,
+    fit: PoseFit,
+    strictness: Strictness,
+) -> OutlineResult:
+    return compare_outline(
+        part, pose, fit.maps, backlit, task, samples, strictness.allowances, strictness.pose,
+        strictness.view_count,
+    )  # fmt: skip
 
 
 def _as_fit(part: PosedPart, task: ViewTask, backlit: Backlit, pose: ViewPose) -> PoseFit | None:

@@ -198,7 +198,7 @@ class _Look:
         return np.flatnonzero(inside)
 
     def finding(self, run: Run) -> Finding | None:
-        """Return what a run is, None for what is too small to be told from dust."""
+        """Return what a run is, None for what may as well be dust."""
         kind = self._kind(run)
         if kind is None:
             return None

@@ -25,7 +25,7 @@ BELONGS: Final = 0.4  # share of a run's largest difference that still belongs t
 
 @dataclass(frozen=True, slots=True)
 class RunTest:
-    """How a run is told from chance.
+    """How a run and chance are told apart.
 
     Attributes
     ----------
@@ -81,7 +81,7 @@ def find_runs(
     at_px, normals : (n, 2) points of the predicted outline, and its normals
     off_px : (n,) how far the observed one is beyond; nan where that is not known
     step_px : between points
-    test : how a run is told from chance
+    test : how a run and chance are told apart
     """
     known = np.flatnonzero(np.isfinite(off_px))
     if len(known) < 3:
