@@ -17,6 +17,7 @@ from .planning import check, plan
 from .project import init
 from .recognising import recognise
 from .running import recover, report, run
+from .statistics import stats
 from .terminal.help import PlainCommand, PlainGroup
 
 app = typer.Typer(
@@ -71,6 +72,7 @@ for _command, _example in (
     (plan, "cellctl plan --recipe featuretype --report featuretype.html"),
     (emulate, "cellctl emulate --part recipes/parts/holder.stl --speed 5"),
     (report, "cellctl report --format json"),
+    (stats, "cellctl stats featuretype --json"),
     (replay, "cellctl replay --recipe stricter.yaml"),
     (verify, "cellctl verify 20260314-092641-512-holder"),
     (doctor, "cellctl doctor --cell cell.yaml"),

@@ -1,6 +1,6 @@
 """The printed report as PDF, from the page that is printed: no program beside this one is needed.
 
-The engine comes with its wheel (ADR 30). It is given the page and nothing else: no file, no
+The engine comes with its wheel (ADR 31). It is given the page and nothing else: no file, no
 network. The same page gives the same bytes.
 """
 

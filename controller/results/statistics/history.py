@@ -1,0 +1,174 @@
+"""The values of a recipe's parts, in the order measured, from the journal; never writes."""
+
+import sqlite3
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import datetime
+from pathlib import Path
+from typing import Any, Final
+
+from controller.cell.journal import (
+    JOURNAL_NAME,
+    JournalError,
+    first_broken_row,
+    read_row,
+    read_rows_of_kinds,
+    rows,
+)
+
+from ..run import ResultsError
+from .capability import Capability, Interval, capability
+from .charts import RunChart, run_chart
+
+ONE_SIDED: Final = frozenset({"position", "straightness", "roundness"})
+
+
+@dataclass(frozen=True, slots=True)
+class Value:
+    """A measured value: of which part of which run, with its verdict."""
+
+    run: str
+    part: int
+    at: datetime
+    measured: float
+    U: float | None
+    verdict: str
+
+
+@dataclass(slots=True)
+class Series:
+    """All values of a characteristic; limits and unit are those of the newest part.
+
+    Attributes
+    ----------
+    missing : parts for which there is no value
+    is_changed : nominal value or limits were not the same for all parts
+    """
+
+    id: str
+    label: str
+    kind: str
+    unit: str
+    nominal: float
+    lower: float
+    upper: float
+    values: list[Value] = field(default_factory=list)
+    missing: int = 0
+    is_changed: bool = False
+
+    @property
+    def chart(self) -> RunChart | None:
+        """The chart of the values."""
+        return run_chart([v.measured for v in self.values])
+
+    @property
+    def capability(self) -> Capability:
+        """What the process keeps within."""
+        lower = None if self.kind in ONE_SIDED else self.lower
+        return capability([v.measured for v in self.values], lower, self.upper)
+
+
+def series_of(runs_dir: Path, recipe: str) -> tuple[Series, ...]:
+    """Return the series of all characteristics measured in runs of a recipe, oldest value first.
+
+    Parameters
+    ----------
+    runs_dir : folder with the journal
+    recipe : name of the recipe
+
+    Raises
+    ------
+    ResultsError : no journal, one that cannot be read or was changed, or no run of this recipe
+    """
+    path = runs_dir / JOURNAL_NAME
+    if not path.is_file():
+        raise ResultsError(f"no journal at {path}: name the folder of runs with --runs")
+    found: dict[str, Series] = {}
+    names: dict[str, str] = {}
+    try:
+        broken = first_broken_row(path)
+        if broken is not None:
+            raise ResultsError(
+                f"journal {path}: the chain of hashes breaks at row {broken}; numbers that may "
+                "have been changed make no statistics"
+            )
+        for row in read_rows_of_kinds(path, ("observation",), (rows.RunBegan.row_name,)):
+            if row.name == rows.RunBegan.row_name:
+                names[row.run] = str(row.body.get("recipe", {}).get("name", ""))
+            elif row.name == rows.PartMeasured.row_name and names.get(row.run) == recipe:
+                said = read_row(row.kind, row.name, row.body)
+                assert isinstance(said, rows.PartMeasured)
+                for c in said.characteristics:
+                    _take(found, c, row.run, row.part or 0, datetime.fromisoformat(row.t_utc))
+    except (JournalError, sqlite3.Error, ValueError) as error:
+        raise ResultsError(f"journal {path}: {error}") from error
+    if recipe not in names.values():
+        known = ", ".join(sorted(set(names.values()))) or "it has none"
+        raise ResultsError(f"no run of the recipe `{recipe}` in {runs_dir}: there are {known}")
+    return tuple(found.values())
+
+
+def _take(
+    found: dict[str, Series], c: rows.CharacteristicFields, run: str, part: int, at: datetime
+) -> None:
+    asked = (c.nominal, c.lower, c.upper)
+    series = found.setdefault(c.id, Series(c.id, c.label, c.kind, c.unit, *asked))
+    if (series.nominal, series.lower, series.upper) != asked:
+        series.nominal, series.lower, series.upper = asked
+        series.is_changed = True
+    if c.measured is None:
+        series.missing += 1
+    else:
+        series.values.append(Value(run, part, at, c.measured, c.U, c.verdict))
+
+
+def series_json(series: Series) -> Mapping[str, Any]:
+    """Return a series with chart and capability as plain JSON values."""
+    chart, found = series.chart, series.capability
+    return {
+        "id": series.id,
+        "label": series.label,
+        "kind": series.kind,
+        "unit": series.unit,
+        "nominal": series.nominal,
+        "lower": series.lower,
+        "upper": series.upper,
+        "n": found.n,
+        "missing": series.missing,
+        "limits_changed": series.is_changed,
+        "mean": found.mean,
+        "sigma": found.sigma,
+        "cp": _interval(found.cp),
+        "cpk": _interval(found.cpk),
+        "pp": _interval(found.pp),
+        "ppk": _interval(found.ppk),
+        "normality_p": found.normality_p,
+        "note": found.note,
+        "chart": None
+        if chart is None
+        else {
+            "mean": chart.mean,
+            "lower": chart.lower,
+            "upper": chart.upper,
+            "mean_range": chart.mean_range,
+            "upper_range": chart.upper_range,
+            "signals": [{"rule": s.rule, "at": s.at} for s in chart.signals],
+        },
+        "values": [
+            {
+                "run": v.run,
+                "part": v.part,
+                "at": v.at.isoformat(),
+                "measured": v.measured,
+                "U": v.U,
+                "verdict": v.verdict,
+            }
+            for v in series.values
+        ],
+    }
+
+
+def _interval(found: Interval | None) -> Mapping[str, float] | None:
+    if found is None:
+        return None
+    return {"value": found.value, "lower": found.lower, "upper": found.upper}
