@@ -5,13 +5,14 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from controller.arrays import FloatArray
 from controller.cad import Crease, Solid
 
 from .._types import Rim
 from ..edges import RoundWall
-from ..edges.rims import are_coaxial
+from ..edges.rims import COAXIAL_COS, SAME_MM, are_coaxial
 from .sheet import size_text
 
 MIN_DIAMETER_RAD: Final = np.radians(190.0)  # drawings dimension arcs up to a half by their radius
@@ -55,11 +56,7 @@ def diameter_rims(wall: RoundWall) -> tuple[Rim, ...]:
 
 def round_features(solid: Solid, walls: tuple[RoundWall, ...]) -> tuple[RoundFeature, ...]:
     """Return the holes and outer cylinders that have a diameter to measure."""
-    usable = [
-        wall
-        for wall in walls
-        if diameter_rims(wall) and wall_height_mm(solid, wall) >= MIN_DEPTH_MM
-    ]
+    usable = [wall for wall in walls if diameter_rims(wall) and wall.height_mm >= MIN_DEPTH_MM]
     neighbours = _neighbours(solid)
     root = list(range(len(usable)))
 
@@ -68,23 +65,38 @@ def round_features(solid: Solid, walls: tuple[RoundWall, ...]) -> tuple[RoundFea
             i = root[i]
         return i
 
-    for i, one in enumerate(usable):
-        beside = set().union(*(neighbours[face] for face in one.faces))
-        for j in range(i):
-            other = usable[j]
-            if one.is_hole != other.is_hole or not one.is_hole:
-                continue
-            if not are_coaxial(one.axis, one.centre_mm, other.axis, other.centre_mm):
-                continue
-            beside_other = set().union(*(neighbours[face] for face in other.faces))
-            shared = beside & beside_other
-            if shared or beside & set(other.faces):
-                low, high = sorted((first(i), first(j)))
-                root[high] = low
+    for i, j in _near_axes(usable):
+        one, other = usable[i], usable[j]
+        if not are_coaxial(one.axis, one.centre_mm, other.axis, other.centre_mm):
+            continue
+        beside, beside_other = (
+            set().union(*(neighbours[face] for face in wall.faces)) for wall in (one, other)
+        )
+        if beside & beside_other or beside & set(other.faces):
+            low, high = sorted((first(i), first(j)))
+            root[high] = low
     grouped: dict[int, list[RoundWall]] = {}
     for i, wall in enumerate(usable):
         grouped.setdefault(first(i), []).append(wall)
     return tuple(_feature(group) for group in grouped.values())
+
+
+def _near_axes(walls: list[RoundWall]) -> list[tuple[int, int]]:
+    """Return the pairs of hole walls that may share an axis, by where it passes the origin.
+
+    A plate has a thousand bores; comparing each with each would grow as their square.
+    """
+    holes = [i for i, wall in enumerate(walls) if wall.is_hole]
+    if len(holes) < 2:
+        return []
+    centres = np.array([walls[i].centre_mm for i in holes])
+    axes = np.array([walls[i].axis for i in holes])
+    along = (centres * axes).sum(axis=1)
+    feet = centres - along[:, None] * axes
+    # axes that count as one lean against each other, which grows with the way to the origin
+    lean = 2 * float(np.sqrt(1 - COAXIAL_COS**2)) * float(np.abs(along).max())
+    pairs = cKDTree(feet).query_pairs(SAME_MM + lean)
+    return sorted((holes[i], holes[j]) for i, j in pairs)
 
 
 def inner_faces(solid: Solid, features: Iterable[RoundFeature]) -> frozenset[int]:
@@ -112,13 +124,6 @@ def ends_inside(solid: Solid, wall: RoundWall, inner: frozenset[int]) -> bool:
     beyond = b.face[np.nonzero(of_wall)[0] ^ 1]
     concave = b.crease[np.nonzero(of_wall)[0] // 2] == Crease.CONCAVE
     return bool(np.isin(beyond[concave], list(inner)).any())
-
-
-def wall_height_mm(solid: Solid, wall: RoundWall) -> float:
-    """Return how far a wall reaches along its axis."""
-    of_wall = np.isin(solid.face_of_triangle, wall.faces)
-    heights = np.asarray(solid.mesh.triangles)[of_wall].reshape(-1, 3) @ wall.axis
-    return float(np.ptp(heights))
 
 
 def _neighbours(solid: Solid) -> list[set[int]]:

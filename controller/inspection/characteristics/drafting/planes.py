@@ -152,22 +152,24 @@ class _Opposites:
     def __init__(self, solid: Solid, caster: RayCaster) -> None:
         spacing = 1.0 / np.sqrt(SAMPLES_PER_MM2)
         samples = sample_surface(solid, spacing, MIN_SAMPLES)
-        count = len(solid.faces)
-        self.through: list[FloatArray] = []
+        totals = np.bincount(samples.face_ids, minlength=len(solid.faces))
+        self._through: list[dict[tuple[int, int], float]] = []
         for sign in (1.0, -1.0):  # out of the surface: a gap; into it: material
             directions = sign * samples.normals
             triangle, _ = caster.first_hit(samples.points_mm + OFF_MM * directions, directions)
             hit = triangle >= 0
-            met = np.zeros((count, count))
-            pair = samples.face_ids[hit], np.asarray(solid.face_of_triangle)[triangle[hit]]
-            np.add.at(met, pair, 1.0)
-            totals = np.bincount(samples.face_ids, minlength=count)
-            self.through.append(met / np.maximum(totals, 1)[:, None])
+            meets = np.asarray(solid.face_of_triangle, dtype=np.int64)[triangle[hit]]
+            pairs, counts = np.unique(
+                np.stack([samples.face_ids[hit], meets], axis=1), axis=0, return_counts=True
+            )
+            share = counts / totals[pairs[:, 0]]
+            keys = map(tuple, pairs.tolist())
+            self._through.append(dict(zip(keys, share.tolist(), strict=True)))
 
     def share(self, one: _Plane, other: _Plane, *, gap: bool) -> float:
         """Return how much of the smaller of two planes lies opposite the other."""
         small, large = sorted((one, other), key=lambda plane: plane.area_mm2)
-        return float(self.through[0 if gap else 1][small.face, large.face])
+        return self._through[0 if gap else 1].get((small.face, large.face), 0.0)
 
 
 _Joined = tuple[_Plane, _Plane, CharacteristicKind, str]

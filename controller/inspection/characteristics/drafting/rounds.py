@@ -7,11 +7,11 @@ from typing import Final
 import numpy as np
 
 from controller.arrays import FloatArray
-from controller.cad import Feature, Solid
+from controller.cad import Feature
 
 from .._types import Rim
 from ..edges import RoundWall
-from .holes import MIN_DEPTH_MM, MIN_DIAMETER_RAD, wall_height_mm
+from .holes import MIN_DEPTH_MM, MIN_DIAMETER_RAD
 
 MIN_ARC_RAD: Final = np.radians(60.0)  # the radius of a shorter arc is lost in its own noise
 MIN_RADIUS_MM: Final = 0.5  # where ISO 2768-1 begins
@@ -41,14 +41,13 @@ class RoundSlot:
     axis: FloatArray
 
 
-def rounds(solid: Solid, walls: Sequence[RoundWall], features: Sequence[Feature]) -> list[Round]:
+def rounds(walls: Sequence[RoundWall], features: Sequence[Feature]) -> list[Round]:
     """Return the arcs between 60 degrees and more than a half, but for the ends of slots.
 
     Parameters
     ----------
-    solid : the part
-    walls : its round walls
-    features : of the part; a slot's ends belong to its width
+    walls : round walls of a part
+    features : of the same part; a slot's ends belong to its width
     """
     slotted = {i for f in features if f.kind == "slot" for i in f.faces}
     found = []
@@ -56,7 +55,7 @@ def rounds(solid: Solid, walls: Sequence[RoundWall], features: Sequence[Feature]
         arcs = tuple(r for r in wall.rims if MIN_ARC_RAD <= r.sweep_rad <= MIN_DIAMETER_RAD)
         if not arcs or wall.sweep_rad > MIN_DIAMETER_RAD or slotted & set(wall.faces):
             continue
-        if wall.radius_mm >= MIN_RADIUS_MM and wall_height_mm(solid, wall) >= MIN_DEPTH_MM:
+        if wall.radius_mm >= MIN_RADIUS_MM and wall.height_mm >= MIN_DEPTH_MM:
             found.append(Round(wall, arcs))
     return found
 

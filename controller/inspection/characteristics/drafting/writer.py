@@ -3,8 +3,9 @@
 The rules in words: docs/characteristics.md.
 """
 
+from bisect import bisect_left, bisect_right
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,7 +23,6 @@ from .holes import (
     ends_inside,
     inner_faces,
     round_features,
-    wall_height_mm,
 )
 from .planes import PlanePair, plane_pairs
 from .rounds import Round, RoundSlot, round_slots, rounds
@@ -55,7 +55,7 @@ def nominal_characteristics(
         *writer.of_round_features(solid, round_ones, inner),
         *writer.of_slots(round_slots(walls, features)),
         *writer.of_pairs(p for p in pairs if p.kind != CharacteristicKind.LENGTH),
-        *writer.of_rounds(rounds(solid, walls, features)),
+        *writer.of_rounds(rounds(walls, features)),
     ]
     return tuple(replace(c, balloon=i) for i, c in enumerate(found, start=1))
 
@@ -84,13 +84,14 @@ class _Writer:
         ordered = sorted(ordered, key=lambda f: reading_order(f.axis, f.centre_mm)[0])
         names = numbered([feature.name for feature in ordered])
         found = []
-        for feature, name in zip(ordered, names, strict=True):
-            datum = _datum(feature, ordered)
+        datums = _datums(ordered)
+        outline = _Outline(solid)
+        for feature, name, datum in zip(ordered, names, datums, strict=True):
             for wall in feature.walls:
                 step = "" if wall is feature.walls[0] else f" step {size_text(2 * wall.radius_mm)}"
-                found += self._of_wall(solid, wall, f"{name}{step}", datum)
+                found += self._of_wall(outline, wall, f"{name}{step}", datum)
                 if wall.is_hole and ends_inside(solid, wall, inner):
-                    found += self._depth(solid, wall, f"{name}{step} depth")
+                    found += self._depth(wall, f"{name}{step} depth")
         return found
 
     def of_slots(self, slots: Iterable[RoundSlot]) -> list[Characteristic]:
@@ -140,7 +141,7 @@ class _Writer:
         return found
 
     def _of_wall(
-        self, solid: Solid, wall: RoundWall, name: str, datum: RoundFeature | None
+        self, outline: "_Outline", wall: RoundWall, name: str, datum: RoundFeature | None
     ) -> list[Characteristic]:
         rims = diameter_rims(wall)
         found = self._sized(
@@ -152,7 +153,7 @@ class _Writer:
         )
         if datum is not None and any(wall is other for other in datum.walls):
             datum = None
-        reach = _reach_mm(solid, wall, datum)
+        reach = outline.reach_mm(wall, datum)
         if not wall.is_hole and reach < wall.radius_mm + SAME_SIZE_MM:
             return found  # it is the outline itself
         deviation = linear_tolerance_mm(reach, self.tolerance_class)
@@ -172,10 +173,9 @@ class _Writer:
             )
         return found
 
-    def _depth(self, solid: Solid, wall: RoundWall, name: str) -> list[Characteristic]:
-        depth_mm = wall_height_mm(solid, wall)
+    def _depth(self, wall: RoundWall, name: str) -> list[Characteristic]:
         geometry = RimGeometry(diameter_rims(wall))
-        sized = self._sized(CharacteristicKind.DISTANCE, name, depth_mm, geometry, wall.faces)
+        sized = self._sized(CharacteristicKind.DISTANCE, name, wall.height_mm, geometry, wall.faces)
         return [replace(c, exempt=NO_DEPTH, is_measured=False) for c in sized]
 
     def _sized(
@@ -232,35 +232,55 @@ def pair_characteristic(pair: PlanePair, tolerance_class: ToleranceClass) -> Cha
     return next(iter(_Writer(tolerance_class).of_pairs([pair])), None)
 
 
-def _datum(feature: RoundFeature, features: Iterable[RoundFeature]) -> RoundFeature | None:
-    """Return the round feature that places are given from along an axis, None for the outline.
+def _datums(features: Sequence[RoundFeature]) -> list[RoundFeature | None]:
+    """Return for each feature the one that its place is given from, None for the outline.
 
-    It is the hole or boss that a drawing would choose: the largest of those that are the only ones
-    of their size. A pattern of equal holes has no first one, and is placed from the outline.
+    It is the hole or boss that a drawing would choose: of those along the same axis the largest
+    that is the only one of its size. A pattern of equal holes has no first one, and is placed from
+    the outline.
     """
-    parallel = [f for f in features if abs(float(f.axis @ feature.axis)) > COAXIAL_COS]
-    sizes = [2 * f.walls[0].radius_mm for f in parallel]
-    single = [
-        f
-        for f, size in zip(parallel, sizes, strict=True)
-        if sum(abs(size - other) < SAME_SIZE_MM for other in sizes) == 1
-    ]
-    return max(single, key=lambda f: f.walls[0].radius_mm, default=None)
+    datums: list[RoundFeature | None] = [None] * len(features)
+    todo = list(range(len(features)))
+    while todo:
+        axis = features[todo[0]].axis
+        parallel = [i for i in todo if abs(float(features[i].axis @ axis)) > COAXIAL_COS]
+        todo = [i for i in todo if i not in set(parallel)]
+        sizes = sorted(2 * features[i].walls[0].radius_mm for i in parallel)
+        single = [i for i in parallel if _is_single(sizes, 2 * features[i].walls[0].radius_mm)]
+        if single:
+            largest = max(single, key=lambda i: features[i].walls[0].radius_mm)
+            for i in parallel:
+                datums[i] = features[largest]
+    return datums
 
 
-def _reach_mm(solid: Solid, wall: RoundWall, datum: RoundFeature | None) -> float:
-    """Return the length whose tolerance the place of a wall has.
-
-    It is the distance of its axis from the datum; where both are one axis, its own diameter.
-    """
-    if datum is not None:
-        offset = wall.centre_mm - datum.centre_mm
-        away = float(np.linalg.norm(offset - (offset @ wall.axis) * wall.axis))
-        return away if away > COAXIAL_MM else 2 * wall.radius_mm
-    return max(_to_outline_mm(solid, wall.centre_mm, direction) for direction in across(wall.axis))
+def _is_single(sizes: Sequence[float], size: float) -> bool:
+    """Return whether sorted sizes have a size once."""
+    return bisect_left(sizes, size + SAME_SIZE_MM) - bisect_right(sizes, size - SAME_SIZE_MM) == 1
 
 
-def _to_outline_mm(solid: Solid, p_mm: FloatArray, direction: FloatArray) -> float:
-    reach = np.asarray(solid.mesh.vertices) @ direction
-    at = float(p_mm @ direction)
-    return min(at - float(reach.min()), float(reach.max()) - at)
+class _Outline:
+    """How far a part reaches, direction by direction."""
+
+    def __init__(self, solid: Solid) -> None:
+        self._vertices = np.asarray(solid.mesh.vertices)
+        self._reach: dict[tuple[float, ...], tuple[float, float]] = {}
+
+    def reach_mm(self, wall: RoundWall, datum: RoundFeature | None) -> float:
+        """Return the length whose tolerance the place of a wall has.
+
+        It is the distance of its axis from the datum; where both are one axis, its own diameter.
+        """
+        if datum is not None:
+            offset = wall.centre_mm - datum.centre_mm
+            away = float(np.linalg.norm(offset - (offset @ wall.axis) * wall.axis))
+            return away if away > COAXIAL_MM else 2 * wall.radius_mm
+        return max(self._to_side_mm(wall.centre_mm, way) for way in across(wall.axis))
+
+    def _to_side_mm(self, p_mm: FloatArray, direction: FloatArray) -> float:
+        key = tuple(direction.tolist())
+        if key not in self._reach:
+            reach = self._vertices @ direction
+            self._reach[key] = float(reach.min()), float(reach.max())
+        (low, high), at = self._reach[key], float(p_mm @ direction)
+        return min(at - low, high - at)

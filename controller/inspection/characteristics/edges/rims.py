@@ -5,7 +5,7 @@ cut into its rim, so that it has several faces and arcs of rims.
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -35,7 +35,7 @@ class RoundWall:
     is_hole : it faces its axis
     rims : arcs in which it ends openly, the longest first; none where its ends are rounded, or end
         in corners
-    area_mm2 : of all its faces
+    height_mm : how far it reaches along its axis
     """
 
     faces: tuple[int, ...]
@@ -43,8 +43,8 @@ class RoundWall:
     centre_mm: FloatArray
     radius_mm: float
     is_hole: bool
-    rims: tuple[Rim, ...]
-    area_mm2: float
+    rims: tuple[Rim, ...] = ()
+    height_mm: float = 0.0
 
     @property
     def sweep_rad(self) -> float:
@@ -69,36 +69,33 @@ def round_walls(solid: Solid) -> tuple[RoundWall, ...]:
     sides: list[list[int]] = [[] for _ in solid.faces]
     for half_edge, face in enumerate(b.face.tolist()):
         sides[face].append(half_edge)
+    triangles = np.argsort(solid.face_of_triangle, kind="stable")
+    begin = np.searchsorted(solid.face_of_triangle[triangles], np.arange(len(sides) + 1))
+    corners = np.asarray(solid.mesh.triangles, dtype=np.float64)
     walls = []
     for group in _pieces(solid, sides):
         faces = [solid.faces[i] for i in group]
         largest = max(faces, key=lambda face: face.area_mm2)
-        area = sum(face.area_mm2 for face in faces)
+        axis, area = largest.axis, sum(face.area_mm2 for face in faces)
         radius = sum(face.radius_mm * face.area_mm2 for face in faces) / area
-        reach = [
-            float((f.centre_mm - largest.centre_mm) @ largest.axis) * f.area_mm2 for f in faces
-        ]
-        centre = largest.centre_mm + largest.axis * sum(reach) / area
-        wall = RoundWall(
-            tuple(group), largest.axis, centre, radius, largest.concave, (), float(area)
+        reach = [float((f.centre_mm - largest.centre_mm) @ axis) * f.area_mm2 for f in faces]
+        centre = largest.centre_mm + axis * sum(reach) / area
+        levels = [corners[triangles[begin[i] : begin[i + 1]]].reshape(-1, 3) @ axis for i in group]
+        bare = RoundWall(
+            tuple(group),
+            axis,
+            centre,
+            radius,
+            largest.concave,
+            height_mm=float(np.ptp(np.concatenate(levels))),
         )
         arcs = [
             arc
             for face in group
             for half_edge in sides[face]
-            if (arc := _arc(solid, wall, half_edge)) is not None
+            if (arc := _arc(solid, bare, half_edge)) is not None
         ]
-        walls.append(
-            RoundWall(
-                wall.faces,
-                wall.axis,
-                wall.centre_mm,
-                wall.radius_mm,
-                wall.is_hole,
-                tuple(_rims(wall, arcs)),
-                wall.area_mm2,
-            )
-        )
+        walls.append(replace(bare, rims=tuple(_rims(bare, arcs))))
     return tuple(walls)
 
 
@@ -121,9 +118,8 @@ def plane_rims(solid: Solid) -> dict[int, tuple[Rim, ...]]:
         edge = half_edges[0] // 2
         normal = solid.faces[plane_id].normal
         axis = normal / np.linalg.norm(normal)
-        wall = RoundWall(
-            (), axis, b.centre_mm[edge] - axis, float(b.radius_mm[edge]), False, (), 0.0
-        )  # its centre lies below the plane, so that its rims open out of it
+        # its centre lies below the plane, so that its rims open out of it
+        wall = RoundWall((), axis, b.centre_mm[edge] - axis, float(b.radius_mm[edge]), False)
         arcs = [arc for h in half_edges if (arc := _arc(solid, wall, h)) is not None]
         found.setdefault(plane_id, []).extend(_rims(wall, arcs))
     return {i: tuple(sorted(rims, key=lambda r: -r.radius_mm)) for i, rims in found.items()}
