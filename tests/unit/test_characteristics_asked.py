@@ -17,6 +17,7 @@ from controller.config.characteristics import GivenSection
 from controller.inspection.characteristics import (
     Characteristic,
     CharacteristicKind,
+    RimGeometry,
     derive,
     place_of,
 )
@@ -245,3 +246,20 @@ def test_a_drawings_angle_and_bare_dimensions_change_nothing() -> None:
         Dimension("size_diameter", 12.0, -0.1, 0.1, ()),
     )
     assert {c.source for c in found.values()} == {"ISO 2768-m"}
+
+
+def test_a_drawings_position_is_seen_from_its_round_datum() -> None:
+    wide, one = wall_of("hole 12 mm diameter"), wall_of("hole 8 mm (1) diameter")
+    zones = (
+        GeometricTolerance("position", 0.2, False, ("A",), (one,)),
+        GeometricTolerance("position", 0.5, True, ("A", "B"), (one,)),
+        GeometricTolerance("position", 0.4, True, ("A",), (wide,)),
+    )
+    found = drawn(*zones, Datum("A", (0,)), Datum("B", (wide,)))
+    position = found["hole 8 mm (1) position"]
+    assert limits(position) == (0, 0.25)  # the round zone, and not the flat one
+    assert isinstance(position.geometry, RimGeometry)
+    assert {round(rim.radius_mm, 2) for rim in position.geometry.datum} == {6}
+    from_planes = found["hole 12 mm position"].geometry
+    assert isinstance(from_planes, RimGeometry)
+    assert from_planes.datum == ()

@@ -4,19 +4,21 @@ They go before general tolerances. What they name is found by its faces: a diame
 distance by its two planes.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Final
 
 from controller.cad import Solid
-from controller.cad.surfaces.tolerances import Dimension, GeometricTolerance, Tolerance
+from controller.cad.surfaces.tolerances import Datum, Dimension, GeometricTolerance, Tolerance
 
-from .._types import Characteristic, CharacteristicKind
+from .._types import Characteristic, CharacteristicKind, Rim, RimGeometry, place_of
+from ..edges.rims import COAXIAL_COS
 from ..limits import ToleranceClass, fit_limits_mm
 from .planes import between
 from .writer import pair_characteristic
 
 SOURCE: Final = "AP242"
+DIGITS: Final = 6  # inches make long decimals
 SAME_SIZE_MM: Final = 0.05  # a dimension whose nominal value differs is of something else
 ROUND: Final = {
     "diameter": CharacteristicKind.DIAMETER,
@@ -46,8 +48,9 @@ def with_drawn(
     for tolerance in tolerances:
         if isinstance(tolerance, Dimension):
             _put_dimension(solid, found, tolerance, tolerance_class)
-        elif isinstance(tolerance, GeometricTolerance) and tolerance.kind == "position":
-            _put_position(found, tolerance)
+    zones = [t for t in tolerances if isinstance(t, GeometricTolerance) and t.kind == "position"]
+    datums = {t.letter: t.faces for t in tolerances if isinstance(t, Datum)}
+    _put_positions(found, zones, datums)
     return tuple(replace(c, balloon=i) for i, c in enumerate(found, start=1))
 
 
@@ -89,23 +92,58 @@ def _limited(characteristic: Characteristic, drawn: Dimension) -> Characteristic
     lower, upper = drawn.lower, drawn.upper
     if lower is None or upper is None:
         if not drawn.fit:
-            return replace(characteristic, nominal_mm=drawn.nominal)
+            return characteristic
         try:
             lower, upper = fit_limits_mm(drawn.fit, drawn.nominal)
         except ValueError:
             return characteristic  # a class that is not known here: the general tolerance stays
     return replace(
         characteristic,
-        nominal_mm=drawn.nominal,
-        lower_mm=drawn.nominal + lower,
-        upper_mm=drawn.nominal + upper,
+        nominal_mm=round(drawn.nominal, DIGITS),
+        lower_mm=round(drawn.nominal + lower, DIGITS),
+        upper_mm=round(drawn.nominal + upper, DIGITS),
         source=f"{SOURCE} {drawn.fit}".strip(),
         is_critical=True,
     )
 
 
-def _put_position(found: list[Characteristic], drawn: GeometricTolerance) -> None:
-    """Hold axes to half the width of a zone of position."""
+def _put_positions(
+    found: list[Characteristic],
+    zones: Sequence[GeometricTolerance],
+    datums: Mapping[str, tuple[int, ...]],
+) -> None:
+    """Hold axes to half the width of their zones of position, seen from the drawing's datums.
+
+    Where a drawing has a round zone and a flat one, the round one counts: what is measured is how
+    far the axis is off, in no direction of its own. More room at the least material is not used.
+    """
     for i, c in enumerate(found):
-        if c.kind == CharacteristicKind.POSITION and set(c.faces) & set(drawn.faces):
-            found[i] = replace(c, upper_mm=drawn.value_mm / 2, source=SOURCE, is_critical=True)
+        mine = [zone for zone in zones if set(c.faces) & set(zone.faces)]
+        if c.kind != CharacteristicKind.POSITION or not mine:
+            continue
+        zone = min(mine, key=lambda zone: (not zone.is_diameter, zone.value_mm))
+        assert isinstance(c.geometry, RimGeometry)
+        datum_faces = {face for letter in zone.datums for face in datums.get(letter, ())}
+        found[i] = replace(
+            c,
+            upper_mm=round(zone.value_mm / 2, DIGITS),
+            source=SOURCE,
+            is_critical=True,
+            geometry=replace(c.geometry, datum=_datum_rims(found, c, datum_faces)),
+        )
+
+
+def _datum_rims(
+    found: Sequence[Characteristic], placed: Characteristic, faces: set[int]
+) -> tuple[Rim, ...]:
+    """Return the rims of the round datum along an axis; none where the datums are all planes."""
+    _, axis = place_of(placed.geometry)
+    for c in found:
+        if c.kind != CharacteristicKind.DIAMETER or not set(c.faces) & faces:
+            continue
+        assert isinstance(c.geometry, RimGeometry)
+        if set(c.faces) != set(placed.faces) and abs(float(place_of(c.geometry)[1] @ axis)) > (
+            COAXIAL_COS
+        ):
+            return c.geometry.rims
+    return ()
