@@ -22,6 +22,10 @@ STEP_PX: Final = 0.5  # between samples of a ray
 SPAN: Final = 2  # steps to either side of the slope that the search takes
 FIT_PX: Final = 4.0  # to either side of the step first found, what is fitted
 MARGIN_PX: Final = 12  # of the region for the spline: its filter forgets by 0.27 a pixel
+BACK: Final = 0.1  # of the steepest part, from which a profile leads back
+BACK_NOISE: Final = 5.0  # times the noise, likewise
+FLAT_PX: Final = 2.0  # from here on a profile shows the levels beside the step
+MIN_SAMPLES: Final = 8
 START_WIDTH_PX: Final = 0.8
 MIN_WIDTH_PX: Final = 0.2  # of a pixel's box alone it is 0.29
 MAX_WIDTH_PX: Final = 3.0  # wider steps do not end within the fitted window
@@ -94,7 +98,8 @@ def measure_edges(
     # the fitted window is cut out about the start, so that all rays have equally many samples
     columns = start[:, None] + np.arange(-half, half + 1)
     values = np.take_along_axis(profiles, columns, axis=1)
-    fits = _fit(values, offsets[steps - half : steps + half + 1], noise)
+    belongs = _one_way(values, noise)
+    fits = _fit(values, belongs, offsets[steps - half : steps + half + 1], noise)
     offset = offsets[start] + fits.offset_px
     good = np.take_along_axis(is_inside, columns, axis=1).all(axis=1) & fits.is_found
     good &= np.abs(offset) <= reach
@@ -158,20 +163,49 @@ def _strongest(profiles: FloatArray, reach_px: FloatArray, rising: FloatArray | 
     return np.asarray(np.clip(best, half, profiles.shape[1] - 1 - half), dtype=np.intp)
 
 
-def _fit(values: FloatArray, at_px: FloatArray, noise: float) -> EdgeFits:
-    """Return steps fitted to profiles (n, k) at places (k,), by Levenberg and Marquardt."""
+def _one_way(values: FloatArray, noise: float) -> FloatArray:
+    """Return 1 for the samples (n, k) that belong to the step in the middle of profiles, else 0.
+
+    Beside a narrow shadow or a bright rim the next step leads back: what lies beyond is not of this
+    one.
+    """
+    count = values.shape[1]
+    middle = count // 2
+    slope = np.zeros_like(values)
+    slope[:, SPAN:-SPAN] = values[:, 2 * SPAN :] - values[:, : -2 * SPAN]
+    peak = slope[:, middle : middle + 1]
+    back = -np.sign(peak) * slope
+    turned = back > np.maximum(BACK * np.abs(peak), BACK_NOISE * max(noise, ROUNDING))
+    ahead = np.logical_or.accumulate(turned[:, middle:], axis=1)
+    behind = np.logical_or.accumulate(turned[:, middle::-1], axis=1)[:, ::-1]
+    return np.asarray(~np.concatenate([behind[:, :-1], ahead], axis=1), dtype=np.float64)
+
+
+def _fit(values: FloatArray, belongs: FloatArray, at_px: FloatArray, noise: float) -> EdgeFits:
+    """Return steps fitted to profiles (n, k), by Levenberg and Marquardt.
+
+    Parameters
+    ----------
+    values : (n, k)
+    belongs : (n, k) 1 for the samples to be fitted, 0 for the others
+    at_px : (k,) their places
+    noise : as `measure_edges` has it
+    """
     count = len(values)
-    ends = max(2, len(at_px) // 6)
-    before, after = values[:, :ends].mean(axis=1), values[:, -ends:].mean(axis=1)
+    near = belongs * (np.abs(at_px) >= FLAT_PX)
+    before, after = (
+        _mean(values, near * side, values[:, end])
+        for side, end in ((at_px < 0, 0), (at_px > 0, -1))
+    )
     p = np.column_stack(
         [before, after - before, np.zeros(count), np.full(count, np.log(START_WIDTH_PX))]
     )
     damping = np.full(count, 1e-3)
     open_ = np.arange(count)
-    cost = _cost(values, at_px, p)
+    cost = _cost(values, belongs, at_px, p)
     identity = np.eye(4)
     for _ in range(ROUNDS):
-        normal, gradient = _normal(values[open_], at_px, p[open_])
+        normal, gradient = _normal(values[open_], belongs[open_], at_px, p[open_])
         scale = np.einsum("nii->ni", normal)
         damped = normal + (damping[open_, None] * scale + 1e-9)[:, :, None] * identity
         step = np.linalg.solve(damped, gradient[..., None])[..., 0]
@@ -179,7 +213,7 @@ def _fit(values: FloatArray, at_px: FloatArray, noise: float) -> EdgeFits:
         step[:, 3] = np.clip(step[:, 3], -0.5, 0.5)
         tried = p[open_] + step
         tried[:, 3] = np.clip(tried[:, 3], np.log(0.5 * MIN_WIDTH_PX), np.log(2 * MAX_WIDTH_PX))
-        new = _cost(values[open_], at_px, tried)
+        new = _cost(values[open_], belongs[open_], at_px, tried)
         is_better = new <= cost[open_]
         taken = open_[is_better]
         p[taken], cost[taken] = tried[is_better], new[is_better]
@@ -189,12 +223,14 @@ def _fit(values: FloatArray, at_px: FloatArray, noise: float) -> EdgeFits:
         if len(open_) == 0:
             break
     width = np.exp(p[:, 3])
-    residual = np.sqrt(cost / max(len(at_px) - 4, 1))
-    normal, _ = _normal(values, at_px, p)
+    samples = belongs.sum(axis=1)
+    residual = np.sqrt(cost / np.maximum(samples - 4.0, 1.0))
+    normal, _ = _normal(values, belongs, at_px, p)
     # neighbouring samples share the noise of a pixel: of those within one, one counts
     spread = _third_variance(normal) / STEP_PX
     sigma = np.maximum(residual, max(noise, ROUNDING)) * np.sqrt(spread)
     good = (np.abs(p[:, 2]) < at_px[-1] - 1.0) & (np.abs(p[:, 1]) > 3.0 * residual)
+    good &= samples >= MIN_SAMPLES
     good &= (width > MIN_WIDTH_PX) & (width < MAX_WIDTH_PX) & np.isfinite(sigma)
     return EdgeFits(
         offset_px=np.where(good, p[:, 2], np.nan),
@@ -207,13 +243,22 @@ def _fit(values: FloatArray, at_px: FloatArray, noise: float) -> EdgeFits:
     )
 
 
-def _cost(values: FloatArray, at_px: FloatArray, p: FloatArray) -> FloatArray:
+def _mean(values: FloatArray, weight: FloatArray, otherwise: FloatArray) -> FloatArray:
+    """Return weighted means (n,) of rows (n, k), something else where nothing has weight."""
+    total = weight.sum(axis=1)
+    mean = (values * weight).sum(axis=1) / np.maximum(total, 1.0)
+    return np.asarray(np.where(total > 0, mean, otherwise))
+
+
+def _cost(values: FloatArray, belongs: FloatArray, at_px: FloatArray, p: FloatArray) -> FloatArray:
     z = (at_px - p[:, 2:3]) / np.exp(p[:, 3:4])
-    off = values - p[:, :1] - p[:, 1:2] * ndtr(z)
+    off = belongs * (values - p[:, :1] - p[:, 1:2] * ndtr(z))
     return np.asarray(np.einsum("nk,nk->n", off, off), dtype=np.float64)
 
 
-def _normal(values: FloatArray, at_px: FloatArray, p: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _normal(
+    values: FloatArray, belongs: FloatArray, at_px: FloatArray, p: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Return the normal equations (n, 4, 4), (n, 4) of a, b, m and log s."""
     width = np.exp(p[:, 3:4])
     z = (at_px - p[:, 2:3]) / width
@@ -221,7 +266,7 @@ def _normal(values: FloatArray, at_px: FloatArray, p: FloatArray) -> tuple[Float
     bell = -p[:, 1:2] / SQRT_2PI * np.exp(-0.5 * z * z)
     design = np.stack([np.ones_like(z), share, bell / width, bell * z], axis=2)
     off = values - p[:, :1] - p[:, 1:2] * share
-    turned = design.transpose(0, 2, 1)
+    turned = (design * belongs[:, :, None]).transpose(0, 2, 1)
     return np.asarray(turned @ design), np.asarray((turned @ off[..., None])[..., 0])
 
 

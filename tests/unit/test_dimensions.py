@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -340,3 +341,46 @@ def test_a_datum_in_another_view_will_do() -> None:
     assert both.U_mm is not None
     assert one.U_mm is not None
     assert both.U_mm > one.U_mm
+
+
+def test_a_slots_length_is_from_end_to_end() -> None:
+    # two round ends on axes of their own, here whole circles of unlike radius
+    body = plate().solid
+    ends = RimGeometry((*rims(NOMINAL, 1, body), *rims(NOMINAL, 2, body)))
+    length = float(np.hypot(38.0, 19.0) + 4.0 + 5.5)
+    slot = asked(CharacteristicKind.LENGTH, ends, length)
+    built = NOMINAL.with_bore(1, x=20.2, radius=4.1)
+    one = looks(slot, tilted(built))[BACKLIT]
+    true = float(np.hypot(38.2, 19.0) + 4.1 + 5.5)
+    assert one.reason == ""
+    assert one.measured_mm == pytest.approx(true, abs=0.012)
+    assert abs(one.measured_mm - true) < 2 * one.u_mm
+
+
+def test_a_thickness_shows_by_the_rims_of_a_bore() -> None:
+    body = plate().solid
+    upper, lower = rims(NOMINAL, 0, body)
+    geometry = EdgePairGeometry(
+        (), (), np.array([0.0, 0, 1.0]), lower.beyond, upper.beyond, (lower,), (upper,)
+    )
+    thick = asked(CharacteristicKind.DISTANCE, geometry, HEIGHT_MM, 0.3)
+    one = looks(thick, view(shown(38.0, 70.0), pose(38.0, 70.0)))[BACKLIT]
+    assert one.reason == ""
+    assert one.measured_mm == pytest.approx(HEIGHT_MM, abs=2 * one.u_mm)
+    assert 2 * one.u_mm < 0.3
+
+
+@pytest.mark.parametrize("is_measured", [True, False])
+def test_what_no_edge_shows_is_not_measured(is_measured: bool) -> None:
+    depth = asked(CharacteristicKind.DISTANCE, RimGeometry(rims(NOMINAL, 0, plate().solid)), 8.0)
+    if not is_measured:
+        depth = replace(depth, is_measured=False, exempt="no camera shows a depth")
+    between = [holes(DIAMETER)[1], depth, holes(DIAMETER)[2]]
+    first, found, last = measure(plate(), between, [tilted()])
+    assert found.measured_mm is None
+    assert found.verdict is Verdict.NOT_EVALUATED
+    assert found.reason == (
+        "no edge of the CAD model shows it" if is_measured else "no camera shows a depth"
+    )
+    assert first.measured_mm == pytest.approx(8.0, abs=0.05)
+    assert last.measured_mm == pytest.approx(11.0, abs=0.05)

@@ -154,3 +154,12 @@ def test_no_rays_are_no_fits() -> None:
     nothing = np.zeros((0, 2))
     fits = measure_edges(grey(upright_edge(30.0)), nothing, nothing, 3.0)
     assert len(fits.offset_px) == 0
+
+
+@pytest.mark.parametrize("width", [3.0, 4.0, 6.0])
+def test_a_narrow_shadow_beside_an_edge_does_not_draw_it(width: float) -> None:
+    # bright face, a shadow some pixels wide, a bright floor beyond it
+    levels = BRIGHT - (upright_edge(30.0) - DARK) + 0.8 * (upright_edge(30.0 + width) - DARK)
+    origins, directions = row_rays(30.3)
+    fits = measure_edges(grey(levels, 1.0), origins, directions, 2.0, 1.0, -np.ones(30))
+    assert fits.offset_px.mean() == pytest.approx(-0.3, abs=0.06)

@@ -1,6 +1,6 @@
 """Edges of a part as curves in space: where rays begin, and which way they are counted."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -11,8 +11,8 @@ from controller.cad import Solid
 
 from ..characteristics import EdgeLine, Rim
 
-SPACING_PX: Final = 0.5  # between rays; nearer ones see the same pixels
-MAX_RAYS: Final = 160
+SPACING_PX: Final = 1.0  # between rays; nearer ones see the same pixels
+MAX_RAYS: Final = 120
 MIN_RAYS: Final = 16
 CORNER_PX: Final = 5.0  # rays nearer to a corner see what is round it
 NEIGHBOUR: Final = 0.02  # step along a curve for its tangent and bend, of its length
@@ -94,6 +94,41 @@ def rim_curve(
         design=design,
         facet_mm=chord_mm,
         outward=-1.0 if rim.is_hole else 1.0,
+    )
+
+
+def plane_rim_curve(
+    solid: Solid,
+    rim: Rim,
+    direction: FloatArray,
+    pixel_mm: float,
+    moved_mm: float,
+    chord_mm: float,
+) -> Curve:
+    """Return the points of a rim that shows a plane; unknowns are its shift, and its radius.
+
+    Parameters
+    ----------
+    solid : the part
+    rim : nominal
+    direction : (3,) unit, square to the plane
+    pixel_mm : size of a pixel there
+    moved_mm : how far the plane is from its nominal place, along the direction
+    chord_mm : see `facet_mm`
+    """
+    curve = rim_curve(solid, rim, rim_directions(rim.axis), pixel_mm, np.zeros(3), chord_mm)
+    step = moved_mm * direction
+    shift = np.broadcast_to(direction, curve.points_mm.shape)
+    normals = [solid.faces[face].normal for face in (rim.wall, rim.beyond)]
+    along = max((float(normal @ direction) for normal in normals), key=abs)
+    return replace(
+        curve,
+        before_mm=curve.before_mm + step,
+        points_mm=curve.points_mm + step,
+        after_mm=curve.after_mm + step,
+        shift=shift,
+        design=np.stack([shift, curve.design[:, 2]], axis=1),
+        outward=1.0 if along > 0 else -1.0,
     )
 
 

@@ -9,7 +9,7 @@ from controller.arrays import BoolArray, FloatArray
 from controller.cad import Solid
 
 from ..characteristics import EdgeLine, Rim
-from ._curves import Curve, facet_mm, line_curve, rim_curve, rim_directions
+from ._curves import Curve, facet_mm, line_curve, plane_rim_curve, rim_curve, rim_directions
 from ._rays import Rays
 
 NO_POINTS: Final = np.zeros((0, 2))
@@ -54,28 +54,36 @@ class RimFeature:
         return rays.design[:, :3]
 
     @property
+    def kept(self) -> BoolArray:
+        """Of the unknowns (3,), which a second look begins with what the first found of them."""
+        return np.ones(3, dtype=np.bool_)
+
+    @property
     def middle_mm(self) -> FloatArray:
         """(3,) CAD frame."""
         return np.asarray(self.rims[0].centre_mm)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class FaceFeature:
-    """A plane face by its edges; unknowns: its shift, then the slope of each edge.
+    """A plane by its edges; unknowns: its shift, then of each edge its slope, or its radius.
 
     Attributes
     ----------
-    lines : edges that lie on it
+    lines : straight edges that lie on it
     directions : (k, 3) unit, the way each is shifted
+    rims : circular edges that lie on it, shifted the way of the first
     """
 
     lines: tuple[EdgeLine, ...]
     directions: FloatArray
+    rims: tuple[Rim, ...] = ()
+    _chords_mm: tuple[float, ...] = ()
 
     @property
     def unknown_count(self) -> int:
         """Of the whole feature."""
-        return 1 + len(self.lines)
+        return 1 + len(self.lines) + len(self.rims)
 
     def curves(self, solid: Solid, pixel_mm: float, moved_mm: FloatArray) -> list[Curve]:
         """Return its edges, moved as far as is known by now.
@@ -84,11 +92,17 @@ class FaceFeature:
         ----------
         solid : the part
         pixel_mm : size of a pixel there
-        moved_mm : (p,) the unknowns; slopes stay nominal, they are small
+        moved_mm : (p,) the unknowns; slopes and radii stay nominal
         """
+        if len(self._chords_mm) < len(self.rims):
+            self._chords_mm = tuple(facet_mm(solid, rim) for rim in self.rims)
+        shift = float(moved_mm[0])
         return [
-            line_curve(solid, line, direction, pixel_mm, float(moved_mm[0]))
-            for line, direction in zip(self.lines, self.directions, strict=True)
+            line_curve(solid, line, direction, pixel_mm, shift)
+            for line, direction in zip(self.lines, self.directions, strict=False)
+        ] + [
+            plane_rim_curve(solid, rim, self.directions[0], pixel_mm, shift, chord)
+            for rim, chord in zip(self.rims, self._chords_mm, strict=True)
         ]
 
     def design(self, rays: Rays, curve: FloatArray) -> FloatArray:
@@ -99,9 +113,16 @@ class FaceFeature:
         return out
 
     @property
+    def kept(self) -> BoolArray:
+        """Of the unknowns (p,), which a second look begins with what the first found of them."""
+        return np.asarray(np.arange(self.unknown_count) == 0, dtype=np.bool_)
+
+    @property
     def middle_mm(self) -> FloatArray:
         """(3,) CAD frame."""
-        return np.asarray(0.5 * (self.lines[0].start_mm + self.lines[0].end_mm))
+        if self.lines:
+            return np.asarray(0.5 * (self.lines[0].start_mm + self.lines[0].end_mm))
+        return np.asarray(self.rims[0].centre_mm)
 
 
 Feature = RimFeature | FaceFeature

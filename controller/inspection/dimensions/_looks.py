@@ -21,6 +21,7 @@ from ..characteristics import (
     EdgeLine,
     EdgePairGeometry,
     Look,
+    Rim,
     RimGeometry,
 )
 from ._curves import rim_directions
@@ -36,6 +37,17 @@ POSE: Final = "pose"
 LENS: Final = "lens"
 SCALE: Final = "scale"
 TEMPERATURE: Final = "temperature"
+MAX_EDGES: Final = 4  # of a plane, the longest; each costs as much as a bore
+SAME_AXIS_MM: Final = 0.05  # the arcs of a slot's one end are on one axis
+# what a circle's place or radius says; a depth is none of it
+OF_A_RIM: Final = frozenset(
+    {
+        CharacteristicKind.DIAMETER,
+        CharacteristicKind.POSITION,
+        CharacteristicKind.RADIUS,
+        CharacteristicKind.ROUNDNESS,
+    }
+)
 # in two directions 95 % lie within 2.45 standard deviations, in one within 1.96
 ROUND: Final = 2.45 / 2.0
 FAR_OUT: Final = 3.0  # times its uncertainty from nominal a place is off in one direction
@@ -64,17 +76,42 @@ class Estimate:
 
 
 def features_of(characteristic: Characteristic) -> tuple[Feature, ...]:
-    """Return what has to be fitted for a characteristic: first and second feature, or one."""
-    geometry = characteristic.geometry
+    """Return what has to be fitted for a characteristic, one or two features.
+
+    There are none where the CAD model has no edge that shows it, or no edge can.
+    """
+    geometry, kind = characteristic.geometry, characteristic.kind
     if isinstance(geometry, RimGeometry):
-        if characteristic.kind is CharacteristicKind.POSITION and geometry.datum:
+        if kind is CharacteristicKind.POSITION and geometry.datum:
             return RimFeature(geometry.rims), RimFeature(geometry.datum)
-        return (RimFeature(geometry.rims),)
-    if characteristic.kind is CharacteristicKind.STRAIGHTNESS:
-        return (_face(geometry.one[:1], geometry.direction),)
-    if characteristic.kind is CharacteristicKind.ANGLE:
-        return _sides(geometry)
-    return _face(geometry.one, geometry.direction), _face(geometry.other, geometry.direction)
+        if kind is CharacteristicKind.LENGTH:
+            ends = _slot_ends(geometry.rims)
+            return tuple(RimFeature(end) for end in ends) if len(ends) == 2 else ()
+        return (RimFeature(geometry.rims),) if kind in OF_A_RIM else ()
+    if kind is CharacteristicKind.STRAIGHTNESS:
+        return (_face(geometry.one[:1], geometry.direction),) if geometry.one else ()
+    if kind is CharacteristicKind.ANGLE:
+        return _sides(geometry) if geometry.one and geometry.other else ()
+    if not (geometry.one or geometry.one_rims) or not (geometry.other or geometry.other_rims):
+        return ()
+    return (
+        _face(geometry.one, geometry.direction, geometry.one_rims),
+        _face(geometry.other, geometry.direction, geometry.other_rims),
+    )
+
+
+def _slot_ends(rims: tuple[Rim, ...]) -> tuple[tuple[Rim, ...], ...]:
+    """Return the arcs of a slot's round ends, those on one axis together."""
+    ends: list[list[Rim]] = []
+    for rim in rims:
+        for end in ends:
+            off = rim.centre_mm - end[0].centre_mm
+            if np.linalg.norm(off - (off @ rim.axis) * rim.axis) < SAME_AXIS_MM:
+                end.append(rim)
+                break
+        else:
+            ends.append([rim])
+    return tuple(tuple(end) for end in ends)
 
 
 def has_halves(characteristic: Characteristic) -> bool:
@@ -87,7 +124,8 @@ def feature_key(feature: Feature) -> tuple[object, ...]:
     """Return what is the same for features that need fitting but once."""
     if isinstance(feature, RimFeature):
         return tuple(id(rim) for rim in feature.rims)
-    return (feature.directions.tobytes(), *(id(line) for line in feature.lines))
+    edges = (*feature.lines, *feature.rims)
+    return (feature.directions.tobytes(), *(id(edge) for edge in edges))
 
 
 def estimate(
@@ -200,8 +238,8 @@ def _rows(characteristic: Characteristic, solid: Solid) -> tuple[list[FloatArray
     kind, geometry = characteristic.kind, characteristic.geometry
     if isinstance(geometry, RimGeometry):
         rim = geometry.rims[0]
+        own = np.array(rim_directions(rim.axis))
         if kind is CharacteristicKind.POSITION:
-            own = np.array(rim_directions(rim.axis))
             rows = [np.eye(2, 3)]
             datum = solid.centroid_mm
             if len(features) > 1:
@@ -209,7 +247,19 @@ def _rows(characteristic: Characteristic, solid: Solid) -> tuple[list[FloatArray
                 rows.append(np.column_stack([-own @ directions.T, np.zeros(2)]))
                 datum = geometry.datum[0].centre_mm
             away = rim.centre_mm - datum
-            return rows, float(np.linalg.norm(away - (away @ rim.axis) * rim.axis))
+            away = away - (away @ rim.axis) * rim.axis
+            return rows, characteristic.length_mm or float(np.linalg.norm(away))
+        if kind is CharacteristicKind.LENGTH:
+            # from end to end: the distance of the axes, and both radii
+            way = features[1].middle_mm - features[0].middle_mm
+            way = way - (way @ rim.axis) * rim.axis
+            way /= max(float(np.linalg.norm(way)), 1e-9)
+            rows = []
+            for sign, feature in zip((-1.0, 1.0), features, strict=True):
+                axis = feature.rims[0].axis
+                along = np.array(rim_directions(axis)) @ way
+                rows.append(np.array([[*(sign * along), 1.0]]))
+            return rows, characteristic.nominal_mm
         factor = 1.0 if kind is CharacteristicKind.RADIUS else 2.0
         return [np.array([[0.0, 0.0, factor]])], characteristic.nominal_mm
     if kind is CharacteristicKind.ANGLE:
@@ -236,8 +286,11 @@ def _facing(characteristic: Characteristic) -> FloatArray:
     return np.asarray(across / max(float(np.linalg.norm(across)), 1e-9))
 
 
-def _face(lines: tuple[EdgeLine, ...], direction: FloatArray) -> FaceFeature:
-    return FaceFeature(lines, np.broadcast_to(direction, (len(lines), 3)))
+def _face(
+    lines: tuple[EdgeLine, ...], direction: FloatArray, rims: tuple[Rim, ...] = ()
+) -> FaceFeature:
+    lines, rims = lines[:MAX_EDGES], rims[:MAX_EDGES]
+    return FaceFeature(lines, np.broadcast_to(direction, (max(len(lines), 1), 3)), rims)
 
 
 def _sides(geometry: EdgePairGeometry) -> tuple[FaceFeature, FaceFeature]:

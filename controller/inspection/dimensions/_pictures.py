@@ -197,7 +197,8 @@ def _first_look(
                 feature, some, curve, offset, np.square(found.sigma_px[mine]) + SURE_PX**2
             )
             if answer is not None:
-                start = answer.values
+                # an edge is placed anew, and not turned: its slope is found again
+                start = np.where(feature.kept, answer.values, 0.0)
         moved.append(start)
     return moved
 

@@ -31,7 +31,31 @@ def measure(
     views : with pictures, and the part's pose in them
     settings : when a measurement counts, and what is uncertain before any picture
     """
-    by_view = [_looks(part, characteristics, view, settings) for view in views]
+    shown = [c for c in characteristics if _why_not(c) == ""]
+    by_view = [_looks(part, shown, view, settings) for view in views]
+    found = iter(_put_together(shown, by_view, settings))
+    return tuple(
+        Measured(c, None, None, Verdict.NOT_EVALUATED, (), why)
+        if (why := _why_not(c))
+        else next(found)
+        for c in characteristics
+    )
+
+
+def _why_not(characteristic: Characteristic) -> str:
+    """Return why no picture can show a characteristic, empty where one may."""
+    if not characteristic.is_measured:
+        return characteristic.exempt or "it is not to be measured"
+    if not features_of(characteristic):
+        return "no edge of the CAD model shows it"
+    return ""
+
+
+def _put_together(
+    characteristics: Sequence[Characteristic],
+    by_view: Sequence[Sequence["_Looks"]],
+    settings: MeasuringSettings,
+) -> list[Measured]:
     answers = []
     for i, characteristic in enumerate(characteristics):
         whole = [e for view in by_view for e in view[i].whole]
@@ -43,7 +67,7 @@ def measure(
                 combine(characteristic, whole, settings, halves if is_halved else ()),
             )
         )
-    return tuple(answers)
+    return answers
 
 
 def look(
@@ -95,6 +119,8 @@ def _looks(
         sharpness = sharpness or sharp
         by_key: dict[tuple[object, ...], FeatureFit] = dict(zip(features, fits, strict=True))
         for characteristic, mine, found in zip(characteristics, keys, answers, strict=True):
+            if not mine:
+                continue
             own = [by_key[key] for key in mine]
             found.whole.append(estimate(characteristic, own, view, lamp, part.solid, settings))
             if has_halves(characteristic) and found.whole[-1].look.reason:
