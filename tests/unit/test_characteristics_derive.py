@@ -246,3 +246,15 @@ def test_a_real_part_has_each_plane_in_no_more_than_a_tree(name: str) -> None:
         for pair in tree:
             for line in pair.one:
                 assert pair.one_face in line.faces
+
+
+def test_a_stepped_datum_is_one_of_its_walls() -> None:
+    """All rims of a datum are of one radius, so that one circle fits them."""
+    body = plate((0, 0, 14), (-30, 0, 6), (30, 0, 6)) - rod(10, 6, 96).translate((0, 0, 4))
+    found = by_id(solid_of(body))
+    datum = rims_of(found["hole 6 mm (1) position"]).datum
+    assert [round(rim.radius_mm, 3) for rim in datum] == [7, 7]
+    assert "from hole 14 mm" in found["hole 6 mm (1) position"].label
+    # the counterbore is placed from the bore it is on
+    centred = rims_of(found["hole 14 mm step 20 mm position"]).datum
+    assert [id(rim) for rim in centred] == [id(rim) for rim in datum]

@@ -83,8 +83,8 @@ class RimGeometry:
     Attributes
     ----------
     rims : one or more, the widest open one first
-    datum : rims of other features that the place is given from, for a position; may be empty: then
-        the part's outline is the datum
+    datum : rims of the wall that the place is given from, for a position; may be empty: then the
+        part's outline is the datum
     """
 
     rims: tuple[Rim, ...]

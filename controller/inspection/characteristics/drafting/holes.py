@@ -38,12 +38,6 @@ class RoundFeature:
     is_hole: bool
 
     @property
-    def rims(self) -> tuple[Rim, ...]:
-        """Rims of all walls, the widest first."""
-        rims = [rim for wall in self.walls for rim in diameter_rims(wall)]
-        return tuple(sorted(rims, key=lambda rim: -round(rim.radius_mm, 3)))
-
-    @property
     def name(self) -> str:
         """What it is and how large, as in ``hole 6.76 mm``."""
         return f"{'hole' if self.is_hole else 'boss'} {size_text(2 * self.walls[0].radius_mm)}"

@@ -151,7 +151,7 @@ class _Writer:
             RimGeometry(rims),
             wall.faces,
         )
-        if datum is not None and any(wall is other for other in datum.walls):
+        if datum is not None and wall is datum.walls[0]:
             datum = None
         reach = outline.reach_mm(wall, datum)
         if not wall.is_hole and reach < wall.radius_mm + SAME_SIZE_MM:
@@ -165,7 +165,7 @@ class _Writer:
                     f"{name} position",
                     0.0,
                     (0.0, deviation),
-                    RimGeometry(rims, datum.rims if datum is not None else ()),
+                    RimGeometry(rims, diameter_rims(datum.walls[0]) if datum is not None else ()),
                     wall.faces,
                     label=f"{name}, position {whence}",
                     length_mm=reach,
