@@ -1,6 +1,7 @@
 """cell.yaml: where the devices are and how the cell stands in the world. mm, degrees, seconds."""
 
 from collections.abc import Mapping
+from datetime import date
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -194,6 +195,7 @@ class CameraSection(Section):
     settle_frames: int = Field(3, ge=0, le=30)  # frames discarded after the stream starts
     # how far a frame's time stamp may be off; None for the driver's own figure
     margin_s: float | None = Field(None, ge=0, le=1)
+    calibrated: date | None = None  # when; the report states it
 
     def sees(self, point_mm: FloatArray) -> bool:
         """Return whether a point (3,) of the world is in the picture, lens distortion ignored."""

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from controller import inspection as inspecting
-from controller.cell.batch import RunOrder, who_and_what
+from controller.cell.batch import Papers, RunOrder, who_and_what
 from controller.cell.batch.run import JOURNAL_NAME
 from controller.cell.custody import Custody
 from controller.cell.devices import resolve
@@ -143,6 +143,7 @@ class RunWriter:
         real: bool = False,
         speed: float = 10.0,
         unit: str | None = "mm",
+        papers: Papers = Papers(),  # noqa: B008 - frozen
     ) -> None:
         self.runs_dir, self.run_id = runs_dir, run_id
         self.folder = runs_dir / run_id
@@ -162,6 +163,7 @@ class RunWriter:
             clock=FoundClock(),
             runs_dir=runs_dir,
             run_id=run_id,
+            papers=papers,
         )
         began = who_and_what(order, resolve(cell, OFFERED))
         if real:

@@ -13,8 +13,10 @@ import pytest
 
 from controller.cad import Solid
 from controller.cad.compiled import load_part
+from controller.cell.batch import Papers
 from controller.inspection import Verdict
 from controller.inspection.characteristics import CharacteristicKind
+from controller.results import judged_parts, load_run
 from controller.results.report.html import render_parts
 from controller.results.report.signed.balloons import balloon_drawing
 from controller.results.report.signed.covering import COLOURS, coverage_sides
@@ -22,6 +24,7 @@ from controller.results.report.signed.table import rows_of
 from controller.results.run import CharacteristicReport, FaceReport
 from tests.data_files import part_file
 from tests.unit import judged_bench as bench
+from tests.unit.results_bench import RunWriter, sighting
 from tests.unit.test_results_report import Page
 
 
@@ -204,3 +207,32 @@ def test_a_part_compared_by_half_is_half_white(solid: Solid) -> None:
 
     assert green(half) / green(whole) == pytest.approx(0.5, abs=0.08)
     assert green(none) / green(whole) < 0.05
+
+
+def test_of_many_reasons_the_first_are_printed_and_all_are_kept(tmp_path: Path) -> None:
+    reasons = tuple(f"F{i} plane: too little compared" for i in range(60))
+    judged = bench.judged(tmp_path, bench.inspection((), (), Verdict.INDETERMINATE, reasons))
+    paper = Page(render_parts([judged], on_paper=True)).text
+    assert "F8 plane" in paper
+    assert "F9 plane" not in paper
+    assert "and 51 more reasons, on the screen and in the ledger" in paper
+    assert "F59 plane" in Page(render_parts([judged])).text
+
+
+def test_what_the_operator_gave_with_the_order_is_on_each_part(tmp_path: Path) -> None:
+    papers = Papers("R. Meyer", "L7", ("SN-1", "SN-2"), 22.5)
+    writer = RunWriter(tmp_path, count=3, papers=papers)
+    for _ in range(3):
+        writer.look(sighting())
+    writer.close()
+    headers = [judged.header for judged in judged_parts(load_run(tmp_path))]
+    assert [h.serial for h in headers] == ["SN-1", "SN-2", ""]
+    assert {(h.operator, h.lot, h.part_temperature_c) for h in headers} == {
+        ("R. Meyer", "L7", 22.5)
+    }
+    assert all(len(h.cad_sha256) == len(h.recipe_sha256) == 64 for h in headers)
+
+
+def test_a_calibration_without_a_date_is_called_so(tmp_path: Path) -> None:
+    judged = bench.judged(tmp_path, calibrated={"inspection": "", "overhead": ""})
+    assert "no date in the cell file" in Page(render_parts([judged])).text

@@ -8,13 +8,14 @@
 from ..services.records import PartRecord, Progress
 from .assembly import Batch, assemble
 from .dispatcher import WORKER_GONE, Dispatcher, Outcome
-from .run import RunOrder, RunResult, new_run_id, run_batch, who_and_what
+from .run import Papers, RunOrder, RunResult, new_run_id, run_batch, who_and_what
 
 __all__ = [
     "WORKER_GONE",
     "Batch",
     "Dispatcher",
     "Outcome",
+    "Papers",
     "PartRecord",
     "Progress",
     "RunOrder",

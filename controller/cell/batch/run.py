@@ -7,7 +7,7 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from controller.config import Cell, Recipe
 from controller.setup.layout import build_layout
@@ -28,6 +28,25 @@ from .dispatcher import Dispatcher, Outcome
 
 
 @dataclass(frozen=True, slots=True)
+class Papers:
+    """What goes with the parts, as the operator gives it; an empty text is not known.
+
+    Attributes
+    ----------
+    serials : of the parts, in the order they are worked on
+    part_temperature_c : None where nobody measured it
+    """
+
+    operator: str = ""
+    lot: str = ""
+    serials: tuple[str, ...] = ()
+    part_temperature_c: float | None = None
+
+
+NO_PAPERS: Final = Papers()
+
+
+@dataclass(frozen=True, slots=True)
 class RunOrder:
     """What to run, and where its journal and pictures go.
 
@@ -37,6 +56,7 @@ class RunOrder:
     clock : of the cell
     runs_dir : folder of all runs; the cell's journal stands in it
     is_part_removed : the operator states that no gripper holds anything
+    papers : who runs it, and which parts, for the report
     """
 
     recipe_path: Path
@@ -50,6 +70,7 @@ class RunOrder:
     runs_dir: Path
     run_id: str
     is_part_removed: bool = False
+    papers: Papers = NO_PAPERS
 
     @property
     def folder(self) -> Path:
@@ -258,6 +279,10 @@ def who_and_what(order: RunOrder, where: Mapping[str, dict[str, Any]]) -> rows.R
         },
         emulated_devices=tuple(emulated_names),
         emulator={k: v for k, v in order.emulated.items() if k != "devices"},
+        operator=order.papers.operator,
+        lot=order.papers.lot,
+        serials=order.papers.serials,
+        part_temperature_c=order.papers.part_temperature_c,
         speed=order.speed,
         clock=None if order.clock.path is None else str(order.clock.path),
         count=order.count,

@@ -57,6 +57,26 @@ def run(
             help="state that you took the part out of the grippers; the journal keeps it",
         ),
     ] = False,
+    operator: Annotated[
+        str, typer.Option("--operator", metavar="NAME", help="your name, for the report")
+    ] = "",
+    lot: Annotated[str, typer.Option("--lot", help="lot of the parts, for the report")] = "",
+    serial: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--serial", help="serial number, for the report; once for each part, in their order"
+        ),
+    ] = None,
+    part_temperature: Annotated[
+        float | None,
+        typer.Option(
+            "--part-temperature",
+            metavar="CELSIUS",
+            min=-50,
+            max=150,
+            help="temperature of the parts as you measured it, for the report",
+        ),
+    ] = None,
     runs: RunsOption = Path("runs"),
     json: JsonOption = False,
     verbose: Annotated[
@@ -67,6 +87,7 @@ def run(
     ] = False,
 ) -> None:
     """Inspect and sort parts: the main job. Emulated devices start beside it."""
+    from controller.cell.batch import Papers
     from controller.config import find_recipe
 
     from ..terminal.output import warn
@@ -89,6 +110,7 @@ def run(
         control=control,
         runs_dir=runs,
         is_part_removed=part_removed,
+        papers=Papers(operator, lot, tuple(serial or ()), part_temperature),
         as_json=json,
     )
     raise typer.Exit(run_recipe(options))

@@ -12,7 +12,15 @@ from pathlib import Path
 from typing import Any
 
 from controller.cad.compiled import CompiledPart, load_part, options_among
-from controller.cell.batch import Dispatcher, Progress, RunOrder, RunResult, new_run_id, run_batch
+from controller.cell.batch import (
+    Dispatcher,
+    Papers,
+    Progress,
+    RunOrder,
+    RunResult,
+    new_run_id,
+    run_batch,
+)
 from controller.cell.compute import Job, context, load_parts, worker_pool
 from controller.cell.compute.checking import check_plans, check_sizes
 from controller.cell.devices.clocks import FoundClock, find_clock
@@ -53,6 +61,7 @@ class RunOptions:
     control : unix socket on which tests inject faults, None for none
     runs_dir : folder of all runs and of the journal
     is_part_removed : the operator states that no gripper holds a part
+    papers : who runs it, and which parts
     as_json : print one JSON object a line instead of the live display
     """
 
@@ -68,6 +77,7 @@ class RunOptions:
     control: Path | None
     runs_dir: Path
     is_part_removed: bool
+    papers: Papers
     as_json: bool
 
 
@@ -126,6 +136,7 @@ def run_recipe(options: RunOptions) -> int:
                 runs_dir=runs_dir,
                 run_id=run_id,
                 is_part_removed=options.is_part_removed,
+                papers=options.papers,
             )
             result = _run(order, pool, ends, as_json=as_json)
         return _report(result, runs_dir, run_id, as_json=as_json)
