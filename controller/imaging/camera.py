@@ -59,6 +59,8 @@ class Camera:
         # Transformed here and not by OpenCV: its rotation vectors round angles within 1e-5 rad of 0
         # or pi, which is 0.03 px for a camera that looks almost straight down.
         p_cam_mm = transform(inverse_pose(self.T_world_cam), np.asarray(p_world_mm, np.float64))
+        if not len(p_cam_mm):
+            return np.empty((0, 2))  # of which OpenCV makes None
         pixels, _ = cv2.projectPoints(
             np.ascontiguousarray(p_cam_mm).reshape(-1, 1, 3),
             np.zeros(3),

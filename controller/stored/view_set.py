@@ -61,7 +61,7 @@ def build_view_set(
     """
     planned = planned_samples(file, part)
     tasks = [_task(file, view, limits) for view in file.views]
-    _require_in_front(tasks, part.solid.centroid_mm)
+    _require_in_front(tasks, part)
     grasps = _grasps(file.views, tasks)
     views = tuple(
         HeldView(
@@ -137,13 +137,15 @@ def _task(file: ViewSetFile, view: SetView, limits: InspectionLimits) -> ViewTas
     )
 
 
-def _require_in_front(tasks: Sequence[ViewTask], centroid_mm: FloatArray) -> None:
+def _require_in_front(tasks: Sequence[ViewTask], part: CompiledPart) -> None:
+    """Raise ConfigError where a part, or a piece of it, is expected behind the camera."""
+    vertices = np.asarray(part.solid.mesh.vertices, dtype=np.float64)
     for i, task in enumerate(tasks):
-        centre = transform(task.T_world_part, centroid_mm[None])[0]
-        depth_mm = float((centre - task.camera.position_mm) @ task.camera.T_world_cam[:3, 2])
+        before = transform(task.T_world_part, vertices) - task.camera.position_mm
+        depth_mm = float((before @ task.camera.T_world_cam[:3, 2]).min())
         if depth_mm <= 0:
             raise ConfigError(
-                f"`views.{i}.T_world_part`: the part would be {-depth_mm:.0f} mm behind the "
+                f"`views.{i}.T_world_part`: the part would reach {-depth_mm:.0f} mm behind the "
                 "camera; `T_world_cam` looks along its z"
             )
 

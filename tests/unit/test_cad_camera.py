@@ -127,6 +127,10 @@ def test_a_turn_too_small_for_rotation_vectors_is_not_rounded_away(
     assert seen == pytest.approx([639.5 + 3500 * 80 / 900, 511.5 + 3503.5 * 60 / 900], abs=1e-7)
 
 
+def test_nothing_projects_to_no_pixels() -> None:
+    assert camera().project(np.empty((0, 3))).shape == (0, 2)
+
+
 def test_the_table_of_sight_lines_holds_those_of_every_pixel() -> None:
     cam = camera(np.array([-0.06, 0.04, 4e-4, -3e-4, 0.0]))
     table = cam.sight_line_table

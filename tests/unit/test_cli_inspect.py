@@ -198,4 +198,45 @@ def test_a_part_expected_behind_the_camera_is_refused(
     tree["views"][1]["T_world_part"][1][3] = -900.0  # the camera stands at y = -700
     (folder / "SET.json").write_text(json.dumps(tree), encoding="utf-8")
     assert main(["inspect", str(folder / "SET.json"), "--json"]) == 2
-    assert "SET.json: `views.1.T_world_part`: the part would be" in capsys.readouterr().err
+    assert "SET.json: `views.1.T_world_part`: the part would reach" in capsys.readouterr().err
+
+
+ODD: list[Any] = [
+    None, True, 0, -1, 1e308, "", "x", "\x00", "/dev/null", "..", [], {}, [None], [[0] * 4] * 4,
+    10**400, "v00", [1, 0, 0],
+]  # fmt: skip
+
+
+def places(tree: Any, at: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
+    below = tree.items() if isinstance(tree, dict) else enumerate(tree)
+    found = []
+    for key, value in below:
+        found.append((*at, key))
+        if isinstance(value, dict | list):
+            found += places(value, (*at, key))
+    return found
+
+
+@pytest.mark.parametrize("seed", range(25))
+def test_no_change_of_a_set_ends_in_a_bug(
+    folder: Path, seed: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rng = np.random.default_rng(seed)
+    tree = view_sets.tree()
+    tree["views"] = tree["views"][:1]
+    every = places(tree)
+    *way, key = every[rng.integers(len(every))]
+    section: Any = tree
+    for step in way:
+        section = section[step]
+    if isinstance(section[key], int | float) and rng.random() < 0.5:
+        section[key] *= float(rng.choice([-1, 0, 1e-6, 1e3, 1e9]))
+    else:
+        section[key] = ODD[rng.integers(len(ODD))]
+    (folder / "SET.json").write_text(json.dumps(tree), encoding="utf-8")
+    code = main(["inspect", str(folder / "SET.json"), "--json"])
+    printed = capsys.readouterr()
+    assert code in (1, 2)
+    assert "bug" not in printed.err
+    assert (printed.out == "") == (code == 2)
+    assert code == 1 or "SET.json" in printed.err

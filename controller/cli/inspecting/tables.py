@@ -42,9 +42,16 @@ def print_part(name: str, part: PartInspection) -> None:
     style = STYLES.get(part.verdict, "bold yellow")
     share = f"{100 * part.ledger.compared_fraction:.1f} % of the surface compared"
     print_line(f"{name}: {part.verdict.value.upper()} ({share})", style=style)
-    for reason in part.reasons[:MAX_REASON_COUNT]:
-        print_line(f"  {reason}")
-    if (more := len(part.reasons) - MAX_REASON_COUNT) > 0:
+    _print_sentences(part.reasons)
+    if part.unproven:
+        print_line("not verified:")
+        _print_sentences(part.unproven)
+
+
+def _print_sentences(sentences: Sequence[str]) -> None:
+    for sentence in sentences[:MAX_REASON_COUNT]:
+        print_line(f"  {sentence}")
+    if (more := len(sentences) - MAX_REASON_COUNT) > 0:
         print_line(f"  and {more} more; --json has them all")
 
 
