@@ -32,7 +32,7 @@ TILE_CELLS = 512
 MAX_BOUNCES = 5
 INSIDE, AT_EDGE = 9, 36  # rays a pixel under a lamp
 INSIDE_DARK, AT_EDGE_DARK = 4, 49  # before the panel
-COARSE = 4, 16  # for pictures that nobody measures in
+COARSE, COARSE_DARK = (6, 12), (1, 16)  # for golden views
 BRIGHTEST = 8.0  # of one ray: rare ones brighter still would be white dots
 EVEN_PX = 3.0
 CREASE_RAD = np.radians(32.0)  # flatter than this, facets are of one round surface
@@ -151,10 +151,14 @@ def trace_view(
         inside = np.flatnonzero((~edges & (label >= 0)).ravel())
         at_edge = np.flatnonzero(edges.ravel())
         flat = picture.ravel()
-        rays = (INSIDE_DARK, AT_EDGE_DARK) if dark else (INSIDE, AT_EDGE)
-        for pixels, spp in zip((inside, at_edge), COARSE if is_coarse else rays, strict=True):
-            direct, bounced, cover = _trace(scene, eye, pixels, spp, rng)
-            if pixels is inside:
+        if is_coarse:
+            rays = COARSE_DARK if dark else COARSE
+        else:
+            rays = (INSIDE_DARK, AT_EDGE_DARK) if dark else (INSIDE, AT_EDGE)
+        for pixels, spp in zip((inside, at_edge), rays, strict=True):
+            is_parted = pixels is inside and not is_coarse
+            direct, bounced, cover = _trace(scene, eye, pixels, spp, rng, is_parted=is_parted)
+            if is_parted:
                 bounced = _evened(bounced, inside, ~edges & (label >= 0))
             light = direct + bounced
             if factor is not None:
@@ -310,10 +314,19 @@ def _edges(label: NDArray[np.int8], normal: Array, depth: Array) -> NDArray[np.b
 
 
 def _trace(
-    scene: Mitsuba, eye: _Eye, pixels: NDArray[np.int64], spp: int, rng: np.random.Generator
+    scene: Mitsuba,
+    eye: _Eye,
+    pixels: NDArray[np.int64],
+    spp: int,
+    rng: np.random.Generator,
+    *,
+    is_parted: bool,
 ) -> tuple[Array, Array, Array]:
-    """Return the mean radiance (n,) of metal in pixels (n,), what is lit by the lamp itself and
-    what comes by way of other surfaces, and how much of each pixel metal covers."""
+    """Return the mean radiance (n,) of metal in pixels (n,), and how much of each it covers.
+
+    Of the radiance first what is lit by the lamp itself, then what comes by way of other
+    surfaces; all in the first where they are not parted.
+    """
     mi, dr = tracer(), import_module("drjit")
     once, often = (
         mi.load_dict({"type": "path", "max_depth": depth, "rr_depth": 99})
@@ -336,13 +349,15 @@ def _trace(
         on_metal = hit.is_valid() & (ray(hit.t).z > 0.5)
         dr.eval(on_metal)
         values = []
-        for integrator in (once, often):  # the same draws: the difference is what bounced
+        # the same draws: the difference is what bounced
+        for integrator in (once, often) if is_parted else (often,):
             sampler.seed(seed, n)
             value, _, _ = integrator.sample(scene, sampler, ray, active=on_metal)
             values.append(dr.select(on_metal, dr.minimum(value[0], BRIGHTEST), 0.0))
             dr.eval(values[-1])
         covered = dr.select(on_metal, mi.Float(1), mi.Float(0))
-        for row, value in enumerate((values[0], values[1] - values[0], covered)):
+        bounced = values[1] - values[0] if is_parted else 0.0 * covered
+        for row, value in enumerate((values[0], bounced, covered)):
             out[row, start : start + step] = np.array(dr.block_sum(value, spp)) / spp
     return out[0], out[1], out[2]
 
