@@ -233,6 +233,18 @@ def test_the_angle_of_two_sides() -> None:
     assert one.u_mm < np.radians(0.1)
 
 
+@pytest.mark.parametrize("is_first", [True, False])
+def test_a_face_without_a_straight_edge_leaves_a_length_open(is_first: bool) -> None:
+    edges = length_edges(NOMINAL, plate().solid)
+    none = (edges.one, ()) if is_first else ((), edges.other)
+    geometry = EdgePairGeometry(*none, edges.direction, edges.one_face, edges.other_face)
+    length = asked(CharacteristicKind.LENGTH, geometry, 60.0, 0.3)
+    (found,) = measure(plate(), [length], [view(shown(0.0, 0.0), SQUARE)])
+    assert found.measured_mm is None
+    assert found.verdict is Verdict.NOT_EVALUATED
+    assert found.reason
+
+
 # --- self-checks --------------------------------------------------------------------------------
 
 
