@@ -103,9 +103,19 @@ def test_only_general_tolerances_are_marked() -> None:
     diameter = one("hole 5 mm diameter", 5)
     stated = replace(diameter, source="recipe")
     marked, kept = with_capability([diameter, stated], COARSE, ACCURACY)
-    assert "30%" in marked.exempt
+    assert "above 30%" in marked.exempt
     assert marked.is_measured
     assert kept.exempt == ""
+
+
+def test_what_the_uncertainty_swallows_whole_is_not_measured() -> None:
+    diameter = one("hole 5 mm diameter", 5)
+    U = capability_of(diameter, COARSE, ACCURACY).U_mm
+    for half_mm, is_measured in ((U * 1.01, True), (U * 0.99, False)):
+        tight = replace(diameter, lower_mm=5 - half_mm, upper_mm=5 + half_mm)
+        (marked,) = with_capability([tight], COARSE, ACCURACY)
+        assert marked.exempt
+        assert marked.is_measured is is_measured
 
 
 def measured(

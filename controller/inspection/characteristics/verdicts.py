@@ -69,8 +69,9 @@ def with_capability(
 ) -> tuple[Characteristic, ...]:
     """Return characteristics, those marked whose general tolerance the cell cannot verify.
 
-    Tolerances that a person or a drawing has stated stay as they are: a recipe that states less
-    than the cell can verify is refused before it runs.
+    Where twice the uncertainty promised is more than the whole tolerance, the characteristic is not
+    measured at all. Tolerances that a person or a drawing has stated stay as they are: a recipe
+    that states less than the cell can verify is refused before it runs.
 
     Parameters
     ----------
@@ -81,11 +82,13 @@ def with_capability(
     for one in characteristics:
         found = capability_of(one, station, accuracy)
         if one.is_general and not one.exempt and not found.is_capable:
-            one = replace(
-                one,
-                exempt=f"the cell promises U = {found.U_mm * UM_PER_MM:.0f} um, "
-                f"{found.share:.0%} of the tolerance with 2 U, above {MAX_SHARE:.0%}",
-            )
+            promise = f"the cell promises U = {found.U_mm * UM_PER_MM:.0f} um"
+            if found.share > 1.0:  # then a value within its limits says nothing
+                exempt = f"{promise}, and 2 U is more than the whole tolerance"
+                one = replace(one, exempt=exempt, is_measured=False)
+            else:
+                share = f"2 U is {found.share:.1%} of the tolerance, above {MAX_SHARE:.0%}"
+                one = replace(one, exempt=f"{promise}; {share}")
         marked.append(one)
     return tuple(marked)
 
