@@ -16,7 +16,17 @@ from ._judge import NO_PLAN, NOTHING, PartVerdict, judge
 from ._pose import PosedPart
 from ._types import InspectionLimits, Verdict, ViewPictures, ViewResult, ViewTask
 from .characteristics import Characteristic, Measured, standing_of, worse
-from .grasp_pose import OutlineView, PoseSettings, ViewPose, fit_grasp
+from .dimensions import PosedView, measure
+from .grasp_pose import (
+    GraspPose,
+    OutlineView,
+    PoseSettings,
+    Rival,
+    ViewPose,
+    find_rival,
+    fit_grasp,
+    is_suspect,
+)
 from .integrity import Allowances
 from .view import (
     SeenView,
@@ -153,7 +163,9 @@ def inspect_part(
     characteristics : to be measured
     settings : how strictly
     """
-    results = inspect_views(views, settings)
+    posed = pose_views(views, settings.pose)
+    rival = posed.rival(views.part, settings.pose)
+    results = inspect_views(views, posed, settings)
     ledger = judge(
         views.part.solid,
         views.samples,
@@ -179,21 +191,122 @@ def inspect_part(
         for result in results
         for finding in result.findings
     )
-    measured: tuple[Measured, ...] = ()
+    measured = measure_views(views, posed, characteristics)
     standing = standing_of(measured)
     verdict = worse(ledger.verdict, standing.verdict)
     reasons = (*standing.reasons, *ledger.reasons)
+    if rival is not None:
+        # what of this part is missing or too much says nothing more
+        verdict = Verdict.FAIL
+        findings = (_identity(views, rival), *findings)
+        reasons = (
+            f"another part: {rival.name} explains {100 * rival.explained:.0f} % of the outlines, "
+            f"this one {100 * rival.expected_explained:.0f} %",
+            *reasons,
+        )
     return PartInspection(verdict, reasons, results, measured, findings, ledger, standing.unproven)
 
 
-def inspect_views(views: ViewSet, settings: PartSettings) -> tuple[ViewResult, ...]:
-    """Return what each view showed, the part's pose found from all views of its grasp."""
+@dataclass(frozen=True, eq=False, slots=True)
+class PosedViews:
+    """Where the part is in all views.
+
+    Attributes
+    ----------
+    seen : what stands in each view, by its id
+    outlines : the views whose outline proves something, by grasp
+    fits : the pose of each of these grasps; None where none was found
+    """
+
+    seen: Mapping[str, SeenView]
+    outlines: Mapping[int, list[OutlineView]]
+    fits: Mapping[int, GraspPose | None]
+
+    def pose(self, view_id: str) -> ViewPose | None:
+        """Return the part's pose in a view, None where it was not found."""
+        found = (fit.view(view_id) for fit in self.fits.values() if fit is not None)
+        return next((pose for pose in found if pose is not None), None)
+
+    def rival(self, part: PosedPart, settings: PoseSettings) -> Rival | None:
+        """Return what the outlines show to be in the part's place, None where it is the part."""
+        fits = list(self.fits.values())
+        if not fits or not is_suspect(fits):
+            return None
+        return find_rival(part, list(self.outlines.values()), fits, settings)
+
+
+def pose_views(views: ViewSet, settings: PoseSettings) -> PosedViews:
+    """Return where the part is in all its views, one fit for each grasp.
+
+    Parameters
+    ----------
+    views : with their pictures
+    settings : what is known of arm, parts and light
+    """
     seen = {view.task.view_id: see_view(view.task, view.pictures) for view in views.views}
+    by_grasp: dict[int, list[OutlineView]] = {}
+    for view in views.views:
+        outline = outline_view(view.task, seen[view.task.view_id], view.prior_mm, view.prior_rad)
+        if outline is not None:
+            by_grasp.setdefault(view.grasp, []).append(outline)
+    fits = {grasp: fit_grasp(views.part, every, settings) for grasp, every in by_grasp.items()}
+    return PosedViews(seen, by_grasp, fits)
+
+
+def inspect_views(
+    views: ViewSet, posed: PosedViews, settings: PartSettings
+) -> tuple[ViewResult, ...]:
+    """Return what each view showed at its pose.
+
+    Parameters
+    ----------
+    views : with their pictures
+    posed : where the part is in them
+    settings : how strictly
+    """
     strictness = Strictness(settings.allowances, settings.pose, len(views.views))
-    poses = find_poses(views, seen, settings.pose)
     return tuple(
-        _result(views, view, seen[view.task.view_id], poses.get(view.task.view_id), strictness)
+        _result(
+            views, view, posed.seen[view.task.view_id], posed.pose(view.task.view_id), strictness
+        )
         for view in views.views
+    )
+
+
+def measure_views(
+    views: ViewSet, posed: PosedViews, characteristics: tuple[Characteristic, ...]
+) -> tuple[Measured, ...]:
+    """Return the characteristics measured in all views whose pose is known.
+
+    Parameters
+    ----------
+    views : with their pictures
+    posed : where the part is in them
+    characteristics : what is asked
+    """
+    known = []
+    for view in views.views:
+        pose = posed.pose(view.task.view_id)
+        if pose is not None:
+            scene = posed.seen[view.task.view_id].scene
+            known.append(
+                PosedView(
+                    view.task, view.pictures, pose.T_world_part, pose.covariance, view.grasp, scene
+                )
+            )
+    return measure(views.part, characteristics, known) if characteristics else ()
+
+
+def _identity(views: ViewSet, rival: Rival) -> PartFinding:
+    solid = views.part.solid
+    return PartFinding(
+        kind="identity",
+        view_id=views.views[0].task.view_id,
+        lamp="backlit",
+        p_part_mm=np.asarray(solid.centroid_mm),
+        size_mm=float(np.ptp(solid.mesh.bounds, axis=0).max()),
+        faces=(),
+        verdict=Verdict.FAIL,
     )
 
 
@@ -211,23 +324,3 @@ def _result(
         views.part, views.samples, view.task, view.pictures, seen, pose, strictness
     )
     return result if view.counted is None else result.within(view.counted)
-
-
-def find_poses(
-    views: ViewSet, seen: Mapping[str, SeenView], settings: PoseSettings
-) -> dict[str, ViewPose]:
-    """Return the part's pose in each view, by view id, one fit for each grasp.
-
-    Parameters
-    ----------
-    views : with their pictures
-    seen : by view id, what stands in them
-    settings : what is known of arm, parts and light
-    """
-    by_grasp: dict[int, list[OutlineView]] = {}
-    for view in views.views:
-        outline = outline_view(view.task, seen[view.task.view_id], view.prior_mm, view.prior_rad)
-        if outline is not None:
-            by_grasp.setdefault(view.grasp, []).append(outline)
-    fits = (fit_grasp(views.part, every, settings) for every in by_grasp.values())
-    return {pose.view_id: pose for fit in fits if fit is not None for pose in fit.views}

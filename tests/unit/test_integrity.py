@@ -23,6 +23,7 @@ from shown_part import (
     pocket,
     samples,
     shown,
+    solid,
     task,
 )
 
@@ -37,6 +38,13 @@ from controller.inspection import (
     ViewSet,
     inspect_part,
 )
+from controller.inspection.characteristics import (
+    Characteristic,
+    CharacteristicKind,
+    Rim,
+    RimGeometry,
+)
+from controller.inspection.grasp_pose import mirror_image
 from controller.inspection.integrity import RunTest, allowed_mm, find_runs
 
 Array = NDArray[np.float64]
@@ -193,3 +201,54 @@ def test_a_hole_too_much_is_found() -> None:
     light = [f for f in findings(found) if f.kind is FindingKind.MISSING]
     assert light
     assert all(np.linalg.norm(f.p_part_mm[:2] - [17, -12]) < 4 for f in light)
+
+
+def test_a_mirrored_part_is_named_as_that() -> None:
+    found = inspected(perfect().mirror((1, 0, 0)), ((-5.0, 4.0), (20.0, -12.0)))
+    assert found.verdict is Verdict.FAIL
+    assert found.findings[0].kind == "identity"
+    assert "mirror image" in found.reasons[0]
+
+
+def test_a_part_with_a_bore_missing_is_still_the_part() -> None:
+    found = inspected((blank() + boss()) - cross_bore() - pocket(), ((-5.0, 4.0), (20.0, -12.0)))
+    assert found.verdict is Verdict.FAIL
+    assert all(f.kind != "identity" for f in found.findings)
+
+
+def test_the_mirror_image_of_a_solid_has_its_faces_on_the_other_side() -> None:
+    image = mirror_image(solid())
+    assert image.mesh.volume == pytest.approx(solid().mesh.volume)
+    one, other = solid().faces[0], image.faces[0]
+    x = solid().centroid_mm[0]
+    assert other.centre_mm[0] - x == pytest.approx(x - one.centre_mm[0])
+    assert other.normal * [-1, 1, 1] == pytest.approx(one.normal)
+    corners = image.mesh.triangles[image.face_of_triangle == 0].reshape(-1, 3)
+    assert np.ptp(corners @ other.normal) == pytest.approx(0.0, abs=1e-6)
+
+
+def bore_diameter() -> Characteristic:
+    wall = next(f for f in solid().faces if abs(f.radius_mm - 5) < 0.1)
+    rims = tuple(
+        Rim(
+            np.array([-11.0, 3.0, z]), np.array([0.0, 0, np.sign(z)]), 5.0, np.array([1.0, 0, 0]),
+            2 * np.pi, wall.id, face_id("plane", (0, 0, z)), is_hole=True,
+        )
+        for z in (12.0, -12.0)
+    )  # fmt: skip
+    return Characteristic(
+        "bore", 1, CharacteristicKind.DIAMETER, "bore", 10.0, 9.8, 10.2, "test",
+        RimGeometry(rims), (wall.id,),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(("radius_mm", "is_good"), [(5.0, True), (5.4, False)])
+def test_a_bore_is_measured_at_the_pose_of_all_views(radius_mm: float, is_good: bool) -> None:
+    round_bore = rod(radius_mm, 40, 48).translate((-11, 3, 0))
+    body = (blank() + boss()) - round_bore - cross_bore() - pocket()
+    views = views_of(body, ((-2.0, 3.0), (2.0, -14.0)))
+    settings = PartSettings(InspectionLimits(), min_coverage=0.01)
+    (measured,) = inspect_part(views, (bore_diameter(),), settings).measured
+    assert (measured.verdict is Verdict.PASS) == is_good, measured.reason
+    assert measured.measured_mm is not None
+    assert abs(measured.measured_mm - 2 * radius_mm) < 0.25

@@ -8,6 +8,7 @@ from ._backlit import Backlit, backlit_outline, chord_px
 from ._joint import fit_grasp
 from ._rims import Rims, find_rims
 from ._types import FaceShift, GraspPose, OutlineView, PoseSettings, ViewPose
+from .rivals import Rival, find_rival, is_suspect, mirror_image
 
 __all__ = [
     "Backlit",
@@ -16,9 +17,13 @@ __all__ = [
     "OutlineView",
     "PoseSettings",
     "Rims",
+    "Rival",
     "ViewPose",
     "backlit_outline",
     "chord_px",
     "find_rims",
+    "find_rival",
     "fit_grasp",
+    "is_suspect",
+    "mirror_image",
 ]

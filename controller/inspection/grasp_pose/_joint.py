@@ -201,6 +201,7 @@ class _Predicted:
     correlated: float  # points that err together by the picture's noise
     along: float  # points that err together by what differs along an edge
     noise_px: FloatArray
+    pixel_mm: float
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -292,6 +293,7 @@ def _predict(part: PosedPart, placed: _Placed, number: int, count: int) -> _Pred
         correlated=max(1.0, CORRELATED_PX * pixel_mm / rims.points.step_mm),
         along=max(1.0, ALONG_MM / rims.points.step_mm),
         noise_px=np.hypot(placed.view.noise_px, rims.facet_px / np.sqrt(3.0)),
+        pixel_mm=pixel_mm,
     )
 
 
@@ -430,6 +432,9 @@ def _view_pose(
         gap_px=gap,
         left_px=left,
         edge_px=edge_px,
+        judged=judged,
+        step_px=one.rims.points.step_mm / one.pixel_mm,
+        px_per_mm=1.0 / one.pixel_mm,
         noise_px=float(np.median(one.noise_px)),
         residual_px=1.48 * float(np.median(np.abs(rest[on]))) if on.any() else float("inf"),
         paired=float(near.mean()) if len(near) else 0.0,

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controller.arrays import FloatArray
+from controller.arrays import BoolArray, FloatArray
 from controller.imaging import Camera
 from controller.recognition.fitting import OutlineMeasure
 
@@ -65,6 +65,9 @@ class ViewPose:
     gap_px : (n,) how far beyond it the observed outline is; nan where none is near
     left_px : (n,) what of that faces out of place do not explain
     edge_px : (n,) what of it an edge's points have in common, which light does too
+    judged : (n,) the outline there is the part's own, and in sight
+    step_px : between points
+    px_per_mm : of the part
     noise_px : standard deviation of one point, from the picture's noise and the CAD's facets
     residual_px : robust standard deviation of what no edge has in common
     paired : share of the predicted outline, where it is judged, that is found within 2 px once
@@ -80,6 +83,9 @@ class ViewPose:
     gap_px: FloatArray
     left_px: FloatArray
     edge_px: FloatArray
+    judged: BoolArray
+    step_px: float
+    px_per_mm: float
     noise_px: float
     residual_px: float
     paired: float
