@@ -12,7 +12,7 @@ from cad_solids import box, rod, solid_of
 from controller.cad import Solid
 from controller.cad.compiled import CompiledPart, compile_solid
 from controller.cad.surfaces.tolerances import Datum, Dimension, GeometricTolerance
-from controller.config import ConfigError, load_recipe
+from controller.config import ConfigError, Recipe, load_recipe
 from controller.config.characteristics import GivenSection
 from controller.inspection.characteristics import (
     Characteristic,
@@ -263,3 +263,15 @@ def test_a_drawings_position_is_seen_from_its_round_datum() -> None:
     from_planes = found["hole 12 mm position"].geometry
     assert isinstance(from_planes, RimGeometry)
     assert from_planes.datum == ()
+
+
+def test_a_recipe_written_with_a_set_of_views_reads_back_the_same(tmp_path: Path) -> None:
+    asked(
+        tmp_path,
+        "{id: hole 8 mm diameter, plus: 0.5, minus: 0.5, critical: true}",
+        "{id: hole 12 mm, ignore: gauged by hand}",
+        "{faces: [F0, F1], lower: 19.5, upper: 20.5}",
+    )
+    recipe = load_recipe(tmp_path / "block.yaml")
+    text = recipe.model_dump_json(by_alias=True, exclude_none=True)
+    assert Recipe.model_validate_json(text).inspection == recipe.inspection

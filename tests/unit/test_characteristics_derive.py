@@ -258,3 +258,16 @@ def test_a_stepped_datum_is_one_of_its_walls() -> None:
     # the counterbore is placed from the bore it is on
     centred = rims_of(found["hole 14 mm step 20 mm position"]).datum
     assert [id(rim) for rim in centred] == [id(rim) for rim in datum]
+
+
+@pytest.mark.parametrize("turn_deg", [(90, 0, 0), (0, 90, 0), (0, 0, 180), (30, 40, 50)])
+def test_a_part_turned_in_its_frame_has_the_same_sizes(turn_deg: tuple[float, ...]) -> None:
+    body = plate((0, 0, 20), (-30, 10, 6), (30, 0, 6)) - box(10, 60, 4).translate((15, 0, 4))
+    here, there = derive(solid_of(body)), derive(solid_of(body.rotate(turn_deg)))
+
+    def sizes_of(found: tuple[Characteristic, ...]) -> list[tuple[str, float, float]]:
+        limits = [(c.kind.value, c.nominal_mm, c.upper_mm) for c in found if "position" not in c.id]
+        return sorted((kind, round(n, 2), round(upper, 2)) for kind, n, upper in limits)
+
+    assert sizes_of(here) == sizes_of(there)
+    assert len(here) == len(there)
