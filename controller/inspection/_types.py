@@ -101,7 +101,7 @@ class InspectionLimits:
     max_burnt_share: float = 0.05
     false_marks: float = 0.01
     weak_marks: float = 0.3
-    dust_mm: float = 0.3
+    dust_mm: float = 0.5
 
     @property
     def min_area_mm2(self) -> float:

@@ -95,7 +95,6 @@ def _steps(
     picture: Grey | Float32Array,
     edge_px: FloatArray,
     normals: FloatArray,
-    min_step_grey: float = MIN_STEP_GREY,
 ) -> tuple[BoolArray, FloatArray, FloatArray]:
     """Return which profiles show one step, where on the normal it is, and how wide; (n,) each."""
     offsets = np.arange(-REACH_PX, REACH_PX + STEP_PX / 2, STEP_PX)
@@ -114,7 +113,7 @@ def _steps(
     near = np.abs(middles[None, :] - peak[:, None]) <= NEAR_PX
     change = np.where(near, slope, 0.0).sum(axis=1)
     signed = np.abs(np.where(near, rise, 0.0).sum(axis=1))
-    is_clear = (signed > min_step_grey) & (signed > 0.7 * change)
+    is_clear = (signed > MIN_STEP_GREY) & (signed > 0.7 * change)
     is_clear &= np.abs(peak) < REACH_PX - NEAR_PX / 2
     weight = np.where(near, slope, 0.0)
     weight = np.maximum(weight - FLOOR * weight.max(axis=1, keepdims=True), 0.0)
@@ -132,13 +131,13 @@ SEARCHED_PX: Final = 7.0  # to either side
 SHIFT_STEP_PX: Final = 0.5
 SOFT_PX: Final = 0.8
 CAPPED: Final = 10.0  # times the noise of slopes: a few strong edges do not outvote the others
-STEP_NOISES: Final = 6.0  # a step that shows, in standard deviations of noise
-MIN_SHOWN_GREY: Final = 5.0  # of eight bits
+STEP_NOISES: Final = 3.0  # a step that shows, in standard deviations of what is beside it
+MIN_SHOWN_GREY: Final = 1.5  # of eight bits
 MIN_CLEAR: Final = 20
 TOGETHER: Final = 5.0  # neighbouring points of an edge show the same
 SURE: Final = 6.0  # standard deviations of a shift's mean slope
 ASIDE_PX: Final = 2.5
-FALL_SHARE: Final = 0.15  # of the peak that must be gone so far aside, whichever way
+FALL_SHARE: Final = 0.08  # of the peak that must be gone so far aside, whichever way
 
 
 def register_edges(picture: Grey, edge_px: FloatArray, normals: FloatArray) -> Registration | None:
@@ -185,8 +184,10 @@ def register_edges(picture: Grey, edge_px: FloatArray, normals: FloatArray) -> R
     ):
         return None
     ring = [(a, b) for a in (-aside, 0, aside) for b in (-aside, 0, aside) if a or b]
-    fall = max(float(score[row + a, column + b]) for a, b in ring) - level
-    if fall > height - max(FALL_SHARE * height, SURE * chance / 2):
+    a, b = max(ring, key=lambda at: score[row + at[0], column + at[1]])
+    lost = capped[:, row * len(shifts) + column] - capped[:, (row + a) * len(shifts) + column + b]
+    doubt = float(lost.std()) / np.sqrt(len(edge_px) / TOGETHER)
+    if lost.mean() < max(FALL_SHARE * height, SURE / 2 * doubt):
         return None  # along some direction another shift would do as well
     near = score[row - aside : row + aside + 1, column - aside : column + aside + 1] - level
     weight = np.maximum(near - 0.3 * height, 0.0)
@@ -194,12 +195,37 @@ def register_edges(picture: Grey, edge_px: FloatArray, normals: FloatArray) -> R
     total = weight.sum()
     mean = np.array([(weight.sum(axis=0) @ steps), (weight.sum(axis=1) @ steps)]) / total
     shift = np.array([shifts[column], shifts[row]]) + mean
-    least = max(STEP_NOISES * picture_noise(picture[y0:y1, x0:x1]), MIN_SHOWN_GREY)
-    is_clear, _, width = _steps(picture, edge_px + shift, normals, least)
-    if is_clear.sum() < MIN_CLEAR:
+    width = _stacked_width(picture, edge_px + shift, normals)
+    return None if width is None else Registration(shift, width, 0.0)
+
+
+def _stacked_width(picture: Grey, edge_px: FloatArray, normals: FloatArray) -> float | None:
+    """Return how wide edges are in the mean of all that show at all; None where none does.
+
+    Faint steps are wider by noise alone; their mean, each turned to rise, is not.
+    """
+    offsets = np.arange(-REACH_PX, REACH_PX + STEP_PX / 2, STEP_PX)
+    where = (edge_px[:, None, :] + offsets[None, :, None] * normals[:, None, :]).astype(np.float32)
+    profile = cv2.remap(picture, where[..., 0], where[..., 1], cv2.INTER_LINEAR).astype(np.float64)
+    beyond = (offsets > NEAR_PX / 2) & (offsets < WIDE_PX)
+    before = (offsets < -NEAR_PX / 2) & (offsets > -WIDE_PX)
+    rise = profile[:, beyond].mean(axis=1) - profile[:, before].mean(axis=1)
+    rough = np.sqrt(profile[:, beyond].var(axis=1) + profile[:, before].var(axis=1))
+    # beside a step there is nothing else, or the stack would be as wide as what there is
+    clear = np.abs(rise) > STEP_NOISES * np.maximum(rough, MIN_SHOWN_GREY / STEP_NOISES)
+    if clear.sum() < MIN_CLEAR:
         return None
-    # noise widens faint steps: the quarter that is sharper than the others shows the lens
-    return Registration(shift, float(np.quantile(width[is_clear], 0.25)), 0.0)
+    limit = 2.0 * float(np.median(np.abs(rise[clear])))
+    turned = profile[clear] * np.sign(rise[clear])[:, None]
+    turned *= np.minimum(1.0, limit / np.abs(rise[clear]))[:, None]
+    slope = np.maximum(np.diff(turned.mean(axis=0)), 0.0)
+    middles = offsets[:-1] + STEP_PX / 2
+    near = np.where(np.abs(middles) <= WIDE_PX, slope, 0.0)
+    weight = np.maximum(near - FLOOR * near.max(), 0.0)
+    if weight.sum() <= 0:
+        return None
+    middle = float(weight @ middles) / weight.sum()
+    return float(np.sqrt(weight @ (middles - middle) ** 2 / weight.sum()))
 
 
 def picture_noise(window: Grey | Float32Array) -> float:

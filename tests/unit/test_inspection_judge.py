@@ -475,3 +475,73 @@ def test_a_pass_means_that_all_is_compared_or_left_out_by_name_and_nothing_was_f
     elif found:
         assert got.verdict is Verdict.INDETERMINATE
     assert 0 <= got.compared_fraction <= 1 + 1e-9
+
+
+# --- marks: two looks at one place of the part ---------------------------------------------------
+
+
+def mark(
+    evidence: float = 2.0,
+    at: tuple[float, float, float] = (0.0, 0.0, 5.0),
+    at_px: tuple[float, float] = (10.0, 10.0),
+    lamp: str = "ring",
+    dipole: tuple[float, float] = (0.0, 0.0),
+) -> Finding:
+    return replace(
+        finding(2.0, at=at, lamp=lamp, kind=FindingKind.DENT),
+        evidence=evidence,
+        at_px=at_px,
+        dipole_px=dipole,
+        size_mm=2.0,
+    )
+
+
+@pytest.mark.parametrize(
+    ("turn_deg", "away_mm", "at_px", "expected"),
+    [
+        (40.0, 0.5, (300.0, 200.0), Verdict.FAIL),
+        (5.0, 0.5, (300.0, 200.0), Verdict.INDETERMINATE),  # the same look again
+        (40.0, 4.0, (300.0, 200.0), Verdict.INDETERMINATE),  # two things, or none
+        (40.0, 0.5, (11.0, 12.0), Verdict.INDETERMINATE),  # dirt on the lens stays where it is
+    ],
+)
+def test_a_mark_fails_a_part_where_two_looks_show_it(
+    turn_deg: float, away_mm: float, at_px: tuple[float, float], expected: Verdict
+) -> None:
+    one = view("v1", findings=(mark(),))
+    other = view("v2", findings=(mark(at=(away_mm, 0, 5), at_px=at_px),), turn_deg=turn_deg)
+    assert verdict(one, other).verdict is expected
+
+
+def test_a_weak_mark_confirms_another_and_is_nothing_alone() -> None:
+    weak = replace(view("v2", turn_deg=40.0), hints=(mark(0.7, at_px=(300, 200)),))
+    assert verdict(view("v1"), weak).verdict is Verdict.PASS
+    assert verdict(view("v1", findings=(mark(),)), weak).verdict is Verdict.FAIL
+
+
+@pytest.mark.parametrize(
+    ("second", "expected"),
+    [((-3.0, 1.0), Verdict.FAIL), ((3.0, 1.0), Verdict.INDETERMINATE)],
+)
+def test_two_lamps_of_one_view_decide_on_a_dent_whose_bright_side_turns(
+    second: tuple[float, float], expected: Verdict
+) -> None:
+    ring, side = mark(dipole=(3.0, 0.0)), mark(lamp="side", dipole=second)
+    assert verdict(view("v1", findings=(ring, side))).verdict is expected
+
+
+@pytest.mark.parametrize(
+    ("evidence", "width_mm", "expected"),
+    [
+        (1.5, 1.0, Verdict.PASS),
+        (1.5, 2.5, Verdict.INDETERMINATE),  # the others would not have shown it
+        (9.0, 1.0, Verdict.INDETERMINATE),  # too plain to be argued away
+    ],
+)
+def test_what_two_other_looks_would_have_shown_and_did_not_was_a_reflection(
+    evidence: float, width_mm: float, expected: Verdict
+) -> None:
+    widths = {"dent": np.full(len(everything()), width_mm, dtype=np.float32)}
+    clear = replace(check("ring", 3.0), smallest_mm=widths)
+    others = [replace(view(f"v{i}", turn_deg=40.0 * i), checks=(clear,)) for i in (1, 2)]
+    assert verdict(view("v0", findings=(mark(evidence),)), *others).verdict is expected

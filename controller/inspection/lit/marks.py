@@ -35,8 +35,7 @@ QUIETEST: Final = 0.002  # contrast below which no face's texture is taken to be
 # what a mark is taken to differ from its surroundings by, for the smallest one that is found: a
 # dent whose flanks turn by ten degrees, a scratch of bare metal, a film that darkens
 CONTRASTS: Final = MappingProxyType({"dent": 0.3, "scratch": 0.2, "stain": 0.15})
-MIN_SPOT: Final = 0.1  # what differs by less is finish, not a mark
-MIN_LINE: Final = 0.1
+MIN_CONTRAST: Final = 0.1  # what differs by less is finish, not a mark
 DISC: Final = 1.4  # radius of a spot by the standard deviation of the filter that answers most
 LINE_WIDTH: Final = 2.5  # width of a line likewise
 
@@ -57,13 +56,16 @@ class Answers:
     weak: Float32Array
 
 
-def answers(texture: Texture, noise: Float32Array, rate: float, weak_rate: float) -> Answers:
+def answers(
+    texture: Texture, noise: Float32Array, bounced: Float32Array, rate: float, weak_rate: float
+) -> Answers:
     """Return what spot and line filters answer, and what is beyond chance.
 
     Parameters
     ----------
     texture : of a picture's faces
     noise : (h, w) standard deviation of a node's contrast that the camera makes at least
+    bounced : (h, w) contrast that neighbouring surfaces may add by the light they throw back
     rate : how often in a picture texture may be taken for a mark
     weak_rate : likewise, of marks that only confirm others
     """
@@ -85,9 +87,8 @@ def answers(texture: Texture, noise: Float32Array, rate: float, weak_rate: float
         np.array([tail(p if len(p) >= MIN_MAXIMA else pooled, r / count) for p in peaks])
         for r in (rate, weak_rate)
     )
-    least = np.array(
-        [MIN_SPOT * _spot_gain()] * len(SPOT_NODES) + [MIN_LINE * _line_gain()] * DIRECTIONS
-    )[:, None, None]
+    gains = np.array([_spot_gain()] * len(SPOT_NODES) + [_line_gain()] * DIRECTIONS)
+    least = gains[:, None, None] * (MIN_CONTRAST + bounced)
     limit = np.maximum(sure[:, None, None] * scatter, least).astype(np.float32)
     low = np.maximum(np.minimum(weak, sure)[:, None, None] * scatter, least)
     return Answers(excess, limit, low.astype(np.float32))

@@ -16,7 +16,7 @@ from controller.recognition.fitting import EdgePoints, predict_edges
 from .._connected import connected_findings, grow
 from .._pose import PosedPart, PoseFit, point_spread
 from .._scene import HOLDER_MARGIN_PX, ViewScene, Visibility
-from .._types import Check, Finding, FindingKind, Unjudged, ViewTask
+from .._types import Check, Finding, FindingKind, InspectionLimits, Unjudged, ViewTask
 from ..registration import Registration, picture_noise, register, register_edges
 from .brightness import Brightness, fit_brightness
 from .compare import (
@@ -37,15 +37,20 @@ from .texture import Texture, feature_edges, find_texture
 STEP_PX: Final = 2  # faces are compared on every second pixel
 LIGHT_STRIDE: Final = 1  # light is found on each of these nodes: shadows are as narrow as defects
 LENS_PX: Final = 0.7  # about how a lens blurs
+SHARP_STACK_PX: Final = 0.7  # as `register_edges` does
 LENS_WIDTH_PX: Final = 0.56  # as `register` measures that
 MIN_NODES: Final = 3  # a difference in light is at least as wide, on the grid
 MIN_WIDTH_PX: Final = 7.0  # and leaves so much of a defect, the blur of its border taken off
+OTHER_LAMP: Final = 0.7  # of the own lamp's error: another lamp explains a picture better
+MIN_OTHER_ERROR: Final = 0.02  # a picture explained as well as that is this lamp's
+FAINT_GREY: Final = 12.0
 DISC_SHARE: Final = 0.6  # of a defect's disc that must lie on compared pixels
 EDGE_PLAY_MM: Final = 0.3  # edges are broken, and features may be off, by so much within tolerance
 EDGE_PLAY_PX: Final = 2.0  # blur of the edge and of the filters, three standard deviations
 POSE_SPREADS: Final = 2.0  # standard deviations of the pose that an edge may be off by
 SPREAD_NODES: Final = 8  # the pose's spread changes slowly
-BOUNCED: Final = 0.25  # of a lamp's light, that a corner adds: it changes as fast as a mark
+BOUNCED: Final = 1.5  # times the light of matt neighbours: what a glossy corner adds in one place
+PARTLY_NODES: Final = 2  # lamps are a little larger than their centres say
 LIT: Final = 0.05  # of a surface square to the lamp: less light shows no texture
 MIN_NOISE_GREY: Final = 0.3  # of eight bits
 
@@ -75,6 +80,7 @@ class LitPictures:
     ) -> None:
         self._part, self._samples, self._task, self._scene = part, samples, task, scene
         self._fit, self._visibility, self._sharp = fit, visible, sharp
+        self._lights: dict[str, Light] = {}
         self._fine = self._surface_at(STEP_PX)
         self._coarse = self._surface_at(STEP_PX * LIGHT_STRIDE)
         com = transform(fit.T_world_part, part.solid.centroid_mm[None])[0]
@@ -143,18 +149,9 @@ class LitPictures:
     ) -> tuple[Check, list[Finding], NDArray[np.uint8]]:
         """Return what a lamp's picture compared, what it found, and why not the rest (n,)."""
         task, limits = self._task, self._task.limits
-        lamp = next(lamp for lamp in task.lamps if lamp.name == lamp_name)
-        light = bound_light(
-            self._coarse, self._part.caster, self._fit.T_world_part, task.camera, lamp,
-            self._scene.holder,
-        )  # fmt: skip
-        step = STEP_PX * LIGHT_STRIDE
-        unheld = self._unheld(step)
-        inside = self._inside[::step, ::step]
-        valid = inside & unheld & ~grow(light.touched, HOLDER_MARGIN_PX // step + 1)
-        x0, y0, x1, y1 = self._fit.maps.roi
-        smooth = cv2.GaussianBlur(picture[y0:y1, x0:x1], (0, 0), 1.0)
-        observed = np.asarray(smooth[::step, ::step], np.float32)
+        light = self._light(lamp_name)
+        observed = self._soft(picture)
+        valid = self._valid(light)
         reason = self._misfit(picture, light)
         fitting = fitted_nodes(self._coarse, light, valid)
         if not reason and fitting.sum() < FITTED_COUNT:
@@ -167,7 +164,9 @@ class LitPictures:
             brightness = fit_brightness(
                 observed, light, told if told.sum() >= FITTED_COUNT else fitting, self._coarse.face
             )
-            reason = self._unlike(observed, fitting, brightness)
+            reason = self._unlike(observed, fitting, brightness) or self._other_lamp(
+                lamp_name, observed, brightness
+            )
         if reason or brightness is None:
             code = np.where(self._visibility.free, Unjudged.LAMP.number, 0)
             return Check(lamp_name, reason, self._none()), [], code.astype(np.uint8)
@@ -176,8 +175,8 @@ class LitPictures:
             _ground_level(picture, self._fit.maps, self._scene), limits, self._flattest,
         )  # fmt: skip
         found = self._wrong_light(lamp_name, outcome)
-        texture, noise = self._texture(picture, light, brightness, valid)
-        answer = answers(texture, noise, limits.false_marks, limits.weak_marks)
+        texture, noise, bounced = self._texture(picture, light, brightness, valid)
+        answer = answers(texture, noise, bounced, limits.false_marks, limits.weak_marks)
         found += local_findings(
             answer, texture, picture, self._fine, self._part, self._fit, task, lamp_name, STEP_PX
         )
@@ -187,6 +186,56 @@ class LitPictures:
             smallest_mm=self._smallest(answer, texture),
         )  # fmt: skip
         return check, found, code
+
+    def _light(self, lamp_name: str) -> Light:
+        """Return bounds of a lamp's light on the part, found once."""
+        if lamp_name not in self._lights:
+            lamp = next(lamp for lamp in self._task.lamps if lamp.name == lamp_name)
+            self._lights[lamp_name] = bound_light(
+                self._coarse, self._part.caster, self._fit.T_world_part, self._task.camera, lamp,
+                self._scene.holder,
+            )  # fmt: skip
+        return self._lights[lamp_name]
+
+    def _soft(self, picture: Grey) -> Float32Array:
+        x0, y0, x1, y1 = self._fit.maps.roi
+        step = STEP_PX * LIGHT_STRIDE
+        soft = cv2.GaussianBlur(picture[y0:y1, x0:x1], (0, 0), 1.0)
+        return np.asarray(soft[::step, ::step], np.float32)
+
+    def _valid(self, light: Light) -> BoolArray:
+        """Return the light's nodes (h, w) on the part, off the gripper and its shadow."""
+        step = STEP_PX * LIGHT_STRIDE
+        inside = self._inside[::step, ::step] & self._unheld(step)
+        return np.asarray(inside & ~grow(light.touched, HOLDER_MARGIN_PX // step + 1))
+
+    def _other_lamp(self, lamp_name: str, observed: Float32Array, brightness: Brightness) -> str:
+        """Return which other lamp of the view explains a picture far better, empty if none."""
+        own = self._error(lamp_name, observed, brightness)
+        for lamp in self._task.lamps:
+            if lamp.name == lamp_name or own < MIN_OTHER_ERROR:
+                continue
+            light = self._light(lamp.name)
+            fitting = fitted_nodes(self._coarse, light, self._valid(light))
+            fitting &= observed < BURNT_GREY
+            if fitting.sum() < FITTED_COUNT:
+                continue
+            other = fit_brightness(observed, light, fitting, self._coarse.face)
+            error = self._error(lamp.name, observed, other)
+            if error < OTHER_LAMP * own:
+                return (
+                    f"it looks as lit by {lamp.name}, {100 * error:.1f} % off in the mean, not by "
+                    f"{lamp_name}, {100 * own:.1f} %: were the lamps swapped?"
+                )
+        return ""
+
+    def _error(self, lamp_name: str, observed: Float32Array, brightness: Brightness) -> float:
+        """Return how far a picture is off a lamp's light, in the mean, as a share."""
+        light = self._light(lamp_name)
+        used = self._coarse.seen & self._valid(light) & ~in_penumbra(light)
+        used &= observed < BURNT_GREY
+        seen, expected = observed[used], brightness.predicted[used]
+        return float(np.mean(np.abs(seen - expected) / np.maximum(seen + expected, FAINT_GREY)))
 
     def _none(self) -> BoolArray:
         return np.zeros(len(self._samples.points_mm), dtype=bool)
@@ -224,22 +273,24 @@ class LitPictures:
 
     def _texture(
         self, picture: Grey, light: Light, brightness: Brightness, valid: BoolArray
-    ) -> tuple[Texture, Float32Array]:
-        """Return the texture of the faces under a lamp, and the camera's noise in it."""
+    ) -> tuple[Texture, Float32Array, Float32Array]:
+        """Return the texture of the faces under a lamp, the camera's noise in it, and corners'."""
         shape = self._fine.seen.shape
         x0, y0, x1, y1 = self._fit.maps.roi
         window = picture[y0:y1, x0:x1].astype(np.float32)
         even = cv2.copyMakeBorder(window, 0, -window.shape[0] % 2, 0, -window.shape[1] % 2,
                                   cv2.BORDER_REPLICATE)  # fmt: skip
         observed = cv2.resize(even, shape[::-1], interpolation=cv2.INTER_AREA)
-        good = ~in_penumbra(light) & (light.bounce < BOUNCED * light.least)
+        good = ~in_penumbra(light) & ~grow(light.partly, PARTLY_NODES)
         good &= valid & (light.least > LIT)
         usable = self._smooth_faces & _spread_out(good, shape)
         usable &= observed < BURNT_GREY
         predicted = _interpolated(brightness.direct, self._coarse.seen, shape)
         texture = find_texture(np.asarray(observed, np.float32), self._fine, usable, predicted)
         grey = max(picture_noise(window), MIN_NOISE_GREY) / STEP_PX
-        return texture, np.asarray(grey / np.maximum(texture.smooth, 1.0), np.float32)
+        noise = np.asarray(grey / np.maximum(texture.smooth, 1.0), np.float32)
+        bounced = np.asarray(light.bounce / np.maximum(light.least, LIT), np.float32)
+        return texture, noise, BOUNCED * _interpolated(bounced, self._coarse.seen, shape)
 
     def _misfit(self, picture: Grey, light: Light) -> str:
         """Return why a lit picture does not lie on the pose, or is not sharp; empty if it does."""
@@ -248,24 +299,17 @@ class LitPictures:
         steps = register(picture, fit.edge_px, fit.edge_normals, expected)
         # the expected picture is blurred by a good lens; the backlit one tells how good this one is
         lens = max(self._sharp.width_px - LENS_WIDTH_PX, 0.0) if self._sharp is not None else 0.0
-        growth = steps.growth_px if steps is not None else 0.0
-        if steps is None:
+        refusal = "it shows too little of the part's outline and edges to verify the pose"
+        if steps is not None:
+            refusal = _refusal(steps, steps.growth_px, lens, limits)
+        if refusal:
+            # the outline before a dark wall, or in a bright one's glow, is no sure measure
             steps = register_edges(picture, self._edges.pixels, self._edges.normals)
-            growth = steps.width_px - LENS_WIDTH_PX if steps is not None else 0.0
-        if steps is None:
-            return "it shows too little of the part's outline and edges to verify the pose"
-        shift = float(np.linalg.norm(steps.shift_px))
-        if shift > limits.max_lit_shift_px:
-            return (
-                f"it is {shift:.1f} px beside the backlit one, "
-                f"{limits.max_lit_shift_px:.1f} px is allowed: the part or the camera moved"
-            )
-        if growth - lens > limits.max_edge_growth_px:
-            return (
-                f"its edges are {growth:.1f} px wider than they should be, "
-                f"{lens + limits.max_edge_growth_px:.1f} px is allowed: out of focus, or moved"
-            )
-        return ""
+            if steps is not None:
+                # it overrules the outline where it leaves no question, not at the limit
+                strict = replace(limits, max_edge_growth_px=limits.max_edge_growth_px / 2)
+                refusal = _refusal(steps, steps.width_px - SHARP_STACK_PX, lens, strict)
+        return refusal
 
     def _expected(self, picture: Grey, light: Light) -> Float32Array:
         """Return the whole picture as predicted, to a grey level or ten, (height, width)."""
@@ -331,6 +375,32 @@ class LitPictures:
         reason = outcome.reason[v // stride, u // stride]
         code[inside] = np.where(shown, 0, np.where(reason == 0, edge, reason))
         return compared, code
+
+
+def _refusal(
+    steps: Registration, growth_px: float, lens_px: float, limits: InspectionLimits
+) -> str:
+    """Return what speaks against a lit picture, empty if nothing does.
+
+    Parameters
+    ----------
+    steps : its shift against the pose, and its blur
+    growth_px : how much wider its edges are than they should be
+    lens_px : how much of that is the lens
+    limits : what is allowed
+    """
+    shift = float(np.linalg.norm(steps.shift_px))
+    if shift > limits.max_lit_shift_px:
+        return (
+            f"it is {shift:.1f} px beside the backlit one, "
+            f"{limits.max_lit_shift_px:.1f} px is allowed: the part or the camera moved"
+        )
+    if growth_px - lens_px > limits.max_edge_growth_px:
+        return (
+            f"its edges are {growth_px:.1f} px wider than they should be, "
+            f"{lens_px + limits.max_edge_growth_px:.1f} px is allowed: out of focus, or moved"
+        )
+    return ""
 
 
 def _share(mask: BoolArray, size_nodes: float) -> Float32Array:

@@ -1,0 +1,228 @@
+"""Marks in a face's texture: what texture makes is none, what is local on it is found."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from controller.inspection.lit.brightness import fit_brightness
+from controller.inspection.lit.light import HIGHLIGHT_WIDTHS_RAD, Light, Surface
+from controller.inspection.lit.marks import (
+    DIRECTIONS,
+    SPOT_NODES,
+    Answers,
+    answers,
+    smallest_nodes,
+    tail,
+)
+from controller.inspection.lit.texture import Texture, feature_edges, find_texture
+
+Array = NDArray[np.float32]
+SHAPE = (120, 160)
+RATE, WEAK = 0.01, 0.3
+
+
+def grid() -> tuple[Array, Array]:
+    v, u = np.mgrid[0 : SHAPE[0], 0 : SHAPE[1]].astype(np.float32)
+    return u, v
+
+
+def plane() -> Surface:
+    """A flat face that fills the window but for a border of four nodes."""
+    seen = np.zeros(SHAPE, dtype=bool)
+    seen[4:-4, 4:-4] = True
+    count = int(seen.sum())
+    ones = np.where(seen, 1.0, 0.0).astype(np.float32)
+    u, v = grid()
+    return Surface(
+        seen=seen,
+        points=np.column_stack([u[seen], v[seen], np.zeros(count)]) * 0.36,
+        normals=np.tile([0.0, 0, 1], (count, 1)),
+        facets=np.tile([0.0, 0, 1], (count, 1)),
+        face=np.where(seen, 0, -1).astype(np.int32),
+        cosine=ones,
+        area_mm2=0.0324 * ones,
+        depth_mm=600 * ones,
+        node_mm=0.36 * ones,
+    )
+
+
+def texture_of(picture: Array) -> Texture:
+    surface = plane()
+    return find_texture(picture, surface, surface.seen, np.full(SHAPE, 100, np.float32))
+
+
+def judged(picture: Array) -> Answers:
+    nothing = np.zeros(SHAPE, dtype=np.float32)
+    return answers(texture_of(picture), nothing, nothing, RATE, WEAK)
+
+
+def strength(picture: Array) -> Array:
+    answer = judged(picture)
+    return np.asarray((np.abs(answer.excess) / answer.limit).max(axis=0), np.float32)
+
+
+def noisy(seed: int, share: float = 0.02) -> Array:
+    """A face lit unevenly, with a fine texture."""
+    u, v = grid()
+    rng = np.random.default_rng(seed)
+    light = 90 + 0.3 * u - 0.002 * (v - 60) ** 2
+    return np.asarray(light * (1 + share * rng.normal(size=SHAPE)), np.float32)
+
+
+def brushed(seed: int) -> Array:
+    """Streaks along u, as of a milling cutter, a tenth of the brightness deep."""
+    rng = np.random.default_rng(seed)
+    lines = rng.normal(size=(SHAPE[0], 1)).astype(np.float32)
+    return noisy(seed, 0.01) * (1 + 0.04 * lines)
+
+
+# --- the limit follows from the tail -------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("power", "expected"), [(1.0, 0.01), (0.5, 0.01), (0.5, 1.0)])
+def test_the_tail_reaches_as_far_as_the_law_it_was_drawn_from(
+    power: float, expected: float
+) -> None:
+    # -log(uniform) is exponential, its root has a normal law's tail: both are known to the end
+    rng = np.random.default_rng(3)
+    heights = (-np.log(rng.uniform(size=4000))) ** power
+    truth = float(np.log(4000 / expected)) ** power
+    assert tail(heights, expected) == pytest.approx(truth, rel=0.2)
+
+
+def test_a_few_marks_do_not_move_the_tail() -> None:
+    rng = np.random.default_rng(4)
+    heights = (-np.log(rng.uniform(size=2000))) ** 0.5
+    marked = np.concatenate([heights, np.full(20, 50.0)])
+    assert tail(marked, 0.01) == pytest.approx(tail(heights, 0.01), rel=0.1)
+
+
+# --- texture is no mark --------------------------------------------------------------------------
+
+
+def test_noise_and_machining_marks_alone_are_no_marks() -> None:
+    # one picture in a hundred may; forty of each kind are looked at
+    alarms = sum(float(strength(noisy(s)).max()) >= 1 for s in range(40))
+    alarms += sum(float(strength(brushed(s)).max()) >= 1 for s in range(40))
+    assert alarms <= 3
+
+
+def disc(picture: Array, at: tuple[int, int], radius: float, contrast: float) -> Array:
+    u, v = grid()
+    inside = np.clip(radius + 0.5 - np.hypot(u - at[0], v - at[1]), 0, 1)
+    return np.asarray(picture * (1 + contrast * inside), np.float32)
+
+
+def line(picture: Array, angle: float, length: float, width: float, contrast: float) -> Array:
+    u, v = grid()
+    x, y = u - 80, v - 60
+    along, across = (
+        x * np.cos(angle) + y * np.sin(angle),
+        y * np.cos(angle) - x * np.sin(angle),
+    )
+    inside = np.clip(width / 2 + 0.5 - np.abs(across), 0, 1)
+    inside *= np.clip(length / 2 + 0.5 - np.abs(along), 0, 1)
+    return np.asarray(picture * (1 + contrast * inside), np.float32)
+
+
+@pytest.mark.parametrize("radius", [2.5, 5.0, 9.0])
+@pytest.mark.parametrize("make", [noisy, brushed])
+def test_a_spot_a_fifth_darker_is_found_where_it_is(make: object, radius: float) -> None:
+    assert callable(make)
+    found = strength(disc(make(1), (100, 40), radius, -0.3))
+    row, column = np.unravel_index(int(found.argmax()), SHAPE)
+    assert found.max() > 1
+    assert np.hypot(column - 100, row - 40) < radius + 3
+
+
+@pytest.mark.parametrize("angle_deg", [0, 40, 90, 133])
+def test_a_scratch_is_found_in_any_direction(angle_deg: float) -> None:
+    picture = line(noisy(2), np.radians(angle_deg), 30, 1.5, -0.25)
+    answer = judged(picture)
+    ratio = np.abs(answer.excess) / answer.limit
+    which, row, column = np.unravel_index(int(ratio.argmax()), ratio.shape)
+    assert ratio.max() > 1
+    assert which >= len(SPOT_NODES)
+    off = (which - len(SPOT_NODES)) * 180 / DIRECTIONS - angle_deg
+    assert abs((off + 90) % 180 - 90) <= 180 / DIRECTIONS
+    assert np.hypot(column - 80, row - 60) < 16
+
+
+def test_streaks_raise_the_limit_of_their_own_direction_only() -> None:
+    calm, streaked = judged(noisy(5)), judged(brushed(5))
+    middle = (slice(None), 60, 80)
+    rise = streaked.limit[middle] / calm.limit[middle]
+    lines = rise[len(SPOT_NODES) :]
+    assert lines[0] > 1.3 * lines[DIRECTIONS // 2]
+
+
+def test_what_would_be_found_is_smaller_on_a_calm_face() -> None:
+    sizes = []
+    for share in (0.02, 0.3):
+        picture = noisy(6, share)
+        widths = smallest_nodes(judged(picture), texture_of(picture))["dent"]
+        sizes.append(float(np.median(widths[plane().seen])))
+    assert sizes[0] < sizes[1]
+
+
+def test_a_bright_corner_is_judged_with_its_doubt() -> None:
+    picture = disc(noisy(7), (100, 40), 4, 0.3)
+    nothing = np.zeros(SHAPE, dtype=np.float32)
+    doubt = np.full(SHAPE, 0.5, dtype=np.float32)
+    for bounced, is_found in ((nothing, True), (doubt, False)):
+        answer = answers(texture_of(picture), nothing, bounced, RATE, WEAK)
+        assert bool((np.abs(answer.excess) > answer.limit).any()) is is_found
+
+
+def test_an_edge_is_where_faces_meet_and_where_one_stands_before_another() -> None:
+    surface = plane()
+    surface.face[:, 80:] = np.where(surface.seen[:, 80:], 1, -1)
+    edge = feature_edges(surface)
+    assert edge[60, 79]
+    assert edge[60, 80]
+    assert not edge[60, 60]
+    surface = plane()
+    surface.depth_mm[:, 50:] += 5.0
+    assert feature_edges(surface)[60, 49:51].all()
+
+
+# --- the light fitted to a picture ---------------------------------------------------------------
+
+
+def light_on(matt: Array, glint: Array) -> Light:
+    zero = np.zeros(SHAPE, dtype=np.float32)
+    glints = [(zero, zero) for _ in HIGHLIGHT_WIDTHS_RAD]
+    glints[1] = (glint, glint)
+    nowhere = np.zeros(SHAPE, dtype=bool)
+    return Light(matt, matt, matt, zero, tuple(glints), nowhere, nowhere)
+
+
+def test_the_shares_of_a_picture_are_found_and_what_none_explains_is_its_error() -> None:
+    u, v = grid()
+    matt = (0.5 + 0.4 * u / SHAPE[1]).astype(np.float32)
+    glint = np.exp(-(((u - 80) / 25) ** 2) - ((v - 60) / 25) ** 2).astype(np.float32)
+    rng = np.random.default_rng(8)
+    picture = (150 * matt + 60 * glint) * (1 + 0.03 * rng.normal(size=SHAPE))
+    seen = plane().seen
+    face = np.where(seen, 0, -1).astype(np.int32)
+    got = fit_brightness(picture.astype(np.float32), light_on(matt, glint), seen, face)
+    truth = 150 * matt + 60 * glint
+    assert np.abs(got.predicted * got.tone / truth - 1)[seen].max() < 0.04
+    assert np.median(got.spread[seen]) == pytest.approx(0.03, rel=0.5)
+    assert got.typical == pytest.approx(0.6745 * 0.03, rel=0.15)
+
+
+def test_light_that_no_fitted_node_shows_is_not_known() -> None:
+    # the highlight lies where nothing was fitted: how strong it is stays open
+    u, v = grid()
+    matt = (0.5 + 0.4 * u / SHAPE[1]).astype(np.float32)
+    glint = np.exp(-(((u - 130) / 8) ** 2) - ((v - 60) / 8) ** 2).astype(np.float32)
+    seen = plane().seen
+    fitting = seen & (u < 90)
+    face = np.where(seen, 0, -1).astype(np.int32)
+    picture = (150 * matt).astype(np.float32)
+    got = fit_brightness(picture, light_on(matt, glint), fitting, face)
+    assert got.spread[60, 130] > 0.3
+    assert got.spread[60, 60] < 0.05
