@@ -17,6 +17,7 @@ import json
 import sys
 import time
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -24,17 +25,22 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from controller.cad import load_solid
+from controller.cad import load_solid, sample_surface
 from controller.imaging import Camera
 from controller.inspection import (
+    HeldView,
     InspectionLimits,
     PosedPart,
     ViewPictures,
+    ViewSet,
     ViewTask,
     WorldBox,
 )
-from controller.inspection.characteristics import CharacteristicKind, RimGeometry, derive
+from controller.inspection.characteristics import CharacteristicKind, RimGeometry, derive, place_of
 from controller.inspection.dimensions import PosedView, look, measure
+from controller.inspection.grasp_pose import PoseSettings
+from controller.inspection.part import find_poses
+from controller.inspection.view import see_view
 
 
 def corners(panel: dict) -> np.ndarray:
@@ -43,6 +49,23 @@ def corners(panel: dict) -> np.ndarray:
     up = up * panel["size"][1] / 2
     centre = np.array(panel["centre"], float)
     return centre + np.array([-side - up, side - up, side + up, -side + up])
+
+
+def joint(part: PosedPart, stored: dict, views: list[PosedView]) -> list[PosedView]:
+    """Return views with the poses that the inspection itself finds, as far as it finds them."""
+    held = []
+    for view, one in zip(views, stored["views"], strict=True):
+        task = replace(view.task, T_world_part=np.array(one["T_world_part"]))
+        prior = one["prior_mm"], np.radians(one["prior_deg"])
+        held.append(HeldView(task, view.pictures, view.grasp, *prior))
+    samples = sample_surface(part.solid, 2.0)
+    seen = {v.task.view_id: see_view(v.task, v.pictures) for v in held}
+    poses = find_poses(ViewSet(part, samples, tuple(held)), seen, PoseSettings())
+    return [
+        replace(v, T_world_part=pose.T_world_part, covariance=pose.covariance)
+        for v in views
+        if (pose := poses.get(v.task.view_id)) is not None
+    ]
 
 
 def load(folder: Path, truth: dict, pose_mm: float, pose_deg: float) -> list[PosedView]:
@@ -80,18 +103,17 @@ def load(folder: Path, truth: dict, pose_mm: float, pose_deg: float) -> list[Pos
 
 
 def true_values(truth: dict, characteristic: object) -> float | None:
-    """Return the true diameter of the hole that a characteristic is of, None where it has none."""
+    """Return the true value of a diameter or a distance, None where it is not known."""
+    scale = np.array(truth["scale"])
     if not isinstance(characteristic.geometry, RimGeometry):
-        return None
+        # as built by a scale along each axis of the CAD frame
+        return characteristic.nominal_mm * float(scale @ characteristic.geometry.direction**2)
     rim = characteristic.geometry.rims[0]
     if characteristic.kind is not CharacteristicKind.DIAMETER:
         return None
     if not rim.is_hole:
-        # as built by a scale along each axis of the CAD frame
         across = np.sqrt(1.0 - np.square(rim.axis))
-        return characteristic.nominal_mm * float(
-            (across * np.array(truth["scale"])).sum() / across.sum()
-        )
+        return characteristic.nominal_mm * float((across * scale).sum() / across.sum())
     for hole in truth["holes"]:
         axis = np.array(hole["axis"])
         away = rim.centre_mm - np.array(hole["nominal_ends"][0])
@@ -108,11 +130,12 @@ def main() -> int:
     parser.add_argument("--sets", default="")
     parser.add_argument("--pose-mm", type=float, default=0.05)
     parser.add_argument("--pose-deg", type=float, default=0.05)
+    parser.add_argument("--joint", action="store_true", help="the poses that inspection finds")
     parser.add_argument("--looks", action="store_true")
     args = parser.parse_args()
     truths = json.loads((args.folder / "truth.json").read_text())["specimens"]
     chosen = set(args.sets.split(",")) if args.sets else None
-    ratios, look_ratios = [], {}
+    ratios, look_ratios = {}, {}
     for truth in truths:
         if chosen is not None and truth["specimen"] not in chosen:
             continue
@@ -121,6 +144,11 @@ def main() -> int:
         part = PosedPart(load_solid((folder / stored["part"]).resolve()))
         asked = derive(part.solid)
         views = load(folder, truth, args.pose_mm, args.pose_deg)
+        if args.joint:
+            views = joint(part, stored, views)
+        if not views:
+            print(f"{truth['specimen']} {truth['part']} {truth['kind']}: no pose")
+            continue
         look(part, asked, views[0])
         begin = time.perf_counter()
         by_view = [look(part, asked, view) for view in views]
@@ -141,9 +169,8 @@ def main() -> int:
                         off = e.look.measured_mm - true
                         look_ratios.setdefault(e.look.lamp, []).append((off, off / e.look.u_mm / 2))
                         if args.looks:
-                            tilt = np.degrees(
-                                np.arccos(abs(e.towards @ characteristic.geometry.rims[0].axis))
-                            )
+                            axis = place_of(characteristic.geometry)[1]
+                            tilt = np.degrees(np.arccos(min(abs(e.towards @ axis), 1.0)))
                             parts = ", ".join(
                                 f"{k} {1000 * v:.0f}" for k, v in e.look.budget.items() if v > 1e-3
                             )
@@ -159,7 +186,7 @@ def main() -> int:
             text += f" U {1000 * result.U_mm:.0f} um, {len(result.views)} views {result.reason}"
             if true is not None:
                 off = result.measured_mm - true
-                ratios.append(off / result.U_mm)
+                ratios.setdefault(characteristic.kind.value, []).append(off / result.U_mm)
                 text += f", error {1000 * off:+.0f} um, {off / result.U_mm:+.2f} U"
             print(text)
         for reason, count in reasons.most_common(8):
@@ -170,11 +197,11 @@ def main() -> int:
             f"{lamp}: {len(off)} looks, error median {1000 * np.median(off):+.0f} size "
             f"{1000 * np.median(abs(off)):.0f} um, inside U {100 * (abs(ratio) <= 1).mean():.0f} %"
         )
-    if ratios:
-        ratio = np.abs(ratios)
+    for kind, found in sorted(ratios.items()):
+        ratio = np.abs(found)
         print(
-            f"{len(ratio)} diameters: {100 * (ratio <= 1).mean():.0f} % inside U, mean size "
-            f"{ratio.mean():.2f} U"
+            f"{len(ratio)} x {kind}: {100 * (ratio <= 1).mean():.1f} % inside U, mean size "
+            f"{ratio.mean():.2f} U, largest {ratio.max():.2f} U"
         )
     return 0
 

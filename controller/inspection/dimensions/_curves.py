@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.arrays import FloatArray
+from controller.arrays import FloatArray, IndexArray
 from controller.cad import Solid
 
 from ..characteristics import EdgeLine, Rim
@@ -40,6 +40,11 @@ class Curve:
     design: FloatArray
     facet_mm: float
     outward: float
+
+    def some(self, which: IndexArray) -> "Curve":
+        """Return the curve with some of its points."""
+        arrays = ("before_mm", "points_mm", "after_mm", "shift", "out", "design")
+        return replace(self, **{name: getattr(self, name)[which] for name in arrays})
 
 
 def rim_curve(

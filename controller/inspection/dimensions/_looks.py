@@ -292,7 +292,10 @@ def _facing(characteristic: Characteristic) -> FloatArray:
     geometry = characteristic.geometry
     if isinstance(geometry, RimGeometry):
         return np.asarray(geometry.rims[0].axis)
-    across = np.cross(geometry.direction, _along(geometry.one[0]))
+    lines = (*geometry.one, *geometry.other)
+    if not lines:
+        return np.asarray(rim_directions(geometry.direction)[0])
+    across = np.cross(geometry.direction, _along(lines[0]))
     return np.asarray(across / max(float(np.linalg.norm(across)), 1e-9))
 
 

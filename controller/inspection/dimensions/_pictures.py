@@ -19,8 +19,8 @@ from .._pose import PosedPart
 from .._scene import make_scene
 from ._features import Feature, FeatureFit
 from ._rays import Rays, place_rays, with_rotation, with_visibility
-from ._solve import Solution, solve
 from ._types import BACKLIT, MeasuringSettings, PosedView
+from .solving import Solution, solve
 
 FAR_PX: Final = {True: 16.0, False: 6.0}  # before a panel no other edge looks alike
 FAR_SHARE: Final = 0.6  # of a radius: farther is the other side
@@ -47,6 +47,7 @@ class Prediction:
     features : in order
     rays : across all their edges
     feature, curve : (n,) which feature each ray is of, and which of its edges, from 0
+    curve_counts : how many edges each feature has
     pixel_mm : size of a pixel at the part
     pivot_mm : (3,) world, about which its rotation is uncertain
     """
@@ -56,6 +57,7 @@ class Prediction:
     rays: Rays
     feature: IndexArray
     curve: IndexArray
+    curve_counts: tuple[int, ...]
     pixel_mm: float
     pivot_mm: FloatArray
 
@@ -80,17 +82,25 @@ def predict(part: PosedPart, view: PosedView, features: Sequence[Feature]) -> Pr
     camera, T = view.task.camera, view.T_world_part
     pivot = transform(T, part.solid.centroid_mm[None])[0]
     pixel_mm = camera.mm_per_px(pivot)
-    curves, feature, curve = [], [], []
+    curves, feature, curve, counts = [], [], [], []
     for i, one in enumerate(features):
         edges = one.curves(part.solid, pixel_mm, np.zeros(one.unknown_count))
         for j, edge in enumerate(edges):
             feature.append(np.full(len(edge.points_mm), i, dtype=np.intp))
             curve.append(np.full(len(edge.points_mm), j, dtype=np.intp))
         curves += edges
+        counts.append(len(edges))
     scene = view.scene if view.scene is not None else make_scene(view.task)
     rays = with_visibility(place_rays(curves, T, camera), curves, part, T, camera, scene)
     return Prediction(
-        view, tuple(features), rays, np.concatenate(feature), np.concatenate(curve), pixel_mm, pivot
+        view,
+        tuple(features),
+        rays,
+        np.concatenate(feature),
+        np.concatenate(curve),
+        tuple(counts),
+        pixel_mm,
+        pivot,
     )
 
 
@@ -122,12 +132,13 @@ def fit_features(
     rising = rays.rising[index] if is_backlit else None
     chosen = rays.chosen(index)
     moved = _first_look(prediction, picture, index, rising, noise, counts)
-    again = _placed_again(part, prediction, moved).chosen(index)
+    again = _placed_again(part, prediction, moved, index)
     found = measure_edges(picture, again.pixels, again.normals, NEAR_PX, noise, rising)
     again = replace(
         with_rotation(again, view.T_world_part, prediction.pivot_mm),
         rising=chosen.rising,
         wall_px=chosen.wall_px,
+        spacing_px=chosen.spacing_px,
     )
     if sharpness is None:
         sharpness = _sharpness(found)
@@ -203,13 +214,38 @@ def _first_look(
     return moved
 
 
-def _placed_again(part: PosedPart, prediction: Prediction, moved: Sequence[FloatArray]) -> Rays:
-    curves = [
-        curve
-        for feature, by in zip(prediction.features, moved, strict=True)
-        for curve in feature.curves(part.solid, prediction.pixel_mm, by)
-    ]
+def _placed_again(
+    part: PosedPart, prediction: Prediction, moved: Sequence[FloatArray], index: IndexArray
+) -> Rays:
+    """Return some of the rays across edges that have moved.
+
+    Parameters
+    ----------
+    part : the part
+    prediction : with the rays as they were placed
+    moved : of each feature, its unknowns
+    index : (n,) which rays, in order
+    """
+    which = prediction.rays.curve
+    first = np.searchsorted(which, np.arange(int(which[-1]) + 1))
+    wanted: dict[int, IndexArray] = {}
+    for number in np.unique(which[index]).tolist():
+        wanted[number] = index[which[index] == number] - first[number]
+    curves = []
+    number = 0
+    for i, (feature, by) in enumerate(zip(prediction.features, moved, strict=True)):
+        count = prediction.curve_counts[i]
+        if any(number + k in wanted for k in range(count)):
+            edges = feature.curves(part.solid, prediction.pixel_mm, by)
+            curves += [
+                edge.some(wanted[number + k])
+                for k, edge in enumerate(edges)
+                if number + k in wanted
+            ]
+        number += count
     view = prediction.view
+    if not curves:
+        return prediction.rays.chosen(index)
     return place_rays(curves, view.T_world_part, view.task.camera)
 
 

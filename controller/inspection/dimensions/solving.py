@@ -7,7 +7,8 @@ import numpy as np
 
 from controller.arrays import BoolArray, FloatArray
 
-ROUNDS: Final = 8
+ROUNDS: Final = 25
+TRIMS: Final = 3  # rounds in which outliers are left out, and may come back
 OUTLIER: Final = 4.0  # robust standard deviations beyond which a ray shows something else
 MAD_TO_SIGMA: Final = 1.4826
 SETTLED_PX: Final = 0.002
@@ -67,14 +68,20 @@ def solve(
         values = step
         off = np.abs(y - design @ values)
         scale = max(MAD_TO_SIGMA * float(np.median(off[found])), floor)
-        trust = 1.0 / (1.0 + np.square(off / (2.0 * scale)))
+        trust = 1.0 / (1.0 + np.square(off / scale))
         if np.abs(design @ (values - before)).max() < SETTLED_PX:
             break
-    limit = OUTLIER * np.maximum(scale, np.sqrt(variance))
-    used = found & (off <= limit)
-    last = _least_squares(design, y, weight * used)
-    if last is None or used.sum() < 2 * unknowns:
-        return None
+    last, used = values, found
+    for _ in range(TRIMS):
+        off = np.abs(y - design @ last)
+        used = found & (off <= OUTLIER * np.maximum(scale, np.sqrt(variance)))
+        if used.sum() < 2 * unknowns:
+            return None
+        step = _least_squares(design, y, weight * used)
+        if step is None:
+            return None
+        last = step
+        scale = max(MAD_TO_SIGMA * float(np.median(np.abs(y - design @ last)[used])), floor)
     kept = weight * used
     normal = (design * kept[:, None]).T @ design
     inverse = np.linalg.inv(normal)
