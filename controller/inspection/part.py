@@ -33,7 +33,6 @@ from .view import (
     Strictness,
     compare_view,
     outline_view,
-    restate_outline,
     see_view,
 )
 
@@ -50,7 +49,6 @@ class HeldView:
     prior_mm, prior_rad : standard deviations of the expected pose, the grasp's and the arm's
         together
     counted : (n,) samples that it counts for; None for all
-    result : what it showed, where that is known already
     """
 
     task: ViewTask
@@ -59,7 +57,6 @@ class HeldView:
     prior_mm: float = 1.5
     prior_rad: float = 0.03
     counted: BoolArray | None = None
-    result: ViewResult | None = None
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -314,12 +311,6 @@ def _result(
     views: ViewSet, view: HeldView, seen: SeenView, pose: ViewPose | None, strictness: Strictness
 ) -> ViewResult:
     """Return what a view showed, on the samples that it counts for."""
-    if view.result is not None:
-        if pose is None:
-            return view.result
-        return restate_outline(
-            views.part, views.samples, view.task, seen, pose, strictness, view.result
-        )
     result = compare_view(
         views.part, views.samples, view.task, view.pictures, seen, pose, strictness
     )

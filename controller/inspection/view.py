@@ -21,10 +21,8 @@ from controller.imaging import mask_contour, render_maps, threshold_levels, view
 from ._pose import MEASURED_HOLD, PLANNED_HOLD, PosedPart, PoseFit, moved, poses_as_good
 from ._scene import ViewScene, make_scene, samples_in_sight
 from ._types import (
-    OUTLINE,
     Check,
     Finding,
-    FindingKind,
     InspectionLimits,
     ViewPictures,
     ViewResult,
@@ -212,45 +210,6 @@ def compare_view(
         if not best.findings:
             break
     return best
-
-
-def restate_outline(
-    part: PosedPart,
-    samples: SurfaceSamples,
-    task: ViewTask,
-    seen: SeenView,
-    pose: ViewPose,
-    strictness: Strictness,
-    known: ViewResult,
-) -> ViewResult:
-    """Return what a view showed, its outline compared again at a pose that more views have found.
-
-    What lit pictures showed, at the pose that the view alone has found, stays.
-
-    Parameters
-    ----------
-    part, samples : the CAD model and its surface samples
-    task : the view: camera, pose expected, limits
-    seen : its picture before the panel
-    pose : of the part
-    strictness : what a good part may show
-    known : what it showed by itself
-    """
-    fit = None if seen.backlit is None else _as_fit(part, task, seen.backlit, pose)
-    if seen.backlit is None or fit is None or not known.evaluated:
-        return known
-    outline = _outline(part, samples, task, seen.backlit, pose, fit, strictness)
-    in_sight = known.in_sight | known.unobstructed if len(known.unobstructed) else known.in_sight
-    check = replace(outline.check, compared=outline.check.compared & in_sight)
-    checks = (check, *(c for c in known.checks if c.name != OUTLINE))
-    lit = (f for f in known.findings if f.kind is FindingKind.SURFACE)
-    return replace(
-        known,
-        T_world_part=pose.T_world_part,
-        findings=(*outline.findings, *lit),
-        checks=checks,
-        compared=np.logical_or.reduce([c.compared for c in checks]),
-    )
 
 
 def _outline(

@@ -14,7 +14,6 @@ from controller.inspection import (
     InspectionLimits,
     PartInspection,
     PartSettings,
-    ViewResult,
     ViewSet,
     inspect_part,
 )
@@ -24,7 +23,6 @@ from controller.setup.faces import faces_left_out
 
 from .pictures import read_grey
 from .view_set import (
-    NO_RESULTS,
     Pictures,
     build_view_set,
     planned_samples,
@@ -98,7 +96,6 @@ def judge_views(
     part: CompiledPart,
     pictures: Pictures,
     judging: Judging,
-    results: Mapping[str, ViewResult] = NO_RESULTS,
 ) -> PartInspection:
     """Return what all views of a part come to.
 
@@ -108,7 +105,6 @@ def judge_views(
     part : its part
     pictures : by view id and lamp
     judging : what it is judged by
-    results : by view id, what is known already
 
     Raises
     ------
@@ -117,7 +113,7 @@ def judge_views(
     """
     try:
         planned = planned_samples(file, part)
-        views = build_view_set(file, part, pictures, _limits(judging), results)
+        views = build_view_set(file, part, pictures, _limits(judging))
     except ConfigError as error:
         raise ConfigError(f"{judging.set_path}: {error}") from error
     settings = _settings(file, part, judging, planned)

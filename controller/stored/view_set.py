@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from math import radians
-from types import MappingProxyType
 from typing import Final
 
 import numpy as np
@@ -17,7 +16,6 @@ from controller.inspection import (
     InspectionLimits,
     PosedPart,
     ViewPictures,
-    ViewResult,
     ViewSet,
     ViewTask,
     WorldBox,
@@ -34,7 +32,6 @@ SAME_GRASP_RAD: Final = radians(0.6)
 ROUNDED: Final = 3e-6
 
 Pictures = Mapping[str, Mapping[str, Grey]]
-NO_RESULTS: Final[Mapping[str, ViewResult]] = MappingProxyType({})
 
 
 def build_view_set(
@@ -42,7 +39,6 @@ def build_view_set(
     part: CompiledPart,
     pictures: Pictures,
     limits: InspectionLimits,
-    results: Mapping[str, ViewResult] = NO_RESULTS,
 ) -> ViewSet:
     """Return the views of a part with their pictures.
 
@@ -52,7 +48,6 @@ def build_view_set(
     part : its part
     pictures : by view id and lamp
     limits : of differences
-    results : by view id, what is known already
 
     Raises
     ------
@@ -71,7 +66,6 @@ def build_view_set(
             prior_mm=view.prior_mm,
             prior_rad=radians(view.prior_deg),
             counted=planned.get(view.id) if view.only_planned else None,
-            result=results.get(view.id),
         )
         for view, task, grasp in zip(file.views, tasks, grasps, strict=True)
     )

@@ -324,12 +324,10 @@ class PaperCompute:
     async def find_hold(self, expected: Any, *args: object) -> Any:
         return expected if self.cell.has == "arm" else None
 
-    async def judge(self, set_path: Path, results: Mapping[str, ViewResult]) -> PartInspection:
+    async def judge(self, set_path: Path) -> PartInspection:
         ledger = PartVerdict(Verdict.PASS, ("fine",), (), 1.0, ())
-        views = load_view_set(set_path).views
-        # what stands in the file was shown, and what is known already stands in the file
-        assert set(results) <= {view.id for view in views}
-        return PartInspection(Verdict.PASS, ("fine",), tuple(results.values()), (), (), ledger)
+        assert load_view_set(set_path).views  # what is judged can be read by anybody
+        return PartInspection(Verdict.PASS, ("fine",), (), (), (), ledger)
 
     async def surface_share(self, samples: np.ndarray) -> float:
         return float(samples.sum()) / SAMPLES

@@ -262,16 +262,13 @@ def find_hold(
     return held_search.find_hold(c.posed, c.samples, task, T_part_tcp, backlit)
 
 
-def judge(
-    job: Job, set_path: Path, results: Mapping[str, inspecting.ViewResult]
-) -> inspecting.PartInspection:
+def judge(job: Job, set_path: Path) -> inspecting.PartInspection:
     """Return what all views of a part come to.
 
     Parameters
     ----------
     job : which recipe on which cell
     set_path : the file of its views
-    results : by view id, what is known already
 
     Raises
     ------
@@ -280,4 +277,4 @@ def judge(
     file = load_view_set(set_path)
     pictures = read_pictures(set_path, file)
     judging = Judging(file.recipe, set_path, set_path)
-    return judge_views(file, context(job).part, pictures, judging, results)
+    return judge_views(file, context(job).part, pictures, judging)

@@ -1,7 +1,6 @@
 """What is asked of a part, and how a measured value is decided upon."""
 
 from ._types import (
-    NO_BUDGET,
     Characteristic,
     CharacteristicKind,
     EdgeLine,
@@ -29,7 +28,6 @@ from .verdicts import Standing, standing_of, verdict_of, with_capability, worse
 
 __all__ = [
     "CONFORMANCE_PROBABILITY",
-    "NO_BUDGET",
     "TOLERANCE_CLASSES",
     "Accuracy",
     "Asked",

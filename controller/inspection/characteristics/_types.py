@@ -7,7 +7,6 @@ straight edges. So its geometry is given by those edges, in the CAD frame, nomin
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
-from types import MappingProxyType
 from typing import Final
 
 import numpy as np
@@ -15,8 +14,6 @@ import numpy as np
 from controller.arrays import FloatArray
 
 from .._types import Verdict
-
-NO_BUDGET: Final[Mapping[str, float]] = MappingProxyType({})
 
 
 class CharacteristicKind(StrEnum):
@@ -200,7 +197,7 @@ class Look:
     measured_mm: float
     u_mm: float
     reason: str = ""
-    budget: Mapping[str, float] = field(default_factory=lambda: NO_BUDGET)
+    budget: Mapping[str, float] = field(default_factory=dict)
     points_px: FloatArray | None = None
     accepted: FloatArray | None = None
     shape_px: FloatArray | None = None

@@ -359,7 +359,7 @@ def _look(
         measured_mm=value,
         u_mm=u,
         reason=reason,
-        budget=MappingProxyType(dict(budget)),
+        budget=dict(budget),
         points_px=points,
         accepted=accepted.astype(np.float64),
         shape_px=np.concatenate([fit.shape_px for fit in fits]),

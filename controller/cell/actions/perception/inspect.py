@@ -85,7 +85,7 @@ class InspectAction:
         assert part.plan is not None
         stored = await asyncio.to_thread(self.part_file.write, part)
         record.note_file(stored.file, stored.digest)
-        found = await self.compute.judge(self.part_file.folder / stored.file, stored.results)
+        found = await self.compute.judge(self.part_file.folder / stored.file)
         part.verdict = replace(found.ledger, verdict=found.verdict, reasons=found.reasons)
         record.note(measured_row(found.measured))
         record.note(findings_row(found.findings))

@@ -31,18 +31,16 @@ SAME_HOLD: Final = 1e-6  # of a hold and the pose it was learned from: what prod
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StoredViews:
-    """The file of a part's views, and what is known of them already.
+    """The file of a part's views.
 
     Attributes
     ----------
     file : relative to the run's folder
     digest : SHA-256 of the file
-    results : by view id, of the views that stand in the file as they were judged
     """
 
     file: str
     digest: str
-    results: dict[str, ViewResult]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,23 +59,18 @@ class PartFile:
     folder: Path
 
     def write(self, part: PartRecord) -> StoredViews:
-        """Write the views of a part that were judged; return the file and the results it keeps.
+        """Write the views of a part that were judged; return the file.
 
         Raises
         ------
         OSError : the file cannot be written
         """
         judged = _in_common_holds(part.judged, part.results, self.layout)
-        results = {
-            shown.view: result
-            for shown, (now, _), result in zip(part.judged, judged, part.results, strict=True)
-            if now is shown
-        }
         body = self._file(part, judged).model_dump_json(by_alias=True, exclude_none=True, indent=1)
         data = (body + "\n").encode()
         name = f"part{part.number:03d}.views.json"
         (self.folder / name).write_bytes(data)
-        return StoredViews(name, hashlib.sha256(data).hexdigest(), results)
+        return StoredViews(name, hashlib.sha256(data).hexdigest())
 
     def _file(self, part: PartRecord, judged: Sequence[tuple[Shown, int]]) -> ViewSetFile:
         masks = [mask for mask in part.planned.values() if len(mask)]
