@@ -14,14 +14,15 @@ import pytest
 from controller.cad import Solid
 from controller.cad.compiled import load_part
 from controller.cell.batch import Papers
+from controller.cell.services.records import measured_row
 from controller.inspection import Verdict
 from controller.inspection.characteristics import CharacteristicKind
 from controller.results import judged_parts, load_run
 from controller.results.report.html import render_parts
 from controller.results.report.signed.balloons import balloon_drawing
 from controller.results.report.signed.covering import COLOURS, coverage_sides
-from controller.results.report.signed.table import rows_of
-from controller.results.run import CharacteristicReport, FaceReport
+from controller.results.report.signed.table import briefly, rows_of
+from controller.results.run import CharacteristicReport, FaceReport, PartFold
 from tests.data_files import part_file
 from tests.unit import judged_bench as bench
 from tests.unit.results_bench import RunWriter, sighting
@@ -236,3 +237,54 @@ def test_what_the_operator_gave_with_the_order_is_on_each_part(tmp_path: Path) -
 def test_a_calibration_without_a_date_is_called_so(tmp_path: Path) -> None:
     judged = bench.judged(tmp_path, calibrated={"inspection": "", "overhead": ""})
     assert "no date in the cell file" in Page(render_parts([judged])).text
+
+
+def many(count: int, source: str = "ISO 2768-m") -> tuple[CharacteristicReport, ...]:
+    """Return bores: the seventh failed, every tenth was not measured."""
+    kind = CharacteristicKind.DIAMETER
+    made = []
+    for i in range(1, count + 1):
+        value, verdict, reason = 8.01, Verdict.FAIL if i == 7 else Verdict.PASS, ""
+        if i % 10 == 0:
+            value, verdict, reason = None, Verdict.NOT_EVALUATED, "no picture shows it"
+        made.append(
+            bench.measured(i, kind, 8.0, 0.2, value, verdict, bench.rim(float(i)), reason=reason)
+        )
+    fold = PartFold(1)
+    fold.take(measured_row(made))
+    return tuple(replace(c, source=source) for c in fold.characteristics)
+
+
+def test_a_long_table_keeps_what_matters_whole_and_every_value() -> None:
+    rows = rows_of(many(91))
+    brief = briefly(rows)
+    assert [row.c.balloon for row in brief.rows] == [7]  # it failed
+    assert brief.open_ == (("no picture shows it", tuple(range(10, 91, 10))),)
+    named = {row.c.balloon for row in (*brief.rows, *brief.passed)}
+    assert named | set(brief.open_[0][1]) == set(range(1, 92))
+    assert briefly(rows[:30]).rows == rows[:30]  # a short one is printed whole
+
+
+def test_what_somebody_asked_for_is_never_put_in_short() -> None:
+    rows = rows_of(many(91, source="recipe"))
+    assert briefly(rows).rows == rows
+
+
+def test_what_is_measured_at_one_place_hangs_on_one_leader(solid: Solid, tmp_path: Path) -> None:
+    x, y, z = solid.centroid_mm
+    one = replace(reports(tmp_path)[0], anchors_mm=((x + 9, y, z),), axis=(0.0, 0.0, 1.0))
+    drawing = balloon_drawing(solid, [one, replace(one, id="b", balloon=2)])
+    (side,) = drawing.sides
+    assert [b.has_leader for b in side.balloons] == [True, False]
+    assert side.balloons[0].at[1] == side.balloons[1].at[1]
+    assert abs(side.balloons[0].at[0] - side.balloons[1].at[0]) >= 2 * drawing.radius
+
+
+def test_two_fitted_lines_are_not_joined(tmp_path: Path) -> None:
+    one = bench.all_kinds()[2]
+    ends = np.array([[100.0, 100], [200, 100], [100, 300], [200, 300]])
+    look = replace(one.looks[0], shape_px=ends, points_px=ends, accepted=np.ones(4))
+    made = bench.inspection((replace(one, looks=(look,)),))
+    page = Page(render_parts([bench.judged(tmp_path, made)]))
+    fitted = [p["d"] for p in page.all("path") if p.get("class") == "fitted"]
+    assert fitted[0] == "M100.50 100.50L200.50 100.50M100.50 300.50L200.50 300.50"

@@ -1,6 +1,8 @@
 """What is asked of a part, and how a measured value is decided upon."""
 
 from ._types import (
+    GENERAL,
+    NO_BUDGET,
     Characteristic,
     CharacteristicKind,
     EdgeLine,
@@ -28,6 +30,11 @@ from .verdicts import Standing, standing_of, verdict_of, with_capability, worse
 
 __all__ = [
     "CONFORMANCE_PROBABILITY",
+<<<<<<< HEAD
+=======
+    "GENERAL",
+    "NO_BUDGET",
+>>>>>>> 0ef6378 (room: a report of many characteristics stays readable, and quick)
     "TOLERANCE_CLASSES",
     "Accuracy",
     "Asked",

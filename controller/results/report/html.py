@@ -20,7 +20,7 @@ from ._optics import Optics
 from ._page import PartPage, css_class, lamp_words, make_part_page
 from ._words import END_WORDS, cautions, headline, why, why_in_run
 from .pictures import QUALITIES, Pictures, Quality
-from .signed import PartSheets, make_sheets
+from .signed import MAX_LOOKS, PartSheets, make_sheets
 
 # A page must pass mail gateways; pictures may take this much of it.
 MAX_BYTES = 10_000_000
@@ -94,7 +94,7 @@ def _render(
         len(judged.part.table_pictures)
         + len(judged.part.findings)
         + sum(len(view.pictures) for view in judged.part.views)
-        + sum(len(c.looks) for c in judged.part.characteristics)
+        + sum(min(len(c.looks), MAX_LOOKS) for c in judged.part.characteristics)
         for judged in parts
     )
     budget = min(PICTURE_BYTES, max_bytes)
@@ -124,7 +124,7 @@ def _page(
             (
                 judged,
                 make_part_page(judged.part, reason, pictures, optics),
-                make_sheets(judged, solid, pictures, lamp_words),
+                make_sheets(judged, solid, pictures, lamp_words, on_paper=on_paper),
             )
         )
     if record is not None:

@@ -50,8 +50,8 @@ QUALITIES: Final = (
     Quality(160, 120, 45, 160, 3_500),
     Quality(0, 0, 0, 0, 0),
 )
-# Decoded pictures that are held: a view and each of its findings need the same ones.
-KEPT = 4
+# Decoded pictures that are held, in pixels: views, findings and looks need the same ones.
+KEPT_PX = 60_000_000
 # One lamp lights a dull part poorly: dark pictures are brightened, and the page says by how much.
 BRIGHT_PERCENTILE: Final = 99.5
 BRIGHT_LEVEL: Final = 215.0
@@ -88,6 +88,7 @@ class Pictures:
         self._folder = folder
         self._quality = quality
         self._decoded: dict[str, Grey | None] = {}
+        self._held_px = 0
 
     @property
     def quality(self) -> Quality:
@@ -132,9 +133,12 @@ class Pictures:
 
     def _read(self, name: str) -> Grey | None:
         if name not in self._decoded:
-            while len(self._decoded) >= KEPT:
-                del self._decoded[next(iter(self._decoded))]
-            self._decoded[name] = _decode(self._folder, name)
+            while self._held_px > KEPT_PX:
+                gone = self._decoded.pop(next(iter(self._decoded)))
+                self._held_px -= 0 if gone is None else gone.size
+            image = _decode(self._folder, name)
+            self._decoded[name] = image
+            self._held_px += 0 if image is None else image.size
         return self._decoded[name]
 
 

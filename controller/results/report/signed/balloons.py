@@ -33,6 +33,7 @@ MAX_OFF_RAD: Final = float(np.radians(30.0))
 # of balloons, in hundredths of the drawing's larger side
 RADIUS_UNITS: Final = 2.6
 PITCH_UNITS: Final = 6.0
+CHAIN_UNITS: Final = 5.6
 GAP_UNITS: Final = 7.0
 MAX_SIDES: Final = 4
 # of all sides together, on paper
@@ -52,6 +53,7 @@ class Balloon:
     at, end : middle of the balloon, and the end of its leader
     marks : both ends of a distance, empty for a hole
     verdict : of its characteristic
+    has_leader : False for those that hang on another balloon of the same place
     """
 
     number: int
@@ -59,6 +61,7 @@ class Balloon:
     end: Point
     marks: tuple[Point, ...]
     verdict: str
+    has_leader: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,18 +163,26 @@ def _side(
         number: (sum(x for x, _ in at) / len(at), sum(y for _, y in at) / len(at))
         for number, at in on_paper.items()
     }
-    columns = (low[0] - GAP_UNITS * unit, high[0] + GAP_UNITS * unit)
+    # what is measured at one place has one leader, its balloons in a chain
+    places: dict[Point, list[int]] = {}
+    for number, (x, y) in ends.items():
+        places.setdefault((round(x / unit), round(y / unit)), []).append(number)
+    groups = list(places.values())
     middle_x = float(low[0] + high[0]) / 2
     middle_y = float(-(low[1] + high[1])) / 2
-    half = (len(ends) + 1) // 2
-    by_x = sorted(ends, key=lambda n: ends[n][0])
-    left = [n for n in by_x if ends[n][0] < middle_x][:half]
-    left += [n for n in by_x if n not in left][: max(0, len(ends) - half - len(left))]
+    groups.sort(key=lambda group: ends[group[0]][0])
+    half = (len(groups) + 1) // 2
+    left = [g for g in groups if ends[g[0]][0] < middle_x][:half]
+    left += [g for g in groups if g not in left][: max(0, len(groups) - half - len(left))]
     at: dict[int, Point] = {}
-    for x, numbers in zip(columns, (left, [n for n in ends if n not in left]), strict=True):
-        numbers.sort(key=lambda n: ends[n][1])
-        heights = _apart([ends[n][1] for n in numbers], PITCH_UNITS * unit, middle_y)
-        at |= {n: (float(x), y) for n, y in zip(numbers, heights, strict=True)}
+    for side, column in ((-1.0, left), (1.0, [g for g in groups if g not in left])):
+        column.sort(key=lambda group: ends[group[0]][1])
+        heights = _apart([ends[g[0]][1] for g in column], PITCH_UNITS * unit, middle_y)
+        x0 = float(low[0] if side < 0 else high[0]) + side * GAP_UNITS * unit
+        for group, height in zip(column, heights, strict=True):
+            for i, number in enumerate(group):
+                at[number] = (x0 + side * i * CHAIN_UNITS * unit, height)
+    first = {group[0] for group in groups}
     balloons = tuple(
         Balloon(
             c.balloon,
@@ -179,6 +190,7 @@ def _side(
             ends[c.balloon],
             tuple(on_paper[c.balloon]) if len(on_paper[c.balloon]) > 1 else (),
             c.verdict,
+            c.balloon in first,
         )
         for c in characteristics
     )

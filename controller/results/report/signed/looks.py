@@ -6,12 +6,15 @@ from typing import Final
 
 import numpy as np
 
-from ...run import CharacteristicReport, LookReport, Points, ViewReport
+from ...run import Box, CharacteristicReport, LookReport, Points, ViewReport
 from ..pictures import Pictures, Shot, bounds, outline_path, window_round
 
 MARGIN: Final = 0.35
 MIN_PX: Final = 60
 RAY_PX: Final = 5.0  # drawn to either side of an edge point
+# a step this many times as long as most leads from one fitted shape to the next
+WIDE_STEP: Final = 5.0
+AROUND_PX: Final = 8
 BACKLIT: Final = "backlit"
 
 
@@ -22,7 +25,7 @@ class LookPanel:
     Attributes
     ----------
     rays : lines across the edge through the points found
-    used, refused : crosses at the points that count, and at those that do not
+    used, refused : dots at the points that count, crosses at those that do not
     shape : fitted
     nominal : outline of the part as predicted from the CAD; may be empty
     bar_px : length of a millimetre in the picture, None where it is not known
@@ -73,10 +76,10 @@ def look_panel(
         lamp,
         pictures.crop(name, window),
         _rays(look.points_px, look.shape_px),
-        _crosses([p for p, is_used in pairs if is_used], 0.9),
+        _dots([p for p, is_used in pairs if is_used]),
         _crosses([p for p, is_used in pairs if not is_used], 2.2),
         _path(look.shape_px, is_closed=c.rim_radius_mm is not None),
-        outline_path(view.outline_px),
+        outline_path(_near(view.outline_px, window)),
         sum(1 for a in accepted if a),
         len(look.points_px),
         _mm_px(c, look.shape_px),
@@ -120,6 +123,20 @@ def _rays(points: Points, shape: Points) -> str:
     )
 
 
+def _near(points: Points, window: Box) -> Points:
+    """Return the points in a window, and a little beyond it."""
+    x0, y0, x1, y1 = window
+    return tuple(
+        (x, y)
+        for x, y in points
+        if x0 - AROUND_PX < x < x1 + AROUND_PX and y0 - AROUND_PX < y < y1 + AROUND_PX
+    )
+
+
+def _dots(points: list[tuple[float, float]]) -> str:
+    return "".join(f"M{x + 0.5:.1f} {y + 0.5:.1f}h.1" for x, y in points)
+
+
 def _crosses(points: list[tuple[float, float]], half: float) -> str:
     return "".join(
         f"M{x + 0.5 - half:.1f} {y + 0.5 - half:.1f}l{2 * half:g} {2 * half:g}"
@@ -129,7 +146,18 @@ def _crosses(points: list[tuple[float, float]], half: float) -> str:
 
 
 def _path(points: Points, *, is_closed: bool) -> str:
+    """Return the shapes fitted, each on its own: a wide step is where the next one begins."""
     if not points:
         return ""
-    line = "L".join(f"{x + 0.5:.2f} {y + 0.5:.2f}" for x, y in points)
-    return f"M{line}{'Z' if is_closed else ''}"
+    steps = np.linalg.norm(np.diff(np.array(points), axis=0), axis=1)
+    if len(points) == 4 and not is_closed:  # two lines by their ends
+        breaks = [2]
+    elif len(points) > 5:
+        breaks = [int(i) + 1 for i in np.flatnonzero(steps > WIDE_STEP * np.median(steps))]
+    else:
+        breaks = []
+    path = ""
+    for start, end in zip([0, *breaks], [*breaks, len(points)], strict=True):
+        line = "L".join(f"{x + 0.5:.2f} {y + 0.5:.2f}" for x, y in points[start:end])
+        path += f"M{line}{'Z' if is_closed and not breaks else ''}"
+    return path

@@ -7,19 +7,21 @@ from typing import Final
 from controller.cad import Solid
 
 from ...judged import DECISION_RULE, JudgedPart
-from ...run import ViewReport
+from ...run import CharacteristicReport, LookReport, ViewReport
 from ...wording import utc
 from ..pictures import Pictures, Shot, bounds, window_round
 from .balloons import BalloonDrawing, balloon_drawing
 from .covering import CoverageSide, coverage_sides
 from .looks import LookPanel, look_panel
-from .table import Row, rows_of, tally
+from .table import Brief, Row, briefly, rows_of, tally
 
 HASH_LENGTH: Final = 12
 NOT_GIVEN: Final = "not given"
 # on the printed contact sheet
-MAX_CROPS: Final = 12
-MAX_TILES: Final = 24
+MAX_CROPS: Final = 14
+# on the screen, of one characteristic
+MAX_LOOKS: Final = 3
+MAX_TILES: Final = 28
 MARGIN, MIN_PX = 0.12, 200
 
 
@@ -49,6 +51,7 @@ class PartSheets:
     rule: str
     tally: tuple[tuple[str, int], ...]
     rows: tuple[Row, ...]
+    brief: Brief
     drawing: BalloonDrawing | None
     no_drawing: str
     sides: tuple[CoverageSide, ...]
@@ -59,7 +62,12 @@ class PartSheets:
 
 
 def make_sheets(
-    judged: JudgedPart, solid: Solid | str, pictures: Pictures, lamp_words: Callable[[str], str]
+    judged: JudgedPart,
+    solid: Solid | str,
+    pictures: Pictures,
+    lamp_words: Callable[[str], str],
+    *,
+    on_paper: bool = False,
 ) -> PartSheets:
     """Return what the pages of a part show.
 
@@ -69,6 +77,7 @@ def make_sheets(
     solid : its CAD model, or why there is none
     pictures : of the part
     lamp_words : a lamp's everyday name
+    on_paper : one look of a characteristic is enough
     """
     part = judged.part
     rows = rows_of(part.characteristics)
@@ -76,7 +85,7 @@ def make_sheets(
     panels = [
         panel
         for row in rows
-        for look in row.c.looks
+        for look in looks_to_draw(row.c, 1 if on_paper else MAX_LOOKS)
         if (panel := look_panel(row.c, look, views, pictures, lamp_words(look.lamp)))
     ]
     best: dict[int, LookPanel] = {}
@@ -98,6 +107,7 @@ def make_sheets(
         rule=DECISION_RULE,
         tally=tally(part.characteristics),
         rows=rows,
+        brief=briefly(rows),
         drawing=drawing,
         no_drawing=solid if isinstance(solid, str) else "",
         sides=sides,
@@ -106,6 +116,18 @@ def make_sheets(
         thumbnails=tuple(thumbnails[:view_count]),
         left_out=(max(0, len(crops) - MAX_CROPS), max(0, len(thumbnails) - view_count)),
     )
+
+
+def looks_to_draw(c: CharacteristicReport, count: int) -> tuple[LookReport, ...]:
+    """Return the looks of a characteristic that are drawn: those that count before those that not.
+
+    Parameters
+    ----------
+    c : the characteristic
+    count : at most so many
+    """
+    drawn = [look for look in c.looks if look.points_px or look.shape_px]
+    return tuple(sorted(drawn, key=lambda look: bool(look.reason))[:count])
 
 
 def _thumbnail(

@@ -4,12 +4,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from controller.inspection.characteristics import GENERAL
+
 from ...run import CharacteristicReport
 
 DECIMALS: Final = 3
 # where the limits are in a deviation bar, which is 100 wide
 LOWER_AT, UPPER_AT = 20.0, 80.0
 EDGE: Final = 2.0
+MAX_ROWS: Final = 30  # that a page has room for
 KIND_SIGNS: Final = {"diameter": "⌀ ", "radius": "R ", "position": "pos. ", "angle": "∠ "}
 UNITS: Final = {"mm": "mm", "deg": "°"}
 
@@ -51,6 +54,41 @@ class Row:
     def note(self) -> str:
         """What must be said beside the verdict."""
         return "" if self.c.verdict == "pass" else self.c.reason
+
+
+@dataclass(frozen=True, slots=True)
+class Brief:
+    """Rows of a long table: those that a reader must see, and what is said of the rest in short.
+
+    Attributes
+    ----------
+    rows : whole
+    passed : of general tolerances, and passed
+    open_ : why not evaluated, and the balloons for which that is so
+    """
+
+    rows: tuple[Row, ...]
+    passed: tuple[Row, ...] = ()
+    open_: tuple[tuple[str, tuple[int, ...]], ...] = ()
+
+
+def briefly(rows: Sequence[Row]) -> Brief:
+    """Return a table that fits a page: all of a short one, of a long one the rest in short."""
+    if len(rows) <= MAX_ROWS:
+        return Brief(tuple(rows))
+    passed = tuple(row for row in rows if row.c.verdict == "pass" and not _is_stated(row.c))
+    why: dict[str, list[int]] = {}
+    for row in rows:
+        if row.c.verdict == "not evaluated" and not _is_stated(row.c):
+            why.setdefault(row.c.reason or "no reason is given", []).append(row.c.balloon)
+    short = {row.c.balloon for row in passed} | {n for numbers in why.values() for n in numbers}
+    whole = tuple(row for row in rows if row.c.balloon not in short)
+    return Brief(whole, passed, tuple((reason, tuple(n)) for reason, n in why.items()))
+
+
+def _is_stated(c: CharacteristicReport) -> bool:
+    """Return whether somebody asked for this one by itself."""
+    return c.is_critical or not c.source.startswith(GENERAL)
 
 
 def rows_of(characteristics: Sequence[CharacteristicReport]) -> tuple[Row, ...]:
