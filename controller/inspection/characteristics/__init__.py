@@ -2,7 +2,6 @@
 
 from ._types import (
     GENERAL,
-    NO_BUDGET,
     Characteristic,
     CharacteristicKind,
     EdgeLine,
@@ -30,11 +29,7 @@ from .verdicts import Standing, standing_of, verdict_of, with_capability, worse
 
 __all__ = [
     "CONFORMANCE_PROBABILITY",
-<<<<<<< HEAD
-=======
     "GENERAL",
-    "NO_BUDGET",
->>>>>>> 0ef6378 (room: a report of many characteristics stays readable, and quick)
     "TOLERANCE_CLASSES",
     "Accuracy",
     "Asked",
