@@ -204,7 +204,7 @@ def _claim(views: Sequence[ViewResult]) -> str:
     if outlines:
         parts.append(
             f"no outline off by {max(c.size_mm for c in outlines):.1f} mm or more over "
-            f"{max(c.length_mm for c in outlines):.1f} mm, the part's pose fitted in each view"
+            f"{max(c.length_mm for c in outlines):.1f} mm, beyond the tolerances of its faces"
         )
     if lit:
         parts.append(
@@ -213,7 +213,7 @@ def _claim(views: Sequence[ViewResult]) -> str:
         )
     if not parts:
         return "no difference found"
-    return "; ".join(parts) + "; dimensions are not measured"
+    return "; ".join(parts)
 
 
 def _marks(lit: Sequence[Check]) -> str:

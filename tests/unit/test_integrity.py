@@ -141,9 +141,9 @@ def test_a_part_within_tolerance_shows_nothing() -> None:
 
 
 def chipped() -> Body:
-    """Six pixels long and as deep, off one edge of the front."""
-    size = 6 * PX_MM
-    return perfect() - box(size, 2 * size, 4).translate((-5, -17, 12))
+    """Six pixels long in the picture, off one edge of the front; nine on the part."""
+    size = 9 * PX_MM
+    return perfect() - box(size, 2 * size, 14).translate((-5, -17, 12))
 
 
 def test_a_chip_of_six_pixels_is_found_by_two_looks() -> None:

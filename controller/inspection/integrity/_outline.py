@@ -34,6 +34,7 @@ WHOLE_EDGE: Final = 0.7  # share of an edge that is off: it is out of place, not
 THICK: Final = 0.6  # a burr is higher than this share of its length, or thin
 BURR_PX: Final = 3.0  # what is smaller may be dust
 CHIP_PX: Final = 6.0
+GRAINS: Final = 2.0  # of dust, that nothing larger looks like
 SURE_PX: Final = 3.0  # no light eats so deep into one place of an edge
 CLEARLY_PX: Final = 0.3  # a face farther out of place than allowed, by so much
 FULL_RUN: Final = 0.6  # of the points along a run that must have been compared
@@ -87,12 +88,15 @@ def compare_outline(
     limit_px = test.limit(len(points.pixels)) * float(test.sigma_px(np.array([CHIP_PX]))[0])
     near = look.compared(limit_px)
     compared: BoolArray = np.zeros(len(samples.points_mm), dtype=bool)
-    if near.any():
+    size_mm = limit_px * look.mm
+    # half a disc of the smallest size must be long enough for a run, and deep enough
+    smallest_mm = task.limits.smallest_defect_mm
+    is_resolved = smallest_mm >= max(CHIP_PX * look.mm, 2 * size_mm)
+    if near.any() and is_resolved:
         tree = cKDTree(points.points_mm[near])
         far, _ = tree.query(transform(pose.T_world_part, samples.points_mm))
         # a chip of the smallest size about such a point reaches well across the outline
-        compared |= far <= task.limits.smallest_defect_mm / 4
-    size_mm = limit_px * look.mm
+        compared |= far <= smallest_mm / 4
     return OutlineResult(findings, Check(OUTLINE, "", compared, size_mm, CHIP_PX * look.mm))
 
 
@@ -221,10 +225,15 @@ class _Look:
             box_px=(int(low[0]), int(low[1]), int(high[0]) + 1, int(high[1]) + 1),
             p_part_mm=transform(T_part_world, self.points.points_mm[chosen][None])[0],
             face_ids=tuple(int(i) for i in ids[order][shares > 0.2]) or (int(ids[order][0]),),
-            is_sure=kind is not FindingKind.DIMENSION
-            and run.depth_px < -SURE_PX
-            and run.length_px >= CHIP_PX,
+            is_sure=kind is not FindingKind.DIMENSION and self._is_sure(run),
         )
+
+    def _is_sure(self, run: Run) -> bool:
+        """Return whether neither light nor dust can be what a run shows."""
+        if run.depth_px < 0:
+            return run.depth_px < -SURE_PX and run.length_px >= CHIP_PX
+        grain_px = GRAINS * self.task.limits.dust_mm / self.mm
+        return min(run.depth_px, run.length_px) >= max(BURR_PX, grain_px)
 
     def _kind(self, run: Run) -> FindingKind | None:
         mine = np.zeros(len(self.off_px), dtype=bool)
@@ -239,9 +248,12 @@ class _Look:
         if self.is_moved(run.points):
             return FindingKind.DIMENSION
         if run.depth_px < 0:
+            if -run.depth_px < BURR_PX and run.length_px < BURR_PX:
+                return None  # so small a notch may be a corner that blur has rounded
             is_sharp = faces[run.points, 0] != faces[run.points, 1]
             return FindingKind.CHIP if is_sharp.mean() > HALF else FindingKind.MISSING
-        if run.depth_px < BURR_PX and run.length_px < CHIP_PX:
+        grain_px = self.task.limits.dust_mm / self.mm
+        if run.depth_px < max(BURR_PX, grain_px) and run.length_px < max(CHIP_PX, 2 * grain_px):
             return None
         return FindingKind.BURR
 
