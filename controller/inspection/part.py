@@ -16,7 +16,7 @@ from ._judge import NO_PLAN, NOTHING, PartVerdict, judge
 from ._pose import PosedPart
 from ._types import InspectionLimits, Verdict, ViewPictures, ViewResult, ViewTask
 from .characteristics import Characteristic, Measured, standing_of, worse
-from .dimensions import PosedView, measure
+from .dimensions import MeasuringSettings, PosedView, measure
 from .grasp_pose import (
     GraspPose,
     OutlineView,
@@ -87,6 +87,7 @@ class PartSettings:
     planned : by view id, which samples (n,) the plan meant it to show
     allowances : what the outline of a good part may show
     pose : what is known of arm, parts and light before the pictures
+    measuring : what is known of lens, scale and temperature before them
     """
 
     limits: InspectionLimits
@@ -96,6 +97,7 @@ class PartSettings:
     planned: Mapping[str, BoolArray] = field(default_factory=lambda: NO_PLAN)
     allowances: Allowances = field(default_factory=Allowances)
     pose: PoseSettings = field(default_factory=PoseSettings)
+    measuring: MeasuringSettings = field(default_factory=MeasuringSettings)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -188,7 +190,7 @@ def inspect_part(
         for result in results
         for finding in result.findings
     )
-    measured = measure_views(views, posed, characteristics)
+    measured = measure_views(views, posed, characteristics, settings.measuring)
     standing = standing_of(measured)
     verdict = worse(ledger.verdict, standing.verdict)
     reasons = (*standing.reasons, *ledger.reasons)
@@ -271,7 +273,10 @@ def inspect_views(
 
 
 def measure_views(
-    views: ViewSet, posed: PosedViews, characteristics: tuple[Characteristic, ...]
+    views: ViewSet,
+    posed: PosedViews,
+    characteristics: tuple[Characteristic, ...],
+    settings: MeasuringSettings,
 ) -> tuple[Measured, ...]:
     """Return the characteristics measured in all views whose pose is known.
 
@@ -280,6 +285,7 @@ def measure_views(
     views : with their pictures
     posed : where the part is in them
     characteristics : what is asked
+    settings : what is uncertain before any picture
     """
     known = []
     for view in views.views:
@@ -291,7 +297,7 @@ def measure_views(
                     view.task, view.pictures, pose.T_world_part, pose.covariance, view.grasp, scene
                 )
             )
-    return measure(views.part, characteristics, known) if characteristics else ()
+    return measure(views.part, characteristics, known, settings) if characteristics else ()
 
 
 def _identity(views: ViewSet, rival: Rival) -> PartFinding:

@@ -21,6 +21,7 @@ from controller.inspection.characteristics import (
     Station,
     characteristics_of,
 )
+from controller.inspection.dimensions import MeasuringSettings
 
 from .optics import build_camera
 
@@ -93,6 +94,16 @@ def _given(section: GivenSection) -> Asked:
 def build_accuracy(section: AccuracySection) -> Accuracy:
     """Return what measuring in a cell is uncertain by."""
     return Accuracy(**section.model_dump())
+
+
+def measuring_settings(section: AccuracySection) -> MeasuringSettings:
+    """Return what measuring takes as uncertain before any picture, as the cell states it."""
+    return MeasuringSettings(
+        lit_edge_px=section.light_px,
+        lens_px=section.lens_px,
+        scale=section.scale,
+        temperature_k=section.temperature_k,
+    )
 
 
 def station_of(cell: Cell) -> Station:

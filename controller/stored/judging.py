@@ -18,7 +18,12 @@ from controller.inspection import (
     inspect_part,
 )
 from controller.inspection.characteristics import Characteristic, with_capability
-from controller.setup.characteristics import build_accuracy, part_characteristics, station_at
+from controller.setup.characteristics import (
+    build_accuracy,
+    measuring_settings,
+    part_characteristics,
+    station_at,
+)
 from controller.setup.faces import faces_left_out
 
 from .pictures import read_grey
@@ -132,7 +137,12 @@ def _settings(
     judging: Judging,
     planned: Mapping[str, BoolArray],
 ) -> PartSettings:
-    settings = PartSettings(_limits(judging), unseen_reasons=file.unseen, planned=planned)
+    settings = PartSettings(
+        _limits(judging),
+        unseen_reasons=file.unseen,
+        planned=planned,
+        measuring=measuring_settings(file.accuracy),
+    )
     if judging.recipe is None:
         return settings
     return replace(

@@ -25,7 +25,7 @@ from controller.inspection.characteristics import (
     worse,
 )
 from controller.inspection.characteristics.limits import promised_budget_mm, promised_mm
-from controller.setup.characteristics import build_accuracy, station_of
+from controller.setup.characteristics import build_accuracy, measuring_settings, station_of
 
 # 5 megapixels, 100 mm wide at 400 mm: the camera of the budget that the promise was set by
 FINE = Station(mm_per_px=0.0408, distance_mm=400.0, field_mm=100.0)
@@ -44,6 +44,13 @@ def test_the_budget_is_the_published_one(length_mm: float, published_um: tuple[f
     assert [1000 * v for v in budget.values()] == pytest.approx(published_um, rel=0.05)
     total = hypot(*published_um)
     assert 1000 * promised_mm(length_mm, FINE, ACCURACY) == pytest.approx(2 * total, rel=0.03)
+
+
+def test_what_a_cell_states_of_its_lens_is_what_measuring_reckons_with() -> None:
+    stated = AccuracySection(light_px=0.2, lens_px=0.3, scale=1e-4, temperature_k=10)
+    settings = measuring_settings(stated)
+    assert (settings.lit_edge_px, settings.lens_px) == (0.2, 0.3)
+    assert (settings.scale, settings.temperature_k) == (1e-4, 10)
 
 
 def test_the_emulated_cells_pixel_is_a_fifth_of_a_millimetre() -> None:
@@ -157,6 +164,16 @@ def test_the_worst_of_all_counts() -> None:
     assert standing_of(all_of_them[:2]).verdict is Verdict.INDETERMINATE
     assert standing_of(all_of_them[:1]).verdict is Verdict.PASS
     assert standing_of([]).verdict is Verdict.PASS
+
+
+def test_what_is_left_out_for_one_reason_is_one_sentence() -> None:
+    hidden = replace(one("hole 5 mm diameter", 5), exempt="no picture shows it", is_measured=False)
+    five = [measured(replace(hidden, label=f"depth {i}"), None) for i in range(5)]
+    other = measured(replace(hidden, label="the other", exempt="as cast"), None)
+    assert standing_of([*five, other]).unproven == (
+        "depth 0; depth 1; depth 2 and 2 more like these: not measured, no picture shows it",
+        "the other: not measured, as cast",
+    )
 
 
 @pytest.mark.parametrize("other", [Verdict.PASS, Verdict.INDETERMINATE, Verdict.FAIL])

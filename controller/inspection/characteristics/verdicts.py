@@ -16,6 +16,7 @@ from .limits import (
 )
 
 UM_PER_MM: Final = 1000.0
+MAX_NAMED: Final = 3  # of many that are left out for one reason
 BADNESS: Final = {
     Verdict.PASS: 0,
     Verdict.NOT_EVALUATED: 1,
@@ -106,10 +107,11 @@ def standing_of(measured: Sequence[Measured]) -> Standing:
     measured : all characteristics of a part
     """
     failed, still_open, unproven = [], [], []
+    left_out: dict[str, list[str]] = {}
     for one in measured:
         asked = one.characteristic
         if not asked.is_measured:
-            unproven.append(f"{asked.label}: not measured, {asked.exempt}")
+            left_out.setdefault(asked.exempt, []).append(asked.label)
         elif one.verdict is Verdict.FAIL:
             failed.append(f"{asked.label}: {_value(one)}, beyond {_limits(asked)}")
         elif one.verdict is Verdict.PASS:
@@ -125,7 +127,15 @@ def standing_of(measured: Sequence[Measured]) -> Standing:
                 f"{asked.label}: {_value(one)}, too near the limits {_limits(asked)} to decide"
             )
     verdict = Verdict.FAIL if failed else Verdict.INDETERMINATE if still_open else Verdict.PASS
+    unproven += [f"{_named(labels)}: not measured, {why}" for why, labels in left_out.items()]
     return Standing(verdict, (*failed, *still_open), tuple(unproven))
+
+
+def _named(labels: Sequence[str]) -> str:
+    """Return the first few of some characteristics in words, and how many more there are."""
+    more = len(labels) - MAX_NAMED
+    shown = "; ".join(labels[:MAX_NAMED])
+    return f"{shown} and {more} more like these" if more > 0 else shown
 
 
 def _is_within(asked: Characteristic, value_mm: float) -> bool:
