@@ -29,9 +29,12 @@ RAYS_AT_ONCE = 3_000_000
 STRIDE_PX = 8  # of the panel
 TILE_MM = 48.0  # the marks of a surface come again after this
 TILE_CELLS = 512
-MAX_BOUNCES = 5
+DIRECT, MAX_BOUNCES = 2, 5  # as mitsuba counts: lamp and surface are two
 INSIDE, AT_EDGE = 9, 36  # rays a pixel under a lamp
 INSIDE_DARK, AT_EDGE_DARK = 4, 49  # before the panel
+NOISY = 100  # rays a pixel where fewer leave grain, as at the border of a shadow
+MIN_SPREAD = 0.2  # of a pixel's rays over their mean: less leaves no grain
+MORE_SPREAD = 1.5  # than most pixels have, where the lamp is seen in part
 COARSE, COARSE_DARK = (6, 12), (1, 16)  # for golden views
 BRIGHTEST = 8.0  # of one ray: rare ones brighter still would be white dots
 EVEN_PX = 3.0
@@ -151,13 +154,22 @@ def trace_view(
         inside = np.flatnonzero((~edges & (label >= 0)).ravel())
         at_edge = np.flatnonzero(edges.ravel())
         flat = picture.ravel()
+        grainy = np.zeros(label.shape, bool)
         if is_coarse:
             rays = COARSE_DARK if dark else COARSE
         else:
             rays = (INSIDE_DARK, AT_EDGE_DARK) if dark else (INSIDE, AT_EDGE)
         for pixels, spp in zip((inside, at_edge), rays, strict=True):
             is_parted = pixels is inside and not is_coarse
-            direct, bounced, cover = _trace(scene, eye, pixels, spp, rng, is_parted=is_parted)
+            direct, bounced, cover, spread = _trace(
+                scene, eye, pixels, spp, rng, is_parted=is_parted
+            )
+            if not is_coarse and not dark:
+                if is_parted:
+                    grainy = _grainy(direct, spread, pixels, label.shape)
+                again = np.flatnonzero(grainy.ravel()[pixels])
+                depth = DIRECT if is_parted else MAX_BOUNCES
+                direct[again] = _trace(scene, eye, pixels[again], NOISY, rng, depth=depth)[0]
             if is_parted:
                 bounced = _evened(bounced, inside, ~edges & (label >= 0))
             light = direct + bounced
@@ -320,22 +332,23 @@ def _trace(
     spp: int,
     rng: np.random.Generator,
     *,
-    is_parted: bool,
-) -> tuple[Array, Array, Array]:
-    """Return the mean radiance (n,) of metal in pixels (n,), and how much of each it covers.
+    is_parted: bool = False,
+    depth: int = MAX_BOUNCES,
+) -> tuple[Array, Array, Array, Array]:
+    """Return the mean radiance (n,) of metal in pixels (n,), how much it covers, and its spread.
 
     Of the radiance first what is lit by the lamp itself, then what comes by way of other
-    surfaces; all in the first where they are not parted.
+    surfaces; all in the first where they are not parted. The spread is the first's over its rays.
     """
     mi, dr = tracer(), import_module("drjit")
-    once, often = (
-        mi.load_dict({"type": "path", "max_depth": depth, "rr_depth": 99})
-        for depth in (2, MAX_BOUNCES)
-    )
+    paths = [
+        mi.load_dict({"type": "path", "max_depth": deep, "rr_depth": 99})
+        for deep in ((DIRECT, MAX_BOUNCES) if is_parted else (depth,))
+    ]
     sampler, place = (mi.load_dict({"type": "multijitter", "sample_count": spp}) for _ in range(2))
     sampler.set_samples_per_wavefront(spp)
     place.set_samples_per_wavefront(spp)
-    out = np.zeros((3, len(pixels)))
+    out = np.zeros((4, len(pixels)))
     step = RAYS_AT_ONCE // spp
     for start in range(0, len(pixels), step):
         block = pixels[start : start + step]
@@ -349,17 +362,29 @@ def _trace(
         on_metal = hit.is_valid() & (ray(hit.t).z > 0.5)
         dr.eval(on_metal)
         values = []
-        # the same draws: the difference is what bounced
-        for integrator in (once, often) if is_parted else (often,):
+        for path in paths:  # the same draws: the difference is what bounced
             sampler.seed(seed, n)
-            value, _, _ = integrator.sample(scene, sampler, ray, active=on_metal)
+            value, _, _ = path.sample(scene, sampler, ray, active=on_metal)
             values.append(dr.select(on_metal, dr.minimum(value[0], BRIGHTEST), 0.0))
             dr.eval(values[-1])
         covered = dr.select(on_metal, mi.Float(1), mi.Float(0))
         bounced = values[1] - values[0] if is_parted else 0.0 * covered
-        for row, value in enumerate((values[0], bounced, covered)):
+        for row, value in enumerate((values[0], bounced, covered, values[0] * values[0])):
             out[row, start : start + step] = np.array(dr.block_sum(value, spp)) / spp
-    return out[0], out[1], out[2]
+    return out[0], out[1], out[2], np.sqrt(np.maximum(out[3] - out[0] ** 2, 0.0))
+
+
+def _grainy(
+    light: Array, spread: Array, pixels: NDArray[np.int64], shape: tuple[int, int]
+) -> NDArray[np.bool_]:
+    """Return where few rays leave grain (height, width), and what is next to that."""
+    picture = np.zeros(shape, np.float32)
+    relative = spread / np.maximum(light, 0.02)
+    usual = float(np.median(relative[light > 0.02])) if (light > 0.02).any() else 0.0
+    picture.ravel()[pixels] = relative > max(MIN_SPREAD, MORE_SPREAD * usual)
+    # by chance single pixels may be so, and others not that are as grainy
+    many = (cv2.blur(picture, (5, 5)) > 0.15).astype(np.uint8)
+    return np.asarray(cv2.dilate(many, np.ones((5, 5), np.uint8)) > 0, bool)
 
 
 def _evened(values: Array, pixels: NDArray[np.int64], inside: NDArray[np.bool_]) -> Array:
