@@ -308,7 +308,9 @@ def test_the_suffix_decides_what_a_report_is(tmp_path: Path) -> None:
     assert json.loads((out / "bracket.JSON").read_text())["schema"] == "cellctl.result"
     assert read_qif((out / "bracket.QIF").read_bytes())[0][0][0] == "diameter 1"
     assert len(list(out.iterdir())) == len(SUFFIXES)  # nothing half-written is left
-    with pytest.raises(ValueError, match=r"bracket\.docx: the suffix of a report is one of \.html"):
+    with pytest.raises(
+        ValueError, match=r"bracket\.docx: the suffix of a report is one of \.pdf, \.html"
+    ):
         write_report(parts, out / "bracket.docx")
     with pytest.raises(ValueError, match="no part"):
         write_report([], out / "none.csv")
