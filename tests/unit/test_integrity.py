@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cache
 
+import cv2
 import numpy as np
 import pytest
 from cad_solids import Body, box, rod
@@ -157,6 +158,22 @@ def test_a_chip_of_six_pixels_is_found_by_two_looks() -> None:
 def test_a_chip_seen_once_fails_where_no_light_reaches_so_deep() -> None:
     wide = perfect() - box(14 * PX_MM, 16 * PX_MM, 30).translate((-5, -17, 12))
     assert inspected(wide, ((-15.0, 5.0),)).verdict is Verdict.FAIL
+
+
+def test_corners_that_blur_has_rounded_are_not_broken() -> None:
+    views = views_of(perfect())
+    blurred = tuple(
+        replace(
+            v,
+            pictures=replace(v.pictures, backlit=cv2.blur(v.pictures.backlit, (9, 9))),
+        )
+        for v in views.views
+    )
+    settings = PartSettings(replace(InspectionLimits(), max_edge_px=9.0), min_coverage=0.01)
+    tasks = tuple(replace(v, task=replace(v.task, limits=settings.limits)) for v in blurred)
+    found = inspect_part(replace(views, views=tasks), (), settings)
+    assert all(view.evaluated for view in found.views)
+    assert findings(found) == []
 
 
 def test_a_burr_of_three_pixels_is_found_by_two_looks() -> None:

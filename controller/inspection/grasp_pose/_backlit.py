@@ -36,12 +36,14 @@ class Backlit:
     noise_px : standard deviation of one of its points, from the picture's noise and the edges'
         steepness
     judged : (height, width) the panel is in sight there, and neither gripper nor arm stands near
+    width_px : standard deviation of the edges' blur
     """
 
     share: Float32Array
     outline: OutlineMeasure
     noise_px: float
     judged: BoolArray
+    width_px: float
 
 
 def backlit_outline(picture: Grey, scene: ViewScene) -> Backlit:
@@ -73,9 +75,8 @@ def backlit_outline(picture: Grey, scene: ViewScene) -> Backlit:
     outline = OutlineMeasure(contour, judged)
     noise = pixel_noise(picture, clear, 1) / max(high - low, 1.0)
     slope = _steepness(share, outline)
-    return Backlit(
-        share, outline, float(np.hypot(INTERPOLATED * noise / slope, chord_px(slope))), judged
-    )
+    noise_px = float(np.hypot(INTERPOLATED * noise / slope, chord_px(slope)))
+    return Backlit(share, outline, noise_px, judged, _blur_px(slope))
 
 
 def chord_px(slope: float) -> float:
@@ -88,10 +89,14 @@ def chord_px(slope: float) -> float:
     ----------
     slope : of the edge there, share of its height a pixel, at its steepest
     """
-    sigma = 1.0 / (np.sqrt(2 * np.pi) * slope)
+    sigma = _blur_px(slope)
     before, after = ndtr(-PHASES / sigma), ndtr((1.0 - PHASES) / sigma)
     off = (HALF - before) / (after - before) - PHASES
     return float(np.sqrt(np.mean(off**2)))
+
+
+def _blur_px(slope: float) -> float:
+    return float(1.0 / (np.sqrt(2 * np.pi) * slope))
 
 
 def _steepness(share: Float32Array, outline: OutlineMeasure) -> float:

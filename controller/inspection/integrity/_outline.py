@@ -34,6 +34,7 @@ WHOLE_EDGE: Final = 0.7  # share of an edge that is off: it is out of place, not
 THICK: Final = 0.6  # a burr is higher than this share of its length, or thin
 BURR_PX: Final = 3.0  # what is smaller may be dust
 CHIP_PX: Final = 6.0
+ROUNDED: Final = 3.0  # standard deviations of blur that take off a corner
 GRAINS: Final = 2.0  # of dust, that nothing larger looks like
 SURE_PX: Final = 3.0  # no light eats so deep into one place of an edge
 CLEARLY_PX: Final = 0.3  # a face farther out of place than allowed, by so much
@@ -248,7 +249,8 @@ class _Look:
         if self.is_moved(run.points):
             return FindingKind.DIMENSION
         if run.depth_px < 0:
-            if -run.depth_px < BURR_PX and run.length_px < BURR_PX:
+            rounded_px = max(BURR_PX, ROUNDED * self.backlit.width_px)
+            if -run.depth_px < rounded_px and run.length_px < rounded_px:
                 return None  # so small a notch may be a corner that blur has rounded
             is_sharp = faces[run.points, 0] != faces[run.points, 1]
             return FindingKind.CHIP if is_sharp.mean() > HALF else FindingKind.MISSING
