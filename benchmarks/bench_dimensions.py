@@ -39,8 +39,7 @@ from controller.inspection import (
 from controller.inspection.characteristics import CharacteristicKind, RimGeometry, derive, place_of
 from controller.inspection.dimensions import PosedView, look, measure
 from controller.inspection.grasp_pose import PoseSettings
-from controller.inspection.part import find_poses
-from controller.inspection.view import see_view
+from controller.inspection.part import pose_views
 
 
 def corners(panel: dict) -> np.ndarray:
@@ -59,12 +58,11 @@ def joint(part: PosedPart, stored: dict, views: list[PosedView]) -> list[PosedVi
         prior = one["prior_mm"], np.radians(one["prior_deg"])
         held.append(HeldView(task, view.pictures, view.grasp, *prior))
     samples = sample_surface(part.solid, 2.0)
-    seen = {v.task.view_id: see_view(v.task, v.pictures) for v in held}
-    poses = find_poses(ViewSet(part, samples, tuple(held)), seen, PoseSettings())
+    posed = pose_views(ViewSet(part, samples, tuple(held)), PoseSettings())
     return [
         replace(v, T_world_part=pose.T_world_part, covariance=pose.covariance)
         for v in views
-        if (pose := poses.get(v.task.view_id)) is not None
+        if (pose := posed.pose(v.task.view_id)) is not None
     ]
 
 

@@ -80,10 +80,18 @@ def test_the_pose_is_shared_within_a_grasp(other: dict[str, int], shared: bool) 
 
 def test_light_errs_alike_under_one_lamp() -> None:
     one = seen(0.0, edge_type_and_light=0.02)
-    same = seen(0.0, view="v01", edge_type_and_light=0.02)
+    tilted = np.array([np.sin(0.4), 0, np.cos(0.4)])
+    same = seen(0.0, view="v01", towards=tilted, edge_type_and_light=0.02)
     other = seen(0.0, lamp="side", edge_type_and_light=0.02)
     assert combine(asked(), [one, same], SETTINGS).U_mm == pytest.approx(0.04)
     assert combine(asked(), [one, other], SETTINGS).U_mm == pytest.approx(0.04 / np.sqrt(2))
+
+
+def test_a_look_under_a_lamp_that_nothing_confirms_is_less_certain() -> None:
+    alone = combine(asked(), [seen(0.0, edge_type_and_light=0.02)], SETTINGS)
+    backlit = combine(asked(), [seen(0.0, lamp="backlit", edge_type_and_light=0.02)], SETTINGS)
+    assert alone.U_mm == pytest.approx(0.08)
+    assert backlit.U_mm == pytest.approx(0.04)
 
 
 def test_one_look_that_disagrees_with_many_is_left_out_and_says_so() -> None:

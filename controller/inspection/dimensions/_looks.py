@@ -152,7 +152,7 @@ def estimate(
         fits = fits[only : only + 1]
     T = view.T_world_part
     eye = transform(inverse_pose(T), view.task.camera.position_mm[None])[0]
-    middle = _middle(characteristic, only)
+    middle = features_of(characteristic)[only or 0].middle_mm
     towards = (eye - middle) / np.linalg.norm(eye - middle)
     reason = "; ".join(dict.fromkeys(fit.reason for fit in fits if fit.reason))
     if any(len(fit.values_mm) == 0 for fit in fits):
@@ -192,16 +192,6 @@ def estimate(
     budget = {name: float(np.sqrt(np.linalg.eigvalsh(part)[-1])) for name, part in parts.items()}
     look = _look(characteristic, view, lamp, value, u, reason, budget, fits)
     return Estimate(look, vector, parts, towards, view.grasp)
-
-
-def _middle(characteristic: Characteristic, only: int | None) -> FloatArray:
-    """Return where a characteristic, or one of its two features, is; (3,) CAD frame.
-
-    A face without a straight edge has no place of its own: then the other feature's will do.
-    """
-    features = features_of(characteristic)
-    asked = features[only or 0]
-    return next(f.middle_mm for f in (asked, *features) if isinstance(f, RimFeature) or f.lines)
 
 
 def value_of(

@@ -25,7 +25,7 @@ from .solving import Solution, solve
 FAR_PX: Final = {True: 16.0, False: 6.0}  # before a panel no other edge looks alike
 FAR_SHARE: Final = 0.6  # of a radius: farther is the other side
 NEAR_PX: Final = 2.5
-FEW: Final = 48  # rays of the first look
+FEW: Final = 32  # rays of the first look
 RECTANGLE: Final = 1 / 12**0.5  # standard deviation of a rectangle, of its width
 BLUR_KNOWN: Final = 0.1  # share by which the blur of a lens differs from a Gaussian one
 # a polygon's mean radius is two thirds of a chord's height less; it may be meant or not

@@ -43,6 +43,7 @@ class MeasuringSettings:
     Attributes
     ----------
     backlit_edge_px, lit_edge_px : how far light moves an edge as a whole
+    unconfirmed_light : times so much, where one look under a lamp is all there is
     lens_px : what calibration leaves of the lens, between two places of a picture
     scale : relative, of the focal length and of the artefact it was calibrated with
     temperature_k : of the part, against 20 degrees Celsius
@@ -62,6 +63,7 @@ class MeasuringSettings:
 
     backlit_edge_px: float = 0.1 / 3**0.5
     lit_edge_px: float = 0.2 / 3**0.5
+    unconfirmed_light: float = 2.0
     lens_px: float = 0.1
     scale: float = 5e-5
     temperature_k: float = 5.0

@@ -15,7 +15,7 @@ from controller.arrays import FloatArray
 
 from ..characteristics import Characteristic, Look
 from ._looks import BLUR, FACETS, LENS, LIGHT, POSE, SCALE, TEMPERATURE, WALL, Estimate, value_of
-from ._types import MeasuringSettings
+from ._types import BACKLIT, MeasuringSettings
 
 DISAGREES: Final = "disagrees with the other looks"
 COVERAGE: Final = 2.0  # k
@@ -110,8 +110,12 @@ def _chosen(estimates: Sequence[Estimate], settings: MeasuringSettings) -> _Mean
         dropped.append((good.pop(worst), why))
     used = [estimates[i] for i in good]
     vector, parts = _mean(used, settings)
+    is_twice = _has_two(used, settings)
+    if not is_twice and all(e.look.lamp != BACKLIT for e in used) and LIGHT in parts:
+        # nothing confirms that the edge under the lamp is the part's and not its shadow's
+        parts[LIGHT] = parts[LIGHT] * settings.unconfirmed_light**2
     views = tuple(dict.fromkeys(e.look.view_id for e in used))
-    return _Mean(vector, parts, reason, _has_two(used, settings), True, views, tuple(dropped))
+    return _Mean(vector, parts, reason, is_twice, True, views, tuple(dropped))
 
 
 def _sum(halves: Sequence[_Mean]) -> _Mean:
