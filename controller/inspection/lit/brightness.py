@@ -29,6 +29,7 @@ UNKNOWN_SPREAD: Final = 0.35  # where too few nodes show one
 UNSEEN_SPREAD: Final = 0.15  # of a face none of whose nodes shows its tone: other directions
 FACE_COUNT: Final = 60  # nodes that show a face's own tone
 FAINT_GREY: Final = 6.0
+TINY: Final = 1e-9  # keeps a lamp that shows nowhere from making a matrix singular
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -118,15 +119,15 @@ def _shares(lights: FloatArray, b: FloatArray, count: int) -> tuple[FloatArray, 
     solution, error = np.zeros(lights.shape[1]), 1.0
     for _ in range(ROUNDS):
         weighed = lights * weight[:, None]
-        pull = PRIOR_SHARE * error * np.sqrt(len(b) / count) * np.diag(prior)
-        # the factor of a matrix has the same least squares, in as many rows as columns
-        q, r = np.linalg.qr(np.vstack([weighed, pull]))
-        solution, _ = nnls(r, q.T @ np.concatenate([b * weight, np.zeros(len(pull))]))
+        pull = (PRIOR_SHARE * error * prior) ** 2 * (len(b) / count)
+        # the factor of the normal matrix has the same least squares, in as many rows as columns
+        factor = np.linalg.cholesky(weighed.T @ weighed + np.diag(pull + TINY)).T
+        solution, _ = nnls(factor, np.linalg.solve(factor.T, weighed.T @ (b * weight)))
         off = np.abs(b - lights @ solution) / scale
         error = max(1.4826 * float(np.median(off)), MIN_ERROR)
         weight = np.minimum(1.0, OUTLYING * error / np.maximum(off, 1e-9)) / scale
     weighed = lights * weight[:, None]
-    information = weighed.T @ weighed * (count / len(b)) / error**2 + np.diag(prior**2 + 1e-12)
+    information = weighed.T @ weighed * (count / len(b)) / error**2 + np.diag(prior**2 + TINY)
     return solution, information
 
 

@@ -42,7 +42,9 @@ LENS_WIDTH_PX: Final = 0.56  # as `register` measures that
 MIN_NODES: Final = 3  # a difference in light is at least as wide, on the grid
 MIN_WIDTH_PX: Final = 7.0  # and leaves so much of a defect, the blur of its border taken off
 OTHER_LAMP: Final = 0.7  # of the own lamp's error: another lamp explains a picture better
-MIN_OTHER_ERROR: Final = 0.02  # a picture explained as well as that is this lamp's
+MIN_OTHER_ERROR: Final = (
+    0.045  # a picture off by less may be this lamp's on a flat part, where all lamps look alike
+)
 FAINT_GREY: Final = 12.0
 DISC_SHARE: Final = 0.6  # of a defect's disc that must lie on compared pixels
 EDGE_PLAY_MM: Final = 0.3  # edges are broken, and features may be off, by so much within tolerance
@@ -211,31 +213,28 @@ class LitPictures:
 
     def _other_lamp(self, lamp_name: str, observed: Float32Array, brightness: Brightness) -> str:
         """Return which other lamp of the view explains a picture far better, empty if none."""
-        own = self._error(lamp_name, observed, brightness)
+        mine = self._light(lamp_name)
         for lamp in self._task.lamps:
-            if lamp.name == lamp_name or own < MIN_OTHER_ERROR:
+            if lamp.name == lamp_name:
                 continue
             light = self._light(lamp.name)
-            fitting = fitted_nodes(self._coarse, light, self._valid(light))
-            fitting &= observed < BURNT_GREY
-            if fitting.sum() < FITTED_COUNT:
+            told = observed < BURNT_GREY
+            fitting = fitted_nodes(self._coarse, light, self._valid(light)) & told
+            used = told & self._coarse.seen & ~in_penumbra(light) & ~in_penumbra(mine)
+            used &= self._valid(light) & self._valid(mine)
+            if min(fitting.sum(), used.sum()) < FITTED_COUNT:
+                continue
+            own = _error(observed[used], brightness.predicted[used])
+            if own < MIN_OTHER_ERROR:
                 continue
             other = fit_brightness(observed, light, fitting, self._coarse.face)
-            error = self._error(lamp.name, observed, other)
+            error = _error(observed[used], other.predicted[used])
             if error < OTHER_LAMP * own:
                 return (
                     f"it looks as lit by {lamp.name}, {100 * error:.1f} % off in the mean, not by "
                     f"{lamp_name}, {100 * own:.1f} %: were the lamps swapped?"
                 )
         return ""
-
-    def _error(self, lamp_name: str, observed: Float32Array, brightness: Brightness) -> float:
-        """Return how far a picture is off a lamp's light, in the mean, as a share."""
-        light = self._light(lamp_name)
-        used = self._coarse.seen & self._valid(light) & ~in_penumbra(light)
-        used &= observed < BURNT_GREY
-        seen, expected = observed[used], brightness.predicted[used]
-        return float(np.mean(np.abs(seen - expected) / np.maximum(seen + expected, FAINT_GREY)))
 
     def _none(self) -> BoolArray:
         return np.zeros(len(self._samples.points_mm), dtype=bool)
@@ -375,6 +374,12 @@ class LitPictures:
         reason = outcome.reason[v // stride, u // stride]
         code[inside] = np.where(shown, 0, np.where(reason == 0, edge, reason))
         return compared, code
+
+
+def _error(observed: Float32Array, predicted: Float32Array) -> float:
+    """Return how far nodes (n,) of a picture are off its light, in the mean, as a share."""
+    scale = np.maximum(observed + predicted, FAINT_GREY)
+    return float(np.mean(np.abs(observed - predicted) / scale))
 
 
 def _refusal(
