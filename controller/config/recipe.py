@@ -32,6 +32,9 @@ class InspectionSection(Section):
     not_inspected : faces that need not be inspected, by name, each with the reason; see
         `controller.setup.faces`
     tolerance_class : of ISO 2768-1, for all that has no limits of its own
+    required : which characteristics a PASS needs to be verified: all, or those alone whose limits
+        somebody stated, in the recipe or in the CAD file; the rest is measured where a view shows
+        it, and still fails the part where it is beyond its limits
     characteristics : limits of single characteristics, distances between further planes, and what
         is not measured; see `controller.setup.characteristics`
     """
@@ -40,6 +43,7 @@ class InspectionSection(Section):
     min_coverage: float = Field(0.50, gt=0, le=1)
     not_inspected: dict[FaceName, Reason] = Field(default_factory=dict)
     tolerance_class: ToleranceClass = "m"
+    required: Literal["all", "stated"] = "all"
     characteristics: Annotated[tuple[CharacteristicSection, ...], Field(max_length=500)] = ()
     smallest_defect_mm: float = Field(3.0, ge=0.5, le=50)
     least_gain: float = Field(0.0, ge=0, le=0.1)  # share of the surface that each view must add

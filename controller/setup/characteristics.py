@@ -1,6 +1,7 @@
 """The characteristics of a part by its recipe, its set of views and the cell that measures them."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -49,7 +50,10 @@ def part_characteristics(
     changes = [_asked(entry) for entry in section.characteristics]
     chosen = None if given is None else [_given(entry) for entry in given]
     try:
-        return characteristics_of(part, section.tolerance_class, chosen, changes)
+        found = characteristics_of(part, section.tolerance_class, chosen, changes)
+        if section.required == "stated":
+            found = tuple(replace(c, is_required=not c.is_general) for c in found)
+        return found
     except AskedError as error:
         if error.index >= len(changes):
             where = f"{path}: `characteristics.{error.index - len(changes)}`"

@@ -156,6 +156,24 @@ def test_what_a_pass_needs() -> None:
         assert bool(standing.reasons) == (verdict is not Verdict.PASS)
 
 
+def test_what_is_not_required_may_stay_open_but_not_be_wrong() -> None:
+    asked = replace(one("diameter", 5.0), is_required=False)
+    middle, beyond = asked.nominal_mm, asked.upper_mm + 1.0
+    missed = Measured(asked, None, None, Verdict.NOT_EVALUATED, (), "")
+    for found, verdict in (
+        (missed, Verdict.PASS),
+        (replace(missed, measured_mm=middle, verdict=Verdict.INDETERMINATE), Verdict.PASS),
+        (
+            replace(missed, measured_mm=beyond, verdict=Verdict.INDETERMINATE),
+            Verdict.INDETERMINATE,
+        ),
+        (replace(missed, measured_mm=beyond, verdict=Verdict.FAIL), Verdict.FAIL),
+    ):
+        standing = standing_of([found])
+        assert standing.verdict is verdict
+        assert len(standing.unproven) == (verdict is Verdict.PASS)
+
+
 def test_the_worst_of_all_counts() -> None:
     asked = one("hole 5 mm diameter", 5)
     all_of_them = [measured(asked, value) for value in (5.0, 5.08, 5.2)]

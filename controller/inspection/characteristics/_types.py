@@ -141,6 +141,7 @@ class Characteristic:
     faces : ids of the faces it is of
     is_critical : two independent looks must agree
     exempt : why a PASS of the part does not need it; empty where it does
+    is_required : False where a PASS needs it neither verified nor measured
     is_measured : False where no picture shows it, or the recipe leaves it out
     length_mm : what its uncertainty grows with: of a position the way to its datum; 0 where it is
         the nominal value
@@ -158,6 +159,7 @@ class Characteristic:
     faces: tuple[int, ...]
     is_critical: bool = False
     exempt: str = ""
+    is_required: bool = True
     is_measured: bool = True
     length_mm: float = 0.0
 

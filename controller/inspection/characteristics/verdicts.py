@@ -100,7 +100,7 @@ def standing_of(measured: Sequence[Measured]) -> Standing:
     Each that a PASS needs has to be proven. One that the cell cannot verify has to be measured, and
     its value has to lie within its limits: a value beyond them that is not proven to be wrong is
     for a person to look at. One that no picture shows, or that the recipe leaves out, is not asked
-    for.
+    for. One that is not required may also stay unmeasured.
 
     Parameters
     ----------
@@ -116,6 +116,10 @@ def standing_of(measured: Sequence[Measured]) -> Standing:
             failed.append(f"{asked.label}: {_value(one)}, beyond {_limits(asked)}")
         elif one.verdict is Verdict.PASS:
             continue
+        elif not asked.is_required and (
+            one.measured_mm is None or _is_within(asked, one.measured_mm)
+        ):
+            unproven.append(f"{asked.label}: not verified, and not required by the recipe")
         elif one.measured_mm is None:
             still_open.append(
                 f"{asked.label}: not evaluated, {one.reason or 'no picture shows it'}"
