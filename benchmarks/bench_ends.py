@@ -181,7 +181,8 @@ def end_by(name: str, speed: float, folder: Path) -> dict[str, Any]:
         "end": at_rest[-1]["state"] if at_rest else None,
         "code": at_rest[-1]["code"] if at_rest else None,
         "message": at_rest[-1]["message"] if at_rest else None,
-        "last_row": rows[-1].name,
+        # what was kept of the run is hashed last of all
+        "last_row": [r.name for r in rows if r.name != "files_stored"][-1],
         "report": any(runs.glob("*/report.html")),
         "left_behind": list(left.values()),
         "took_wall_s": round(took_s, 1),

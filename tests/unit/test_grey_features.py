@@ -73,7 +73,8 @@ def test_a_hole_is_a_circle_to_a_tenth_of_a_pixel(
     assert gap[best] < 0.1 * PITCH[0]
     # blur draws a small rim inwards by about (blur / radius) / 2 of the blur
     assert circles.radii[best] == pytest.approx(radius, abs=0.15 * PITCH[0])
-    assert circles.cover[best] > 0.9
+    # the smallest rim has some thirty pixels, of which the noise may hide three
+    assert circles.cover[best] > 0.87
     assert not circles.bright_inside[best]
 
 

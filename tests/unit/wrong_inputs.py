@@ -769,6 +769,10 @@ ROWS: tuple[Row, ...] = (
     ),
     # reports
     Row("report of no runs", nothing, ("report", "--runs", "none"), "no journal at none", 1),
+    Row("views that are not there", nothing, ("inspect", "none.json"), "none.json: No such file"),
+    Row("replay of no run", nothing, ("replay", "nonsense"), "no run `nonsense` in runs"),
+    Row("verify of no run", nothing, ("verify", "nonsense"), "no run `nonsense` in runs"),
+    Row("statistics of no runs", nothing, ("stats", "none.yaml"), "no journal at runs", 1),
     Row("report of no run", nothing, ("report", "nonsense"), "no run `nonsense` in runs"),
     Row(
         "report of a path",

@@ -60,11 +60,15 @@ def run(
     operator: Annotated[
         str, typer.Option("--operator", metavar="NAME", help="your name, for the report")
     ] = "",
-    lot: Annotated[str, typer.Option("--lot", help="lot of the parts, for the report")] = "",
+    lot: Annotated[
+        str, typer.Option("--lot", metavar="LOT", help="lot of the parts, for the report")
+    ] = "",
     serial: Annotated[
         list[str] | None,
         typer.Option(
-            "--serial", help="serial number, for the report; once for each part, in their order"
+            "--serial",
+            metavar="NUMBER",
+            help="serial number, for the report; once for each part, in their order",
         ),
     ] = None,
     part_temperature: Annotated[

@@ -107,6 +107,7 @@ def standing_of(measured: Sequence[Measured]) -> Standing:
     measured : all characteristics of a part
     """
     failed, still_open, unproven = [], [], []
+    optional: list[str] = []
     left_out: dict[str, list[str]] = {}
     for one in measured:
         asked = one.characteristic
@@ -119,7 +120,7 @@ def standing_of(measured: Sequence[Measured]) -> Standing:
         elif not asked.is_required and (
             one.measured_mm is None or _is_within(asked, one.measured_mm)
         ):
-            unproven.append(f"{asked.label}: not verified, and not required by the recipe")
+            optional.append(asked.label)
         elif one.measured_mm is None:
             still_open.append(
                 f"{asked.label}: not evaluated, {one.reason or 'no picture shows it'}"
@@ -131,6 +132,8 @@ def standing_of(measured: Sequence[Measured]) -> Standing:
                 f"{asked.label}: {_value(one)}, too near the limits {_limits(asked)} to decide"
             )
     verdict = Verdict.FAIL if failed else Verdict.INDETERMINATE if still_open else Verdict.PASS
+    if optional:
+        unproven.append(f"{_named(optional)}: not verified, and not required by the recipe")
     unproven += [f"{_named(labels)}: not measured, {why}" for why, labels in left_out.items()]
     return Standing(verdict, (*failed, *still_open), tuple(unproven))
 
