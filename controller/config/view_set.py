@@ -235,6 +235,10 @@ class ViewSetFile(Section):
                 raise WrongKeyError(("views", i, "planned"), str(error)) from error
         return self
 
+    def camera_of(self, view: SetView) -> SetCamera:
+        """Return the camera that took a view."""
+        return view.camera or self.camera
+
     def panel_of(self, view: SetView) -> str | None:
         """Return the name of the panel before which a view was taken; None if not exactly one."""
         panels = self._panels(view)

@@ -81,7 +81,7 @@ def read_pictures(set_path: Path, file: ViewSetFile) -> dict[str, dict[str, Grey
     found: dict[str, dict[str, Grey]] = {}
     problems: list[str] = []
     for i, view in enumerate(file.views):
-        size_px = (view.camera or file.camera).size_px
+        size_px = file.camera_of(view).size_px
         of_view = found[view.id] = {}
         for lamp, path in view.pictures.items():
             try:

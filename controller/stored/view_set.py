@@ -55,7 +55,9 @@ def build_view_set(
         behind a camera
     """
     planned = planned_samples(file, part)
-    tasks = [_task(file, view, limits) for view in file.views]
+    # a camera's table of sight lines is worked out once for all its views
+    cameras = {one: build_camera(one) for one in {file.camera_of(view) for view in file.views}}
+    tasks = [_task(file, view, cameras[file.camera_of(view)], limits) for view in file.views]
     _require_in_front(tasks, part)
     grasps = _grasps(file.views, tasks)
     views = tuple(
@@ -110,8 +112,7 @@ def build_camera(camera: SetCamera) -> Camera:
     )
 
 
-def _task(file: ViewSetFile, view: SetView, limits: InspectionLimits) -> ViewTask:
-    camera = build_camera(view.camera or file.camera)
+def _task(file: ViewSetFile, view: SetView, camera: Camera, limits: InspectionLimits) -> ViewTask:
     panel = file.panel_of(view)
     assert panel is not None
     axis = camera.T_world_cam[:3, 2]
