@@ -218,6 +218,7 @@ class Measured:
     views : views it comes from
     reason : why it was not evaluated or stays open, or which limit it is beyond
     looks : picture by picture
+    is_disputed : looks contradict each other, or one that is required is missing
     """
 
     characteristic: Characteristic
@@ -227,3 +228,4 @@ class Measured:
     views: tuple[str, ...]
     reason: str
     looks: tuple[Look, ...] = ()
+    is_disputed: bool = False

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from .._types import Verdict
-from ._types import Characteristic, Measured
+from ._types import Characteristic, CharacteristicKind, Measured
 from .limits import (
     CONFORMANCE_PROBABILITY,
     MAX_SHARE,
@@ -13,10 +13,16 @@ from .limits import (
     Station,
     capability_of,
     decide,
+    zone_mm,
 )
 
 UM_PER_MM: Final = 1000.0
 MAX_NAMED: Final = 3  # of many that are left out for one reason
+# Beyond its limits by so much a general tolerance is plainly missed: by half its own width again,
+# and by no more than this, so that a face 0.5 mm off is, where 0.3 mm are allowed.
+GROSS_SHARE: Final = 0.5
+GROSS_MM: Final = 0.15
+GROSS_PROBABILITY: Final = 0.99  # with which a value has to rule that out
 BADNESS: Final = {
     Verdict.PASS: 0,
     Verdict.NOT_EVALUATED: 1,
@@ -97,10 +103,11 @@ def with_capability(
 def standing_of(measured: Sequence[Measured]) -> Standing:
     """Return what measured characteristics come to.
 
-    Each that a PASS needs has to be proven. One that the cell cannot verify has to be measured, and
-    its value has to lie within its limits: a value beyond them that is not proven to be wrong is
-    for a person to look at. One that no picture shows, or that the recipe leaves out, is not asked
-    for. One that is not required may also stay unmeasured.
+    Each that a PASS needs has to be proven, but for general tolerances, which nobody stated: there
+    a value within the limits will do where it proves that they are not plainly missed
+    (`is_near_enough`). A value beyond them that is not proven to be wrong is for a person to look
+    at. One that no picture shows, or that the recipe leaves out, is not asked for. One that is not
+    required may also stay unmeasured.
 
     Parameters
     ----------
@@ -125,17 +132,51 @@ def standing_of(measured: Sequence[Measured]) -> Standing:
             still_open.append(
                 f"{asked.label}: not evaluated, {one.reason or 'no picture shows it'}"
             )
-        elif asked.exempt and _is_within(asked, one.measured_mm):
-            unproven.append(f"{asked.label}: {_value(one)}, not proven; {asked.exempt}")
+        elif is_near_enough(one):
+            why = asked.exempt or "U in these pictures is too large for its tolerance"
+            unproven.append(f"{asked.label}: {_value(one)}, not proven; {why}")
         else:
-            still_open.append(
-                f"{asked.label}: {_value(one)}, too near the limits {_limits(asked)} to decide"
-            )
+            still_open.append(f"{asked.label}: {_value(one)}, {_why_open(one)}")
     verdict = Verdict.FAIL if failed else Verdict.INDETERMINATE if still_open else Verdict.PASS
     if optional:
         unproven.append(f"{_named(optional)}: not verified, and not required by the recipe")
     unproven += [f"{_named(labels)}: not measured, {why}" for why, labels in left_out.items()]
     return Standing(verdict, (*failed, *still_open), tuple(unproven))
+
+
+def is_near_enough(one: Measured) -> bool:
+    """Return whether an unproven value does not stop a PASS (ADR 28).
+
+    Its limits are general tolerances, it lies within them, no look contradicts it, and the true
+    value does not miss them plainly, which is by half the tolerance or 0.15 mm, whichever is less,
+    with a probability of 99 %.
+
+    Parameters
+    ----------
+    one : a characteristic with a verdict that is neither PASS nor FAIL
+    """
+    asked = one.characteristic
+    if (
+        one.measured_mm is None
+        or one.U_mm is None
+        or one.is_disputed
+        or asked.is_critical
+        or not asked.is_general
+        or asked.kind is CharacteristicKind.ANGLE  # its limits are no millimetres
+        or not _is_within(asked, one.measured_mm)
+    ):
+        return False
+    gross_mm = min(GROSS_SHARE * zone_mm(asked), GROSS_MM)
+    wider = replace(asked, lower_mm=asked.lower_mm - gross_mm, upper_mm=asked.upper_mm + gross_mm)
+    return verdict_of(wider, one.measured_mm, one.U_mm, GROSS_PROBABILITY) is Verdict.PASS
+
+
+def _why_open(one: Measured) -> str:
+    """Return why a value decides nothing."""
+    asked = one.characteristic
+    if one.is_disputed:
+        return one.reason
+    return f"too near the limits {_limits(asked)} to decide"
 
 
 def _named(labels: Sequence[str]) -> str:

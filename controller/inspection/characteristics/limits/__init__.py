@@ -8,6 +8,7 @@ from .capability import (
     capability_of,
     promised_budget_mm,
     promised_mm,
+    zone_mm,
 )
 from .decision import CONFORMANCE_PROBABILITY, COVERAGE_FACTOR, decide
 from .fits import fit_limits_mm
@@ -36,4 +37,5 @@ __all__ = [
     "promised_budget_mm",
     "promised_mm",
     "radius_tolerance_mm",
+    "zone_mm",
 ]
