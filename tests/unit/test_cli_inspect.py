@@ -150,6 +150,37 @@ def test_a_recipe_for_another_part_is_refused(
     assert "the recipe is for holder, the set shows shown" in capsys.readouterr().err
 
 
+def test_a_recipe_that_names_what_the_part_lacks_is_refused_before_any_work(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    recipe = folder / "shown.yaml"
+    recipe.write_text(
+        "name: shown\npart: shown.stl\ninspection:\n  characteristics:\n"
+        "    - {id: hole 99 mm diameter, plus: 0.1, minus: 0.1}\n"
+    )
+    assert main(["inspect", str(folder / "SET.json"), "--recipe", str(recipe), "--json"]) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert f"{recipe}:5: `inspection.characteristics`" in printed.err
+    assert "no characteristic 'hole 99 mm diameter' on the part; nearest:" in printed.err
+
+
+def test_a_tolerance_below_what_the_camera_can_do_is_never_a_pass(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    recipe = folder / "shown.yaml"
+    recipe.write_text(
+        "name: shown\npart: shown.stl\ninspection:\n  min_coverage: 0.01\n  characteristics:\n"
+        "    - {id: hole 10 mm diameter, plus: 0.001, minus: 0.001}\n"
+    )
+    main(["inspect", str(folder / "SET.json"), "--recipe", str(recipe), "--json"])
+    lines = lines_of(capsys.readouterr().out)
+    bore = next(line for line in lines if line.get("id") == "hole 10 mm diameter")
+    assert bore["verdict"] != "pass"
+    assert lines[-1]["verdict"] != "pass"
+    assert any("hole 10 mm" in reason for reason in lines[-1]["reasons"])
+
+
 @pytest.mark.parametrize("form", ["html", "json"])
 def test_the_report_has_the_verdict(
     folder: Path, form: str, capsys: pytest.CaptureFixture[str]

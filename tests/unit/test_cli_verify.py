@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import json
+import os
 import shutil
 import sqlite3
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -192,6 +195,67 @@ def test_a_report_is_noted_when_it_is_written(
     assert subjects(capsys.readouterr().out) == ["report.html"]
     assert main(["report", "--runs", str(runs)]) == 0  # written again, and noted again
     assert run(runs, "verify") == 0
+
+
+@pytest.mark.parametrize("form", ["html", "pdf", "json", "csv", "qif", "dfq"])
+def test_a_full_disk_costs_no_earlier_report_and_no_proof(
+    runs: Path, form: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = runs / stored_run.RUN
+    report = folder / f"report.{form}"
+    words = ["report", "--runs", str(runs), "--format", form, "--output", str(report)]
+    assert main(words) == 0
+    before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    fill_the_disk(monkeypatch)
+    capsys.readouterr()
+    assert main(words) == 1
+    said = capsys.readouterr().err
+    assert f"{report}: No space left on device" in said
+    assert len(said.splitlines()) == 1
+    monkeypatch.undo()
+    after = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    assert after == before
+    assert run(runs, "verify") == 0
+
+
+def fill_the_disk(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let files be made, as checks before work do, and take no more than 4 KiB each."""
+    make = tempfile.NamedTemporaryFile
+
+    def full(*words: Any, **options: Any) -> Any:
+        file = make(*words, **options)
+
+        def write(data: bytes) -> int:
+            file.file.write(data[:4096])
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+        file.write = write
+        return file
+
+    monkeypatch.setattr(tempfile, "NamedTemporaryFile", full)
+
+
+def test_a_replay_by_a_recipe_that_names_what_the_part_lacks_is_refused(
+    runs: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    recipe = runs / stored_run.RUN / "inputs" / "other.yaml"
+    recipe.write_text(
+        "name: shown\npart: shown.stl\ninspection:\n  characteristics:\n"
+        "    - {id: hole 99 mm diameter, plus: 0.1, minus: 0.1}\n"
+    )
+    assert run(runs, "replay", "--recipe", str(recipe)) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert f"{recipe}:5: `inspection.characteristics`" in printed.err
+
+
+def test_a_picture_of_another_size_ends_a_replay(
+    runs: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = runs / stored_run.RUN / "pictures" / "v01_ring.png"
+    cv2.imwrite(str(path), np.zeros((100, 120), np.uint8))
+    assert run(runs, "replay") == 2
+    assert "120 x 100 px, the calibration is for 640 x 512 px" in capsys.readouterr().err
 
 
 def test_a_run_of_an_earlier_version_cannot_be_proven(

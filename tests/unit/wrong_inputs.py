@@ -322,6 +322,10 @@ def cell_line(old: str) -> int:
     return CELL_TEXT[: CELL_TEXT.index(old)].count("\n") + 1
 
 
+def gone(name: str) -> Prepare:
+    return lambda folder: (folder / name).unlink()
+
+
 def calibration(**more: Any) -> Prepare:
     return write("camera.json", json.dumps({**CALIBRATION, **more}))
 
@@ -535,12 +539,28 @@ ROWS: tuple[Row, ...] = (
         "`table.drop_area`: a side of",
     ),
     Row("arm in metres", cell("upper_mm: 253.5", "upper_mm: 0.2535"), CHECK, "`arm.upper_mm`"),
+    Row(
+        "inspection camera without calibration",
+        cell("    focal_px: 3733.0\n", ""),
+        CHECK,
+        f"emulated.yaml:{cell_line('inspection:       #')}: `cameras.inspection.focal_px` is",
+    ),
     Row("camera of no pixels", cell("focal_px: 3571.0", "focal_px: 0"), CHECK, "focal_px"),
     Row(
         "lamp on no channel",
         cell("{analog: 5, relay: 5, kind: spot", "{analog: 9, relay: 5, kind: spot"),
         CHECK,
         "analog",
+    ),
+    # characteristics
+    Row(
+        "characteristic that the part lacks",
+        recipe(
+            "  min_coverage: 0.5\n",
+            "  characteristics:\n    - {id: hole 9 mm diameter, plus: 0.3, minus: 0.3}\n",
+        ),
+        CHECK,
+        "recipe.yaml:7: `inspection.characteristics`: no characteristic 'hole 9 mm diameter'",
     ),
     # CAD files
     Row("empty part", write("block.stl", b""), RUN, "block.stl: the file is empty"),
@@ -650,6 +670,7 @@ ROWS: tuple[Row, ...] = (
     Row(
         "calibration is a pipe", pipe("camera.json"), RECOGNISE, "camera.json: is not a plain file"
     ),
+    Row("no calibration", gone("camera.json"), RECOGNISE, "camera.json: No such file"),
     Row("deep JSON", write("camera.json", "[" * 200_000), RECOGNISE, "camera.json: no camera"),
     Row("calibration with NaN", calibration(distortion=[math.nan] * 5), RECOGNISE, "not numbers"),
     Row("calibration of words", calibration(K="focal"), RECOGNISE, "camera.json: no camera"),
