@@ -46,7 +46,7 @@ from controller.inspection.characteristics import (
     RimGeometry,
 )
 from controller.inspection.grasp_pose import mirror_image
-from controller.inspection.integrity import RunTest, allowed_mm, find_runs
+from controller.inspection.integrity import RunTest, allowed_mm, crowded, find_runs
 
 Array = NDArray[np.float64]
 LOOKS = ((-15.0, 5.0), (20.0, -12.0))  # turn and tilt [deg]
@@ -84,6 +84,15 @@ def test_a_run_is_found_where_it_is(depth_px: float, length: int) -> None:
     assert run.depth_px == pytest.approx(depth_px, abs=0.5)
     assert abs(run.length_px - length) <= 2
     assert set(range(700, 700 + length)) & set(run.points.tolist())
+
+
+def test_sides_that_blur_joins_are_told_from_sides_that_it_does_not() -> None:
+    one, up = straight(20)
+    near, far = one + np.array([0.0, 2.0]), one + np.array([0.0, 9.0])
+    at = np.concatenate([one, near, far])
+    opposite = crowded(at, np.concatenate([-up, up, -up]), 4.0)
+    assert opposite.tolist() == [True] * 40 + [False] * 20
+    assert not crowded(at, np.concatenate([up, up, up]), 4.0).any()  # two steps, no sliver
 
 
 def test_more_views_ask_for_more_of_each() -> None:

@@ -2,7 +2,7 @@
 
 from ._allowed import Allowances, allowed_mm
 from ._outline import OutlineResult, compare_outline
-from ._runs import Run, RunTest, find_runs
+from ._runs import Run, RunTest, crowded, find_runs
 
 __all__ = [
     "Allowances",
@@ -11,5 +11,6 @@ __all__ = [
     "RunTest",
     "allowed_mm",
     "compare_outline",
+    "crowded",
     "find_runs",
 ]

@@ -21,7 +21,7 @@ from .._pose import PosedPart
 from .._types import OUTLINE, Check, Finding, FindingKind, ViewTask
 from ..grasp_pose import Backlit, PoseSettings, ViewPose
 from ._allowed import Allowances, allowed_mm
-from ._runs import Run, RunTest, find_runs
+from ._runs import Run, RunTest, crowded, find_runs
 
 MARGIN_PX: Final = 40  # beyond the outline, where material may stick out
 LOST_PX: Final = 6.0  # what a point without any partner counts as
@@ -39,6 +39,7 @@ GRAINS: Final = 2.0  # of dust, that nothing larger looks like
 SURE_PX: Final = 3.0  # no light eats so deep into one place of an edge
 CLEARLY_PX: Final = 0.3  # a face farther out of place than allowed, by so much
 FULL_RUN: Final = 0.6  # of the points along a run that must have been compared
+CROWDED: Final = 4.0  # standard deviations of blur: two edges nearer than this move each other
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -137,7 +138,10 @@ class _Look:
         self.beyond_px = shape - np.clip(shape, -room, room)
         off = pose.gap_px - np.clip(shape, -room, room) - light
         off[~self.judged] = np.nan
-        return self._with_lost(off)
+        off = self._with_lost(off)
+        reach_px = CROWDED * self.backlit.width_px
+        off[crowded(self.points.pixels, self.points.normals, reach_px)] = np.nan
+        return off
 
     def _with_lost(self, off: FloatArray) -> FloatArray:
         """Return the same where points without a partner count: the panel or the part is there."""

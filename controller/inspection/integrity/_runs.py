@@ -20,6 +20,7 @@ WINDOWS_PX: Final = (1.5, 3.0, 6.0, 12.0, 24.0)  # half of their lengths
 BLUR_PX: Final = 3.0  # along an edge, points nearer than this are one
 ALIKE: Final = 0.5  # cosine between normals of one run
 LINKED_PX: Final = 3.0  # points of one run are no farther apart
+OPPOSITE: Final = -0.2  # cosine between normals: two sides of a sliver, a gap or a sharp corner
 BELONGS: Final = 0.4  # share of a run's largest difference that still belongs to it
 
 
@@ -101,6 +102,21 @@ def find_runs(
         flagged = sign * best > limit
         runs += _linked(tree, flagged, sign, off, best, known, step_px, test, limit)
     return sorted(runs, key=lambda run: -run.significance)
+
+
+def crowded(at_px: FloatArray, normals: FloatArray, reach_px: float) -> BoolArray:
+    """Return which points (n,) of an outline have its other side so near that blur joins the two.
+
+    Parameters
+    ----------
+    at_px, normals : (n, 2) points of the outline, and its normals
+    reach_px : how far blur reaches
+    """
+    out: BoolArray = np.zeros(len(at_px), dtype=bool)
+    pairs = cKDTree(at_px).query_pairs(reach_px, output_type="ndarray")
+    facing = (normals[pairs[:, 0]] * normals[pairs[:, 1]]).sum(axis=1) < OPPOSITE
+    out[pairs[facing]] = True
+    return out
 
 
 def _beside(tree: cKDTree, direction: FloatArray, half_px: float) -> sp.csr_matrix:
