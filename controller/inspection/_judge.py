@@ -1,8 +1,9 @@
 """From views to a verdict: per surface, per part. What no check compared has not been inspected.
 
-A pass needs every surface compared for the greater part, or named by the recipe as not inspected;
-every failed self-check made good by another view; and no finding. A fail needs two looks that one
-error cannot explain. All else is indeterminate, with the reasons (docs/adr/0017).
+A pass needs every surface compared for the greater part, or named by the recipe as not inspected,
+or shown by its edges where there is no room for a comparison (docs/adr/0034); every failed
+self-check made good by another view; and no finding. A fail needs two looks that one error cannot
+explain. All else is indeterminate, with the reasons (docs/adr/0017).
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -26,6 +27,7 @@ from ._types import (
     Verdict,
     ViewResult,
 )
+from .edge_evidence import FaceEdges
 
 SURE_AREA: Final = 2.5  # times the smallest area: no noise at a border grows so large
 SAME_PLACE_MM: Final = 6.0  # findings of two views whose middles are this close are one thing
@@ -44,6 +46,8 @@ NO_VIEW: Final = "in no view that was evaluated"
 TOO_SMALL: Final = "smaller than the smallest difference looked for, which cannot be on it alone"
 NOTHING: Final[Mapping[int, str]] = MappingProxyType({})
 NO_PLAN: Final[Mapping[str, BoolArray]] = MappingProxyType({})
+NO_EDGES: Final[Mapping[int, FaceEdges]] = MappingProxyType({})
+EDGES: Final = "edges"
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +62,8 @@ class FaceVerdict:
     verdict : outcome
     views : views that compared any of it
     reason : why it failed or was not compared
-    by_check : share of its samples compared, by name of the check
+    by_check : share of its samples compared, by name of the check; under `EDGES` the share of its
+        edges that is in place, where these verify it
     rest : share of its samples not compared, by reason, largest first
     """
 
@@ -106,6 +111,7 @@ def judge(
     limits: InspectionLimits,
     not_inspected: Mapping[int, str] = NOTHING,
     planned: Mapping[str, BoolArray] = NO_PLAN,
+    edges: Mapping[int, FaceEdges] = NO_EDGES,
 ) -> PartVerdict:
     """Return the verdict on a part, from all its views.
 
@@ -119,6 +125,7 @@ def judge(
     limits : of the findings
     not_inspected : by face id, why the recipe leaves it out
     planned : by view id, which samples (n,) the plan meant it to show
+    edges : by face id, what its edges prove
 
     Raises
     ------
@@ -140,7 +147,7 @@ def judge(
     faces = tuple(
         _face(
             solid, samples, i, compared, excuses, evaluated, found.get(i),
-            unseen_reasons.get(i, ""), not_inspected.get(i, ""), limits,
+            unseen_reasons.get(i, ""), not_inspected.get(i, ""), limits, edges.get(i),
         )
         for i in range(len(solid.faces))
     )  # fmt: skip
@@ -175,6 +182,13 @@ def judge(
             f"{100 * compared_share:.1f} % of the surface compared in "
             f"{len(evaluated)} views: {claim}"
         )
+        by_edges = [f for f in faces if any(name == EDGES for name, _ in f.by_check)]
+        if by_edges:
+            share = sum(f.area_mm2 for f in by_edges) / sum(f.area_mm2 for f in faces)
+            reasons.append(
+                f"{len(by_edges)} of {len(faces)} faces, {100 * share:.1f} % of the surface, are "
+                "verified by their edges, not by their surface"
+            )
     reasons += failures
     if not_inspected:
         left = sum(f.area_mm2 for f in faces if f.face_id in not_inspected)
@@ -386,6 +400,7 @@ def _face(
     plan_reason: str,
     recipe_reason: str,
     limits: InspectionLimits,
+    edges: FaceEdges | None,
 ) -> FaceVerdict:
     face = solid.faces[face_id]
     mine = samples.face_ids == face_id
@@ -394,6 +409,7 @@ def _face(
     rest = _rest(mine & ~compared, int(mine.sum()), excuses, plan_reason or NO_VIEW)
     reason = rest[0][0] if rest else ""
     verdict = Verdict.NOT_EVALUATED
+    by_check = _by_check(mine, views)
     if found is Verdict.FAIL:
         verdict, reason = found, "differs from the CAD"
     elif found is not None:
@@ -404,11 +420,14 @@ def _face(
             reason = f"{100 * (1 - fraction):.0f} % of it not compared: {reason}"
     elif recipe_reason:
         reason = f"left out by the recipe: {recipe_reason}"
+    elif edges is not None and edges.is_verified:
+        verdict = Verdict.PASS
+        by_check = (*by_check, (EDGES, edges.share))
+        reason = f"surface not compared; {100 * edges.share:.0f} % {edges.how} in place"
     elif face.area_mm2 < limits.min_area_mm2:
         reason = TOO_SMALL
     return FaceVerdict(
-        face_id, face.label, face.area_mm2, fraction, verdict, by, reason,
-        _by_check(mine, views), rest,
+        face_id, face.label, face.area_mm2, fraction, verdict, by, reason, by_check, rest,
     )  # fmt: skip
 
 

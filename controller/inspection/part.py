@@ -14,9 +14,10 @@ from controller.cad import SurfaceSamples
 
 from ._judge import NO_PLAN, NOTHING, PartVerdict, judge
 from ._pose import PosedPart
-from ._types import InspectionLimits, Verdict, ViewPictures, ViewResult, ViewTask
+from ._types import OUTLINE, InspectionLimits, Verdict, ViewPictures, ViewResult, ViewTask
 from .characteristics import Characteristic, Measured, standing_of, worse
-from .dimensions import MeasuringSettings, PosedView, measure
+from .dimensions import BACKLIT, MeasuringSettings, PosedView, measure
+from .edge_evidence import EdgeEvidence, EdgeView, find_evidence
 from .grasp_pose import (
     GraspPose,
     OutlineView,
@@ -165,6 +166,7 @@ def inspect_part(
     posed = pose_views(views, settings.pose)
     rival = posed.rival(views.part, settings.pose)
     results = inspect_views(views, posed, settings)
+    edges = inspect_edges(views, posed, results, settings)
     ledger = judge(
         views.part.solid,
         views.samples,
@@ -174,6 +176,7 @@ def inspect_part(
         settings.limits,
         settings.not_inspected,
         settings.planned,
+        edges.faces,
     )
     confirmed = {id(finding) for _, finding in ledger.confirmed}
     findings = tuple(
@@ -197,7 +200,7 @@ def inspect_part(
     if rival is not None:
         # what of this part is missing or too much says nothing more
         verdict = Verdict.FAIL
-        findings = (_identity(views, rival), *findings)
+        findings = (_identity(views), *findings)
         reasons = (
             f"another part: {rival.name} explains {100 * rival.explained:.0f} % of the outlines, "
             f"this one {100 * rival.expected_explained:.0f} %",
@@ -287,20 +290,55 @@ def measure_views(
     characteristics : what is asked
     settings : what is uncertain before any picture
     """
-    known = []
-    for view in views.views:
-        pose = posed.pose(view.task.view_id)
-        if pose is not None:
-            scene = posed.seen[view.task.view_id].scene
-            known.append(
-                PosedView(
-                    view.task, view.pictures, pose.T_world_part, pose.covariance, view.grasp, scene
-                )
-            )
+    known = [one for view in views.views if (one := _posed_view(view, posed)) is not None]
     return measure(views.part, characteristics, known, settings) if characteristics else ()
 
 
-def _identity(views: ViewSet, rival: Rival) -> PartFinding:
+def inspect_edges(
+    views: ViewSet, posed: PosedViews, results: tuple[ViewResult, ...], settings: PartSettings
+) -> EdgeEvidence:
+    """Return what the edges of a part prove, in all pictures that passed their self-checks.
+
+    Parameters
+    ----------
+    views : with their pictures
+    posed : where the part is in them
+    results : of each view, in the same order
+    settings : how strictly
+    """
+    known = []
+    for view, result in zip(views.views, results, strict=True):
+        one = _posed_view(view, posed)
+        if one is None or not result.evaluated:
+            continue
+        lamps = (c.name for c in result.checks if not c.reason and c.name != OUTLINE)
+        known.append(EdgeView(one, (BACKLIT, *lamps), view.counted))
+    return find_evidence(
+        views.part,
+        views.samples,
+        known,
+        settings.limits.smallest_defect_mm,
+        settings.allowances,
+        settings.measuring,
+    )
+
+
+def _posed_view(view: HeldView, posed: PosedViews) -> PosedView | None:
+    """Return a view with the part's pose, None where it was not found."""
+    pose = posed.pose(view.task.view_id)
+    if pose is None:
+        return None
+    return PosedView(
+        view.task,
+        view.pictures,
+        pose.T_world_part,
+        pose.covariance,
+        view.grasp,
+        posed.seen[view.task.view_id].scene,
+    )
+
+
+def _identity(views: ViewSet) -> PartFinding:
     solid = views.part.solid
     return PartFinding(
         kind="identity",

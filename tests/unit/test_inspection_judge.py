@@ -25,6 +25,7 @@ from controller.inspection import (
     ViewResult,
     judge,
 )
+from controller.inspection.edge_evidence import FaceEdges
 
 Array = NDArray[np.float64]
 LIMITS = InspectionLimits(smallest_defect_mm=3.0)
@@ -219,6 +220,39 @@ def test_a_face_too_small_for_the_smallest_difference_is_accounted_for_as_such()
     assert got.verdict is Verdict.PASS
     assert got.faces[speck.id].verdict is Verdict.NOT_EVALUATED
     assert "smaller than the smallest difference" in got.faces[speck.id].reason
+
+
+def with_edges(*views: ViewResult, edges: FaceEdges) -> PartVerdict:
+    return judge(plate(), samples(), views, {}, 0.5, LIMITS, edges={bore_id(): edges})
+
+
+def test_a_wall_that_its_edges_show_passes_and_counts_as_not_compared() -> None:
+    seen = view(compared=all_but(bore_id()))
+    got = with_edges(seen, edges=FaceEdges(0.87, 5, is_verified=True, how="of its rims"))
+    assert got.verdict is Verdict.PASS
+    wall = got.faces[bore_id()]
+    assert wall.verdict is Verdict.PASS
+    assert wall.compared_fraction == 0.0
+    assert ("edges", 0.87) in wall.by_check
+    assert "not compared" in wall.reason
+    assert "87 % of its rims" in wall.reason
+    assert any("1 of 7 faces" in reason for reason in got.reasons)
+    without = judge(plate(), samples(), (seen,), {}, 0.5, LIMITS)
+    assert without.verdict is Verdict.INDETERMINATE
+    assert got.compared_fraction == without.compared_fraction
+
+
+def test_edges_in_place_that_prove_nothing_leave_a_face_open() -> None:
+    got = with_edges(view(compared=all_but(bore_id())), edges=FaceEdges(0.87, 5))
+    assert got.verdict is Verdict.INDETERMINATE
+    assert got.faces[bore_id()].verdict is Verdict.NOT_EVALUATED
+
+
+def test_edges_in_place_do_not_outweigh_a_difference() -> None:
+    one = everywhere(2.0, faces=(bore_id(),))
+    got = with_edges(*one, edges=FaceEdges(1.0, 5, is_verified=True, how="of its rims"))
+    assert got.verdict is Verdict.FAIL
+    assert got.faces[bore_id()].verdict is Verdict.FAIL
 
 
 def test_what_was_in_sight_and_not_compared_is_told_apart_from_what_was_not_in_sight() -> None:

@@ -1,6 +1,8 @@
 """Dimensions: where edges must show, where they are, and with what uncertainty."""
 
+from ._curves import Curve
 from ._looks import Estimate
+from ._rays import Rays, place_rays, with_rotation, with_visibility
 from ._types import BACKLIT, MeasuringSettings, PosedView
 from .combine import Combined, combine
 from .measuring import look, measure
@@ -8,10 +10,15 @@ from .measuring import look, measure
 __all__ = [
     "BACKLIT",
     "Combined",
+    "Curve",
     "Estimate",
     "MeasuringSettings",
     "PosedView",
+    "Rays",
     "combine",
     "look",
     "measure",
+    "place_rays",
+    "with_rotation",
+    "with_visibility",
 ]

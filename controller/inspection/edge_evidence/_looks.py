@@ -1,0 +1,214 @@
+"""Every edge of a part in one view's pictures: in place, elsewhere, or absent."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from enum import IntEnum
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.arrays import BoolArray, FloatArray, Grey
+from controller.imaging import EdgeFits, inverse_pose, measure_edges, transform
+from controller.imaging.levels import pixel_noise
+
+from .._pose import PosedPart
+from .._scene import make_scene
+from ..dimensions import (
+    BACKLIT,
+    MeasuringSettings,
+    PosedView,
+    Rays,
+    place_rays,
+    with_rotation,
+    with_visibility,
+)
+from ._edges import PartEdges
+
+BEYOND_PX: Final = 2.5  # the least that an edge is looked for to either side
+K: Final = 3.0  # standard deviations of what an edge may be off by
+FORM_PX: Final = 0.25  # by which neighbours may differ beyond noise: broken edges, light
+BESIDE: Final = 3  # neighbours to either side that must agree
+MIN_AGREE: Final = 0.5  # share of them
+END_ON: Final = 0.3  # of its length that an edge must show, or it is seen end-on
+OWN_WALL: Final = 0.5  # of a step along a wall's normal that must show beside light through a hole
+
+
+class State(IntEnum):
+    """What a picture shows at a point of an edge."""
+
+    HIDDEN = 0
+    IN_PLACE = 1
+    ELSEWHERE = 2
+    ABSENT = 3
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class EdgeLook:
+    """All edges in one picture.
+
+    Attributes
+    ----------
+    view_id, lamp : which picture
+    state : (n,) `State` of each point
+    offset_px : (n,) where the edge is along its ray, out of the material; nan where none was found
+    sigma_px : (n,) its standard error
+    limit_px : (n,) how far a good part's may be
+    is_sensitive : (n, 2) the edge moved along either face by the smallest defect would be elsewhere
+    faces_camera : (n, 2) either face is turned to the camera
+    light_through : (n, 2) the panel shows on the side that either face is turned to
+    pixels, normals : (n, 2) of the rays
+    across : (n, 3) how far the edge moves along its ray, CAD frame [px/mm]
+    """
+
+    view_id: str
+    lamp: str
+    state: NDArray[np.int8]
+    offset_px: FloatArray
+    sigma_px: FloatArray
+    limit_px: FloatArray
+    is_sensitive: BoolArray
+    faces_camera: BoolArray
+    light_through: BoolArray
+    pixels: FloatArray
+    normals: FloatArray
+    across: FloatArray
+
+    def only(self, points: BoolArray) -> "EdgeLook":
+        """Return the look with some of its points (n,), the others hidden."""
+        return replace(self, state=np.where(points, self.state, State.HIDDEN).astype(np.int8))
+
+
+def look_at_edges(
+    part: PosedPart,
+    edges: PartEdges,
+    view: PosedView,
+    lamps: Sequence[str],
+    allowed_mm: FloatArray,
+    smallest_mm: float,
+    settings: MeasuringSettings,
+) -> list[EdgeLook]:
+    """Return where a view's pictures show the edges of a part.
+
+    Parameters
+    ----------
+    part : the part
+    edges : of it
+    view : with its pictures, and the part's pose
+    lamps : the pictures that count, `BACKLIT` or a lamp
+    allowed_mm : (f, 2) how far each face of a good part may be grown and moved
+    smallest_mm : the smallest defect
+    settings : what is uncertain before any picture
+    """
+    camera, T = view.task.camera, view.T_world_part
+    scene = view.scene if view.scene is not None else make_scene(view.task)
+    rays = place_rays(edges.curves, T, camera)
+    rays = with_visibility(rays, edges.curves, part, T, camera, scene)
+    pivot = transform(T, part.solid.centroid_mm[None])[0]
+    rays = with_rotation(rays, T, pivot)
+    across = rays.pose[:, :3] @ T[:3, :3]  # how far the edge moves along the ray, CAD frame
+    # an edge seen end-on has no direction
+    length_px = rays.spacing_px
+    full_px = edges.length_mm / camera.mm_per_px(pivot)
+    is_long = length_px >= END_ON * full_px
+    play_px = _play(edges, across, allowed_mm)
+    pose_px = np.sqrt(
+        np.maximum(np.einsum("ni,ij,nj->n", rays.pose, view.covariance, rays.pose), 0)
+    )
+    along = np.abs(np.einsum("nj,nkj->nk", across, edges.into)) * smallest_mm
+    eye = transform(inverse_pose(T), camera.position_mm[None])[0]
+    faces_camera = ((eye - edges.points_mm)[:, None, :] * edges.normals).sum(axis=2) > 0
+    step = np.einsum("nj,nkj->nk", across, edges.normals)
+    own = OWN_WALL * np.linalg.norm(across, axis=1)
+    through = (rays.rising[:, None] * step) > own[:, None]
+    out = []
+    contrast = None
+    for lamp in lamps:
+        is_backlit = lamp == BACKLIT
+        picture = view.pictures.backlit if is_backlit else view.pictures.lit[lamp]
+        light = settings.backlit_edge_px if is_backlit else settings.lit_edge_px
+        u_px = np.sqrt(pose_px**2 + light**2 + settings.lens_px**2)
+        limit = play_px + K * u_px + rays.wall_px * is_backlit
+        shows = ((rays.rising != 0) if is_backlit else rays.shows_lit) & is_long
+        state, offset, sigma, found = _measured(
+            picture, rays, shows, limit, edges, is_backlit, settings, contrast
+        )
+        if is_backlit:
+            contrast = found
+        out.append(
+            EdgeLook(
+                view.task.view_id, lamp, state, offset, sigma, limit,
+                along > limit[:, None], faces_camera, through & is_backlit,
+                rays.pixels, rays.normals, across,
+            )
+        )  # fmt: skip
+    return out
+
+
+def _play(edges: PartEdges, across: FloatArray, allowed_mm: FloatArray) -> FloatArray:
+    """Return how far along their rays edges of a good part may be (n,) [px]."""
+    grown, moved = allowed_mm[edges.faces, 0], allowed_mm[edges.faces, 1]
+    by = np.abs(np.einsum("nj,nkj->nk", across, edges.normals))
+    size = np.linalg.norm(across, axis=1)[:, None]
+    return np.asarray((by * grown + size * moved).sum(axis=1))
+
+
+def _measured(
+    picture: Grey,
+    rays: Rays,
+    shows: BoolArray,
+    limit_px: FloatArray,
+    edges: PartEdges,
+    is_backlit: bool,
+    settings: MeasuringSettings,
+    panel: float | None,
+) -> tuple[NDArray[np.int8], FloatArray, FloatArray, float | None]:
+    count = len(shows)
+    state = np.zeros(count, dtype=np.int8)
+    offset, sigma = np.full(count, np.nan), np.full(count, np.inf)
+    index = np.flatnonzero(shows)
+    if len(index) == 0:
+        return state, offset, sigma, None
+    noise = pixel_noise(picture, None, 1)
+    reach = np.minimum(rays.reach_px[index, 0 if is_backlit else 1], limit_px[index] + BEYOND_PX)
+    rising = rays.rising[index] if is_backlit else None
+    found = measure_edges(
+        picture,
+        rays.pixels[index],
+        rays.normals[index],
+        np.maximum(reach, BEYOND_PX),
+        noise,
+        rising,
+    )
+    good = found.is_found & (found.sigma_px <= settings.max_ray_px)
+    typical = None
+    if is_backlit and good.any():
+        typical = float(np.median(np.abs(found.contrast[good])))
+        good &= np.abs(found.contrast) >= settings.min_contrast_share * typical
+    place = np.where(good, found.offset_px, np.nan)
+    agrees = _agree(place, found, edges.edge[index], index)
+    is_near = np.abs(place) <= limit_px[index]
+    state[index] = np.select(
+        [good & agrees & is_near, good], [State.IN_PLACE, State.ELSEWHERE], State.ABSENT
+    )
+    offset[index] = place
+    sigma[index] = found.sigma_px
+    return state, offset, sigma, typical
+
+
+def _agree(
+    place: FloatArray, found: EdgeFits, edge: NDArray[np.intp], index: NDArray[np.intp]
+) -> BoolArray:
+    """Return which of the edges found (n,) go on in their neighbours': texture does not."""
+    count = len(place)
+    agree = np.zeros(count)
+    known = np.zeros(count)
+    variance = np.square(np.minimum(found.sigma_px, 1.0))
+    for shift in (*range(-BESIDE, 0), *range(1, BESIDE + 1)):
+        other = np.clip(np.arange(count) + shift, 0, count - 1)
+        same = (edge[other] == edge) & (np.abs(index[other] - index) == abs(shift))
+        known += same
+        room = FORM_PX + K * np.sqrt(variance + variance[other])
+        with np.errstate(invalid="ignore"):
+            agree += same & (np.abs(place[other] - place) <= room)
+    return np.asarray((known > 0) & (agree >= MIN_AGREE * known))

@@ -1,0 +1,117 @@
+"""What the edges of a part prove of its faces, from all pictures in which they show (ADR 34)."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from controller.arrays import BoolArray, FloatArray
+from controller.cad import Solid, SurfaceSamples
+from controller.imaging import transform
+
+from .._pose import PosedPart
+from ..dimensions import MeasuringSettings, PosedView
+from ..integrity import Allowances, allowed_mm
+from ._edges import PartEdges, find_edges
+from ._faces import FaceEdges, inner_mm, prove_faces
+from ._looks import EdgeLook, look_at_edges
+
+EDGE_PLAY_MM: Final = 0.3  # beside an edge that may be broken by so much no surface is compared
+BLUR_PX: Final = 2.0  # nor within the blur of lens and filters
+MIN_COS: Final = 0.5  # a face that is only seen flatter is not shown; no face is narrow for that
+SEEN_COS: Final = 0.26  # a sample that is seen flatter is not looked at, as in `_scene`
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class EdgeEvidence:
+    """All edges in all pictures that count, and what they prove.
+
+    Attributes
+    ----------
+    edges : of the part; None where it has none
+    looks : picture by picture
+    faces : by face id
+    """
+
+    edges: PartEdges | None
+    looks: tuple[EdgeLook, ...]
+    faces: Mapping[int, FaceEdges]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class EdgeView:
+    """A view whose edges count.
+
+    Attributes
+    ----------
+    view : with its pictures, and the part's pose
+    lamps : which pictures passed their self-checks, `BACKLIT` or a lamp
+    counted : (s,) surface samples that the view counts for; None for all
+    """
+
+    view: PosedView
+    lamps: tuple[str, ...]
+    counted: BoolArray | None = None
+
+
+def find_evidence(
+    part: PosedPart,
+    samples: SurfaceSamples,
+    views: Sequence[EdgeView],
+    smallest_mm: float,
+    allowances: Allowances,
+    settings: MeasuringSettings,
+) -> EdgeEvidence:
+    """Return what the edges of a part prove of its faces.
+
+    Parameters
+    ----------
+    part, samples : the CAD model and its surface samples
+    views : that were evaluated
+    smallest_mm : the smallest defect
+    allowances : what a good part may show
+    settings : what is uncertain before any picture
+    """
+    if not views:
+        return EdgeEvidence(None, (), {})
+    pixel_mm = min(v.view.task.camera.mm_per_px(v.view.T_world_part[:3, 3]) for v in views)
+    edges = find_edges(part.solid, pixel_mm)
+    if edges is None:
+        return EdgeEvidence(None, (), {})
+    allowed = allowed_mm(part, allowances.tolerance_class)
+    looks: list[EdgeLook] = []
+    for one in views:
+        found = look_at_edges(part, edges, one.view, one.lamps, allowed, smallest_mm, settings)
+        looks += [_counted(look, edges, samples, one.counted) for look in found]
+    around_mm = EDGE_PLAY_MM + BLUR_PX * pixel_mm
+    cosine = np.maximum(_best_cosine(part.solid, samples, views), MIN_COS)
+    narrow = inner_mm(part.solid) < 0.5 * smallest_mm + around_mm / cosine
+    return EdgeEvidence(
+        edges, tuple(looks), prove_faces(part.solid, edges, looks, narrow, settings)
+    )
+
+
+def _counted(
+    look: EdgeLook, edges: PartEdges, samples: SurfaceSamples, counted: BoolArray | None
+) -> EdgeLook:
+    """Return a look without the points beside which the view does not count."""
+    if counted is None:
+        return look
+    _, nearest = cKDTree(samples.points_mm).query(edges.points_mm)
+    return look.only(counted[nearest])
+
+
+def _best_cosine(solid: Solid, samples: SurfaceSamples, views: Sequence[EdgeView]) -> FloatArray:
+    """Return of each face (f,) the cosine of incidence of its middle, in the view that is best."""
+    out = np.zeros(len(solid.faces))
+    for one in views:
+        T = one.view.T_world_part
+        towards = one.view.task.camera.position_mm - transform(T, samples.points_mm)
+        normals = samples.normals @ T[:3, :3].T
+        cosine = (towards * normals).sum(axis=1) / np.linalg.norm(towards, axis=1)
+        for face in np.unique(samples.face_ids[cosine > SEEN_COS]).tolist():
+            mine = (samples.face_ids == face) & (cosine > SEEN_COS)
+            out[face] = max(out[face], float(np.median(cosine[mine])))
+    return out

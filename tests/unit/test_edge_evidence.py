@@ -1,0 +1,152 @@
+"""What edges in place prove of a face, and that a wrong hole is never proven by them."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from cad_solids import Body, box, rod, solid_of
+from shown_part import face_id, hand, part, perfect, photograph, shown, task
+
+from controller.cad import sample_surface
+from controller.inspection import PosedPart
+from controller.inspection.dimensions import BACKLIT, MeasuringSettings, PosedView
+from controller.inspection.edge_evidence import (
+    EdgeEvidence,
+    EdgeView,
+    FaceEdges,
+    find_evidence,
+    find_recesses,
+    inner_mm,
+)
+from controller.inspection.integrity import Allowances
+
+LOOKS = ((-15.0, 5.0), (20.0, -12.0), (8.0, 14.0))  # turn and tilt [deg]
+KNOWN = np.diag([0.02] * 3 + [0.0003] * 3) ** 2  # a pose as well known as a fit's
+SMALLEST_MM = 3.0
+
+
+def evidence(
+    nominal: PosedPart, body: Body, looks: tuple[tuple[float, float], ...]
+) -> EdgeEvidence:
+    views = []
+    for number, (turn, tilt) in enumerate(looks):
+        T = shown(turn, tilt)
+        pictures = photograph(body, T, hand(T))
+        posed = PosedView(task(T, hand(T), f"v{number}"), pictures, T, KNOWN)
+        views.append(EdgeView(posed, (BACKLIT, *pictures.lit)))
+    return find_evidence(
+        nominal,
+        sample_surface(nominal.solid),
+        views,
+        SMALLEST_MM,
+        Allowances(),
+        MeasuringSettings(),
+    )
+
+
+@cache
+def of_perfect() -> EdgeEvidence:
+    return evidence(part(), perfect(), LOOKS)
+
+
+def bore_wall() -> int:
+    return next(f.id for f in part().solid.faces if f.concave and abs(f.radius_mm - 5) < 0.1)
+
+
+def blind(depth_mm: float) -> Body:
+    """A block with a blind bore in its front."""
+    return box(46, 34, 24) - rod(4, 2 * depth_mm, 64).translate((-8, 2, 12))
+
+
+@cache
+def blind_part() -> PosedPart:
+    return PosedPart(solid_of(blind(8.0), "blind"))
+
+
+def blind_wall(found: EdgeEvidence) -> FaceEdges:
+    solid = blind_part().solid
+    return found.faces[next(f.id for f in solid.faces if f.kind == "cylinder")]
+
+
+def test_holes_and_pockets_are_known_by_what_bounds_them() -> None:
+    found = find_recesses(part().solid)
+    through = [r for r in found if r.is_through]
+    # the bore runs through 24 mm, the cross bore through 46 mm; the pocket is 6 mm deep
+    assert sorted(round(r.depth_mm, 3) for r in through) == [24.0, 46.0]
+    (pocket,) = [r for r in found if not r.is_through]
+    assert (len(pocket.walls), round(pocket.depth_mm, 3)) == (4, 6.0)
+    assert pocket.axis == pytest.approx([0, 0, 1], abs=1e-9)
+
+
+def test_a_boss_and_a_block_are_no_recess() -> None:
+    assert find_recesses(solid_of(box(46, 34, 24) + rod(6, 8, 48).translate((0, 0, 14)))) == ()
+
+
+def test_the_largest_disc_on_a_face() -> None:
+    inner = inner_mm(solid_of(box(30, 20, 4)))
+    # half the shorter side, which random points reach to some per cent
+    assert sorted(inner) == pytest.approx([2, 2, 2, 2, 10, 10], rel=0.1)
+    assert (inner <= np.array([10, 10, 2, 2, 2, 2]) + 1e-9).all()
+
+
+def test_the_light_through_a_bore_shows_its_wall() -> None:
+    wall = of_perfect().faces[bore_wall()]
+    assert wall.is_verified
+    assert "light" in wall.how
+    assert wall.share > 0.8
+    assert wall.look_count >= len(LOOKS)
+
+
+def test_a_large_face_is_not_shown_by_its_edges() -> None:
+    front = of_perfect().faces[face_id("plane", (0, 0, 12))]
+    assert front.share > 0.8
+    assert not front.is_verified
+
+
+@pytest.mark.parametrize(
+    "plug",
+    [
+        rod(5, 24, 48).translate((-11, 3, 0)),  # missing
+        rod(5, 12, 48).translate((-11, 3, -6)),  # half deep, from the front
+        rod(5, 12, 48).translate((-11, 3, 6)),  # half deep, from the back
+        rod(5, 1, 48).translate((-11, 3, 0)),  # a web is left in it
+    ],
+    ids=["missing", "front half", "back half", "web"],
+)
+def test_a_bore_that_is_no_through_bore_is_not_shown(plug: Body) -> None:
+    found = evidence(part(), perfect() + plug, LOOKS)
+    assert not found.faces[bore_wall()].is_verified
+
+
+def test_a_bore_out_of_place_is_not_shown() -> None:
+    moved = (perfect() + rod(5, 24, 48).translate((-11, 3, 0))) - rod(5, 40, 48).translate(
+        (-11, 6, 0)
+    )
+    assert not evidence(part(), moved, LOOKS).faces[bore_wall()].is_verified
+
+
+def test_a_blind_bore_is_shown_by_its_rim_and_its_floor() -> None:
+    found = blind_wall(evidence(blind_part(), blind(8.0), LOOKS))
+    assert found.is_verified
+    assert "floor" in found.how
+
+
+@pytest.mark.parametrize("depth_mm", [4.0, 0.001], ids=["half deep", "missing"])
+def test_a_blind_bore_of_another_depth_is_not_shown(depth_mm: float) -> None:
+    assert not blind_wall(evidence(blind_part(), blind(depth_mm), LOOKS)).is_verified
+
+
+def test_a_floor_seen_along_the_axis_proves_no_depth() -> None:
+    assert not blind_wall(evidence(blind_part(), blind(8.0), ((0.0, 0.0),))).is_verified
+
+
+def test_no_view_proves_nothing() -> None:
+    assert evidence(part(), perfect(), ()).faces == {}
+
+
+def test_two_rims_without_light_between_them_show_no_wall() -> None:
+    # the cross bore opens to both sides, and no view looks through it
+    wall = next(f.id for f in part().solid.faces if f.concave and abs(f.radius_mm - 3) < 0.1)
+    assert not of_perfect().faces[wall].is_verified
