@@ -126,6 +126,29 @@ def find_grasps(body: trimesh.Trimesh, hand: Words, rng: np.random.Generator) ->
     return [first[1], others[0][1]]
 
 
+def hold_at(body: trimesh.Trimesh, p: Array, approach: Array, hand: Words) -> Grasp:
+    """Return the hold of a flat body between its upper and its lower side.
+
+    Parameters
+    ----------
+    body : the part as it is
+    p : (3,) on its upper side
+    approach : (3,) unit, the way the fingers reach
+    hand : as `find_grasps` has it
+
+    Raises
+    ------
+    NoHoldError : the hand does not fit there
+    """
+    up = np.array([0.0, 0.0, 1.0])
+    rays = trimesh.ray.ray_pyembree.RayMeshIntersector(body)
+    width = float(np.ptp(body.bounds[:, 2]))
+    grasp = _grasp(rays, body.vertices, p, up, approach, width, hand)
+    if grasp is None:
+        raise NoHoldError("the hand does not fit there")
+    return grasp
+
+
 def _grasp(
     rays: Rays, cloud: Array, p: Array, n: Array, approach: Array, width: float, hand: Words
 ) -> Grasp | None:
