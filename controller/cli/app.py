@@ -17,7 +17,7 @@ from .planning import check, plan
 from .project import init
 from .recognising import recognise
 from .running import recover, report, run
-from .statistics import stats
+from .statistics import gauge, stats
 from .terminal.help import PlainCommand, PlainGroup
 
 app = typer.Typer(
@@ -73,6 +73,7 @@ for _command, _example in (
     (emulate, "cellctl emulate --part recipes/parts/holder.stl --speed 5"),
     (report, "cellctl report --format json"),
     (stats, "cellctl stats featuretype --json"),
+    (gauge, "cellctl gauge A=part_a/SET.json A=part_a_regrasped/SET.json"),
     (replay, "cellctl replay --recipe stricter.yaml"),
     (verify, "cellctl verify 20260314-092641-512-holder"),
     (doctor, "cellctl doctor --cell cell.yaml"),

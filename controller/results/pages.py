@@ -14,7 +14,7 @@ from jinja2 import DictLoader, Environment, StrictUndefined
 
 from .wording import count_of, num, span
 
-STYLE = "page.css"
+STYLES = ("page.css", "chart.css")
 
 
 def write_page(text: str, path: Path) -> Path:
@@ -68,7 +68,8 @@ def make_environment(
     """
     folder = resources.files(package)
     texts = {name: folder.joinpath(name).read_text(encoding="utf-8") for name in names}
-    texts[STYLE] = resources.files(__package__).joinpath(STYLE).read_text(encoding="utf-8")
+    for style in STYLES:
+        texts[style] = resources.files(__package__).joinpath(style).read_text(encoding="utf-8")
     env = Environment(
         loader=DictLoader(texts),
         autoescape=True,

@@ -6,16 +6,18 @@ inspected as a recipe says, `lines.py` turns what came out into JSON. Nothing he
 
 from .judging import Judging, compiled_part, judge_views, read_pictures
 from .lines import in_unit, json_lines, lines_digest
-from .view_set import build_pose, build_view_set
+from .view_set import build_pose, build_view_set, grasp_numbers, repeated_sets
 
 __all__ = [
     "Judging",
     "build_pose",
     "build_view_set",
     "compiled_part",
+    "grasp_numbers",
     "in_unit",
     "json_lines",
     "judge_views",
     "lines_digest",
     "read_pictures",
+    "repeated_sets",
 ]

@@ -27,6 +27,9 @@ from controller.setup.optics import build_light, light_corners
 # millimetres. To take one grasp for two only loses what both know together.
 SAME_GRASP_MM: Final = 0.6
 SAME_GRASP_RAD: Final = radians(0.6)
+# An arm that is sent to the same view again reports joints that are the same to some counts.
+SAME_VIEW_MM: Final = 0.2
+SAME_VIEW_RAD: Final = radians(0.2)
 # axes off square by more were rounded when they were written, or are made so; below, as cell files
 # may have it, a metre is off by 3 um
 ROUNDED: Final = 3e-6
@@ -72,6 +75,58 @@ def build_view_set(
         for view, task, grasp in zip(file.views, tasks, grasps, strict=True)
     )
     return ViewSet(PosedPart(part.solid), part.samples, views)
+
+
+def grasp_numbers(file: ViewSetFile) -> dict[str, int]:
+    """Return the number of the grasp of each view, by its id.
+
+    Parameters
+    ----------
+    file : the set
+    """
+    tasks = [
+        _task(file, view, build_camera(file.camera_of(view)), InspectionLimits())
+        for view in file.views
+    ]
+    ids = [view.id for view in file.views]
+    return dict(zip(ids, _grasps(file.views, tasks), strict=True))
+
+
+def repeated_sets(file: ViewSetFile) -> tuple[ViewSetFile, ...]:
+    """Return a set as several, where all its views were taken equally often; else as one.
+
+    Two views are the same view again where part and gripper are expected in the same pose, within
+    the same grasp.
+
+    Parameters
+    ----------
+    file : the set
+    """
+    grasps = grasp_numbers(file)
+    again: list[list[SetView]] = []
+    for view in file.views:
+        for known in again:
+            if grasps[known[0].id] == grasps[view.id] and _is_same_view(known[0], view):
+                known.append(view)
+                break
+        else:
+            again.append([view])
+    counts = {len(known) for known in again}
+    if len(counts) != 1 or counts <= {1}:
+        return (file,)
+    return tuple(
+        file.model_copy(update={"views": tuple(known[k] for known in again)})
+        for k in range(counts.pop())
+    )
+
+
+def _is_same_view(one: SetView, other: SetView) -> bool:
+    T, T_other = build_pose(one.T_world_part), build_pose(other.T_world_part)
+    return bool(
+        one.pictures.keys() == other.pictures.keys()
+        and np.linalg.norm(T[:3, 3] - T_other[:3, 3]) <= SAME_VIEW_MM
+        and rotation_angle(T[:3, :3].T @ T_other[:3, :3]) <= SAME_VIEW_RAD
+    )
 
 
 def planned_samples(file: ViewSetFile, part: CompiledPart) -> dict[str, BoolArray]:

@@ -14,8 +14,8 @@ from controller.inspection import PartInspection
 from controller.results import RunRecord, load_run, prove_run
 from controller.stored import compiled_part, judge_views, lines_digest, read_pictures
 
+from ..inputs.judging import judging_of
 from ..terminal.output import emit, print_line, warn
-from .stored_views import judging_of
 
 Items = Mapping[Hashable, Mapping[str, Any]]
 

@@ -6,8 +6,7 @@ import time
 from datetime import UTC, datetime
 from pathlib import Path
 
-from controller.cad.compiled import part_name
-from controller.config import ConfigError, find_recipe, load_recipe
+from controller.config import ConfigError
 from controller.config.files import read_bytes
 from controller.config.view_set import ViewSetFile, load_view_set
 from controller.inspection import Verdict
@@ -16,10 +15,9 @@ from controller.setup.software import software_versions
 from controller.stored import Judging, compiled_part, json_lines, judge_views, read_pictures
 
 from ..inputs.checks import check_writable_folder
+from ..inputs.judging import MAX_CAD_BYTES, judging_of
 from ..terminal.output import emit, print_line, warn
 from .tables import print_part
-
-MAX_CAD_BYTES = 2**30
 
 
 def inspect_set(
@@ -59,34 +57,6 @@ def inspect_set(
         write_report([judged], report, part.solid)
         (warn if as_json else print_line)(f"report: {report}")
     return 0 if found.verdict is Verdict.PASS else 1
-
-
-def judging_of(set_path: Path, file: ViewSetFile, recipe_path: Path | None) -> Judging:
-    """Return what a set is judged by: the recipe named, else the set's own.
-
-    Parameters
-    ----------
-    set_path : the set
-    file : its content
-    recipe_path : a recipe file, or the name of a recipe that comes with cellctl
-
-    Raises
-    ------
-    ConfigError : the recipe is wrong, or for another part
-    """
-    if recipe_path is None:
-        return Judging(file.recipe, set_path, set_path)
-    path = find_recipe(recipe_path)
-    recipe = load_recipe(path)
-    if part_name(recipe.part) != part_name(file.part):
-        raise ConfigError(
-            f"{path}: `part`: the recipe is for {part_name(recipe.part)}, the set shows "
-            f"{part_name(file.part)}; choose the recipe of this part"
-        )
-    own, other = (read_bytes(cad, MAX_CAD_BYTES, "a CAD file") for cad in (recipe.part, file.part))
-    if own != other:
-        warn(f"{path}: its CAD file differs from {file.part}, which the part is judged by")
-    return Judging(recipe, path, set_path)
 
 
 def _check_report(report: Path) -> None:

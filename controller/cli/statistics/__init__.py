@@ -1,5 +1,5 @@
-"""`cellctl stats`: what was measured over the parts of a recipe."""
+"""`cellctl stats` and `gauge`: what was measured over parts, and what measuring itself scatters."""
 
-from .commands import stats
+from .commands import gauge, stats
 
-__all__ = ["stats"]
+__all__ = ["gauge", "stats"]

@@ -1,0 +1,42 @@
+"""Which recipe a set of views is judged by."""
+
+from pathlib import Path
+from typing import Final
+
+from controller.cad.compiled import part_name
+from controller.config import ConfigError, find_recipe, load_recipe
+from controller.config.files import read_bytes
+from controller.config.view_set import ViewSetFile
+from controller.stored import Judging
+
+from ..terminal.output import warn
+
+MAX_CAD_BYTES: Final = 2**30
+
+
+def judging_of(set_path: Path, file: ViewSetFile, recipe_path: Path | None) -> Judging:
+    """Return what a set is judged by: the recipe named, else the set's own.
+
+    Parameters
+    ----------
+    set_path : the set
+    file : its content
+    recipe_path : a recipe file, or the name of a recipe that comes with cellctl
+
+    Raises
+    ------
+    ConfigError : the recipe is wrong, or for another part
+    """
+    if recipe_path is None:
+        return Judging(file.recipe, set_path, set_path)
+    path = find_recipe(recipe_path)
+    recipe = load_recipe(path)
+    if part_name(recipe.part) != part_name(file.part):
+        raise ConfigError(
+            f"{path}: `part`: the recipe is for {part_name(recipe.part)}, the set shows "
+            f"{part_name(file.part)}; choose the recipe of this part"
+        )
+    own, other = (read_bytes(cad, MAX_CAD_BYTES, "a CAD file") for cad in (recipe.part, file.part))
+    if own != other:
+        warn(f"{path}: its CAD file differs from {file.part}, which the part is judged by")
+    return Judging(recipe, path, set_path)
