@@ -22,11 +22,12 @@ NEAR_MM = 4.0  # of a finding to the place of the defect, beyond half of their s
 ON_AXIS_MM = 1.5  # of a characteristic to the axis of the hole that it is of
 END_MM = 1.0  # beyond the ends of the hole
 SAME_SIZE_MM = 0.06  # of nominal diameters
-ANYWHERE = ("mirrored", "wrong_part")  # the whole part is wrong
+ANYWHERE = ("mirrored", "wrong_part", "wrong_revision")  # the whole part is wrong
 HOLES = (
     "hole_missing",
     "hole_filled",
     "hole_half_deep",
+    "hole_too_deep",
     "hole_position",
     "hole_small",
     "hole_large",

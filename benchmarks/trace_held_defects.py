@@ -122,7 +122,7 @@ def with_defect(part: HeldPart, kind: str, rng: np.random.Generator) -> Built:
     return built
 
 
-def _told(place: Array, size: float, faces: list[Any], **more: float | Array) -> Words:
+def told_words(place: Array, size: float, faces: list[Any], **more: float | Array) -> Words:
     return {
         "place_mm": np.round(place, 4).tolist(),
         "size_mm": round(float(size), 4),
@@ -131,7 +131,7 @@ def _told(place: Array, size: float, faces: list[Any], **more: float | Array) ->
     }
 
 
-def _pick(items: Sequence[Item], rng: np.random.Generator) -> Item:
+def pick(items: Sequence[Item], rng: np.random.Generator) -> Item:
     if not items:
         raise NoPlaceError("nothing to pick from")
     return items[int(rng.integers(len(items)))]
@@ -151,13 +151,13 @@ def _hole(part: HeldPart, good: Built, rng: np.random.Generator, **need: float) 
         for h in part.holes
         if h.diameter_mm >= need.get("diameter", 0) and h.depth_mm >= need.get("depth", 0)
     ]
-    hole: Hole = _pick(wide, rng)
+    hole: Hole = pick(wide, rng)
     return hole
 
 
 def hole_missing(part: HeldPart, good: Built, rng: np.random.Generator) -> Built:
     hole = _hole(part, good, rng)
-    truth = _told(hole.mouth_mm, hole.diameter_mm, [hole.id], hole_d=hole.diameter_mm)
+    truth = told_words(hole.mouth_mm, hole.diameter_mm, [hole.id], hole_d=hole.diameter_mm)
     return _rebuilt(part, good, hole, None, truth)
 
 
@@ -169,7 +169,7 @@ def hole_filled(part: HeldPart, good: Built, rng: np.random.Generator) -> Built:
     thick = min(rng.uniform(0.3, 0.5) * hole.depth_mm, hole.depth_mm - depth)
     top = hole.mouth_mm - depth * hole.axis
     plug = rod(top - thick * hole.axis, top, d + 0.1, 0.002)
-    truth = _told(top, d, [hole.id], below_mouth=depth, thickness=thick)
+    truth = told_words(top, d, [hole.id], below_mouth=depth, thickness=thick)
     return replace(good, body=good.body + plug, truth=truth)
 
 
@@ -179,7 +179,7 @@ def hole_half_deep(part: HeldPart, good: Built, rng: np.random.Generator) -> Bui
     bottom = hole.mouth_mm - share * hole.depth_mm * hole.axis
     now = replace(hole, bottom_mm=bottom, is_through=False)
     return _rebuilt(
-        part, good, hole, now, _told(bottom, hole.diameter_mm, [hole.id], depth=now.depth_mm)
+        part, good, hole, now, told_words(bottom, hole.diameter_mm, [hole.id], depth=now.depth_mm)
     )
 
 
@@ -189,7 +189,9 @@ def hole_position(part: HeldPart, good: Built, rng: np.random.Generator) -> Buil
     shift = float(rng.choice([0.4, 0.5, 0.7, 1.0, 1.5])) * across(hole, rng)
     now = replace(hole.moved(shift), diameter_mm=good.holes[hole.id].diameter_mm)  # type: ignore[union-attr]
     size = float(np.linalg.norm(shift))
-    return _rebuilt(part, good, hole, now, _told(now.mouth_mm, size, [hole.id], shift_mm=shift))
+    return _rebuilt(
+        part, good, hole, now, told_words(now.mouth_mm, size, [hole.id], shift_mm=shift)
+    )
 
 
 def _hole_resized(part: HeldPart, good: Built, rng: np.random.Generator, sign: float) -> Built:
@@ -198,7 +200,7 @@ def _hole_resized(part: HeldPart, good: Built, rng: np.random.Generator, sign: f
     beyond = float(rng.choice([0.15, 0.25, 0.4, 0.7]))
     by = sign * (tolerance_mm(hole.diameter_mm) + beyond)
     now = replace(good.holes[hole.id], diameter_mm=hole.diameter_mm + by)  # type: ignore[type-var]
-    truth = _told(hole.mouth_mm, abs(by), [hole.id], nominal_d=hole.diameter_mm,
+    truth = told_words(hole.mouth_mm, abs(by), [hole.id], nominal_d=hole.diameter_mm,
                   true_d=hole.diameter_mm + by)  # fmt: skip
     return _rebuilt(part, good, hole, now, truth)
 
@@ -278,7 +280,7 @@ def straight_edges(body: Body, min_mm: float) -> list[Rim]:
 
 def chip(part: HeldPart, good: Built, rng: np.random.Generator) -> Built:
     length = float(rng.choice([1.2, 1.6, 2.0, 3.0]))
-    rim: Rim = _pick(straight_edges(good.body, 3 * length), rng)
+    rim: Rim = pick(straight_edges(good.body, 3 * length), rng)
     at = rim.start_mm + rim.along * rng.uniform(1.2 * length, rim.length_mm - 1.2 * length)
     inward = -(rim.normals[0] + rim.normals[1])
     inward /= np.linalg.norm(inward)
@@ -294,14 +296,16 @@ def chip(part: HeldPart, good: Built, rng: np.random.Generator) -> Built:
     spread = triangles_of(removed).reshape(-1, 3)
     along = float(np.ptp(spread @ rim.along))
     deep = float(((spread - at) @ inward).max())
-    truth = _told(at, along, rim.faces(at), length=along, depth=deep, removed_mm3=removed.volume())
+    truth = told_words(
+        at, along, rim.faces(at), length=along, depth=deep, removed_mm3=removed.volume()
+    )
     return replace(good, body=good.body - tool, truth=truth)
 
 
 def burr(part: HeldPart, good: Built, rng: np.random.Generator) -> Built:
     height = float(rng.choice([0.6, 0.8, 1.1, 1.5]))
     length = float(rng.uniform(4, 9))
-    rim: Rim = _pick(straight_edges(good.body, 1.4 * length), rng)
+    rim: Rim = pick(straight_edges(good.body, 1.4 * length), rng)
     at = rim.start_mm + rim.along * rng.uniform(0.7 * length, rim.length_mm - 0.7 * length)
     k = int(rng.integers(2))
     out, side = rim.normals[k], rim.normals[1 - k]  # it stands on one face, flush with the other
@@ -323,14 +327,16 @@ def burr(part: HeldPart, good: Built, rng: np.random.Generator) -> Built:
     return replace(
         good,
         body=body,
-        truth=_told(place, height, rim.faces(at), height=height, length=length, thickness=thick),
+        truth=told_words(
+            place, height, rim.faces(at), height=height, length=length, thickness=thick
+        ),
     )
 
 
 # ------------------------------------------------------------------ surfaces
 
 
-def _spot(
+def free_spot(
     good: Built, rng: np.random.Generator, radius_mm: float, *, plane: bool
 ) -> tuple[Array, Array]:
     """Return a point of the surface and its normal, with such a surface round about."""
@@ -362,30 +368,30 @@ def _surface(p: Array, n: Array) -> list[Words]:
 def dent(part: HeldPart, good: Built, rng: np.random.Generator) -> Built:
     width = float(rng.choice([1.6, 2.1, 2.6, 4.0]))
     depth = width * rng.uniform(0.1, 0.22)
-    p, n = _spot(good, rng, width * 0.8, plane=False)
+    p, n = free_spot(good, rng, width * 0.8, plane=False)
     radius = (width**2 / 4 + depth**2) / (2 * depth)
     ball = Manifold.sphere(radius, 160).translate(p + (radius - depth) * n)
-    truth = _told(p, width, _surface(p, n), width=width, depth=depth)
+    truth = told_words(p, width, _surface(p, n), width=width, depth=depth)
     return replace(good, body=good.body - ball, truth=truth)
 
 
 def pit(part: HeldPart, good: Built, rng: np.random.Generator) -> Built:
     """A cast pore: as deep as wide, ragged."""
     width = float(rng.choice([1.0, 1.6, 2.2]))
-    p, n = _spot(good, rng, width * 0.8, plane=False)
+    p, n = free_spot(good, rng, width * 0.8, plane=False)
     T = frame(n, p)
     tool = Manifold.sphere(width / 2, 48).translate(p - 0.1 * width * n)
     for _ in range(3):
         aside = T[:3, :2] @ rng.normal(0, 0.22 * width, 2)
         tool = tool + Manifold.sphere(width * 0.3, 32).translate(p - 0.2 * width * n + aside)
-    truth = _told(p, width, _surface(p, n), width=width, depth=0.6 * width)
+    truth = told_words(p, width, _surface(p, n), width=width, depth=0.6 * width)
     return replace(good, body=good.body - tool, truth=truth)
 
 
 def scratch(part: HeldPart, good: Built, rng: np.random.Generator) -> Built:
     width = float(rng.choice([0.4, 0.5, 0.7]))
     length = float(rng.uniform(6, 13))
-    p, n = _spot(good, rng, length / 2, plane=True)
+    p, n = free_spot(good, rng, length / 2, plane=True)
     depth = width * rng.uniform(0.25, 0.4)
     T = frame(n, p)
     turn = rng.uniform(0, np.pi)
@@ -395,19 +401,19 @@ def scratch(part: HeldPart, good: Built, rng: np.random.Generator) -> Built:
     over = 0.2
     half = width / 2 * (depth + over) / depth
     tool = prism([[0, -depth], [half, over], [-half, over]], length, T)
-    truth = _told(p, length, _surface(p, n), width=width, depth=depth, length=length)
+    truth = told_words(p, length, _surface(p, n), width=width, depth=depth, length=length)
     return replace(good, body=good.body - tool, truth=truth)
 
 
 def stain(part: HeldPart, good: Built, rng: np.random.Generator) -> Built:
     size = float(rng.choice([4.0, 6.0, 8.0, 11.0]))
-    p, n = _spot(good, rng, size * 0.4, plane=False)
+    p, n = free_spot(good, rng, size * 0.4, plane=False)
     T = frame(n, p)
     k = 7
     centres = p + (T[:3, :2] @ rng.normal(0, 0.17 * size, (2, k))).T
     radii = size * rng.uniform(0.15, 0.33, k)
     factor = float(rng.choice([0.35, 0.5, 0.65]))
-    truth = _told(p, size, _surface(p, n), factor=factor)
+    truth = told_words(p, size, _surface(p, n), factor=factor)
     return replace(good, stain=Stain(centres, radii, factor), truth=truth)
 
 
@@ -417,9 +423,9 @@ def stain(part: HeldPart, good: Built, rng: np.random.Generator) -> Built:
 def _left_out(
     part: HeldPart, good: Built, rng: np.random.Generator, words: tuple[str, ...]
 ) -> Built:
-    step = _pick([s for s in part.steps if s.name.startswith(words)], rng)
+    step = pick([s for s in part.steps if s.name.startswith(words)], rng)
     body = part.build(good.holes, (step.name,))
-    truth = _told(step.place_mm, step.size_mm, [step.name])
+    truth = told_words(step.place_mm, step.size_mm, [step.name])
     return replace(good, body=body, truth=truth)
 
 
@@ -443,7 +449,7 @@ def face_off(part: HeldPart, good: Built, rng: np.random.Generator) -> Built:
             on = (mesh.face_normals @ n > 0.9999) & ((mesh.triangles_center @ n) > top - 1e-3)
             if mesh.area_faces[on].sum() > 60:
                 sides.append((n, float(top), on))
-    n, top, on = _pick(sides, rng)
+    n, top, on = pick(sides, rng)
     low, high = mesh.bounds
     half = float((high - low).max())
     place = np.average(mesh.triangles_center[on], axis=0, weights=mesh.area_faces[on])
@@ -451,7 +457,7 @@ def face_off(part: HeldPart, good: Built, rng: np.random.Generator) -> Built:
     slab = placed(block((-half, -half, -abs(by)), (half, half, 2.0)), T)
     raised = good.body + (good.body ^ slab).translate(by * n)
     body = good.body - slab if by < 0 else raised
-    truth = _told(place, abs(by), _surface(place, n), off_mm=by)
+    truth = told_words(place, abs(by), _surface(place, n), off_mm=by)
     holes = dict(good.holes)
     return replace(good, body=body, truth=truth, holes=holes)
 
@@ -465,7 +471,7 @@ def mirrored(part: HeldPart, good: Built, rng: np.random.Generator) -> Built:
     drawn_body = part.build()
     if is_turned(drawn_body.translate(-c).mirror(n.tolist()).translate(c), drawn_body):
         raise NoPlaceError("its own mirror image, or that turned")
-    truth = _told(c, float(np.ptp([low, high])), [], across=n)
+    truth = told_words(c, float(np.ptp([low, high])), [], across=n)
     return replace(good, body=body, truth=truth, holes={})
 
 
@@ -489,7 +495,7 @@ def wrong_part(part: HeldPart, good: Built, rng: np.random.Generator) -> Built:
     other = drawn(family, int(seed) + 7_000_000)
     body = other.build()
     low, high = np.array(body.bounding_box()).reshape(2, 3)
-    truth = _told((low + high) / 2, float((high - low).max()), [])
+    truth = told_words((low + high) / 2, float((high - low).max()), [])
     return replace(good, body=body, truth=truth, holes={})
 
 
