@@ -1,4 +1,4 @@
-"""The whole cell, many times: random places and stable poses, and seeded defects.
+"""The whole cell, many times: random places and stable poses, as-built parts and seeded defects.
 
 Every run is a `cellctl run` of its own on a fresh emulated cell. What became of the part is asked
 of the emulated world itself over its control port, which the run does not know: a part that the
@@ -6,7 +6,7 @@ controller thinks it placed and that lies elsewhere counts as dropped silently.
 
     python benchmarks/bench_cell.py                       three recipes, ten places each
     python benchmarks/bench_cell.py --recipes holder --places 3
-    python benchmarks/bench_cell.py --defects             seeded defects of featuretype
+    python benchmarks/bench_cell.py --twins chip burr      as-built twins, good and with defects
     python benchmarks/bench_cell.py --json                one JSON object at the end
 """
 
@@ -19,14 +19,15 @@ import sys
 import tempfile
 import threading
 import time
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import trimesh
-
-from controller.cad import load_solid
+from trace_held_defects import DEFECTS, NoPlaceError, as_built, with_defect
+from trace_held_parts import read_held_part, triangles_of
 
 ROOT = Path(__file__).parents[1]
 RECIPES = ("featuretype", "flange_xy", "idler_riser")
@@ -139,41 +140,37 @@ def one_run(recipe: str, seed: int, speed: float, lay: Path | None, what: str, r
     return trial
 
 
-def make_defects(folder: Path) -> list[tuple[str, Path]]:
-    """Write three spoilt featuretypes: a filled hole, a missing block, a cut-off corner of 5 mm."""
-    whole = trimesh.load(ROOT / "recipes/parts/featuretype.stl")
-    plug = trimesh.creation.cylinder(radius=5.2, height=63.0, sections=64)
-    turn = trimesh.transformations.rotation_matrix(np.pi / 2, [1, 0, 0])
-    plug.apply_transform(turn)
-    plug.apply_translation(_bore_middle())
-    filled = trimesh.boolean.union([whole, plug])
-    cutter = trimesh.creation.box(extents=[70.0, 40.0, 20.0])
-    cutter.apply_translation([0.0, 0.0, 25.4 + 10.0])
-    blockless = trimesh.boolean.difference([whole, cutter])
-    # the corner's tip, 5 mm along each of its three edges
-    corner = np.array([whole.bounds[0][0], whole.bounds[0][1], whole.bounds[0][2]])
-    inward = np.ones(3) / np.sqrt(3.0)
-    block = trimesh.creation.box(extents=[40.0, 40.0, 40.0])
-    block.apply_transform(trimesh.geometry.align_vectors([0.0, 0.0, 1.0], inward))
-    block.apply_translation(corner + inward * (5.0 / np.sqrt(3.0) - 20.0))
-    cut = trimesh.boolean.difference([whole, block])
+def make_twins(
+    recipe: str, kinds: Sequence[str], seed: int, folder: Path
+) -> list[tuple[str, Path]]:
+    """Write a part as built, within its tolerances, and one with each defect that it can have.
+
+    Parameters
+    ----------
+    recipe : its part
+    kinds : names of `trace_held_defects.DEFECTS`
+    seed : draws sizes and places
+    folder : written to
+    """
+    words = (ROOT / "recipes" / f"{recipe}.yaml").read_text()
+    named = next(line for line in words.splitlines() if line.startswith("part:"))
+    part = read_held_part(ROOT / "recipes" / named.split()[1])
     made = []
-    for name, mesh in (("filled hole", filled), ("missing block", blockless), ("cut corner", cut)):
-        path = folder / f"featuretype_{name.replace(' ', '_')}.stl"
-        assert mesh.is_watertight, name
-        assert abs(mesh.volume - whole.volume) > 15.0, name
-        mesh.export(path)
-        made.append((name, path))
+    for kind in ("as_built", *kinds):
+        rng = np.random.default_rng([seed, *kind.encode()])
+        try:
+            built = as_built(part, rng) if kind == "as_built" else with_defect(part, kind, rng)
+        except NoPlaceError:
+            continue
+        if built.stain is not None:  # paint, which a mesh has none of
+            continue
+        points = triangles_of(built.body).reshape(-1, 3)
+        points = built.scale * (points - built.about_mm) + built.about_mm
+        path = folder / f"{recipe}_{kind}.stl"
+        faces = np.arange(len(points)).reshape(-1, 3)
+        trimesh.Trimesh(points, faces, process=False).export(path)
+        made.append((kind, path))
     return made
-
-
-def _bore_middle() -> list[float]:
-    """Return the middle of the 9.9 mm bore through the long sides."""
-    solid = load_solid(ROOT / "recipes/parts/featuretype.stl")
-    bore = next(
-        f for f in solid.faces if f.kind == "cylinder" and f.concave and abs(f.axis[1]) > 0.99
-    )
-    return [float(bore.centre_mm[0]), 0.0, float(bore.centre_mm[2])]
 
 
 def table(trials: list[Trial]) -> str:
@@ -197,35 +194,43 @@ def main() -> int:
     parser.add_argument("--places", type=int, default=10)
     parser.add_argument("--first-seed", type=int, default=100)
     parser.add_argument("--speed", type=float, default=10.0)
-    parser.add_argument("--defects", action="store_true")
+    parser.add_argument(
+        "--twins", nargs="+", default=[], metavar="KIND",
+        help="as-built twins instead, good and with these defects; all: every kind",
+    )  # fmt: skip
     parser.add_argument("--runs", type=Path, default=None)
     parser.add_argument("--json", action="store_true")
     args = parser.parse_args()
     trials: list[Trial] = []
     with tempfile.TemporaryDirectory(prefix="cellbench") as scratch:
         runs = args.runs or Path(scratch) / "runs"
-        if args.defects:
-            jobs = [
-                ("featuretype", args.first_seed + i, path, name)
-                for i, (name, path) in enumerate(make_defects(Path(scratch)))
-            ]
-        else:
-            jobs = [
-                (recipe, args.first_seed + i, None, "perfect")
-                for recipe in args.recipes
-                for i in range(args.places)
+        jobs: list[tuple[str, int, Path | None, str]] = [
+            (recipe, args.first_seed + i, None, "perfect")
+            for recipe in args.recipes
+            for i in range(0 if args.twins else args.places)
+        ]
+        kinds = list(DEFECTS) if args.twins == ["all"] else args.twins
+        for recipe in args.recipes if args.twins else []:
+            twins = make_twins(recipe, kinds, args.first_seed, Path(scratch))
+            jobs += [
+                (recipe, args.first_seed + i, path, kind) for i, (kind, path) in enumerate(twins)
             ]
         for recipe, seed, lay, what in jobs:
             trial = one_run(recipe, seed, args.speed, lay, what, runs)
             trials.append(trial)
             if not args.json:
                 print(table([trial]).splitlines()[1], flush=True)
-    wanted = "fail" if args.defects else "pass"
+    good = [t for t in trials if t.what in ("perfect", "as_built")]
+    bad = [t for t in trials if t not in good]
     summary = {
         "trials": len(trials),
         "done": sum(t.done for t in trials),
-        "right_verdict": sum(t.verdict == wanted for t in trials),
-        "wrong_verdict": sum(t.done and t.verdict != wanted for t in trials),
+        "good": len(good),
+        "good_pass": sum(t.verdict == "pass" for t in good),
+        "false_fail": sum(t.verdict == "fail" for t in good),
+        "defective": len(bad),
+        "defective_fail": sum(t.verdict == "fail" for t in bad),
+        "wrong_pass": sum(t.verdict == "pass" for t in bad),
         "dropped_silently": sum(t.dropped_silently for t in trials),
         "wall_s_median": sorted(t.wall_s for t in trials)[len(trials) // 2],
         "wall_s_max": max(t.wall_s for t in trials),
