@@ -21,6 +21,8 @@ Unit = Literal["mm", "cm", "m", "inch"]
 
 FaceName = Annotated[str, Field(min_length=1, max_length=80)]
 Reason = Annotated[str, Field(min_length=4, max_length=200)]
+DefectKind = Literal["chip", "burr", "dent", "scratch", "stain"]
+DefectSize = Annotated[float, Field(gt=0, le=50)]
 
 
 class InspectionSection(Section):
@@ -35,6 +37,8 @@ class InspectionSection(Section):
     required : which characteristics a PASS needs to be verified: all, or those alone whose limits
         somebody stated, in the recipe or in the CAD file; the rest is measured where a view shows
         it, and still fails the part where it is beyond its limits
+    find : by kind of defect the size that has to be found for a PASS, in mm; of a kind that is not
+        named the report states what would have been found
     characteristics : limits of single characteristics, distances between further planes, and what
         is not measured; see `controller.setup.characteristics`
     """
@@ -46,6 +50,7 @@ class InspectionSection(Section):
     required: Literal["all", "stated"] = "all"
     characteristics: Annotated[tuple[CharacteristicSection, ...], Field(max_length=500)] = ()
     smallest_defect_mm: float = Field(3.0, ge=0.5, le=50)
+    find: dict[DefectKind, DefectSize] = Field(default_factory=dict)
     least_gain: float = Field(0.0, ge=0, le=0.1)  # share of the surface that each view must add
 
 

@@ -19,6 +19,7 @@ from ._types import (
     ViewTask,
     WorldBox,
 )
+from .detection import KINDS, Detection, least_mm
 from .lit import MIN_WIDTH_PX
 from .part import (
     HeldView,
@@ -31,11 +32,13 @@ from .part import (
 from .view import inspect_view
 
 __all__ = [
+    "KINDS",
     "MEASURED_HOLD",
     "MIN_WIDTH_PX",
     "OUTLINE",
     "PLANNED_HOLD",
     "Check",
+    "Detection",
     "FaceVerdict",
     "Finding",
     "FindingKind",
@@ -57,5 +60,6 @@ __all__ = [
     "inspect_part",
     "inspect_view",
     "judge",
+    "least_mm",
     "make_scene",
 ]

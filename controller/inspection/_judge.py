@@ -20,13 +20,13 @@ from controller.imaging import rotation_angle
 
 from ._types import (
     OUTLINE,
-    Check,
     Finding,
     InspectionLimits,
     Unjudged,
     Verdict,
     ViewResult,
 )
+from .detection import Detection
 from .edge_evidence import FaceEdges
 
 SURE_AREA: Final = 2.5  # times the smallest area: no noise at a border grows so large
@@ -91,6 +91,7 @@ class PartVerdict:
     in_sight_fraction : of the whole area, in sight of them, compared or not
     confirmed : findings that decided
     claim : what was looked for on the compared surface, as a sentence without a subject
+    detections : by kind of defect what would have been found, and where
     """
 
     verdict: Verdict
@@ -100,6 +101,7 @@ class PartVerdict:
     confirmed: tuple[tuple[str, Finding], ...]
     in_sight_fraction: float = 0.0
     claim: str = ""
+    detections: tuple[Detection, ...] = ()
 
 
 def judge(
@@ -223,22 +225,11 @@ def _claim(views: Sequence[ViewResult]) -> str:
     if lit:
         parts.append(
             f"no area of {max(c.size_mm for c in lit):g} mm or more half as bright as predicted, "
-            f"or twice as bright{_marks(lit)}"
+            f"or twice as bright"
         )
     if not parts:
         return "no difference found"
     return "; ".join(parts)
-
-
-def _marks(lit: Sequence[Check]) -> str:
-    """Return the sizes of marks that were looked for, nine tenths of the surface as small."""
-    words = []
-    for kind in ("dent", "scratch", "stain"):
-        widths = [c.smallest_mm[kind] for c in lit if kind in c.smallest_mm]
-        known = np.concatenate([w[np.isfinite(w)] for w in widths]) if widths else np.zeros(0)
-        if len(known):
-            words.append(f"no {kind} {float(np.quantile(known, 0.9)):.1f} mm wide or wider")
-    return "".join(f", {word}" for word in words)
 
 
 def _confirm(

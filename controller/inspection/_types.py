@@ -286,5 +286,15 @@ class ViewResult:
             unobstructed=self.unobstructed & samples
             if len(self.unobstructed)
             else self.unobstructed,
-            checks=tuple(replace(c, compared=c.compared & samples) for c in self.checks),
+            checks=tuple(
+                replace(
+                    c,
+                    compared=c.compared & samples,
+                    smallest_mm={
+                        kind: np.where(samples, widths, np.float32(np.inf))
+                        for kind, widths in c.smallest_mm.items()
+                    },
+                )
+                for c in self.checks
+            ),
         )

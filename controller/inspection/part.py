@@ -5,7 +5,7 @@ jaws, what a dimension is) is found from all of them.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from ._judge import NO_PLAN, NOTHING, PartVerdict, judge
 from ._pose import PosedPart
 from ._types import OUTLINE, InspectionLimits, Verdict, ViewPictures, ViewResult, ViewTask
 from .characteristics import Characteristic, Measured, standing_of, worse
+from .detection import NOTHING_ASKED, detections, in_words, stops
 from .dimensions import BACKLIT, MeasuringSettings, PosedView, measure
 from .edge_evidence import EdgeEvidence, EdgeView, find_evidence
 from .grasp_pose import (
@@ -89,6 +90,8 @@ class PartSettings:
     allowances : what the outline of a good part may show
     pose : what is known of arm, parts and light before the pictures
     measuring : what is known of lens, scale and temperature before them
+    find_mm : by kind of defect the size that has to be found for a pass; of other kinds the size
+        is stated
     """
 
     limits: InspectionLimits
@@ -99,6 +102,7 @@ class PartSettings:
     allowances: Allowances = field(default_factory=Allowances)
     pose: PoseSettings = field(default_factory=PoseSettings)
     measuring: MeasuringSettings = field(default_factory=MeasuringSettings)
+    find_mm: Mapping[str, float] = field(default_factory=lambda: NOTHING_ASKED)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -178,6 +182,7 @@ def inspect_part(
         settings.planned,
         edges.faces,
     )
+    ledger = with_detections(views, results, ledger, settings)
     confirmed = {id(finding) for _, finding in ledger.confirmed}
     findings = tuple(
         PartFinding(
@@ -335,6 +340,40 @@ def _posed_view(view: HeldView, posed: PosedViews) -> PosedView | None:
         pose.covariance,
         view.grasp,
         posed.seen[view.task.view_id].scene,
+    )
+
+
+def with_detections(
+    views: ViewSet, results: tuple[ViewResult, ...], ledger: PartVerdict, settings: PartSettings
+) -> PartVerdict:
+    """Return a ledger with what would have been found, which stops a pass where it is too little.
+
+    Parameters
+    ----------
+    views : of the part
+    results : what they showed
+    ledger : of its surfaces
+    settings : with the sizes that have to be found
+    """
+    found = detections(
+        views.part.solid,
+        views.samples,
+        results,
+        settings.limits,
+        settings.find_mm,
+        settings.not_inspected,
+    )
+    if not found:
+        return ledger
+    words, too_little = in_words(found), stops(found, views.part.solid)
+    reasons = (*ledger.reasons, words) if ledger.verdict is Verdict.PASS else ledger.reasons
+    verdict = Verdict.INDETERMINATE if too_little and ledger.verdict is Verdict.PASS else None
+    return replace(
+        ledger,
+        verdict=verdict or ledger.verdict,
+        reasons=(*too_little, *reasons) if verdict else (*reasons, *too_little),
+        claim=f"{ledger.claim}; {words}",
+        detections=found,
     )
 
 

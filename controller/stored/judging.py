@@ -149,6 +149,7 @@ def _settings(
         settings,
         min_coverage=judging.recipe.inspection.min_coverage,
         not_inspected=faces_left_out(judging.path, judging.recipe, part.solid.faces),
+        find_mm={str(kind): mm for kind, mm in judging.recipe.inspection.find.items()},
     )
 
 

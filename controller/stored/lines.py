@@ -7,7 +7,7 @@ from math import degrees
 from typing import Any
 
 from controller.arrays import FloatArray
-from controller.inspection import PartFinding, PartInspection
+from controller.inspection import Detection, PartFinding, PartInspection
 from controller.inspection.characteristics import (
     CharacteristicKind,
     Measured,
@@ -27,6 +27,7 @@ def json_lines(part: PartInspection) -> Iterator[dict[str, Any]]:
         "covered_fraction": part.ledger.compared_fraction,
         "reasons": list(part.reasons),
         "unproven": list(part.unproven),
+        "found": [_detection(one) for one in part.ledger.detections],
     }
 
 
@@ -77,6 +78,17 @@ def _finding(finding: PartFinding) -> dict[str, Any]:
         "size_mm": float(finding.size_mm),
         "faces": [int(face) for face in finding.faces],
         "verdict": finding.verdict.value,
+    }
+
+
+def _detection(one: Detection) -> dict[str, Any]:
+    return {
+        "kind": one.kind,
+        "size_mm": one.size_mm,
+        "share": one.share,
+        "half_mm": one.half_mm,
+        "asked": one.is_asked,
+        "open_faces": [face for face, _ in one.open_faces],
     }
 
 

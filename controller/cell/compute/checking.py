@@ -18,6 +18,7 @@ from controller.setup.planner import PlannerSetup
 from ..plans import Certified, PlanCache
 from . import Job, context, part_files
 from .check_characteristics import CheckedCharacteristic, check_characteristics
+from .check_defects import check_defects
 
 # A stable pose less probable than this is no reason to refuse a recipe.
 LIKELY = 0.03
@@ -118,7 +119,7 @@ def check_plans(job: Job, progress: Callable[[str], None] | None = None) -> Chec
     planning = PlanCache(c.part, c.layout, c.setup.options)
     wanted = c.recipe.inspection.min_coverage
     measured, too_tight = check_characteristics(job.recipe_path, c.recipe, c.cell, c.part)
-    poses, problems = [], list(too_tight)
+    poses, problems = [], [*too_tight, *check_defects(c.recipe, c.cell)]
     for pose in c.poses:
         if pose.rolling or pose.marginal or pose.probability < LIKELY:
             continue

@@ -1,5 +1,6 @@
 """Where the edges of a part show, whether they are in place, and what that proves of its faces."""
 
+from ._edges import find_edges
 from ._faces import FaceEdges, inner_mm
 from ._recesses import Recess, find_recesses
 from .evidence import EdgeEvidence, EdgeView, find_evidence
@@ -9,6 +10,7 @@ __all__ = [
     "EdgeView",
     "FaceEdges",
     "Recess",
+    "find_edges",
     "find_evidence",
     "find_recesses",
     "inner_mm",

@@ -1,10 +1,12 @@
 """What an outline before the panel proves of a part: material missing, too much, out of place."""
 
 from ._allowed import Allowances, allowed_mm
-from ._outline import OutlineResult, compare_outline
+from ._outline import BURR_PX, CHIP_PX, OutlineResult, compare_outline
 from ._runs import Run, RunTest, crowded, find_runs
 
 __all__ = [
+    "BURR_PX",
+    "CHIP_PX",
     "Allowances",
     "OutlineResult",
     "Run",

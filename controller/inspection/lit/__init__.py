@@ -1,6 +1,16 @@
 """Pictures under lamps against bounds of the light: where they were compared, where they differ."""
 
 from .compare import BURNT_GREY
-from .pictures import MIN_WIDTH_PX, LitPictures
+from .marks import DISC, LINE_NODES, LINE_WIDTH, SPOT_NODES
+from .pictures import MIN_WIDTH_PX, STEP_PX, LitPictures
 
-__all__ = ["BURNT_GREY", "MIN_WIDTH_PX", "LitPictures"]
+__all__ = [
+    "BURNT_GREY",
+    "DISC",
+    "LINE_NODES",
+    "LINE_WIDTH",
+    "MIN_WIDTH_PX",
+    "SPOT_NODES",
+    "STEP_PX",
+    "LitPictures",
+]

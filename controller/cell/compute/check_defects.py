@@ -1,0 +1,25 @@
+"""Check whether a cell can find defects as small as a recipe asks for."""
+
+from math import ceil
+
+from controller.config import Cell, Recipe
+from controller.inspection import least_mm
+from controller.setup.characteristics import station_of
+
+
+def check_defects(recipe: Recipe, cell: Cell) -> tuple[str, ...]:
+    """Return for each kind of defect that is asked for too small a sentence.
+
+    Parameters
+    ----------
+    recipe, cell : what is asked, who looks
+    """
+    mm_per_px = station_of(cell).mm_per_px
+    least = {kind: least_mm(kind, mm_per_px) for kind in recipe.inspection.find}
+    return tuple(
+        f"`inspection.find`: {kind} of {asked:g} mm is smaller than this cell can find: with "
+        f"{1000 * mm_per_px:.0f} um a pixel it finds {ceil(100 * least[kind]) / 100:.2f} mm, on a "
+        "spotless surface seen square; ask for that or more, or use a camera with smaller pixels"
+        for kind, asked in recipe.inspection.find.items()
+        if asked < least[kind]
+    )

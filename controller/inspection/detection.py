@@ -1,0 +1,266 @@
+"""What would have been found: by kind of defect the smallest size, and on how much of the surface.
+
+Every check records at each sample how small a mark would have passed its limit, and an outline how
+far off it may be unnoticed. A mark of just that size passes the limit in half of cases, since
+noise and texture move its answer up or down. Here these halves are put together to the size that is
+found with a probability of 90 %, sample by sample. That is a figure of the noise's model and of the
+contrasts it assumes; how often it holds is counted on parts with known defects
+(benchmarks/bench_inspect.py).
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Final
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from controller.arrays import BoolArray, FloatArray
+from controller.cad import Solid, SurfaceSamples
+
+from ._types import OUTLINE, Check, InspectionLimits, ViewResult
+from .edge_evidence import find_edges
+from .integrity import BURR_PX, CHIP_PX
+from .lit import DISC, LINE_NODES, LINE_WIDTH, MIN_WIDTH_PX, SPOT_NODES, STEP_PX
+
+MARKS: Final = ("dent", "scratch", "stain")
+AT_EDGES: Final = ("chip", "burr")
+MISSING: Final = "missing"
+KINDS: Final = (*AT_EDGES, *MARKS)
+WORDS: Final[Mapping[str, str]] = MappingProxyType(
+    {
+        "chip": "chips",
+        "burr": "burrs",
+        "dent": "dents and pits",
+        "scratch": "scratches",
+        "stain": "stains",
+        MISSING: "missing or extra material",
+    }
+)
+# A filter of the next width averages over 2.8 times the area: what passed its limit in half of
+# cases then does in nine of ten. The filters' widths are apart by this.
+NEXT_WIDTH: Final = 5 / 3
+# Four looks that each find a mark in half of cases miss it together in one of sixteen.
+HALVES: Final = 4
+# A run of the outline is a finding from about five standard deviations on; 1.28 more of them make
+# nine of ten.
+OVER_LIMIT: Final = 1.25
+MIN_SHARE: Final = 0.5  # of a face, as of what must have been compared of it
+MAX_NAMED: Final = 6
+NOTHING_ASKED: Final[Mapping[str, float]] = MappingProxyType({})
+NO_FACES: Final[Mapping[int, str]] = MappingProxyType({})
+
+
+@dataclass(frozen=True, slots=True)
+class Detection:
+    """What would have been found of one kind of defect, with a probability of 90 %.
+
+    Attributes
+    ----------
+    kind : chip, burr, dent (pits as well), scratch, stain, missing (extra material as well)
+    size_mm : what the recipe asks to be found, or its smallest defect
+    share : of the surface, of chips and burrs of its sharp edges, on which that would be found
+    half_mm : the size found on half of that share; None where there is none
+    is_asked : the recipe names it
+    open_faces : number and share of each face on less than half of which it would be found
+    """
+
+    kind: str
+    size_mm: float
+    share: float
+    half_mm: float | None
+    is_asked: bool = False
+    open_faces: tuple[tuple[int, float], ...] = ()
+
+    @property
+    def sentence(self) -> str:
+        """It in words, without a verb."""
+        of = "the edges" if self.kind in AT_EDGES else "the surface"
+        half = "" if self.half_mm is None else f" (half of that: {self.half_mm:.1f} mm)"
+        return (
+            f"{WORDS[self.kind]} of {self.size_mm:g} mm on {100 * self.share:.0f} % of {of}{half}"
+        )
+
+
+def detections(
+    solid: Solid,
+    samples: SurfaceSamples,
+    views: Sequence[ViewResult],
+    limits: InspectionLimits,
+    asked_mm: Mapping[str, float] = NOTHING_ASKED,
+    not_inspected: Mapping[int, str] = NO_FACES,
+) -> tuple[Detection, ...]:
+    """Return by kind of defect what would have been found; nothing where no view was evaluated.
+
+    Parameters
+    ----------
+    solid : the part
+    samples : n, of its surface
+    views : with what each check recorded
+    limits : with the smallest defect, for kinds that the recipe does not name
+    asked_mm : by kind, what the recipe asks to be found
+    not_inspected : by face id, why the recipe leaves it out
+    """
+    checks = [c for v in views if v.evaluated for c in v.checks if not c.reason]
+    if not checks:
+        return ()
+    at_edge = _near_edges(solid, samples, limits.smallest_defect_mm / 4)
+    every = np.ones(len(at_edge), dtype=bool)
+    found = []
+    for kind in (*KINDS, MISSING):
+        asked = asked_mm.get(kind, limits.smallest_defect_mm)
+        among = at_edge if kind in AT_EDGES else every
+        if among.any():
+            sizes = _found_mm(kind, checks, samples, limits)
+            found.append(
+                _detection(
+                    kind, sizes, among, samples, asked, kind in asked_mm, solid, limits,
+                    not_inspected,
+                )
+            )  # fmt: skip
+    return tuple(found)
+
+
+def in_words(found: Sequence[Detection]) -> str:
+    """Return what would have been found as a sentence without a full stop; empty for nothing."""
+    if not found:
+        return ""
+    return f"found with 90 % probability: {'; '.join(d.sentence for d in found)}"
+
+
+def stops(found: Sequence[Detection], solid: Solid) -> tuple[str, ...]:
+    """Return what the recipe asks to be found and would not have been, in sentences.
+
+    Parameters
+    ----------
+    found : by kind of defect
+    solid : with the names of its faces
+    """
+    return tuple(
+        f"{WORDS[d.kind]} of {d.size_mm:g} mm, which the recipe asks for, would not be found on "
+        f"half of {_named(d, solid)}"
+        for d in found
+        if d.is_asked and d.open_faces
+    )
+
+
+def least_mm(kind: str, mm_per_px: float, dust_mm: float = InspectionLimits().dust_mm) -> float:
+    """Return the smallest size of a kind that a camera can find with 90 %, its surface spotless.
+
+    Parameters
+    ----------
+    kind : of `KINDS`
+    mm_per_px : pixel on the part, seen square
+    dust_mm : what is no wider may be a speck of dust
+
+    Raises
+    ------
+    KeyError : another kind
+    """
+    node_mm = STEP_PX * mm_per_px
+    spot = max(2 * DISC * SPOT_NODES[0] * node_mm * NEXT_WIDTH, dust_mm)
+    return {
+        "chip": CHIP_PX * mm_per_px,
+        "burr": BURR_PX * mm_per_px,
+        "dent": spot,
+        "stain": spot,
+        "scratch": LINE_WIDTH * LINE_NODES * node_mm * NEXT_WIDTH,
+        MISSING: MIN_WIDTH_PX * mm_per_px,
+    }[kind]
+
+
+def _found_mm(
+    kind: str, checks: Sequence[Check], samples: SurfaceSamples, limits: InspectionLimits
+) -> FloatArray:
+    """Return the smallest size found with 90 % at each sample (n,), inf where none is."""
+    nothing = np.full(len(samples.points_mm), np.inf)
+    if kind in MARKS:
+        looks = [c.smallest_mm[kind] for c in checks if kind in c.smallest_mm]
+        if not looks:
+            return nothing
+        widths = np.sort(np.stack(looks).astype(np.float64), axis=0)
+        sure = NEXT_WIDTH * widths[0]
+        if len(widths) >= HALVES:
+            sure = np.minimum(sure, widths[HALVES - 1])
+        return np.asarray(sure if kind == "scratch" else np.maximum(sure, limits.dust_mm))
+    if kind == MISSING:
+        compared = np.logical_or.reduce([c.compared for c in checks])
+        return np.where(compared, limits.smallest_defect_mm, np.inf)
+    for check in checks:
+        if check.name == OUTLINE:
+            size = _at_outline_mm(kind, check)
+            nothing = np.where(check.compared, np.minimum(nothing, size), nothing)
+    return nothing
+
+
+def _at_outline_mm(kind: str, check: Check) -> float:
+    """Return the smallest chip or burr of an outline; a chip is half as deep as it is long."""
+    depth = OVER_LIMIT * check.size_mm
+    if kind == "chip":
+        return max(check.length_mm, 2 * depth)
+    return max(check.length_mm * BURR_PX / CHIP_PX, depth)
+
+
+def _near_edges(solid: Solid, samples: SurfaceSamples, reach_mm: float) -> BoolArray:
+    """Return which samples (n,) a defect of an edge would reach."""
+    edges = find_edges(solid, reach_mm / 2)
+    if edges is None:
+        return np.zeros(len(samples.points_mm), dtype=bool)
+    away, _ = cKDTree(edges.points_mm).query(samples.points_mm)
+    return np.asarray(away <= reach_mm)
+
+
+def _detection(
+    kind: str,
+    sizes: FloatArray,
+    among: BoolArray,
+    samples: SurfaceSamples,
+    asked: float,
+    is_asked: bool,
+    solid: Solid,
+    limits: InspectionLimits,
+    not_inspected: Mapping[int, str],
+) -> Detection:
+    areas = np.where(among, samples.areas_mm2, 0.0)
+    is_found = sizes <= asked
+    open_faces = [
+        (face, share)
+        for face, share in _shares(is_found, among, samples)
+        if share < MIN_SHARE
+        and face not in not_inspected
+        and solid.faces[face].area_mm2 >= limits.min_area_mm2
+    ]
+    return Detection(
+        kind,
+        asked,
+        float(areas[is_found].sum() / areas.sum()),
+        _half_mm(sizes, np.where(is_found, areas, 0.0)),
+        is_asked,
+        tuple(open_faces),
+    )
+
+
+def _shares(
+    is_found: BoolArray, among: BoolArray, samples: SurfaceSamples
+) -> Iterator[tuple[int, float]]:
+    for face in np.unique(samples.face_ids[among]).tolist():
+        mine = among & (samples.face_ids == face)
+        yield face, float(is_found[mine].mean())
+
+
+def _half_mm(sizes: FloatArray, areas: FloatArray) -> float | None:
+    """Return the size that half of an area (n,) does not exceed."""
+    known = areas > 0
+    if not known.any():
+        return None
+    order = np.argsort(sizes[known])
+    reached = np.cumsum(areas[known][order])
+    at = int(np.searchsorted(reached, reached[-1] / 2))
+    return float(sizes[known][order][at])
+
+
+def _named(detection: Detection, solid: Solid) -> str:
+    faces = [solid.faces[i].label for i, _ in detection.open_faces]
+    more = len(faces) - MAX_NAMED
+    return ", ".join(faces[:MAX_NAMED]) + (f" and {more} more faces" if more > 0 else "")
