@@ -1,5 +1,7 @@
 """Differences in a picture -> findings on the part."""
 
+from typing import Final
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -10,12 +12,38 @@ from controller.imaging import Camera, ViewMaps, inverse_pose, transform
 from ._pose import PosedPart
 from ._types import Finding, FindingKind
 
+BORDER_ZOOM: Final = 4
+LARGE_PX: Final = 500  # a mask is not enlarged from here on, to spare memory
+BORDER_OFF_PX: Final = 0.5  # that the drawn border of a finding may be off
+
 
 def grow(mask: BoolArray, px: int) -> BoolArray:
     """Return a mask (h, w) grown by a disc."""
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * px + 1, 2 * px + 1))
     grown: BoolArray = cv2.dilate(mask.astype(np.uint8), kernel) > 0
     return grown
+
+
+def border_of(mask: BoolArray, corner: tuple[float, float], step_px: float = 1.0) -> FloatArray:
+    """Return the border (k, 2) of the largest piece of a mask, in pixels of the picture.
+
+    Parameters
+    ----------
+    mask : (h, w) with at least one pixel set
+    corner : (x, y) of the middle of the mask's first pixel
+    step_px : from one of the mask's pixels to the next
+    """
+    rows, columns = np.nonzero(mask)
+    top, left = int(rows.min()), int(columns.min())
+    piece = np.pad(mask[top : rows.max() + 1, left : columns.max() + 1].astype(np.uint8), 1)
+    # enlarged, so that a line one pixel wide has a border as well
+    zoom = BORDER_ZOOM if max(piece.shape) <= LARGE_PX else 1
+    large = cv2.resize(piece, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_NEAREST)
+    contours, _ = cv2.findContours(large, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    longest = max(contours, key=len)
+    border = cv2.approxPolyDP(longest, BORDER_OFF_PX * zoom / step_px, closed=True)
+    at = (border.reshape(-1, 2).astype(np.float64) + 0.5) / zoom - 0.5 - 1.0
+    return np.asarray((at + np.array([left, top])) * step_px + np.array(corner))
 
 
 def connected_findings(
@@ -70,6 +98,9 @@ def connected_findings(
                 box_px=(x + corner[0], y + corner[1], x + w + corner[0], y + h + corner[1]),
                 p_part_mm=point,
                 face_ids=faces,
+                outline_px=border_of(
+                    labels[y : y + h, x : x + w] == i, (x + corner[0], y + corner[1])
+                ),
             )
         )
     return found

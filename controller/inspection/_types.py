@@ -169,6 +169,7 @@ class Finding:
     contrast : of a mark its brightness against its surroundings, as a share
     dipole_px : of a mark with a bright and a dark side, from the dark one to the bright one
     is_sure : one look is enough: neither dust nor light nor an error of the pose looks like it
+    outline_px : (k, 2) border of what differs in the picture; None where it is not known
     """
 
     kind: FindingKind
@@ -183,6 +184,7 @@ class Finding:
     contrast: float = 0.0
     dipole_px: tuple[float, float] = (0.0, 0.0)
     is_sure: bool = False
+    outline_px: FloatArray | None = None
 
     @property
     def is_long(self) -> bool:

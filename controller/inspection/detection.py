@@ -4,8 +4,7 @@ Every check records at each sample how small a mark would have passed its limit,
 far off it may be unnoticed. A mark of just that size passes the limit in half of cases, since
 noise and texture move its answer up or down. Here these halves are put together to the size that is
 found with a probability of 90 %, sample by sample. That is a figure of the noise's model and of the
-contrasts it assumes; how often it holds is counted on parts with known defects
-(benchmarks/bench_inspect.py).
+contrasts it assumes, not a count of defects found (ADR 35).
 """
 
 from collections.abc import Iterator, Mapping, Sequence

@@ -194,6 +194,7 @@ def inspect_part(
             faces=finding.face_ids,
             verdict=Verdict.FAIL if id(finding) in confirmed else Verdict.INDETERMINATE,
             box_px=finding.box_px,
+            outline_px=finding.outline_px,
         )
         for result in results
         for finding in result.findings

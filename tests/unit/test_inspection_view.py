@@ -484,6 +484,10 @@ def test_a_pit_of_two_millimetres_a_third_off_is_found(lamp: str, factor: float)
     assert pit.lamp == lamp
     assert away_mm(pit, (-3, 10, 12)) < 1
     assert pit.size_mm == pytest.approx(2.0, rel=0.35)
+    assert pit.outline_px is not None
+    (middle,) = CAMERA.project(transform(right_view().T_world_part, np.array([[-3.0, 10.0, 12.0]])))
+    away = np.linalg.norm(pit.outline_px - middle, axis=1) * CAMERA.mm_per_px(np.zeros(3))
+    assert away.mean() == pytest.approx(1.0, rel=0.4)  # the pit's radius
     assert np.sign(pit.contrast) == np.sign(factor - 1)
 
 

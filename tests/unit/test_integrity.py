@@ -127,6 +127,13 @@ def findings(found: PartInspection) -> list[Finding]:
     return [f for view in found.views for f in view.findings]
 
 
+def inside_px2(finding: Finding) -> float:
+    """The area within a finding's border, in pixels."""
+    assert finding.outline_px is not None
+    x, y = finding.outline_px.T
+    return float(abs(np.dot(x, np.roll(y, 1)) - np.dot(y, np.roll(x, 1))) / 2)
+
+
 @cache
 def of_perfect() -> PartInspection:
     return inspected(perfect())
@@ -162,6 +169,15 @@ def test_a_chip_of_six_pixels_is_found_by_two_looks() -> None:
     chips = [f for f in findings(found) if f.kind in (FindingKind.CHIP, FindingKind.MISSING)]
     assert len(chips) >= 2
     assert all(np.linalg.norm(f.p_part_mm - [-5, -17, 12]) < 2.5 for f in chips)
+    for one in chips:
+        assert inside_px2(one) * PX_MM**2 == pytest.approx(one.area_mm2, rel=0.4)
+        assert one.outline_px is not None
+        x0, y0, x1, y1 = one.box_px
+        deep = 9  # pixels that the chip reaches beyond the outline's own box
+        assert (one.outline_px >= np.array([x0, y0]) - deep).all()
+        assert (one.outline_px <= np.array([x1, y1]) + deep).all()
+    kept = [f for f in found.findings if f.kind in ("chip", "missing")]
+    assert all(f.outline_px is not None for f in kept)
 
 
 def test_a_chip_seen_once_fails_where_no_light_reaches_so_deep() -> None:
@@ -218,6 +234,7 @@ def test_a_bore_that_is_not_there_is_found() -> None:
     assert dark
     assert all(np.linalg.norm(f.p_part_mm[:2] - [-11, 3]) < 6 for f in dark)
     assert dark[0].area_mm2 > 30
+    assert inside_px2(dark[0]) * PX_MM**2 == pytest.approx(dark[0].area_mm2, rel=0.1)
 
 
 def test_a_hole_too_much_is_found() -> None:

@@ -8,6 +8,7 @@ import sqlite3
 from dataclasses import replace
 from pathlib import Path
 
+import lxml.html
 import numpy as np
 import pytest
 from hypothesis import given
@@ -296,3 +297,44 @@ def test_the_command_prints_a_line_for_each_characteristic(
     assert body["ppk"]["value"] == pytest.approx(found.ppk.value)
     assert main(["stats", "bracket", "--runs", str(tmp_path)]) == 1
     assert "no run of the recipe `bracket`" in capsys.readouterr().err
+
+
+def test_the_page_draws_every_value_with_its_limits_and_marks(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    values = [8.0 + 0.01 * (-1) ** i for i in range(30)]
+    values[20] = 8.15  # beyond three standard deviations, within the limits
+    write_run(tmp_path, "20260301-120000-000", list(values))
+    page = tmp_path / "out" / "series.html"
+    assert main(["stats", "featuretype", "--runs", str(tmp_path), "--report", str(page)]) == 0
+    assert f"report: {page}" in capsys.readouterr().out.replace("\n", "")
+    root = lxml.html.fromstring(page.read_text())
+    of_values, of_ranges = root.findall(".//svg")
+    dots = of_values.findall("circle") + of_values.findall("path[@class='mark']")
+    assert len(dots) == 30
+    marks = [t.text for t in of_values.findall("text[@class='mark']")]
+    assert any("1" in mark.split(", ") for mark in marks)
+    names = [t.text for t in of_values.findall("text")]
+    assert {"upper limit", "lower limit", "control"} <= set(names)
+    assert len(of_ranges.findall("circle") + of_ranges.findall("path[@class='mark']")) == 29
+    # a value stands between the limits in proportion: limits 7.8 and 8.2
+    level = {
+        round(float(t.text), 3): float(t.get("y")) - 4
+        for t in of_values.findall("text[@class='n']")
+    }
+    first = float(of_values.findall("circle")[0].get("cy"))
+    share = (first - level[8.2]) / (level[7.8] - level[8.2])
+    assert share == pytest.approx((8.2 - values[0]) / 0.4, abs=0.01)
+    found = capability(values, 7.8, 8.2)
+    assert found.cpk is not None
+    assert f"{found.cpk.value:.2f} ({found.cpk.lower:.2f}" in root.text_content()
+
+
+def test_a_page_of_one_value_or_none_is_drawn_all_the_same(tmp_path: Path) -> None:
+    write_run(tmp_path, "20260301-120000-000", [8.01])
+    write_run(tmp_path, "20260302-120000-000", [None], name="other")
+    for name, says in (("featuretype", "1 values, 25 are required"), ("other", "No part has")):
+        page = tmp_path / f"{name}.html"
+        assert main(["stats", name, "--runs", str(tmp_path), "--report", str(page)]) == 0
+        assert says in page.read_text()
+    assert main(["stats", "other", "--runs", str(tmp_path), "--report", "page.pdf"]) == 2

@@ -10,6 +10,10 @@ from ..options import JsonOption, RunsOption
 
 def stats(
     recipe: Annotated[str, typer.Argument(metavar="RECIPE", help="name of the recipe")],
+    report: Annotated[
+        Path | None,
+        typer.Option("--report", metavar="FILE", help="page (HTML) with run charts to write"),
+    ] = None,
     runs: RunsOption = Path("runs"),
     json: JsonOption = False,
 ) -> None:
@@ -20,7 +24,7 @@ def stats(
     """
     from .series_table import report_series
 
-    raise typer.Exit(report_series(runs, recipe, as_json=json))
+    raise typer.Exit(report_series(runs, recipe, report, as_json=json))
 
 
 def gauge(

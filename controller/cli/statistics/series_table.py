@@ -1,5 +1,7 @@
 """`cellctl stats`: a line for each characteristic, from the journal."""
 
+from collections.abc import Sequence
+from datetime import UTC, datetime
 from pathlib import Path
 
 from rich import box
@@ -7,31 +9,58 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from controller.results.statistics import Interval, Series, series_json, series_of
+from controller.config import ConfigError
+from controller.results.statistics import (
+    Series,
+    interval_words,
+    series_json,
+    series_notes,
+    series_of,
+    write_series_page,
+)
 
-from ..terminal.output import emit, print_line, printable, stdout
+from ..inputs.checks import check_writable_folder
+from ..terminal.output import emit, print_line, printable, stdout, warn
 
 TEXT_COLUMNS = 200
 COLUMNS = ("characteristic", "n", "missing", "mean", "sigma", "Cp", "Cpk", "Pp", "Ppk", "to note")
 
 
-def report_series(runs_dir: Path, recipe: str, *, as_json: bool) -> int:
+def report_series(runs_dir: Path, recipe: str, report: Path | None, *, as_json: bool) -> int:
     """Print the statistics of a recipe's parts; return the exit code.
 
     Parameters
     ----------
     runs_dir : folder of all runs
     recipe : its name
+    report : page with charts to write; None for none
     as_json : print JSON lines instead of a table
+
+    Raises
+    ------
+    ConfigError : the page cannot have that name, or be written there
+    ResultsError : there is no such recipe, or the journal cannot be trusted
     """
+    if report is not None:
+        if report.suffix.lower() != ".html" or report.is_dir():
+            raise ConfigError(f"--report {report}: name a file that ends in .html")
+        check_writable_folder(report.parent, "--report in")
     found = series_of(runs_dir, recipe)
     if as_json:
         for series in found:
             emit({"event": "characteristic", **series_json(series)})
-        return 0
+    else:
+        _print(found, recipe)
+    if report is not None:
+        write_series_page(recipe, found, datetime.now(UTC), report)
+        (warn if as_json else print_line)(f"report: {report}")
+    return 0
+
+
+def _print(found: Sequence[Series], recipe: str) -> None:
     if not found:
         print_line(f"no characteristic was measured in the runs of {recipe}")
-        return 0
+        return
     table = Table(box=box.SIMPLE_HEAD)
     for i, name in enumerate(COLUMNS):
         is_number = 0 < i < len(COLUMNS) - 1
@@ -42,14 +71,11 @@ def report_series(runs_dir: Path, recipe: str, *, as_json: bool) -> int:
     if not stdout.is_terminal:
         console = Console(file=stdout.file, width=TEXT_COLUMNS, highlight=False)
     console.print(table)
-    return 0
 
 
 def _row(series: Series) -> tuple[str, ...]:
     found, chart = series.capability, series.chart
-    notes = [found.note] if found.note else []
-    if series.is_changed:
-        notes.append("limits changed on the way")
+    notes = series_notes(series)
     broken = sorted({signal.rule for signal in chart.signals}) if chart else []
     if broken:
         notes.append(f"Nelson's rule {', '.join(map(str, broken))}")
@@ -59,16 +85,10 @@ def _row(series: Series) -> tuple[str, ...]:
         str(series.missing),
         _number(found.mean),
         _number(found.sigma, 4),
-        *(_interval(index) for index in (found.cp, found.cpk, found.pp, found.ppk)),
+        *(interval_words(index) for index in (found.cp, found.cpk, found.pp, found.ppk)),
         "; ".join(notes),
     )
 
 
 def _number(value: float | None, decimals: int = 3) -> str:
     return "-" if value is None else f"{value:.{decimals}f}"
-
-
-def _interval(index: Interval | None) -> str:
-    if index is None:
-        return "-"
-    return f"{index.value:.2f} ({index.lower:.2f} to {index.upper:.2f})"

@@ -9,6 +9,7 @@ its points to be matched.
 from dataclasses import dataclass, replace
 from typing import Final
 
+import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -16,7 +17,7 @@ from controller.arrays import BoolArray, FloatArray, IntArray
 from controller.cad import SurfaceSamples
 from controller.imaging import ViewMaps, inverse_pose, transform
 
-from .._connected import connected_findings, grow
+from .._connected import LARGE_PX, border_of, connected_findings, grow
 from .._pose import PosedPart
 from .._types import OUTLINE, Check, Finding, FindingKind, ViewTask
 from ..grasp_pose import Backlit, PoseSettings, ViewPose
@@ -39,6 +40,7 @@ GRAINS: Final = 2.0  # of dust, that nothing larger looks like
 SURE_PX: Final = 3.0  # no light eats so deep into one place of an edge
 CLEARLY_PX: Final = 0.3  # a face farther out of place than allowed, by so much
 FULL_RUN: Final = 0.6  # of the points along a run that must have been compared
+BETWEEN_ZOOM: Final = 4  # of a mask that is drawn for a border
 CROWDED: Final = 4.0  # standard deviations of blur: two edges nearer than this move each other
 
 
@@ -231,7 +233,23 @@ class _Look:
             p_part_mm=transform(T_part_world, self.points.points_mm[chosen][None])[0],
             face_ids=tuple(int(i) for i in ids[order][shares > 0.2]) or (int(ids[order][0]),),
             is_sure=kind is not FindingKind.DIMENSION and self._is_sure(run),
+            outline_px=self._between(run),
         )
+
+    def _between(self, run: Run) -> FloatArray:
+        """Return the border (k, 2) of what lies between predicted and observed outline."""
+        ends = self.points.pixels[run.points]
+        off = np.nan_to_num(self.off_px[run.points])
+        others = ends + self.points.normals[run.points] * off[:, None]
+        corner = np.floor(np.minimum(ends, others).min(axis=0)) - 1.0
+        size = np.ceil(np.maximum(ends, others).max(axis=0) - corner).astype(int) + 2
+        zoom = BETWEEN_ZOOM if BETWEEN_ZOOM * size.max() <= LARGE_PX else 1
+        mask = np.zeros((zoom * size[1], zoom * size[0]), dtype=np.uint8)
+        for one, other in zip(ends - corner, others - corner, strict=True):
+            a, b = ([round(zoom * float(x)) for x in p] for p in (one, other))
+            # as thick as the way to the next point, so that no gap is left between two
+            cv2.line(mask, a, b, 1, max(1, round(zoom * self.step_px)))
+        return border_of(mask > 0, (float(corner[0]), float(corner[1])), 1 / zoom)
 
     def _is_sure(self, run: Run) -> bool:
         """Return whether neither light nor dust can be what a run shows."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from controller.arrays import BoolArray, Grey
 
-from .._connected import nearest_on_part
+from .._connected import border_of, nearest_on_part
 from .._pose import PosedPart, PoseFit
 from .._types import Finding, FindingKind, ViewTask
 from .light import Surface
@@ -213,4 +213,5 @@ def _finding(
         evidence=evidence,
         contrast=contrast,
         dipole_px=dipole,
+        outline_px=border_of(extent, (x0, y0), step_px),
     )

@@ -1,9 +1,9 @@
 """Statistics of what was measured: over the parts of a recipe, and of the gauge itself.
 
 `history.py` collects values from the journal, `charts.py` has the limits of control and the rules
-that see a process move, `capability.py` what a process keeps within, `gauge.py` and `nested.py`
-what the measuring itself scatters: a crossed study, a nested one. Plain numbers in and out; nothing
-here decides upon a part.
+that see a process move, `capability.py` what a process keeps within; `page.py` draws them.
+`gauge.py` and `nested.py` have what the measuring itself scatters: a crossed study, a nested one.
+Plain numbers in and out; nothing here decides upon a part.
 """
 
 from .capability import MIN_COUNT, Capability, Interval, capability
@@ -11,6 +11,7 @@ from .charts import NelsonSignal, RunChart, nelson_signals, run_chart
 from .gauge import Bias, GaugeStudy, bias_of, gauge_study
 from .history import Series, Value, series_json, series_of
 from .nested import Component, NestedStudy, nested_study
+from .page import interval_words, series_notes, write_series_page
 
 __all__ = [
     "MIN_COUNT",
@@ -27,9 +28,12 @@ __all__ = [
     "bias_of",
     "capability",
     "gauge_study",
+    "interval_words",
     "nelson_signals",
     "nested_study",
     "run_chart",
     "series_json",
+    "series_notes",
     "series_of",
+    "write_series_page",
 ]
