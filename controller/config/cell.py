@@ -427,7 +427,7 @@ class AccuracySection(Section):
     """
 
     edge_px: float = Field(0.05, gt=0, le=2)
-    light_px: float = Field(0.115, ge=0, le=2)  # an edge anywhere within 0.2 px either way
+    light_px: float = Field(0.07, ge=0, le=2)  # an edge anywhere within 0.12 px either way
     lens_px: float = Field(0.1, ge=0, le=2)
     depth_mm: float = Field(0.1, ge=0, le=20)
     scale: float = Field(5e-5, ge=0, le=0.02)

@@ -227,7 +227,12 @@ def test_a_slot_with_round_ends_has_width_and_length() -> None:
     found = by_id(solid_of(box(60, 40, 8) - slot))
     length = next(c for i, c in found.items() if i.startswith("slot") and i.endswith("length"))
     assert length.nominal_mm == pytest.approx(24, abs=2e-3)
-    assert sorted(rim.centre_mm[0] for rim in rims_of(length).rims) == pytest.approx([-8, 8])
+    # it goes through: both ends show on both sides, those of the mouth first
+    ends = [(rim.centre_mm[0], rim.centre_mm[2]) for rim in rims_of(length).rims]
+    assert sorted(x for x, _ in ends) == pytest.approx([-8, -8, 8, 8])
+    assert (
+        ends[0][1] == ends[1][1] == pytest.approx(ends[2][1] + 8) == pytest.approx(ends[3][1] + 8)
+    )
     assert sizes(solid_of(box(60, 40, 8) - slot), "width") == pytest.approx([8], abs=2e-3)
     assert not [i for i in found if "radius" in i]
 

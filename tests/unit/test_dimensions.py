@@ -22,6 +22,7 @@ from plate_pictures import (
     view,
 )
 from scipy.ndimage import gaussian_filter
+from scipy.special import ndtr
 
 from controller.arrays import FloatArray
 from controller.imaging import transform
@@ -121,6 +122,45 @@ def test_a_place_is_given_from_its_datum() -> None:
     assert by_datum.measured_mm < 0.02
     # the pose's error is in both, and falls out of their difference
     assert by_datum.budget["pose"] < 0.5 * by_pose.budget["pose"]
+
+
+@pytest.mark.parametrize("foot_px", [2.2, 2.6, 3.2])
+def test_a_bright_floor_does_not_draw_the_rim_above_it(foot_px: float) -> None:
+    # a blind bore under a ring of lamps: its floor is lit, but for its border in the wall's shade
+    one = shown(0.0, 0.0)
+    seen = view(one, SQUARE)
+    bore = NOMINAL.bores[1]
+    rim = transform(SQUARE, np.array([[bore.x, bore.y, HEIGHT_MM]]))
+    middle = seen.task.camera.project(rim)[0]
+    rows, columns = np.mgrid[0 : one.backlit.shape[0], 0 : one.backlit.shape[1]]
+    radius_px = bore.radius / seen.task.camera.mm_per_px(rim[0]) - foot_px
+    far = np.hypot(columns - middle[0], rows - middle[1])
+    lit = one.lit["ring"] + 120.0 * ndtr((radius_px - far) / np.hypot(0.8, 12**-0.5))
+    bright = ViewPictures(one.backlit, {"ring": np.round(lit).astype(np.uint8)})
+    found = looks(holes(DIAMETER)[1], view(bright, SQUARE))["ring"]
+    assert found.reason == ""
+    assert found.measured_mm == pytest.approx(2 * bore.radius, abs=0.1 * PIXEL_MM)
+
+
+def test_an_edge_that_light_hides_a_part_of_has_a_value_that_decides_nothing() -> None:
+    one = shown(22.0, 35.0)
+    lit = one.lit["ring"].copy()
+    x, _ = view(one, TILTED).task.camera.project(
+        transform(TILTED, np.array([[NOMINAL.bores[0].x, 0.0, HEIGHT_MM]]))
+    )[0]  # fmt: skip
+    grain = np.random.default_rng(5).normal(40, 1.5, lit.shape).round().astype(np.uint8)
+    # from here on in the dark: of a rim of 63 px radius the quarter where cos > 45 / 63
+    lit[:, round(x) + 45 :] = grain[:, round(x) + 45 :]
+    dark = np.minimum(grain, 8)  # nothing shows before the panel
+    characteristic = replace(holes(DIAMETER)[0], source="ISO 2768-m")
+    for built, value in ((lit, 18.0), (grain, None)):
+        seen = view(ViewPictures(dark, {"ring": built}), TILTED)
+        (found,) = measure(plate(), [characteristic], [seen])
+        assert "found where it must show" in found.reason
+        assert found.verdict is (Verdict.NOT_EVALUATED if value is None else Verdict.INDETERMINATE)
+        if value is not None:
+            assert found.measured_mm == pytest.approx(value, abs=0.05)
+            assert not found.is_disputed
 
 
 def test_square_on_the_wall_seen_flat_is_in_the_uncertainty() -> None:

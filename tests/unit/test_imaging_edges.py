@@ -163,3 +163,13 @@ def test_a_narrow_shadow_beside_an_edge_does_not_draw_it(width: float) -> None:
     origins, directions = row_rays(30.3)
     fits = measure_edges(grey(levels, 1.0), origins, directions, 2.0, 1.0, -np.ones(30))
     assert fits.offset_px.mean() == pytest.approx(-0.3, abs=0.06)
+
+
+@pytest.mark.parametrize("ray", [1.0, -1.0])
+def test_where_a_profile_leads_back_is_told(ray: float) -> None:
+    # bright up to x = 30, dark for 2.5 px, bright again: from the left it leads back beyond it
+    line = BRIGHT - (upright_edge(30.0) - DARK) + 0.8 * (upright_edge(32.5) - DARK)
+    origins, directions = row_rays(30.0)
+    for levels, back in ((line, ray), (upright_edge(30.0), 0.0)):
+        fits = measure_edges(grey(levels, 1.0), origins, ray * directions, 1.5, 1.0)
+        assert np.median(fits.back) == back

@@ -133,7 +133,7 @@ def standing_of(measured: Sequence[Measured]) -> Standing:
                 f"{asked.label}: not evaluated, {one.reason or 'no picture shows it'}"
             )
         elif is_near_enough(one):
-            why = asked.exempt or "U in these pictures is too large for its tolerance"
+            why = asked.exempt or one.reason
             unproven.append(f"{asked.label}: {_value(one)}, not proven; {why}")
         else:
             still_open.append(f"{asked.label}: {_value(one)}, {_why_open(one)}")

@@ -145,6 +145,7 @@ class FeatureFit:
     shape_px : (k, 2) fitted shape
     form_mm, form_u_mm : peak to valley of its edges about the shape, and the standard uncertainty
     share : of the rays that were predicted
+    is_part : all checks passed but that too little of its edge shows, see `min_part`
     """
 
     reason: str
@@ -161,3 +162,4 @@ class FeatureFit:
     form_mm: float = 0.0
     form_u_mm: float = float("inf")
     share: float = 0.0
+    is_part: bool = False

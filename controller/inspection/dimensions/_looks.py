@@ -66,6 +66,7 @@ class Estimate:
     parts : covariances (m, m) that it is uncertain by, by name
     towards : (3,) unit, CAD frame, to the camera
     grasp : the view's
+    is_part : its reason is no more than that too little of an edge shows
     """
 
     look: Look
@@ -73,6 +74,7 @@ class Estimate:
     parts: Mapping[str, FloatArray]
     towards: FloatArray
     grasp: int
+    is_part: bool = False
 
 
 def features_of(characteristic: Characteristic) -> tuple[Feature, ...]:
@@ -182,16 +184,18 @@ def estimate(
             parts[TEMPERATURE] = one * (expansion * length_mm) ** 2
     total = np.sum(list(parts.values()), axis=0)
     value, u = value_of(characteristic, vector, total)
-    if not reason and 2.0 * u > characteristic.tolerance_mm:
+    is_part = bool(reason) and all(fit.is_part or not fit.reason for fit in fits)
+    if (is_part or not reason) and 2.0 * u > characteristic.tolerance_mm:
         angle = np.degrees(np.arccos(min(abs(float(towards @ _facing(characteristic))), 1.0)))
         unit = "rad" if characteristic.kind is CharacteristicKind.ANGLE else "mm"
         reason = (
             f"U would be {2.0 * u:.3f} {unit} at {angle:.0f} degrees of incidence, its tolerance "
             f"is {characteristic.tolerance_mm:.3f} {unit} wide"
         )
+        is_part = False
     budget = {name: float(np.sqrt(np.linalg.eigvalsh(part)[-1])) for name, part in parts.items()}
     look = _look(characteristic, view, lamp, value, u, reason, budget, fits)
-    return Estimate(look, vector, parts, towards, view.grasp)
+    return Estimate(look, vector, parts, towards, view.grasp, is_part)
 
 
 def value_of(
@@ -226,9 +230,14 @@ def _parts(
     pose = np.sum([r @ f.pose for r, f in zip(rows, fits, strict=True)], axis=0)
     parts = {NOISE: noise, POSE: pose @ covariance @ pose.T}
     for name, which in ((LIGHT, "edge"), (WALL, "wall"), (BLUR, "blur"), (FACETS, "facets")):
-        by = np.sum([r @ getattr(f, which) for r, f in zip(rows, fits, strict=True)], axis=0)
-        by = by.reshape(len(pose), -1)
-        parts[name] = by @ by.T
+        each = [
+            (r @ getattr(f, which)).reshape(len(pose), -1) for r, f in zip(rows, fits, strict=True)
+        ]
+        by = np.sum(each, axis=0)
+        together, apart = by @ by.T, np.sum([one @ one.T for one in each], axis=0)
+        # light need not err alike at two edges: what would fall out of their difference stays
+        is_less = name == LIGHT and np.trace(together) < np.trace(apart)
+        parts[name] = apart if is_less else together
     return parts
 
 

@@ -17,6 +17,7 @@ from controller.imaging.levels import pixel_noise
 
 from .._pose import PosedPart
 from .._scene import make_scene
+from ._checks import SURE_PX, PictureKind, Sharpness, failure_of, form_of, lean_px, sharpness_of
 from ._features import Feature, FeatureFit
 from ._rays import Rays, place_rays, with_rotation, with_visibility
 from ._types import BACKLIT, MeasuringSettings, PosedView
@@ -25,16 +26,13 @@ from .solving import Solution, solve
 FAR_PX: Final = {True: 16.0, False: 6.0}  # before a panel no other edge looks alike
 FAR_SHARE: Final = 0.6  # of a radius: farther is the other side
 NEAR_PX: Final = 2.5
+LEAN_KNOWN: Final = 0.3  # standard uncertainty of a lean, share of it
 FEW: Final = 32  # rays of the first look
 RECTANGLE: Final = 1 / 12**0.5  # standard deviation of a rectangle, of its width
 BLUR_KNOWN: Final = 0.1  # share by which the blur of a lens differs from a Gaussian one
 # a polygon's mean radius is two thirds of a chord's height less; it may be meant or not
 FACET: Final = 2 / 3 / 3**0.5
 WAVES: Final = 3  # round a circle, in which light moves its edge
-FORM_POINTS: Final = 5  # neighbours whose mean is a point of the form
-FAINT: Final = 2.0  # times the error of the better rays: such a ray shows no form
-SURE_PX: Final = 0.1  # rays so good show how sharp the picture is
-MIN_SURE: Final = 20
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -60,14 +58,6 @@ class Prediction:
     curve_counts: tuple[int, ...]
     pixel_mm: float
     pivot_mm: FloatArray
-
-
-@dataclass(frozen=True, slots=True)
-class Sharpness:
-    """What the edges of a backlit picture have in common: width [px] and contrast [grey]."""
-
-    width_px: float
-    contrast: float
 
 
 def predict(part: PosedPart, view: PosedView, features: Sequence[Feature]) -> Prediction:
@@ -141,7 +131,7 @@ def fit_features(
         spacing_px=chosen.spacing_px,
     )
     if sharpness is None:
-        sharpness = _sharpness(found)
+        sharpness = sharpness_of(found)
     fits = []
     for i, feature in enumerate(prediction.features):
         mine = np.flatnonzero(owner == i)
@@ -155,18 +145,11 @@ def fit_features(
                 prediction.curve[index[mine]],
                 _some(found, mine),
                 moved[i],
-                _Picture(is_backlit, noise, sharpness),
+                PictureKind(is_backlit, noise, sharpness),
                 settings,
             )
         )
     return fits, sharpness
-
-
-@dataclass(frozen=True, slots=True)
-class _Picture:
-    is_backlit: bool
-    noise: float
-    sharpness: Sharpness | None
 
 
 def _first_look(
@@ -272,7 +255,7 @@ def _fit(
     curve: IndexArray,
     found: EdgeFits,
     moved: FloatArray,
-    picture: _Picture,
+    picture: PictureKind,
     settings: MeasuringSettings,
 ) -> FeatureFit:
     """Return a feature fitted to the edges found beside it, or why they do not count.
@@ -287,17 +270,22 @@ def _fit(
     """
     good = found.is_found & (found.sigma_px <= settings.max_ray_px)
     points = rays.pixels + np.nan_to_num(found.offset_px)[:, None] * rays.normals
+    little = ""
     if good.sum() < settings.min_share * len(good):
-        return FeatureFit(
+        little = (
             f"{100 * good.mean():.0f} % of its edge found where it must show, "
-            f"{100 * settings.min_share:.0f} % is required",
-            points_px=points,
-            accepted=np.zeros(len(good), dtype=np.bool_),
+            f"{100 * settings.min_share:.0f} % is required"
         )
+        # before a panel an edge has light wherever it is
+        least = np.inf if picture.is_backlit else settings.min_part * len(good)
+        if good.sum() < max(least, settings.min_rays):
+            nowhere = np.zeros(len(good), dtype=np.bool_)
+            return FeatureFit(little, points_px=points, accepted=nowhere)
     width = float(np.median(found.width_px[good]))
     # what blur does to a round edge, and what light on a wall seen flat does on the average
     blur = blur_shift_px(width, rays.curvature)
-    offset = found.offset_px + blur
+    lean = lean_px(found, good, picture)
+    offset = found.offset_px + blur + lean
     offset = offset + rays.rising * 0.5 * rays.wall_px
     wall = RECTANGLE * rays.wall_px
     variance = np.square(found.sigma_px) + np.square(wall)
@@ -305,16 +293,17 @@ def _fit(
     if answer is None:
         return FeatureFit("too little of its edge shows for a shape", points_px=points)
     used = answer.used
-    reason = _failure(answer, rays, found, width, picture, settings)
+    reason = failure_of(answer, good, rays, found, width, picture, settings)
     edge_px = settings.backlit_edge_px if picture.is_backlit else settings.lit_edge_px
-    form, form_u = _form(answer, rays, curve, found)
+    form, form_u = form_of(answer, rays, curve, found)
     fitted = rays.pixels + (answer_place(feature, rays, curve, answer))[:, None] * rays.normals
     return FeatureFit(
-        reason=reason,
+        reason=reason or little,
+        is_part=bool(little) and not reason,
         values_mm=moved + answer.values,
         noise=answer.noise,
         pose=answer.gain @ rays.pose,
-        edge=answer.gain @ (edge_px * _modes(rays)),
+        edge=answer.gain @ np.column_stack([edge_px * _modes(rays), LEAN_KNOWN * lean]),
         wall=answer.gain @ (rays.rising * wall),
         blur=answer.gain @ (BLUR_KNOWN * blur),
         facets=answer.gain @ (FACET * rays.facet_px),
@@ -325,35 +314,6 @@ def _fit(
         form_u_mm=form_u,
         share=float(used.mean()),
     )
-
-
-def _form(answer: Solution, rays: Rays, curve: IndexArray, found: EdgeFits) -> tuple[float, float]:
-    """Return how far the form of an edge goes, peak to valley, and its standard uncertainty [mm].
-
-    Walls seen flat and faint edges show no form. Neighbours are averaged, edge by edge.
-
-    Parameters
-    ----------
-    answer, rays, curve, found : see `_fit`
-    """
-    u_mm = found.sigma_px / np.maximum(rays.px_per_mm, 1e-9)
-    clear = answer.used & (rays.wall_px == 0)
-    if clear.sum() < FORM_POINTS:
-        return 0.0, float("inf")
-    clear &= u_mm <= FAINT * np.percentile(u_mm[clear], 25)
-    most, u_most = 0.0, float("inf")
-    for one in np.unique(curve):
-        mine = np.flatnonzero(clear & (curve == one))
-        if len(mine) < 2 * FORM_POINTS:
-            continue
-        off = answer.residuals[mine] / np.maximum(rays.px_per_mm[mine], 1e-9)
-        smooth = np.convolve(off, np.full(FORM_POINTS, 1.0 / FORM_POINTS), mode="valid")
-        # nearer than a pixel two rays see one noise
-        count = max(FORM_POINTS * min(float(np.median(rays.spacing_px[mine])), 1.0), 1.0)
-        u_both = float(np.median(u_mm[mine])) * float(np.sqrt(2.0 / count))
-        most = max(most, float(np.ptp(smooth)))
-        u_most = min(u_most, u_both)
-    return most, u_most
 
 
 def _modes(rays: Rays) -> FloatArray:
@@ -377,68 +337,6 @@ def answer_place(feature: Feature, rays: Rays, curve: IndexArray, answer: Soluti
     answer : the fit
     """
     return np.asarray(feature.design(rays, curve.astype(np.float64)) @ answer.values)
-
-
-def _failure(
-    answer: Solution,
-    rays: Rays,
-    found: EdgeFits,
-    width: float,
-    picture: _Picture,
-    settings: MeasuringSettings,
-) -> str:
-    """Return the self-check that failed, empty where all passed."""
-    used = answer.used
-    share = float(used.mean())
-    if share < settings.min_share:
-        return (
-            f"{100 * share:.0f} % of its edge lies on the fitted shape, "
-            f"{100 * settings.min_share:.0f} % is required"
-        )
-    burnt = float(found.burnt[used].mean())
-    if burnt > settings.max_burnt:
-        return f"{100 * burnt:.0f} % of the pixels beside its edge are burnt out"
-    low, high = settings.width_px
-    if not low <= width <= high:
-        return f"its edge is {width:.2f} px wide, a lens in focus makes {low:.2f} to {high:.1f} px"
-    sharp = picture.sharpness
-    if sharp is not None:
-        if abs(width / sharp.width_px - 1.0) > settings.max_width_change:
-            return (
-                f"its edge is {width:.2f} px wide, the picture's other edges are "
-                f"{sharp.width_px:.2f} px: not one edge, or out of focus"
-            )
-        contrast = float(np.median(np.abs(found.contrast[used])))
-        least = settings.min_contrast_share * sharp.contrast
-        if picture.is_backlit and contrast < least:
-            return (
-                f"its contrast is {contrast:.0f} grey levels, {least:.0f} are required: "
-                "light on its wall hides the edge"
-            )
-    residual = float(np.median(found.residual[used]))
-    height = float(np.median(np.abs(found.contrast[used])))
-    most = 3.0 * picture.noise + settings.max_profile * height
-    if residual > most:
-        return (
-            f"the light across its edge is off a blurred step by {residual:.1f} grey levels, "
-            f"{most:.1f} is allowed"
-        )
-    scatter_limit = settings.max_form_px + 3.0 * float(np.median(found.sigma_px[used]))
-    if answer.scatter > scatter_limit:
-        return (
-            f"its edge scatters by {answer.scatter:.2f} px about the fitted shape, "
-            f"{scatter_limit:.2f} px is allowed"
-        )
-    return ""
-
-
-def _sharpness(found: EdgeFits) -> Sharpness | None:
-    sure = found.is_found & (found.sigma_px < SURE_PX)
-    if sure.sum() < MIN_SURE:
-        return None
-    return Sharpness(
-        float(np.median(found.width_px[sure])), float(np.median(np.abs(found.contrast[sure])))
-    )
 
 
 def _some(found: EdgeFits, which: IndexArray | BoolArray) -> EdgeFits:

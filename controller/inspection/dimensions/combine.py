@@ -32,6 +32,7 @@ class Combined:
     measured_mm, U_mm : value and expanded uncertainty; None where nothing was evaluated
     reason : why nothing was, or why it stays open
     is_open : there is a value, but not enough to decide upon
+    is_disputed : it is open since looks contradict each other, or one that is required is missing
     views : it comes from
     looks : all of them; those left out say why
     """
@@ -40,6 +41,7 @@ class Combined:
     U_mm: float | None
     reason: str
     is_open: bool
+    is_disputed: bool
     views: tuple[str, ...]
     looks: tuple[Look, ...]
 
@@ -52,6 +54,8 @@ def combine(
 ) -> Combined:
     """Return what all looks at a characteristic come to.
 
+    Looks that show too little of an edge make a value only where no others do, and it stays open.
+
     Parameters
     ----------
     characteristic : what is asked
@@ -61,13 +65,11 @@ def combine(
         picture shows both. None of what they have in common falls out then
     """
     looks = [e.look for e in estimates]
-    whole = _chosen(estimates, settings)
+    whole, part = _together(estimates, settings, halves), ""
     if whole is None:
-        parts = [_chosen(half, settings) for half in halves]
-        found = [part for part in parts if part is not None]
-        if len(found) < 2 or len(found) < len(parts):
-            return Combined(None, None, _why_none(looks), False, (), tuple(looks))
-        whole = _sum(found)
+        whole, part = _together(estimates, settings, halves, parts=True), "light hides too much"
+    if whole is None:
+        return Combined(None, None, _why_none(looks), False, False, (), tuple(looks))
     value, u = value_of(characteristic, whole.vector_mm, _total(whole.parts))
     for i, reason in whole.dropped:
         if whole.is_direct:
@@ -75,7 +77,11 @@ def combine(
     reason = whole.reason
     if characteristic.is_critical and not reason and not whole.is_twice:
         reason = "one look only, two independent ones are required"
-    return Combined(value, COVERAGE * u, reason, bool(reason), whole.views, tuple(looks))
+    is_disputed = bool(reason)
+    if part and not reason:
+        reason = f"{part} of its edge to decide: {_why_none(looks)}"
+    U = COVERAGE * u
+    return Combined(value, U, reason, bool(reason), is_disputed, whole.views, tuple(looks))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -91,9 +97,48 @@ class _Mean:
     dropped: tuple[tuple[int, str], ...]
 
 
-def _chosen(estimates: Sequence[Estimate], settings: MeasuringSettings) -> _Mean | None:
-    """Return the mean of the looks that count, None where there is none."""
-    good = [i for i, e in enumerate(estimates) if not e.look.reason and np.isfinite(e.look.u_mm)]
+def _together(
+    estimates: Sequence[Estimate],
+    settings: MeasuringSettings,
+    halves: Sequence[Sequence[Estimate]],
+    *,
+    parts: bool = False,
+) -> _Mean | None:
+    """Return the mean of the looks that count, or the sum of those at each half: the surer of both.
+
+    Parameters
+    ----------
+    estimates, settings, halves : see `combine`
+    parts : looks that show too little of an edge count, too
+    """
+    whole = _chosen(estimates, settings, parts=parts)
+    if not halves or (whole is not None and whole.reason):
+        return whole
+    found = [_chosen(half, settings, parts=parts) for half in halves]
+    sides = [side for side in found if side is not None]
+    if len(sides) < 2 or len(sides) < len(found):
+        return whole
+    both = _sum(sides)
+    if whole is None or _largest(_total(both.parts)) < _largest(_total(whole.parts)):
+        return both
+    return whole
+
+
+def _chosen(
+    estimates: Sequence[Estimate], settings: MeasuringSettings, *, parts: bool
+) -> _Mean | None:
+    """Return the mean of the looks that count, None where there is none.
+
+    Parameters
+    ----------
+    estimates, settings : see `combine`
+    parts : looks that show too little of an edge count, too
+    """
+    good = [
+        i
+        for i, e in enumerate(estimates)
+        if (not e.look.reason or (parts and e.is_part)) and np.isfinite(e.look.u_mm)
+    ]
     if not good:
         return None
     count = len(good)
@@ -109,13 +154,15 @@ def _chosen(estimates: Sequence[Estimate], settings: MeasuringSettings) -> _Mean
         why = f"{DISAGREES} by {off:.3f} mm, {allowed:.3f} mm is explained"
         dropped.append((good.pop(worst), why))
     used = [estimates[i] for i in good]
-    vector, parts = _mean(used, settings)
+    vector, shares = _mean(used, settings)
     is_twice = _has_two(used, settings)
-    if not is_twice and all(e.look.lamp != BACKLIT for e in used) and LIGHT in parts:
+    is_sure = is_twice or any(e.look.lamp == BACKLIT for e in used)
+    is_sure |= not parts and _is_confirmed(used, estimates, vector, settings)
+    if (not is_sure or any(e.is_part for e in used)) and LIGHT in shares:
         # nothing confirms that the edge under the lamp is the part's and not its shadow's
-        parts[LIGHT] = parts[LIGHT] * settings.unconfirmed_light**2
+        shares[LIGHT] = shares[LIGHT] * settings.unconfirmed_light**2
     views = tuple(dict.fromkeys(e.look.view_id for e in used))
-    return _Mean(vector, parts, reason, is_twice, True, views, tuple(dropped))
+    return _Mean(vector, shares, reason, is_twice, True, views, tuple(dropped))
 
 
 def _sum(halves: Sequence[_Mean]) -> _Mean:
@@ -218,6 +265,29 @@ def _worst(used: Sequence[Estimate]) -> tuple[int, float, float]:
         answers.append((off, COVERAGE * float(np.hypot(one.look.u_mm, best))))
     index = int(np.argmax([off / allowed for off, allowed in answers]))
     return index, *answers[index]
+
+
+def _is_confirmed(
+    used: Sequence[Estimate],
+    estimates: Sequence[Estimate],
+    vector_mm: FloatArray,
+    settings: MeasuringSettings,
+) -> bool:
+    """Return whether an independent look that shows a part of the edge finds it at the same place.
+
+    Parameters
+    ----------
+    used, vector_mm : the looks that count, and their mean
+    estimates, settings : all looks; which are independent
+    """
+    best = min(e.look.u_mm for e in used)
+    return any(
+        e.is_part
+        and all(is_independent(e, one, settings) for one in used)
+        and float(np.linalg.norm(e.vector_mm - vector_mm))
+        <= COVERAGE * float(np.hypot(e.look.u_mm, best))
+        for e in estimates
+    )
 
 
 def _has_two(used: Sequence[Estimate], settings: MeasuringSettings) -> bool:

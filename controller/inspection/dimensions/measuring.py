@@ -144,7 +144,7 @@ def _judged(characteristic: Characteristic, found: Combined) -> Measured:
         views=found.views,
         reason=reason,
         looks=found.looks,
-        is_disputed=found.is_open,
+        is_disputed=found.is_disputed,
     )
 
 

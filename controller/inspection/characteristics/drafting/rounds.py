@@ -76,6 +76,9 @@ def round_slots(walls: Sequence[RoundWall], features: Sequence[Feature]) -> list
         if len(ends) != 2 or not all(end.rims for end in ends):
             continue
         axis = -feature.axis
-        rims = tuple(max(end.rims, key=lambda rim: float(rim.axis @ axis)) for end in ends)
-        found.append(RoundSlot(feature.faces, feature.width_mm, feature.length_mm, rims, axis))
+        # those of the mouth first; a slot that goes through shows at its other side, too
+        rims = sorted((r for end in ends for r in end.rims), key=lambda r: -float(r.axis @ axis))
+        found.append(
+            RoundSlot(feature.faces, feature.width_mm, feature.length_mm, tuple(rims), axis)
+        )
     return found

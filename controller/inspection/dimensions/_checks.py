@@ -1,0 +1,165 @@
+"""What edges that were found say of themselves: how sharp, how round, and whether they count."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from controller.arrays import BoolArray, FloatArray, IndexArray
+from controller.imaging import EdgeFits
+
+from ._rays import Rays
+from ._types import MeasuringSettings
+from .solving import Solution
+
+FORM_POINTS: Final = 5  # neighbours whose mean is a point of the form
+FAINT: Final = 2.0  # times the error of the better rays: such a ray shows no form
+SURE_PX: Final = 0.1  # rays so good show how sharp the picture is
+MIN_SURE: Final = 20
+# Two blurred steps, up by one and back by 0.4 to 0.9 within 2 to 4 px, as far as the fit takes
+# them for one: found off by 1.5 to 2.1 times what it is too narrow by; more where the way back is
+# no step but a slope.
+LEAN: Final = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class Sharpness:
+    """What the edges of a backlit picture have in common: width [px] and contrast [grey]."""
+
+    width_px: float
+    contrast: float
+
+
+@dataclass(frozen=True, slots=True)
+class PictureKind:
+    """What the edges of a picture are judged by: its light, noise [grey] and sharpness."""
+
+    is_backlit: bool
+    noise: float
+    sharpness: Sharpness | None
+
+
+def lean_px(found: EdgeFits, good: BoolArray, picture: PictureKind) -> FloatArray:
+    """Return how far steps (n,) lie from where they were found, since their profile leads back.
+
+    Beside a dark line, as the shaded foot of a bore's wall, a blurred step does not come to rest:
+    its fit is too narrow, and leans away from the line by `LEAN` times that.
+
+    Parameters
+    ----------
+    found : steps
+    good : (n,) which are sure
+    picture : how sharp it is
+    """
+    lean = np.zeros(len(good))
+    for side in (-1.0, 1.0):
+        mine = good & (found.back == side)
+        if picture.is_backlit or picture.sharpness is None or mine.sum() < FORM_POINTS:
+            continue
+        narrow = picture.sharpness.width_px - float(np.median(found.width_px[mine]))
+        lean[mine] = side * LEAN * max(narrow, 0.0)
+    return lean
+
+
+def form_of(
+    answer: Solution, rays: Rays, curve: IndexArray, found: EdgeFits
+) -> tuple[float, float]:
+    """Return how far the form of an edge goes, peak to valley, and its standard uncertainty [mm].
+
+    Walls seen flat and faint edges show no form. Neighbours are averaged, edge by edge.
+
+    Parameters
+    ----------
+    answer, rays, curve, found : see `failure_of`
+    """
+    u_mm = found.sigma_px / np.maximum(rays.px_per_mm, 1e-9)
+    clear = answer.used & (rays.wall_px == 0)
+    if clear.sum() < FORM_POINTS:
+        return 0.0, float("inf")
+    clear &= u_mm <= FAINT * np.percentile(u_mm[clear], 25)
+    most, u_most = 0.0, float("inf")
+    for one in np.unique(curve):
+        mine = np.flatnonzero(clear & (curve == one))
+        if len(mine) < 2 * FORM_POINTS:
+            continue
+        off = answer.residuals[mine] / np.maximum(rays.px_per_mm[mine], 1e-9)
+        smooth = np.convolve(off, np.full(FORM_POINTS, 1.0 / FORM_POINTS), mode="valid")
+        # nearer than a pixel two rays see one noise
+        count = max(FORM_POINTS * min(float(np.median(rays.spacing_px[mine])), 1.0), 1.0)
+        u_both = float(np.median(u_mm[mine])) * float(np.sqrt(2.0 / count))
+        most = max(most, float(np.ptp(smooth)))
+        u_most = min(u_most, u_both)
+    return most, u_most
+
+
+def failure_of(
+    answer: Solution,
+    good: BoolArray,
+    rays: Rays,
+    found: EdgeFits,
+    width: float,
+    picture: PictureKind,
+    settings: MeasuringSettings,
+) -> str:
+    """Return the self-check that failed, empty where all passed.
+
+    Parameters
+    ----------
+    answer : the fit
+    good : (n,) where an edge was found
+    rays, found, width, picture, settings : see `failure_of`
+    """
+    used = answer.used
+    share = float(used.mean())
+    # where light hides the rest, the same share of what it shows
+    shown = float(good.mean())
+    if share < settings.min_share * (shown if shown < settings.min_share else 1.0):
+        return (
+            f"{100 * share:.0f} % of its edge lies on the fitted shape, "
+            f"{100 * settings.min_share:.0f} % is required"
+        )
+    burnt = float(found.burnt[used].mean())
+    if burnt > settings.max_burnt:
+        return f"{100 * burnt:.0f} % of the pixels beside its edge are burnt out"
+    low, high = settings.width_px
+    if not low <= width <= high:
+        return f"its edge is {width:.2f} px wide, a lens in focus makes {low:.2f} to {high:.1f} px"
+    sharp = picture.sharpness
+    if sharp is not None:
+        if abs(width / sharp.width_px - 1.0) > settings.max_width_change:
+            return (
+                f"its edge is {width:.2f} px wide, the picture's other edges are "
+                f"{sharp.width_px:.2f} px: not one edge, or out of focus"
+            )
+        contrast = float(np.median(np.abs(found.contrast[used])))
+        least = settings.min_contrast_share * sharp.contrast
+        if picture.is_backlit and contrast < least:
+            return (
+                f"its contrast is {contrast:.0f} grey levels, {least:.0f} are required: "
+                "light on its wall hides the edge"
+            )
+    residual = float(np.median(found.residual[used]))
+    height = float(np.median(np.abs(found.contrast[used])))
+    most = 3.0 * picture.noise + settings.max_profile * height
+    if residual > most:
+        return (
+            f"the light across its edge is off a blurred step by {residual:.1f} grey levels, "
+            f"{most:.1f} is allowed"
+        )
+    scatter_limit = settings.max_form_px + 3.0 * float(np.median(found.sigma_px[used]))
+    if answer.scatter > scatter_limit:
+        return (
+            f"its edge scatters by {answer.scatter:.2f} px about the fitted shape, "
+            f"{scatter_limit:.2f} px is allowed"
+        )
+    return ""
+
+
+def sharpness_of(found: EdgeFits) -> Sharpness | None:
+    """Return what the sure ones of edges have in common; None where these are too few."""
+    sure = found.is_found & (found.sigma_px < SURE_PX)
+    if sure.sum() < MIN_SURE:
+        return None
+    return Sharpness(
+        float(np.median(found.width_px[sure])), float(np.median(np.abs(found.contrast[sure])))
+    )
