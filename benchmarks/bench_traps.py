@@ -46,7 +46,8 @@ from inspection_counts import (  # noqa: E402
 )
 from trace_held_sensor import Picture, Pictures  # noqa: E402
 from trap_pictures import FAULTS  # noqa: E402
-from twisted_parts import KINDS, Good, Twist  # noqa: E402
+from twisted_good import Good, Twist  # noqa: E402
+from twisted_parts import KINDS  # noqa: E402
 
 Words = dict[str, Any]
 UNTOUCHED = "untouched"
@@ -136,7 +137,7 @@ def judge(case: Case, scratch: Path) -> Outcome:
         write_spoilt(set_file, before, after)
     lines, message = run_command(set_file, None)
     done = outcome(truth, case.name, case.seed, json.dumps(drawn), lines, message)
-    return replace(done, is_shown=True)
+    return replace(done, is_shown=True, specimen=f"{case.sets.path.name}/{done.specimen}")
 
 
 def write_spoilt(set_file: Path, before: Pictures, after: Pictures) -> None:

@@ -11,7 +11,8 @@ own. The unchanged sets are judged in the same run, and again with their CAD fil
 changed ones are (`rewritten`). Rays say whether a view shows the change; what none shows is counted
 apart: a PASS of it is wrong all the same.
 
-PASS is wrong but for the unchanged. would: PASS, but for faces that were compared too little.
+PASS is wrong but for the unchanged. alike: PASS, or no finding, nothing failed and no more reasons
+against a PASS than the good part has (`rewritten`). would: PASS, but for faces compared too little.
 found: something failed within 4 mm of the change beyond its size, or at its hole. silent: not FAIL,
 and nothing there is failed or open. "<" and ">" are exact one-sided limits, 95 %.
 
@@ -47,7 +48,8 @@ from inspection_counts import (  # noqa: E402
 )
 from trace_held_defects import NoPlaceError  # noqa: E402
 from trace_held_parts import NOMINAL_SAG_MM, write_stl  # noqa: E402
-from twisted_parts import KINDS, Good, Twist, good_of, part_of, twisted  # noqa: E402
+from twisted_good import Good, Twist, good_of, part_of  # noqa: E402
+from twisted_parts import KINDS, twisted  # noqa: E402
 from twisted_sight import visible_views  # noqa: E402
 
 Body = Any  # manifold3d's solid
@@ -119,6 +121,7 @@ def judge(case: Case, scratch: Path) -> Outcome:
         set_file = write_set(case.sets.folder(truth), folder, truth, body)
     lines, message = run_command(set_file, None)
     done = outcome(truth, case.kind, case.seed, name, lines, message)
+    done = replace(done, specimen=f"{case.sets.path.name}/{done.specimen}")
     return done if case.kind not in CONTROLS else replace(done, is_shown=True)
 
 
@@ -140,13 +143,13 @@ def write_set(source: Path, folder: Path, truth: Words, body: Body) -> Path:
 
 def report(done: Sequence[Outcome]) -> Words:
     """Return counts by kind: of the controls, of what a view shows, of what none shows."""
-    controls = [o for o in done if o.kind in CONTROLS]
     twists = [o for o in done if o.kind not in CONTROLS]
-    every = [replace(o, kind="all kinds") for o in twists]
+    every = [*done, *(replace(o, kind="all kinds") for o in twists)]
+    shown = by_kind(every, CONTROLS[1])
     return {
-        "good": by_kind(controls),
-        "in a view": by_kind([*twists, *every]),
-        "in no view": by_kind([*twists, *every], shown=False),
+        "good": {kind: row for kind, row in shown.items() if kind in CONTROLS},
+        "in a view": {kind: row for kind, row in shown.items() if kind not in CONTROLS},
+        "in no view": by_kind(every, CONTROLS[1], shown=False),
     }
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import re
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -19,6 +19,7 @@ from inspection_truth import Judged, judged, lower_limit, upper_limit
 
 Words = dict[str, Any]
 Item = TypeVar("Item")
+FINDING = re.compile(r" v\d+ \S+ [0-9.]+ mm$")
 UNCOVERED = re.compile(r": \d+ % compared, \d+ % is required\b")
 
 
@@ -28,7 +29,7 @@ class Outcome:
 
     Attributes
     ----------
-    specimen, part : of the folder
+    specimen, part : folder and specimen; its part
     kind : of the twist or the trap; `unchanged` of the good set itself
     seed, name : with which it can be made again; a word on what was drawn
     verdict : pass, fail, indeterminate or error
@@ -185,39 +186,61 @@ def line_of(o: Outcome) -> str:
     return f"{what} {o.seconds:5.2f} s/view  {o.name}  {'; '.join(notes)} {o.message}".rstrip()
 
 
-def counts(mine: Sequence[Outcome]) -> Words:
-    """Return how often each verdict was given, and what else is known."""
+def is_alike(o: Outcome, control: Outcome | None) -> bool:
+    """Whether nothing tells a specimen from the good one of the same pictures.
+
+    PASS; or no finding, nothing failed, and no more reasons against a PASS than the good one has:
+    once what keeps good parts open is mended, it passes.
+    """
+    if o.verdict == "pass" or control is None:
+        return o.verdict == "pass"
+    has_finding = any(FINDING.search(name) for name in o.opened)
+    is_open = o.verdict == "indeterminate" and not o.failed and not has_finding
+    return is_open and len(o.reasons) <= len(control.reasons)
+
+
+def counts(mine: Sequence[Outcome], controls: Mapping[str, Outcome]) -> Words:
+    """Return how often each verdict was given, and what else is known.
+
+    Parameters
+    ----------
+    mine : outcomes
+    controls : of the good ones, by specimen
+    """
     out: Words = {"n": len(mine)}
     out |= {
         v: sum(o.verdict == v for o in mine) for v in ("pass", "fail", "indeterminate", "error")
     }
     out["only_uncovered"] = sum(o.only_uncovered for o in mine)
+    out["alike"] = sum(is_alike(o, controls.get(o.specimen)) for o in mine)
     out["found"] = sum(o.is_found for o in mine)
     out["silent"] = sum(not o.is_hinted and o.verdict != "fail" for o in mine)
-    for key in ("pass", "fail", "only_uncovered"):
+    for key in ("pass", "fail", "alike"):
         out[f"{key}_below"] = upper_limit(out[key], len(mine)) if mine else 1.0
     out["found_above"] = lower_limit(out["found"], len(mine)) if mine else 0.0
     return out
 
 
-def by_kind(done: Sequence[Outcome], *, shown: bool = True) -> dict[str, Words]:
+def by_kind(done: Sequence[Outcome], control: str, *, shown: bool = True) -> dict[str, Words]:
     """Return counts of each kind, of what a view shows or of what none does.
 
     Parameters
     ----------
     done : all outcomes
+    control : the kind of the good ones
     shown : which of them
     """
+    controls = {o.specimen: o for o in done if o.kind == control}
     kinds = dict.fromkeys(o.kind for o in done)
     rows = {k: [o for o in done if o.kind == k and o.is_shown is shown] for k in kinds}
-    return {k: counts(mine) for k, mine in rows.items() if mine}
+    return {k: counts(mine, controls) for k, mine in rows.items() if mine}
 
 
 def print_counts(rows: dict[str, Words], title: str) -> None:
-    print(f"\n{title}\n{'':20}{'n':>5}{'PASS':>6}{'<':>6}{'FAIL':>6}{'OPEN':>6}{'error':>6}"
-          f"{'would':>7}{'<':>6}{'found':>7}{'>':>6}{'silent':>8}")  # fmt: skip
+    print(f"\n{title}\n{'':26}{'n':>5}{'PASS':>6}{'<':>6}{'alike':>7}{'<':>6}{'would':>7}{'FAIL':>6}"
+          f"{'OPEN':>6}{'error':>6}{'found':>7}{'>':>6}{'silent':>8}")  # fmt: skip
     for name, c in rows.items():
-        print(f"{name:20}{c['n']:5d}{c['pass']:6d}{c['pass_below']:6.0%}{c['fail']:6d}"
-              f"{c['indeterminate']:6d}{c['error']:6d}{c['only_uncovered']:7d}"
-              f"{c['only_uncovered_below']:6.0%}{c['found']:7d}{c['found_above']:6.0%}"
+        print(f"{name:26}{c['n']:5d}{c['pass']:6d}{c['pass_below']:6.0%}{c['alike']:7d}"
+              f"{c['alike_below']:6.0%}{c['only_uncovered']:7d}{c['fail']:6d}"
+              f"{c['indeterminate']:6d}{c['error']:6d}{c['found']:7d}{c['found_above']:6.0%}"
               f"{c['silent']:8d}")  # fmt: skip

@@ -27,6 +27,7 @@ HOLES = (
     "hole_missing",
     "hole_filled",
     "hole_half_deep",
+    "hole_depth_off",
     "hole_too_deep",
     "hole_position",
     "hole_small",

@@ -14,20 +14,14 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 
 from inspection_counts import by_kind, is_only_uncovered, outcome
 from inspection_truth import is_at_place
-from trace_held_defects import tolerance_mm
+from trace_held_defects import NoPlaceError, tolerance_mm
 from trace_held_parts import block, drawn, rod
 from trap_pictures import FAULTS, LAMPS
-from twisted_parts import (
-    CHAMFERS_MM,
-    KINDS,
-    Good,
-    NoPlaceError,
-    good_of,
-    is_handed,
-    is_turned,
-    twisted,
-)
+from twisted_features import CHAMFERS_MM
+from twisted_good import Good, good_of
+from twisted_parts import KINDS, twisted
 from twisted_sight import visible_views
+from twisted_whole import is_handed, is_turned
 
 Words = dict[str, Any]
 CAMERA: Words = {
@@ -131,6 +125,38 @@ def test_a_hole_that_is_drawn_deeper_cuts_only_below_its_bottom(plate: Good) -> 
         more, less = volumes(plate, twist)
         assert more < 1e-3
         assert less == pytest.approx(np.pi / 4 * hole["nominal_d_mm"] ** 2 * (now - was), rel=0.02)
+
+
+def test_a_hole_of_another_depth_keeps_its_mouth_and_its_width(plate: Good) -> None:
+    for twist in some("hole_depth_off", plate):
+        (hole,) = [h for h in twist.truth["holes"] if h["id"] in twist.truth["faces"]]
+        was = np.linalg.norm(np.subtract(*hole["true_ends"]))
+        now = np.linalg.norm(np.subtract(*hole["nominal_ends"]))
+        assert 0.2 <= abs(now / was - 1) <= 0.4
+        assert abs(now - was) > tolerance_mm(float(now))
+        assert hole["nominal_ends"][0] == hole["true_ends"][0]
+        expected = np.pi / 4 * hole["nominal_d_mm"] ** 2 * abs(now - was)
+        assert sum(volumes(plate, twist)) == pytest.approx(expected, rel=0.02)
+
+
+def test_a_cut_less_in_the_file_only_adds_and_a_moved_one_is_as_large(plate: Good) -> None:
+    for twist in some("cut_extra", plate):
+        more, less = volumes(plate, twist)
+        assert more > 10
+        assert less < 1e-3
+    for twist in some("cut_moved", plate):
+        by = np.array(twist.truth["dims"]["shift_mm"])
+        more, less = volumes(plate, twist)
+        assert 0.5 <= np.abs(by).max() <= 1.0
+        if by[2] == 0:  # along the plate, slot and pocket keep their volume
+            assert more == pytest.approx(less, rel=1e-3)
+
+
+def test_a_notch_takes_away_less_than_its_ball_and_touches_the_edge(plate: Good) -> None:
+    for twist in some("notch_missing", plate):
+        more, less = volumes(plate, twist)
+        assert more < 1e-3
+        assert 0 < less < twist.truth["size_mm"] ** 3
 
 
 @pytest.mark.parametrize("kind", ["boss_missing", "rib_missing"])
@@ -304,10 +330,12 @@ def test_rows_count_verdicts_and_places_by_kind(plate: Good) -> None:
         outcome(truth, "hole_missing", 3, "", [ends("indeterminate", UNCOVERED)], ""),
         outcome(truth, "hole_missing", 4, "", [], "no answer in 900 s"),
     ]
-    row = by_kind(done)["hole_missing"]
+    good_one = outcome(truth, "rewritten", 0, "", [ends("indeterminate", UNCOVERED)], "")
+    row = by_kind([*done, good_one], "rewritten")["hole_missing"]
     assert [row[k] for k in ("n", "pass", "fail", "indeterminate", "error")] == [4, 1, 1, 1, 1]
     assert row["found"] == 1
     assert row["only_uncovered"] == 2  # the PASS is one of them
+    assert row["alike"] == 2  # as many reasons as the good one has
     assert row["silent"] == 3
     # 1 of 4, one-sided 95 %: the p of which four draws give one or none with 5 %
     p = row["pass_below"]
