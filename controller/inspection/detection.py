@@ -60,7 +60,8 @@ class Detection:
     kind : chip, burr, dent (pits as well), scratch, stain, missing (extra material as well)
     size_mm : what the recipe asks to be found, or its smallest defect
     share : of the surface, of chips and burrs of its sharp edges, on which that would be found
-    half_mm : the size found on half of that share; None where there is none
+    half_mm : the size found on half of that share; None where there is none, or nothing finer is
+        looked for
     is_asked : the recipe names it
     open_faces : number and share of each face on less than half of which it would be found
     """
@@ -234,7 +235,7 @@ def _detection(
         kind,
         asked,
         float(areas[is_found].sum() / areas.sum()),
-        _half_mm(sizes, np.where(is_found, areas, 0.0)),
+        None if kind == MISSING else _half_mm(sizes, np.where(is_found, areas, 0.0)),
         is_asked,
         tuple(open_faces),
     )

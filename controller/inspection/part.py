@@ -203,6 +203,8 @@ def inspect_part(
     standing = standing_of(measured)
     verdict = worse(ledger.verdict, standing.verdict)
     reasons = (*standing.reasons, *ledger.reasons)
+    if ledger.verdict is Verdict.FAIL and standing.verdict is not Verdict.FAIL:
+        reasons = (*ledger.reasons, *standing.reasons)  # what decided comes first
     if rival is not None:
         # what of this part is missing or too much says nothing more
         verdict = Verdict.FAIL
@@ -373,7 +375,6 @@ def with_detections(
         ledger,
         verdict=verdict or ledger.verdict,
         reasons=(*too_little, *reasons) if verdict else (*reasons, *too_little),
-        claim=f"{ledger.claim}; {words}",
         detections=found,
     )
 

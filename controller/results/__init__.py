@@ -9,7 +9,7 @@ page that an inspector signs, `report_json` the same for machines; `qif_bytes`, 
 
 from .exports import csv_text, dfq_bytes, qif_bytes
 from .judged import Header, JudgedPart, judged_part, judged_parts, result_json
-from .report import SCHEMA_VERSION, PdfError, report_json, write_html
+from .report import SCHEMA_VERSION, PdfError, report_json
 from .run import (
     ResultsError,
     RunProof,
@@ -21,7 +21,7 @@ from .run import (
     note_results,
     prove_run,
 )
-from .writing import SUFFIXES, write_parts, write_report, write_run_pdf
+from .writing import SUFFIXES, write_html, write_parts, write_report, write_run_pdf
 
 __all__ = [
     "SCHEMA_VERSION",

@@ -1,5 +1,6 @@
 """Writes judged parts to a file; its suffix decides what it is."""
 
+import hashlib
 import json
 from collections.abc import Callable, Mapping, Sequence
 from datetime import datetime
@@ -9,8 +10,8 @@ from typing import Final
 from controller.cad import Solid
 
 from .exports import csv_text, dfq_bytes, qif_bytes
-from .judged import JudgedPart, result_json
-from .pages import write_file
+from .judged import JudgedPart, judged_parts, result_json
+from .pages import write_file, write_page
 from .report import PdfError, pdf_bytes, render, render_parts
 from .run import RunRecord
 
@@ -61,6 +62,16 @@ def write_parts(
     return write_file(FORMS[form](parts, solid), path)
 
 
+def write_html(record: RunRecord, path: Path) -> Path:
+    """Write the report of a run as HTML and return its path; the file is whole or not there.
+
+    Raises
+    ------
+    OSError : the file cannot be written
+    """
+    return write_page(render(record, qif_sha256=_qif_sha256(record)), path)
+
+
 def write_run_pdf(record: RunRecord, path: Path) -> Path:
     """Write the printed pages of a run as PDF and return the path.
 
@@ -69,7 +80,16 @@ def write_run_pdf(record: RunRecord, path: Path) -> Path:
     PdfError : this machine can make no PDF; the page stands beside it as HTML
     OSError : the file cannot be written
     """
-    return _write_pdf(render(record, on_paper=True), record.recipe_name, record.end, path)
+    paper = render(record, on_paper=True, qif_sha256=_qif_sha256(record))
+    return _write_pdf(paper, record.recipe_name, record.end, path)
+
+
+def _qif_sha256(record: RunRecord) -> str:
+    """Return the SHA-256 of a run's QIF file, which has the same bytes each time; else empty."""
+    try:
+        return hashlib.sha256(qif_bytes(judged_parts(record))).hexdigest()
+    except ValueError:
+        return ""  # no part, or parts of different products: there is no such file
 
 
 def _write_pdf(paper: str, title: str, at: datetime, path: Path) -> Path:

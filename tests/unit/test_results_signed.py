@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import hashlib
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -10,14 +11,16 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import stored_run
 
 from controller.cad import Solid
 from controller.cad.compiled import load_part
 from controller.cell.batch import Papers
 from controller.cell.services.records import measured_row
-from controller.inspection import Verdict
+from controller.cli import main
+from controller.inspection import Detection, Verdict
 from controller.inspection.characteristics import CharacteristicKind
-from controller.results import judged_parts, load_run
+from controller.results import judged_parts, load_run, result_json
 from controller.results.report.html import render_parts
 from controller.results.report.signed.balloons import balloon_drawing
 from controller.results.report.signed.covering import COLOURS, coverage_sides
@@ -288,3 +291,31 @@ def test_two_fitted_lines_are_not_joined(tmp_path: Path) -> None:
     page = Page(render_parts([bench.judged(tmp_path, made)]))
     fitted = [p["d"] for p in page.all("path") if p.get("class") == "fitted"]
     assert fitted[0] == "M100.50 100.50L200.50 100.50M100.50 300.50L200.50 300.50"
+
+
+def test_what_would_have_been_found_stands_beside_the_coverage(tmp_path: Path) -> None:
+    made = bench.inspection()
+    found = (
+        Detection("dent", 2.5, 0.724, 1.93, is_asked=True, open_faces=((3, 0.1),)),
+        Detection("chip", 3.0, 0.5, None),
+    )
+    made = replace(made, ledger=replace(made.ledger, detections=found))
+    judged = bench.judged(tmp_path, made)
+    header, *rows = Page(render_parts([judged])).table("Found with 90 % probability")
+    assert header[1:] == ["dents and pits", "chips"]
+    assert [row[1:] for row in rows] == [["2.5 ◆", "3.0"], ["72 %", "50 %"], ["1.9", "–"]]
+    assert result_json(judged)["found"][0] == {
+        "kind": "dent", "size_mm": 2.5, "share": 0.724, "half_mm": 1.93, "is_asked": True,
+        "open_faces": (3,),
+    }  # fmt: skip
+    silent = bench.judged(tmp_path, bench.inspection())
+    assert "Found with 90" not in render_parts([silent])
+
+
+def test_the_report_of_a_run_names_its_qif_file_by_hash(tmp_path: Path) -> None:
+    stored_run.write(tmp_path)
+    assert main(["report", "--runs", str(tmp_path), "--format", "qif"]) == 0
+    assert main(["report", "--runs", str(tmp_path)]) == 0
+    folder = tmp_path / stored_run.RUN
+    digest = hashlib.sha256((folder / "report.qif").read_bytes()).hexdigest()
+    assert digest in (folder / "report.html").read_text(encoding="utf-8")

@@ -531,6 +531,17 @@ class FaceJudged(Fields):
     reason: str
 
 
+class DetectionFields(Fields):
+    """A kind of defect: the size asked for, and on which share it would have been found."""
+
+    kind: str
+    size_mm: float
+    share: float
+    half_mm: float | None = None
+    is_asked: bool = False
+    open_faces: tuple[int, ...] = ()
+
+
 class PartJudged(Body):
     """The verdict on a part."""
 
@@ -543,6 +554,7 @@ class PartJudged(Body):
     claim: str = ""
     confirmed: tuple[ConfirmedFinding, ...] = ()
     faces: tuple[FaceJudged, ...]
+    found: tuple[DetectionFields, ...] = ()
 
 
 class PartInspected(Body):

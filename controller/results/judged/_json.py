@@ -10,12 +10,14 @@ Lengths are mm, angles degrees, areas mm2, `*_fraction` 0..1, times ISO 8601 UTC
 | `verdict`, `reasons` | `pass`, `fail`, `indeterminate`, `not evaluated` or `no verdict` |
 | `decision_rule` | how value and uncertainty become a verdict |
 | `covered_fraction`, `in_sight_fraction`, `claim` | of all surface; what was looked for |
+| `found` | by kind of defect what would have been found with 90 % (docs/operating.md) |
 | `characteristics[]` | `balloon`, `id`, `kind`, `label`, `unit`, `nominal`, `lower`, `upper`, `source`, `critical`, `measured`, `deviation`, `U` (k = 2), `verdict`, `views`, `reason`, `faces`, `p_part_mm`, `looks[]` (`view`, `lamp`, `measured`, `u` (k = 1), `reason`, `budget`) |
 | `findings[]` | `number`, `kind`, `view`, `lamp`, `p_part_mm`, `size_mm`, `area_mm2`, `faces`, `verdict` |
 | `faces[]` | the ledger: `face`, `label`, `area_mm2`, `compared_fraction`, `by_check`, `rest`, `verdict`, `views`, `reason` |
 | `views[]` | `view`, `evaluated`, `reason`, `pictures` (files by lamp) |
 """  # noqa: E501 - a table row is one line
 
+from dataclasses import asdict
 from typing import Any, Final
 
 from ..run import CharacteristicReport
@@ -57,6 +59,7 @@ def result_json(judged: JudgedPart) -> dict[str, Any]:
         "covered_fraction": verdict.compared_fraction if verdict else None,
         "in_sight_fraction": verdict.in_sight_fraction if verdict else None,
         "claim": (verdict.claim or None) if verdict else None,
+        "found": [asdict(one) for one in (verdict.found if verdict else ())],
         "characteristics": [characteristic_json(c) for c in part.characteristics],
         "findings": [
             {

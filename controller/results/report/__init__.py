@@ -1,7 +1,7 @@
 """A run's report: one HTML page that an inspector signs, and the same as JSON for machines."""
 
 from ._json import SCHEMA_VERSION, report_json
-from .html import render, render_parts, write_html
+from .html import render, render_parts
 from .pdf import PdfError, pdf_bytes
 
 __all__ = [
@@ -11,5 +11,4 @@ __all__ = [
     "render",
     "render_parts",
     "report_json",
-    "write_html",
 ]

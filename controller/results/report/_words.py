@@ -1,5 +1,7 @@
 """The report's sentences: how a run ended, why a part got its verdict, what to know first."""
 
+from controller.inspection.detection import WORDS
+
 from ..run import PartReport, RunRecord
 from ..wording import count_of
 
@@ -13,6 +15,11 @@ END_WORDS = {
     "cut_off": "cut off: the run has no end in the journal",
 }
 TRAY_OF_VERDICT = {"pass": "accept", "fail": "reject"}
+
+
+def defect_words(kind: str) -> str:
+    """Return a kind of defect in words."""
+    return WORDS.get(kind, kind)
 
 
 def verdict_word(part: PartReport) -> str:

@@ -5,7 +5,6 @@ On paper it is the sheets of each part, made to be signed; on the screen the res
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
-from pathlib import Path
 from typing import Final
 
 from jinja2 import Template
@@ -13,12 +12,12 @@ from jinja2 import Template
 from controller.cad import Solid
 
 from ..judged import JudgedPart, judged_parts, solid_of_run
-from ..pages import make_environment, write_page
+from ..pages import make_environment
 from ..run import RunRecord, row_words, stage_words
 from ..wording import utc
 from ._optics import Optics
 from ._page import PartPage, css_class, lamp_words, make_part_page
-from ._words import END_WORDS, cautions, headline, why, why_in_run
+from ._words import END_WORDS, cautions, defect_words, headline, why, why_in_run
 from .pictures import QUALITIES, Pictures, Quality
 from .signed import MAX_LOOKS, PartSheets, make_sheets
 
@@ -34,22 +33,17 @@ FILTERS: Final[Mapping[str, Callable[..., str]]] = {
     "stage": stage_words,
     "css": css_class,
     "lamp_words": lamp_words,
+    "defect_words": defect_words,
 }
 
 
-def write_html(record: RunRecord, path: Path) -> Path:
-    """Write the report of a run and return its path.
-
-    The file is whole or not there.
-
-    Raises
-    ------
-    OSError : the file cannot be written
-    """
-    return write_page(render(record), path)
-
-
-def render(record: RunRecord, max_bytes: int = MAX_BYTES, *, on_paper: bool = False) -> str:
+def render(
+    record: RunRecord,
+    max_bytes: int = MAX_BYTES,
+    *,
+    on_paper: bool = False,
+    qif_sha256: str = "",
+) -> str:
     """Return the page of a run; pictures are made smaller until it is small enough.
 
     Parameters
@@ -57,9 +51,12 @@ def render(record: RunRecord, max_bytes: int = MAX_BYTES, *, on_paper: bool = Fa
     record : the run
     max_bytes : of the page
     on_paper : leave out what opens on demand
+    qif_sha256 : of the same results as QIF, which the page then names
     """
     solid: Solid | str = solid_of_run(record) if record.parts else NO_CAD
-    return _render(judged_parts(record), solid, record, max_bytes, on_paper=on_paper)
+    return _render(
+        judged_parts(record), solid, record, max_bytes, on_paper=on_paper, qif_sha256=qif_sha256
+    )
 
 
 def render_parts(
@@ -89,6 +86,7 @@ def _render(
     max_bytes: int,
     *,
     on_paper: bool,
+    qif_sha256: str = "",
 ) -> str:
     count = sum(
         len(judged.part.table_pictures)
@@ -101,7 +99,7 @@ def _render(
     fitting = [q for q in QUALITIES if count * q.typical_bytes <= budget]
     text = ""
     for quality in fitting:
-        text = _page(parts, solid, record, quality, on_paper=on_paper)
+        text = _page(parts, solid, record, quality, on_paper=on_paper, qif_sha256=qif_sha256)
         if len(text.encode()) <= max_bytes:
             return text
     return text
@@ -114,6 +112,7 @@ def _page(
     quality: Quality,
     *,
     on_paper: bool,
+    qif_sha256: str = "",
 ) -> str:
     pages: list[tuple[JudgedPart, PartPage, PartSheets]] = []
     for judged in parts:
@@ -145,5 +144,6 @@ def _page(
         log=record.log[left_out:] if record else (),
         log_left_out=left_out,
         is_reduced=quality is not QUALITIES[0],
+        qif_sha256=qif_sha256,
         on_paper=on_paper,
     )

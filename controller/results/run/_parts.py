@@ -10,6 +10,7 @@ from controller.cell.journal import Body, Once, rows
 from .model import (
     CharacteristicReport,
     CheckReport,
+    DetectionReport,
     FaceReport,
     FindingReport,
     LookReport,
@@ -324,4 +325,8 @@ def _verdict(row: rows.PartJudged) -> VerdictReport:
         ),
         in_sight_fraction=row.in_sight_fraction,
         claim=row.claim,
+        found=tuple(
+            DetectionReport(d.kind, d.size_mm, d.share, d.half_mm, d.is_asked, d.open_faces)
+            for d in row.found
+        ),
     )

@@ -257,6 +257,27 @@ class CheckReport:
 
 
 @dataclass(frozen=True, slots=True)
+class DetectionReport:
+    """A kind of defect that would have been found with a probability of 90 %.
+
+    Attributes
+    ----------
+    size_mm : what was asked, or the smallest defect of the recipe
+    share : of the surface, of chips and burrs of the sharp edges, on which it would have been found
+    half_mm : the size found on half of that; None for none
+    is_asked : the recipe names it
+    open_faces : on less than half of which it would have been found
+    """
+
+    kind: str
+    size_mm: float
+    share: float
+    half_mm: float | None
+    is_asked: bool
+    open_faces: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class VerdictReport:
     """The verdict on a part.
 
@@ -266,6 +287,7 @@ class VerdictReport:
     compared_fraction : of all surface, compared
     in_sight_fraction : in sight, compared or not
     claim : what was looked for on the compared surface
+    found : by kind of defect, what would have been found; empty in runs that did not say
     """
 
     verdict: str
@@ -274,6 +296,7 @@ class VerdictReport:
     faces: tuple[FaceReport, ...]
     in_sight_fraction: float | None = None
     claim: str = ""
+    found: tuple[DetectionReport, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -129,6 +129,17 @@ def verdict_row(v: inspecting.PartVerdict) -> rows.PartJudged:
             )
             for f in v.faces
         ),
+        found=tuple(
+            rows.DetectionFields(
+                kind=d.kind,
+                size_mm=d.size_mm,
+                share=round(d.share, 4),
+                half_mm=None if d.half_mm is None else round(d.half_mm, 3),
+                is_asked=d.is_asked,
+                open_faces=tuple(face for face, _ in d.open_faces),
+            )
+            for d in v.detections
+        ),
     )
 
 
