@@ -171,6 +171,9 @@ def inspect_part(
     rival = posed.rival(views.part, settings.pose)
     results = inspect_views(views, posed, settings)
     edges = inspect_edges(views, posed, results, settings)
+    results = tuple(
+        replace(r, findings=(*r.findings, *edges.findings.get(r.view_id, ()))) for r in results
+    )
     ledger = judge(
         views.part.solid,
         views.samples,
@@ -325,7 +328,7 @@ def inspect_edges(
         views.part,
         views.samples,
         known,
-        settings.limits.smallest_defect_mm,
+        settings.limits,
         settings.allowances,
         settings.measuring,
     )

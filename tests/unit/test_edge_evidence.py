@@ -7,10 +7,11 @@ from functools import cache
 import numpy as np
 import pytest
 from cad_solids import Body, box, rod, solid_of
+from manifold3d import Manifold
 from shown_part import face_id, hand, part, perfect, photograph, shown, task
 
 from controller.cad import sample_surface
-from controller.inspection import PosedPart
+from controller.inspection import InspectionLimits, PosedPart
 from controller.inspection.dimensions import BACKLIT, MeasuringSettings, PosedView
 from controller.inspection.edge_evidence import (
     EdgeEvidence,
@@ -24,11 +25,14 @@ from controller.inspection.integrity import Allowances
 
 LOOKS = ((-15.0, 5.0), (20.0, -12.0), (8.0, 14.0))  # turn and tilt [deg]
 KNOWN = np.diag([0.02] * 3 + [0.0003] * 3) ** 2  # a pose as well known as a fit's
-SMALLEST_MM = 3.0
+LIMITS = InspectionLimits(smallest_defect_mm=3.0, dust_mm=0.5)
 
 
 def evidence(
-    nominal: PosedPart, body: Body, looks: tuple[tuple[float, float], ...]
+    nominal: PosedPart,
+    body: Body,
+    looks: tuple[tuple[float, float], ...],
+    limits: InspectionLimits = LIMITS,
 ) -> EdgeEvidence:
     views = []
     for number, (turn, tilt) in enumerate(looks):
@@ -40,7 +44,7 @@ def evidence(
         nominal,
         sample_surface(nominal.solid),
         views,
-        SMALLEST_MM,
+        limits,
         Allowances(),
         MeasuringSettings(),
     )
@@ -140,6 +144,41 @@ def test_a_blind_bore_of_another_depth_is_not_shown(depth_mm: float) -> None:
 
 def test_a_floor_seen_along_the_axis_proves_no_depth() -> None:
     assert not blind_wall(evidence(blind_part(), blind(8.0), ((0.0, 0.0),))).is_verified
+
+
+def floor_of_blind() -> int:
+    return next(
+        f.id
+        for f in blind_part().solid.faces
+        if f.kind == "plane" and np.allclose(f.centre_mm, (-8, 2, 4), atol=0.1)
+    )
+
+
+def test_a_floor_too_narrow_to_be_compared_is_shown_with_its_wall() -> None:
+    # a defect of 8 mm is as wide as the floor; one of 3 mm has room on it
+    for smallest_mm, is_verified in ((8.0, True), (3.0, False)):
+        limits = InspectionLimits(smallest_defect_mm=smallest_mm)
+        found = evidence(blind_part(), blind(8.0), LOOKS, limits)
+        assert found.faces[floor_of_blind()].is_verified is is_verified
+    limits = InspectionLimits(smallest_defect_mm=8.0)
+    shallow = evidence(blind_part(), blind(4.0), LOOKS, limits)
+    assert not shallow.faces[floor_of_blind()].is_verified
+
+
+def countersunk() -> Body:
+    """A plate with a bore that ends in a cone at its front."""
+    cone = Manifold.cylinder(2.0, 3.0, 5.0, 64).translate((-6, 2, 4))
+    return box(46, 34, 12) - rod(3, 30, 64).translate((-6, 2, 0)) - cone
+
+
+def test_a_countersink_is_shown_by_its_edges_and_the_light_through_its_bore() -> None:
+    sunk = PosedPart(solid_of(countersunk(), "sunk"))
+    cone = next(f.id for f in sunk.solid.faces if f.kind == "cone")
+    looks = ((-12.0, 5.0), (15.0, -10.0))
+    limits = InspectionLimits(smallest_defect_mm=4.0)
+    assert evidence(sunk, countersunk(), looks, limits).faces[cone].is_verified
+    plugged = countersunk() + rod(3, 6, 64).translate((-6, 2, -3))
+    assert not evidence(sunk, plugged, looks, limits).faces[cone].is_verified
 
 
 def test_no_view_proves_nothing() -> None:

@@ -1,15 +1,24 @@
-"""Where the edges of a part show, whether they are in place, and what that proves of its faces."""
+"""Where the edges of a part show, whether they are in place, and what that proves of the part."""
 
-from ._edges import find_edges
+from ._damage import find_damage
+from ._displaced import Displaced, find_displaced
+from ._edges import PartEdges, find_edges
 from ._faces import FaceEdges, inner_mm
+from ._looks import EdgeLook, State
 from ._recesses import Recess, find_recesses
 from .evidence import EdgeEvidence, EdgeView, find_evidence
 
 __all__ = [
+    "Displaced",
     "EdgeEvidence",
+    "EdgeLook",
     "EdgeView",
     "FaceEdges",
+    "PartEdges",
     "Recess",
+    "State",
+    "find_damage",
+    "find_displaced",
     "find_edges",
     "find_evidence",
     "find_recesses",

@@ -13,6 +13,7 @@ from ..dimensions import Curve
 
 SPACING_PX: Final = 2.0  # two rays nearer than the blur of a lens see one thing
 CORNER_PX: Final = 5.0  # what stands round a corner is not this edge's
+SHORTEST_PX: Final = 3.0  # a shorter edge is lost in the blur of a lens
 MAX_CORNER: Final = 0.3  # of an edge, so that a short one is looked at as well
 MIN_POINTS: Final = 4
 MAX_POINTS: Final = 160
@@ -46,7 +47,7 @@ class PartEdges:
 
 
 def find_edges(solid: Solid, pixel_mm: float) -> PartEdges | None:
-    """Return points along every edge that is not smooth, None of a part without any.
+    """Return points along every edge that is neither smooth nor tiny, None of a part without any.
 
     Parameters
     ----------
@@ -63,7 +64,7 @@ def find_edges(solid: Solid, pixel_mm: float) -> PartEdges | None:
         way = vertices[chain]
         at = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(way, axis=0), axis=1))])
         length = float(at[-1])
-        if length <= 0.0:
+        if length < SHORTEST_PX * pixel_mm:
             continue
         is_closed = int(chain[0]) == int(chain[-1])
         places, share_mm = _places(length, pixel_mm, is_closed)

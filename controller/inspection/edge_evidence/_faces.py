@@ -1,7 +1,7 @@
 """Which faces their edges stand for: walls of holes, and faces with no room for a comparison."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -77,19 +77,78 @@ def prove_faces(
         count = sum(bool((look.state[own] == State.IN_PLACE).any()) for look in looks)
         how = ""
         recess = recess_of.get(face)
-        if recess is not None and recess.is_through:
-            share, how = _through(edges, looks, recess, face)
+        mouths, axis = _mouths(solid, edges, face, recess)
+        if mouths:
+            light = [_by_light(edges, looks, mouth, axis, face) for mouth in mouths]
+            # of a bore with one plain mouth that one tells, of a passage both
+            share = min(light) if recess is not None else max(light)
+            how = "of its rims, by the light through it," if share > GREATER_PART else ""
         elif recess is not None:
             share, how = _blind(edges, looks, recess, face, floors[id(recess)])
-        if not how and narrow[face]:
-            told = [(look.state == State.IN_PLACE) for look in looks]
-            for look, one in zip(looks, told, strict=True):
-                one[own] &= look.is_sensitive[own, side]
-            told_share = _share(edges, own, confirmed(looks, np.stack(told))[own])
-            if told_share >= GREATER_PART:
-                share, how = told_share, "of its edges"
+        elif narrow[face] and (not solid.faces[face].concave or solid.faces[face].kind == "cone"):
+            # a rim in place says nothing of how deep a hole is: no wall of one comes in here
+            told = _told(edges, looks, own, side)
+            if told > GREATER_PART:
+                share, how = told, "of its edges"
         out[face] = FaceEdges(share, count, bool(how), how)
-    return out
+    for recess in set(recess_of.values()):
+        if not recess.is_through:
+            _prove_floor(solid, narrow, recess, out)
+    return {
+        face: replace(one, is_verified=False, how="")
+        if solid.faces[face].kind == "cone" and not _is_open(solid, face, recess_of, out)
+        else one
+        for face, one in out.items()
+    }
+
+
+def _told(edges: PartEdges, looks: Sequence[EdgeLook], own: IndexArray, side: IndexArray) -> float:
+    """Return along what share of its edges a face is shown where the smallest defect would be.
+
+    Parameters
+    ----------
+    edges, looks : of the part, and at them
+    own, side : (k,) points on the face's edges, and which of the two faces there it is
+    """
+    told = [look.state == State.IN_PLACE for look in looks]
+    for look, one in zip(looks, told, strict=True):
+        one[own] &= look.is_sensitive[own, side]
+    return _share(edges, own, confirmed(looks, np.stack(told))[own])
+
+
+def _prove_floor(
+    solid: Solid, narrow: BoolArray, recess: Recess, faces: dict[int, FaceEdges]
+) -> None:
+    """Add the narrow floor of a blind hole: all its walls shown, it is there, at its depth."""
+    b = solid.boundary
+    around = {int(f) for edge in recess.floor for f in b.face[2 * edge : 2 * edge + 2]}
+    floor = around - recess.walls
+    walls = [faces[wall] for wall in recess.walls if wall in faces]
+    if len(floor) != 1 or not all(wall.is_verified for wall in walls):
+        return
+    (face,) = floor
+    if narrow[face] and not faces[face].is_verified:
+        share = min(wall.share for wall in walls)
+        how = "of the rim above it, and it at its depth,"
+        faces[face] = replace(faces[face], share=share, is_verified=True, how=how)
+
+
+def _is_open(
+    solid: Solid, face: int, recess_of: Mapping[int, Recess], faces: Mapping[int, FaceEdges]
+) -> bool:
+    """Return whether a cone is no hollow, or light is shown to pass the bore that it leads to."""
+    if not solid.faces[face].concave:
+        return True
+    sides = solid.boundary.face.reshape(-1, 2)
+    beside = set(sides[(sides == face).any(axis=1)].ravel().tolist()) - {face}
+    return any(
+        solid.faces[other].concave
+        and solid.faces[other].kind == "cylinder"
+        and other in faces
+        and faces[other].is_verified
+        and (other not in recess_of or recess_of[other].is_through)
+        for other in beside
+    )
 
 
 def confirmed(looks: Sequence[EdgeLook], in_place: BoolArray) -> BoolArray:
@@ -105,43 +164,43 @@ def confirmed(looks: Sequence[EdgeLook], in_place: BoolArray) -> BoolArray:
     return np.asarray((times > 0) & (times >= elsewhere))
 
 
-def _through(
-    edges: PartEdges, looks: Sequence[EdgeLook], recess: Recess, face: int
-) -> tuple[float, str]:
-    """Return what share of a wall is shown, and by what; no words where it is too little."""
+def _mouths(
+    solid: Solid, edges: PartEdges, face: int, recess: Recess | None
+) -> tuple[list[IndexArray], FloatArray]:
+    """Return the points of each mouth of a wall that light may pass, and the way it passes.
+
+    A bore that ends at one side in a countersink, or in another hole, has one plain mouth. Whether
+    light can pass at all is for the pictures to show.
+    """
+    own = np.flatnonzero((edges.faces == face).any(axis=1))
+    if recess is not None:
+        if not recess.is_through:
+            return [], recess.axis
+        ends = [own[np.isin(edges.edge[own], list(mouth))] for mouth in recess.mouths]
+        return ends if all(len(end) for end in ends) else [], recess.axis
+    wall = solid.faces[face]
+    if wall.kind != "cylinder" or not wall.concave:
+        return [], wall.axis
+    rings = np.unique(edges.edge[own[edges.is_closed[own]]])
+    return [own[edges.edge[own] == ring] for ring in rings], wall.axis
+
+
+def _by_light(
+    edges: PartEdges, looks: Sequence[EdgeLook], mouth: IndexArray, axis: FloatArray, face: int
+) -> float:
+    """Return along what share of a mouth light ends at it, or at the wall above or beneath it."""
     is_wall = edges.faces == face
-    ends = [
-        np.flatnonzero(is_wall.any(axis=1) & np.isin(edges.edge, list(mouth)))
-        for mouth in recess.mouths
-    ]
-    if any(len(end) == 0 for end in ends):
-        return 0.0, ""
     light = np.stack([
         (look.state == State.IN_PLACE) & (look.light_through & is_wall).any(axis=1)
         for look in looks
     ])  # fmt: skip
-    lit_through = confirmed(looks, light)
-    share = min(
-        _share(edges, end, lit_through[end] | _beneath(edges, end, other, lit_through, recess))
-        for end, other in (ends, ends[::-1])
-    )
-    return share, "of its rims, by the light through it," if share >= GREATER_PART else ""
-
-
-def _beneath(
-    edges: PartEdges,
-    end: IndexArray,
-    other: IndexArray,
-    shown: BoolArray,
-    recess: Recess,
-) -> BoolArray:
-    """Return at which points of one mouth the other shows, above or beneath them."""
-    there = other[shown[other]]
+    shown = confirmed(looks, light)
+    there = np.flatnonzero(shown)
     if len(there) == 0:
-        return np.zeros(len(end), dtype=np.bool_)
-    flat = edges.points_mm - (edges.points_mm @ recess.axis)[:, None] * recess.axis
-    near, _ = cKDTree(flat[there]).query(flat[end])
-    return np.asarray(near <= BESIDE * edges.length_mm[end])
+        return 0.0
+    flat = edges.points_mm - (edges.points_mm @ axis)[:, None] * axis
+    near, _ = cKDTree(flat[there]).query(flat[mouth])
+    return _share(edges, mouth, shown[mouth] | (near <= BESIDE * edges.length_mm[mouth]))
 
 
 def _blind(
@@ -164,7 +223,7 @@ def _blind(
         ]),
     )  # fmt: skip
     share = _share(edges, mouth, shown[mouth])
-    is_shown = floor_is_in_place and share >= GREATER_PART
+    is_shown = floor_is_in_place and share > GREATER_PART
     return share, "of its rim, its floor at its depth," if is_shown else ""
 
 

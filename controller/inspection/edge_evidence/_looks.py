@@ -53,10 +53,12 @@ class EdgeLook:
     state : (n,) `State` of each point
     offset_px : (n,) where the edge is along its ray, out of the material; nan where none was found
     sigma_px : (n,) its standard error
+    contrast : (n,) how much brighter it gets along the ray [grey]
     limit_px : (n,) how far a good part's may be
     is_sensitive : (n, 2) the edge moved along either face by the smallest defect would be elsewhere
     faces_camera : (n, 2) either face is turned to the camera
     light_through : (n, 2) the panel shows on the side that either face is turned to
+    may_glare : (n,) a wall beside it, seen flat, may throw the panel's light back
     pixels, normals : (n, 2) of the rays
     across : (n, 3) how far the edge moves along its ray, CAD frame [px/mm]
     """
@@ -66,10 +68,12 @@ class EdgeLook:
     state: NDArray[np.int8]
     offset_px: FloatArray
     sigma_px: FloatArray
+    contrast: FloatArray
     limit_px: FloatArray
     is_sensitive: BoolArray
     faces_camera: BoolArray
     light_through: BoolArray
+    may_glare: BoolArray
     pixels: FloatArray
     normals: FloatArray
     across: FloatArray
@@ -122,7 +126,6 @@ def look_at_edges(
     own = OWN_WALL * np.linalg.norm(across, axis=1)
     through = (rays.rising[:, None] * step) > own[:, None]
     out = []
-    contrast = None
     for lamp in lamps:
         is_backlit = lamp == BACKLIT
         picture = view.pictures.backlit if is_backlit else view.pictures.lit[lamp]
@@ -130,15 +133,12 @@ def look_at_edges(
         u_px = np.sqrt(pose_px**2 + light**2 + settings.lens_px**2)
         limit = play_px + K * u_px + rays.wall_px * is_backlit
         shows = ((rays.rising != 0) if is_backlit else rays.shows_lit) & is_long
-        state, offset, sigma, found = _measured(
-            picture, rays, shows, limit, edges, is_backlit, settings, contrast
-        )
-        if is_backlit:
-            contrast = found
+        measured = _measured(picture, rays, shows, limit, edges, is_backlit, settings)
         out.append(
             EdgeLook(
-                view.task.view_id, lamp, state, offset, sigma, limit,
+                view.task.view_id, lamp, *measured, limit,
                 along > limit[:, None], faces_camera, through & is_backlit,
+                (rays.wall_px > 0) & is_backlit,
                 rays.pixels, rays.normals, across,
             )
         )  # fmt: skip
@@ -161,14 +161,14 @@ def _measured(
     edges: PartEdges,
     is_backlit: bool,
     settings: MeasuringSettings,
-    panel: float | None,
-) -> tuple[NDArray[np.int8], FloatArray, FloatArray, float | None]:
+) -> tuple[NDArray[np.int8], FloatArray, FloatArray, FloatArray]:
+    """Return of each point (n,) its state, where the step is, its standard error and contrast."""
     count = len(shows)
     state = np.zeros(count, dtype=np.int8)
-    offset, sigma = np.full(count, np.nan), np.full(count, np.inf)
+    offset, sigma, contrast = np.full(count, np.nan), np.full(count, np.inf), np.zeros(count)
     index = np.flatnonzero(shows)
     if len(index) == 0:
-        return state, offset, sigma, None
+        return state, offset, sigma, contrast
     noise = pixel_noise(picture, None, 1)
     reach = np.minimum(rays.reach_px[index, 0 if is_backlit else 1], limit_px[index] + BEYOND_PX)
     rising = rays.rising[index] if is_backlit else None
@@ -181,7 +181,6 @@ def _measured(
         rising,
     )
     good = found.is_found & (found.sigma_px <= settings.max_ray_px)
-    typical = None
     if is_backlit and good.any():
         typical = float(np.median(np.abs(found.contrast[good])))
         good &= np.abs(found.contrast) >= settings.min_contrast_share * typical
@@ -193,7 +192,8 @@ def _measured(
     )
     offset[index] = place
     sigma[index] = found.sigma_px
-    return state, offset, sigma, typical
+    contrast[index] = found.contrast
+    return state, offset, sigma, contrast
 
 
 def _agree(

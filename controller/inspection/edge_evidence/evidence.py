@@ -12,8 +12,11 @@ from controller.cad import Solid, SurfaceSamples
 from controller.imaging import transform
 
 from .._pose import PosedPart
+from .._types import Finding, InspectionLimits
 from ..dimensions import MeasuringSettings, PosedView
 from ..integrity import Allowances, allowed_mm
+from ._damage import find_damage
+from ._displaced import find_displaced
 from ._edges import PartEdges, find_edges
 from ._faces import FaceEdges, inner_mm, prove_faces
 from ._looks import EdgeLook, look_at_edges
@@ -21,6 +24,7 @@ from ._looks import EdgeLook, look_at_edges
 EDGE_PLAY_MM: Final = 0.3  # beside an edge that may be broken by so much no surface is compared
 BLUR_PX: Final = 2.0  # nor within the blur of lens and filters
 MIN_COS: Final = 0.5  # a face that is only seen flatter is not shown; no face is narrow for that
+GRAINS: Final = 2.0  # of dust, that nothing longer looks like
 SEEN_COS: Final = 0.26  # a sample that is seen flatter is not looked at, as in `_scene`
 
 
@@ -33,11 +37,13 @@ class EdgeEvidence:
     edges : of the part; None where it has none
     looks : picture by picture
     faces : by face id
+    findings : by view id, chips and burrs
     """
 
     edges: PartEdges | None
     looks: tuple[EdgeLook, ...]
     faces: Mapping[int, FaceEdges]
+    findings: Mapping[str, tuple[Finding, ...]]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -60,37 +66,40 @@ def find_evidence(
     part: PosedPart,
     samples: SurfaceSamples,
     views: Sequence[EdgeView],
-    smallest_mm: float,
+    limits: InspectionLimits,
     allowances: Allowances,
     settings: MeasuringSettings,
 ) -> EdgeEvidence:
-    """Return what the edges of a part prove of its faces.
+    """Return what the edges of a part prove of its faces, and what is damaged of them.
 
     Parameters
     ----------
     part, samples : the CAD model and its surface samples
     views : that were evaluated
-    smallest_mm : the smallest defect
+    limits : of findings
     allowances : what a good part may show
     settings : what is uncertain before any picture
     """
     if not views:
-        return EdgeEvidence(None, (), {})
+        return EdgeEvidence(None, (), {}, {})
     pixel_mm = min(v.view.task.camera.mm_per_px(v.view.T_world_part[:3, 3]) for v in views)
     edges = find_edges(part.solid, pixel_mm)
     if edges is None:
-        return EdgeEvidence(None, (), {})
+        return EdgeEvidence(None, (), {}, {})
     allowed = allowed_mm(part, allowances.tolerance_class)
     looks: list[EdgeLook] = []
     for one in views:
-        found = look_at_edges(part, edges, one.view, one.lamps, allowed, smallest_mm, settings)
+        found = look_at_edges(
+            part, edges, one.view, one.lamps, allowed, limits.smallest_defect_mm, settings
+        )
         looks += [_counted(look, edges, samples, one.counted) for look in found]
     around_mm = EDGE_PLAY_MM + BLUR_PX * pixel_mm
     cosine = np.maximum(_best_cosine(part.solid, samples, views), MIN_COS)
-    narrow = inner_mm(part.solid) < 0.5 * smallest_mm + around_mm / cosine
-    return EdgeEvidence(
-        edges, tuple(looks), prove_faces(part.solid, edges, looks, narrow, settings)
-    )
+    narrow = inner_mm(part.solid) < 0.5 * limits.smallest_defect_mm + around_mm / cosine
+    faces = prove_faces(part.solid, edges, looks, narrow, settings)
+    runs = find_displaced(edges, looks, pixel_mm, GRAINS * limits.dust_mm, allowances, settings)
+    poses = {one.view.task.view_id: one.view.T_world_part for one in views}
+    return EdgeEvidence(edges, tuple(looks), faces, find_damage(edges, runs, poses))
 
 
 def _counted(

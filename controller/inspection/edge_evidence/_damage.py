@@ -1,0 +1,95 @@
+"""Chips and burrs on edges, found in pictures under lamps and before the panel alike."""
+
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+import numpy as np
+
+from controller.arrays import FloatArray
+from controller.imaging import rotation_angle
+
+from .._types import Finding, FindingKind
+from ._displaced import Displaced
+from ._edges import PartEdges
+
+OTHER_LOOK_RAD: Final = float(np.radians(15.0))  # the part turned by less: the same look again
+SAME_PIXELS_PX: Final = 4.0  # nearer in two pictures it may be dirt on the lens
+BESIDE: Final = 1  # points of an edge between two runs that are one thing
+
+
+def find_damage(
+    edges: PartEdges, runs: Sequence[Displaced], T_world_part: Mapping[str, FloatArray]
+) -> dict[str, tuple[Finding, ...]]:
+    """Return by view what runs of displaced points show, one finding a place and view.
+
+    A place is sure where two views show it, the part turned between them and not in the same
+    pixels: two lamps in one view share the dirt on the lens and the dust on the part.
+
+    Parameters
+    ----------
+    edges : of the part
+    runs : all that were found
+    T_world_part : (4, 4) by view id
+    """
+    by_place: dict[tuple[int, str], list[Displaced]] = {}
+    for place, run in zip(_places(edges, runs), runs, strict=True):
+        by_place.setdefault((place, run.look.view_id), []).append(run)
+    out: dict[str, list[Finding]] = {}
+    for (place, view_id), mine in by_place.items():
+        plainest = max(mine, key=lambda run: run.depth_mm)
+        others = [
+            run
+            for (other, other_view), those in by_place.items()
+            if other == place and other_view != view_id
+            for run in those
+        ]
+        is_sure = any(_is_other_look(plainest, other, T_world_part) for other in others)
+        out.setdefault(view_id, []).append(_finding(edges, plainest, is_sure))
+    return {view_id: tuple(found) for view_id, found in out.items()}
+
+
+def _places(edges: PartEdges, runs: Sequence[Displaced]) -> list[int]:
+    """Return the number of the place of each run; runs on the same points have the same."""
+    numbers = list(range(len(runs)))
+    for i, one in enumerate(runs):
+        for j, other in enumerate(runs[:i]):
+            if numbers[i] != numbers[j] and _overlap(edges, one, other):
+                low, high = sorted((numbers[i], numbers[j]))
+                numbers = [low if number == high else number for number in numbers]
+    return numbers
+
+
+def _overlap(edges: PartEdges, one: Displaced, other: Displaced) -> bool:
+    if edges.edge[one.points[0]] != edges.edge[other.points[0]]:
+        return False
+    if (one.depth_px > 0) != (other.depth_px > 0):
+        return False
+    low = max(int(one.points.min()), int(other.points.min()))
+    high = min(int(one.points.max()), int(other.points.max()))
+    return low <= high + BESIDE
+
+
+def _is_other_look(
+    one: Displaced, other: Displaced, T_world_part: Mapping[str, FloatArray]
+) -> bool:
+    first, second = (T_world_part[run.look.view_id][:3, :3] for run in (one, other))
+    away = one.look.pixels[one.deepest] - other.look.pixels[other.deepest]
+    is_turned = rotation_angle(first @ second.T) >= OTHER_LOOK_RAD
+    return bool(is_turned and np.hypot(*away) > SAME_PIXELS_PX)
+
+
+def _finding(edges: PartEdges, run: Displaced, is_sure: bool) -> Finding:
+    at = run.look.pixels[run.points]
+    low, high = at.min(axis=0), at.max(axis=0)
+    x, y = run.look.pixels[run.deepest].tolist()
+    return Finding(
+        kind=FindingKind.BURR if run.is_burr else FindingKind.CHIP,
+        lamp=run.look.lamp,
+        area_mm2=0.5 * run.length_mm * run.depth_mm,
+        size_mm=float(np.hypot(run.length_mm, run.depth_mm)),
+        at_px=(x, y),
+        box_px=(int(low[0]), int(low[1]), int(high[0]) + 1, int(high[1]) + 1),
+        p_part_mm=edges.points_mm[run.deepest],
+        face_ids=tuple(int(face) for face in edges.faces[run.deepest]),
+        is_sure=is_sure,
+    )
