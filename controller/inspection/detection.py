@@ -112,7 +112,7 @@ def detections(
         asked = asked_mm.get(kind, limits.smallest_defect_mm)
         among = at_edge if kind in AT_EDGES else every
         if among.any():
-            sizes = _found_mm(kind, checks, samples, limits)
+            sizes = found_mm(kind, checks, samples, limits)
             found.append(
                 _detection(
                     kind, sizes, among, samples, asked, kind in asked_mm, solid, limits,
@@ -170,10 +170,18 @@ def least_mm(kind: str, mm_per_px: float, dust_mm: float = InspectionLimits().du
     }[kind]
 
 
-def _found_mm(
+def found_mm(
     kind: str, checks: Sequence[Check], samples: SurfaceSamples, limits: InspectionLimits
 ) -> FloatArray:
-    """Return the smallest size found with 90 % at each sample (n,), inf where none is."""
+    """Return the smallest size found with 90 % at each sample (n,), inf where none is.
+
+    Parameters
+    ----------
+    kind : of defect
+    checks : that were made
+    samples : n, of the surface
+    limits : with the smallest defect, and what may be dust
+    """
     nothing = np.full(len(samples.points_mm), np.inf)
     if kind in MARKS:
         looks = [c.smallest_mm[kind] for c in checks if kind in c.smallest_mm]
