@@ -277,10 +277,10 @@ class _View:
         checks: list[Check] = [self.outline.check]
         codes: list[NDArray[np.uint8]] = []
         if task.lamps:
-            shading = LitPictures(part, samples, task, scene, fit, visible, self.sharp)
+            lit = self.pictures.lit
+            shading = LitPictures(part, samples, task, scene, fit, visible, self.sharp, lit)
             for lamp in task.lamps:
-                picture = self.pictures.lit[lamp.name]
-                check, differing, code = shading.check(lamp.name, picture)
+                check, differing, code = shading.check(lamp.name)
                 checks.append(check)
                 codes.append(code)
                 findings = findings + differing

@@ -11,14 +11,9 @@ from numpy.typing import NDArray
 from shown_part import CAMERA, FRONT
 
 from controller.imaging import Camera, PointLamp, RayCaster, ViewMaps, render_maps, view_roi
-from controller.inspection.lit.light import (
-    ALBEDO,
-    HIGHLIGHT_WIDTHS_RAD,
-    Light,
-    Surface,
-    bound_light,
-    find_surface,
-)
+from controller.inspection.lit.bounce import ALBEDO, UNEVEN_MM, find_neighbours
+from controller.inspection.lit.light import HIGHLIGHT_WIDTHS_RAD, Light, bound_light
+from controller.inspection.lit.surface import Surface, find_surface
 
 STEP = 4
 SIDE = PointLamp("side", np.array([[-470.0, -620, 370]]))
@@ -37,7 +32,8 @@ def corner(lamp_name: str) -> tuple[Light, Surface, NDArray[np.float64]]:
     maps = render_maps(caster, T, CAMERA, roi, STEP)
     surface = find_surface(solid, maps, T, CAMERA, STEP)
     lamp = SIDE if lamp_name == "side" else RING
-    light = bound_light(surface, caster, T, CAMERA, lamp, None)
+    about = find_neighbours(surface, caster, T, CAMERA, None)
+    light = bound_light(surface, caster, T, CAMERA, lamp, None, about)
     return light, surface, surface.points @ T[:3, :3]
 
 
@@ -85,6 +81,35 @@ def test_beside_a_wall_light_may_bounce_the_more_the_nearer() -> None:
     assert light.bounce.max() < 0.5 * ALBEDO * 1.2
 
 
+def test_light_from_a_wall_is_uneven_beside_it_and_even_farther_off() -> None:
+    # 1 mm off a wall 20 mm high much of its light comes from 2 mm and less; 16 mm off none does
+    shares = []
+    for x0, x1 in ((-21.5, -20), (-8, -4)):
+        light, here = floor_between("ring", x0, x1)
+        shares.append(float(light.uneven[here].sum() / light.bounce[here].sum()))
+    near, far = shares
+    assert far < 1 / (1 + (13 / UNEVEN_MM) ** 2) < near / 5
+
+
+def test_a_polished_wall_mirrors_the_lamp_where_the_lamp_shines_on_both() -> None:
+    # the side lamp stands to the left, 37 degrees up: the step's other side is in its own shadow
+    light, surface, _ = corner("side")
+    assert light.mirrored[surface.seen].max() == 0.0
+    # the ring stands above the floor, and grazes the wall: its image lies deep in the wall
+    light, near = floor_between("ring", -21.5, -20)
+    _, far = floor_between("ring", 18, 26)
+    assert light.mirrored[near].mean() > 10 * light.mirrored[far].mean()
+
+
+def test_what_falls_on_a_step_does_not_fall_on_the_face_around_it() -> None:
+    light, surface, points = corner("ring")
+    top = np.zeros(surface.seen.shape, dtype=bool)
+    top[surface.seen] = (np.abs(points[:, 2] - 25) < 0.1) & (np.abs(points[:, 1]) < 20)
+    # nothing stands above the wall's top, though the floor beside it is lit by the wall
+    assert top.sum() > 20
+    assert light.bounce[top].max() == 0.0
+
+
 def test_a_surface_square_to_camera_and_ring_lies_in_its_highlight() -> None:
     light, here = floor_between("ring", 5, 20)
     dim, bright = light.glints[-1]
@@ -130,7 +155,8 @@ def light_of(
     caster = RayCaster(solid.mesh)
     maps = render_maps(caster, T, above(), (0, 0, *SIZE))
     surface = find_surface(solid, maps, T, above(), 1)
-    return bound_light(surface, caster, T, above(), lamp, others), maps
+    about = find_neighbours(surface, caster, T, above(), others)
+    return bound_light(surface, caster, T, above(), lamp, others, about), maps
 
 
 def pixel_of(x: float, y: float, z: float) -> tuple[int, int]:

@@ -2,25 +2,31 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from controller.inspection.lit.brightness import fit_brightness
-from controller.inspection.lit.light import HIGHLIGHT_WIDTHS_RAD, Light, Surface
+from controller.inspection.lit.claims import share_of_face
+from controller.inspection.lit.light import HIGHLIGHT_WIDTHS_RAD, Light
 from controller.inspection.lit.marks import (
     DIRECTIONS,
+    DISC,
     SPOT_NODES,
     Answers,
     answers,
     smallest_nodes,
     tail,
 )
+from controller.inspection.lit.surface import Surface
 from controller.inspection.lit.texture import Texture, feature_edges, find_texture
 
 Array = NDArray[np.float32]
 SHAPE = (120, 160)
 RATE, WEAK = 0.01, 0.3
+SPOT_RADII = tuple(DISC * sigma for sigma in SPOT_NODES)
 
 
 def grid() -> tuple[Array, Array]:
@@ -162,9 +168,79 @@ def test_what_would_be_found_is_smaller_on_a_calm_face() -> None:
     sizes = []
     for share in (0.02, 0.3):
         picture = noisy(6, share)
-        widths = smallest_nodes(judged(picture), texture_of(picture))["dent"]
+        widths = smallest_nodes(judged(picture), texture_of(picture), plane().cosine)["dent"]
         sizes.append(float(np.median(widths[plane().seen])))
     assert sizes[0] < sizes[1]
+
+
+def strip(width: int) -> Surface:
+    """A flat face only so many nodes high, in the middle of the window."""
+    whole = plane()
+    seen = np.zeros(SHAPE, dtype=bool)
+    seen[60 - width // 2 : 60 - width // 2 + width, 4:-4] = True
+    count = int(seen.sum())
+    return replace(
+        whole, seen=seen, points=np.zeros((count, 3)), normals=np.tile([0.0, 0, 1], (count, 1)),
+        facets=np.tile([0.0, 0, 1], (count, 1)), face=np.where(seen, 0, -1).astype(np.int32),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("width", [6, 10])
+def test_what_is_claimed_of_a_narrow_face_is_found_there(width: int) -> None:
+    surface = strip(width)
+    nothing = np.zeros(SHAPE, dtype=np.float32)
+    guide = np.full(SHAPE, 100, np.float32)
+    found = claimed = 0
+    for seed in range(12):
+        at = (30 + 8 * seed, 60 - width // 2 + seed % width)
+        before = find_texture(noisy(seed), surface, surface.seen, guide)
+        answer = answers(before, nothing, nothing, RATE, WEAK)
+        size = smallest_nodes(answer, before, surface.seen.astype(np.float32))["dent"][at[1], at[0]]
+        if not np.isfinite(size):
+            continue
+        claimed += 1
+        marked = disc(noisy(seed), at, size / 2, -0.3)
+        after = answers(
+            find_texture(marked, surface, surface.seen, guide), nothing, nothing, RATE, WEAK
+        )
+        found += bool((np.abs(after.excess) > after.weak).any())
+    assert claimed >= 6
+    assert found >= 0.9 * claimed
+
+
+def test_a_disc_cut_by_the_border_is_answered_as_much_as_is_claimed() -> None:
+    inside = np.zeros(SHAPE, dtype=np.float32)
+    inside[50:58] = 1.0
+    whole = disc(np.ones(SHAPE, np.float32), (80, 54), SPOT_RADII[2], 1.0) - 1.0
+    texture = Texture(
+        inside.astype(np.int32), whole * inside, 100 * inside, 0 * inside, np.array([False, False])
+    )
+    nothing = np.zeros(SHAPE, dtype=np.float32)
+    answer = answers(texture, nothing, nothing, RATE, WEAK)
+    assert answer.gain[2][54, 80] == pytest.approx(answer.excess[2][54, 80], rel=0.02)
+
+
+def test_a_round_mark_seen_aslant_is_claimed_larger_along_the_face() -> None:
+    texture = texture_of(noisy(6))
+    answer = judged(noisy(6))
+    squarely, aslant = (
+        smallest_nodes(answer, texture, np.full(SHAPE, c, np.float32))["dent"] for c in (1.0, 0.36)
+    )
+    both = np.isfinite(squarely) & np.isfinite(aslant)
+    # as large in the picture as squarely: wider by one over the root of the cosine at the least
+    assert both.any()
+    assert (aslant[both] >= 1.66 * squarely[both]).all()
+
+
+def test_a_defect_on_a_narrow_face_is_cut_by_the_face_itself() -> None:
+    face = np.zeros((40, 40), dtype=np.int32)
+    face[18:24] = 1
+    mask = face == 1
+    mask[18], mask[23] = False, False
+    # eight nodes across, on a face of six of which four are compared
+    share = share_of_face(mask, face, 8)
+    assert share[20, 20] == pytest.approx(4 / 6, abs=0.01)
+    assert share[5, 5] == 0.0
 
 
 def test_a_bright_corner_is_judged_with_its_doubt() -> None:
@@ -196,7 +272,7 @@ def light_on(matt: Array, glint: Array) -> Light:
     glints = [(zero, zero) for _ in HIGHLIGHT_WIDTHS_RAD]
     glints[1] = (glint, glint)
     nowhere = np.zeros(SHAPE, dtype=bool)
-    return Light(matt, matt, matt, zero, tuple(glints), nowhere, nowhere)
+    return Light(matt, matt, matt, zero, zero, zero, tuple(glints), nowhere, nowhere)
 
 
 def test_the_shares_of_a_picture_are_found_and_what_none_explains_is_its_error() -> None:

@@ -29,6 +29,7 @@ UNKNOWN_SPREAD: Final = 0.35  # where too few nodes show one
 UNSEEN_SPREAD: Final = 0.15  # of a face none of whose nodes shows its tone: other directions
 FACE_COUNT: Final = 60  # nodes that show a face's own tone
 FAINT_GREY: Final = 6.0
+POLISHED: Final = 4.0  # times as bright as the matt share: highlights of a polished finish
 TINY: Final = 1e-9  # keeps a lamp that shows nowhere from making a matrix singular
 
 
@@ -45,6 +46,7 @@ class Brightness:
     tone : what the node's face is brighter than predicted as a whole, by its lit nodes
     misfit : by how much a tenth of the fitted nodes is off, at least, as a share
     typical : median of the same
+    gloss : how polished the finish may be, from 0 to 1
     """
 
     predicted: Float32Array
@@ -55,6 +57,7 @@ class Brightness:
     tone: Float32Array
     misfit: float
     typical: float
+    gloss: float
 
 
 def fit_brightness(
@@ -97,7 +100,7 @@ def fit_brightness(
     whole = np.abs(off[fitting] - np.median(off[fitting]))
     return Brightness(
         predicted, direct, unshaded, spread, spread_open, tone,
-        float(np.quantile(whole, 0.9)), float(np.median(whole)),
+        float(np.quantile(whole, 0.9)), float(np.median(whole)), _gloss(shares, information),
     )  # fmt: skip
 
 
@@ -129,6 +132,14 @@ def _shares(lights: FloatArray, b: FloatArray, count: int) -> tuple[FloatArray, 
     weighed = lights * weight[:, None]
     information = weighed.T @ weighed * (count / len(b)) / error**2 + np.diag(prior**2 + TINY)
     return solution, information
+
+
+def _gloss(shares: FloatArray, information: FloatArray) -> float:
+    """Return how polished a finish may be, by the most highlight that two deviations allow."""
+    glints = slice(1, -2)
+    unsure = float(np.sqrt(np.linalg.inv(information)[glints, glints].sum()))
+    most = float(shares[glints].sum()) + 2 * unsure
+    return float(min(most / max(float(shares[0]), TINY) / POLISHED, 1.0))
 
 
 def _tones(

@@ -17,7 +17,8 @@ from controller.arrays import BoolArray, Float32Array
 
 from .._types import InspectionLimits, Unjudged
 from .brightness import Brightness
-from .light import Light, Surface
+from .light import Light
+from .surface import Surface
 
 SHADED: Final = 0.02  # of the open light: a full shadow
 STEEPEST: Final = 0.15  # cosine: steeper surfaces are seen in too few nodes
@@ -106,7 +107,8 @@ def compare(
     half_width = 0.5 * (light.most - light.least)
     width = np.where(light.most > 0.02, scale * half_width, 0.0)
     low = np.maximum(middle - width, 0.0) * (1 - np.minimum(play, 1.0))
-    bounced = unshaded * np.minimum(light.bounce, 1.0)
+    from_others = np.maximum(light.bounce, brightness.gloss * light.mirrored)
+    bounced = unshaded * np.minimum(from_others, 1.0)
     high = (middle + width) * (1 + play) + GLOSS * bounced
     penumbra = in_penumbra(light)
     high = np.where(penumbra, np.maximum(high, unshaded * (1 + play) + bounced), high)

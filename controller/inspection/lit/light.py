@@ -12,45 +12,16 @@ from typing import Final
 import cv2
 import numpy as np
 
-from controller.arrays import BoolArray, Float32Array, FloatArray, Int32Array
-from controller.cad import Solid, surface_normals
-from controller.imaging import Camera, PointLamp, RayCaster, ViewMaps, inverse_pose, transform
+from controller.arrays import BoolArray, Float32Array, FloatArray
+from controller.imaging import Camera, PointLamp, RayCaster, inverse_pose, transform
 
-SHADOW_OFFSET_MM: Final = 0.05  # off the surface, or it would shadow itself
+from .bounce import COSINE_PLAY, SHADOW_OFFSET_MM, Neighbours, bounced_light
+from .surface import Surface
+
 SPOT_RADIUS_MM: Final = 25.0  # a lamp given as one point is taken to be as large as this
 RING_SPREAD: Final = 0.12  # a ring's light comes from radii that differ by this share
 BLUR_NODES: Final = 3  # window of nodes within which a shadow's border may lie elsewhere
-COSINE_PLAY: Final = 0.02  # the pose, and a surface, may be turned by a degree
-ALBEDO: Final = 0.8  # nothing machined throws back more
 HIGHLIGHT_WIDTHS_RAD: Final = tuple(float(np.radians(d)) for d in (5.0, 9.0, 13.0, 18.0))
-BOUNCE_STEP: Final = 4  # bounced light is smooth: every fourth node
-BOUNCE_RAYS: Final = 20
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Surface:
-    """What the sight lines of a grid of pixels meet; all arrays are of that grid.
-
-    Attributes
-    ----------
-    seen : (h, w) the part is met
-    points, normals : (n, 3) world, of the seen pixels in order; normals of the recognised surface
-    face : (h, w) face met, -1 where none
-    cosine : (h, w) of the angle at which the surface is seen, 0 where the part is not
-    area_mm2 : (h, w) of surface in a pixel of the full picture
-    depth_mm : (h, w) along the camera's axis, 0 where the part is not
-    node_mm : (h, w) side of a node square to the line of sight
-    """
-
-    seen: BoolArray
-    points: FloatArray
-    normals: FloatArray
-    facets: FloatArray
-    face: Int32Array
-    cosine: Float32Array
-    area_mm2: Float32Array
-    depth_mm: Float32Array
-    node_mm: Float32Array
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -62,6 +33,8 @@ class Light:
     least, most : without highlight and bounce
     open : as if nothing threw a shadow
     bounce : at most, from part and gripper, on top
+    uneven : of that, what may change within a defect's width: what comes from near by
+    mirrored : what polished surfaces make uneven besides
     glints : by width of the highlight (`HIGHLIGHT_WIDTHS_RAD`), its least and its most
     touched : the gripper keeps light away
     partly : part of the lamp may be hidden
@@ -71,56 +44,11 @@ class Light:
     most: Float32Array
     open: Float32Array
     bounce: Float32Array
+    uneven: Float32Array
+    mirrored: Float32Array
     glints: tuple[tuple[Float32Array, Float32Array], ...]
     touched: BoolArray
     partly: BoolArray
-
-
-def find_surface(
-    solid: Solid, maps: ViewMaps, T_world_part: FloatArray, camera: Camera, step_px: int
-) -> Surface:
-    """Return what a grid of pixels sees of a posed part.
-
-    Parameters
-    ----------
-    solid : the part
-    maps : its `ViewMaps`, of every ``step_px``-th pixel of their region
-    T_world_part : (4, 4) [mm], as the maps were made with
-    camera : likewise
-    step_px : distance of the grid's pixels
-    """
-    seen = maps.mask
-    x0, y0, x1, y1 = maps.roi
-    lines = camera.sight_line_table[y0:y1:step_px, x0:x1:step_px][seen].astype(np.float64)
-    points = camera.position_mm + lines * maps.depth_mm[seen][:, None]
-    triangle = maps.triangle[seen]
-    faces = solid.face_of_triangle[triangle]
-    facets = np.asarray(solid.mesh.face_normals)[triangle]
-    T_part_world = inverse_pose(T_world_part)
-    smooth = surface_normals(solid.faces, faces, transform(T_part_world, points), facets)
-    R = T_world_part[:3, :3].T
-    normals = smooth @ R
-    cosine = -(normals * lines).sum(axis=1) / np.linalg.norm(lines, axis=1)
-    side_mm = maps.depth_mm[seen] / float(camera.K[0, 0])
-
-    def spread(values: FloatArray) -> Float32Array:
-        out = np.zeros(seen.shape, dtype=np.float32)
-        out[seen] = values
-        return out
-
-    face = np.full(seen.shape, -1, dtype=np.int32)
-    face[seen] = faces
-    return Surface(
-        seen=seen,
-        points=points,
-        normals=normals,
-        facets=facets @ R,
-        face=face,
-        cosine=spread(np.clip(cosine, 0.0, 1.0)),
-        area_mm2=spread(side_mm**2 / np.maximum(cosine, 0.2)),
-        depth_mm=spread(maps.depth_mm[seen]),
-        node_mm=spread(step_px * side_mm),
-    )
 
 
 def lamp_points(lamp: PointLamp) -> FloatArray:
@@ -141,6 +69,7 @@ def bound_light(
     camera: Camera,
     lamp: PointLamp,
     others: RayCaster | None,
+    about: Neighbours,
 ) -> Light:
     """Return the bounds of a lamp's light on a surface.
 
@@ -152,6 +81,7 @@ def bound_light(
     camera : that saw it
     lamp : in the world
     others : what else throws shadows, in the world (the gripper that holds the part)
+    about : what stands about the surface
     """
     seen, points, normals = surface.seen, surface.points, surface.normals
     shape = seen.shape
@@ -209,74 +139,5 @@ def bound_light(
     most = np.where(partly, np.maximum(most, bare), most)
     shaded = np.zeros(shape, dtype=bool)
     shaded[seen] = touched
-    bounce = _bounce(surface, caster, T_world_part, sources.mean(axis=0), reference, others)
-    return Light(least, most, bare, bounce, tuple(glints), shaded, partly)
-
-
-def _bounce(
-    surface: Surface,
-    caster: RayCaster,
-    T_world_part: FloatArray,
-    source: FloatArray,
-    reference: float,
-    others: RayCaster | None,
-) -> Float32Array:
-    """Return an upper bound of the light that part and gripper throw on each other, once.
-
-    Rays over the hemisphere, by cosine: what one of them meets is taken to lie in the open before
-    the lamp, and to throw back `ALBEDO` of what falls there.
-    """
-    seen = surface.seen
-    number = np.full(seen.shape, -1, dtype=np.int64)
-    number[seen] = np.arange(len(surface.points))
-    coarse = number[::BOUNCE_STEP, ::BOUNCE_STEP]
-    rows = coarse[coarse >= 0]
-    out = np.zeros(coarse.shape, dtype=np.float32)
-    if len(rows):
-        normals = surface.normals[rows]
-        start = surface.points[rows] + SHADOW_OFFSET_MM * surface.facets[rows]
-        helper = np.where(np.abs(normals[:, :1]) < 0.6, [[1.0, 0, 0]], [[0, 1.0, 0]])
-        e1 = np.cross(normals, helper)
-        e1 /= np.linalg.norm(e1, axis=1)[:, None]
-        e2 = np.cross(normals, e1)
-        T_part_world = inverse_pose(T_world_part)
-        back, start_part = T_world_part[:3, :3], transform(T_part_world, start)
-        total = np.zeros(len(rows))
-        for i in range(BOUNCE_RAYS):
-            radius = np.sqrt((i + 0.5) / BOUNCE_RAYS)
-            phi = i * 2.399963
-            direction = radius * (np.cos(phi) * e1 + np.sin(phi) * e2)
-            direction += np.sqrt(1 - radius**2) * normals
-            met, distance = caster.first_hit(start_part, direction @ back)
-            hit = np.flatnonzero(met >= 0)
-            if len(hit):
-                at = start[hit] + distance[hit, None] * direction[hit]
-                total[hit] += _light_at(at, caster, met[hit], back, source, reference)
-            if others is not None:
-                struck, reach = others.first_hit(start, direction)
-                near = np.flatnonzero((struck >= 0) & (reach < distance))
-                at = start[near] + reach[near, None] * direction[near]
-                total[near] += _light_at(at, others, struck[near], np.eye(3), source, reference)
-        out[coarse >= 0] = ALBEDO * total / BOUNCE_RAYS
-    # a wall met by no ray may still stand between two of them, and between two nodes
-    wide = cv2.dilate(out, np.ones((3, 3), np.uint8))
-    whole = cv2.resize(
-        wide, (coarse.shape[1] * BOUNCE_STEP, coarse.shape[0] * BOUNCE_STEP),
-        interpolation=cv2.INTER_NEAREST,
-    )  # fmt: skip
-    return np.asarray(whole[: seen.shape[0], : seen.shape[1]])
-
-
-def _light_at(
-    points: FloatArray,
-    caster: RayCaster,
-    triangle: Int32Array,
-    R_world_part: FloatArray,
-    source: FloatArray,
-    reference: float,
-) -> FloatArray:
-    towards = source - points
-    distance = np.linalg.norm(towards, axis=1)
-    normals = caster.normals[triangle] @ R_world_part.T
-    cosine = (towards * normals).sum(axis=1) / distance
-    return np.asarray(np.clip(cosine + COSINE_PLAY, 0.0, 1.0) * (reference / distance) ** 2)
+    bounce, uneven, mirrored = bounced_light(about, sources.mean(axis=0), reference)
+    return Light(least, most, bare, bounce, uneven, mirrored, tuple(glints), shaded, partly)

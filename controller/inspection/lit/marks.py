@@ -15,8 +15,9 @@ from typing import Final
 import cv2
 import numpy as np
 
-from controller.arrays import Float32Array, FloatArray, Int32Array
+from controller.arrays import BoolArray, Float32Array, FloatArray, Int32Array
 
+from .._scene import MAX_INCIDENCE_COS
 from .texture import Texture
 
 SPOT_NODES: Final = (1.2, 2.0, 3.3, 5.5, 9.0)  # standard deviation of a spot's middle
@@ -25,6 +26,8 @@ LINE_NODES: Final = 0.9  # across
 LINE_LENGTH_NODES: Final = 4.5  # along
 DIRECTIONS: Final = 12
 ON_REGION: Final = 0.5  # of a filter's weight that must lie on the region
+MIN_GAIN: Final = 0.5  # of a whole spot's answer: less of it left is no measure of a mark
+FLATTEST: Final = MAX_INCIDENCE_COS  # a surface seen flatter is not in sight
 NEAR_NODES: Final = 20.0  # texture may differ from one part of a face to another
 CLIPPED: Final = 3.0  # standard deviations a node adds to that, at most
 WRONG_SHAPE: Final = 0.5  # share of a predicted change that may be wrong, as at a highlight
@@ -37,6 +40,11 @@ QUIETEST: Final = 0.002  # contrast below which no face's texture is taken to be
 CONTRASTS: Final = MappingProxyType({"dent": 0.3, "scratch": 0.2, "stain": 0.15})
 MIN_CONTRAST: Final = 0.1  # what differs by less is finish, not a mark
 DISC: Final = 1.4  # radius of a spot by the standard deviation of the filter that answers most
+FILTER_STEP: Final = 5 / 3  # from one spot filter's width to the next
+# share of a spot filter's most answer to a disc larger by so many steps: of one much larger its
+# border alone answers
+OTHER_STEPS: Final = (-3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0)
+OTHER_SHARES: Final = (0.0, 0.2, 0.55, 1.0, 0.9, 0.4, 0.35)
 LINE_WIDTH: Final = 2.5  # width of a line likewise
 
 
@@ -49,11 +57,14 @@ class Answers:
     excess : contrast, less what the shape explains; signed
     limit : what texture exceeds as often as the setting allows, and no less than a mark's
     weak : the same, where one more in a picture is of no account
+    gain : what each spot filter answers (spots, h, w) to a disc of contrast 1 and its best size
+        about a node, cut by the border of what is compared
     """
 
     excess: Float32Array
     limit: Float32Array
     weak: Float32Array
+    gain: Float32Array
 
 
 def answers(
@@ -87,11 +98,25 @@ def answers(
         np.array([tail(p if len(p) >= MIN_MAXIMA else pooled, r / count) for p in peaks])
         for r in (rate, weak_rate)
     )
-    gains = np.array([_spot_gain()] * len(SPOT_NODES) + [_line_gain()] * DIRECTIONS)
-    least = gains[:, None, None] * (MIN_CONTRAST + bounced)
+    gain = _cut_gains(inside)
+    lines = np.full((DIRECTIONS, *inside.shape), _line_gain(), np.float32)
+    whole = np.maximum(gain, MIN_GAIN * _spot_gain())
+    least = np.concatenate([whole, lines]) * (MIN_CONTRAST + _within_reach(bounced * inside))
     limit = np.maximum(sure[:, None, None] * scatter, least).astype(np.float32)
     low = np.maximum(np.minimum(weak, sure)[:, None, None] * scatter, least)
-    return Answers(excess, limit, low.astype(np.float32))
+    return Answers(excess, limit, low.astype(np.float32), gain)
+
+
+def _within_reach(bounced: Float32Array) -> Float32Array:
+    """Return the most bounced light that each filter's answer at a node sees, (filters, h, w)."""
+    reaches = [SURROUND * sigma for sigma in SPOT_NODES] + [LINE_LENGTH_NODES] * DIRECTIONS
+    by_reach: dict[float, Float32Array] = {}
+    for reach in reaches:
+        if reach not in by_reach:
+            size = 2 * int(np.ceil(reach)) + 1
+            kernel = np.ones((size, size), np.uint8)
+            by_reach[reach] = np.asarray(cv2.dilate(bounced, kernel), np.float32)
+    return np.stack([by_reach[reach] for reach in reaches])
 
 
 def tail(maxima: FloatArray, expected: float) -> float:
@@ -207,29 +232,94 @@ def _maxima(z: Float32Array, region: Int32Array) -> FloatArray:
     return np.asarray(height[(height >= top) & (region > 0) & (height > 0)], np.float64)
 
 
-def smallest_nodes(answer: Answers, texture: Texture) -> dict[str, Float32Array]:
+def smallest_nodes(
+    answer: Answers, texture: Texture, cosine: Float32Array
+) -> dict[str, Float32Array]:
     """Return per kind of mark the smallest width found at each node (h, w), inf where none is.
+
+    It counts where the filters' next width is found as well: between the two lie all that a mark of
+    about that width may be.
 
     Parameters
     ----------
     answer : of the filters
     texture : what they answered to
+    cosine : (h, w) of the angle at which the surface is seen
     """
     inside = texture.region > 0
     need = answer.limit
     count = len(SPOT_NODES)
-    most = _spot_gain()
+    slant = np.clip(cosine, FLATTEST, 1.0).astype(np.float32)
     out = {}
     for kind in ("dent", "stain"):
         widths = np.full(inside.shape, np.inf, dtype=np.float32)
-        for sigma, least in zip(SPOT_NODES[::-1], need[:count][::-1], strict=True):
-            widths[inside & (CONTRASTS[kind] * most >= least)] = 2 * DISC * sigma
+        own = [np.asarray(2 * DISC * s / np.sqrt(slant), np.float32) for s in SPOT_NODES]
+        found = [finds(answer, texture, cosine, kind, width) for width in own]
+        for size in reversed(range(count)):
+            shows = found[size] & found[min(size + 1, count - 1)]
+            widths[shows] = own[size][shows]
         out[kind] = widths
     line = _line_gain()
     worst = need[count:].max(axis=0)
     found = inside & (CONTRASTS["scratch"] * line >= worst)
-    out["scratch"] = np.where(found, LINE_WIDTH * LINE_NODES, np.inf).astype(np.float32)
+    out["scratch"] = np.where(found, LINE_WIDTH * LINE_NODES / slant, np.inf).astype(np.float32)
     return out
+
+
+def finds(
+    answer: Answers, texture: Texture, cosine: Float32Array, kind: str, width_nodes: Float32Array
+) -> BoolArray:
+    """Return where (h, w) a round mark would be found by any filter.
+
+    A round mark on a surface seen aslant is an ellipse in the picture, and answered less.
+
+    Parameters
+    ----------
+    answer : of the filters
+    texture : what they answered to
+    cosine : (h, w) of the angle at which the surface is seen
+    kind : dent or stain, which have different contrasts
+    width_nodes : (h, w) of the mark, along the surface
+    """
+    slant = np.clip(cosine, FLATTEST, 1.0)
+    contrast = (CONTRASTS[kind] * np.interp(slant, *_aslant())).astype(np.float32)
+    out = np.zeros(texture.region.shape, dtype=bool)
+    for sigma, gain, need in zip(SPOT_NODES, answer.gain, answer.limit, strict=False):
+        steps = np.log(width_nodes * np.sqrt(slant) / (2 * DISC * sigma)) / np.log(FILTER_STEP)
+        share = np.interp(steps, OTHER_STEPS, OTHER_SHARES).astype(np.float32)
+        out |= contrast * gain * share >= need
+    return out & (texture.region > 0)
+
+
+def _cut_gains(inside: Float32Array) -> Float32Array:
+    """Return each spot filter's answer (spots, h, w) to a disc of its best size about a node."""
+    out = np.zeros((len(SPOT_NODES), *inside.shape), dtype=np.float32)
+    for sigma, target in zip(SPOT_NODES, out, strict=True):
+        reach = int(np.ceil(DISC * sigma))
+        v, u = np.mgrid[-reach : reach + 1, -reach : reach + 1].astype(np.float32)
+        disc = np.clip(DISC * sigma + 0.5 - np.hypot(u, v), 0.0, 1.0)
+        for sign, width in ((1, sigma), (-1, SURROUND * sigma)):
+            bell = np.exp(-0.5 * (u**2 + v**2) / width**2) / (2 * np.pi * width**2)
+            in_disc = cv2.filter2D(inside, cv2.CV_32F, (bell * disc).astype(np.float32))
+            weight = cv2.GaussianBlur(inside, (0, 0), width)
+            target += sign * in_disc / np.maximum(weight, 1e-3)
+    return out * (inside > 0)
+
+
+@cache
+def _aslant() -> tuple[FloatArray, FloatArray]:
+    """Return cosines, and a spot's answer to a disc seen at them, of that to one seen squarely.
+
+    The disc is as large in the picture as one seen squarely, and longer than wide.
+    """
+    v, u = np.mgrid[-6:6.01:0.05, -6:6.01:0.05]
+    bells = [np.exp(-0.5 * (u**2 + v**2) / s**2) / s**2 for s in (1.0, SURROUND)]
+    cosines = np.linspace(FLATTEST, 1.0, 12)
+    gains = []
+    for c in cosines:
+        disc = (u**2 * c + v**2 / c) <= DISC**2
+        gains.append(float(bells[0][disc].sum() - bells[1][disc].sum()))
+    return cosines, np.array(gains) / gains[-1]
 
 
 def _spot_gain() -> float:

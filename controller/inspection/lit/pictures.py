@@ -1,5 +1,6 @@
 """The lit pictures of one view: each must lie where the pose says, and look as its light allows."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import cached_property
 from typing import Final
@@ -8,17 +9,19 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.arrays import BoolArray, Float32Array, Grey, Int32Array
+from controller.arrays import BoolArray, Float32Array, Grey
 from controller.cad import SurfaceSamples
 from controller.imaging import ViewMaps, transform
 from controller.recognition.fitting import EdgePoints, predict_edges
 
 from .._connected import connected_findings, grow
 from .._pose import PosedPart, PoseFit, point_spread
-from .._scene import HOLDER_MARGIN_PX, ViewScene, Visibility
+from .._scene import HOLDER_MARGIN_PX, MAX_INCIDENCE_COS, ViewScene, Visibility
 from .._types import Check, Finding, FindingKind, InspectionLimits, Unjudged, ViewTask
 from ..registration import Registration, picture_noise, register, register_edges
+from .bounce import Neighbours, find_neighbours
 from .brightness import Brightness, fit_brightness
+from .claims import near_own_face, share_of_face
 from .compare import (
     BURNT_GREY,
     FITTED_COUNT,
@@ -29,9 +32,10 @@ from .compare import (
     fitted_nodes,
     in_penumbra,
 )
-from .light import Light, Surface, bound_light, find_surface
-from .marks import Answers, answers, smallest_nodes
+from .light import Light, bound_light
+from .marks import Answers, answers, finds, smallest_nodes
 from .spots import local_findings
+from .surface import Surface, find_surface
 from .texture import Texture, feature_edges, find_texture
 
 STEP_PX: Final = 2  # faces are compared on every second pixel
@@ -54,6 +58,7 @@ SPREAD_NODES: Final = 8  # the pose's spread changes slowly
 BOUNCED: Final = 1.5  # times the light of matt neighbours: what a glossy corner adds in one place
 PARTLY_NODES: Final = 2  # lamps are a little larger than their centres say
 LIT: Final = 0.05  # of a surface square to the lamp: less light shows no texture
+VEIL_GREY: Final = 1.5  # what a lens scatters of bright places into dark ones beside them
 MIN_NOISE_GREY: Final = 0.3  # of eight bits
 
 
@@ -68,6 +73,7 @@ class LitPictures:
     fit : pose of the part, with its outline
     visible : which samples are in sight
     sharp : how sharp the backlit picture is; None where it does not show
+    pictures : by lamp name
     """
 
     def __init__(
@@ -79,10 +85,13 @@ class LitPictures:
         fit: PoseFit,
         visible: Visibility,
         sharp: Registration | None,
+        pictures: Mapping[str, Grey],
     ) -> None:
         self._part, self._samples, self._task, self._scene = part, samples, task, scene
         self._fit, self._visibility, self._sharp = fit, visible, sharp
+        self._pictures = pictures
         self._lights: dict[str, Light] = {}
+        self._fits: dict[str, Brightness] = {}
         self._fine = self._surface_at(STEP_PX)
         self._coarse = self._surface_at(STEP_PX * LIGHT_STRIDE)
         com = transform(fit.T_world_part, part.solid.centroid_mm[None])[0]
@@ -131,7 +140,7 @@ class LitPictures:
         near = away <= EDGE_PLAY_PX + EDGE_PLAY_MM / self._mm + POSE_SPREADS * self._spread_px()
         unheld = self._unheld(STEP_PX)
         usable: BoolArray = self._fine.seen & ~near & unheld & self._inside[::STEP_PX, ::STEP_PX]
-        return usable & (self._fine.cosine > self._flattest)
+        return usable & (self._fine.cosine > MAX_INCIDENCE_COS)
 
     def _spread_px(self) -> Float32Array:
         """Return how far off the pose may be at the fine nodes (h, w), one standard deviation."""
@@ -146,12 +155,15 @@ class LitPictures:
         full = np.repeat(np.repeat(wide, SPREAD_NODES, axis=0), SPREAD_NODES, axis=1)
         return np.asarray(full[: surface.seen.shape[0], : surface.seen.shape[1]])
 
-    def check(
-        self, lamp_name: str, picture: Grey
-    ) -> tuple[Check, list[Finding], NDArray[np.uint8]]:
-        """Return what a lamp's picture compared, what it found, and why not the rest (n,)."""
+    def check(self, lamp_name: str) -> tuple[Check, list[Finding], NDArray[np.uint8]]:
+        """Return what a lamp's picture compared, what it found, and why not the rest (n,).
+
+        Parameters
+        ----------
+        lamp_name : one of the view's lamps
+        """
         task, limits = self._task, self._task.limits
-        light = self._light(lamp_name)
+        picture, light = self._pictures[lamp_name], self._light(lamp_name)
         observed = self._soft(picture)
         valid = self._valid(light)
         reason = self._misfit(picture, light)
@@ -162,16 +174,14 @@ class LitPictures:
             return Check(lamp_name, "", self._none()), [], code.astype(np.uint8)
         brightness = None
         if not reason:
-            told = fitting & (observed < BURNT_GREY)
-            brightness = fit_brightness(
-                observed, light, told if told.sum() >= FITTED_COUNT else fitting, self._coarse.face
-            )
+            brightness = self._brightness(lamp_name)
             reason = self._unlike(observed, fitting, brightness) or self._other_lamp(
                 lamp_name, observed, brightness
             )
         if reason or brightness is None:
             code = np.where(self._visibility.free, Unjudged.LAMP.number, 0)
             return Check(lamp_name, reason, self._none()), [], code.astype(np.uint8)
+        brightness = replace(brightness, gloss=self._gloss)
         outcome = compare(
             observed, self._coarse, light, brightness, valid,
             _ground_level(picture, self._fit.maps, self._scene), limits, self._flattest,
@@ -195,9 +205,41 @@ class LitPictures:
             lamp = next(lamp for lamp in self._task.lamps if lamp.name == lamp_name)
             self._lights[lamp_name] = bound_light(
                 self._coarse, self._part.caster, self._fit.T_world_part, self._task.camera, lamp,
-                self._scene.holder,
+                self._scene.holder, self._about,
             )  # fmt: skip
         return self._lights[lamp_name]
+
+    @cached_property
+    def _about(self) -> Neighbours:
+        """What part and gripper have standing about what is seen."""
+        return find_neighbours(
+            self._coarse, self._part.caster, self._fit.T_world_part, self._task.camera,
+            self._scene.holder,
+        )  # fmt: skip
+
+    def _brightness(self, lamp_name: str) -> Brightness:
+        """Return a lamp's light as its picture shows it, fitted once."""
+        if lamp_name not in self._fits:
+            light, observed = self._light(lamp_name), self._soft(self._pictures[lamp_name])
+            fitting = fitted_nodes(self._coarse, light, self._valid(light))
+            told = fitting & (observed < BURNT_GREY)
+            self._fits[lamp_name] = fit_brightness(
+                observed, light, told if told.sum() >= FITTED_COUNT else fitting, self._coarse.face
+            )
+        return self._fits[lamp_name]
+
+    @cached_property
+    def _gloss(self) -> float:
+        """How polished the finish may be, by the lamp that tells most of it."""
+        told = [
+            self._brightness(lamp.name).gloss
+            for lamp in self._task.lamps
+            if fitted_nodes(
+                self._coarse, self._light(lamp.name), self._valid(self._light(lamp.name))
+            ).sum()
+            >= FITTED_COUNT
+        ]
+        return min(told, default=1.0)
 
     def _soft(self, picture: Grey) -> Float32Array:
         x0, y0, x1, y1 = self._fit.maps.roi
@@ -288,8 +330,11 @@ class LitPictures:
         texture = find_texture(np.asarray(observed, np.float32), self._fine, usable, predicted)
         grey = max(picture_noise(window), MIN_NOISE_GREY) / STEP_PX
         noise = np.asarray(grey / np.maximum(texture.smooth, 1.0), np.float32)
-        bounced = np.asarray(light.bounce / np.maximum(light.least, LIT), np.float32)
-        return texture, noise, BOUNCED * _interpolated(bounced, self._coarse.seen, shape)
+        uneven = light.uneven + brightness.gloss * light.mirrored
+        uneven = np.asarray(uneven / np.maximum(light.least, LIT), np.float32)
+        bounced = BOUNCED * _interpolated(uneven, self._coarse.seen, shape)
+        veil = VEIL_GREY / np.maximum(texture.smooth, 1.0)
+        return texture, noise, np.asarray(bounced + veil, np.float32)
 
     def _misfit(self, picture: Grey, light: Light) -> str:
         """Return why a lit picture does not lie on the pose, or is not sharp; empty if it does."""
@@ -343,11 +388,11 @@ class LitPictures:
     def _smallest(self, answer: Answers, texture: Texture) -> dict[str, Float32Array]:
         """Return per kind of mark the smallest width [mm] found at each sample (n,), else inf."""
         inside, v, u = self._at_samples(STEP_PX)
-        slant = np.maximum(self._fine.node_mm / np.maximum(self._fine.cosine, 0.05), 1e-6)
+        side = np.maximum(self._fine.node_mm, 1e-6)
         out = {}
-        for kind, nodes in smallest_nodes(answer, texture).items():
+        for kind, nodes in smallest_nodes(answer, texture, self._fine.cosine).items():
             widths = np.full(len(inside), np.inf, dtype=np.float32)
-            widths[inside] = (nodes * slant)[v, u]
+            widths[inside] = (nodes * side)[v, u]
             out[kind] = widths
         return out
 
@@ -356,14 +401,16 @@ class LitPictures:
     ) -> tuple[BoolArray, NDArray[np.uint8]]:
         """Return which samples a picture compared (n,), and why not the others (n,)."""
         limits = self._task.limits
-        slant = self._fine.node_mm / np.maximum(self._fine.cosine, 0.05)
-        nodes = smallest_nodes(answer, texture)[FindingKind.DENT.name.lower()]
-        fine = nodes <= limits.smallest_defect_mm / np.maximum(slant, 1e-6)
+        side = np.maximum(self._fine.node_mm, 1e-6)
+        width = np.asarray(limits.smallest_defect_mm / side, np.float32)
+        fine = finds(answer, texture, self._fine.cosine, FindingKind.DENT.name.lower(), width)
         size = limits.smallest_defect_mm / self._mm / STEP_PX
-        whole = _near_own_face(fine, self._fine.face, size) & (_share(fine, size) >= DISC_SHARE)
+        whole = near_own_face(fine, self._fine.face, size)
+        whole &= share_of_face(fine, self._fine.face, size) >= DISC_SHARE
         step = STEP_PX * LIGHT_STRIDE
         rough = limits.smallest_defect_mm / self._mm / step
-        light = outcome.compared & (_share(outcome.compared, rough) >= DISC_SHARE)
+        light = share_of_face(outcome.compared, self._coarse.face, rough) >= DISC_SHARE
+        light &= outcome.compared
         inside, v, u = self._at_samples(STEP_PX)
         stride = LIGHT_STRIDE
         shown = (whole[v, u] | light[v // stride, u // stride]) & (self._flattest < 1.0)
@@ -406,24 +453,6 @@ def _refusal(
             f"{lens_px + limits.max_edge_growth_px:.1f} px is allowed: out of focus, or moved"
         )
     return ""
-
-
-def _share(mask: BoolArray, size_nodes: float) -> Float32Array:
-    """Return which share of a defect about each node lies on a mask (h, w)."""
-    size = max(1, round(size_nodes)) | 1
-    return np.asarray(cv2.blur(mask.astype(np.float32), (size, size)), np.float32)
-
-
-def _near_own_face(mask: BoolArray, face: Int32Array, size_nodes: float) -> BoolArray:
-    """Return which nodes (h, w) have a mask's nearest node on their own face, half a defect off."""
-    if not mask.any():
-        return mask
-    away, nearest = cv2.distanceTransformWithLabels(
-        (~mask).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
-    )
-    face_of = np.full(int(nearest.max()) + 1, -1, dtype=np.int32)
-    face_of[nearest[mask]] = face[mask]
-    return np.asarray((away <= size_nodes / 2) & (face_of[nearest] == face) & (face >= 0))
 
 
 def _spread_out(mask: BoolArray, shape: tuple[int, int]) -> BoolArray:

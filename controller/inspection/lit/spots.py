@@ -14,8 +14,8 @@ from controller.arrays import BoolArray, Grey
 from .._connected import border_of, nearest_on_part
 from .._pose import PosedPart, PoseFit
 from .._types import Finding, FindingKind, ViewTask
-from .light import Surface
 from .marks import SPOT_NODES, Answers
+from .surface import Surface
 from .texture import Texture
 
 BLUR_PX: Final = 1.65  # full width at half maximum of a point: what a good lens makes

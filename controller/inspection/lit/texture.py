@@ -14,7 +14,7 @@ import numpy as np
 
 from controller.arrays import BoolArray, Float32Array, FloatArray, Int32Array
 
-from .light import Surface
+from .surface import Surface
 
 CREASE_COSINE: Final = float(np.cos(np.radians(8.0)))  # between nodes: no smooth face turns faster
 DEPTH_STEP: Final = 4.0  # between nodes, in what a plane seen as flat as allowed would make

@@ -1,0 +1,218 @@
+"""Light that part and gripper throw on each other: bounds of it, once bounced.
+
+How much comes from a neighbouring surface is known to a bound at best. Where it changes slowly it
+is the face's own brightness; what matters to a mark is what changes within a mark's width: light
+from near by, and what a polished surface mirrors.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import cv2
+import numpy as np
+
+from controller.arrays import BoolArray, Float32Array, FloatArray, Int32Array, IntArray
+from controller.imaging import Camera, RayCaster, inverse_pose, transform
+
+from .surface import Surface
+
+SHADOW_OFFSET_MM: Final = 0.05  # off the surface, or it would shadow itself
+COSINE_PLAY: Final = 0.02  # the pose, and a surface, may be turned by a degree
+ALBEDO: Final = 0.8  # nothing machined throws back more
+BOUNCE_STEP: Final = 4  # bounced light is smooth: every fourth node
+BOUNCE_RAYS: Final = 40
+LOBE_RAD: Final = 0.2  # of a polished neighbour's highlight: rays are half of it apart
+POLISH: Final = 3.0  # times as bright a narrower one is in one place
+UNEVEN_MM: Final = 2.0  # light from so near by changes by half within a defect's width
+# what a polished surface shows beside a mirror's direction: about its lobe's width
+MIRROR_SPREAD: Final = ((0.0, 0.0), (0.15, 0.0), (-0.15, 0.0), (0.0, 0.15), (0.0, -0.15))
+EVEN_NORMALS: Final = 0.999  # length of the mean of unit normals that differ by some degrees
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Met:
+    """What one ray from each of some nodes meets.
+
+    Attributes
+    ----------
+    hit : (k,) which of the nodes' rays meet anything
+    points, normals : (k, 3) where, world
+    distance_mm : (k,)
+    """
+
+    hit: IntArray
+    points: FloatArray
+    normals: FloatArray
+    distance_mm: FloatArray
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Neighbours:
+    """What stands about a surface, whatever the lamp.
+
+    Attributes
+    ----------
+    coarse : (h, w) every fourth node, where the part is seen
+    face : (h, w) of all nodes
+    points : (n, 3) of the seen coarse nodes, world
+    around : what rays over the hemisphere meet, by cosine
+    mirrored : what is seen in the surface if it is polished, about the mirror's direction
+    """
+
+    coarse: BoolArray
+    face: Int32Array
+    points: FloatArray
+    around: tuple[Met, ...]
+    mirrored: tuple[Met, ...]
+
+
+def find_neighbours(
+    surface: Surface,
+    caster: RayCaster,
+    T_world_part: FloatArray,
+    camera: Camera,
+    others: RayCaster | None,
+) -> Neighbours:
+    """Return what part and gripper have standing about a surface.
+
+    Parameters
+    ----------
+    surface : what a grid of pixels sees of the part
+    caster : of the part's mesh, in the CAD frame
+    T_world_part : (4, 4) the pose it was seen in
+    camera : that saw it
+    others : what else throws light back, in the world (the gripper)
+    """
+    number = np.full(surface.seen.shape, -1, dtype=np.int64)
+    number[surface.seen] = np.arange(len(surface.points))
+    coarse = number[::BOUNCE_STEP, ::BOUNCE_STEP]
+    rows = coarse[coarse >= 0]
+    normals = surface.normals[rows]
+    start = surface.points[rows] + SHADOW_OFFSET_MM * surface.facets[rows]
+    helper = np.where(np.abs(normals[:, :1]) < 0.6, [[1.0, 0, 0]], [[0, 1.0, 0]])
+    e1 = np.cross(normals, helper)
+    e1 /= np.linalg.norm(e1, axis=1)[:, None]
+    e2 = np.cross(normals, e1)
+    back, start_part = T_world_part[:3, :3], transform(inverse_pose(T_world_part), start)
+
+    def meet(direction: FloatArray) -> Met:
+        triangle, distance = caster.first_hit(start_part, direction @ back)
+        normal = caster.normals[triangle] @ back.T
+        if others is not None:
+            struck, reach = others.first_hit(start, direction)
+            near = (struck >= 0) & (reach < distance)
+            normal[near] = others.normals[struck[near]]
+            distance = np.where(near, reach, distance)
+        hit = np.flatnonzero(np.isfinite(distance))
+        at = start[hit] + distance[hit, None] * direction[hit]
+        return Met(hit, at, normal[hit], distance[hit])
+
+    around = []
+    for i in range(BOUNCE_RAYS if len(rows) else 0):
+        radius = np.sqrt((i + 0.5) / BOUNCE_RAYS)
+        phi = i * 2.399963
+        direction = radius * (np.cos(phi) * e1 + np.sin(phi) * e2)
+        around.append(meet(direction + np.sqrt(1 - radius**2) * normals))
+    to_camera = camera.position_mm - start
+    to_camera /= np.linalg.norm(to_camera, axis=1)[:, None]
+    mirror = 2 * (normals * to_camera).sum(axis=1)[:, None] * normals - to_camera
+    mirrored = []
+    for a, b in MIRROR_SPREAD if len(rows) else ():
+        direction = mirror + a * e1 + b * e2
+        mirrored.append(meet(direction / np.linalg.norm(direction, axis=1)[:, None]))
+    return Neighbours(coarse >= 0, surface.face, start, tuple(around), tuple(mirrored))
+
+
+def bounced_light(
+    about: Neighbours, source: FloatArray, reference: float
+) -> tuple[Float32Array, Float32Array, Float32Array]:
+    """Return an upper bound of the light that part and gripper throw on each other, once.
+
+    What a ray meets is taken to lie in the open before the lamp, and to throw back `ALBEDO` of what
+    falls there. The second is what of that is uneven, as it comes from near by; the third what is
+    uneven because a polished neighbour mirrors the lamp, or a polished surface its neighbours.
+
+    Parameters
+    ----------
+    about : what stands about the surface
+    source : (3,) middle of the lamp, world
+    reference : distance [mm] at which the lamp's light counts as 1
+
+    Returns
+    -------
+    whole, uneven, mirrored : (h, w) each, in units of a matt surface square to the lamp
+    """
+    count = len(about.points)
+    total = np.zeros((3, count))
+    for met in about.around:
+        matt, glossy = _thrown(met, about.points, source, reference)
+        even = 1.0 / (1.0 + (met.distance_mm / UNEVEN_MM) ** 2)
+        thrown = np.stack([ALBEDO * matt, ALBEDO * matt * even, glossy])
+        total[:, met.hit] += thrown / BOUNCE_RAYS
+    lights, facing = (np.zeros((len(about.mirrored), count, k)) for k in (1, 3))
+    for met, light, normal in zip(about.mirrored, lights, facing, strict=True):
+        matt, _ = _thrown(met, about.points, source, reference)
+        light[met.hit, 0], normal[met.hit] = ALBEDO * matt, met.normals
+    if count:
+        # a plane in a mirror is as even as the light on it; anything else has borders, or glints
+        same = np.linalg.norm(facing.mean(axis=0), axis=1) > EVEN_NORMALS
+        most, least = lights.max(axis=0)[:, 0], lights.min(axis=0)[:, 0]
+        total[2] = np.maximum(total[2], np.where(same, most - least, most))
+    out = np.zeros((3, *about.coarse.shape), dtype=np.float32)
+    out[:, about.coarse] = total
+    whole = _most_about(out[0], about.face)
+    return whole, _between(out[1], about.face), _between(out[2], about.face)
+
+
+def _thrown(
+    met: Met, to: FloatArray, source: FloatArray, reference: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return the light (k,) that what rays met throws back if it is matt, and if it is polished."""
+    towards = source - met.points
+    distance = np.linalg.norm(towards, axis=1)
+    towards /= distance[:, None]
+    fall = (reference / distance) ** 2
+    cosine = (towards * met.normals).sum(axis=1)
+    half = towards + (to[met.hit] - met.points) / met.distance_mm[:, None]
+    half /= np.maximum(np.linalg.norm(half, axis=1), 1e-9)[:, None]
+    angle = np.arccos(np.clip((half * met.normals).sum(axis=1), -1.0, 1.0))
+    lobe = np.exp(-0.5 * (angle / LOBE_RAD) ** 2) / (8 * LOBE_RAD**2)
+    return np.clip(cosine + COSINE_PLAY, 0.0, 1.0) * fall, POLISH * lobe * fall * (cosine > 0)
+
+
+def _most_about(coarse: Float32Array, face: Int32Array) -> Float32Array:
+    """Return the most of every fourth node's light about each node (h, w), of its own face.
+
+    A wall met by no ray may still stand between two of them, and between two nodes. What falls on
+    the wall of a hole does not fall on the face around it; a face too small for a node of its own
+    takes what is near.
+    """
+    coarse_face = face[::BOUNCE_STEP, ::BOUNCE_STEP]
+    own = np.full(face.shape, -1.0, dtype=np.float32)
+    padded = np.pad(coarse, 1), np.pad(coarse_face, 1, constant_values=-1)
+    rows, columns = (np.arange(n) // BOUNCE_STEP for n in face.shape)
+    for dy in range(3):
+        for dx in range(3):
+            value, of = (a[dy:, dx:][rows[:, None], columns] for a in padded)
+            np.maximum(own, value, out=own, where=of == face)
+    wide = cv2.dilate(coarse, np.ones((3, 3), np.uint8))[rows[:, None], columns]
+    return np.where(face < 0, 0.0, np.where(own < 0, wide, own)).astype(np.float32)
+
+
+def _between(coarse: Float32Array, face: Int32Array) -> Float32Array:
+    """Return light between every fourth node (h, w), from nodes of the own face alone.
+
+    Where none of the four around is of the own face, the most about counts.
+    """
+    coarse_face = face[::BOUNCE_STEP, ::BOUNCE_STEP]
+    padded = np.pad(coarse, (0, 1)), np.pad(coarse_face, (0, 1), constant_values=-1)
+    (rows, v), (columns, u) = (np.divmod(np.arange(n), BOUNCE_STEP) for n in face.shape)
+    top, weight = (np.zeros(face.shape, dtype=np.float32) for _ in range(2))
+    for dy, across in enumerate((1 - v / BOUNCE_STEP, v / BOUNCE_STEP)):
+        for dx, along in enumerate((1 - u / BOUNCE_STEP, u / BOUNCE_STEP)):
+            value, of = (a[dy:, dx:][rows[:, None], columns] for a in padded)
+            share = np.where(of == face, across[:, None] * along, 0.0).astype(np.float32)
+            top += share * value
+            weight += share
+    inside = top / np.maximum(weight, 1e-6)
+    return np.where(weight > 0, inside, _most_about(coarse, face)).astype(np.float32)

@@ -1,0 +1,82 @@
+"""What a grid of a picture's pixels sees of a posed part."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from controller.arrays import BoolArray, Float32Array, FloatArray, Int32Array
+from controller.cad import Solid, surface_normals
+from controller.imaging import Camera, ViewMaps, inverse_pose, transform
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Surface:
+    """What the sight lines of a grid of pixels meet; all arrays are of that grid.
+
+    Attributes
+    ----------
+    seen : (h, w) the part is met
+    points, normals : (n, 3) world, of the seen pixels in order; normals of the recognised surface
+    face : (h, w) face met, -1 where none
+    cosine : (h, w) of the angle at which the surface is seen, 0 where the part is not
+    area_mm2 : (h, w) of surface in a pixel of the full picture
+    depth_mm : (h, w) along the camera's axis, 0 where the part is not
+    node_mm : (h, w) side of a node square to the line of sight
+    """
+
+    seen: BoolArray
+    points: FloatArray
+    normals: FloatArray
+    facets: FloatArray
+    face: Int32Array
+    cosine: Float32Array
+    area_mm2: Float32Array
+    depth_mm: Float32Array
+    node_mm: Float32Array
+
+
+def find_surface(
+    solid: Solid, maps: ViewMaps, T_world_part: FloatArray, camera: Camera, step_px: int
+) -> Surface:
+    """Return what a grid of pixels sees of a posed part.
+
+    Parameters
+    ----------
+    solid : the part
+    maps : its `ViewMaps`, of every ``step_px``-th pixel of their region
+    T_world_part : (4, 4) [mm], as the maps were made with
+    camera : likewise
+    step_px : distance of the grid's pixels
+    """
+    seen = maps.mask
+    x0, y0, x1, y1 = maps.roi
+    lines = camera.sight_line_table[y0:y1:step_px, x0:x1:step_px][seen].astype(np.float64)
+    points = camera.position_mm + lines * maps.depth_mm[seen][:, None]
+    triangle = maps.triangle[seen]
+    faces = solid.face_of_triangle[triangle]
+    facets = np.asarray(solid.mesh.face_normals)[triangle]
+    T_part_world = inverse_pose(T_world_part)
+    smooth = surface_normals(solid.faces, faces, transform(T_part_world, points), facets)
+    R = T_world_part[:3, :3].T
+    normals = smooth @ R
+    cosine = -(normals * lines).sum(axis=1) / np.linalg.norm(lines, axis=1)
+    side_mm = maps.depth_mm[seen] / float(camera.K[0, 0])
+
+    def spread(values: FloatArray) -> Float32Array:
+        out = np.zeros(seen.shape, dtype=np.float32)
+        out[seen] = values
+        return out
+
+    face = np.full(seen.shape, -1, dtype=np.int32)
+    face[seen] = faces
+    return Surface(
+        seen=seen,
+        points=points,
+        normals=normals,
+        facets=facets @ R,
+        face=face,
+        cosine=spread(np.clip(cosine, 0.0, 1.0)),
+        area_mm2=spread(side_mm**2 / np.maximum(cosine, 0.2)),
+        depth_mm=spread(maps.depth_mm[seen]),
+        node_mm=spread(step_px * side_mm),
+    )
