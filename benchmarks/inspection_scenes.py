@@ -123,8 +123,8 @@ def grasps(solid: Solid) -> list[tuple[Array, float]]:
 class Station:
     """The emulated station with one part in it, and what the controller knows of it."""
 
-    def __init__(self, body: trimesh.Trimesh) -> None:
-        self._layout = emulated.read_layout(CELL)
+    def __init__(self, body: trimesh.Trimesh, cell_file: Path = CELL) -> None:
+        self._layout = emulated.read_layout(cell_file)
         with tempfile.TemporaryDirectory(prefix="station") as folder:
             path = Path(folder) / "part.stl"
             body.export(path)
@@ -134,9 +134,8 @@ class Station:
         self._eye = Eye(scene, STATION)
         self._overhead: Eye | None = None
         self._lamps = [lamp.name for lamp in scene.lamps]
-        cell = load_cell(CELL)
+        self.cell = cell = load_cell(cell_file)
         self.layout = build_layout(cell)
-        self._cell = cell
         self.world_arm = self._layout.arm
 
     def shoot(
@@ -198,8 +197,8 @@ class Station:
             camera=self.layout.inspection,
             T_world_part=T,
             holder=holder,
-            panel_mm=panel_corners(self._cell, "station_backlight"),
-            lamps=build_lamps(self._cell, lamps),
+            panel_mm=panel_corners(self.cell, "station_backlight"),
+            lamps=build_lamps(self.cell, lamps),
             limits=limits,
             is_hold_measured=is_hold_measured,
         )
