@@ -206,6 +206,11 @@ def test_a_chip_is_found_in_pictures() -> None:
         assert one.kind is FindingKind.CHIP
         assert np.linalg.norm(one.p_part_mm - np.array(CHIP)) < 2.0
         assert one.size_mm == pytest.approx(3.0, abs=1.0)
+        assert one.outline_px is not None
+        x0, y0, x1, y1 = one.box_px
+        deep = 2.0  # the notch is 0.4 mm deep
+        assert (one.outline_px > np.array([x0, y0]) - deep).all()
+        assert (one.outline_px < np.array([x1, y1]) + deep).all()
 
 
 def test_one_view_of_a_chip_is_not_sure() -> None:

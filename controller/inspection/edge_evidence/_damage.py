@@ -92,4 +92,12 @@ def _finding(edges: PartEdges, run: Displaced, is_sure: bool) -> Finding:
         p_part_mm=edges.points_mm[run.deepest],
         face_ids=tuple(int(face) for face in edges.faces[run.deepest]),
         is_sure=is_sure,
+        outline_px=_between(run),
     )
+
+
+def _between(run: Displaced) -> FloatArray:
+    """Return the border (k, 2) of what lies between an edge's nominal place and where it is."""
+    nominal = run.look.pixels[run.points]
+    there = nominal + run.look.normals[run.points] * run.look.offset_px[run.points, None]
+    return np.concatenate([nominal, there[::-1]])
