@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from controller.arrays import FloatArray
+from controller.inspection import Verdict
 from controller.inspection.characteristics import (
     Characteristic,
     CharacteristicKind,
@@ -15,7 +16,7 @@ from controller.inspection.characteristics import (
     Rim,
     RimGeometry,
 )
-from controller.inspection.dimensions import Estimate, MeasuringSettings, combine
+from controller.inspection.dimensions import Estimate, MeasuringSettings, combine, result_of
 from controller.inspection.dimensions.solving import solve
 
 SETTINGS = MeasuringSettings()
@@ -92,6 +93,22 @@ def test_a_look_under_a_lamp_that_nothing_confirms_is_less_certain() -> None:
     backlit = combine(asked(), [seen(0.0, lamp="backlit", edge_type_and_light=0.02)], SETTINGS)
     assert alone.U_mm == pytest.approx(0.08)
     assert backlit.U_mm == pytest.approx(0.04)
+
+
+def test_a_fail_needs_two_looks_or_one_before_the_panel() -> None:
+    tilted = np.array([np.sin(0.4), 0, np.cos(0.4)])
+    lit = seen(-0.6, edge_noise=0.02)
+    backlit, other_lamp = (seen(-0.6, lamp=lamp, edge_noise=0.02) for lamp in ("backlit", "side"))
+    for looks, verdict in (
+        ([lit], Verdict.INDETERMINATE),
+        ([lit, seen(-0.6, view="v01", edge_noise=0.02)], Verdict.INDETERMINATE),
+        ([lit, other_lamp], Verdict.FAIL),
+        ([lit, seen(-0.6, view="v01", towards=tilted, edge_noise=0.02)], Verdict.FAIL),
+        ([backlit], Verdict.FAIL),
+    ):
+        found = result_of(asked(), combine(asked(), looks, SETTINGS))
+        assert found.verdict is verdict
+        assert found.is_disputed is (verdict is not Verdict.FAIL)
 
 
 def test_one_look_that_disagrees_with_many_is_left_out_and_says_so() -> None:

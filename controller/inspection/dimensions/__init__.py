@@ -5,7 +5,7 @@ from ._looks import Estimate
 from ._rays import Rays, place_rays, with_rotation, with_visibility
 from ._types import BACKLIT, MeasuringSettings, PosedView
 from .combine import Combined, combine
-from .measuring import look, measure
+from .measuring import look, measure, result_of
 
 __all__ = [
     "BACKLIT",
@@ -19,6 +19,7 @@ __all__ = [
     "look",
     "measure",
     "place_rays",
+    "result_of",
     "with_rotation",
     "with_visibility",
 ]

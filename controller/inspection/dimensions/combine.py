@@ -35,6 +35,8 @@ class Combined:
     is_disputed : it is open since looks contradict each other, or one that is required is missing
     views : it comes from
     looks : all of them; those left out say why
+    is_sure : two independent looks agree, or one before the panel, where no shadow looks like an
+        edge: enough for a FAIL
     """
 
     measured_mm: float | None
@@ -44,6 +46,7 @@ class Combined:
     is_disputed: bool
     views: tuple[str, ...]
     looks: tuple[Look, ...]
+    is_sure: bool = False
 
 
 def combine(
@@ -81,17 +84,23 @@ def combine(
     if part and not reason:
         reason = f"{part} of its edge to decide: {_why_none(looks)}"
     U = COVERAGE * u
-    return Combined(value, U, reason, bool(reason), is_disputed, whole.views, tuple(looks))
+    return Combined(
+        value, U, reason, bool(reason), is_disputed, whole.views, tuple(looks), whole.is_sure
+    )
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _Mean:
-    """Looks that agree, as one; `dropped` are those that do not, by number, and why."""
+    """Looks that agree, as one; `dropped` are those that do not, by number, and why.
+
+    `is_twice`: two of them are independent; `is_sure`: as `Combined` has it.
+    """
 
     vector_mm: FloatArray
     parts: Mapping[str, FloatArray]
     reason: str
     is_twice: bool
+    is_sure: bool
     is_direct: bool
     views: tuple[str, ...]
     dropped: tuple[tuple[int, str], ...]
@@ -156,13 +165,13 @@ def _chosen(
     used = [estimates[i] for i in good]
     vector, shares = _mean(used, settings)
     is_twice = _has_two(used, settings)
-    is_sure = is_twice or any(e.look.lamp == BACKLIT for e in used)
+    is_sure = is_proven = is_twice or any(e.look.lamp == BACKLIT for e in used)
     is_sure |= not parts and _is_confirmed(used, estimates, vector, settings)
     if (not is_sure or any(e.is_part for e in used)) and LIGHT in shares:
         # nothing confirms that the edge under the lamp is the part's and not its shadow's
         shares[LIGHT] = shares[LIGHT] * settings.unconfirmed_light**2
     views = tuple(dict.fromkeys(e.look.view_id for e in used))
-    return _Mean(vector, shares, reason, is_twice, True, views, tuple(dropped))
+    return _Mean(vector, shares, reason, is_twice, is_proven, True, views, tuple(dropped))
 
 
 def _sum(halves: Sequence[_Mean]) -> _Mean:
@@ -181,6 +190,7 @@ def _sum(halves: Sequence[_Mean]) -> _Mean:
         parts,
         one.reason or other.reason,
         one.is_twice and other.is_twice,
+        one.is_sure and other.is_sure,
         False,
         tuple(dict.fromkeys([*one.views, *other.views])),
         (),

@@ -14,6 +14,7 @@ from ._types import BACKLIT, MeasuringSettings, PosedView
 from .combine import Combined, combine
 
 DEFAULT: Final = MeasuringSettings()
+UNSURE: Final = "one look under one lamp says so, and a FAIL needs two"
 
 
 def measure(
@@ -62,7 +63,7 @@ def _put_together(
         halves = [[e for view in by_view for e in view[i].halves[k]] for k in range(2)]
         is_halved = has_halves(characteristic)
         answers.append(
-            _judged(
+            result_of(
                 characteristic,
                 combine(characteristic, whole, settings, halves if is_halved else ()),
             )
@@ -129,13 +130,22 @@ def _looks(
     return answers
 
 
-def _judged(characteristic: Characteristic, found: Combined) -> Measured:
-    verdict, reason = Verdict.NOT_EVALUATED, found.reason
+def result_of(characteristic: Characteristic, found: Combined) -> Measured:
+    """Return a characteristic with its verdict; a FAIL has two looks, or one before the panel.
+
+    Parameters
+    ----------
+    characteristic : what is asked
+    found : what all looks come to
+    """
+    verdict, reason, is_disputed = Verdict.NOT_EVALUATED, found.reason, found.is_disputed
     if found.measured_mm is not None and found.U_mm is not None:
         verdict = Verdict.INDETERMINATE
         if not found.is_open:
             verdict = verdict_of(characteristic, found.measured_mm, found.U_mm)
             reason = _why(characteristic, found.measured_mm, found.U_mm, verdict)
+            if verdict is Verdict.FAIL and not found.is_sure:
+                verdict, reason, is_disputed = Verdict.INDETERMINATE, f"{reason}; {UNSURE}", True
     return Measured(
         characteristic=characteristic,
         measured_mm=found.measured_mm,
@@ -144,7 +154,7 @@ def _judged(characteristic: Characteristic, found: Combined) -> Measured:
         views=found.views,
         reason=reason,
         looks=found.looks,
-        is_disputed=found.is_disputed,
+        is_disputed=is_disputed,
     )
 
 
