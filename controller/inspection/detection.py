@@ -21,7 +21,7 @@ from controller.cad import Solid, SurfaceSamples
 from ._types import OUTLINE, Check, InspectionLimits, ViewResult
 from .edge_evidence import find_edges
 from .integrity import BURR_PX, CHIP_PX
-from .lit import DISC, LINE_NODES, LINE_WIDTH, MIN_WIDTH_PX, SPOT_NODES, STEP_PX
+from .lit import DISC, FILTER_STEP, LINE_NODES, LINE_WIDTH, MIN_WIDTH_PX, SPOT_NODES, STEP_PX
 
 MARKS: Final = ("dent", "scratch", "stain")
 AT_EDGES: Final = ("chip", "burr")
@@ -38,8 +38,8 @@ WORDS: Final[Mapping[str, str]] = MappingProxyType(
     }
 )
 # A filter of the next width averages over 2.8 times the area: what passed its limit in half of
-# cases then does in nine of ten. The filters' widths are apart by this.
-NEXT_WIDTH: Final = 5 / 3
+# cases then does in nine of ten.
+NEXT_WIDTH: Final = FILTER_STEP
 # Four looks that each find a mark in half of cases miss it together in one of sixteen.
 HALVES: Final = 4
 # A run of the outline is a finding from about five standard deviations on; 1.28 more of them make

@@ -1,12 +1,13 @@
 """Pictures under lamps against bounds of the light: where they were compared, where they differ."""
 
 from .compare import BURNT_GREY
-from .marks import DISC, LINE_NODES, LINE_WIDTH, SPOT_NODES
+from .marks import DISC, FILTER_STEP, LINE_NODES, LINE_WIDTH, SPOT_NODES
 from .pictures import MIN_WIDTH_PX, STEP_PX, LitPictures
 
 __all__ = [
     "BURNT_GREY",
     "DISC",
+    "FILTER_STEP",
     "LINE_NODES",
     "LINE_WIDTH",
     "MIN_WIDTH_PX",
