@@ -27,7 +27,7 @@ from ._types import (
     ViewResult,
 )
 from .detection import Detection
-from .edge_evidence import FaceEdges
+from .edge_evidence import FaceEdges, MissingEdge
 
 SURE_AREA: Final = 2.5  # times the smallest area: no noise at a border grows so large
 SAME_PLACE_MM: Final = 6.0  # findings of two views whose middles are this close are one thing
@@ -114,6 +114,7 @@ def judge(
     not_inspected: Mapping[int, str] = NOTHING,
     planned: Mapping[str, BoolArray] = NO_PLAN,
     edges: Mapping[int, FaceEdges] = NO_EDGES,
+    missing_edges: Sequence[MissingEdge] = (),
 ) -> PartVerdict:
     """Return the verdict on a part, from all its views.
 
@@ -128,6 +129,7 @@ def judge(
     not_inspected : by face id, why the recipe leaves it out
     planned : by view id, which samples (n,) the plan meant it to show
     edges : by face id, what its edges prove
+    missing_edges : that must show, and do in no picture
 
     Raises
     ------
@@ -163,6 +165,11 @@ def judge(
             f"{100 * compared_share:.1f} % of the surface compared, "
             f"{100 * min_coverage:.1f} % is required"
         )
+    stops += [
+        f"{' and '.join(solid.faces[i].label for i in edge.faces)}: the edge between them, "
+        f"{edge.length_mm:.1f} mm long, is in none of {edge.look_count} pictures where it must show"
+        for edge in missing_edges
+    ]
     stops += [f"{view_id}: no other view made good what it was to show" for view_id in missing]
     stops += [
         f"{f.label}: {100 * f.compared_fraction:.0f} % compared, "

@@ -184,6 +184,7 @@ def inspect_part(
         settings.not_inspected,
         settings.planned,
         edges.faces,
+        edges.missing,
     )
     ledger = with_detections(views, results, ledger, settings)
     confirmed = {id(finding) for _, finding in ledger.confirmed}

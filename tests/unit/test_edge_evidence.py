@@ -181,6 +181,26 @@ def test_a_countersink_is_shown_by_its_edges_and_the_light_through_its_bore() ->
     assert not evidence(sunk, plugged, looks, limits).faces[cone].is_verified
 
 
+def notched() -> Body:
+    """A notch in the edge between front and top, smaller than the smallest defect."""
+    return perfect() - box(2.0, 4.0, 3.0).translate((4, 17, 12))
+
+
+def test_a_notch_that_the_part_lacks_shows_as_missing_edges() -> None:
+    nominal = PosedPart(solid_of(notched(), "notched"))
+    looks = ((20.0, -12.0), (-15.0, -10.0))
+    without = evidence(nominal, perfect(), looks).missing
+    # two lamps of one view may leave a short edge dark, but not all of them
+    missing = set(without) - set(evidence(nominal, notched(), looks).missing)
+    assert len(missing) >= 2
+    assert {nominal.solid.faces[i].kind for edge in missing for i in edge.faces} == {"plane"}
+    assert max(edge.length_mm for edge in missing) <= 2.0 + 1e-6
+
+
+def test_a_perfect_part_lacks_no_edge() -> None:
+    assert of_perfect().missing == ()
+
+
 def test_no_view_proves_nothing() -> None:
     assert evidence(part(), perfect(), ()).faces == {}
 

@@ -25,7 +25,7 @@ from controller.inspection import (
     ViewResult,
     judge,
 )
-from controller.inspection.edge_evidence import FaceEdges
+from controller.inspection.edge_evidence import FaceEdges, MissingEdge
 
 Array = NDArray[np.float64]
 LIMITS = InspectionLimits(smallest_defect_mm=3.0)
@@ -240,6 +240,15 @@ def test_a_wall_that_its_edges_show_passes_and_counts_as_not_compared() -> None:
     without = judge(plate(), samples(), (seen,), {}, 0.5, LIMITS)
     assert without.verdict is Verdict.INDETERMINATE
     assert got.compared_fraction == without.compared_fraction
+
+
+def test_an_edge_that_no_picture_shows_stops_a_pass() -> None:
+    lost = MissingEdge((0, 1), 4.2, 3)
+    seen = view(compared=everything())
+    got = judge(plate(), samples(), (seen,), {}, 0.5, LIMITS, missing_edges=(lost,))
+    assert got.verdict is Verdict.INDETERMINATE
+    assert any("4.2 mm long, is in none of 3 pictures" in reason for reason in got.reasons)
+    assert judge(plate(), samples(), (seen,), {}, 0.5, LIMITS).verdict is Verdict.PASS
 
 
 def test_edges_in_place_that_prove_nothing_leave_a_face_open() -> None:

@@ -3,7 +3,7 @@
 from ._damage import find_damage
 from ._displaced import Displaced, find_displaced
 from ._edges import PartEdges, find_edges
-from ._faces import FaceEdges, inner_mm
+from ._faces import FaceEdges, MissingEdge, inner_mm
 from ._looks import EdgeLook, State
 from ._recesses import Recess, find_recesses
 from .evidence import EdgeEvidence, EdgeView, find_evidence
@@ -14,6 +14,7 @@ __all__ = [
     "EdgeLook",
     "EdgeView",
     "FaceEdges",
+    "MissingEdge",
     "PartEdges",
     "Recess",
     "State",

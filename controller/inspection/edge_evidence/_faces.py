@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from controller.arrays import BoolArray, FloatArray, IndexArray
-from controller.cad import Solid
+from controller.cad import Crease, Solid
 
 from ..dimensions import MeasuringSettings
 from ._depth import is_floor_in_place
@@ -17,6 +17,7 @@ from ._looks import EdgeLook, State
 from ._recesses import Recess, find_recesses
 
 GREATER_PART: Final = 0.5  # of the edges of a face, in place
+CHANCE: Final = 0.1  # share of an edge that texture alone may show in place
 BESIDE: Final = 1.5  # times their spacing, points of two mouths are one above the other
 PER_FACE: Final = 400  # random points on a face find its largest disc to some per cent
 
@@ -37,6 +38,50 @@ class FaceEdges:
     look_count: int
     is_verified: bool = False
     how: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class MissingEdge:
+    """An edge that must show, and does in no picture.
+
+    Attributes
+    ----------
+    faces : ids of the two that meet in it
+    length_mm : its own
+    look_count : pictures in which it must show
+    """
+
+    faces: tuple[int, int]
+    length_mm: float
+    look_count: int
+
+
+def missing_edges(
+    solid: Solid, edges: PartEdges, looks: Sequence[EdgeLook]
+) -> tuple[MissingEdge, ...]:
+    """Return the outer edges that must show for the greater part, and are nowhere in place.
+
+    What stands between two faces of one brightness hides in one picture, not in all. An inner
+    corner may hide in all of them.
+
+    Parameters
+    ----------
+    solid, edges, looks : as `prove_faces`
+    """
+    shown = np.stack([look.state != State.HIDDEN for look in looks])
+    held = np.any([look.state == State.IN_PLACE for look in looks], axis=0)
+    out = []
+    for edge in np.unique(edges.edge).tolist():
+        mine = np.flatnonzero(edges.edge == edge)
+        if solid.boundary.crease[edge] != Crease.CONVEX:
+            continue
+        is_shown = shown[:, mine].any(axis=0)
+        if is_shown.mean() > GREATER_PART and held[mine].sum() < CHANCE * is_shown.sum():
+            one, other = edges.faces[mine[0]].tolist()
+            count = int(shown[:, mine].any(axis=1).sum())
+            length = float(edges.length_mm[mine].sum())
+            out.append(MissingEdge((one, other), length, count))
+    return tuple(out)
 
 
 def prove_faces(

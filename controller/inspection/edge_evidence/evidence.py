@@ -18,7 +18,7 @@ from ..integrity import Allowances, allowed_mm
 from ._damage import find_damage
 from ._displaced import find_displaced
 from ._edges import PartEdges, find_edges
-from ._faces import FaceEdges, inner_mm, prove_faces
+from ._faces import FaceEdges, MissingEdge, inner_mm, missing_edges, prove_faces
 from ._looks import EdgeLook, look_at_edges
 
 EDGE_PLAY_MM: Final = 0.3  # beside an edge that may be broken by so much no surface is compared
@@ -38,12 +38,14 @@ class EdgeEvidence:
     looks : picture by picture
     faces : by face id
     findings : by view id, chips and burrs
+    missing : edges that must show, and do in no picture
     """
 
     edges: PartEdges | None
     looks: tuple[EdgeLook, ...]
     faces: Mapping[int, FaceEdges]
     findings: Mapping[str, tuple[Finding, ...]]
+    missing: tuple[MissingEdge, ...] = ()
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -99,7 +101,13 @@ def find_evidence(
     faces = prove_faces(part.solid, edges, looks, narrow, settings)
     runs = find_displaced(edges, looks, pixel_mm, GRAINS * limits.dust_mm, allowances, settings)
     poses = {one.view.task.view_id: one.view.T_world_part for one in views}
-    return EdgeEvidence(edges, tuple(looks), faces, find_damage(edges, runs, poses))
+    return EdgeEvidence(
+        edges,
+        tuple(looks),
+        faces,
+        find_damage(edges, runs, poses),
+        missing_edges(part.solid, edges, looks),
+    )
 
 
 def _counted(
