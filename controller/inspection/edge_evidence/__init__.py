@@ -1,14 +1,17 @@
 """Where the edges of a part show, whether they are in place, and what that proves of the part."""
 
 from ._damage import find_damage
+from ._depth import is_floor_in_place
 from ._displaced import Displaced, find_displaced
 from ._edges import PartEdges, find_edges
 from ._faces import FaceEdges, MissingEdge, inner_mm
+from ._floor_light import BlindBore, blind_bore, rise_by_light
 from ._looks import EdgeLook, State
 from ._recesses import Recess, find_recesses
 from .evidence import EdgeEvidence, EdgeView, find_evidence
 
 __all__ = [
+    "BlindBore",
     "Displaced",
     "EdgeEvidence",
     "EdgeLook",
@@ -18,10 +21,13 @@ __all__ = [
     "PartEdges",
     "Recess",
     "State",
+    "blind_bore",
     "find_damage",
     "find_displaced",
     "find_edges",
     "find_evidence",
     "find_recesses",
     "inner_mm",
+    "is_floor_in_place",
+    "rise_by_light",
 ]

@@ -1,7 +1,8 @@
 """How deep a blind hole is, as far as its edges show: not half as deep as it must be.
 
 Seen along its axis a floor shows at the same place however deep it is. What shows its depth is how
-its edges lie against those of the mouth, in a view that is turned a little.
+its edges lie against those of the mouth, in a view that is turned a little; or how much of a lamp's
+light gets in (`rise_by_light`).
 """
 
 from collections.abc import Sequence
@@ -20,10 +21,15 @@ MIN_POINTS: Final = 6  # of the mouth, and of the floor; fewer show no depth
 FOLLOWS: Final = 0.6  # of a floor's edge, where it must show, that must lie on the fitted one
 K: Final = 3.0  # standard deviations
 HALF: Final = 0.5  # of the depth: a floor that high is another hole's
+LIT_SHARE: Final = 0.3  # the same of a floor that is placed by light, whose model may err by more
 
 
 def is_floor_in_place(
-    edges: PartEdges, looks: Sequence[EdgeLook], recess: Recess, settings: MeasuringSettings
+    edges: PartEdges,
+    looks: Sequence[EdgeLook],
+    recess: Recess,
+    settings: MeasuringSettings,
+    by_light: Sequence[tuple[float, float]] = (),
 ) -> bool:
     """Return whether a floor is shown to be less than half its depth out of place.
 
@@ -35,11 +41,13 @@ def is_floor_in_place(
     looks : at them
     recess : a blind one
     settings : how far light moves an edge
+    by_light : how much higher than nominal light shows it, and how surely [mm], picture by picture
     """
     found = [lift for look in looks if (lift := _lift(edges, look, recess, settings)) is not None]
-    limit = HALF * recess.depth_mm
-    is_shown = any(abs(mm) + K * u_mm < limit for mm, u_mm in found)
-    return is_shown and not any(abs(mm) - K * u_mm > limit for mm, u_mm in found)
+    told = [(mm, u_mm, HALF * recess.depth_mm) for mm, u_mm in found]
+    told += [(mm, u_mm, LIT_SHARE * recess.depth_mm) for mm, u_mm in by_light]
+    is_shown = any(abs(mm) + K * u_mm < limit for mm, u_mm, limit in told)
+    return is_shown and not any(abs(mm) - K * u_mm > limit for mm, u_mm, limit in told)
 
 
 def _lift(

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Final
 
 import numpy as np
@@ -16,6 +17,7 @@ from ._edges import PartEdges
 from ._looks import EdgeLook, State
 from ._recesses import Recess, find_recesses
 
+NOTHING: Final[Mapping[frozenset[int], Sequence[tuple[float, float]]]] = MappingProxyType({})
 GREATER_PART: Final = 0.5  # of the edges of a face, in place
 CHANCE: Final = 0.1  # share of an edge that texture alone may show in place
 BESIDE: Final = 1.5  # times their spacing, points of two mouths are one above the other
@@ -90,6 +92,7 @@ def prove_faces(
     looks: Sequence[EdgeLook],
     narrow: BoolArray,
     settings: MeasuringSettings,
+    by_light: Mapping[frozenset[int], Sequence[tuple[float, float]]] = NOTHING,
 ) -> dict[int, FaceEdges]:
     """Return by face id what edges prove.
 
@@ -105,10 +108,14 @@ def prove_faces(
     looks : at them
     narrow : (f,) no disc of the smallest defect on the face is far enough from its edges
     settings : what is uncertain before any picture
+    by_light : by the walls of a blind hole, how much higher light shows its floor, see
+        `is_floor_in_place`
     """
     recess_of = {wall: recess for recess in find_recesses(solid) for wall in recess.walls}
     floors = {
-        id(recess): is_floor_in_place(edges, looks, recess, settings)
+        id(recess): is_floor_in_place(
+            edges, looks, recess, settings, by_light.get(recess.walls, ())
+        )
         for recess in recess_of.values()
         if not recess.is_through
     }

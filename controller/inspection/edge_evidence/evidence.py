@@ -13,13 +13,15 @@ from controller.imaging import transform
 
 from .._pose import PosedPart
 from .._types import Finding, InspectionLimits
-from ..dimensions import MeasuringSettings, PosedView
+from ..dimensions import BACKLIT, MeasuringSettings, PosedView
 from ..integrity import Allowances, allowed_mm
 from ._damage import find_damage
 from ._displaced import find_displaced
 from ._edges import PartEdges, find_edges
 from ._faces import FaceEdges, MissingEdge, inner_mm, missing_edges, prove_faces
+from ._floor_light import blind_bore, rise_by_light
 from ._looks import EdgeLook, look_at_edges
+from ._recesses import find_recesses
 
 EDGE_PLAY_MM: Final = 0.3  # beside an edge that may be broken by so much no surface is compared
 BLUR_PX: Final = 2.0  # nor within the blur of lens and filters
@@ -98,7 +100,8 @@ def find_evidence(
     around_mm = EDGE_PLAY_MM + BLUR_PX * pixel_mm
     cosine = np.maximum(_best_cosine(part.solid, samples, views), MIN_COS)
     narrow = inner_mm(part.solid) < 0.5 * limits.smallest_defect_mm + around_mm / cosine
-    faces = prove_faces(part.solid, edges, looks, narrow, settings)
+    by_light = _floors_by_light(part, views)
+    faces = prove_faces(part.solid, edges, looks, narrow, settings, by_light)
     runs = find_displaced(edges, looks, pixel_mm, GRAINS * limits.dust_mm, allowances, settings)
     poses = {one.view.task.view_id: one.view.T_world_part for one in views}
     return EdgeEvidence(
@@ -108,6 +111,31 @@ def find_evidence(
         find_damage(edges, runs, poses),
         missing_edges(part.solid, edges, looks),
     )
+
+
+def _floors_by_light(
+    part: PosedPart, views: Sequence[EdgeView]
+) -> dict[frozenset[int], list[tuple[float, float]]]:
+    """Return by the walls of blind holes how much higher light shows their floors, and how surely.
+
+    Parameters
+    ----------
+    part : the CAD model
+    views : with the pictures that count
+    """
+    found: dict[frozenset[int], list[tuple[float, float]]] = {}
+    for recess in find_recesses(part.solid):
+        bore = blind_bore(part.solid, recess)
+        if bore is None:
+            continue
+        rises = (
+            rise_by_light(part, bore, one.view, lamp)
+            for one in views
+            for lamp in one.lamps
+            if lamp != BACKLIT
+        )
+        found[recess.walls] = [rise for rise in rises if rise is not None]
+    return found
 
 
 def _counted(
