@@ -2,7 +2,7 @@
 
     python benchmarks/bench_traps.py FOLDER... [--kinds glare_one,covered_all] [--count 2]
            [--seed 1] [--over hole_missing,...] [--jobs 2] [--json] [--out outcomes.jsonl]
-           [--scratch FOLDER]
+           [--scratch FOLDER] [--only dev/s0001,...] [--skip-good]
     python benchmarks/bench_traps.py --tables outcomes.jsonl... [--json]
 
 FOLDER as benchmarks/trace_held.py writes it. COUNT of each fault (benchmarks/trap_pictures.py) are
@@ -35,7 +35,7 @@ sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
 import cv2  # noqa: E402  (path comes first)
 import numpy as np  # noqa: E402
 from bench_inspect import Sets, run_command  # noqa: E402
-from bench_twisted import goods_of, twist_of, write_set  # noqa: E402
+from bench_twisted import chosen, twist_of, write_set  # noqa: E402
 from inspection_counts import (  # noqa: E402
     Outcome,
     by_kind,
@@ -70,11 +70,20 @@ class Case:
 
 
 def cases_of(
-    folders: Sequence[Sets], kinds: Sequence[str], over: Sequence[str], count: int, seed: int
-) -> Iterator[Case]:
-    """Yield the untouched sets, then one of each fault in turn until there are enough."""
-    goods = [(sets, good) for sets in folders for good in goods_of(sets)]
-    for sets, good in goods:
+    goods: Sequence[tuple[Sets, Good]], kinds: Sequence[str], over: Sequence[str], count: int,
+    seed: int, *, with_good: bool = True,
+) -> Iterator[Case]:  # fmt: skip
+    """Yield the untouched sets, then one of each fault in turn until there are enough.
+
+    Parameters
+    ----------
+    goods : whose pictures are spoilt
+    kinds, count : of faults, and how many of each
+    over : changes of the CAD file, in turn; none: the right one
+    seed : of the first of each fault
+    with_good : with the untouched sets
+    """
+    for sets, good in goods if with_good else ():
         yield Case(sets, good, UNTOUCHED, 0)
     turn = 0
     for nth in range(seed, seed + count):
@@ -178,6 +187,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--jobs", type=int, default=1, help="processes at once")
     parser.add_argument("--json", action="store_true", help="one JSON object")
     parser.add_argument("--out", type=Path, help="outcomes are added to it, one a line")
+    parser.add_argument("--only", type=lambda s: s.split(","), default=[],
+                        help="good specimens, as dev/s0001 (default: all)")  # fmt: skip
+    parser.add_argument("--skip-good", action="store_true", help="judge no untouched set")
     parser.add_argument("--tables", type=Path, nargs="+", help="outcomes to count; judge nothing")
     parser.add_argument("--scratch", type=Path, help="where sets are written, and kept")
     args = parser.parse_args(argv)
@@ -194,7 +206,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             folders = [Sets(path.resolve(), [], 0) for path in args.folders]
             with tempfile.TemporaryDirectory() as temporary:
                 scratch = (args.scratch or Path(temporary)).resolve()
-                cases = cases_of(folders, args.kinds, args.over, args.count, args.seed)
+                cases = cases_of(chosen(folders, args.only), args.kinds, args.over, args.count,
+                                 args.seed, with_good=not args.skip_good)  # fmt: skip
                 done = run_all(lambda c: judge(c, scratch), cases, args.jobs, args.out, args.json)
     except (OSError, ValueError) as error:
         print(f"bench_traps: {error}", file=sys.stderr)

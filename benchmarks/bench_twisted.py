@@ -2,6 +2,7 @@
 
     python benchmarks/bench_twisted.py FOLDER... [--kinds hole_missing,boss_extra] [--count 4]
            [--seed 1] [--jobs 2] [--json] [--out outcomes.jsonl] [--scratch FOLDER]
+           [--only dev/s0001,...] [--skip-good]
     python benchmarks/bench_twisted.py --tables outcomes.jsonl... [--json]
 
 FOLDER as benchmarks/trace_held.py writes it. Against the changed file (benchmarks/twisted_parts.py)
@@ -76,12 +77,30 @@ def goods_of(sets: Sets) -> list[Good]:
     return [good_of(s, sets.words(s), others) for s in sets.specimens if s["cls"] == "good"]
 
 
+def chosen(folders: Sequence[Sets], only: Sequence[str]) -> list[tuple[Sets, Good]]:
+    """Return the good specimens of folders, all or those named as FOLDER/SPECIMEN."""
+    found = [(sets, good) for sets in folders for good in goods_of(sets)]
+    return [
+        (sets, good)
+        for sets, good in found
+        if not only or f"{sets.path.name}/{good.truth['specimen']}" in only
+    ]
+
+
 def cases_of(
-    folders: Sequence[Sets], kinds: Sequence[str], count: int, seed: int
-) -> Iterator[Case]:
-    """Yield the unchanged sets, then one of each kind in turn until there are enough."""
-    goods = [(sets, good) for sets in folders for good in goods_of(sets)]
-    for kind in CONTROLS:
+    goods: Sequence[tuple[Sets, Good]], kinds: Sequence[str], count: int, seed: int,
+    *, with_good: bool = True,
+) -> Iterator[Case]:  # fmt: skip
+    """Yield the unchanged sets, then one of each kind in turn until there are enough.
+
+    Parameters
+    ----------
+    goods : to be judged by changed files
+    kinds, count : of changes, and how many of each
+    seed : of the first of each kind
+    with_good : with the unchanged sets
+    """
+    for kind in CONTROLS if with_good else ():
         for sets, good in goods:
             yield Case(sets, good, kind, 0)
     turns = {kind: seed + nth for nth, kind in enumerate(kinds)}
@@ -162,6 +181,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--jobs", type=int, default=1, help="processes at once")
     parser.add_argument("--json", action="store_true", help="one JSON object")
     parser.add_argument("--out", type=Path, help="outcomes are added to it, one a line")
+    parser.add_argument("--only", type=lambda s: s.split(","), default=[],
+                        help="good specimens, as dev/s0001 (default: all)")  # fmt: skip
+    parser.add_argument("--skip-good", action="store_true", help="judge no unchanged set")
     parser.add_argument("--tables", type=Path, nargs="+", help="outcomes to count; judge nothing")
     parser.add_argument("--scratch", type=Path, help="where sets are written, and kept")
     args = parser.parse_args(argv)
@@ -176,7 +198,13 @@ def main(argv: Sequence[str] | None = None) -> int:
             folders = [Sets(path.resolve(), [], 0) for path in args.folders]
             with tempfile.TemporaryDirectory() as temporary:
                 scratch = args.scratch or Path(temporary)
-                cases = cases_of(folders, args.kinds, args.count, args.seed)
+                cases = cases_of(
+                    chosen(folders, args.only),
+                    args.kinds,
+                    args.count,
+                    args.seed,
+                    with_good=not args.skip_good,
+                )
                 done = run_all(lambda c: judge(c, scratch.resolve()), cases, args.jobs, args.out,
                                args.json)  # fmt: skip
     except (OSError, ValueError) as error:
