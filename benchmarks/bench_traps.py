@@ -168,12 +168,11 @@ def write_spoilt(set_file: Path, before: Pictures, after: Pictures) -> None:
 def report(done: Sequence[Outcome]) -> Words:
     """Return counts by fault, with how many failed where the untouched set did not."""
     was = {o.specimen: o.verdict for o in done if o.kind == UNTOUCHED}
-    rows = by_kind([*done, *(replace(o, kind="all faults") for o in done if o.kind != UNTOUCHED)])
+    every = [*done, *(replace(o, kind="all faults") for o in done if o.kind != UNTOUCHED)]
+    rows = by_kind(every, UNTOUCHED)
     for kind, row in rows.items():
-        mine = [
-            o for o in done if o.kind == kind or (kind, o.kind != UNTOUCHED) == ("all faults", 1)
-        ]
-        row["for_its_sake"] = sum(o.verdict == "fail" != was.get(o.specimen) for o in mine)
+        mine = [o for o in every if o.kind == kind and o.verdict == "fail"]
+        row["for_its_sake"] = sum(was.get(o.specimen) not in (None, "fail") for o in mine)
     return rows
 
 

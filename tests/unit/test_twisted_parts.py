@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,8 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 
+import bench_traps
+import bench_twisted
 from inspection_counts import by_kind, is_only_uncovered, outcome
 from inspection_truth import is_at_place
 from trace_held_defects import NoPlaceError, tolerance_mm
@@ -340,6 +343,31 @@ def test_rows_count_verdicts_and_places_by_kind(plate: Good) -> None:
     # 1 of 4, one-sided 95 %: the p of which four draws give one or none with 5 %
     p = row["pass_below"]
     assert (1 - p) ** 4 + 4 * p * (1 - p) ** 3 == pytest.approx(0.05, abs=1e-9)
+
+
+def test_a_fail_is_for_the_faults_sake_where_the_untouched_set_has_none(plate: Good) -> None:
+    truth = plate.truth | {"poses": [{}]}
+    failed, passed = [ends("fail", "stain")], [ends("pass")]
+    done = [outcome(truth, bench_traps.UNTOUCHED, 0, "", passed, ""),
+            outcome(truth, "hair", 1, "", failed, ""),
+            outcome(truth, "hair", 2, "", passed, "")]  # fmt: skip
+    told = bench_traps.report([replace(o, is_shown=True) for o in done])
+    assert told["hair"]["for_its_sake"] == told["all faults"]["for_its_sake"] == 1
+    assert told["all faults"]["n"] == 2
+    bad = [outcome(truth, bench_traps.UNTOUCHED, 0, "", failed, ""), *done[1:]]
+    told = bench_traps.report([replace(o, is_shown=True) for o in bad])
+    assert told["hair"]["for_its_sake"] == 0
+
+
+def test_changes_that_no_view_shows_are_counted_apart(plate: Good) -> None:
+    truth = plate.truth | {"poses": [{}]}
+    told = bench_twisted.report([
+        replace(outcome(truth, "rewritten", 0, "", [ends("pass")], ""), is_shown=True),
+        outcome(truth | {"cls": "defect"}, "hole_missing", 1, "", [ends("pass")], ""),
+    ])  # fmt: skip
+    assert told["good"]["rewritten"]["pass"] == 1
+    assert told["in a view"] == {}
+    assert told["in no view"]["hole_missing"]["pass"] == 1
 
 
 # ------------------------------------------------------------------ faults
