@@ -1,6 +1,6 @@
 """What stands in a view besides the part, and which surface samples are in sight."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, cast
 
 import cv2
@@ -9,13 +9,22 @@ import trimesh
 
 from controller.arrays import BoolArray, FloatArray, IntArray
 from controller.cad import SurfaceSamples
-from controller.imaging import Camera, RayCaster, inverse_pose, render_maps, transform
+from controller.imaging import (
+    Camera,
+    RayCaster,
+    ViewMaps,
+    inverse_pose,
+    render_maps,
+    transform,
+)
 
 from ._connected import grow
 from ._pose import PosedPart
 from ._types import ViewTask, WorldBox
 
 HOLDER_MARGIN_PX: Final = 9  # the gripper's shape and place are known to about a millimetre
+MASK_STEP_PX: Final = 2
+BEHIND_MM: Final = 2.0  # farther than that behind the part's surface a gripper is not before it
 MAX_INCIDENCE_COS: Final = float(np.cos(np.radians(75.0)))
 
 
@@ -65,6 +74,31 @@ def make_scene(task: ViewTask) -> ViewScene:
     cv2.fillPoly(panel, [np.round(outline).astype(np.int32)], 1)
     inner = cv2.erode(panel, np.ones((9, 9), np.uint8), borderValue=1)
     return ViewScene(holder, holder_mask, inner > 0)
+
+
+def before_part(scene: ViewScene, maps: ViewMaps, camera: Camera) -> ViewScene:
+    """Return a scene whose gripper hides what stands behind it alone.
+
+    A finger behind the part takes nothing of the part's face from sight; beside the part and
+    through its holes it stays in the mask.
+
+    Parameters
+    ----------
+    scene : as `make_scene` knows it
+    maps : the part in the picture, at its measured pose
+    camera : of the view
+    """
+    if scene.holder is None:
+        return scene
+    x0, y0, x1, y1 = maps.roi
+    held = render_maps(scene.holder, np.eye(4), camera, maps.roi, step_px=MASK_STEP_PX)
+    depth_mm = maps.depth_mm[::MASK_STEP_PX, ::MASK_STEP_PX]
+    seen = maps.mask[::MASK_STEP_PX, ::MASK_STEP_PX]
+    front = held.mask & ~(seen & (held.depth_mm > depth_mm + BEHIND_MM))
+    fine = np.repeat(np.repeat(front, MASK_STEP_PX, axis=0), MASK_STEP_PX, axis=1)
+    mask = scene.holder_mask.copy()
+    mask[y0:y1, x0:x1] = grow(fine[: y1 - y0, : x1 - x0], HOLDER_MARGIN_PX)
+    return replace(scene, holder_mask=mask)
 
 
 def samples_in_sight(

@@ -19,7 +19,7 @@ from controller.cad import SurfaceSamples
 from controller.imaging import mask_contour, render_maps, threshold_levels, view_roi
 
 from ._pose import MEASURED_HOLD, PLANNED_HOLD, PosedPart, PoseFit, moved, poses_as_good
-from ._scene import ViewScene, make_scene, samples_in_sight
+from ._scene import ViewScene, before_part, make_scene, samples_in_sight
 from ._types import (
     Check,
     Finding,
@@ -270,7 +270,8 @@ class _View:
 
     def compare_at(self, fit: PoseFit) -> ViewResult:
         """Return what the pictures tell of the part if this is its pose."""
-        part, samples, task, scene = self.part, self.samples, self.task, self.scene
+        part, samples, task = self.part, self.samples, self.task
+        scene = before_part(self.scene, fit.maps, task.camera)
         shift, turn = moved(part, task, fit)
         visible = samples_in_sight(part, samples, task.camera, fit.T_world_part, scene)
         findings: list[Finding] = list(self.outline.findings)

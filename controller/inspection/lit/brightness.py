@@ -135,11 +135,15 @@ def _shares(lights: FloatArray, b: FloatArray, count: int) -> tuple[FloatArray, 
 
 
 def _gloss(shares: FloatArray, information: FloatArray) -> float:
-    """Return how polished a finish may be, by the most highlight that two deviations allow."""
+    """Return how polished a finish may be, by the most highlight that two deviations allow.
+
+    A finish whose highlights are half as bright has wider ones, so that a mirror image in it is a
+    quarter as bright in one place.
+    """
     glints = slice(1, -2)
     unsure = float(np.sqrt(np.linalg.inv(information)[glints, glints].sum()))
     most = float(shares[glints].sum()) + 2 * unsure
-    return float(min(most / max(float(shares[0]), TINY) / POLISHED, 1.0))
+    return float(min(most / max(float(shares[0]), TINY) / POLISHED, 1.0)) ** 2
 
 
 def _tones(
