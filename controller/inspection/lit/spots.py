@@ -19,6 +19,8 @@ from .surface import Surface
 from .texture import Texture
 
 BLUR_PX: Final = 1.65  # full width at half maximum of a point: what a good lens makes
+SOFT_PX: Final = 0.7  # takes the noise of single pixels off a speck
+WIDTH: Final = 2.355  # full width at half maximum of a bell, by its standard deviation
 LONG: Final = 3.0  # times as long as wide: a line
 MAX_MARKS: Final = 40  # of a picture: a face full of marks is a finish
 BOTH_SIDES: Final = 0.4  # a dent's darker side is as strong as that, in its brighter side
@@ -164,21 +166,25 @@ def _is_dust(
     if length_mm > 4 * dust_mm + 3 * node_mm:
         return False
     reach = int(np.ceil(2 * dust_mm / px_mm)) + 6
-    x = fit.maps.roi[0] + peak[1] * step_px
-    y = fit.maps.roi[1] + peak[0] * step_px
-    patch = picture[max(y - reach, 0) : y + reach + 1, max(x - reach, 0) : x + reach + 1]
-    values = patch.astype(np.float32)
-    level = float(np.median(values))
-    off = np.abs(values - level)
-    middle = off[reach - 4 : reach + 5, reach - 4 : reach + 5]
-    if not middle.size:
-        return False
+    x0, y0, _, _ = fit.maps.roi
+    x, y = peak[1] * step_px, peak[0] * step_px
+    rows = np.arange(max(y - reach, 0), min(y + reach + 1, step_px * surface.face.shape[0]))
+    columns = np.arange(max(x - reach, 0), min(x + reach + 1, step_px * surface.face.shape[1]))
+    rows, columns = rows[y0 + rows < picture.shape[0]], columns[x0 + columns < picture.shape[1]]
+    own = surface.face[rows[:, None] // step_px, columns // step_px] == surface.face[peak]
+    values = picture[y0 + rows[:, None], x0 + columns].astype(np.float32)
+    soft = np.asarray(cv2.GaussianBlur(values, (0, 0), SOFT_PX))
+    # of its own face alone: beside a narrow one others are brighter or darker
+    level = float(np.median(soft[own]))
+    off = np.where(own, np.abs(soft - level), 0.0)
+    near = (np.abs(rows[:, None] - y) <= 4) & (np.abs(columns - x) <= 4)
+    middle = np.where(near, off, 0.0)
     half = off >= 0.5 * float(middle.max())
     _, labels = cv2.connectedComponents(half.astype(np.uint8), connectivity=8)
     row, column = np.unravel_index(int(middle.argmax()), middle.shape)
-    body = labels == labels[reach - 4 + row, reach - 4 + column]
+    body = labels == labels[row, column]
     width_px = 2.0 * np.sqrt(float(body.sum()) / np.pi)
-    true_px = np.sqrt(max(width_px**2 - BLUR_PX**2, 0.0))
+    true_px = np.sqrt(max(width_px**2 - BLUR_PX**2 - (WIDTH * SOFT_PX) ** 2, 0.0))
     return bool(true_px * px_mm <= dust_mm)
 
 
