@@ -5,7 +5,7 @@ Arrays in, dataclasses out (cell-facts.md 3).
 
 from ._judge import FaceVerdict, PartVerdict, judge
 from ._pose import MEASURED_HOLD, PLANNED_HOLD, PosedPart
-from ._scene import box_mesh, make_scene
+from ._scene import before_part, box_mesh, make_scene
 from ._types import (
     OUTLINE,
     Check,
@@ -56,6 +56,7 @@ __all__ = [
     "ViewSet",
     "ViewTask",
     "WorldBox",
+    "before_part",
     "box_mesh",
     "inspect_part",
     "inspect_view",

@@ -79,8 +79,8 @@ def make_scene(task: ViewTask) -> ViewScene:
 def before_part(scene: ViewScene, maps: ViewMaps, camera: Camera) -> ViewScene:
     """Return a scene whose gripper hides what stands behind it alone.
 
-    A finger behind the part takes nothing of the part's face from sight; beside the part and
-    through its holes it stays in the mask.
+    A finger behind the part hides nothing of the part's face; beside the part and through its holes
+    it stays in the mask.
 
     Parameters
     ----------

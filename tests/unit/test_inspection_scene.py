@@ -7,8 +7,13 @@ from cad_solids import box, solid_of
 from numpy.typing import NDArray
 
 from controller.imaging import Camera, RayCaster, render_maps, view_roi
-from controller.inspection import InspectionLimits, ViewTask, WorldBox
-from controller.inspection._scene import before_part, make_scene
+from controller.inspection import (
+    InspectionLimits,
+    ViewTask,
+    WorldBox,
+    before_part,
+    make_scene,
+)
 
 # straight down from 600 mm, 3 px a millimetre; a plate 60 x 60 x 10 about the origin
 CAMERA = Camera(

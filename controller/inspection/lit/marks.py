@@ -26,6 +26,7 @@ LINE_NODES: Final = 0.9  # across
 LINE_LENGTH_NODES: Final = 4.5  # along
 DIRECTIONS: Final = 12
 ON_REGION: Final = 0.5  # of a filter's weight that must lie on the region
+MAX_OF_REGION: Final = 0.2  # of a region: a larger mark moves what is fitted to the region
 MIN_GAIN: Final = 0.5  # of a whole spot's answer: less of it left is no measure of a mark
 FLATTEST: Final = MAX_INCIDENCE_COS  # a surface seen flatter is not in sight
 NEAR_NODES: Final = 20.0  # texture may differ from one part of a face to another
@@ -282,13 +283,16 @@ def finds(
     width_nodes : (h, w) of the mark, along the surface
     """
     slant = np.clip(cosine, FLATTEST, 1.0)
+    # what is a large part of all there is to compare it with is taken for the face's own brightness
+    area = np.bincount(texture.region.ravel())[texture.region]
+    small = np.pi / 4 * width_nodes**2 * slant <= MAX_OF_REGION * area
     contrast = (CONTRASTS[kind] * np.interp(slant, *_aslant())).astype(np.float32)
     out = np.zeros(texture.region.shape, dtype=bool)
     for sigma, gain, need in zip(SPOT_NODES, answer.gain, answer.limit, strict=False):
         steps = np.log(width_nodes * np.sqrt(slant) / (2 * DISC * sigma)) / np.log(FILTER_STEP)
         share = np.interp(steps, OTHER_STEPS, OTHER_SHARES).astype(np.float32)
         out |= contrast * gain * share >= need
-    return out & (texture.region > 0)
+    return out & small & (texture.region > 0)
 
 
 def _cut_gains(inside: Float32Array) -> Float32Array:
