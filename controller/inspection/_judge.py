@@ -37,6 +37,7 @@ EVEN_MISFIT: Final = 0.12  # a lit picture so well predicted that its findings a
 MARK_PLACE_MM: Final = 1.0  # the same of marks: two poses, and the middle of what shows of one
 MARK_PLACE_SHARE: Final = 0.35
 SAME_PIXELS_PX: Final = 4.0  # nearer in two pictures it may be dirt on the lens
+SAME_PIXELS_SHARE: Final = 0.25  # of its extent in the picture; the part's outline may cut it
 OTHER_SIDE_RAD: Final = float(np.radians(60.0))  # a dent's bright side turns with the lamp
 SEEN_AGAIN_COUNT: Final = 2  # looks that would have shown a mark and did not: it was a reflection
 PLAIN: Final = 3.0  # a mark so far beyond texture is not argued away
@@ -245,6 +246,8 @@ def _confirm(
     """Split findings into those that decide and those that one error could explain."""
     every = [(view, f) for view in views for f in view.findings]
     seconds = every + [(view, f) for view in views for f in view.hints]
+    dirt = {id(f) for view, f in seconds if _is_on_lens(view, f, seconds)}
+    seconds = [(view, f) for view, f in seconds if id(f) not in dirt]
     sure: list[tuple[str, Finding]] = []
     unconfirmed: list[tuple[str, Finding]] = []
     for view, finding in every:
@@ -254,12 +257,31 @@ def _confirm(
             and _is_same_place(finding, other)
             for other_view, other in seconds
         )
-        if seconded:
+        if id(finding) in dirt:
+            unconfirmed.append((view.view_id, finding))
+        elif seconded:
             sure.append((view.view_id, finding))
         elif not _is_argued_away(view, finding, views, samples):
             unconfirmed.append((view.view_id, finding))
     sure.sort(key=lambda item: -item[1].area_mm2)
     return sure, unconfirmed
+
+
+def _is_on_lens(
+    view: ViewResult, finding: Finding, others: Sequence[tuple[ViewResult, Finding]]
+) -> bool:
+    """Return whether another pose shows something in the same pixels, elsewhere on the part.
+
+    Dirt on the lens stays in its pixels as the part turns; what is on the part leaves them.
+    """
+    x0, y0, x1, y1 = finding.box_px
+    reach = max(SAME_PIXELS_PX, SAME_PIXELS_SHARE * float(np.hypot(x1 - x0, y1 - y0)))
+    return any(
+        _turn(view, other_view) >= OTHER_LOOK_RAD
+        and np.hypot(*np.subtract(finding.at_px, other.at_px)) <= reach
+        and not _is_same_place(finding, other)
+        for other_view, other in others
+    )
 
 
 def _is_argued_away(

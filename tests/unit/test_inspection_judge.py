@@ -86,7 +86,9 @@ def finding(
     faces: tuple[int, ...] = (0,),
     kind: FindingKind = FindingKind.SURFACE,
 ) -> Finding:
-    return Finding(kind, lamp, area_mm2, 3.0, (10.0, 10.0), (5, 5, 15, 15), np.array(at), faces)
+    x, y = 300.0 + 5 * at[0], 300.0 + 5 * at[1]  # about where it shows
+    box = int(x) - 5, int(y) - 5, int(x) + 5, int(y) + 5
+    return Finding(kind, lamp, area_mm2, 3.0, (x, y), box, np.array(at), faces)
 
 
 def verdict(
@@ -435,6 +437,19 @@ def test_two_pictures_of_one_view_agree_only_as_outline_and_shading_and_both_lar
     first = finding(size * SMALLEST_MM2)
     second = finding(size * SMALLEST_MM2, at=(3.0, 0, 5.0), lamp=lamp, kind=kind)
     assert verdict(view("v1", findings=(first, second))).verdict is expected
+
+
+def test_what_stays_in_its_pixels_as_the_part_turns_is_dirt_on_the_lens() -> None:
+    here, there = (10.0, 5.0, 5.0), (-12.0, 5.0, 5.0)
+    blots = [
+        view(f"v{i}", findings=(replace(finding(40.0, at), at_px=(500.0, 400.0)),), turn_deg=turn)
+        for i, (at, turn) in enumerate(((here, 0.0), (there, 30.0), (here, 60.0)))
+    ]
+    assert verdict(*blots).verdict is Verdict.INDETERMINATE
+    on_the_part = [
+        view(f"v{i}", findings=(finding(40.0, here),), turn_deg=30.0 * i) for i in range(3)
+    ]
+    assert verdict(*on_the_part).verdict is Verdict.FAIL
 
 
 def test_confirmed_findings_come_largest_first() -> None:
