@@ -18,7 +18,7 @@ from controller.inspection.edge_evidence import (
     blind_bore,
     find_edges,
     find_recesses,
-    is_floor_in_place,
+    floor_bound_mm,
     rise_by_light,
 )
 
@@ -76,7 +76,8 @@ def test_a_floor_half_as_deep_is_not_in_place(depth_mm: float, *, is_shown: bool
     assert edges is not None
     (recess,) = find_recesses(solid)
     told = [one for tilt in (9.0,) if (one := rise(seen(depth_mm, tilt))) is not None]
-    assert is_floor_in_place(edges, [], recess, MeasuringSettings(), told) is is_shown
+    bound_mm = floor_bound_mm(edges, [], recess, MeasuringSettings(), told)
+    assert np.isfinite(bound_mm) == is_shown
 
 
 def test_one_picture_that_shows_a_floor_elsewhere_outweighs_others() -> None:
@@ -86,7 +87,24 @@ def test_one_picture_that_shows_a_floor_elsewhere_outweighs_others() -> None:
     (recess,) = find_recesses(solid)
     for second, is_shown in ((0.4, True), (4.0, False)):
         told = [(0.0, 0.5), (second, 0.5)]
-        assert is_floor_in_place(edges, [], recess, MeasuringSettings(), told) is is_shown
+        bound_mm = floor_bound_mm(edges, [], recess, MeasuringSettings(), told)
+        assert np.isfinite(bound_mm) == is_shown
+
+
+def test_a_floor_surely_out_of_place_by_more_than_a_tenth_is_not_in_place() -> None:
+    solid = nominal().solid  # 8 mm deep: 0.8 mm is a tenth, 2.4 mm are what light has to exclude
+    edges = find_edges(solid, 0.19)
+    assert edges is not None
+    (recess,) = find_recesses(solid)
+    for told, bound_mm in (
+        ([(1.3, 0.1)], np.inf),  # 1.0 mm at least
+        ([(-1.3, 0.1), (0.0, 0.3)], np.inf),
+        ([(1.3, 0.3)], 2.2),  # may be 0.4 mm
+        ([(0.1, 0.1), (1.3, 0.3)], 0.4),
+        ([(0.1, 0.1), (40.0, 12.0)], 0.4),  # says nothing
+    ):
+        found = floor_bound_mm(edges, [], recess, MeasuringSettings(), told)
+        assert found == pytest.approx(bound_mm)
 
 
 def test_what_is_dark_or_seen_flat_shows_no_depth() -> None:

@@ -1,7 +1,7 @@
 """Where the edges of a part show, whether they are in place, and what that proves of the part."""
 
 from ._damage import find_damage
-from ._depth import is_floor_in_place
+from ._depth import floor_bound_mm
 from ._displaced import Displaced, find_displaced
 from ._edges import PartEdges, find_edges
 from ._faces import FaceEdges, MissingEdge, inner_mm
@@ -27,7 +27,7 @@ __all__ = [
     "find_edges",
     "find_evidence",
     "find_recesses",
+    "floor_bound_mm",
     "inner_mm",
-    "is_floor_in_place",
     "rise_by_light",
 ]

@@ -1,4 +1,4 @@
-"""How deep a blind hole is, as far as its edges show: not half as deep as it must be.
+"""How deep a blind hole is, as far as pictures show it: never half as deep as it must be.
 
 Seen along its axis a floor shows at the same place however deep it is. What shows its depth is how
 its edges lie against those of the mouth, in a view that is turned a little; or how much of a lamp's
@@ -21,19 +21,23 @@ MIN_POINTS: Final = 6  # of the mouth, and of the floor; fewer show no depth
 FOLLOWS: Final = 0.6  # of a floor's edge, where it must show, that must lie on the fitted one
 K: Final = 3.0  # standard deviations
 HALF: Final = 0.5  # of the depth: a floor that high is another hole's
+# of the depth, and at least: a general tolerance is less, and a floor so far off is no good one's
+WRONG_SHARE: Final = 0.1
+WRONG_MM: Final = 0.3
 LIT_SHARE: Final = 0.3  # the same of a floor that is placed by light, whose model may err by more
 
 
-def is_floor_in_place(
+def floor_bound_mm(
     edges: PartEdges,
     looks: Sequence[EdgeLook],
     recess: Recess,
     settings: MeasuringSettings,
     by_light: Sequence[tuple[float, float]] = (),
-) -> bool:
-    """Return whether a floor is shown to be less than half its depth out of place.
+) -> float:
+    """Return how far out of place a floor may be at most [mm]; inf where that is too much.
 
-    One picture that shows it is enough, unless another one shows it elsewhere.
+    One picture that shows it is enough, unless any shows it out of place: a hole drilled too deep
+    or too shallow by more than a tenth is another hole.
 
     Parameters
     ----------
@@ -44,10 +48,15 @@ def is_floor_in_place(
     by_light : how much higher than nominal light shows it, and how surely [mm], picture by picture
     """
     found = [lift for look in looks if (lift := _lift(edges, look, recess, settings)) is not None]
-    told = [(mm, u_mm, HALF * recess.depth_mm) for mm, u_mm in found]
-    told += [(mm, u_mm, LIT_SHARE * recess.depth_mm) for mm, u_mm in by_light]
-    is_shown = any(abs(mm) + K * u_mm < limit for mm, u_mm, limit in told)
-    return is_shown and not any(abs(mm) - K * u_mm > limit for mm, u_mm, limit in told)
+    told = [(abs(mm), K * u_mm, HALF * recess.depth_mm) for mm, u_mm in found]
+    told += [(abs(mm), K * u_mm, LIT_SHARE * recess.depth_mm) for mm, u_mm in by_light]
+    # what is less sure than the hole is deep says nothing
+    told = [one for one in told if one[1] < recess.depth_mm]
+    wrong_mm = max(WRONG_SHARE * recess.depth_mm, WRONG_MM)
+    if any(off - room > wrong_mm for off, room, _ in told):
+        return float("inf")
+    shown = (off + room for off, room, limit in told if off + room < limit)
+    return min(shown, default=float("inf"))
 
 
 def _lift(

@@ -12,7 +12,7 @@ from controller.arrays import BoolArray, FloatArray, IndexArray
 from controller.cad import Crease, Solid
 
 from ..dimensions import MeasuringSettings
-from ._depth import is_floor_in_place
+from ._depth import floor_bound_mm
 from ._edges import PartEdges
 from ._looks import EdgeLook, State
 from ._recesses import Recess, find_recesses
@@ -109,13 +109,11 @@ def prove_faces(
     narrow : (f,) no disc of the smallest defect on the face is far enough from its edges
     settings : what is uncertain before any picture
     by_light : by the walls of a blind hole, how much higher light shows its floor, see
-        `is_floor_in_place`
+        `floor_bound_mm`
     """
     recess_of = {wall: recess for recess in find_recesses(solid) for wall in recess.walls}
     floors = {
-        id(recess): is_floor_in_place(
-            edges, looks, recess, settings, by_light.get(recess.walls, ())
-        )
+        id(recess): floor_bound_mm(edges, looks, recess, settings, by_light.get(recess.walls, ()))
         for recess in recess_of.values()
         if not recess.is_through
     }
@@ -260,7 +258,7 @@ def _blind(
     looks: Sequence[EdgeLook],
     recess: Recess,
     face: int,
-    floor_is_in_place: bool,
+    floor_mm: float,
 ) -> tuple[float, str]:
     """Return what share of a wall's mouth is shown, and by what; no words if that is too little."""
     is_wall = edges.faces == face
@@ -275,8 +273,10 @@ def _blind(
         ]),
     )  # fmt: skip
     share = _share(edges, mouth, shown[mouth])
-    is_shown = floor_is_in_place and share > GREATER_PART
-    return share, "of its rim, its floor at its depth," if is_shown else ""
+    is_shown = np.isfinite(floor_mm) and share > GREATER_PART
+    return share, (
+        f"of its rim, its floor within {floor_mm:.1f} mm of its depth," if is_shown else ""
+    )
 
 
 def _share(edges: PartEdges, points: IndexArray, shown: BoolArray) -> float:
