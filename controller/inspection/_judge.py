@@ -272,12 +272,16 @@ def _is_on_lens(
 ) -> bool:
     """Return whether another pose shows something in the same pixels, elsewhere on the part.
 
-    Dirt on the lens stays in its pixels as the part turns; what is on the part leaves them.
+    Dirt on the lens stays in its pixels as the part turns; what is on a face leaves them. Of an
+    outline nobody knows how deep it lies, so that only lit pictures tell.
     """
+    if not finding.kind.is_lit:
+        return False
     x0, y0, x1, y1 = finding.box_px
     reach = max(SAME_PIXELS_PX, SAME_PIXELS_SHARE * float(np.hypot(x1 - x0, y1 - y0)))
     return any(
-        _turn(view, other_view) >= OTHER_LOOK_RAD
+        other.kind.is_lit
+        and _turn(view, other_view) >= OTHER_LOOK_RAD
         and np.hypot(*np.subtract(finding.at_px, other.at_px)) <= reach
         and not _is_same_place(finding, other)
         for other_view, other in others

@@ -46,7 +46,13 @@ from controller.inspection.characteristics import (
     RimGeometry,
 )
 from controller.inspection.grasp_pose import mirror_image
-from controller.inspection.integrity import RunTest, allowed_mm, crowded, find_runs
+from controller.inspection.integrity import (
+    RunTest,
+    allowed_mm,
+    blur_rounds_px,
+    crowded,
+    find_runs,
+)
 
 Array = NDArray[np.float64]
 LOOKS = ((-15.0, 5.0), (20.0, -12.0))  # turn and tilt [deg]
@@ -93,6 +99,20 @@ def test_sides_that_blur_joins_are_told_from_sides_that_it_does_not() -> None:
     opposite = crowded(at, np.concatenate([-up, up, -up]), 4.0)
     assert opposite.tolist() == [True] * 40 + [False] * 20
     assert not crowded(at, np.concatenate([up, up, up]), 4.0).any()  # two steps, no sliver
+
+
+def test_blur_rounds_a_corner_and_leaves_a_straight_edge() -> None:
+    T = shown(0.0, 0.0)
+    corners = np.array([[-23.0, -17, 12], [23.0, -17, 12]])
+    corner, other = CAMERA.project(corners @ T[:3, :3].T + T[:3, 3])
+    along = (other - corner) / np.linalg.norm(other - corner)
+    down = np.array([0.0, 1.0])
+    at = np.array([corner + 0.3 * along, corner + 12.0 * along])
+    window = np.concatenate([corner - 20, corner + 20])
+    shift = blur_rounds_px(part(), T, CAMERA, window, 1.0, at, np.array([down, down]))
+    # at a corner a quarter of the disc is material: the edge's middle is inside by 0.55 of blur
+    assert shift[0] < -0.3
+    assert shift[1] == 0.0
 
 
 def test_more_views_ask_for_more_of_each() -> None:

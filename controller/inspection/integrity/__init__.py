@@ -1,6 +1,7 @@
 """What an outline before the panel proves of a part: material missing, too much, out of place."""
 
 from ._allowed import Allowances, allowed_mm
+from ._blurred import blur_rounds_px
 from ._outline import BURR_PX, CHIP_PX, OutlineResult, compare_outline
 from ._runs import Run, RunTest, crowded, find_runs
 
@@ -12,6 +13,7 @@ __all__ = [
     "Run",
     "RunTest",
     "allowed_mm",
+    "blur_rounds_px",
     "compare_outline",
     "crowded",
     "find_runs",

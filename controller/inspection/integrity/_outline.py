@@ -6,6 +6,7 @@ edge as a whole. And areas of material too much or too little, where the outline
 its points to be matched.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -22,6 +23,7 @@ from .._pose import PosedPart
 from .._types import OUTLINE, Check, Finding, FindingKind, ViewTask
 from ..grasp_pose import Backlit, PoseSettings, ViewPose
 from ._allowed import Allowances, allowed_mm
+from ._blurred import blur_rounds_px
 from ._runs import Run, RunTest, crowded, find_runs
 
 MARGIN_PX: Final = 40  # beyond the outline, where material may stick out
@@ -30,6 +32,9 @@ NEAR_PX: Final = 6  # beside what is not judged the observed outline ends
 INSIDE_PX: Final = 2.0  # a lost point is dark or bright so far to either side of it
 HALF: Final = 0.5  # between part and panel
 LIGHT_SIGMAS: Final = 2.0  # of what light may do to an edge as a whole
+REACH_PX: Final = 4.0  # beyond a run, its blurred surroundings
+MAX_RUNS: Final = 40  # of one view that are looked into; more are no corners
+MAX_WINDOW_PX: Final = 60.0
 AREA_PX: Final = 9  # smaller areas are for the runs
 WHOLE_EDGE: Final = 0.7  # share of an edge that is off: it is out of place, not broken
 THICK: Final = 0.6  # a burr is higher than this share of its length, or thin
@@ -86,6 +91,9 @@ def compare_outline(
     )
     points = pose.rims.points
     runs = find_runs(points.pixels, points.normals, look.off_px, look.step_px, test)
+    if runs:
+        look.take_off_blur(runs)
+        runs = find_runs(points.pixels, points.normals, look.off_px, look.step_px, test)
     areas = _areas(look, maps)
     findings = [f for f in (look.finding(run) for run in runs) if f is not None]
     findings = [f for f in findings if not any(_same(f, area) for area in areas)] + areas
@@ -153,8 +161,8 @@ class _Look:
         at, normals = self.points.pixels[lost], self.points.normals[lost]
         within, beyond = at - INSIDE_PX * normals, at + INSIDE_PX * normals
         is_dark_within, is_dark_beyond = (self._is_dark(p) for p in (within, beyond))
-        # at a slender corner that far inside is outside again, on the other side
-        fits = self._is_part(within) & ~self._is_part(beyond)
+        # at a slender corner that far inside is outside again; on a low step that far out is inside
+        fits = self._is_surely(within, part=True) & self._is_surely(beyond, part=False)
         out = off.copy()
         out[lost] = np.select(
             [fits & ~is_dark_within & ~is_dark_beyond, fits & is_dark_within & is_dark_beyond],
@@ -169,12 +177,15 @@ class _Look:
         x, y = np.clip(x, 0, width - 1), np.clip(y, 0, height - 1)
         return np.asarray(self.backlit.share[y, x] < HALF)
 
-    def _is_part(self, at_px: FloatArray) -> BoolArray:
+    def _is_surely(self, at_px: FloatArray, *, part: bool) -> BoolArray:
+        """Return where places (n, 2) are of the part, or not, with the pixels beside them."""
+        mask = self.maps.mask if part else ~self.maps.mask
+        beside = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
+        all_about = cv2.erode(mask.astype(np.uint8), beside) > 0
         x0, y0, _, _ = self.maps.roi
-        mask = self.maps.mask
         x, y = np.round(at_px).astype(np.int64).T
         x, y = np.clip(x - x0, 0, mask.shape[1] - 1), np.clip(y - y0, 0, mask.shape[0] - 1)
-        return np.asarray(mask[y, x])
+        return np.asarray(all_about[y, x])
 
     def _near_unjudged(self) -> BoolArray:
         x, y = np.round(self.points.pixels).astype(np.int64).T
@@ -191,6 +202,29 @@ class _Look:
         counts = tree.query_ball_point(self.points.pixels, CHIP_PX / 2, return_length=True)
         good &= np.array(counts, dtype=np.float64) >= FULL_RUN * CHIP_PX / self.step_px
         return good
+
+    def take_off_blur(self, runs: Sequence[Run]) -> None:
+        """Take off what blur does to the predicted outline about some runs: corners are rounded.
+
+        Parameters
+        ----------
+        runs : that may be the doing of blur
+        """
+        at, normals = self.points.pixels, self.points.normals
+        reach = max(REACH_PX, CROWDED * self.backlit.width_px)
+        for run in runs[:MAX_RUNS]:
+            low = at[run.points].min(axis=0) - reach
+            high = at[run.points].max(axis=0) + reach
+            if (high - low).max() > MAX_WINDOW_PX:
+                continue  # no corner is as long
+            inner = ((at > low + reach - 1) & (at < high - reach + 1)).all(axis=1)
+            near = np.flatnonzero(inner & np.isfinite(self.off_px))
+            window = np.concatenate([low, high])
+            shift = blur_rounds_px(
+                self.part, self.pose.T_world_part, self.task.camera, window, self.backlit.width_px,
+                at[near], normals[near],
+            )  # fmt: skip
+            self.off_px[near] -= np.nan_to_num(shift)
 
     def is_moved(self, points: IntArray) -> bool:
         """Return whether faces out of place, farther than allowed, are what points show."""
