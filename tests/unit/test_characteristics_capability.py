@@ -210,6 +210,22 @@ def test_what_is_not_required_may_stay_open_but_not_be_wrong() -> None:
         assert len(standing.unproven) == (verdict is Verdict.PASS)
 
 
+def test_what_is_not_required_and_hardly_measured_does_not_stop_a_pass() -> None:
+    """5 mm +-0.1: the whole tolerance is 0.2 mm, plainly beyond is 0.1 mm more than a limit."""
+    asked = replace(one("diameter", 5.0), is_required=False)
+    for value, U, verdict in (
+        (5.17, 0.11, Verdict.PASS),  # 2 U is more than the tolerance
+        (5.17, 0.09, Verdict.INDETERMINATE),  # it is not
+        (5.23, 0.3, Verdict.INDETERMINATE),
+        (4.83, 0.3, Verdict.PASS),
+        (4.7, 0.3, Verdict.INDETERMINATE),
+    ):
+        found = Measured(asked, value, U, Verdict.INDETERMINATE, ("v0",), "")
+        assert standing_of([found]).verdict is verdict
+        stated = replace(found, characteristic=replace(asked, source="recipe"))
+        assert standing_of([stated]).verdict is Verdict.INDETERMINATE
+
+
 def test_the_worst_of_all_counts() -> None:
     asked = one("hole 5 mm diameter", 5)
     all_of_them = [measured(asked, value) for value in (5.0, 5.12, 5.2)]

@@ -125,7 +125,7 @@ def standing_of(measured: Sequence[Measured]) -> Standing:
         elif one.verdict is Verdict.PASS:
             continue
         elif not asked.is_required and (
-            one.measured_mm is None or _is_within(asked, one.measured_mm)
+            one.measured_mm is None or _is_within(asked, one.measured_mm) or _says_nothing(one)
         ):
             optional.append(asked.label)
         elif one.measured_mm is None:
@@ -169,6 +169,21 @@ def is_near_enough(one: Measured) -> bool:
     gross_mm = min(GROSS_SHARE * zone_mm(asked), GROSS_MM)
     wider = replace(asked, lower_mm=asked.lower_mm - gross_mm, upper_mm=asked.upper_mm + gross_mm)
     return verdict_of(wider, one.measured_mm, one.U_mm, GROSS_PROBABILITY) is Verdict.PASS
+
+
+def _says_nothing(one: Measured) -> bool:
+    """Return whether a value beyond its limits is so unsure that it would not be measured at all.
+
+    Twice its U is more than the whole tolerance, and it is not plainly beyond, see
+    `is_near_enough`.
+    """
+    asked = one.characteristic
+    if one.measured_mm is None or one.U_mm is None or not asked.is_general:
+        return False
+    zone = zone_mm(asked)
+    gross_mm = min(GROSS_SHARE * zone, GROSS_MM)
+    beyond = max(asked.lower_mm - one.measured_mm, one.measured_mm - asked.upper_mm)
+    return 2.0 * one.U_mm > zone and beyond <= gross_mm
 
 
 def _why_open(one: Measured) -> str:
