@@ -140,7 +140,7 @@ def _refined(left: Callable[[Array], float], R: Array) -> float:
 def wrong_revision(good: Good, rng: np.random.Generator) -> Twist:
     """The CAD file is of another revision of the same family: every size a little different."""
     family, _, number = good.part.name.rpartition("_")
-    if family not in FAMILIES:
+    if family not in FAMILIES or not number.isdigit():  # a file may be named like a family
         raise NoPlaceError("no other revision")
     for _ in range(TRY_COUNT):
         other = drawn(family, int(number) + int(rng.integers(1, 1_000_000)) * 10_000)

@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 from cad_solids import Body, box, rod, solid_of
-from manifold3d import Manifold
+from manifold3d import CrossSection, Manifold
 from shown_part import face_id, hand, part, perfect, photograph, shown, task
 
 from controller.cad import sample_surface
@@ -209,3 +209,15 @@ def test_two_rims_without_light_between_them_show_no_wall() -> None:
     # the cross bore opens to both sides, and no view looks through it
     wall = next(f.id for f in part().solid.faces if f.concave and abs(f.radius_mm - 3) < 0.1)
     assert not of_perfect().faces[wall].is_verified
+
+
+def test_a_sliver_of_a_wall_whose_rims_are_too_short_to_be_looked_for_is_not_shown() -> None:
+    corner = CrossSection([[(-4, -3), (4, -3), (0.05, 4), (-0.05, 4)]])
+    body = box(46, 34, 24) - Manifold.extrude(corner, 30).translate((0, 0, -15))
+    nominal = PosedPart(solid_of(body, "sliver"))
+    (recess,) = find_recesses(nominal.solid)
+    assert recess.is_through
+    areas = {wall: nominal.solid.faces[wall].area_mm2 for wall in recess.walls}
+    sliver = min(areas, key=areas.__getitem__)
+    found = evidence(nominal, body, LOOKS[:1])
+    assert sliver not in found.faces or not found.faces[sliver].is_verified

@@ -133,7 +133,7 @@ def prove_faces(
             # of a bore with one plain mouth that one tells, of a passage both
             share = min(light) if recess is not None else max(light)
             how = "of its rims, by the light through it," if share > GREATER_PART else ""
-        elif recess is not None:
+        elif recess is not None and not recess.is_through:
             share, how = _blind(edges, looks, recess, face, floors[id(recess)])
         elif narrow[face] and (not solid.faces[face].concave or solid.faces[face].kind == "cone"):
             # a rim in place says nothing of how deep a hole is: no wall of one comes in here
