@@ -32,6 +32,7 @@ from trace_held_parts import read_held_part, triangles_of
 ROOT = Path(__file__).parents[1]
 RECIPES = ("featuretype", "flange_xy", "idler_riser")
 RUN_LIMIT_S = 1500.0
+SLIVER_MM = 0.002
 
 
 @dataclass
@@ -164,7 +165,8 @@ def make_twins(
             continue
         if built.stain is not None:  # paint, which a mesh has none of
             continue
-        points = triangles_of(built.body).reshape(-1, 3)
+        # no slivers that the file's 32 bits would close
+        points = triangles_of(built.body.simplify(SLIVER_MM)).reshape(-1, 3)
         points = built.scale * (points - built.about_mm) + built.about_mm
         path = folder / f"{recipe}_{kind}.stl"
         faces = np.arange(len(points)).reshape(-1, 3)

@@ -18,6 +18,7 @@ from ._looks import EdgeLook, State
 from ._recesses import Recess, find_recesses
 
 NOTHING: Final[Mapping[frozenset[int], Sequence[tuple[float, float]]]] = MappingProxyType({})
+TWO: Final = 2  # pictures, at least, that an edge has to be missing in
 GREATER_PART: Final = 0.5  # of the edges of a face, in place
 CHANCE: Final = 0.1  # share of an edge that texture alone may show in place
 BESIDE: Final = 1.5  # times their spacing, points of two mouths are one above the other
@@ -63,7 +64,7 @@ def missing_edges(
 ) -> tuple[MissingEdge, ...]:
     """Return the outer edges that must show for the greater part, and are nowhere in place.
 
-    What stands between two faces of one brightness hides in one picture, not in all. An inner
+    What stands between two faces of one brightness hides in one picture, not in two. An inner
     corner may hide in all of them.
 
     Parameters
@@ -81,6 +82,8 @@ def missing_edges(
         if is_shown.mean() > GREATER_PART and held[mine].sum() < CHANCE * is_shown.sum():
             one, other = edges.faces[mine[0]].tolist()
             count = int(shown[:, mine].any(axis=1).sum())
+            if count < TWO:
+                continue
             length = float(edges.length_mm[mine].sum())
             out.append(MissingEdge((one, other), length, count))
     return tuple(out)
