@@ -254,15 +254,19 @@ async def test_a_control_that_takes_effect_late_is_waited_for(
         assert end_s - start_s == pytest.approx(0.004, abs=2 * STAMP_S)
 
 
+PAUSE_COUNT = 30  # exposures
+
+
 async def test_paused_frames_come_anew_after_resuming(bench: Bench) -> None:
     await bench.camera.frame_after(bench.clock.now_s())
     await bench.camera.pause()
-    await bench.clock.sleep(3 * PERIOD_S)
+    await bench.clock.sleep(PAUSE_COUNT * PERIOD_S)
     resumed_s = bench.clock.now_s()
     await bench.camera.resume()
     frame = await bench.camera.frame_after(resumed_s)
     assert bench.is_wholly_after(frame, resumed_s)
-    assert bench.camera.stats.lost_count == 0
+    # a busy machine may lose some while the stream runs; those of the pause are not lost
+    assert bench.camera.stats.lost_count < PAUSE_COUNT / 2
 
 
 # ---- faults --------------------------------------------------------------------------------------

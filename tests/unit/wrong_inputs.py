@@ -794,6 +794,8 @@ ROWS: tuple[Row, ...] = (
     Row("replay of no run", nothing, ("replay", "nonsense"), "no run `nonsense` in runs"),
     Row("verify of no run", nothing, ("verify", "nonsense"), "no run `nonsense` in runs"),
     Row("statistics of no runs", nothing, ("stats", "none.yaml"), "no journal at runs", 1),
+    Row("gauge of nothing", nothing, ("gauge",), "name what was measured: sets of views"),
+    Row("gauge of no run", nothing, ("gauge", "nonsense"), "no run `nonsense` in runs"),
     Row("report of no run", nothing, ("report", "nonsense"), "no run `nonsense` in runs"),
     Row(
         "report of a path",
