@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from controller.arrays import BoolArray
 from controller.cad import Solid, SurfaceSamples
-from controller.imaging import rotation_angle
 
+from ._apart import SAME_PIXELS_PX, is_turned
 from ._types import (
     OUTLINE,
     Finding,
@@ -32,11 +32,9 @@ from .edge_evidence import FaceEdges, MissingEdge
 SURE_AREA: Final = 2.5  # times the smallest area: no noise at a border grows so large
 SAME_PLACE_MM: Final = 6.0  # findings of two views whose middles are this close are one thing
 SAME_PLACE_SHARE: Final = 0.25  # and this share of their sizes more
-OTHER_LOOK_RAD: Final = float(np.radians(15.0))  # the part turned by less: the same look again
 EVEN_MISFIT: Final = 0.12  # a lit picture so well predicted that its findings are no finish's doing
 MARK_PLACE_MM: Final = 1.0  # the same of marks: two poses, and the middle of what shows of one
 MARK_PLACE_SHARE: Final = 0.35
-SAME_PIXELS_PX: Final = 4.0  # nearer in two pictures it may be dirt on the lens
 SAME_PIXELS_SHARE: Final = 0.25  # of its extent in the picture; the part's outline may cut it
 OTHER_SIDE_RAD: Final = float(np.radians(60.0))  # a dent's bright side turns with the lamp
 SEEN_AGAIN_COUNT: Final = 2  # looks that would have shown a mark and did not: it was a reflection
@@ -281,7 +279,7 @@ def _is_on_lens(
     reach = max(SAME_PIXELS_PX, SAME_PIXELS_SHARE * float(np.hypot(x1 - x0, y1 - y0)))
     return any(
         other.kind.is_lit
-        and _turn(view, other_view) >= OTHER_LOOK_RAD
+        and is_turned(view.T_world_part, other_view.T_world_part)
         and np.hypot(*np.subtract(finding.at_px, other.at_px)) <= reach
         and not _is_same_place(finding, other)
         for other_view, other in others
@@ -301,7 +299,7 @@ def _is_argued_away(
     nearest = int(np.argmin(np.linalg.norm(samples.points_mm - finding.p_part_mm, axis=1)))
     looks = 0
     for other in views:
-        if _turn(view, other) < OTHER_LOOK_RAD:
+        if not is_turned(view.T_world_part, other.T_world_part):
             continue
         marks = [f for f in (*other.findings, *other.hints) if _is_same_place(finding, f)]
         for check in other.checks:
@@ -310,10 +308,6 @@ def _is_argued_away(
                 continue
             looks += bool(widths[nearest] <= finding.size_mm)
     return looks >= SEEN_AGAIN_COUNT
-
-
-def _turn(view: ViewResult, other: ViewResult) -> float:
-    return rotation_angle(view.T_world_part[:3, :3] @ other.T_world_part[:3, :3].T)
 
 
 def _is_other_look(
@@ -337,11 +331,12 @@ def _is_other_look(
         if view.view_id == other_view.view_id:
             return _turns_with_the_lamp(finding, other)
         away = np.hypot(*np.subtract(finding.at_px, other.at_px))
-        return _turn(view, other_view) >= OTHER_LOOK_RAD and bool(away > SAME_PIXELS_PX)
+        is_other = is_turned(view.T_world_part, other_view.T_world_part)
+        return is_other and bool(away > SAME_PIXELS_PX)
     is_lit = finding.kind.is_lit and other.kind.is_lit
     if is_lit and max(_misfit(view, finding), _misfit(other_view, other)) > EVEN_MISFIT:
         return False  # what the finish does in one view it may do in the other
-    if view.view_id != other_view.view_id and _turn(view, other_view) >= OTHER_LOOK_RAD:
+    if is_turned(view.T_world_part, other_view.T_world_part):
         return True
     least = SURE_AREA * limits.min_area_mm2
     is_both = finding.kind.is_lit != other.kind.is_lit

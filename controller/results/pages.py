@@ -55,6 +55,24 @@ def write_file(data: bytes, path: Path) -> Path:
         raise OSError(error.errno, error.strerror, str(path)) from error
 
 
+def render_page(package: str, template: str, path: Path, **values: object) -> Path:
+    """Write a page made from a package's one template, and return its path.
+
+    Parameters
+    ----------
+    package : whose file the template is
+    template : its name
+    path : of the page
+    values : what the template shows, by name
+
+    Raises
+    ------
+    OSError : the file cannot be written
+    """
+    made = make_environment(package, [template]).get_template(template)
+    return write_page(made.render(**values), path)
+
+
 def make_environment(
     package: str, names: Sequence[str], filters: Mapping[str, Callable[..., str]] | None = None
 ) -> Environment:

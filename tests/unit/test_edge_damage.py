@@ -7,15 +7,15 @@ from functools import cache
 import numpy as np
 import pytest
 from cad_solids import Body, box, solid_of
+from edge_views import edge_views
 from numpy.typing import NDArray
-from shown_part import hand, part, perfect, photograph, samples, shown, task
+from shown_part import part, perfect, samples
 
 from controller.inspection import Finding, FindingKind, InspectionLimits
-from controller.inspection.dimensions import BACKLIT, MeasuringSettings, PosedView
+from controller.inspection.dimensions import MeasuringSettings
 from controller.inspection.edge_evidence import (
     Displaced,
     EdgeLook,
-    EdgeView,
     PartEdges,
     State,
     find_damage,
@@ -29,7 +29,6 @@ Array = NDArray[np.float64]
 PIXEL_MM = 0.2
 NOISE_PX = 0.03
 DUST_MM = 1.0
-KNOWN = np.diag([0.02] * 3 + [0.0003] * 3) ** 2
 # on the edge between front and top, off its corners
 CHIP = (4.0, 17.0, 12.0)
 
@@ -178,12 +177,7 @@ def test_two_looks_that_one_error_explains_are_not_sure(second: list[Finding]) -
 
 
 def shown_damage(body: Body, turns: tuple[tuple[float, float], ...]) -> list[Finding]:
-    views = []
-    for number, (turn, tilt) in enumerate(turns):
-        T = shown(turn, tilt)
-        pictures = photograph(body, T, hand(T))
-        posed = PosedView(task(T, hand(T), f"v{number}"), pictures, T, KNOWN)
-        views.append(EdgeView(posed, (BACKLIT, *pictures.lit)))
+    views = edge_views(body, turns)
     found = find_evidence(
         part(), samples(), views, InspectionLimits(), Allowances(), MeasuringSettings()
     )

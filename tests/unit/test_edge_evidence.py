@@ -7,15 +7,15 @@ from functools import cache
 import numpy as np
 import pytest
 from cad_solids import Body, box, rod, solid_of
+from edge_views import edge_views
 from manifold3d import CrossSection, Manifold
-from shown_part import face_id, hand, part, perfect, photograph, shown, task
+from shown_part import face_id, part, perfect
 
 from controller.cad import sample_surface
 from controller.inspection import InspectionLimits, PosedPart
-from controller.inspection.dimensions import BACKLIT, MeasuringSettings, PosedView
+from controller.inspection.dimensions import MeasuringSettings
 from controller.inspection.edge_evidence import (
     EdgeEvidence,
-    EdgeView,
     FaceEdges,
     find_evidence,
     find_recesses,
@@ -24,7 +24,6 @@ from controller.inspection.edge_evidence import (
 from controller.inspection.integrity import Allowances
 
 LOOKS = ((-15.0, 5.0), (20.0, -12.0), (8.0, 14.0))  # turn and tilt [deg]
-KNOWN = np.diag([0.02] * 3 + [0.0003] * 3) ** 2  # a pose as well known as a fit's
 LIMITS = InspectionLimits(smallest_defect_mm=3.0, dust_mm=0.5)
 
 
@@ -34,16 +33,10 @@ def evidence(
     looks: tuple[tuple[float, float], ...],
     limits: InspectionLimits = LIMITS,
 ) -> EdgeEvidence:
-    views = []
-    for number, (turn, tilt) in enumerate(looks):
-        T = shown(turn, tilt)
-        pictures = photograph(body, T, hand(T))
-        posed = PosedView(task(T, hand(T), f"v{number}"), pictures, T, KNOWN)
-        views.append(EdgeView(posed, (BACKLIT, *pictures.lit)))
     return find_evidence(
         nominal,
         sample_surface(nominal.solid),
-        views,
+        edge_views(body, looks),
         limits,
         Allowances(),
         MeasuringSettings(),

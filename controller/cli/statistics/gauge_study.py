@@ -4,11 +4,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from rich import box
-from rich.console import Console
 from rich.table import Table
-from rich.text import Text
 
-from controller.config import ConfigError
 from controller.results.gauge import (
     CharacteristicGauge,
     Evidence,
@@ -25,7 +22,8 @@ from controller.results.wording import count_of
 from controller.setup.software import software_versions
 
 from ..inputs.checks import check_writable_folder
-from ..terminal.output import emit, print_line, printable, stdout, warn
+from ..terminal.output import emit, print_line, warn
+from ._output import check_page, print_table
 from .gauge_sources import read_sources
 
 TEXT_COLUMNS = 220
@@ -63,10 +61,7 @@ def report_gauge(
     ------
     ConfigError : a source, the references or the name of the report are wrong
     """
-    if report is not None:
-        if report.suffix.lower() != ".html" or report.is_dir():
-            raise ConfigError(f"--report {report}: name a file that ends in .html")
-        check_writable_folder(report.parent, "--report in")
+    check_page(report)
     check_writable_folder(runs_dir, "--runs")
     found = read_sources(sources, recipe_path, runs_dir)
     measured = {c.id for r in found.readings for c in r.characteristics if c.measured is not None}
@@ -139,15 +134,7 @@ def list_studies(runs_dir: Path, *, as_json: bool) -> int:
 
 def _print(gauges: tuple[CharacteristicGauge, ...]) -> None:
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
-    for i, name in enumerate(COLUMNS):
-        is_number = 0 < i < len(COLUMNS) - 1
-        table.add_column(Text(name), justify="right" if is_number else "left", no_wrap=is_number)
-    for gauge in gauges:
-        table.add_row(*(Text(printable(cell, stdout.encoding)) for cell in gauge_row(gauge)))
-    console = stdout
-    if not stdout.is_terminal:
-        console = Console(file=stdout.file, width=TEXT_COLUMNS, highlight=False)
-    console.print(table)
+    print_table(table, COLUMNS, map(gauge_row, gauges), TEXT_COLUMNS)
     print_line(
         "Six standard deviations in um (angles: degrees), in brackets their 95 % interval; "
         "%T: of the tolerance"

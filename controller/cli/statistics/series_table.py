@@ -5,11 +5,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from rich import box
-from rich.console import Console
 from rich.table import Table
-from rich.text import Text
 
-from controller.config import ConfigError
 from controller.results.statistics import (
     Series,
     interval_words,
@@ -19,8 +16,8 @@ from controller.results.statistics import (
     write_series_page,
 )
 
-from ..inputs.checks import check_writable_folder
-from ..terminal.output import emit, print_line, printable, stdout, warn
+from ..terminal.output import emit, print_line, warn
+from ._output import check_page, print_table
 
 TEXT_COLUMNS = 200
 COLUMNS = ("characteristic", "n", "missing", "mean", "sigma", "Cp", "Cpk", "Pp", "Ppk", "to note")
@@ -41,10 +38,7 @@ def report_series(runs_dir: Path, recipe: str, report: Path | None, *, as_json: 
     ConfigError : the page cannot have that name, or be written there
     ResultsError : there is no such recipe, or the journal cannot be trusted
     """
-    if report is not None:
-        if report.suffix.lower() != ".html" or report.is_dir():
-            raise ConfigError(f"--report {report}: name a file that ends in .html")
-        check_writable_folder(report.parent, "--report in")
+    check_page(report)
     found = series_of(runs_dir, recipe)
     if as_json:
         for series in found:
@@ -61,16 +55,7 @@ def _print(found: Sequence[Series], recipe: str) -> None:
     if not found:
         print_line(f"no characteristic was measured in the runs of {recipe}")
         return
-    table = Table(box=box.SIMPLE_HEAD)
-    for i, name in enumerate(COLUMNS):
-        is_number = 0 < i < len(COLUMNS) - 1
-        table.add_column(Text(name), justify="right" if is_number else "left", no_wrap=is_number)
-    for series in found:
-        table.add_row(*(Text(printable(text, stdout.encoding)) for text in _row(series)))
-    console = stdout
-    if not stdout.is_terminal:
-        console = Console(file=stdout.file, width=TEXT_COLUMNS, highlight=False)
-    console.print(table)
+    print_table(Table(box=box.SIMPLE_HEAD), COLUMNS, map(_row, found), TEXT_COLUMNS)
 
 
 def _row(series: Series) -> tuple[str, ...]:

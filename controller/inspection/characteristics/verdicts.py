@@ -166,7 +166,7 @@ def is_near_enough(one: Measured) -> bool:
         or not _is_within(asked, one.measured_mm)
     ):
         return False
-    gross_mm = min(GROSS_SHARE * zone_mm(asked), GROSS_MM)
+    gross_mm = _gross_mm(asked)
     wider = replace(asked, lower_mm=asked.lower_mm - gross_mm, upper_mm=asked.upper_mm + gross_mm)
     return verdict_of(wider, one.measured_mm, one.U_mm, GROSS_PROBABILITY) is Verdict.PASS
 
@@ -180,10 +180,13 @@ def _says_nothing(one: Measured) -> bool:
     asked = one.characteristic
     if one.measured_mm is None or one.U_mm is None or not asked.is_general:
         return False
-    zone = zone_mm(asked)
-    gross_mm = min(GROSS_SHARE * zone, GROSS_MM)
     beyond = max(asked.lower_mm - one.measured_mm, one.measured_mm - asked.upper_mm)
-    return 2.0 * one.U_mm > zone and beyond <= gross_mm
+    return 2.0 * one.U_mm > zone_mm(asked) and beyond <= _gross_mm(asked)
+
+
+def _gross_mm(asked: Characteristic) -> float:
+    """Return how far beyond its limits a general tolerance is plainly missed."""
+    return min(GROSS_SHARE * zone_mm(asked), GROSS_MM)
 
 
 def _why_open(one: Measured) -> str:

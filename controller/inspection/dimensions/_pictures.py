@@ -113,7 +113,7 @@ def fit_features(
     """
     view, rays = prediction.view, prediction.rays
     is_backlit = lamp == BACKLIT
-    picture = view.pictures.backlit if is_backlit else view.pictures.lit[lamp]
+    picture = view.picture(lamp)
     noise = pixel_noise(picture, None, 1)
     shows = (rays.rising != 0) if is_backlit else rays.shows_lit
     index = np.flatnonzero(shows)

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from controller.arrays import FloatArray
+from controller.arrays import FloatArray, Grey
 
 from .._scene import ViewScene
 from .._types import ViewPictures, ViewTask
@@ -30,6 +30,10 @@ class PosedView:
     covariance: FloatArray
     grasp: int = 0
     scene: ViewScene | None = None
+
+    def picture(self, lamp: str) -> Grey:
+        """Return the picture under a lamp, or before the panel (`BACKLIT`)."""
+        return self.pictures.backlit if lamp == BACKLIT else self.pictures.lit[lamp]
 
 
 @dataclass(frozen=True, slots=True)

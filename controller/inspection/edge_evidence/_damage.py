@@ -6,14 +6,12 @@ from typing import Final
 import numpy as np
 
 from controller.arrays import FloatArray
-from controller.imaging import rotation_angle
 
+from .._apart import SAME_PIXELS_PX, is_turned
 from .._types import Finding, FindingKind
 from ._displaced import Displaced
 from ._edges import PartEdges
 
-OTHER_LOOK_RAD: Final = float(np.radians(15.0))  # the part turned by less: the same look again
-SAME_PIXELS_PX: Final = 4.0  # nearer in two pictures it may be dirt on the lens
 BESIDE: Final = 1  # points of an edge between two runs that are one thing
 
 
@@ -72,10 +70,9 @@ def _overlap(edges: PartEdges, one: Displaced, other: Displaced) -> bool:
 def _is_other_look(
     one: Displaced, other: Displaced, T_world_part: Mapping[str, FloatArray]
 ) -> bool:
-    first, second = (T_world_part[run.look.view_id][:3, :3] for run in (one, other))
     away = one.look.pixels[one.deepest] - other.look.pixels[other.deepest]
-    is_turned = rotation_angle(first @ second.T) >= OTHER_LOOK_RAD
-    return bool(is_turned and np.hypot(*away) > SAME_PIXELS_PX)
+    is_other = is_turned(*(T_world_part[run.look.view_id] for run in (one, other)))
+    return bool(is_other and np.hypot(*away) > SAME_PIXELS_PX)
 
 
 def _finding(edges: PartEdges, run: Displaced, is_sure: bool) -> Finding:

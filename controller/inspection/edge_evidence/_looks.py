@@ -128,7 +128,7 @@ def look_at_edges(
     out = []
     for lamp in lamps:
         is_backlit = lamp == BACKLIT
-        picture = view.pictures.backlit if is_backlit else view.pictures.lit[lamp]
+        picture = view.picture(lamp)
         light = settings.backlit_edge_px if is_backlit else settings.lit_edge_px
         u_px = np.sqrt(pose_px**2 + light**2 + settings.lens_px**2)
         limit = play_px + K * u_px + rays.wall_px * is_backlit

@@ -37,7 +37,6 @@ MAX_RUNS: Final = 40  # of one view that are looked into; more are no corners
 MAX_WINDOW_PX: Final = 60.0
 AREA_PX: Final = 9  # smaller areas are for the runs
 WHOLE_EDGE: Final = 0.7  # share of an edge that is off: it is out of place, not broken
-THICK: Final = 0.6  # a burr is higher than this share of its length, or thin
 BURR_PX: Final = 3.0  # what is smaller may be dust
 CHIP_PX: Final = 6.0
 ROUNDED: Final = 3.0  # standard deviations of blur that take off a corner

@@ -4,14 +4,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from ..pages import make_environment, write_page
+from ..pages import render_page
 from ..value_chart import Chart, Line, value_chart
 from ..wording import utc
 from ._evidence import Evidence
 from ._study import CharacteristicGauge
 from ._words import UM_PER_MM, in_um, said_of, said_of_all
 
-TEMPLATES: Final = ("gauge.html.j2",)
+TEMPLATE: Final = "gauge.html.j2"
 
 
 def write_gauge_page(
@@ -30,19 +30,17 @@ def write_gauge_page(
     ------
     OSError : the file cannot be written
     """
-    text = (
-        make_environment(__package__, TEMPLATES)
-        .get_template(TEMPLATES[0])
-        .render(
-            evidence=evidence,
-            at=utc(evidence.at),
-            file=kept.name,
-            allow=said_of_all(gauges),
-            rows=[gauge_row(gauge) for gauge in gauges],
-            charts=[(gauge, value_chart(_chart(gauge))) for gauge in gauges],
-        )
+    return render_page(
+        __package__,
+        TEMPLATE,
+        path,
+        evidence=evidence,
+        at=utc(evidence.at),
+        file=kept.name,
+        allow=said_of_all(gauges),
+        rows=[gauge_row(gauge) for gauge in gauges],
+        charts=[(gauge, value_chart(_chart(gauge))) for gauge in gauges],
     )
-    return write_page(text, path)
 
 
 def gauge_row(gauge: CharacteristicGauge) -> tuple[str, ...]:

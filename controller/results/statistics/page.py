@@ -6,14 +6,14 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Final
 
-from ..pages import make_environment, write_page
+from ..pages import render_page
 from ..value_chart import Chart, Line, value_chart
 from ..wording import count_of, utc
 from .capability import Interval
 from .charts import NelsonSignal
 from .history import ONE_SIDED, Series
 
-TEMPLATES: Final = ("series.html.j2",)
+TEMPLATE: Final = "series.html.j2"
 RULES: Final = {
     1: "1: a value beyond three standard deviations",
     2: "2: nine values in a row on one side of the mean",
@@ -36,16 +36,14 @@ def write_series_page(recipe: str, series: Sequence[Series], at: datetime, path:
     ------
     OSError : the file cannot be written
     """
-    text = (
-        make_environment(__package__, TEMPLATES)
-        .get_template(TEMPLATES[0])
-        .render(
-            recipe=recipe,
-            at=utc(at),
-            rows=[(one, _facts(one), *_charts(one), _broken(one)) for one in series],
-        )
+    return render_page(
+        __package__,
+        TEMPLATE,
+        path,
+        recipe=recipe,
+        at=utc(at),
+        rows=[(one, _facts(one), *_charts(one), _broken(one)) for one in series],
     )
-    return write_page(text, path)
 
 
 def interval_words(index: Interval | None) -> str:

@@ -17,7 +17,7 @@ from controller.cell.services.records import PartRecord, Shown
 from controller.config import Cell, Recipe
 from controller.config.view_set import SCHEMA, SetBox, SetCamera, SetView, ViewSetFile, packed
 from controller.imaging import Camera, inverse_pose
-from controller.inspection import MEASURED_HOLD, PLANNED_HOLD, ViewResult
+from controller.inspection import MEASURED_HOLD, PLANNED_HOLD, ViewResult, WorldBox
 from controller.planning import shown_pose
 from controller.planning.model import CellLayout
 from controller.planning.motion import tcp_pose
@@ -84,7 +84,7 @@ class PartFile:
             schema=SCHEMA,
             part=Path(INPUTS) / self.recipe.part.name,
             unit=self.recipe.unit or "mm",
-            camera=_camera(self.layout.inspection),
+            camera=camera_section(self.layout.inspection),
             lamps={**lights, TABLE_PANEL: table_light(self.cell)},
             views=tuple(by_id.values()),
             recipe=self.recipe,
@@ -101,15 +101,13 @@ class PartFile:
         prior_mm, prior_rad = MEASURED_HOLD if shown.is_hold_measured else PLANNED_HOLD
         return SetView(
             id=shown.view,
-            T_world_part=_rows(shown.expected),
+            T_world_part=pose_rows(shown.expected),
             prior_mm=prior_mm,
             prior_deg=degrees(prior_rad),
-            gripper_boxes=tuple(
-                SetBox(T=_rows(box.T), half_mm=tuple(box.half_mm.tolist())) for box in shown.holder
-            ),
+            gripper_boxes=tuple(map(box_section, shown.holder)),
             pictures={lamp: Path(files[lamp]) for lamp in (panel, *shown.lamps)},
             grasp=number,
-            camera=None if is_held else _camera(self.layout.overhead),
+            camera=None if is_held else camera_section(self.layout.overhead),
             is_hold_measured=shown.is_hold_measured,
             planned=None if mask is None or not len(mask) else packed(mask),
             only_planned=not is_held,
@@ -153,15 +151,22 @@ def _in_common_holds(
     return found
 
 
-def _camera(camera: Camera) -> SetCamera:
+def camera_section(camera: Camera) -> SetCamera:
+    """Return a camera as a set of views has it."""
     k1, k2, p1, p2, k3 = camera.distortion.tolist()
     return SetCamera(
         size_px=camera.size_px,
-        K=_rows(camera.K),
+        K=pose_rows(camera.K),
         distortion=(k1, k2, p1, p2, k3),
-        T_world_cam=_rows(camera.T_world_cam),
+        T_world_cam=pose_rows(camera.T_world_cam),
     )
 
 
-def _rows(T: FloatArray) -> tuple[tuple[float, ...], ...]:
+def box_section(box: WorldBox) -> SetBox:
+    """Return a box of the gripper as a set of views has it."""
+    return SetBox(T=pose_rows(box.T), half_mm=tuple(box.half_mm.tolist()))
+
+
+def pose_rows(T: FloatArray) -> tuple[tuple[float, ...], ...]:
+    """Return a matrix as a set of views has it, row by row."""
     return tuple(tuple(float(x) for x in row) for row in T)
