@@ -167,7 +167,7 @@ def make_twins(
             continue
         # no slivers that the file's 32 bits would close
         points = triangles_of(built.body.simplify(SLIVER_MM)).reshape(-1, 3)
-        points = built.scale * (points - built.about_mm) + built.about_mm
+        points = built.scaled(points)
         path = folder / f"{recipe}_{kind}.stl"
         faces = np.arange(len(points)).reshape(-1, 3)
         trimesh.Trimesh(points, faces, process=False).export(path)

@@ -17,16 +17,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from inspection_truth import lower_limit
 
-ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
-
-from inspection_truth import lower_limit  # noqa: E402  (path comes first)
-
-from controller.config.view_set import load_view_set  # noqa: E402
-from controller.inspection import InspectionLimits, PartInspection  # noqa: E402
-from controller.inspection.detection import AT_EDGES, KINDS, found_mm  # noqa: E402
-from controller.stored import Judging, compiled_part, judge_views, read_pictures  # noqa: E402
+from controller.config.view_set import load_view_set
+from controller.inspection import InspectionLimits, PartInspection
+from controller.inspection.detection import AT_EDGES, KINDS, found_mm
+from controller.stored import Judging, compiled_part, judge_views, read_pictures
 
 NEAR_MM = 4.0  # beyond its size: how far from a defect a finding may be, as in bench_inspect.py
 Words = dict[str, Any]

@@ -23,21 +23,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
+import numpy as np
+import trimesh
+from inserted_marks import SCRATCH_MM, Mark, Scene, draw_marks
+from inspection_truth import CONFIDENCE, lower_limit
+from numpy.typing import NDArray
+from scipy.stats import norm
 
-import numpy as np  # noqa: E402  (path comes first)
-import trimesh  # noqa: E402
-from inserted_marks import SCRATCH_MM, Mark, Scene, draw_marks  # noqa: E402
-from inspection_truth import CONFIDENCE, lower_limit  # noqa: E402
-from numpy.typing import NDArray  # noqa: E402
-from scipy.stats import norm  # noqa: E402
-
-from controller.cad import Solid  # noqa: E402
-from controller.config.view_set import load_view_set  # noqa: E402
-from controller.inspection import InspectionLimits, PartInspection, Verdict  # noqa: E402
-from controller.stored import Judging, compiled_part, judge_views, read_pictures  # noqa: E402
-from controller.stored.view_set import build_view_set  # noqa: E402
+from controller.cad import Solid
+from controller.config.view_set import load_view_set
+from controller.inspection import InspectionLimits, PartInspection, Verdict
+from controller.stored import Judging, compiled_part, judge_views, read_pictures
+from controller.stored.view_set import build_view_set
 
 Array = NDArray[np.float64]
 Words = dict[str, Any]

@@ -22,13 +22,11 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from bench_inspect import run_command
+from nist_plate import QIF
+
 ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
-
-import numpy as np  # noqa: E402  (path comes first)
-from bench_inspect import run_command  # noqa: E402
-from nist_plate import QIF  # noqa: E402
-
 Words = dict[str, Any]
 RADIAL = ("position",)  # published as the diameter of a zone, measured as its radius
 

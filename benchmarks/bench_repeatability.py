@@ -37,7 +37,8 @@ from inspection_scenes import (
 )
 from numpy.typing import NDArray
 
-from controller.config.view_set import SCHEMA, SetBox, SetCamera, SetView, ViewSetFile
+from controller.cell.services.views.part_file import box_section, camera_section, pose_rows
+from controller.config.view_set import SCHEMA, SetView, ViewSetFile
 from controller.inspection import InspectionLimits
 from controller.setup.optics import light_of
 
@@ -45,10 +46,6 @@ Array = NDArray[np.float64]
 Words = dict[str, Any]
 PANEL, RING = "station_backlight", "station_ring"
 TILT_DEG = (3.0, 12.0)
-
-
-def rows(T: Array) -> Any:  # noqa: ANN401  rows of any size
-    return tuple(tuple(float(x) for x in row) for row in T)
 
 
 class Readings:
@@ -101,18 +98,15 @@ class Readings:
             files = {PANEL: Path(f"v{number}_panel.png"), RING: Path(f"v{number}_ring.png")}
             cv2.imwrite(str(folder / files[PANEL]), pictures.backlit)
             cv2.imwrite(str(folder / files[RING]), pictures.lit[RING])
-            boxes = tuple(SetBox(T=rows(b.T), half_mm=tuple(b.half_mm)) for b in task.holder)
+            boxes = tuple(map(box_section, task.holder))
             views.append(
-                SetView(id=task.view_id, T_world_part=rows(T), gripper_boxes=boxes,
+                SetView(id=task.view_id, T_world_part=pose_rows(T), gripper_boxes=boxes,
                         pictures=files, grasp=0)
             )  # fmt: skip
         camera, cell = station.layout.inspection, station.cell
         file = ViewSetFile(
             schema=SCHEMA, part=self.part, unit="mm",
-            camera=SetCamera(
-                size_px=camera.size_px, K=rows(camera.K), distortion=tuple(camera.distortion),
-                T_world_cam=rows(camera.T_world_cam),
-            ),
+            camera=camera_section(camera),
             lamps={name: light_of(cell.lamps[name], cell) for name in (PANEL, RING)},
             views=tuple(views), accuracy=cell.accuracy,
         )  # fmt: skip

@@ -22,32 +22,26 @@ import argparse
 import json
 import os
 import sys
-import tempfile
 import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
-
-import cv2  # noqa: E402  (path comes first)
-import numpy as np  # noqa: E402
-from bench_inspect import Sets, run_command  # noqa: E402
-from bench_twisted import chosen, twist_of, write_set  # noqa: E402
-from inspection_counts import (  # noqa: E402
+import cv2
+import numpy as np
+from bench_inspect import Sets, run_command
+from bench_twisted import add_arguments, outcomes_of, parsed, twist_of, write_set
+from inspection_counts import (
     Outcome,
     by_kind,
     outcome,
     print_counts,
-    read_outcomes,
-    run_all,
 )
-from trace_held_sensor import Picture, Pictures  # noqa: E402
-from trap_pictures import FAULTS  # noqa: E402
-from twisted_good import Good, Twist  # noqa: E402
-from twisted_parts import KINDS  # noqa: E402
+from trace_held_sensor import Picture, Pictures
+from trap_pictures import FAULTS
+from twisted_good import Good, Twist
+from twisted_parts import KINDS
 
 Words = dict[str, Any]
 UNTOUCHED = "untouched"
@@ -178,36 +172,22 @@ def report(done: Sequence[Outcome]) -> Words:
 
 def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("folders", nargs="*", type=Path, metavar="FOLDER")
-    parser.add_argument("--kinds", type=lambda s: s.split(","), default=list(FAULTS))
+    add_arguments(parser, FAULTS, "fault")
     parser.add_argument("--over", type=lambda s: s.split(","), default=[], help="defects, in turn")
     parser.add_argument("--count", type=int, default=2, help="of each fault (default: 2)")
-    parser.add_argument("--seed", type=int, default=1, help="of the first of each fault")
-    parser.add_argument("--jobs", type=int, default=1, help="processes at once")
-    parser.add_argument("--json", action="store_true", help="one JSON object")
-    parser.add_argument("--out", type=Path, help="outcomes are added to it, one a line")
-    parser.add_argument("--only", type=lambda s: s.split(","), default=[],
-                        help="good specimens, as dev/s0001 (default: all)")  # fmt: skip
-    parser.add_argument("--skip-good", action="store_true", help="judge no untouched set")
-    parser.add_argument("--tables", type=Path, nargs="+", help="outcomes to count; judge nothing")
-    parser.add_argument("--scratch", type=Path, help="where sets are written, and kept")
-    args = parser.parse_args(argv)
+    args = parsed(parser, argv)
     for given, known in ((args.kinds, FAULTS), (args.over, KINDS)):
         if unknown := set(given) - set(known):
             parser.error(f"not known: {', '.join(sorted(unknown))}; known: {', '.join(known)}")
-    if not args.folders and not args.tables:
-        parser.error("FOLDER or --tables is required")
     cv2.setNumThreads(1)
     try:
-        if args.tables:
-            done = list(read_outcomes(args.tables))
-        else:
-            folders = [Sets(path.resolve(), [], 0) for path in args.folders]
-            with tempfile.TemporaryDirectory() as temporary:
-                scratch = (args.scratch or Path(temporary)).resolve()
-                cases = cases_of(chosen(folders, args.only), args.kinds, args.over, args.count,
-                                 args.seed, with_good=not args.skip_good)  # fmt: skip
-                done = run_all(lambda c: judge(c, scratch), cases, args.jobs, args.out, args.json)
+        done = outcomes_of(
+            args,
+            lambda goods: cases_of(
+                goods, args.kinds, args.over, args.count, args.seed, with_good=not args.skip_good
+            ),
+            judge,
+        )
     except (OSError, ValueError) as error:
         print(f"bench_traps: {error}", file=sys.stderr)
         return 2

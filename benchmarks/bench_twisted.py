@@ -29,17 +29,15 @@ import os
 import sys
 import tempfile
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
-
-import numpy as np  # noqa: E402  (path comes first)
-from bench_inspect import Sets, run_command  # noqa: E402
-from inspection_counts import (  # noqa: E402
+import numpy as np
+from bench_inspect import Sets, run_command
+from inspection_counts import (
+    Item,
     Outcome,
     by_kind,
     outcome,
@@ -47,11 +45,11 @@ from inspection_counts import (  # noqa: E402
     read_outcomes,
     run_all,
 )
-from trace_held_defects import NoPlaceError  # noqa: E402
-from trace_held_parts import NOMINAL_SAG_MM, write_stl  # noqa: E402
-from twisted_good import Good, Twist, good_of, part_of  # noqa: E402
-from twisted_parts import KINDS, twisted  # noqa: E402
-from twisted_sight import visible_views  # noqa: E402
+from trace_held_defects import NoPlaceError
+from trace_held_parts import NOMINAL_SAG_MM, write_stl
+from twisted_good import Good, Twist, good_of, part_of
+from twisted_parts import KINDS, twisted
+from twisted_sight import visible_views
 
 Body = Any  # manifold3d's solid
 Words = dict[str, Any]
@@ -172,41 +170,76 @@ def report(done: Sequence[Outcome]) -> Words:
     }
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+def add_arguments(parser: argparse.ArgumentParser, known: Sequence[str], what: str) -> None:
+    """Add what this bench and bench_traps.py take alike.
+
+    Parameters
+    ----------
+    parser : of the command line
+    known : kinds that there are
+    what : a word for one of a kind
+    """
     parser.add_argument("folders", nargs="*", type=Path, metavar="FOLDER")
-    parser.add_argument("--kinds", type=lambda s: s.split(","), default=list(KINDS))
-    parser.add_argument("--count", type=int, default=4, help="of each kind (default: 4)")
-    parser.add_argument("--seed", type=int, default=1, help="of the first of each kind")
+    parser.add_argument("--kinds", type=lambda s: s.split(","), default=list(known))
+    parser.add_argument("--seed", type=int, default=1, help=f"of the first of each {what}")
     parser.add_argument("--jobs", type=int, default=1, help="processes at once")
     parser.add_argument("--json", action="store_true", help="one JSON object")
     parser.add_argument("--out", type=Path, help="outcomes are added to it, one a line")
     parser.add_argument("--only", type=lambda s: s.split(","), default=[],
                         help="good specimens, as dev/s0001 (default: all)")  # fmt: skip
-    parser.add_argument("--skip-good", action="store_true", help="judge no unchanged set")
+    parser.add_argument("--skip-good", action="store_true", help="judge no set as it is")
     parser.add_argument("--tables", type=Path, nargs="+", help="outcomes to count; judge nothing")
     parser.add_argument("--scratch", type=Path, help="where sets are written, and kept")
+
+
+def parsed(parser: argparse.ArgumentParser, argv: Sequence[str] | None) -> argparse.Namespace:
+    """Return the arguments; there is something to judge, or to count."""
     args = parser.parse_args(argv)
-    if unknown := set(args.kinds) - set(KINDS):
-        parser.error(f"no such kind: {', '.join(sorted(unknown))}; known: {', '.join(KINDS)}")
     if not args.folders and not args.tables:
         parser.error("FOLDER or --tables is required")
+    return args
+
+
+def outcomes_of(
+    args: argparse.Namespace,
+    cases: Callable[[list[tuple[Sets, Good]]], Iterator[Item]],
+    judge: Callable[[Item, Path], Outcome],
+) -> list[Outcome]:
+    """Return the outcomes that are asked for: judged now, or counted again.
+
+    Parameters
+    ----------
+    args : as `add_arguments` has them
+    cases : of good specimens, what is to be judged
+    judge : one of them, with a folder to write to
+
+    Raises
+    ------
+    OSError, ValueError : a file is missing or wrong
+    """
+    if args.tables:
+        return list(read_outcomes(args.tables))
+    goods = chosen([Sets(path.resolve(), [], 0) for path in args.folders], args.only)
+    with tempfile.TemporaryDirectory() as temporary:
+        scratch = (args.scratch or Path(temporary)).resolve()
+        return run_all(lambda c: judge(c, scratch), cases(goods), args.jobs, args.out, args.json)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    add_arguments(parser, KINDS, "kind")
+    parser.add_argument("--count", type=int, default=4, help="of each kind (default: 4)")
+    args = parsed(parser, argv)
+    if unknown := set(args.kinds) - set(KINDS):
+        parser.error(f"no such kind: {', '.join(sorted(unknown))}; known: {', '.join(KINDS)}")
     try:
-        if args.tables:
-            done = list(read_outcomes(args.tables))
-        else:
-            folders = [Sets(path.resolve(), [], 0) for path in args.folders]
-            with tempfile.TemporaryDirectory() as temporary:
-                scratch = args.scratch or Path(temporary)
-                cases = cases_of(
-                    chosen(folders, args.only),
-                    args.kinds,
-                    args.count,
-                    args.seed,
-                    with_good=not args.skip_good,
-                )
-                done = run_all(lambda c: judge(c, scratch.resolve()), cases, args.jobs, args.out,
-                               args.json)  # fmt: skip
+        done = outcomes_of(
+            args,
+            lambda goods: cases_of(
+                goods, args.kinds, args.count, args.seed, with_good=not args.skip_good
+            ),
+            judge,
+        )
     except (OSError, ValueError) as error:
         print(f"bench_twisted: {error}", file=sys.stderr)
         return 2

@@ -31,7 +31,7 @@ import json
 import os
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -319,7 +319,7 @@ class Specimen:
     def things(self, view: View, body: Body | None = None) -> list[Thing]:
         """Return what stands before the camera, the part first."""
         grasp: Grasp = self.grasps[view.grasp]
-        triangles = moved(triangles_of(body or self.built.body), self.built)
+        triangles = self.built.scaled(triangles_of(body or self.built.body))
         stain = None if body is not None else self.built.stain
         out = [Thing(triangles, view.T, self.look, stain=stain)]
         for box in grasp.boxes:
@@ -501,7 +501,7 @@ class Specimen:
                 "exists": now is not None,
             }
             if now is not None:
-                ends = moved(np.array([now.mouth_mm, now.bottom_mm]), self.built)
+                ends = self.built.scaled(np.array([now.mouth_mm, now.bottom_mm]))
                 # across an axis the part is stretched; its area tells the mean diameter
                 stretch = np.prod(self.built.scale) / np.linalg.norm(now.axis * self.built.scale)
                 shift = now.mouth_mm - nominal.mouth_mm
@@ -515,13 +515,8 @@ class Specimen:
         return out
 
 
-def moved(points: Array, built: Built) -> Array:
-    out: Array = built.scale * (points - built.about_mm) + built.about_mm
-    return out
-
-
 def scaled(mesh: trimesh.Trimesh, built: Built) -> trimesh.Trimesh:
-    return trimesh.Trimesh(moved(mesh.vertices, built), mesh.faces, process=False)
+    return trimesh.Trimesh(built.scaled(mesh.vertices), mesh.faces, process=False)
 
 
 def rounded(T: Array, digits: int = 7) -> list[list[float]]:
@@ -534,6 +529,13 @@ def write_atomically(path: Path, text: str) -> None:
     partial = path.with_suffix(".partial")
     partial.write_text(text)
     partial.replace(path)
+
+
+def write_pictures(folder: Path, pictures: Sequence[Mapping[str, NDArray[np.uint8]]]) -> None:
+    """Write the pictures of a set, view by view, named as its SET.json names them."""
+    for view, lamps in enumerate(pictures):
+        for lamp, picture in lamps.items():
+            write_picture(folder / f"v{view:02d}_{lamp}.png", picture)
 
 
 def write_picture(path: Path, picture: NDArray[np.uint8]) -> None:
@@ -577,9 +579,7 @@ class Folder:
         pictures, shows = specimen.trace()
         folder = self.path / self.name(number)
         folder.mkdir(exist_ok=True)
-        for view, lamps in enumerate(pictures):
-            for lamp, picture in lamps.items():
-                write_picture(folder / f"v{view:02d}_{lamp}.png", picture)
+        write_pictures(folder, pictures)
         part = self._cad(specimen.part, folder)
         write_atomically(folder / "SET.json", json.dumps(specimen.set_words(part)))
         seconds = round(time.perf_counter() - start, 1)

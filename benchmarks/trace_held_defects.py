@@ -66,6 +66,11 @@ class Built:
     scale: Array = field(default_factory=lambda: np.ones(3))
     about_mm: Array = field(default_factory=lambda: np.zeros(3))
 
+    def scaled(self, points: Array) -> Array:
+        """Return points (n, 3) of the body as they are, its scale applied [mm]."""
+        out: Array = self.scale * (points - self.about_mm) + self.about_mm
+        return out
+
 
 def tolerance_mm(length_mm: float) -> float:
     """Return the permissible deviation of ISO 2768-m."""

@@ -37,7 +37,7 @@ from trace_held import (  # noqa: E402
     draw_station,
     is_late,
     write_atomically,
-    write_picture,
+    write_pictures,
 )
 from trace_held_defects import Built, mesh_of  # noqa: E402
 from trace_held_hold import View, hold_at, shown  # noqa: E402
@@ -153,9 +153,7 @@ def main() -> int:
         specimen = Twin(args.seed + number, mesh, cad, plate)
         pictures, _ = specimen.trace()
         folder.mkdir(exist_ok=True)
-        for view, lamps in enumerate(pictures):
-            for lamp, picture in lamps.items():
-                write_picture(folder / f"v{view:02d}_{lamp}.png", picture)
+        write_pictures(folder, pictures)
         told = specimen.set_words(os.path.relpath(cad, folder)) | {"characteristics": asked(plate)}
         write_atomically(folder / "SET.json", json.dumps(told))
         done = {name: w for name, w in truth.items() if (args.folder / name / "SET.json").exists()}
