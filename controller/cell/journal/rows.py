@@ -566,6 +566,27 @@ class PartInspected(Body):
     lines_sha256: str
 
 
+class QuestionRaised(Body):
+    """A question to the operator; nothing moves until it is answered."""
+
+    kind = "event"
+    row_name = "question_raised"
+    code: str
+    text: str
+    choices: tuple[str, ...]
+
+
+class QuestionAnswered(Body):
+    """What the operator decided, who that was, and why."""
+
+    kind = "decision"
+    row_name = "question_answered"
+    code: str
+    choice: str
+    who: str
+    why: str = ""
+
+
 class StartRefused(Body):
     """A gripper may hold a part: nothing moves."""
 
@@ -585,6 +606,7 @@ ROWS: Final[Mapping[tuple[str, str], type[Body]]] = {
         StopNotConfirmed, Openings, TablePictures, Sightings, ViewPicturesTaken, ViewJudged,
         PartMeasured, PartFindings, FilesStored, PartInspected,
         PlanMade, PlanKept, RecoveryBegun, AmbiguityResolved, PartJudged, StartRefused,
+        QuestionRaised, QuestionAnswered,
     )
 }  # fmt: skip
 # By kind: the model of every name that has no model of its own.

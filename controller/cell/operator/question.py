@@ -1,0 +1,72 @@
+"""What a question is, what an answer is, and who can decide."""
+
+from dataclasses import dataclass
+from typing import Final, Protocol
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """One answer that may be given.
+
+    Attributes
+    ----------
+    key : what is typed, one word
+    words : what the cell does then
+    """
+
+    key: str
+    words: str
+
+
+@dataclass(frozen=True, slots=True)
+class Question:
+    """What the cell has to know before it goes on; nothing moves until it is answered.
+
+    Attributes
+    ----------
+    code : stable short name, as in the manual
+    text : what happened, and what is not known
+    choices : the possible answers
+    preview : what moves first after each choice that moves something, by the choice's key: where
+        to, how far, how fast
+    """
+
+    code: str
+    text: str
+    choices: tuple[Choice, ...]
+    preview: tuple[tuple[str, str], ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """An answer.
+
+    Attributes
+    ----------
+    key : of the choice
+    who : who decided: a user's name and from where
+    why : the reason given; empty without one
+    """
+
+    key: str
+    who: str
+    why: str = ""
+
+
+class Operator(Protocol):
+    """Whoever can decide."""
+
+    async def decide(self, question: Question) -> Answer | None:
+        """Return the answer, journaled as a decision; None where nobody is there to give one."""
+        ...
+
+
+class Nobody:
+    """A cell that runs unattended: no question is answered."""
+
+    async def decide(self, question: Question) -> Answer | None:
+        """Return None."""
+        return None
+
+
+NOBODY: Final = Nobody()
