@@ -132,7 +132,7 @@ def test_a_second_damage_keeps_both(path: Path) -> None:
 def test_what_is_no_damage_is_refused_and_left_as_it_is(path: Path, tmp_path: Path) -> None:
     newer = path.with_name("newer.sqlite")
     shutil.copy(path, newer)
-    sql(newer, "PRAGMA user_version = 2")
+    sql(newer, "PRAGMA user_version = 999")
     other = path.with_name("other.sqlite")
     db = sqlite3.connect(other)
     db.execute("CREATE TABLE recipes (name TEXT)")
@@ -140,7 +140,11 @@ def test_what_is_no_damage_is_refused_and_left_as_it_is(path: Path, tmp_path: Pa
     folder = path.with_name("folder.sqlite")
     folder.mkdir()
     before = newer.read_bytes(), other.read_bytes()
-    for place, words in ((newer, "version 2"), (other, "not a journal of"), (folder, "not a file")):
+    for place, words in (
+        (newer, "version 999"),
+        (other, "not a journal of"),
+        (folder, "not a file"),
+    ):
         with pytest.raises(JournalError, match=words) as caught:
             open_cell_journal(place, "run-2")
         assert str(place) in str(caught.value)
@@ -157,6 +161,82 @@ def test_a_journal_of_the_days_before_versions_and_heads_is_continued(path: Path
     assert opened.notice == ""
     assert first_flaw(path) is None
     assert head(path).exists()
+
+
+# The file as version 1 made it (cellctl of November 2026).
+VERSION_1 = """
+CREATE TABLE journal (
+    seq       INTEGER PRIMARY KEY,
+    t_utc     TEXT NOT NULL,
+    t_mono    REAL NOT NULL,
+    run       TEXT NOT NULL,
+    part      INTEGER,
+    kind      TEXT NOT NULL,
+    name      TEXT NOT NULL,
+    body      TEXT NOT NULL,
+    prev_hash TEXT NOT NULL,
+    hash      TEXT NOT NULL
+) STRICT;
+CREATE INDEX journal_run ON journal (run, seq);
+CREATE TRIGGER journal_keeps_rows BEFORE UPDATE ON journal
+BEGIN SELECT RAISE(ABORT, 'the journal is append-only'); END;
+CREATE TRIGGER journal_loses_none BEFORE DELETE ON journal
+BEGIN SELECT RAISE(ABORT, 'the journal is append-only'); END;
+-- REPLACE takes rows away without asking the trigger on DELETE
+CREATE TRIGGER journal_only_grows BEFORE INSERT ON journal
+WHEN NEW.seq <= (SELECT coalesce(max(seq), 0) FROM journal)
+BEGIN SELECT RAISE(ABORT, 'the journal is append-only'); END;
+PRAGMA user_version = 1;
+"""
+
+
+def of_version_1(path: Path) -> Path:
+    """Return a copy of a journal in the file that version 1 made, with its head."""
+    old = path.with_name("old.sqlite")
+    db = sqlite3.connect(old, isolation_level=None)
+    db.executescript(VERSION_1)
+    db.execute("ATTACH ? AS new", (str(path),))
+    db.execute("INSERT INTO journal SELECT * FROM new.journal ORDER BY seq")
+    db.close()
+    shutil.copy(head(path), head(old))
+    return old
+
+
+def test_a_journal_of_version_1_is_brought_up_to_date_and_its_rows_stay(path: Path) -> None:
+    old = of_version_1(path)
+    before = list(read_rows(old))
+    assert before
+    assert first_flaw(old) is None
+    opened = open_cell_journal(old, "run-2")
+    opened.journal.record("event", "run_began")
+    opened.journal.close()
+    assert opened.notice == ""
+    assert list(read_rows(old))[:-1] == before
+    assert first_flaw(old) is None
+    db = sqlite3.connect(old)
+    asked = "EXPLAIN QUERY PLAN SELECT seq FROM journal WHERE kind = 'custody' ORDER BY seq"
+    (plan,) = (row[3] for row in db.execute(asked))
+    db.close()
+    assert "journal_kind" in plan
+
+
+def test_a_journal_of_version_1_that_lost_a_trigger_is_not_trusted(path: Path) -> None:
+    old = of_version_1(path)
+    db = sqlite3.connect(old)
+    db.execute("DROP TRIGGER journal_loses_none")
+    db.close()
+    assert "triggers" in str(first_flaw(old))
+
+
+def test_a_migration_that_fails_leaves_the_file_as_it_was(path: Path) -> None:
+    old = of_version_1(path)
+    sql(old, "CREATE TABLE journal_kind (in_the_way)")
+    with pytest.raises(JournalError, match="nothing moves without it"):
+        Journal(old, "run-2")
+    sql(old, "DROP TABLE journal_kind")
+    db = sqlite3.connect(old)
+    assert db.execute("PRAGMA user_version").fetchone() == (1,)
+    db.close()
 
 
 KILLED = """

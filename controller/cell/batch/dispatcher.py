@@ -8,6 +8,7 @@ import asyncio
 import logging
 from collections.abc import Sequence
 from concurrent.futures import BrokenExecutor
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Literal
 
@@ -126,7 +127,10 @@ class Dispatcher:
             self._inbox.put_nowait(_Note(Event.RESET))
             while True:
                 note = await self._inbox.get()
-                await self._take(note)
+                try:
+                    await self._take(note)
+                except JournalError as error:
+                    return await self._stop_unrecorded(error)
                 match self._machine.state:
                     case "idle":
                         self._inbox.put_nowait(_Note(Event.START))
@@ -142,14 +146,24 @@ class Dispatcher:
             # be moving the arm
             await self._end_running(halt=True)
 
+    async def _stop_unrecorded(self, error: JournalError) -> Outcome:
+        """Stop every device although no row can be written; return the outcome."""
+        await asyncio.gather(self._end_running(halt=True), self._stopping.stop_others())
+        where = where_it_is(self._record.part.custody, self._record.part.tray or "")
+        message = (
+            f"{error}; nothing can be recorded any more, so every device was stopped. "
+            "Make room on the disk, or make the file writable, then start again"
+        )
+        return Outcome("aborted", message, "journal", where)
+
     def _outcome(self, end: End) -> Outcome:
         custody = self._record.part.custody
         where = where_it_is(custody, self._record.part.tray or "")
-        self._journal.write(
-            rows.AtRest(
-                state=end, message=self._message, code=self._code, custody=custody.key.upper()
-            )
+        at_rest = rows.AtRest(
+            state=end, message=self._message, code=self._code, custody=custody.key.upper()
         )
+        with suppress(JournalError):  # at rest already: the next start finds the run unfinished
+            self._journal.write(at_rest)
         return Outcome(end, self._message, self._code, where)
 
     async def _take(self, note: _Note) -> None:

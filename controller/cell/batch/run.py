@@ -4,6 +4,7 @@ import asyncio
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -20,7 +21,15 @@ from ..custody.openings import presses_on_something, read_openings
 from ..custody.start_check import PartMayBeHeldError, require_empty_grippers
 from ..devices import Devices, resolve
 from ..devices.clocks import FoundClock, Speed
-from ..journal import JOURNAL_NAME, Journal, Row, is_of, open_cell_journal, rows
+from ..journal import (
+    JOURNAL_NAME,
+    Journal,
+    JournalError,
+    Row,
+    is_of,
+    open_cell_journal,
+    rows,
+)
 from ..services import INPUTS
 from ..services.records import PartRecord, Progress
 from .assembly import assemble
@@ -169,24 +178,25 @@ async def run_batch(
                 finally:
                     await devices.aclose()
         except BaseException as error:
-            journal.write(
-                rows.RunBrokeOff(
-                    error=str(error) or type(error).__name__,
-                    where=where_it_is(batch.record.part.custody),
+            with suppress(JournalError):
+                journal.write(
+                    rows.RunBrokeOff(
+                        error=str(error) or type(error).__name__,
+                        where=where_it_is(batch.record.part.custody),
+                    )
                 )
-            )
             raise
         finally:
             clock.close()
         parts = batch.record.parts
-        journal.write(
-            rows.RunEnded(
-                end=outcome.end,
-                message=outcome.message,
-                parts=len(parts),
-                speed=rows.SpeedReached(**speed.as_json()),
-            )
+        ended = rows.RunEnded(
+            end=outcome.end,
+            message=outcome.message,
+            parts=len(parts),
+            speed=rows.SpeedReached(**speed.as_json()),
         )
+        with suppress(JournalError):  # the outcome says so; the operator is told either way
+            journal.write(ended)
         return RunResult(outcome, parts, speed)
     finally:
         await asyncio.to_thread(journal.close)

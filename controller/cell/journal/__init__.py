@@ -7,7 +7,8 @@ names the last row known to be on the disk, so that rows cut off the end are not
 """
 
 from ._care import CellJournal, first_flaw, open_cell_journal
-from ._form import JOURNAL_NAME, SCHEMA_VERSION, JournalError, Row, RowKind
+from ._form import JOURNAL_NAME, JournalError, Row, RowKind
+from ._migrations import SCHEMA_VERSION
 from ._reader import BrokenRow, broken_rows, first_broken_row, read_rows, read_rows_of_kinds
 from ._writer import Journal
 from .rows import Body, Once, is_of, read_row

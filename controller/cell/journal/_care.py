@@ -11,8 +11,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final
 
-from ._form import SCHEMA, SCHEMA_VERSION, JournalError
+from ._form import JournalError
 from ._head import SUFFIX, Head, HeadError, read_head
+from ._migrations import MIGRATIONS
 from ._reader import first_broken_row
 from ._writer import Journal, last_row, require_known_version
 from .rows import JournalSetAside
@@ -141,11 +142,11 @@ def _flaw_at_the_end(db: sqlite3.Connection, head: Head | None, last: Head) -> s
 def _flaw_of_the_table(db: sqlite3.Connection) -> str | None:
     """Return what is wrong with the table, its index and its triggers; None if nothing is."""
     (version,) = db.execute("PRAGMA user_version").fetchone()
-    if version != SCHEMA_VERSION:
+    if version == 0:
         return None  # opening the journal makes what is missing
     made = sqlite3.connect(":memory:")
     try:
-        made.executescript(SCHEMA)
+        made.executescript("".join(MIGRATIONS[:version]))
         query = "SELECT type, name, sql FROM sqlite_schema ORDER BY type, name"
         is_same = made.execute(query).fetchall() == db.execute(query).fetchall()
     finally:

@@ -32,9 +32,6 @@ BEGIN SELECT RAISE(ABORT, 'the journal is append-only'); END;
 """
 GENESIS: Final = "0" * 64
 JOURNAL_NAME: Final = "journal.sqlite"
-SCHEMA_VERSION: Final = (
-    1  # in the file's user_version; 0 is the same table, written before it was numbered
-)
 
 
 class JournalError(Exception):

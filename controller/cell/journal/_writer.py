@@ -16,8 +16,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final
 
-from ._form import GENESIS, SCHEMA, SCHEMA_VERSION, JournalError, RowKind, digest_of
+from ._form import GENESIS, JournalError, RowKind, digest_of
 from ._head import Head, HeadFile
+from ._migrations import SCHEMA_VERSION, migrate
 from .rows import Body, name_of
 
 BUSY_WALL_S: Final = 10.0  # how long to wait for another writer
@@ -53,9 +54,9 @@ class Journal:
                 # Switching to WAL needs exclusive use of the file and does not wait for it.
                 self._db.execute("PRAGMA journal_mode = WAL")
                 self._db.execute("PRAGMA synchronous = NORMAL")
-                if require_known_version(self._db, self.path) != SCHEMA_VERSION:
-                    version = f"PRAGMA user_version = {SCHEMA_VERSION};"
-                    self._db.executescript(f"BEGIN IMMEDIATE; {SCHEMA} {version} COMMIT;")
+                version = require_known_version(self._db, self.path)
+                if version != SCHEMA_VERSION:
+                    migrate(self._db, version)
             except sqlite3.OperationalError as error:
                 is_busy = getattr(error, "sqlite_errorcode", None) == sqlite3.SQLITE_BUSY
                 if not is_busy or time.monotonic() > until_s:

@@ -6,8 +6,8 @@ belongs to the row and not to the body. A field that the writer leaves unset is 
 the bytes of a row, from which its hash is made, are those of the fields that were set, in the order
 below.
 
-`SCHEMA_VERSION` (_form.py) rises when a field is removed or changes its meaning. A new field with a
-default does not change it. Fields that a model does not know are ignored.
+`SCHEMA_VERSION` (_migrations.py) rises when a field is removed or changes its meaning. A new field
+with a default does not change it. Fields that a model does not know are ignored.
 """
 
 from collections.abc import Mapping

@@ -1,0 +1,105 @@
+"""A journal that can no longer be written stops every device, and the operator reads why."""
+
+import asyncio
+import sqlite3
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
+
+from controller.cell.batch import Dispatcher
+from controller.cell.custody import Custody
+from controller.cell.journal import Journal, rows
+from controller.cell.machine import Effect, Event
+from controller.cell.services.records import BatchRecord, Progress
+
+
+class Metal:
+    """Notes what was stopped."""
+
+    def __init__(self) -> None:
+        self.stopped: list[str] = []
+
+    async def halt_arm(self) -> None:
+        self.stopped.append("arm")
+
+    async def stop_others(self) -> None:
+        self.stopped.append("others")
+
+
+class Homing:
+    """An action that moves until it is stopped, and loses the journal on its way."""
+
+    def __init__(self, path: Path, journal: Journal) -> None:
+        self.path, self.journal = path, journal
+        self.was_cancelled = False
+        self.has_sent = False
+        self.is_moving = asyncio.Event()
+
+    async def perform(self, effect: Effect) -> Event:
+        assert effect is Effect.HOME
+        spoil(self.path)
+        self.is_moving.set()
+        try:
+            await asyncio.Event().wait()
+        except asyncio.CancelledError:
+            self.was_cancelled = True
+            raise
+        return Event.RESET_DONE
+
+
+class Grasping(Homing):
+    """An action that may not be repeated: its intent cannot be written, so nothing is sent."""
+
+    def __init__(self, path: Path, journal: Journal, record: BatchRecord) -> None:
+        super().__init__(path, journal)
+        self.record = record
+
+    async def perform(self, effect: Effect) -> Event:
+        spoil(self.path)
+        async with self.record.once(rows.Intent(name=rows.Once.GRASP)):
+            self.has_sent = True
+        return Event.RESET_DONE
+
+
+def spoil(path: Path) -> None:
+    """Take the table away under the writer, as a damaged file would."""
+    db = sqlite3.connect(path)
+    db.execute("DROP TABLE journal")
+    db.commit()
+    db.close()
+
+
+def built(journal: Journal, actions: object, metal: Metal) -> Dispatcher:
+    part = SimpleNamespace(custody=Custody.IN_ARM, tray=None)
+    record = SimpleNamespace(part=part, parts_left=0, show_state=lambda *_, **__: None)
+    return Dispatcher(cast(Any, actions), cast(Any, record), cast(Any, metal), (), journal)
+
+
+async def test_a_journal_lost_in_a_motion_stops_every_device(tmp_path: Path) -> None:
+    path = tmp_path / "journal.sqlite"
+    journal, metal = Journal(path, "run"), Metal()
+    homing = Homing(path, journal)
+    dispatcher = built(journal, homing, metal)
+    running = asyncio.create_task(dispatcher.run(1))
+    await homing.is_moving.wait()
+    dispatcher.request_stop()  # the next row, which cannot be written
+    outcome = await running
+    assert (outcome.end, outcome.code) == ("aborted", "journal")
+    assert str(path) in outcome.message
+    assert "nothing can be recorded" in outcome.message
+    assert sorted(metal.stopped) == ["arm", "others"]
+    assert homing.was_cancelled
+    assert "arm gripper" in outcome.where
+    journal.close()
+
+
+async def test_an_action_that_cannot_be_recorded_is_not_begun(tmp_path: Path) -> None:
+    path = tmp_path / "journal.sqlite"
+    journal, metal = Journal(path, "run"), Metal()
+    record = BatchRecord(journal, Progress(), lambda: None)
+    grasping = Grasping(path, journal, record)
+    outcome = await built(journal, grasping, metal).run(1)
+    assert (outcome.end, outcome.code) == ("aborted", "journal")
+    assert not grasping.has_sent
+    assert "others" in metal.stopped
+    journal.close()
