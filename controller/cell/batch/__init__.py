@@ -8,7 +8,7 @@
 from ..services.records import PartRecord, Progress
 from .assembly import Batch, assemble
 from .dispatcher import WORKER_GONE, Dispatcher, Outcome
-from .run import Papers, RunOrder, RunResult, new_run_id, run_batch, who_and_what
+from .run import Papers, RecoveryPolicy, RunOrder, RunResult, new_run_id, run_batch, who_and_what
 
 __all__ = [
     "WORKER_GONE",
@@ -18,6 +18,7 @@ __all__ = [
     "Papers",
     "PartRecord",
     "Progress",
+    "RecoveryPolicy",
     "RunOrder",
     "RunResult",
     "assemble",

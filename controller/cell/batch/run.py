@@ -8,7 +8,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 from controller.config import Cell, Recipe
 from controller.setup.layout import build_layout
@@ -53,6 +53,9 @@ class Papers:
 
 
 NO_PAPERS: Final = Papers()
+# What a start does where an earlier run may have left a part in a gripper: refuse; have the
+# operator decide on a proposal; go on by itself where the proposal is proven safe.
+RecoveryPolicy = Literal["refuse", "ask", "auto"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +69,7 @@ class RunOrder:
     runs_dir : folder of all runs; the cell's journal stands in it
     is_part_removed : the operator states that no gripper holds anything
     papers : who runs it, and which parts, for the report
+    recovery : what to do with a part that an earlier run left in a gripper
     """
 
     recipe_path: Path
@@ -80,6 +84,7 @@ class RunOrder:
     run_id: str
     is_part_removed: bool = False
     papers: Papers = NO_PAPERS
+    recovery: RecoveryPolicy = "refuse"
 
     @property
     def folder(self) -> Path:
