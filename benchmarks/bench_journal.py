@@ -1,9 +1,12 @@
-"""How long a start takes to check the cell's journal, by its length.
+"""How long a start takes to check the cell's journal, and what writing costs of a cycle.
 
     python benchmarks/bench_journal.py [--rows N ...] [--json]
+    python benchmarks/bench_journal.py --overhead RUNS [--folder DISK]
 
 Rows are those of a run (views with outlines among them), so that their bodies are as long as they
-really are.
+really are. With --overhead, the rows of every run of a folder of runs that came to its end are
+written once more, each as safely as it was, into a new journal on the disk of --folder; what that
+takes is set against the forecast of the parts that were done.
 """
 
 import argparse
@@ -13,12 +16,18 @@ import sqlite3
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from controller.cell.journal import (
     Journal,
+    Row,
     first_flaw,
     open_cell_journal,
+    read_rows,
     read_rows_of_kinds,
 )
 
@@ -64,11 +73,78 @@ def measure(row_count: int, folder: Path) -> dict[str, float]:
     }
 
 
+def overheads(runs: Path, folder: Path) -> list[dict[str, Any]]:
+    """Return for each run with a part done: rows, seconds to write them, share of the cycle."""
+    by_run: dict[str, list[Row]] = {}
+    for row in read_rows(runs / "journal.sqlite"):
+        by_run.setdefault(row.run, []).append(row)
+    found = []
+    for run, of_run in by_run.items():
+        parts = {row.part for row in of_run if row.name == "part_done"}
+        # the first plan of each part: motions alone, so that the share is rather too high
+        plans = {row.part: row for row in reversed(of_run) if row.name == "plan"}
+        took_s = sum(row.body["forecast_s"] for part, row in plans.items() if part in parts)
+        if not took_s:
+            continue
+        with tempfile.TemporaryDirectory(dir=folder) as scratch:
+            times = asyncio.run(_write_again(Path(scratch) / "journal.sqlite", of_run))
+        secured = [s for s, is_secured in times if is_secured]
+        total_s = sum(s for s, _ in times)
+        found.append(
+            {
+                "run": run,
+                "rows": len(of_run),
+                "secured": len(secured),
+                "secured_ms_median": round(1e3 * float(np.median(secured)), 2),
+                "secured_ms_max": round(1e3 * max(secured), 2),
+                "write_s": round(total_s, 3),
+                "cycle_s": round(took_s, 1),
+                "share": round(total_s / took_s, 5),
+            }
+        )
+    return found
+
+
+async def _write_again(path: Path, of_run: Sequence[Row]) -> list[tuple[float, bool]]:
+    """Write rows into a new journal; return the seconds of each, and whether it was secured."""
+    journal = Journal(path, "again")
+    times = []
+    for row in of_run:
+        is_secured = row.kind in ("intent", "custody")
+        begun = time.perf_counter()
+        if is_secured:
+            await journal.secure(row.kind, row.name, row.body, row.part)
+        else:
+            journal.record(row.kind, row.name, row.body, row.part)
+        times.append((time.perf_counter() - begun, is_secured))
+    journal.close()
+    return times
+
+
+def print_overheads(found: Sequence[dict[str, Any]]) -> None:
+    print(f"{'run':34} {'rows':>5} {'sec.':>5} {'ms':>6} {'max':>6} {'s':>7} {'cycle':>7} share")
+    for one in found:
+        print(
+            f"{one['run'][-34:]:34} {one['rows']:5} {one['secured']:5} "
+            f"{one['secured_ms_median']:6.2f} {one['secured_ms_max']:6.1f} {one['write_s']:7.3f} "
+            f"{one['cycle_s']:7.1f} {one['share']:.3%}"
+        )
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--rows", type=int, nargs="+", default=[1_000, 10_000, 100_000])
     parser.add_argument("--json", action="store_true")
+    parser.add_argument("--overhead", type=Path, metavar="RUNS", help="folder of runs")
+    parser.add_argument("--folder", type=Path, help="disk to write on (default: that of RUNS)")
     args = parser.parse_args()
+    if args.overhead is not None:
+        found = overheads(args.overhead, args.folder or args.overhead)
+        if args.json:
+            print(json.dumps({"bench": "journal overhead", "runs": found}))
+        else:
+            print_overheads(found)
+        return 0 if found else 1
     with tempfile.TemporaryDirectory() as folder:
         measured = [measure(count, Path(folder)) for count in args.rows]
     if args.json:
