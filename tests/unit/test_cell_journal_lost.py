@@ -1,4 +1,4 @@
-"""A journal that can no longer be written stops every device, and the operator reads why."""
+"""A journal that can no longer be written stops every device; a disk nearly full stops the run."""
 
 import asyncio
 import sqlite3
@@ -7,10 +7,12 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 from controller.cell.batch import Dispatcher
+from controller.cell.batch.watchers import DiskWatcher
 from controller.cell.custody import Custody
 from controller.cell.journal import Journal, rows
 from controller.cell.machine import Effect, Event
 from controller.cell.services.records import BatchRecord, Progress
+from drivers.clock import CellClock
 
 
 class Metal:
@@ -103,3 +105,13 @@ async def test_an_action_that_cannot_be_recorded_is_not_begun(tmp_path: Path) ->
     assert not grasping.has_sent
     assert "others" in metal.stopped
     journal.close()
+
+
+async def test_a_disk_that_fills_stops_the_run_once(tmp_path: Path) -> None:
+    room = iter([500_000_000, 40_000_000, 29_000_000])
+    reported: list[tuple[Event, str, str]] = []
+    watcher = DiskWatcher(tmp_path, CellClock(speed=1e6), lambda _: next(room))
+    await watcher.run(lambda event, message="", code="": reported.append((event, message, code)))
+    ((event, message, code),) = reported
+    assert (event, code) == (Event.STOP, "disk_full")
+    assert "29 MB left" in message

@@ -49,7 +49,7 @@ from ..services import (
 )
 from ..services.records import BatchRecord, Progress
 from .dispatcher import Dispatcher
-from .watchers import FixedGripperWatcher, InterlockWatcher
+from .watchers import DiskWatcher, FixedGripperWatcher, InterlockWatcher
 
 CAMERAS: tuple[CameraName, ...] = ("overhead", "inspection")
 
@@ -143,6 +143,7 @@ def assemble(
     watchers = (
         InterlockWatcher(io),
         FixedGripperWatcher(gripper, grippers, recoveries, record, clock),
+        DiskWatcher(folder, clock),
     )
     dispatcher = Dispatcher(actions, record, stopping, watchers, journal)
     return Batch(record, motion, actions, dispatcher)

@@ -1,6 +1,9 @@
-"""Watches what no action reports: interlocks, and a part that leaves the fixed gripper."""
+"""Watches what no action reports: interlocks, a part that leaves the fixed gripper, the disk."""
 
+import shutil
+from collections.abc import Callable
 from contextlib import suppress
+from pathlib import Path
 from typing import Protocol
 
 from drivers.clock import CellClock
@@ -15,6 +18,10 @@ from ..services import Grippers, Recoveries
 from ..services.records import BatchRecord
 
 LOSS_POLL_S = 0.5
+DISK_POLL_S = 10.0
+# Below this a run is stopped while its journal can still say so; a row takes some kilobytes, the
+# pictures of a view take about 4 MB.
+MIN_DISK_BYTES = 30_000_000
 
 
 class Report(Protocol):
@@ -48,6 +55,38 @@ class InterlockWatcher:
                     if change.signal is Signal.UNKNOWN:
                         advice = "the I/O block gives no fresh reading; check its cable and power"
                     report(Event.FAULT, f"{change.name}: {advice}", change.name.removesuffix("_ok"))
+
+
+class DiskWatcher:
+    """Stops the run before the disk is full: a full disk cannot record the stop.
+
+    Parameters
+    ----------
+    folder : on the disk that is watched
+    clock : of the cell
+    free_bytes : returns how much room a folder's disk has
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        clock: CellClock,
+        free_bytes: Callable[[Path], int] = lambda folder: shutil.disk_usage(folder).free,
+    ) -> None:
+        self._folder = folder
+        self._clock = clock
+        self._free_bytes = free_bytes
+
+    async def run(self, report: Report) -> None:
+        """Watch until the disk is nearly full, or until cancelled."""
+        while (free := self._free_bytes(self._folder)) >= MIN_DISK_BYTES:
+            await self._clock.sleep(DISK_POLL_S)
+        report(
+            Event.STOP,
+            f"the disk of {self._folder} has {free / 1e6:.0f} MB left: stopped while that can "
+            "still be recorded. Make room, then start again",
+            "disk_full",
+        )
 
 
 class FixedGripperWatcher:
