@@ -2,7 +2,7 @@
 
 import asyncio
 import time
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from typing import Final
 
@@ -15,9 +15,14 @@ class Attendance:
 
     Time between a beat's due instant and the beat itself is lost: nothing that arrived meanwhile
     could be read.
+
+    Parameters
+    ----------
+    monotonic : reads the clock that the event loop's timers keep [s]
     """
 
-    def __init__(self) -> None:
+    def __init__(self, monotonic: Callable[[], float] = time.monotonic) -> None:
+        self._monotonic = monotonic
         self._lost_wall_s = 0.0
         self._due_wall_s: float | None = None
         self.longest_wall_s = 0.0
@@ -29,12 +34,12 @@ class Attendance:
     def _late_wall_s(self) -> float:
         if self._due_wall_s is None:
             return 0.0
-        return max(0.0, time.monotonic() - self._due_wall_s - JITTER_WALL_S)
+        return max(0.0, self._monotonic() - self._due_wall_s - JITTER_WALL_S)
 
     @asynccontextmanager
     async def beating(self) -> AsyncIterator[None]:
         """Measure while the block runs."""
-        self._due_wall_s = time.monotonic() + BEAT_WALL_S
+        self._due_wall_s = self._monotonic() + BEAT_WALL_S
         task = asyncio.create_task(self._beat(), name="loop delay")
         try:
             yield
@@ -49,4 +54,4 @@ class Attendance:
             late_wall_s = self._late_wall_s()
             self._lost_wall_s += late_wall_s
             self.longest_wall_s = max(self.longest_wall_s, late_wall_s)
-            self._due_wall_s = time.monotonic() + BEAT_WALL_S
+            self._due_wall_s = self._monotonic() + BEAT_WALL_S

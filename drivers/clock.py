@@ -12,7 +12,7 @@ not look at its wires, so that a late reader is never taken for a late device.
 import asyncio
 import math
 import time
-from collections.abc import AsyncIterator, Iterable, Iterator
+from collections.abc import AsyncIterator, Callable, Iterable, Iterator
 from contextlib import (
     AbstractAsyncContextManager,
     asynccontextmanager,
@@ -43,16 +43,19 @@ class CellClock:
     min_timeout_wall_s : no time-out is shorter than this on the wall clock, where an emulated
         device shares the host without sharing a clock [s]
     shared : the clock of an emulated cell; None: the wall clock, times ``speed``
+    monotonic : reads the wall clock [s]; where the event loop has a time of its own, that one
     """
 
     speed: float = 1.0
     min_timeout_wall_s: float = 0.0
     shared: SharedTime | None = None
-    _attendance: Attendance = field(default_factory=Attendance, repr=False, compare=False)
+    monotonic: Callable[[], float] = field(default=time.monotonic, repr=False, compare=False)
+    _attendance: Attendance = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         if not self.speed > 0:
             raise ValueError(f"speed must be positive, not {self.speed}")
+        object.__setattr__(self, "_attendance", Attendance(self.monotonic))  # frozen otherwise
 
     @classmethod
     def of_emulator(cls, path: Path) -> "CellClock":
@@ -71,7 +74,7 @@ class CellClock:
         """Return the present instant [cell s] on a monotonic scale."""
         if self.shared is not None:
             return self.shared.now_s()
-        return time.monotonic() * self.speed
+        return self.monotonic() * self.speed
 
     def from_monotonic_s(self, wall_s: float) -> float:
         """Return the cell instant [s] of a CLOCK_MONOTONIC reading of the past [wall s]."""

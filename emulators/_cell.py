@@ -6,13 +6,13 @@ import os
 from collections.abc import Hashable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from emulators.camera_v4l2 import CameraConfig, CameraServer, PixelFormat, V4l2Device
-from emulators.clock import SharedClock
+from emulators.clock import SharedClock, WorldClock
 from emulators.gripper_modbus import JawModel, RobotiqDevice
 from emulators.io_modbus import CellSignals, E1214Device
 from emulators.lighting_modbus import AnalogOutput8Device, LampModel, LampWiring, Relay8Device
@@ -122,8 +122,24 @@ class _View:
             self.device.deliver(ticket, picture)
 
 
+class CameraPlugs(Protocol):
+    """Where cameras are plugged in."""
+
+    def unplug(self, name: str) -> None:
+        """Pull a camera's plug."""
+
+    def plug(self, name: str) -> str:
+        """Plug a camera in again; return its address."""
+
+
 class Cell:
     """One emulated cell: `start`, then `advance` whenever `behind_s` says so, `aclose`.
+
+    Parameters
+    ----------
+    options : what it is to be
+    folder : for what its wires need on the disk
+    clock : world time, where that is not to be shared with other processes
 
     Raises
     ------
@@ -132,7 +148,7 @@ class Cell:
 
     step_s: Final = STEP_S * SLICE_STEPS
 
-    def __init__(self, options: CellOptions, folder: Path) -> None:
+    def __init__(self, options: CellOptions, folder: Path, clock: WorldClock | None = None) -> None:
         self.options = options
         self.layout = read_layout(options.cell)
         self.solids = [load_solid(path) for path in options.parts]
@@ -156,7 +172,8 @@ class Cell:
         self.world = World(self.layout, self.solids, self.arm, jaws, self._obstruct, seed)
         self._drop_parts(options)
         self.desk = PictureDesk(build_scene(self.layout, self.solids), self, seed)
-        self.clock = SharedClock(options.speed)
+        self._shared_clock = SharedClock(options.speed) if clock is None else None
+        self.clock: WorldClock = self._shared_clock or clock or WorldClock()
         self.cameras: dict[str, V4l2Device] = {}
         self._folder = folder
         self._open: list[Any] = []
@@ -211,29 +228,49 @@ class Cell:
         """Open all wires and start the picture process."""
         self.desk.start()
         # the clock starts once the slow work is done and the parts are at rest
-        self.clock.begin()
-        self._origin_s = self.world.time_s
+        if self._shared_clock is not None:
+            self._shared_clock.begin()
         self.arm_server = ArmServer(self.arm_wire, self.clock)
+        await self.arm_server.start()
+        self._open.append(self.arm_server)
+        await self._start_lines()
+        self._make_cameras()
+        server = CameraServer(self.cameras, self._folder / "cameras", self.options.camera_transport)
+        self._camera_server = server
+        self.camera_plugs: CameraPlugs = server
+        await server.start()
+        self._open.append(server)
+
+    async def start_in_process(self, camera_plugs: CameraPlugs) -> None:
+        """Open the Modbus lines alone; arm and cameras are reached by their models.
+
+        Parameters
+        ----------
+        camera_plugs : stands for the cameras' wires
+        """
+        await self._start_lines()
+        self._make_cameras()
+        self.camera_plugs = camera_plugs
+
+    async def _start_lines(self) -> None:
+        self._origin_s = self.world.time_s
         self.gripper_bus = Bus([self.gripper])
         self.lights_bus = Bus([self.analog, self.relays])
         self.gripper_line = self._line(self.gripper_bus, GRIPPER_BAUD)
         self.lights_line = self._line(self.lights_bus, LIGHTS_BAUD)
         self.io_bus = Bus([self.io])
         self.io_line = TcpServer(self.io_bus, self.clock)
-        for server in (self.arm_server, self.gripper_line, self.lights_line, self.io_line):
+        for server in (self.gripper_line, self.lights_line, self.io_line):
             await server.start()
             self._open.append(server)
+
+    def _make_cameras(self) -> None:
         for number, (name, camera) in enumerate(self.layout.cameras.items()):
             config = self._camera_config(name)
             is_deep = PixelFormat.Y16 in config.formats
             view = _View(self.desk, number, is_deep=is_deep)
             view.device = self.cameras[name] = V4l2Device(view, self.clock, config)
             log.info("camera %s: %d x %d px", name, camera.width_px, camera.height_px)
-        self.camera_server = CameraServer(
-            self.cameras, self._folder / "cameras", self.options.camera_transport
-        )
-        await self.camera_server.start()
-        self._open.append(self.camera_server)
 
     def _line(self, bus: Bus, baudrate: int) -> Line:
         if self.options.lines == "rtu-pty":
@@ -265,7 +302,7 @@ class Cell:
 
     async def run_cameras(self) -> None:
         """Let the cameras take frames, until cancelled."""
-        await self.camera_server.run()
+        await self._camera_server.run()
 
     async def aclose(self) -> None:
         """Close all wires, end the picture process; may be called half-way through `start`."""
@@ -274,7 +311,8 @@ class Cell:
         self._open.clear()
         self.desk.close()
         self.world.close()
-        self.clock.close()
+        if self._shared_clock is not None:
+            self._shared_clock.close()
 
     def announcement(self) -> dict[str, Any]:
         """Return what clients need to know: where everything is."""
@@ -289,13 +327,13 @@ class Cell:
                 "gripper": {**self._where(self.gripper_line), "unit": GRIPPER_UNIT},
                 "lights": {**lights, "analog_unit": ANALOG_UNIT, "relay_unit": RELAY_UNIT},
                 "io": {"transport": "tcp", "host": host, "port": port, "unit": IO_UNIT},
-                **self.camera_server.addresses,
+                **self._camera_server.addresses,
             },
-            "camera_transport": self.camera_server.transport,
-            "why_not_fuse": self.camera_server.why_not_fuse,
+            "camera_transport": self._camera_server.transport,
+            "why_not_fuse": self._camera_server.why_not_fuse,
             "pid": os.getpid(),
             "started_wall_s": self.clock.started_wall_s,
-            "clock": str(self.clock.path),
+            "clock": str(self._shared_clock.path if self._shared_clock else ""),
         }
 
     def _where(self, line: Line) -> dict[str, Any]:
@@ -338,10 +376,11 @@ class Cell:
 
     def tick(self) -> None:
         """Let the clock run on, up to where the world is, and not past an overdue picture."""
-        self.clock.tick(self.now_s, self._picture_due_s())
+        if self._shared_clock is not None:
+            self._shared_clock.tick(self.now_s, self._picture_due_s(self._shared_clock))
 
-    def _picture_due_s(self) -> float | None:
-        if self.clock.participant_count == 0:
+    def _picture_due_s(self, clock: SharedClock) -> float | None:
+        if clock.participant_count == 0:
             return None  # a client that only watches a camera does not hold the cell up
         ends = [camera.oldest_due_s for camera in self.cameras.values()]
         due = [end_s + PICTURE_S for end_s in ends if end_s is not None]

@@ -166,10 +166,10 @@ class ControlPort:
         lamp.is_dead, lamp.is_dimming_wire_broken = dead, wire_broken
 
     def _unplug(self, camera: str) -> None:
-        self._cell.camera_server.unplug(camera)
+        self._cell.camera_plugs.unplug(camera)
 
     def _plug(self, camera: str) -> Answer:
-        return {"address": self._cell.camera_server.plug(camera)}
+        return {"address": self._cell.camera_plugs.plug(camera)}
 
     def _camera(self, camera: str, **faults: Any) -> None:  # noqa: ANN401  (checked by `replace`)
         device = self._cell.cameras[camera]

@@ -12,6 +12,7 @@ import os
 import struct
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
@@ -25,15 +26,22 @@ class WorldClock:
     ----------
     speed : world seconds asked for in one second of the wall clock
     started_wall_s : CLOCK_MONOTONIC at world time 0 [wall s]
+    monotonic : reads that clock; where the event loop has a time of its own, that one [wall s]
     """
 
-    def __init__(self, speed: float = 1.0, started_wall_s: float | None = None) -> None:
+    def __init__(
+        self,
+        speed: float = 1.0,
+        started_wall_s: float | None = None,
+        monotonic: Callable[[], float] = time.monotonic,
+    ) -> None:
         self.speed = speed
-        self.started_wall_s = time.monotonic() if started_wall_s is None else started_wall_s
+        self.monotonic = monotonic
+        self.started_wall_s = monotonic() if started_wall_s is None else started_wall_s
 
     def now_s(self) -> float:
         """Return the world's instant [world s]."""
-        return (time.monotonic() - self.started_wall_s) * self.speed
+        return (self.monotonic() - self.started_wall_s) * self.speed
 
     def to_monotonic_s(self, world_s: float) -> float:
         """Return the CLOCK_MONOTONIC reading [wall s] of a world instant [world s].

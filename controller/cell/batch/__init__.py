@@ -8,13 +8,25 @@
 from ..services.records import PartRecord, Progress
 from .assembly import Batch, assemble
 from .dispatcher import WORKER_GONE, Dispatcher, Outcome
-from .run import Papers, RecoveryPolicy, RunOrder, RunResult, new_run_id, run_batch, who_and_what
+from .run import (
+    HOST,
+    Outfit,
+    Papers,
+    RecoveryPolicy,
+    RunOrder,
+    RunResult,
+    new_run_id,
+    run_batch,
+    who_and_what,
+)
 
 __all__ = [
+    "HOST",
     "WORKER_GONE",
     "Batch",
     "Dispatcher",
     "Outcome",
+    "Outfit",
     "Papers",
     "PartRecord",
     "Progress",

@@ -3,16 +3,16 @@
 import asyncio
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Executor
 from contextlib import suppress
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final, Literal
 
 from controller.config import Cell, Recipe
 from controller.setup.layout import build_layout
 from controller.setup.software import software_versions
+from drivers.clock import CellClock
 
 from ..compute import Compute, Job
 from ..custody import CellIdentity, Held, fold_custody, where_it_is
@@ -22,10 +22,12 @@ from ..custody.start_check import PartMayBeHeldError, require_empty_grippers
 from ..devices import Devices, resolve
 from ..devices.clocks import FoundClock, Speed
 from ..journal import (
+    HOST_STAMPS,
     JOURNAL_NAME,
     Journal,
     JournalError,
     Row,
+    Stamps,
     is_of,
     open_cell_journal,
     rows,
@@ -93,6 +95,25 @@ class RunOrder:
 
 
 @dataclass(frozen=True, slots=True)
+class Outfit:
+    """What a run works with on the computer it is on.
+
+    Attributes
+    ----------
+    compute : returns the compute service of a job, given the worker process
+    devices : returns the drivers, given cell file, addresses and clock
+    stamps : the clocks that the journal's rows are stamped by
+    """
+
+    compute: Callable[[Job, Executor], Compute] = Compute
+    devices: Callable[[Cell, Mapping[str, dict[str, Any]], CellClock], Devices] = Devices.build
+    stamps: Stamps = HOST_STAMPS
+
+
+HOST: Final = Outfit()
+
+
+@dataclass(frozen=True, slots=True)
 class RunResult:
     """How the run ended, what became of each part, how fast the cell's time ran."""
 
@@ -101,18 +122,19 @@ class RunResult:
     speed: Speed
 
 
-def new_run_id(recipe: Recipe) -> str:
+def new_run_id(recipe: Recipe, stamps: Stamps = HOST_STAMPS) -> str:
     """Return a name for a run that sorts by time."""
-    now = datetime.now(UTC)
+    now = stamps.utc()
     return f"{now:%Y%m%d-%H%M%S}-{now.microsecond // 1000:03d}-{recipe.name}"
 
 
 async def run_batch(
     order: RunOrder,
-    pool: ProcessPoolExecutor,
+    pool: Executor,
     on_progress: Callable[[Progress], None],
     on_dispatcher: Callable[[Dispatcher], None],
     on_notice: Callable[[str], None] = lambda text: None,
+    outfit: Outfit = HOST,
 ) -> RunResult:
     """Run a batch to rest and return its result; everything from here on is in the journal.
 
@@ -123,6 +145,7 @@ async def run_batch(
     on_progress : called on the event loop with every change; must return at once
     on_dispatcher : called once before devices are connected, with what can stop the run
     on_notice : called with sentences that the operator should read
+    outfit : what it works with on this computer
 
     Raises
     ------
@@ -131,7 +154,8 @@ async def run_batch(
     """
     order.folder.mkdir(parents=True, exist_ok=True)
     # in a thread, since a long journal takes a second to check
-    opened = await asyncio.to_thread(open_cell_journal, order.runs_dir / JOURNAL_NAME, order.run_id)
+    place = order.runs_dir / JOURNAL_NAME
+    opened = await asyncio.to_thread(open_cell_journal, place, order.run_id, outfit.stamps)
     journal = opened.journal
     if opened.notice:
         on_notice(opened.notice)
@@ -145,7 +169,7 @@ async def run_batch(
             journal.write(rows.EmulatedCellEnded(message=notice))
             on_notice(notice)
         clock = order.clock.open()
-        devices = Devices.build(order.cell, where, clock)
+        devices = outfit.devices(order.cell, where, clock)
         progress = Progress()
         speed = Speed(clock.speed)
 
@@ -156,7 +180,7 @@ async def run_batch(
             on_progress(progress)
 
         batch = assemble(
-            Compute(Job(order.recipe_path, order.cell_path), pool),
+            outfit.compute(Job(order.recipe_path, order.cell_path), pool),
             order.recipe,
             order.cell,
             build_layout(order.cell),

@@ -12,8 +12,10 @@ from ._migrations import SCHEMA_VERSION
 from ._reader import BrokenRow, broken_rows, first_broken_row, read_rows, read_rows_of_kinds
 from ._writer import Journal
 from .rows import Body, Once, is_of, read_row
+from .stamps import HOST_STAMPS, Stamps
 
 __all__ = [
+    "HOST_STAMPS",
     "JOURNAL_NAME",
     "SCHEMA_VERSION",
     "Body",
@@ -24,6 +26,7 @@ __all__ = [
     "Once",
     "Row",
     "RowKind",
+    "Stamps",
     "broken_rows",
     "first_broken_row",
     "first_flaw",

@@ -7,7 +7,6 @@ folder in its place, no permission, another version) raise an error.
 
 import sqlite3
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final
 
@@ -17,6 +16,7 @@ from ._migrations import MIGRATIONS
 from ._reader import first_broken_row
 from ._writer import Journal, last_row, require_known_version
 from .rows import JournalSetAside
+from .stamps import HOST_STAMPS, Stamps
 
 _COLUMNS: Final = (
     "seq", "t_utc", "t_mono", "run", "part", "kind", "name", "body", "prev_hash", "hash",
@@ -38,8 +38,14 @@ class CellJournal:
     notice: str = ""
 
 
-def open_cell_journal(path: Path, run: str) -> CellJournal:
+def open_cell_journal(path: Path, run: str, stamps: Stamps = HOST_STAMPS) -> CellJournal:
     """Return the cell's journal, checked from its first row to its last.
+
+    Parameters
+    ----------
+    path : of the file
+    run : that is to write
+    stamps : the clocks that rows are stamped by
 
     Raises
     ------
@@ -48,11 +54,11 @@ def open_cell_journal(path: Path, run: str) -> CellJournal:
     try:
         flaw = first_flaw(path)
         if flaw is None:
-            return CellJournal(Journal(path, run))
-        kept = _set_aside(path)
+            return CellJournal(Journal(path, run, stamps))
+        kept = _set_aside(path, stamps)
     except OSError as error:
         raise JournalError(f"journal {path}: {error}; nothing moves without it") from error
-    journal = Journal(path, run)
+    journal = Journal(path, run, stamps)
     journal.write(JournalSetAside(why=flaw, file=kept.name))
     notice = (
         f"The journal {path} cannot be trusted: {flaw}. It is kept as {kept.name}, and a new one "
@@ -154,9 +160,9 @@ def _flaw_of_the_table(db: sqlite3.Connection) -> str | None:
     return None if is_same else "its table or the triggers that keep its rows were changed"
 
 
-def _set_aside(path: Path) -> Path:
+def _set_aside(path: Path, stamps: Stamps) -> Path:
     """Rename a journal and the files that belong to it; return its new path."""
-    stamp = f"{datetime.now(UTC):%Y%m%d-%H%M%S}"
+    stamp = f"{stamps.utc():%Y%m%d-%H%M%S}"
     number, kept = 1, path
     while any(kept.with_name(kept.name + part).exists() for part in _PARTS):
         more = "" if number == 1 else f"-{number}"

@@ -12,7 +12,6 @@ import threading
 import time
 from collections.abc import Mapping
 from contextlib import suppress
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final
 
@@ -20,6 +19,7 @@ from ._form import GENESIS, JournalError, RowKind, digest_of
 from ._head import Head, HeadFile
 from ._migrations import SCHEMA_VERSION, migrate
 from .rows import Body, name_of
+from .stamps import HOST_STAMPS, Stamps
 
 BUSY_WALL_S: Final = 10.0  # how long to wait for another writer
 
@@ -27,14 +27,21 @@ BUSY_WALL_S: Final = 10.0  # how long to wait for another writer
 class Journal:
     """Writer of one cell's journal. One instance per process; safe to call from all its threads.
 
+    Parameters
+    ----------
+    path : of the file
+    run : that writes
+    stamps : the clocks that rows are stamped by
+
     Raises
     ------
     JournalError : the file cannot be written, or is of another version
     """
 
-    def __init__(self, path: Path, run: str) -> None:
+    def __init__(self, path: Path, run: str, stamps: Stamps = HOST_STAMPS) -> None:
         self.path = path
         self.run = run
+        self._stamps = stamps
         self._lock = threading.Lock()
         self._head = HeadFile(path)
         try:
@@ -135,8 +142,8 @@ class Journal:
         return head.seq
 
     def _append(self, kind: RowKind, name: str, text: str, part: int | None) -> Head:
-        t_utc = datetime.now(UTC).isoformat(timespec="microseconds")
-        t_mono = time.monotonic()
+        t_utc = self._stamps.utc().isoformat(timespec="microseconds")
+        t_mono = self._stamps.monotonic_s()
         last = last_row(self._db)
         seq, prev = (last.seq + 1, last.hash) if last else (1, GENESIS)
         digest = digest_of(prev, seq, t_utc, t_mono, self.run, part, kind, name, text)
