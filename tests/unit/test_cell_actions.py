@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -20,13 +21,13 @@ from controller.cell.batch import Progress
 from controller.cell.custody import Custody
 from controller.cell.devices.stopping import Stopping
 from controller.cell.errors import InterlockError, PartFaultError, PartProblemError
-from controller.cell.journal import Journal, read_rows
-from controller.cell.journal.rows import Intent
+from controller.cell.journal import Body, Journal, read_rows
+from controller.cell.journal.rows import HoldNoted, Intent, PathBegun, StoodFree
 from controller.cell.machine import Effect, Event, PartFault
 from controller.cell.services import Disambiguation, Motion, Recoveries
-from controller.cell.services.records import BatchRecord
+from controller.cell.services.records import BatchRecord, grasp_of
 from controller.inspection import PartVerdict, Verdict
-from controller.planning import NoMotionError
+from controller.planning import Grasp, NoMotionError
 from drivers.clock import CellClock
 from drivers.io_modbus import Signal
 
@@ -132,7 +133,7 @@ class Gripper:
     async def press_and_require_hold(self) -> None:
         self.done.append("check")
 
-    async def let_go(self, intent: Intent, opening_mm: float) -> None:
+    async def let_go(self, intent: Intent, opening_mm: float, retreat: Any) -> None:
         self.done.append(f"{intent.name} {intent.as_json()}")
 
 
@@ -288,3 +289,49 @@ def test_a_drop_that_two_notice_is_booked_once(record: BatchRecord) -> None:
     recoveries.forget_drop()
     recoveries.book(PartFaultError(PartFault.DROPPED, "again"))
     assert len(record.part.recoveries) == 2
+
+
+async def test_the_journal_knows_the_way_back_before_the_arm_sets_out() -> None:
+    noted: list[Body] = []
+
+    class Bold(Arm):
+        async def move_joints(self, q: np.ndarray) -> None:
+            announced = [w[0] for row in noted if isinstance(row, PathBegun) for w in row.waypoints]
+            assert not noted or float(q[0]) in announced
+            await super().move_joints(q)
+
+    motion = Motion(Bold(), io(), CellClock(1000.0), noted.append)  # type: ignore[arg-type]
+    await motion.start_from(at(0))
+    await motion.follow((at(1), at(2)))
+    motion.mark_free()
+    await motion.follow((at(3), at(4)))
+    await motion.go_back(2)
+    short = [
+        f"free {row.q[0]:g}" if isinstance(row, StoodFree)
+        else f"{'back' if row.is_back else 'on'} {' '.join(f'{w[0]:g}' for w in row.waypoints)}"
+        for row in noted if isinstance(row, StoodFree | PathBegun)
+    ]  # fmt: skip
+    assert short == ["free 0", "on 1 2", "free 2", "on 3 4", "back 3 2"]
+
+
+def test_a_grasp_is_read_from_its_row_to_the_last_bit(
+    record: BatchRecord, journal: Journal
+) -> None:
+    T = np.eye(4)
+    T[:3, 3] = [1 / 3, np.pi, -1e-9]
+    grasp = Grasp(
+        id="g7", T_part_tcp=T, opening_mm=20.1, pre_open_mm=30.2, contact_mm2=55.5, load=0.1,
+        score=0.7, holder="arm", margin=0.95, is_inner=True, on_table=True,
+    )  # fmt: skip
+    record.expect_hold(grasp)
+    record.take_hold(grasp, 19.8)
+    expected, held = (
+        HoldNoted.model_validate(row.body) for row in read_rows(journal.path) if row.name == "hold"
+    )
+    again = grasp_of(held.grasp)
+    assert (again.T_part_tcp == T).all()
+    assert [getattr(again, one.name) for one in fields(Grasp) if one.name != "T_part_tcp"] == [
+        "g7", 20.1, 30.2, 55.5, 0.1, 0.7, "arm", 0.95, True, True
+    ]  # fmt: skip
+    assert (expected.is_expected, held.is_expected) == (True, False)
+    assert (held.opening_mm, held.number, expected.number) == (19.8, 1, 1)

@@ -360,3 +360,10 @@ def test_the_journal_gives_what_is_folded_and_no_more(tmp_path: Path) -> None:
     journal.close()
     rows = read_rows_of_kinds(tmp_path / "journal.sqlite", FOLDED_KINDS, FOLDED_EVENTS)
     assert [row.name for row in rows] == ["run_began", "grip", "in_arm", "journal_set_aside"]
+
+
+def test_a_joint_path_that_was_cut_off_changes_nothing_of_custody() -> None:
+    rows = rows_of("on_table", "+follow_path")
+    rows[-1].body["effect_class"] = "absolute"
+    assert folded(rows) == set()
+    assert folded(rows_of("on_table", "+follow_path")) == {ARM, FIXED}  # of no class: as ever

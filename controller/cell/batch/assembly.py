@@ -105,7 +105,7 @@ def assemble(
     }
 
     record = BatchRecord(journal, progress, on_progress)
-    motion = Motion(arm, io, clock)
+    motion = Motion(arm, io, clock, record.note)
     steps = PlanSteps(record, motion, clock)
     grippers = Grippers(arm, gripper, io, record, recipe)
     imaging = Imaging(lights, cameras, quick, folder, record.note_file)

@@ -11,6 +11,7 @@ from enum import StrEnum
 from typing import Final
 
 from ..journal import Once, Row, RowKind, is_of, rows
+from ..journal.rows import EffectClass
 
 
 class Custody(StrEnum):
@@ -170,10 +171,15 @@ def fold_custody(found: Iterable[Row], here: CellIdentity) -> tuple[Held, ...]:
                 if gripper in MAY_HOLD[custody]:
                     detail = str(row.body.get("detail", ""))
                     held[gripper] = _held(gripper, custody, row, detail)
-            elif row.kind == "intent" and gripper in TOUCHED.get(row.name, BOTH):
+            elif _is_once(row) and gripper in TOUCHED.get(row.name, BOTH):
                 why = f"cut off while it did: {row.name.replace('_', ' ')}"
                 held[gripper] = _held(gripper, Custody.UNKNOWN, row, why)
     return tuple(held[gripper] for gripper in GripperName if gripper in held)
+
+
+def _is_once(row: Row) -> bool:
+    """Return whether a row is the intent of something that is never repeated blindly."""
+    return row.kind == "intent" and row.body.get("effect_class", EffectClass.ONCE) == "once"
 
 
 def _held(gripper: GripperName, custody: Custody, row: Row, detail: str) -> Held:

@@ -12,7 +12,7 @@ with a default does not change it. Fields that a model does not know are ignored
 
 from collections.abc import Mapping
 from enum import StrEnum
-from typing import Annotated, Any, ClassVar, Final
+from typing import Annotated, Any, ClassVar, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, RootModel
 
@@ -21,6 +21,19 @@ from ._form import Row, RowKind
 Json = Mapping[str, Any]
 Text = Annotated[str, Field(coerce_numbers_to_str=True)]
 Box = tuple[int, int, int, int]
+Matrix = tuple[tuple[float, ...], ...]
+Joints = tuple[float, ...]
+
+
+class EffectClass(StrEnum):
+    """Whether what an intent announces may be repeated (cell-facts.md 2)."""
+
+    QUERY = "query"
+    """Freely: it only reads."""
+    ABSOLUTE = "absolute"
+    """After the axes are referenced: it leads to the same place."""
+    ONCE = "once"
+    """Never without looking."""
 
 
 class Once(StrEnum):
@@ -186,15 +199,39 @@ class JournalNotReadable(Body):
 
 
 class Intent(NamedBody):
-    """Something of `Once` is about to be done."""
+    """Something of `Once` is about to be done.
+
+    `retreat` is the joint path (n, 6) by which the arm leaves once it is done; it is free of
+    contact then, and the way the arm came by is not.
+    """
 
     kind = "intent"
+    effect_class: EffectClass = EffectClass.ONCE
     expected_mm: float | None = None
     open_mm: float | None = None
     pose_index: int | None = None
     tray: str | None = None
     by: str = ""
     detail: str = ""
+    retreat: tuple[Joints, ...] = ()
+
+
+class PathBegun(Body):
+    """The arm is about to follow a joint path (n, 6), or to go back by as many waypoints."""
+
+    kind = "intent"
+    row_name = "follow_path"
+    effect_class: EffectClass = EffectClass.ABSOLUTE
+    waypoints: tuple[Joints, ...]
+    is_back: bool = False
+
+
+class StoodFree(Body):
+    """The arm stands free of everything at these joints (6,): going back ends here from now on."""
+
+    kind = "outcome"
+    row_name = "stood_free"
+    q: Joints
 
 
 class OnceDone(NamedBody):
@@ -217,6 +254,14 @@ class Homed(Body):
 
     kind = "outcome"
     row_name = "homed"
+
+
+class PositionsTakenOver(Body):
+    """The arm's positions, labelled by an earlier run, were found to hold; it was not homed."""
+
+    kind = "outcome"
+    row_name = "positions_taken_over"
+    q: Joints
 
 
 class StepDone(Body):
@@ -279,6 +324,40 @@ class Openings(TextByName):
     row_name = "openings"
 
 
+class GraspFields(Fields):
+    """A grasp, as planned; see `controller.planning.Grasp`."""
+
+    id: str
+    T_part_tcp: Matrix
+    opening_mm: float
+    pre_open_mm: float
+    contact_mm2: float
+    load: float
+    score: float
+    holder: str
+    margin: float = 1.0
+    is_inner: bool = False
+    on_table: bool = False
+
+
+class HoldNoted(Body):
+    """How a gripper holds the part, or will hold it once it has closed (`is_expected`).
+
+    `T_part_tcp` is as measured where `is_measured`, else as planned; `number` counts the grasps of
+    the arm gripper on this part.
+    """
+
+    kind = "observation"
+    row_name = "hold"
+    gripper: Literal["arm", "fixed"]
+    grasp: GraspFields
+    T_part_tcp: Matrix
+    opening_mm: float
+    is_measured: bool = False
+    is_expected: bool = False
+    number: int = 0
+
+
 class FilesStored(TextByName):
     """Files of the run's folder, with the SHA-256 of what was written."""
 
@@ -299,6 +378,7 @@ class OtherHypothesis(Fields):
     part: str
     pose_index: int
     theta_deg: float
+    T_world_part: Matrix | None = None
 
 
 class SightingFields(Fields):
@@ -317,6 +397,7 @@ class SightingFields(Fields):
     ambiguous_with: tuple[OtherHypothesis, ...] = ()
     box_px: Box
     reason: str = ""
+    T_world_part: Matrix | None = None
 
 
 class Sightings(Body):
@@ -327,14 +408,30 @@ class Sightings(Body):
     sightings: tuple[SightingFields, ...]
 
 
+class ViewHold(Fields):
+    """How the part was held in a view: as known by then, in which grasp of the arm gripper."""
+
+    number: int
+    T_part_tcp: Matrix
+    opening_mm: float
+    is_measured: bool
+
+
 class ViewPicturesTaken(Body):
-    """The pictures of a view, file by lamp, and the arm's joint values (6,)."""
+    """The pictures of a view, file by lamp, and the arm's joint values (6,).
+
+    With what the view needs to be judged again: how the part was held, None for a part on the
+    table, and which samples it was planned to show, as `controller.config.view_set.packed` has it.
+    """
 
     kind = "observation"
     row_name = "view_pictures"
     view: str
     pictures: Mapping[str, str]
     q: tuple[float, ...] = ()
+    hold: ViewHold | None = None
+    planned: str = ""
+    sample_count: int = 0
 
 
 class CheckMade(Fields):
@@ -498,6 +595,44 @@ class RecoveryBegun(Body):
     custody: str = ""
 
 
+class GraspAvoided(Body):
+    """A grasp has failed, and is planned no more for this part."""
+
+    kind = "decision"
+    row_name = "grasp_avoided"
+    grasp: str
+
+
+class RecoveryProposed(Body):
+    """What a start makes of a part that an earlier run left, and what was decided.
+
+    `decision` is `refused`, `accepted` or `automatic`; `person` is why the cell cannot go on.
+    """
+
+    kind = "decision"
+    row_name = "recovery_proposed"
+    run: str
+    evidence: tuple[str, ...]
+    intents: tuple[str, ...] = ()
+    steps: tuple[str, ...] = ()
+    first_motion: str = ""
+    is_proven: bool = False
+    person: str = ""
+    decision: str = ""
+    who: str = ""
+    why: str = ""
+
+
+class PartResumed(Body):
+    """The part of an interrupted run goes on in this one."""
+
+    kind = "decision"
+    row_name = "part_resumed"
+    run: str
+    serial: str = ""
+    lot: str = ""
+
+
 class AmbiguityResolved(Body):
     """Which hypotheses are left after a view."""
 
@@ -606,7 +741,8 @@ ROWS: Final[Mapping[tuple[str, str], type[Body]]] = {
         StopNotConfirmed, Openings, TablePictures, Sightings, ViewPicturesTaken, ViewJudged,
         PartMeasured, PartFindings, FilesStored, PartInspected,
         PlanMade, PlanKept, RecoveryBegun, AmbiguityResolved, PartJudged, StartRefused,
-        QuestionRaised, QuestionAnswered,
+        QuestionRaised, QuestionAnswered, PathBegun, StoodFree, PositionsTakenOver, HoldNoted,
+        GraspAvoided, RecoveryProposed, PartResumed,
     )
 }  # fmt: skip
 # By kind: the model of every name that has no model of its own.

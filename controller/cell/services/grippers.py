@@ -6,8 +6,10 @@ from controller.cell.errors import PartFaultError
 from controller.cell.journal.rows import Intent, Once
 from controller.cell.machine import PartFault
 from controller.config import Recipe
+from controller.planning import JointPath
 from drivers.kinds import Arm, FixedGripper, GraspReading, Hold, IoBlock
 
+from .motion import rounded
 from .records import BatchRecord
 
 
@@ -42,20 +44,34 @@ class Grippers:
         """
         await self._guard.open_arm(opening_mm, self._record.part.custody)
 
-    async def release_to_fixed(self, opening_mm: float) -> None:
+    async def release_to_fixed(self, opening_mm: float, retreat: JointPath) -> None:
         """Open the arm gripper once the fixed gripper has the part too.
+
+        Parameters
+        ----------
+        opening_mm : how wide
+        retreat : by which the arm leaves then, for the journal
 
         Raises
         ------
         ReleaseRefusedError : the fixed gripper does not confirm that it holds the part
         """
-        async with self._record.once(Intent(name=Once.RELEASE_ARM, open_mm=opening_mm)):
+        intent = Intent(name=Once.RELEASE_ARM, open_mm=opening_mm, retreat=rounded(retreat))
+        async with self._record.once(intent):
             await self.open_arm(opening_mm)
         self._record.part.hold = None
 
-    async def let_go(self, intent: Intent, opening_mm: float) -> None:
-        """Open the arm gripper where the part is meant to stay: on the table, over its tray."""
-        async with self._record.once(intent):
+    async def let_go(self, intent: Intent, opening_mm: float, retreat: JointPath) -> None:
+        """Open the arm gripper where the part is meant to stay: on the table, over its tray.
+
+        Parameters
+        ----------
+        intent : what for
+        opening_mm : how wide
+        retreat : by which the arm leaves then, for the journal
+        """
+        more = {"open_mm": opening_mm, "retreat": rounded(retreat)}
+        async with self._record.once(intent.model_copy(update=more)):
             await self._guard.open_arm(opening_mm, self._record.part.custody, lets_go=True)
         self._record.part.hold = None
 
@@ -72,26 +88,34 @@ class Grippers:
             opening_mm = self._fixed.max_opening_mm
         await self._guard.open_fixed(opening_mm, part.custody, gripped_mm)
 
-    async def release_to_arm(self, opening_mm: float) -> None:
+    async def release_to_arm(self, opening_mm: float, retreat: JointPath) -> None:
         """Open the fixed gripper once the arm gripper has the part too.
+
+        Parameters
+        ----------
+        opening_mm : how wide
+        retreat : by which the arm leaves with the part then, for the journal
 
         Raises
         ------
         ReleaseRefusedError : the arm gripper's jaws do not stand on the part
         """
-        async with self._record.once(Intent(name=Once.RELEASE_FIXED, open_mm=opening_mm)):
+        intent = Intent(name=Once.RELEASE_FIXED, open_mm=opening_mm, retreat=rounded(retreat))
+        async with self._record.once(intent):
             await self.open_fixed(opening_mm)
         self._record.part.fixed_grasp = None
 
-    async def close_arm(self, action: Once, expected_mm: float) -> float:
+    async def close_arm(self, action: Once, expected_mm: float, retreat: JointPath = ()) -> float:
         """Close the arm gripper on the part; return the opening reached [mm].
 
         Parameters
         ----------
         action : off the table, or out of the fixed gripper
         expected_mm : the opening the plan expects
+        retreat : by which the arm leaves with the part then, for the journal
         """
-        async with self._record.once(Intent(name=action, expected_mm=expected_mm)):
+        intent = Intent(name=action, expected_mm=expected_mm, retreat=rounded(retreat))
+        async with self._record.once(intent):
             return await self._arm.grasp(self._arm_force)
 
     async def close_fixed(self, expected_mm: float) -> GraspReading:

@@ -1,13 +1,28 @@
-"""Moves the arm along checked paths, and remembers them, so that it can move back."""
+"""Moves the arm along checked paths, and remembers them, so that it can move back.
+
+The journal gets each path before the arm sets out, and where the arm stood free of everything: the
+way back is known even to a later run.
+"""
+
+from collections.abc import Callable, Iterable
 
 from controller.arrays import FloatArray
 from controller.cell.devices.interlocks import check_interlocks
+from controller.cell.journal import Body
+from controller.cell.journal.rows import EffectClass, Joints, PathBegun, StoodFree
 from controller.planning import JointPath
 from drivers.clock import CellClock
 from drivers.kinds import Arm, IoBlock
 
 # How long the arm vibrates after it stops.
 RINGING_S = 0.3
+# of joints in the journal: 1e-6 rad, 1e-6 mm
+DECIMALS = 6
+
+
+def rounded(path: Iterable[FloatArray]) -> tuple[Joints, ...]:
+    """Return a joint path as the journal has it."""
+    return tuple(tuple(round(float(x), DECIMALS) for x in q) for q in path)
 
 
 class Motion:
@@ -18,12 +33,20 @@ class Motion:
     arm : the device
     io : where the interlocks are read, before each path
     clock : of the cell
+    note : takes the rows of the journal
     """
 
-    def __init__(self, arm: Arm, io: IoBlock, clock: CellClock) -> None:
+    def __init__(
+        self,
+        arm: Arm,
+        io: IoBlock,
+        clock: CellClock,
+        note: Callable[[Body], object] = lambda row: None,
+    ) -> None:
         self._arm = arm
         self._io = io
         self._clock = clock
+        self._note = note
         # waypoints since the arm last stood free of everything: moving back along them is free too
         self._trail: list[FloatArray] = []
 
@@ -31,6 +54,7 @@ class Motion:
         """Move to a configuration (6,) that is free of everything; moving back ends there."""
         await self._arm.move_joints(q)
         self._trail = [q]
+        self._note_free()
 
     async def follow(self, path: JointPath) -> None:
         """Move along a joint path, each waypoint (6,).
@@ -41,6 +65,7 @@ class Motion:
         DeviceError : the arm does not get there
         """
         check_interlocks(self._io)
+        self._note(PathBegun(effect_class=EffectClass.ABSOLUTE, waypoints=rounded(path)))
         for q in path:
             self._trail.append(q)
             await self._arm.move_joints(q)
@@ -48,6 +73,12 @@ class Motion:
     def mark_free(self) -> None:
         """Mark that the arm stands free of everything: moving back ends here from now on."""
         del self._trail[:-1]
+        self._note_free()
+
+    def _note_free(self) -> None:
+        if self._trail:
+            (q,) = rounded(self._trail[-1:])
+            self._note(StoodFree(q=q))
 
     @property
     def can_go_back(self) -> bool:
@@ -65,6 +96,9 @@ class Motion:
         path = [self._trail[-2 - i] for i in range(count)]
         del self._trail[-count:]
         check_interlocks(self._io)
+        self._note(
+            PathBegun(effect_class=EffectClass.ABSOLUTE, waypoints=rounded(path), is_back=True)
+        )
         for q in path:
             await self._arm.move_joints(q)
 

@@ -27,7 +27,16 @@ def row_words(entry: LogEntry) -> str:
             where = Custody.of_key(entry.name)
             return f"custody: {where.value}" + (f" ({row.detail})" if row.detail else "")
         case rows.Intent():
-            return f"about to {name}{_rest(entry.body)}"
+            rest = {key: value for key, value in entry.body.items() if key != "retreat"}
+            return f"about to {name}{_rest(rest)}"
+        case rows.PathBegun() as row:
+            back = " back" if row.is_back else ""
+            return f"about to move{back} along {count_of(len(row.waypoints), 'waypoint')}"
+        case rows.StoodFree():
+            return "the arm stands free of everything"
+        case rows.HoldNoted() as row:
+            will = "is about to hold" if row.is_expected else "holds"
+            return f"the {row.gripper} gripper {will} the part by grasp {row.grasp.id}"
         case rows.ViewJudged() as row:
             return _view(row)
         case rows.RecoveryBegun() as row:

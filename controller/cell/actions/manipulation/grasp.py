@@ -9,7 +9,7 @@ from controller.cell.errors import PartFaultError
 from controller.cell.journal.rows import GraspMissed, Once
 from controller.cell.machine import Event, PartFault
 from controller.cell.services import Grippers, Motion, PlanSteps, Views
-from controller.cell.services.records import BatchRecord, PartInGripper
+from controller.cell.services.records import BatchRecord
 from controller.planning import Look, Pick
 from controller.planning.model import CellLayout
 
@@ -45,9 +45,12 @@ class GraspAction:
         await self.grippers.open_arm(step.pre_open_mm)
         await self.motion.follow(step.motion_in)
         await self.motion.follow(step.motion_down)
-        opening_mm = await self.grippers.close_arm(Once.GRASP, step.expected_opening_mm)
+        self.record.expect_hold(step.grasp)
+        opening_mm = await self.grippers.close_arm(
+            Once.GRASP, step.expected_opening_mm, step.motion_up
+        )
         await self._check_opening(step, opening_mm)
-        self.record.part.hold = PartInGripper(step.grasp, step.grasp.T_part_tcp, opening_mm)
+        self.record.take_hold(step.grasp, opening_mm)
         await self.record.set_custody(Custody.IN_ARM, f"jaws at {opening_mm:.1f} mm")
         await self.motion.follow(step.motion_up)
         await self.grippers.press_and_require_hold()

@@ -11,7 +11,7 @@ from controller.cell.errors import PartFaultError
 from controller.cell.journal import Once
 from controller.cell.machine import Event, PartFault
 from controller.cell.services import Grippers, Motion, PlanSteps
-from controller.cell.services.records import BatchRecord, PartInGripper
+from controller.cell.services.records import BatchRecord
 from controller.imaging import inverse_pose
 from controller.planning import GiveStep, ReceiveStep, shown_pose
 from controller.planning.model import CellLayout
@@ -59,11 +59,13 @@ class HandOffAction:
             await self._keep_in_arm(step, "the fixed gripper lost the part at once")
         hold = record.held()
         T_world_part = shown_pose(self.layout, await self.motion.read_q(), hold.T_part_tcp)
-        await self.grippers.release_to_fixed(step.arm_open_mm)
-        record.part.fixed_grasp = replace(
+        fixed_grasp = replace(
             step.fixed_grasp,
             T_part_tcp=inverse_pose(T_world_part) @ self.layout.T_world_fixed_tcp,
         )
+        record.note_fixed_grasp(fixed_grasp)
+        await self.grippers.release_to_fixed(step.arm_open_mm, step.retreat)
+        record.part.fixed_grasp = fixed_grasp
         await record.set_custody(Custody.IN_FIXED)
         await self.grippers.require_fixed_holds()
         await self.motion.follow(step.retreat)
@@ -88,9 +90,10 @@ class HandOffAction:
         await self.grippers.press_and_require_hold()
         # the fixed gripper may have turned the part by closing on the wrong faces
         hold.is_measured = False
+        self.record.note_hold()
         await self.motion.go_back(len(step.motion))
         if part.has_had(PartFault.HAND_OFF_FAILED):
-            part.avoid.add(step.fixed_grasp.id)
+            self.record.avoid(step.fixed_grasp)
         raise PartFaultError(
             PartFault.HAND_OFF_FAILED, f"hand-off: {why}; the arm still holds the part"
         )
@@ -101,12 +104,13 @@ class HandOffAction:
         await self.grippers.open_arm(step.pre_open_mm)
         await self.motion.follow(step.approach)
         await self.grippers.require_fixed_holds()
+        record.expect_hold(step.grasp)
         opening_mm = await self.grippers.close_arm(Once.RECEIVE, step.expected_opening_mm)
         if abs(opening_mm - step.expected_opening_mm) > self.grippers.tolerance_mm:
             await self._leave_in_fixed(step, opening_mm)
-        record.part.hold = PartInGripper(step.grasp, step.grasp.T_part_tcp, opening_mm)
+        record.take_hold(step.grasp, opening_mm)
         await record.set_custody(Custody.IN_BOTH)
-        await self.grippers.release_to_arm(step.fixed_open_mm)
+        await self.grippers.release_to_arm(step.fixed_open_mm, step.motion_out)
         await record.set_custody(Custody.IN_ARM, f"jaws at {opening_mm:.1f} mm")
         await self.grippers.press_and_require_hold()
         await self.motion.follow(step.motion_out)
@@ -125,7 +129,7 @@ class HandOffAction:
         await self.grippers.require_fixed_holds()
         await self.motion.go_back(len(step.motion_in))
         # no camera sees the part in the fixed gripper: a grasp that failed once would fail again
-        self.record.part.avoid.add(step.grasp.id)
+        self.record.avoid(step.grasp)
         raise PartFaultError(
             PartFault.RECEIVE_FAILED,
             f"hand-off back: the arm gripper's jaws stopped at {opening_mm:.1f} mm, "

@@ -45,7 +45,8 @@ class PlaceAction:
         await self.motion.follow(step.motion)
         await self.motion.follow(step.motion_down)
         await self.grippers.press_and_require_hold()
-        await self.grippers.let_go(Intent(name=Once.SORT, tray=tray), step.open_mm)
+        intent = Intent(name=Once.SORT, tray=tray)
+        await self.grippers.let_go(intent, step.open_mm, step.motion_up)
         part.tray = tray
         await self.record.set_custody(Custody.PLACED, tray)
         await self.motion.follow(step.motion_up)

@@ -38,7 +38,7 @@ class SetDownAction:
         await self.motion.follow(step.motion_down)
         await self.grippers.press_and_require_hold()
         intent = Intent(name=Once.SET_DOWN, pose_index=step.pose_index)
-        await self.grippers.let_go(intent, step.open_mm)
+        await self.grippers.let_go(intent, step.open_mm, step.motion_up)
         await self.record.set_custody(Custody.ON_TABLE, "set down")
         await self.motion.follow(step.motion_up)
         self.steps.end(step, started_s)

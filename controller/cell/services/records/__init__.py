@@ -1,7 +1,7 @@
 """What is known of the part at hand and of the batch, and the rows of the journal made of it.
 
 `part.py` is the part, `batch.py` all parts with their journal, `progress.py` what the operator sees
-of it, `describe.py` turns results into rows.
+of it, `describe.py` turns results into rows, `holds.py` grasps into rows and back.
 """
 
 from .batch import BatchRecord
@@ -13,6 +13,7 @@ from .describe import (
     verdict_row,
     view_row,
 )
+from .holds import grasp_of, matrix
 from .part import PartInGripper, PartRecord, Shown, merged
 from .progress import Progress
 
@@ -23,6 +24,8 @@ __all__ = [
     "Progress",
     "Shown",
     "findings_row",
+    "grasp_of",
+    "matrix",
     "measured_row",
     "merged",
     "plan_row",

@@ -9,7 +9,9 @@ from contextlib import asynccontextmanager
 
 from controller.cell.custody import Custody
 from controller.cell.journal import Body, Journal, rows
+from controller.planning import Grasp
 
+from .holds import arm_hold_row, fixed_hold_row
 from .part import PartInGripper, PartRecord
 from .progress import Progress
 
@@ -60,6 +62,32 @@ class BatchRecord:
         hold = self.part.hold
         assert hold is not None, "the arm gripper is empty"
         return hold
+
+    def expect_hold(self, grasp: Grasp) -> None:
+        """Journal how the arm gripper will hold the part once it closes, as it is about to."""
+        self.part.hold_count += 1
+        hold = PartInGripper(grasp, grasp.T_part_tcp, grasp.opening_mm, number=self.part.hold_count)
+        self.note(arm_hold_row(hold, is_expected=True))
+
+    def take_hold(self, grasp: Grasp, opening_mm: float) -> None:
+        """Take it that the arm gripper holds the part as planned, at the opening reached [mm]."""
+        self.part.hold = PartInGripper(
+            grasp, grasp.T_part_tcp, opening_mm, number=self.part.hold_count
+        )
+        self.note_hold()
+
+    def note_hold(self) -> None:
+        """Journal how the arm gripper holds the part, as known now."""
+        self.note(arm_hold_row(self.held()))
+
+    def note_fixed_grasp(self, grasp: Grasp) -> None:
+        """Journal how the fixed gripper holds the part, or will once the arm gripper opens."""
+        self.note(fixed_hold_row(grasp))
+
+    def avoid(self, grasp: Grasp) -> None:
+        """Plan a grasp that has failed no more for this part."""
+        self.part.avoid.add(grasp.id)
+        self.note(rows.GraspAvoided(grasp=grasp.id))
 
     def show(self, label: str, **more: object) -> None:
         """Show the operator what the cell does now; ``more`` are fields of `Progress`."""

@@ -18,6 +18,8 @@ from controller.inspection.characteristics import (
 from controller.planning import Plan
 from controller.recognition import Sighting
 
+from .holds import matrix
+
 
 def plan_row(plan: Plan) -> rows.PlanMade:
     """Return the row of a plan."""
@@ -54,12 +56,16 @@ def _sighting(s: Sighting) -> rows.SightingFields:
         residual_px=round(s.residual_px, 3) if np.isfinite(s.residual_px) else None,
         ambiguous_with=tuple(
             rows.OtherHypothesis(
-                part=a.part, pose_index=a.pose_index, theta_deg=float(np.degrees(a.theta_rad))
+                part=a.part,
+                pose_index=a.pose_index,
+                theta_deg=float(np.degrees(a.theta_rad)),
+                T_world_part=matrix(a.T_world_part),
             )
             for a in s.ambiguous_with
         ),
         box_px=s.box_px,
         reason=s.reason,
+        T_world_part=None if s.T_world_part is None else matrix(s.T_world_part),
     )
 
 

@@ -24,6 +24,7 @@ class PartInGripper:
     T_part_tcp : (4, 4) as planned, or as measured once `is_measured`
     opening_mm : opening of the jaws on the part
     is_measured : whether a view has confirmed it
+    number : counts the arm gripper's grasps of this part
     unconfirmed_count : how many views in a row could not confirm it
     """
 
@@ -32,6 +33,7 @@ class PartInGripper:
     opening_mm: float
     is_measured: bool = False
     unconfirmed_count: int = 0
+    number: int = 0
 
 
 @dataclass(slots=True, eq=False)
@@ -73,6 +75,7 @@ class PartRecord:
     plan, next_step : the plan being followed, and the number of its next step
     plan_count : how many plans were made
     hold : how the arm gripper holds it, None where that is empty
+    hold_count : how often the arm gripper took it, or was about to
     fixed_grasp : how the fixed gripper holds it, as measured; None where that is empty
     results : of all views, of earlier plans too
     judged : the views that they are of
@@ -93,6 +96,7 @@ class PartRecord:
     plan_count: int = 0
     next_step: int = 0
     hold: PartInGripper | None = None
+    hold_count: int = 0
     fixed_grasp: Grasp | None = None
     pending: list[Shown] = field(default_factory=list)
     results: list[inspecting.ViewResult] = field(default_factory=list)

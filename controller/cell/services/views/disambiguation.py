@@ -73,6 +73,7 @@ class Disambiguation:
                 f"{TAKE_OUT}, and start with a recipe for {found.name}",
             )
         hold.T_part_tcp = inverse_pose(found.T_tcp_part)
+        self.record.note_hold()
         raise PartFaultError(
             PartFault.HELD_OTHERWISE, "the view shows another stable pose than it seemed"
         )

@@ -74,6 +74,7 @@ class HeldPose:
             )
         hold.T_part_tcp = inverse_pose(found) @ tcp_pose(self.layout, q)
         hold.is_measured = True
+        self.record.note_hold()
 
     async def learn(self, shown: Shown, hold: PartInGripper, result: inspecting.ViewResult) -> None:
         """Take a view as proof of the hold, and its pose as the measured one.
@@ -100,6 +101,7 @@ class HeldPose:
         if was_known and not is_held_otherwise(shift_mm, turn_rad):
             return
         hold.T_part_tcp, hold.is_measured = measured, True
+        self.record.note_hold()
         # inspection accepted the view, and no further plan is allowed: go on as it is
         is_bearable = result.evaluated and not self.recoveries.may_recover(PartFault.HELD_OTHERWISE)
         if is_held_otherwise(shift_mm, turn_rad) and not is_bearable:

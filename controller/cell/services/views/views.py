@@ -9,8 +9,16 @@ import numpy as np
 from controller import inspection as inspecting
 from controller.arrays import FloatArray, Grey
 from controller.cell.compute import Compute
-from controller.cell.journal.rows import ViewPicturesTaken
-from controller.cell.services.records import BatchRecord, PartInGripper, Shown, merged, view_row
+from controller.cell.journal.rows import ViewHold, ViewPicturesTaken
+from controller.cell.services.records import (
+    BatchRecord,
+    PartInGripper,
+    Shown,
+    matrix,
+    merged,
+    view_row,
+)
+from controller.config.view_set import packed
 from controller.planning import Look, Present, shown_pose
 from controller.planning.model import CellLayout
 
@@ -58,7 +66,14 @@ class Views:
         """
         view = self.name(step)
         self._record.note(
-            ViewPicturesTaken(view=view, pictures=files, q=() if q is None else tuple(q.tolist()))
+            ViewPicturesTaken(
+                view=view,
+                pictures=files,
+                q=() if q is None else tuple(q.tolist()),
+                hold=None if q is None else _view_hold(self._record.held()),
+                planned=packed(step.seen),
+                sample_count=len(step.seen),
+            )
         )
         self._record.part.planned[view] = step.seen
         self._record.part.files[view] = files
@@ -174,3 +189,12 @@ class Views:
         for shown in self._record.part.pending:
             shown.task.cancel()
         self._record.part.pending.clear()
+
+
+def _view_hold(hold: PartInGripper) -> ViewHold:
+    return ViewHold(
+        number=hold.number,
+        T_part_tcp=matrix(hold.T_part_tcp),
+        opening_mm=float(hold.opening_mm),
+        is_measured=hold.is_measured,
+    )
