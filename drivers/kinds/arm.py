@@ -79,8 +79,30 @@ class Arm(Protocol):
         """Find the references of all axes; may sweep the whole reach, and moves the jaws."""
         ...
 
-    async def move_joints(self, q: NDArray[np.float64]) -> None:
-        """Move to joints (n,), all arriving together; return when the arm is there."""
+    async def take_over_positions(self, between: NDArray[np.float64]) -> None:
+        """Take positions that an earlier controller's homing gave as known, if that can be proven.
+
+        Nothing moves. For recovery after a crash: homing would sweep the whole reach with the part
+        in the gripper.
+
+        Parameters
+        ----------
+        between : (m, n) joints between which the arm was last sent
+
+        Raises
+        ------
+        PositionLostError : it has restarted, is not where it was sent, or cannot prove anything
+        """
+        ...
+
+    async def move_joints(self, q: NDArray[np.float64], *, speed_share: float = 1.0) -> None:
+        """Move to joints (n,), all arriving together; return when the arm is there.
+
+        Parameters
+        ----------
+        q : where to
+        speed_share : of the usual speed, above 0 to 1
+        """
         ...
 
     async def read_q(self) -> NDArray[np.float64]:

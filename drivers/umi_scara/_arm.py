@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from drivers.clock import REAL_TIME, CellClock
+from drivers.errors import PositionLostError
 from drivers.kinds import JawReading, Stop
 
 from ._config import ArmConfig, check_speeds
@@ -27,6 +28,7 @@ from .motion import (
     MoveWatch,
     axes_in_turn,
     forecast_s,
+    judge_kept_counters,
     start,
     synchronised_speeds,
     verify_arrival,
@@ -234,6 +236,47 @@ class UmiScara:
             self.positions.note_homed(self._config.homing.park_counts)
         log.info("arm homed")
 
+    async def take_over_positions(self, between: ArrayLike) -> None:
+        """Take it that an earlier session's labels hold, if the counters prove it; nothing moves.
+
+        Status bits prove no homing (§4.5). Counters do where each axis reads what it was last sent
+        to, and one of each IP reads far from zero (§1.5).
+
+        Parameters
+        ----------
+        between : (n, 6) joints between which the arm was last sent, in `kinematics.Q_ORDER`
+
+        Raises
+        ------
+        PositionLostError : an IP has restarted, or a counter is not what it must be
+        """
+        self._session.require_connected()
+        identity = self.identity
+        if identity is None or identity.was_restarted:
+            raise PositionLostError("arm: an IP has restarted: its positions are lost; home it")
+        rows = kinematics.q_to_counts(np.atleast_2d(np.asarray(between, dtype=np.float64)))
+        ends = {
+            axis: (int(low), int(high))
+            for axis, low, high in zip(
+                COUNTS_ORDER, rows.min(axis=0), rows.max(axis=0), strict=True
+            )
+        }
+        counts = await self.axes.read_actuals(Axis)
+        why = judge_kept_counters(ends, counts)
+        if not why:
+            # a request that went astray may have read another motor
+            again = await self.axes.read_actuals(Axis)
+            why = judge_kept_counters(ends, again)
+        if why:
+            raise PositionLostError(f"arm: {why}: positions are not known; home it")
+        bits = await self.axes.status(Axis.GRIPPER)
+        self.positions.dead_bands = {
+            axis: await self.axes.read_twice(axis, Parameter.DEAD_BAND)
+            for axis in axes_in_turn(self.axes)
+        }
+        self.positions.note_taken_over(again, grasps=bool(bits & StatusBits.STALLED))
+        log.info("arm: positions taken over at %s", again)
+
     async def read_counts(self) -> dict[Axis, int]:
         """Return the true position of all seven motors [counts], in the order of Axis.
 
@@ -288,7 +331,12 @@ class UmiScara:
         return await self._move(targets, deadline_s, lambda distances: new_speeds)
 
     async def move_joints(
-        self, q: ArrayLike, speed: int = c.NOMINAL_SPEED, deadline_s: float | None = None
+        self,
+        q: ArrayLike,
+        speed: int = c.NOMINAL_SPEED,
+        deadline_s: float | None = None,
+        *,
+        speed_share: float = 1.0,
     ) -> None:
         """Move to joints (6,) in `kinematics.Q_ORDER` [rad, mm], all axes arriving together.
 
@@ -297,6 +345,7 @@ class UmiScara:
         q : (6,) joints in `kinematics.Q_ORDER` [rad, zed in mm]
         speed : SPEED of the axis that needs longest; the others get less (§8.13)
         deadline_s : patience from the start on [cell s]; by default from the nominal speeds
+        speed_share : of that SPEED, above 0 to 1
 
         Raises
         ------
@@ -307,6 +356,7 @@ class UmiScara:
         if row.shape != (6,) or not np.isfinite(row).all():
             raise ValueError(f"joints are six finite numbers, not {row}")
         targets = dict(zip(COUNTS_ORDER, kinematics.q_to_counts(row).tolist(), strict=True))
+        speed = max(1, round(speed * speed_share))
         check_speeds({Axis.ELBOW: speed})
         nominal = self._config.nominal_counts_per_s
         await self._move(targets, deadline_s, lambda far: synchronised_speeds(far, nominal, speed))

@@ -4,7 +4,7 @@ It knows counts, no joint angle and no limit.
 """
 
 from ._axes import Axes
-from ._counters import judge_counters
+from ._counters import judge_counters, judge_kept_counters
 from ._homing import Homing, HomingConfig, HomingError
 from ._moves import (
     AxisStalledError,
@@ -30,6 +30,7 @@ __all__ = [
     "axes_in_turn",
     "forecast_s",
     "judge_counters",
+    "judge_kept_counters",
     "on_ip",
     "start",
     "synchronised_speeds",

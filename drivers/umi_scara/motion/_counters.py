@@ -40,3 +40,30 @@ def judge_counters(
         if not witnesses:
             return f"no axis of IP{ip:d} rests far enough from zero to prove its counters"
     return ""
+
+
+def judge_kept_counters(between: Mapping[Axis, tuple[int, int]], counts: Mapping[Axis, int]) -> str:
+    """Return why counters of an earlier session cannot be trusted, or "" if they can.
+
+    A restart makes all counters of an IP zero (umi_rtx.md 1.5, 9.23), and a GO of somebody else
+    hides it. An axis that reads far from zero, where it was last sent, excludes that. Where all
+    axes of an IP were sent to zero they read the same either way.
+
+    Parameters
+    ----------
+    between : range that each axis was last sent to [counts]; axes that are left out prove nothing
+    counts : what all axes read at rest [counts]
+    """
+    for axis, (low, high) in between.items():
+        if not low - _SLACK_COUNTS <= counts[axis] <= high + _SLACK_COUNTS:
+            return (
+                f"{axis.name.lower()} reads {counts[axis]} counts, it was sent between {low} and "
+                f"{high}"
+            )
+    for ip in Ip:
+        of_ip = {axis: ends for axis, ends in between.items() if ADDRESSES[axis].ip is ip}
+        is_far = any(abs(counts[axis]) > _SLACK_COUNTS for axis in of_ip)
+        is_zero = all(max(map(abs, ends)) <= _SLACK_COUNTS for ends in of_ip.values())
+        if not of_ip or not (is_far or is_zero):
+            return f"all axes of IP{ip:d} read zero, as after a restart"
+    return ""

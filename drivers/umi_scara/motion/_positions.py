@@ -59,6 +59,20 @@ class Positions:
         self._may_be_relabelled = self._may_be_zeroed = self.grasps = False
         self.is_homed = self._is_sure = True
 
+    def note_taken_over(self, counts: Mapping[Axis, int], *, grasps: bool) -> None:
+        """Note that the labels of an earlier session hold, and where all axes stand.
+
+        Parameters
+        ----------
+        counts : read of all axes at rest
+        grasps : the jaws press on something
+        """
+        self._known = {axis: (n, n) for axis, n in counts.items()}
+        self._may_be_relabelled = self._may_be_zeroed = self._is_sure = False
+        self._at_rest.clear()
+        self.grasps = grasps
+        self.is_homed = True
+
     def note_stop(self, *, is_ramp: bool, is_free: bool) -> None:
         """Note a stop of all axes.
 
