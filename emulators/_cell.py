@@ -6,13 +6,14 @@ import os
 from collections.abc import Hashable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, Literal, Protocol
+from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from emulators.camera_v4l2 import CameraConfig, CameraServer, PixelFormat, V4l2Device
 from emulators.clock import SharedClock, WorldClock
+from emulators.faults import CameraPlugs, Verbs
 from emulators.gripper_modbus import JawModel, RobotiqDevice
 from emulators.io_modbus import CellSignals, E1214Device
 from emulators.lighting_modbus import AnalogOutput8Device, LampModel, LampWiring, Relay8Device
@@ -22,6 +23,7 @@ from emulators.modbus import (
     RtuPtyServer,
     Steppable,
     TcpGateway,
+    TcpListener,
     TcpServer,
 )
 from emulators.umi_scara import ArmModel, ArmServer, ArmWire, Axis
@@ -122,16 +124,6 @@ class _View:
             self.device.deliver(ticket, picture)
 
 
-class CameraPlugs(Protocol):
-    """Where cameras are plugged in."""
-
-    def unplug(self, name: str) -> None:
-        """Pull a camera's plug."""
-
-    def plug(self, name: str) -> str:
-        """Plug a camera in again; return its address."""
-
-
 class Cell:
     """One emulated cell: `start`, then `advance` whenever `behind_s` says so, `aclose`.
 
@@ -166,6 +158,10 @@ class Cell:
         }
         self.signals = CellSignals()
         self.io = E1214Device(self.signals, IO_UNIT)
+        self.gripper_bus = Bus([self.gripper])
+        self.lights_bus = Bus([self.analog, self.relays])
+        self.io_bus = Bus([self.io])
+        self.networks: dict[str, TcpListener] = {}
         self._steppable: list[Steppable] = [self.relays, self.io]
         self._steppable += list(self.lamps.values())
         jaws = _FixedJaws(self.gripper)
@@ -176,6 +172,7 @@ class Cell:
         self.clock: WorldClock = self._shared_clock or clock or WorldClock()
         self.cameras: dict[str, V4l2Device] = {}
         self._folder = folder
+        self.faults = Verbs(self)
         self._open: list[Any] = []
 
     def _obstruct(self, motor: str, direction: int, blocked: bool) -> None:
@@ -254,12 +251,13 @@ class Cell:
 
     async def _start_lines(self) -> None:
         self._origin_s = self.world.time_s
-        self.gripper_bus = Bus([self.gripper])
-        self.lights_bus = Bus([self.analog, self.relays])
         self.gripper_line = self._line(self.gripper_bus, GRIPPER_BAUD)
         self.lights_line = self._line(self.lights_bus, LIGHTS_BAUD)
-        self.io_bus = Bus([self.io])
         self.io_line = TcpServer(self.io_bus, self.clock)
+        lines = {"gripper": self.gripper_line, "lights": self.lights_line, "io": self.io_line}
+        self.networks = {
+            name: line for name, line in lines.items() if isinstance(line, TcpListener)
+        }
         for server in (self.gripper_line, self.lights_line, self.io_line):
             await server.start()
             self._open.append(server)
@@ -361,6 +359,7 @@ class Cell:
         self.world.advance(dt_s)
         for device in self._steppable:
             device.advance(dt_s)
+        self.faults.advance()
         self._presence_s += dt_s
         if self._presence_s >= _PRESENCE_S:
             self._presence_s = 0.0
@@ -385,6 +384,16 @@ class Cell:
         ends = [camera.oldest_due_s for camera in self.cameras.values()]
         due = [end_s + PICTURE_S for end_s in ends if end_s is not None]
         return min(due, default=None)
+
+    def timing(self) -> dict[str, Any]:
+        """Return how far the world is, and what was lost."""
+        return {
+            "world_s": self.now_s,
+            "behind_s": self.behind_s,
+            "speed": self.clock.speed,
+            "lost_frames": {name: one.lost_count for name, one in self.cameras.items()},
+            "worker_pid": self.desk.worker_pid,
+        }
 
     # --- what pictures show ----------------------------------------------------------------------
 

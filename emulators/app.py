@@ -162,7 +162,7 @@ async def serve(options: CellOptions, control: Path | None, ready: Any, stdin_en
             # SIGTERM during the seconds of loading must not leave mounts or children behind
             await cell.start()
             if control is not None:
-                port = ControlPort(cell, control)
+                port = ControlPort(cell.faults, control)
                 await port.start()
                 stack.push_async_callback(port.aclose)
             tasks = [

@@ -88,6 +88,7 @@ class RobotiqDevice:
         self._fault = Fault.NONE  # major, or of the automatic release; stays until rACT 0
         self._priority_fault = Fault.NONE  # 05 or 07
         self._is_clear = False  # rACT was written 0 since power came: only then 1 activates (§2.2)
+        self._delay_left_s = 0.0  # of fault 05 out of turn
         self._legs: list[float] = []  # openings still to be visited in this activation [mm]
         self._position_echo = 0
         self._idle_s = 0.0
@@ -111,17 +112,38 @@ class RobotiqDevice:
             self._boot()
 
     def raise_fault(self, fault: int) -> None:
-        """Let a major fault happen: 0A, 0C, 0D or 0E. The jaws stop until rACT 0, then 1.
+        """Let a fault of §2.4 happen.
+
+        A major one (0A, 0C, 0D, 0E) stops the jaws until rACT 0, then 1. 05: for as long as an
+        activation takes, actions have to wait. 07: activation is lost, as by a dip of the supply.
+        08: too hot, until 00 cools it down. 09: it has heard nothing for too long. 0B: automatic
+        release, which opens the jaws. 0F: an automatic release has ended where the jaws are.
 
         Raises
         ------
-        ValueError : the code is not that of a major fault
+        ValueError : the page has no such code
         """
-        if fault not in MAJOR_FAULTS:
-            raise ValueError(f"{fault:02X} is not a major fault")
-        self._fault = Fault(fault)
-        self._legs.clear()
-        self.jaws.is_driven = False  # gCU keeps the moment's current
+        known = Fault(fault)
+        if known in MAJOR_FAULTS:
+            self._fault = known
+            self._legs.clear()
+            self.jaws.is_driven = False  # gCU keeps the moment's current
+        elif known in (Fault.NONE, Fault.OVER_TEMPERATURE):
+            self.is_over_temperature = known is Fault.OVER_TEMPERATURE
+        elif known is Fault.ACTION_DELAYED:
+            self._delay_left_s = self._config.activation_s
+            self._priority_fault = known
+            self.jaws.stop()
+        elif known is Fault.NOT_ACTIVATED:
+            self.jaws.stop()
+            self._boot()
+            self._priority_fault = known
+        elif known is Fault.NO_COMMUNICATION:
+            self._idle_s = SILENCE_LIMIT_S
+        elif known is Fault.RELEASING:
+            self._release(is_opening=True)
+        else:
+            self._end_release()
         self._refresh()
 
     # --- the wire -------------------------------------------------------------------------------
@@ -196,6 +218,8 @@ class RobotiqDevice:
             return
         if self._fault is not Fault.NONE:
             return  # a major fault or an automatic release ends by rACT 0 only
+        if self._delay_left_s > 0.0:
+            return
         if self._status is GripperStatus.RESET:
             if not self._is_clear:
                 return
@@ -212,6 +236,7 @@ class RobotiqDevice:
         if self._priority_fault is Fault.ACTION_DELAYED:
             self._priority_fault = Fault.NONE
         self._is_clear = True
+        self._delay_left_s = 0.0
         self._legs.clear()
         self.jaws.stop()
 
@@ -246,6 +271,20 @@ class RobotiqDevice:
         self._legs.clear()
         self.jaws.drive(STROKE_MM if is_opening else 0.0, MIN_SPEED_MM_PER_S, MIN_FORCE_N)
 
+    def _end_release(self) -> None:
+        self.jaws.stop()
+        self._legs.clear()
+        self._status, self._fault = GripperStatus.RESET, Fault.RELEASED
+
+    def _wait(self, dt_s: float) -> None:
+        """Let the delay of fault 05 run out, then do what was asked for meanwhile."""
+        if self._delay_left_s <= 0.0:
+            return
+        self._delay_left_s -= dt_s
+        if self._delay_left_s <= 0.0:
+            self._priority_fault = Fault.NONE
+            self._obey()
+
     def advance(self, dt_s: float) -> None:
         """Let time pass, for controller and jaws [world s]."""
         self.jaws.advance(dt_s)
@@ -254,8 +293,8 @@ class RobotiqDevice:
         if self._status is GripperStatus.ACTIVATING and self._fault is Fault.NONE:
             self._activate_on()
         elif self._fault is Fault.RELEASING and (self.jaws.is_at_target or self.jaws.is_holding):
-            self.jaws.stop()
-            self._fault = Fault.RELEASED
+            self._end_release()
+        self._wait(dt_s)
         self._idle_s += dt_s
         self._age_s += dt_s
         if self._age_s >= self._config.refresh_s - _EPSILON_S:

@@ -59,6 +59,7 @@ class LampModel:
     wiring : where it is connected
     is_dimming_wire_broken : the driver sees an open input: full light
     is_dead : the LEDs give no light
+    strength : of the LEDs, as a fraction of what they gave when new
     is_supply_on : the light supply behind the relay
     """
 
@@ -72,6 +73,7 @@ class LampModel:
         self.wiring = wiring
         self.is_dimming_wire_broken = False
         self.is_dead = False
+        self.strength = 1.0
         self.is_supply_on = True
         self._analog = analog
         self._relays = relays
@@ -84,7 +86,7 @@ class LampModel:
         """The light as a fraction of the cold lamp's full light."""
         if self.is_dead:
             return 0.0
-        return self._drive * (1.0 - self._character.droop_fraction * self._warmth)
+        return self.strength * self._drive * (1.0 - self._character.droop_fraction * self._warmth)
 
     def advance(self, dt_s: float) -> None:
         """Let time pass [world s]."""

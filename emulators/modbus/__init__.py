@@ -30,7 +30,7 @@ from .framing import (
     frame_gap_s,
     request_length,
 )
-from .servers import RtuOverTcpServer, RtuPtyServer, TcpGateway, TcpServer
+from .servers import RtuOverTcpServer, RtuPtyServer, TcpGateway, TcpListener, TcpServer
 
 __all__ = [
     "COIL_OFF",
@@ -55,6 +55,7 @@ __all__ = [
     "Steppable",
     "Stepper",
     "TcpGateway",
+    "TcpListener",
     "TcpServer",
     "WireFaults",
     "characters_s",

@@ -4,6 +4,8 @@ import logging
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from emulators.byte_faults import ByteFault
+
 from .device import ModbusDevice, exception_pdu
 
 BROADCAST_UNIT = 0
@@ -23,6 +25,8 @@ class WireFaults:
     reply_byte_count : only so many bytes of the reply frame arrive
     is_crc_bad : a bit of the reply flips on the wire; a TCP frame has no CRC and loses its
         protocol number instead
+    reply_fault : what happens to one byte of the reply frame, and to which, counted from 0; on a
+        connection of its own a device loses no byte: TCP sees to that
     reply_unit : the reply names this unit
     is_connection_dropped : the connection ends where the reply should come; the request is
         carried out
@@ -35,6 +39,7 @@ class WireFaults:
     reply_delay_s: float = 0.0
     reply_byte_count: int | None = None
     is_crc_bad: bool = False
+    reply_fault: tuple[int, ByteFault] | None = None
     reply_unit: int | None = None
     is_connection_dropped: bool = False
     requests_left: int | None = None
@@ -60,6 +65,7 @@ class BusReply:
     byte_count : only so many bytes of the frame arrive; None: all
     is_corrupt : the frame is damaged on the wire
     is_connection_dropped : no reply, the connection ends instead
+    fault : the byte of the frame that does not come through, and what happens to it
     """
 
     unit: int
@@ -68,11 +74,12 @@ class BusReply:
     byte_count: int | None = None
     is_corrupt: bool = False
     is_connection_dropped: bool = False
+    fault: tuple[int, ByteFault] | None = None
 
     @property
     def is_sound(self) -> bool:
         """Whether a master on the line can read it."""
-        return not self.is_corrupt and self.byte_count is None
+        return not self.is_corrupt and self.byte_count is None and self.fault is None
 
 
 class Bus:
@@ -107,6 +114,10 @@ class Bus:
     def faults(self, unit: int) -> WireFaults:
         """Return the faults of the wire to a unit, to be changed in place."""
         return self._faults.setdefault(unit, WireFaults())
+
+    def set_faults(self, unit: int, faults: WireFaults) -> None:
+        """Let the wire to a unit have these faults and no others."""
+        self._faults[unit] = faults
 
     def clear_faults(self) -> None:
         """Mend every wire."""
@@ -155,6 +166,7 @@ class Bus:
             faults.reply_delay_s,
             faults.reply_byte_count,
             faults.is_crc_bad,
+            fault=faults.reply_fault,
         )
 
     def _ask(self, unit: int, pdu: bytes, now_s: float) -> bytes | None:

@@ -114,6 +114,16 @@ class ArmModel:
             motor.goal = motor.position + counts
             self._move()
 
+    def jump(self, axis: Axis, counts: float) -> None:
+        """Let the encoder of an axis miscount.
+
+        Parameters
+        ----------
+        axis : the axis
+        counts : how much more it reads than the axis has moved [counts]
+        """
+        self.axes[axis].jump(counts)
+
     def reference(self) -> None:
         """Make every counter tell the truth, as after a perfect homing."""
         for motor in self.axes.values():

@@ -121,6 +121,16 @@ class Motor:
         """Call the present set-point ``counts`` (58); the error is kept and nothing moves."""
         self.origin = self.set_point - counts
 
+    def jump(self, counts: float) -> None:
+        """Let the encoder miscount: it reads ``counts`` more than the axis has moved.
+
+        The servo takes it for a following error and drives the axis back by as much: the counter
+        ends where it was, the axis does not.
+        """
+        self.set_point -= counts
+        self.origin -= counts
+        self.target -= counts
+
     @property
     def counter(self) -> int:
         """CURRENT_POSITION [counts]."""

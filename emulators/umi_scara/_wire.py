@@ -8,6 +8,8 @@ import logging
 from collections import deque
 from typing import Final
 
+from emulators.byte_faults import LineNoise
+
 from ._axes import IP_COUNT
 from ._faults import MONITOR_BANNER, MONITOR_ERROR, Faults
 from ._model import ArmModel
@@ -34,6 +36,10 @@ class ArmWire:
     faults : what goes wrong on the line; may be changed at any time
     strict : answer `0C` to a request that starts less than 8 ms after the one before
     listening : the IP that listens after power-up
+
+    Attributes
+    ----------
+    to_arm, from_arm : what the line does to bytes in each direction
     """
 
     def __init__(
@@ -56,6 +62,8 @@ class ArmWire:
         self._reply_free_s = 0.0
         self._replies: deque[tuple[float, int]] = deque()
         self._banner_sent = False
+        self._is_powered = True
+        self.to_arm, self.from_arm = LineNoise(), LineNoise()
 
     # --- the line -----------------------------------------------------------------------------
 
@@ -67,20 +75,26 @@ class ArmWire:
         data : any piece of the host's byte stream
         now_s : when the host handed them to the line [world s], never going back
         """
-        for byte in data if not self.faults.unplugged else b"":
-            arrival_s = max(now_s, self._line_free_s) + BYTE_S
-            self._line_free_s = arrival_s
-            self._expire(arrival_s)
-            if self.faults.monitor_rom:
-                self._answer_in_ascii(byte, arrival_s)
-                continue
-            if not self._request:
-                self._request_started_s = arrival_s
-            self._request.append(byte)
-            if len(self._request) == request_length(self._request[0]):
-                request = bytes(self._request)
-                self._request.clear()
-                self._obey(request, arrival_s)
+        if self.faults.unplugged or not self._is_powered:
+            return
+        for sent in data:
+            for byte, late_s in self.to_arm.pass_on(sent):
+                arrival_s = max(now_s, self._line_free_s) + BYTE_S + late_s
+                self._line_free_s = arrival_s
+                self._hear(byte, arrival_s)
+
+    def _hear(self, byte: int, arrival_s: float) -> None:
+        self._expire(arrival_s)
+        if self.faults.monitor_rom:
+            self._answer_in_ascii(byte, arrival_s)
+            return
+        if not self._request:
+            self._request_started_s = arrival_s
+        self._request.append(byte)
+        if len(self._request) == request_length(self._request[0]):
+            request = bytes(self._request)
+            self._request.clear()
+            self._obey(request, arrival_s)
 
     def due(self, now_s: float, early_s: float = 0.0) -> bytes:
         """Return, once, the reply bytes whose time has come.
@@ -106,8 +120,22 @@ class ArmWire:
 
     # --- supply, boards -----------------------------------------------------------------------
 
+    @property
+    def is_powered(self) -> bool:
+        """Whether the arm's supply is on; off, it is silent, its motors are limp."""
+        return self._is_powered
+
+    @is_powered.setter
+    def is_powered(self, is_powered: bool) -> None:
+        if is_powered != self._is_powered:
+            self._is_powered = is_powered
+            self.power_cycle()
+
     def power_cycle(self, listening: int = 0) -> None:
-        """Switch the arm off and on: everything is forgotten, both IPs are restarted."""
+        """Switch the arm off and on: everything is forgotten, both IPs are restarted.
+
+        The axes stay where they are, without drive; all counters read 0 there.
+        """
         for ip in self.ips:
             ip.restart()
         self.listening = listening
@@ -182,9 +210,11 @@ class ArmWire:
         if self.faults.mute or self.faults.unplugged:
             return
         due_s = max(start_s + self.faults.reply_delay_s, self._reply_free_s)
-        for byte in reply:
-            self._replies.append((due_s, byte))
-            due_s += BYTE_S
+        for sent in reply:
+            for byte, late_s in self.from_arm.pass_on(sent):
+                due_s += late_s
+                self._replies.append((due_s, byte))
+                due_s += BYTE_S
         self._reply_free_s = due_s
 
     def _answer_in_ascii(self, byte: int, arrival_s: float) -> None:

@@ -20,7 +20,7 @@ from .matter.collide import Collision, Obstruct, Stall, values_of
 from .matter.grasp import TEAR_MM, TEAR_RAD, Gripper, apart, bears, make_gripper, relative
 from .matter.parts import AWAY, FALLING, HELD, RESTING, Part
 from .matter.solid import Rest, Solid
-from .poses import JointValues, forward, rotation_about
+from .poses import JointValues, forward, rotation_about, turn_z
 
 log = logging.getLogger(__name__)
 
@@ -214,7 +214,7 @@ class World:
         if hold is None:
             return
         part = self.parts[hold.part]
-        gripper.hold, gripper.limit_mm = None, None
+        gripper.hold, gripper.limit_mm, gripper.last_hold = None, None, hold
         for body in gripper.finger_bodies:
             self.bodies.pair(body, part.carried, True)
         self._note(what, part, gripper)
@@ -396,23 +396,78 @@ class World:
     def _lose(self, part: Part) -> None:
         for gripper in (self.arm_gripper, self.fixed_gripper):
             if gripper.hold is not None and gripper.hold.part == part.index:
-                self.lose_grasp(gripper.name)
+                self.lose_grasp(gripper.name, "taken")
 
-    def lose_grasp(self, name: str) -> None:
+    def lose_grasp(self, name: str, what: str = "fell_out") -> None:
         """Let a part fall out of a gripper; its jaws must open before they close again.
 
         Parameters
         ----------
         name : ``arm`` for the gripper on the arm, ``fixture`` for the fixed one
+        what : how it is noted among the events
         """
         gripper = self.arm_gripper if name == "arm" else self.fixed_gripper
         if gripper.hold is not None:
             gripper.must_open = True
-            self._let_go(gripper, "fell_out")
+            self._let_go(gripper, what)
             if gripper is self.arm_gripper:
                 self._arm.grasp_limit_mm = None
             else:
                 self._jaws.grasp_limit_mm = None
+
+    def put_back(self, index: int, name: str) -> None:
+        """Put a part by hand back between the jaws that had it last.
+
+        Parameters
+        ----------
+        index : number of the part
+        name : ``arm`` for the gripper on the arm, ``fixture`` for the fixed one
+
+        Raises
+        ------
+        ValueError : these jaws did not have it last, hold something, or are no longer as wide
+        """
+        gripper = self.arm_gripper if name == "arm" else self.fixed_gripper
+        last = gripper.last_hold
+        if last is None or last.part != index or gripper.hold is not None:
+            raise ValueError(f"the {name} gripper has not lost part {index}")
+        if not gripper.is_as_wide_as(last):
+            raise ValueError(
+                f"the {name} gripper has moved from {last.seat.opening_mm:.1f} mm to "
+                f"{gripper.opening_mm:.1f} mm: part {index} does not fit in as it was"
+            )
+        part = self.parts[index]
+        self._lose(part)
+        gripper.resume(last)
+        part.move(gripper.T_world_tcp @ last.seat.T_tcp_part)
+        self._take(part, gripper)
+        self.bodies.place_part(part.carried, part.solid, part.T_world_part)
+        if gripper is self.arm_gripper:
+            self._arm.grasp_limit_mm = gripper.limit_mm
+        else:
+            self._jaws.grasp_limit_mm = gripper.limit_mm
+        self._note("gripped", part, gripper)
+
+    def shift(self, index: int, by_mm: tuple[float, float], turn_rad: float) -> None:
+        """Move a part that lies somewhere, by hand: it stays in its stable pose.
+
+        Parameters
+        ----------
+        index : number of the part
+        by_mm : how far in x and y of the world
+        turn_rad : about the vertical through its centre of mass
+
+        Raises
+        ------
+        ValueError : it does not lie anywhere
+        """
+        part = self.parts[index]
+        if part.state not in (RESTING, FALLING):
+            raise ValueError(f"part {index} is {part.state}: it cannot be moved about")
+        centre_mm = part.centre_mm
+        T = turn_z(turn_rad)
+        T[:3, 3] = centre_mm + np.array((*by_mm, 0.0)) - T[:3, :3] @ centre_mm
+        self.place(index, T @ part.T_world_part)
 
     def slip(self, name: str, along_mm: float, turn_rad: float = 0.0) -> None:
         """Let a part slip in a gripper along its approach axis, and turn about its jaws' axis.

@@ -16,6 +16,7 @@ from emulators.camera_v4l2 import CameraConfig, ClockPattern, Faults, read_clock
 from emulators.camera_v4l2.device.shutter import FrameGrid
 from emulators.camera_v4l2.kernel.formats import PixelFormat, encode
 
+POLLIN = 0x0001
 PERIOD_S = 0.1
 EXPOSURE_S = 0.02
 START_S = 7.0  # world time of STREAMON in these tests
@@ -390,6 +391,38 @@ def test_a_frozen_camera_repeats_its_picture_under_new_numbers() -> None:
     assert {data[0] for _, _, data in frozen} == {10}
     bench.device.faults = Faults()
     assert frames_of(bench, 1)[0][2][0] == 11
+
+
+def test_a_camera_with_a_cap_on_its_lens_sees_nothing() -> None:
+    bench = streaming()
+    bench.device.faults = Faults(is_dark=True)
+    assert {data[0] for _, _, data in frames_of(bench, 2)} == {0}
+    bench.device.faults = Faults()
+    assert frames_of(bench, 1)[0][2][0] == 12
+
+
+def test_a_late_frame_comes_late_with_the_time_of_its_exposure() -> None:
+    bench = streaming()
+    bench.device.faults = Faults(late_count=1, late_s=0.35)
+    bench.at(end_s(0) + 0.001)
+    bench.deliver(0)
+    assert bench.device.oldest_due_s is None  # time waits for a picture, not for a fault
+    assert bench.at(end_s(0) + 0.05) == pytest.approx(end_s(1))
+    assert bench.at(end_s(0) + 0.34) is not None
+    assert not bench.bits & POLLIN
+    bench.at(end_s(0) + 0.351)
+    frame = bench.client.dequeue()
+    assert frame.sequence == 0
+    assert frame.stamp_us == pytest.approx(1e6 * (EPOCH_MONOTONIC_S + end_s(0) / SPEED), abs=2.0)
+    assert bench.device.faults.late_count == 0
+
+
+def test_a_late_frame_that_holds_the_only_buffer_says_when_it_comes() -> None:
+    bench = streaming(buffer_count=1)
+    bench.device.faults = Faults(late_count=1, late_s=0.35)
+    bench.at(end_s(0) + 0.001)
+    bench.deliver(0)
+    assert bench.at(end_s(0) + 0.05) == pytest.approx(end_s(0) + 0.35)
 
 
 def test_an_unknown_clock_is_not_flagged_as_monotonic() -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from emu_modbus_bench import EchoDevice, PtyClient, open_fds, tcp_client, until
 
+from emulators.byte_faults import ByteFault, Harm
 from emulators.clock import WorldClock
 from emulators.gripper_modbus import RobotiqDevice
 from emulators.modbus import (
@@ -225,6 +226,18 @@ async def test_a_connection_can_drop_where_the_reply_should_come(gateway: TcpGat
     assert gateway.bus.devices[0].heard == [READ]  # type: ignore[attr-defined] # an EchoDevice
 
 
+async def test_a_line_that_cannot_be_reached_ends_connections_old_and_new(
+    gateway: TcpGateway,
+) -> None:
+    gateway.is_reachable = False
+    async with tcp_client(gateway.address) as client:
+        with pytest.raises((ConnectionError, asyncio.IncompleteReadError)):
+            await ask(client, mbap(1, 1), 12)
+    gateway.is_reachable = True
+    async with tcp_client(gateway.address) as client:
+        assert await ask(client, mbap(2, 1), 12) == mbap(2, 1)
+
+
 async def test_a_native_device_delays_and_damages_its_own_frames(
     bus: Bus, clock: WorldClock
 ) -> None:
@@ -346,6 +359,11 @@ async def test_a_late_reply_comes_late_and_in_full(master: PtyClient, bus: Bus) 
         ("reply_byte_count", 5, "01 03 00 00 00"),
         ("reply_unit", 2, "02 03 00 00 00 01 84 39"),
         ("exception_code", 2, "01 83 02 C0 F1"),
+        ("reply_fault", (1, ByteFault(harm=Harm.LOST)), "01 00 00 00 01 84 0A"),
+        ("reply_fault", (0, ByteFault(harm=Harm.DOUBLED)), "01 01 03 00 00 00 01 84 0A"),
+        ("reply_fault", (6, ByteFault(harm=Harm.FLIPPED, bit=7)), "01 03 00 00 00 01 04 0A"),
+        ("reply_fault", (99, ByteFault(harm=Harm.FLIPPED, bit=0)), "01 03 00 00 00 01 84 0B"),
+        ("reply_fault", (4, ByteFault(harm=Harm.LATE)), "01 03 00 00 00 01 84 0A"),
     ],
 )
 async def test_faults_reach_the_serial_line_as_bytes(

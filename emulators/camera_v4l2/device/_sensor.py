@@ -11,6 +11,8 @@ from collections.abc import Callable, Hashable
 from dataclasses import dataclass, replace
 from typing import Final, Protocol
 
+import numpy as np
+
 from ..kernel import (
     SLOT_BYTES,
     Buffer,
@@ -137,7 +139,8 @@ class Sensor:
     def oldest_due_s(self) -> float | None:
         """See `V4l2Device.oldest_due_s`."""
         with self._lock:
-            return self._flights[0].end_s if self._flights else None
+            making = (flight.end_s for flight in self._flights if flight.picture is None)
+            return next(making, None)
 
     def start(self) -> None:
         """Begin with frame 0 now."""
@@ -174,9 +177,10 @@ class Sensor:
 
     def advance(self, now_s: float) -> float | None:
         """Return what `V4l2Device.advance` returns; see there."""
+        self._finish_flights()
         with self._lock:
             if self._able_since_s is None:
-                return None
+                return self._late_until_s()
             frame = self._grid.latest_ended(now_s)
             if frame > self._last_frame:
                 self.lost_count += frame - self._last_frame - 1
@@ -186,8 +190,15 @@ class Sensor:
                 self.review()
             able = self._able_since_s is not None
             again_s = self._grid.end_s(self._last_frame + 1) if able else None
+            late_s = self._late_until_s()
         self._finish_flights()
-        return again_s
+        return again_s if late_s is None else min(late_s, again_s or late_s)
+
+    def _late_until_s(self) -> float | None:
+        """Return when the oldest picture that is ready and late reaches its buffer [world s]."""
+        if not self._flights or self._flights[0].picture is None or self.faults.late_count <= 0:
+            return None
+        return self._flights[0].end_s + self.faults.late_s
 
     def deliver(self, ticket: Hashable, picture: Picture) -> None:
         """Do as `V4l2Device.deliver` says.
@@ -204,6 +215,9 @@ class Sensor:
                 return
             flight.picture = bin_to(picture, flight.size_px)
         self._finish_flights()
+        with self._lock:
+            if self._late_until_s() is not None:
+                self._able()  # whoever sleeps has an instant to wait for
 
     def abandon(self, ticket: Hashable) -> None:
         """See `V4l2Device.abandon`."""
@@ -263,8 +277,13 @@ class Sensor:
                 with self._lock:
                     if not self._flights or self._flights[0].picture is None:
                         return
+                    late_until_s = self._late_until_s()
+                    if late_until_s is not None and self._clock.now_s() < late_until_s:
+                        return
                     flight, faults = self._flights[0], self.faults
                     picture = self._flights[0].picture
+                    if faults.is_dark:
+                        picture = np.zeros_like(picture)
                 # outside the lock, so that no ioctl waits for a JPEG or for the kernel's copy
                 frame = bytes(encode(brighten(picture, flight.brightness), flight.pixel_format))
                 frame, flags, faults = _damaged(frame, flight.pixel_format, faults)
@@ -308,6 +327,8 @@ class Sensor:
 def _damaged(frame: bytes, pixel_format: PixelFormat, faults: Faults) -> tuple[bytes, int, Faults]:
     """Return the frame as the faults leave it, its flags, and the faults that remain."""
     flags = 0
+    if faults.late_count > 0:
+        faults = replace(faults, late_count=faults.late_count - 1)
     if faults.error_count > 0:
         flags = int(BufferFlag.ERROR)
         faults = replace(faults, error_count=faults.error_count - 1)

@@ -1,6 +1,6 @@
 """Who owns a wire: Modbus TCP, RTU over TCP, and RTU on a pseudo-terminal, in the world's time."""
 
 from ._pty import RtuPtyServer
-from ._tcp import RtuOverTcpServer, TcpGateway, TcpServer
+from ._tcp import RtuOverTcpServer, TcpGateway, TcpListener, TcpServer
 
-__all__ = ["RtuOverTcpServer", "RtuPtyServer", "TcpGateway", "TcpServer"]
+__all__ = ["RtuOverTcpServer", "RtuPtyServer", "TcpGateway", "TcpListener", "TcpServer"]

@@ -97,6 +97,18 @@ class RtuLine:
             frame = frame[:-1] + bytes((frame[-1] ^ 0x40,))
         frame = frame[: reply.byte_count]
         start_s = self._clock.now_s() + self._turnaround_s + reply.delay_s
+        if reply.fault is None:
+            await self._send(frame, start_s, write)
+            return
+        index, fault = reply.fault
+        index = min(index, len(frame) - 1)
+        harmed = fault.apply(frame[index])
+        late_s = max((one_s for _, one_s in harmed), default=0.0)
+        await self._send(frame[:index], start_s, write)
+        rest = bytes(byte for byte, _ in harmed) + frame[index + 1 :]
+        await self._send(rest, self._clock.now_s() + late_s, write)
+
+    async def _send(self, frame: bytes, start_s: float, write: Callable[[bytes], None]) -> None:
         character_s = characters_s(1, self._baudrate)
         sent = 0
         while sent < len(frame):

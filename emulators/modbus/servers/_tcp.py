@@ -24,6 +24,10 @@ class TcpListener(ABC):
     """Owns a listening socket and a task for each client; leaves none behind.
 
     Started again after `aclose`, it listens on the same port, as a device does after a restart.
+
+    Attributes
+    ----------
+    is_reachable : False: the network lies between; connections end at once, old and new
     """
 
     def __init__(self, host: str, port: int) -> None:
@@ -31,6 +35,7 @@ class TcpListener(ABC):
         self._port = port
         self._server: asyncio.Server | None = None
         self._clients: dict[asyncio.Task[None], asyncio.StreamWriter] = {}
+        self.is_reachable = True
 
     async def start(self) -> None:
         """Listen.
@@ -80,6 +85,9 @@ class TcpListener(ABC):
         self._server = None
 
     def _accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        if not self.is_reachable:
+            writer.transport.abort()
+            return
         task = asyncio.get_running_loop().create_task(self._run(reader, writer))
         self._clients[task] = writer
         task.add_done_callback(self._forget)

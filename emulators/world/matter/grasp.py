@@ -62,6 +62,7 @@ class Gripper:
     finger_bodies : pybullet's, +y first
     must_open : a part has been lost from these jaws: they hold nothing until they have opened
     misses : the next part between the pads is missed: a fault
+    last_hold : how it held the part that it had last
     passing : parts that still overlap with the fingers after a release, and do not feel them
     """
 
@@ -77,6 +78,7 @@ class Gripper:
     hold: Hold | None = None
     must_open: bool = False
     misses: bool = False
+    last_hold: Hold | None = None
     passing: set[int] = field(default_factory=set)
 
     def T_world_finger(self, side: int) -> Array:
@@ -117,6 +119,18 @@ class Gripper:
             False,
             force_n,
         )
+
+    def is_as_wide_as(self, hold: Hold) -> bool:
+        """Return whether the jaws still stand where they held a part."""
+        return abs(self.opening_mm - hold.seat.opening_mm) <= _OPENED_MM
+
+    def resume(self, hold: Hold) -> None:
+        """Hold a part again as before; the jaws have not moved."""
+        self.hold, self.last_hold = hold, None
+        hold.T_tcp_part, hold.is_seated = hold.seat.T_tcp_part, True
+        self.limit_mm = min(hold.seat.opening_mm, self.opening_mm)
+        self.must_open = False
+        self.passing.discard(hold.part)
 
     def follow_jaws(self) -> bool:
         """Ease the part into its seat as the jaws close; return whether they have let it go."""

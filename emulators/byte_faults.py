@@ -1,0 +1,104 @@
+"""A byte that does not come through as it was sent: lost, doubled, flipped or late.
+
+What every serial wire of the cell may do to a byte. Which bytes, and in which direction, is said
+by whoever plans the fault; chances are drawn from a seed.
+"""
+
+import random
+from dataclasses import dataclass, field
+from enum import Enum
+
+
+class Harm(Enum):
+    """What happens to a byte."""
+
+    LOST = "lost"
+    DOUBLED = "doubled"
+    FLIPPED = "flipped"
+    LATE = "late"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ByteFault:
+    """One harm.
+
+    Attributes
+    ----------
+    harm : what happens
+    bit : which bit is flipped, 0 the lowest
+    late_s : how much later the byte comes, and all that follow it [world s]
+    """
+
+    harm: Harm
+    bit: int = 2
+    late_s: float = 0.05
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.bit <= 7:
+            raise ValueError(f"a byte has the bits 0 to 7, not {self.bit}")
+        if not self.late_s >= 0.0:
+            raise ValueError(f"late by {self.late_s} s: no byte comes before it is sent")
+
+    def apply(self, byte: int) -> list[tuple[int, float]]:
+        """Return what arrives in the byte's place: bytes, each with its delay [world s]."""
+        match self.harm:
+            case Harm.LOST:
+                return []
+            case Harm.DOUBLED:
+                return [(byte, 0.0), (byte, 0.0)]
+            case Harm.FLIPPED:
+                return [(byte ^ 1 << self.bit, 0.0)]
+            case Harm.LATE:
+                return [(byte, self.late_s)]
+
+
+@dataclass(slots=True)
+class LineNoise:
+    """What one direction of a line does to its bytes.
+
+    Attributes
+    ----------
+    planned : faults to come, each with the number of bytes that still pass before it
+    probability : that a byte suffers one of ``harms`` by chance
+    harms : what chance does to bytes, all equally likely
+    rng : draws for chance alone
+    harmed_count : bytes harmed so far
+    """
+
+    planned: list[tuple[int, ByteFault]] = field(default_factory=list)
+    probability: float = 0.0
+    harms: tuple[Harm, ...] = tuple(Harm)
+    rng: random.Random = field(default_factory=lambda: random.Random(0))
+    harmed_count: int = 0
+
+    def plan(self, fault: ByteFault, skip_count: int = 0) -> None:
+        """Let a fault befall the byte after the next ``skip_count``.
+
+        Raises
+        ------
+        ValueError : the count is negative
+        """
+        if skip_count < 0:
+            raise ValueError(f"{skip_count} bytes cannot pass before the fault")
+        self.planned.append((skip_count, fault))
+
+    def pass_on(self, byte: int) -> list[tuple[int, float]]:
+        """Return what arrives of a byte that is sent: bytes, each with its delay [world s]."""
+        fault = self._next_fault()
+        if fault is None:
+            return [(byte, 0.0)]
+        self.harmed_count += 1
+        return fault.apply(byte)
+
+    def _next_fault(self) -> ByteFault | None:
+        found: ByteFault | None = None
+        left: list[tuple[int, ByteFault]] = []
+        for skip_count, fault in self.planned:
+            if skip_count == 0 and found is None:
+                found = fault
+            else:
+                left.append((max(0, skip_count - 1), fault))
+        self.planned = left
+        if found is None and self.probability and self.rng.random() < self.probability:
+            found = ByteFault(harm=self.rng.choice(self.harms), bit=self.rng.randrange(8))
+        return found

@@ -1,0 +1,105 @@
+"""What people and gravity do in the cell: buttons, the door, parts."""
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from emulators.world import truth
+
+from ._plant import Plant
+
+Answer = dict[str, Any]
+
+
+class PeopleAndParts:
+    """Verbs of buttons, doors, supply and parts, on a plant."""
+
+    def __init__(self, plant: Plant) -> None:
+        self._plant = plant
+        self.verbs: Mapping[str, Callable[..., Answer | None]] = {
+            "truth": self._truth,
+            "time": plant.timing,
+            "estop": self._estop,
+            "reset": self._reset,
+            "door": self._door,
+            "supply": self._supply,
+            "acknowledge": self._acknowledge,
+            "drop": self._drop,
+            "place": self._place,
+            "shift": self._shift,
+            "remove": self._remove,
+            "put_back": self._put_back,
+            "lose_part": self._lose_part,
+            "slip": self._slip,
+            "miss": self._miss,
+        }
+
+    def _truth(self) -> Answer:
+        return truth(self._plant.world)
+
+    def _estop(self, *, pressed: bool = True) -> None:
+        if pressed:
+            self._plant.signals.press_estop()
+            self._plant.arm.press_estop()
+        else:
+            self._plant.signals.release_estop()
+
+    def _reset(self) -> Answer:
+        signals = self._plant.signals
+        signals.reset()
+        if signals.is_estop_chain_ok:
+            self._plant.arm.release_estop()
+        return {"chain_ok": signals.is_estop_chain_ok}
+
+    def _door(self, *, closed: bool = False) -> None:
+        self._plant.signals.is_door_closed = closed
+
+    def _supply(self, *, on: bool = False) -> None:
+        self._plant.signals.is_24v_ok = on
+        for lamp in self._plant.lamps.values():
+            lamp.is_supply_on = on
+
+    def _acknowledge(self, *, down: bool) -> None:
+        self._plant.signals.is_operator_acknowledging = down
+
+    def _drop(
+        self,
+        part: int = 0,
+        x_mm: float | None = None,
+        y_mm: float | None = None,
+        rest: int | None = None,
+        theta_deg: float | None = None,
+    ) -> None:
+        theta_rad = None if theta_deg is None else math.radians(theta_deg)
+        self._plant.world.drop(part, x_mm, y_mm, rest, theta_rad)
+
+    def _place(self, T_world_part: list[list[float]], part: int = 0) -> None:
+        self._plant.world.place(part, np.array(T_world_part, dtype=float).reshape(4, 4))
+
+    def _shift(
+        self, part: int = 0, x_mm: float = 0.0, y_mm: float = 0.0, turn_deg: float = 0.0
+    ) -> None:
+        self._plant.world.shift(part, (x_mm, y_mm), math.radians(turn_deg))
+
+    def _remove(self, part: int = 0) -> None:
+        self._plant.world.remove(part)
+
+    def _put_back(self, part: int = 0, gripper: str = "arm") -> None:
+        self._plant.world.put_back(part, _gripper_name(gripper))
+
+    def _lose_part(self, gripper: str = "arm") -> None:
+        self._plant.world.lose_grasp(_gripper_name(gripper))
+
+    def _slip(self, along_mm: float, gripper: str = "arm", turn_deg: float = 0.0) -> None:
+        self._plant.world.slip(_gripper_name(gripper), along_mm, math.radians(turn_deg))
+
+    def _miss(self, gripper: str = "arm") -> None:
+        self._plant.world.miss(_gripper_name(gripper))
+
+
+def _gripper_name(name: str) -> str:
+    if name not in ("arm", "fixture"):
+        raise ValueError(f"gripper {name!r} is neither arm nor fixture")
+    return name

@@ -1,0 +1,85 @@
+"""What verbs need of a cell: its devices, its wires, its world. `emulators._cell.Cell` is one."""
+
+from collections.abc import Mapping
+from typing import Any, Protocol
+
+from emulators.camera_v4l2 import Faults as CameraFaults
+from emulators.gripper_modbus import JawModel, RobotiqDevice
+from emulators.io_modbus import CellSignals, E1214Device
+from emulators.lighting_modbus import AnalogOutput8Device, LampModel, Relay8Device
+from emulators.modbus import Bus
+from emulators.umi_scara import ArmModel, ArmWire
+from emulators.world import World
+
+
+class Network(Protocol):
+    """A Modbus line that is reached over a network."""
+
+    is_reachable: bool
+
+    def drop_connections(self) -> None:
+        """End every connection now."""
+
+
+class Camera(Protocol):
+    """A camera as faults know it."""
+
+    faults: CameraFaults
+
+    @property
+    def is_plugged(self) -> bool:
+        """Whether the camera is there."""
+        ...
+
+
+class CameraPlugs(Protocol):
+    """Where cameras are plugged in."""
+
+    def unplug(self, name: str) -> None:
+        """Pull a camera's cable."""
+
+    def plug(self, name: str) -> str:
+        """Put an unplugged camera back; return its address."""
+        ...
+
+
+class Plant(Protocol):
+    """A cell that faults befall.
+
+    Attributes
+    ----------
+    networks : the lines ``gripper``, ``lights`` and ``io`` that are connections, not cables
+    """
+
+    arm: ArmModel
+    arm_wire: ArmWire
+    jaws: JawModel
+    gripper: RobotiqDevice
+    gripper_bus: Bus
+    analog: AnalogOutput8Device
+    relays: Relay8Device
+    lights_bus: Bus
+    signals: CellSignals
+    io: E1214Device
+    io_bus: Bus
+    world: World
+    camera_plugs: CameraPlugs
+
+    @property
+    def networks(self) -> Mapping[str, Network]:
+        """See the class."""
+        ...
+
+    @property
+    def lamps(self) -> Mapping[str, LampModel]:
+        """By their names in the cell file."""
+        ...
+
+    @property
+    def cameras(self) -> Mapping[str, Camera]:
+        """By their names in the cell file."""
+        ...
+
+    def timing(self) -> dict[str, Any]:
+        """Return how far the world is, and what it has lost."""
+        ...
