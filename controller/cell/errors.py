@@ -15,6 +15,19 @@ class ReleaseRefusedError(CellError):
     """A gripper was to open that alone holds the part: a bug, caught in time."""
 
 
+class PolicyAbortError(CellError):
+    """The fault policy of cell or recipe has the cell abort.
+
+    Attributes
+    ----------
+    code : of the fault
+    """
+
+    def __init__(self, message: str, code: str) -> None:
+        super().__init__(message)
+        self.code = code
+
+
 class PartProblemError(Exception):
     """Something is wrong with the part, not the cell: hold where it is safe; a person has to look.
 
@@ -34,8 +47,12 @@ class PartFaultError(PartProblemError):
     Attributes
     ----------
     fault : which
+    source : the grasp or view that failed, as `machine.budgets` names it; empty if there is none
     """
 
-    def __init__(self, fault: PartFault, message: str) -> None:
-        super().__init__(fault.value, message)
+    def __init__(
+        self, fault: PartFault, message: str, *, source: str = "", code: str | None = None
+    ) -> None:
+        super().__init__(code or fault.value, message)
         self.fault = fault
+        self.source = source

@@ -3,6 +3,7 @@
 from .cad_files import CAD_FORMATS, is_cad_file
 from .cell import EMULATED, Cell, load_cell
 from .errors import ConfigError
+from .faults import FaultsSection
 from .file_kinds import is_cell_file, is_recipe
 from .recipe import Recipe, load_recipe
 from .shipped import EMULATED_CELL, SHIPPED, find_recipe, project_recipe
@@ -15,6 +16,7 @@ __all__ = [
     "SHIPPED",
     "Cell",
     "ConfigError",
+    "FaultsSection",
     "Recipe",
     "Section",
     "find_recipe",

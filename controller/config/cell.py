@@ -11,6 +11,7 @@ from pydantic import AfterValidator, AliasChoices, BeforeValidator, Field, model
 from controller.arrays import FloatArray
 
 from .errors import ConfigError
+from .faults import FaultsSection
 from .file_kinds import is_recipe
 from .yaml_models import Section, WrongKeyError, load_yaml
 
@@ -453,6 +454,7 @@ class Cell(Section):
     trays: TraysSection
     interlocks: InterlocksSection = InterlocksSection()
     accuracy: AccuracySection = AccuracySection()
+    faults: FaultsSection = FaultsSection()
 
     @model_validator(mode="before")
     @classmethod

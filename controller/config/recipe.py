@@ -8,6 +8,7 @@ from pydantic import AfterValidator, AliasChoices, Field, model_validator
 from .cad_files import is_cad_file
 from .characteristics import CharacteristicSection, ToleranceClass
 from .errors import ConfigError
+from .faults import FaultsSection
 from .file_kinds import is_cell_file
 from .files import reason_of
 from .shipped import EMULATED_CELL
@@ -81,6 +82,7 @@ class Recipe(Section):
         aluminium)
     cell : cell file, relative to the recipe (default: `DEFAULT_CELL` beside the recipe, else the
         emulated cell that comes with cellctl)
+    faults : what replaces the cell's policy about faults (`controller.config.faults`)
     """
 
     name: Annotated[str, AfterValidator(_fit_for_a_folder)]
@@ -96,6 +98,7 @@ class Recipe(Section):
         validation_alias=AliasChoices("grasp", "grip"),
         serialization_alias="grip",
     )
+    faults: FaultsSection | None = None
     count: Annotated[int, Field(ge=1, le=100_000)] = 1
 
     @model_validator(mode="before")

@@ -24,8 +24,9 @@ from controller.cell.errors import InterlockError, PartFaultError, PartProblemEr
 from controller.cell.journal import Body, Journal, read_rows
 from controller.cell.journal.rows import HoldNoted, Intent, PathBegun, StoodFree
 from controller.cell.machine import Effect, Event, PartFault
-from controller.cell.services import Disambiguation, Motion, Recoveries
+from controller.cell.services import Disambiguation, Motion, Recoveries, fault_policy
 from controller.cell.services.records import BatchRecord, grasp_of
+from controller.config import FaultsSection
 from controller.inspection import PartVerdict, Verdict
 from controller.planning import Grasp, NoMotionError
 from drivers.clock import CellClock
@@ -46,6 +47,11 @@ def record(journal: Journal) -> BatchRecord:
     made = BatchRecord(journal, Progress(), lambda: None)
     made.begin_part()
     return made
+
+
+def recoveries_of(record: BatchRecord, **faults: Any) -> Recoveries:
+    section = FaultsSection.model_validate(faults)
+    return Recoveries(record, fault_policy(section), CellClock(1000.0))
 
 
 def test_a_state_begins_without_the_label_of_the_one_before(journal: Journal) -> None:
@@ -158,7 +164,7 @@ async def test_an_arm_that_is_boxed_in_goes_back_until_a_path_leads_home(
     await motion.follow((at(1), at(2), at(3)))
     record.part.custody = Custody.LOST
     compute: Any = Paths(1)
-    action = WithdrawAction(compute, motion, gripper, Recoveries(record), record)  # type: ignore[arg-type]
+    action = WithdrawAction(compute, motion, gripper, recoveries_of(record), record)  # type: ignore[arg-type]
     assert await action.run() is Event.WITHDRAWN
     assert arm.been == [0, 1, 2, 3, 2, 1, 100]
     assert gripper.done == ["open fixed"]  # what was lost may hang there, and does not
@@ -170,7 +176,7 @@ async def test_an_arm_that_no_path_leads_home_is_a_persons(record: BatchRecord) 
     await motion.start_from(at(0))
     await motion.follow((at(1),))
     action = WithdrawAction(
-        ANY(path_home=Paths().path_home), motion, Gripper(record), Recoveries(record), record,  # type: ignore[arg-type]
+        ANY(path_home=Paths().path_home), motion, Gripper(record), recoveries_of(record), record,  # type: ignore[arg-type]
     )  # fmt: skip
     with pytest.raises(PartProblemError) as error:
         await action.run()
@@ -225,7 +231,7 @@ async def test_a_part_goes_into_the_tray_its_verdict_names(
     assert (part.tray, part.custody) == (tray, Custody.PLACED)
     assert arm.been == [trays[tray], 0]
     # it is looked at before it is let go, not after
-    assert gripper.done == ["check", f"sort {{'tray': '{tray}'}}"]
+    assert gripper.done == ["check", "check", f"sort {{'tray': '{tray}'}}"]
 
 
 async def test_the_lamps_stay_on_until_the_last_part_is_done(record: BatchRecord) -> None:
@@ -267,14 +273,14 @@ async def test_an_abort_writes_down_which_device_confirmed_it(
 
 def test_an_effect_without_an_action_is_known_before_anything_moves(record: BatchRecord) -> None:
     with pytest.raises(ValueError, match="no action for abort_motion"):
-        Actions(dict.fromkeys(list(Effect)[:2], ANY()), Recoveries(record))
+        Actions(dict.fromkeys(list(Effect)[:2], ANY()), recoveries_of(record))
 
 
 async def test_a_part_fault_leads_where_its_recovery_action_says(record: BatchRecord) -> None:
     async def fail() -> Event:
         raise PartFaultError(PartFault.GRASP_MISSED, "on nothing")
 
-    actions = Actions(dict.fromkeys(Effect, ANY(run=fail)), Recoveries(record))
+    actions = Actions(dict.fromkeys(Effect, ANY(run=fail)), recoveries_of(record))
     events = [await actions.perform(Effect.GRASP) for _ in range(2)]
     assert events == [Event.GRASP_MISSED] * 2
     with pytest.raises(PartProblemError, match="waits for you"):
@@ -282,7 +288,7 @@ async def test_a_part_fault_leads_where_its_recovery_action_says(record: BatchRe
 
 
 def test_a_drop_that_two_notice_is_booked_once(record: BatchRecord) -> None:
-    recoveries = Recoveries(record)
+    recoveries = recoveries_of(record)
     for words in ("by the jaws", "by the keep-alive"):
         recoveries.book(PartFaultError(PartFault.DROPPED, words))
     assert [one.reason for one in record.part.recoveries] == ["by the jaws"]

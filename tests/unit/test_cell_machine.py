@@ -43,7 +43,7 @@ aborting: abort_done>aborted
 clearing: clear_done>stopped fault>aborting
 execute_acquiring: picture_taken>execute_recognising
     part_problem>holding stop>stopping fault>aborting
-execute_recognising: part_recognised>execute_planning
+execute_recognising: part_recognised>execute_planning part_not_seen>execute_acquiring
     part_problem>holding stop>stopping fault>aborting
 execute_planning: planned>execute_grasping planned_on>execute_presenting
     part_dropped>execute_withdrawing part_problem>holding stop>stopping fault>aborting

@@ -47,4 +47,6 @@ class Actions:
         try:
             return await self._by_effect[effect].run()
         except PartFaultError as error:
-            return self._recoveries.book(error).event
+            action = self._recoveries.book(error)
+        await self._recoveries.wait(action)
+        return action.event

@@ -64,18 +64,40 @@ class PlanAction:
         start = await self._start()
         try:
             await self.preparation.wait()
-            plan = await self.compute.plan(
-                start, part.in_sight, frozenset(part.avoid), part.alternatives
-            )
+            plan = await self._plan(start)
         except NoPlanError as error:
             return self._keep_plan(error, start, before)
-        is_more = part.recoveries and part.recoveries[-1].fault is PartFault.SEEN_TOO_LITTLE
+        is_more = (
+            part.parked is None
+            and part.recoveries
+            and part.recoveries[-1].fault is PartFault.SEEN_TOO_LITTLE
+        )
         if is_more and await self.compute.surface_share(_new(plan, part.in_sight)) < WORTH_SHARE:
             return Event.PLANNED_ON  # the new plan would gain too little: finish the old one
         part.plan, part.next_step = plan, 0
         part.plan_count += 1
         self.record.note(plan_row(plan))
         return Event.PLANNED if isinstance(start, OnTable) else Event.PLANNED_ON
+
+    async def _plan(self, start: Start) -> Plan:
+        """Return a plan without the grasps that have failed; with those of other parts, if need be.
+
+        Raises
+        ------
+        NoPlanError : there is none
+        """
+        part, avoided = self.record.part, self.record.budgets.grasps
+        own = frozenset(part.avoid)
+        for avoid in (own | avoided, own):
+            try:
+                if part.parked is not None:
+                    return await self.compute.plan_to_trays(start, avoid)
+                return await self.compute.plan(start, part.in_sight, avoid, part.alternatives)
+            except NoPlanError:
+                if avoid == own:
+                    raise
+                log.info("no plan without %s: with them after all", ", ".join(sorted(avoided)))
+        raise AssertionError("the second try returns or raises")
 
     async def _start(self) -> Start:
         """Return which gripper or table has the part, as measured."""
@@ -103,6 +125,11 @@ class PlanAction:
 
         After a failed hand-off the arm stands where that step began, so it can be tried again.
         """
+        parked = self.record.part.parked
+        if parked is not None:
+            raise PartProblemError(
+                parked.fault.value, f"{parked.reason}; the part cannot be parked: {error}"
+            ) from error
         if isinstance(start, OnTable) or before is None:
             raise PartProblemError("no_plan", str(error)) from error
         log.info("no new plan (%s): on with the one there was", error)

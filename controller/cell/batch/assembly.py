@@ -33,7 +33,7 @@ from ..compute import Compute
 from ..devices import Devices
 from ..devices.stopping import Stopping
 from ..journal import Journal
-from ..machine import Effect
+from ..machine import Budgets, Effect
 from ..services import (
     CameraName,
     Disambiguation,
@@ -45,7 +45,10 @@ from ..services import (
     PlanSteps,
     Preparation,
     Recoveries,
+    Retries,
     Views,
+    fault_policy,
+    faults_section,
 )
 from ..services.records import BatchRecord, Progress
 from .dispatcher import Dispatcher
@@ -104,12 +107,16 @@ def assemble(
         "inspection": devices.inspection,
     }
 
-    record = BatchRecord(journal, progress, on_progress)
+    faults = faults_section(cell, recipe)
+    budgets = Budgets(faults.demote_after, faults.window)
+    record = BatchRecord(journal, progress, on_progress, budgets)
     motion = Motion(arm, io, clock, record.note)
     steps = PlanSteps(record, motion, clock)
-    grippers = Grippers(arm, gripper, io, record, recipe)
-    imaging = Imaging(lights, cameras, quick, folder, record.note_file)
-    recoveries = Recoveries(record)
+    policy = fault_policy(faults)
+    retries = Retries(record, policy, clock)
+    grippers = Grippers(arm, gripper, io, record, recipe, retries)
+    imaging = Imaging(lights, cameras, quick, folder, record.note_file, retries)
+    recoveries = Recoveries(record, policy, clock)
     views = Views(record, compute, layout)
     held_pose = HeldPose(record, views, motion, imaging, compute, recoveries, layout)
     preparation = Preparation(compute)
@@ -127,7 +134,13 @@ def assemble(
             steps, motion, grippers, imaging, views, Disambiguation(compute, record), record
         ),
         Effect.INSPECT: InspectAction(
-            compute, steps, views, held_pose, record, PartFile(cell, layout, recipe, folder)
+            compute,
+            steps,
+            views,
+            held_pose,
+            record,
+            recoveries,
+            PartFile(cell, layout, recipe, folder),
         ),
         Effect.HAND_OFF: HandOffAction(steps, motion, grippers, record, layout),
         Effect.SET_DOWN: SetDownAction(steps, motion, grippers, record),

@@ -17,7 +17,7 @@ from drivers.errors import ArmStalledError, DeviceError, SilentLineError
 from ..actions import Actions
 from ..custody import where_it_is
 from ..devices.stopping import Stopping
-from ..errors import CellError, PartProblemError
+from ..errors import CellError, PartProblemError, PolicyAbortError
 from ..journal import Journal, JournalError, rows
 from ..machine import CellMachine, Decision, Effect, Event
 from ..services.records import BatchRecord
@@ -215,6 +215,8 @@ class Dispatcher:
             return _Note(Event.PART_PROBLEM, effect, str(problem), problem.code)
         except ArmStalledError as error:
             return _Note(Event.FAULT, effect, _explain_stall(error), "stall")
+        except PolicyAbortError as error:
+            return _Note(Event.FAULT, effect, str(error), error.code)
         except SilentLineError as error:
             return _Note(Event.FAULT, effect, f"in step {effect.value}: {error}", _code_of(error))
         except (DeviceError, CellError, JournalError, OSError) as error:

@@ -12,7 +12,7 @@ from drivers.kinds import FixedGripper, Hold, IoBlock, Signal
 
 from ..custody import Custody
 from ..devices.interlocks import REQUIRED_SIGNALS
-from ..errors import PartProblemError
+from ..errors import PartProblemError, PolicyAbortError
 from ..machine import Event
 from ..services import Grippers, Recoveries
 from ..services.records import BatchRecord
@@ -121,6 +121,9 @@ class FixedGripperWatcher:
                 is_lost = await self._book_loss()
             except PartProblemError as problem:
                 report(Event.PART_PROBLEM, str(problem), problem.code)
+                return
+            except PolicyAbortError as error:
+                report(Event.FAULT, str(error), error.code)
                 return
             if is_lost:
                 report(Event.PART_DROPPED)

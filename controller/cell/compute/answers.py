@@ -95,6 +95,25 @@ def plan(
     return planning.plan_from(prepared, layout, start, seen=seen, avoid=avoid)
 
 
+def plan_to_trays(job: Job, start: Start, avoid: frozenset[str]) -> Plan:
+    """Return a plan that brings the part to a tray and shows nothing on the way.
+
+    Parameters
+    ----------
+    job : which recipe on which cell
+    start : where the part is
+    avoid : ids of grasps that have failed
+
+    Raises
+    ------
+    NoPlanError : no path leads to the trays; the message gives the reason
+    """
+    prepared = _prepared(job)
+    nothing_left = np.ones(len(prepared.samples.points_mm), dtype=bool)
+    layout = context(job).layout
+    return planning.plan_from(prepared, layout, start, seen=nothing_left, avoid=avoid)
+
+
 def _hypotheses(
     job: Job, alternatives: tuple[recognising.Alternative, ...]
 ) -> list[TableHypothesis]:

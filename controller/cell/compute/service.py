@@ -46,6 +46,7 @@ class Compute:
     prepare = Question(answers.prepare)
     recognise = Question(answers.recognise)
     plan = Question(answers.plan)
+    plan_to_trays = Question(answers.plan_to_trays)
     identify = Question(answers.identify)
     path_home = Question(answers.path_home)
     inspect = Question(answers.inspect)

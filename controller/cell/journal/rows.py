@@ -593,6 +593,30 @@ class RecoveryBegun(Body):
     action: str = Field(alias="remedy")
     number: int = 0
     custody: str = ""
+    act: str = ""
+    source: str = ""
+
+
+class SourceDemoted(Body):
+    """A grasp or view has failed so often that the rest of the batch avoids it."""
+
+    kind = "decision"
+    row_name = "demoted"
+    source: str
+    failures: int
+    uses: int
+    reason: str = ""
+
+
+class DeviceRetried(Body):
+    """A picture, a lamp or a reading did not come; it is tried again after a while [cell s]."""
+
+    kind = "decision"
+    row_name = "device_retried"
+    device: str
+    error: str
+    number: int
+    delay_s: float = 0.0
 
 
 class GraspAvoided(Body):
@@ -741,6 +765,7 @@ ROWS: Final[Mapping[tuple[str, str], type[Body]]] = {
         StopNotConfirmed, Openings, TablePictures, Sightings, ViewPicturesTaken, ViewJudged,
         PartMeasured, PartFindings, FilesStored, PartInspected,
         PlanMade, PlanKept, RecoveryBegun, AmbiguityResolved, PartJudged, StartRefused,
+        SourceDemoted, DeviceRetried,
         QuestionRaised, QuestionAnswered, PathBegun, StoodFree, PositionsTakenOver, HoldNoted,
         GraspAvoided, RecoveryProposed, PartResumed,
     )

@@ -1,21 +1,27 @@
 """What the cell decides, without I/O: its next state, and which part faults it recovers from.
 
-`table.py` has states, events and effects; `machine.py` decides by it; `recovery.py` is the recovery
-policy; `diagram.py` draws docs/state-machine.md.
+`table.py` has states, events and effects; `machine.py` decides by it; `recovery.py` is the fault
+policy, `budgets.py` what a batch learns of its grasps and views; `diagram.py` draws
+docs/state-machine.md.
 """
 
+from .budgets import GRASP, VIEW, Budgets, Demotion
 from .machine import CellMachine, Decision, Transition
 from .recovery import (
+    BACK,
+    ENDS,
     LEARNT,
-    RECOVERY_ACTIONS,
-    TRIES_IN_ALL,
-    TRIES_PER_KIND,
+    PARKING,
+    STILL_HELD,
     WORTH_SHARE,
+    Act,
+    FaultPolicy,
     PartFault,
     Recovery,
-    RecoveryAction,
+    Rung,
+    decide,
     is_held_otherwise,
-    recovery_for,
+    next_rung,
 )
 from .table import (
     COMMANDS,
@@ -32,28 +38,36 @@ from .table import (
 )
 
 __all__ = [
+    "BACK",
     "COMMANDS",
+    "ENDS",
     "ENTRY",
     "EXECUTE",
+    "GRASP",
     "IGNORED",
     "LEARNT",
-    "RECOVERY_ACTIONS",
+    "PARKING",
     "RESTING",
     "SEPARATOR",
     "STAGES",
     "STATES",
+    "STILL_HELD",
     "TABLE",
-    "TRIES_IN_ALL",
-    "TRIES_PER_KIND",
+    "VIEW",
     "WORTH_SHARE",
+    "Act",
+    "Budgets",
     "CellMachine",
     "Decision",
+    "Demotion",
     "Effect",
     "Event",
+    "FaultPolicy",
     "PartFault",
     "Recovery",
-    "RecoveryAction",
+    "Rung",
     "Transition",
+    "decide",
     "is_held_otherwise",
-    "recovery_for",
+    "next_rung",
 ]

@@ -1,8 +1,9 @@
-"""The recovery policy: which faults of a part the cell recovers from by itself, and how often.
+"""The fault policy as data, and the decision by it: what to do about a part fault, how often.
 
-Plain decisions, no device. The recovery action of a part fault is one event of the table; planning
-then starts from the gripper or table that has the part, and leaves out what has been seen
-(planning-facts.md 5). After too many tries the cell holds for a person.
+Plain decisions, no device. Each class of fault has a ladder of actions; each is taken so many
+times for one part, the last one ends the matter. An action that goes on is one event of the table;
+planning then starts from the gripper or table that has the part, and leaves out what has been seen
+(planning-facts.md 5). The policy itself comes from the cell file and the recipe.
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,8 +15,6 @@ import numpy as np
 
 from .table import Event
 
-TRIES_PER_KIND: Final = 2
-TRIES_IN_ALL: Final = 6
 # How far a part may be from its planned grasp before paths and hand-offs are planned anew. A
 # planned grasp tolerates 1 mm and 2 degrees (planning-facts.md 2.2); inspection takes more than
 # 4 mm for a slip.
@@ -31,72 +30,131 @@ class PartFault(StrEnum):
     GRASP_MISSED = "grip_missed"
     GRASP_WRONG = "grip_wrong"
     DROPPED = "part_lost"
+    NOT_SEEN = "part_not_seen"
     HOLD_NOT_SEEN = "hold_not_seen"
     HELD_OTHERWISE = "held_otherwise"
     HAND_OFF_FAILED = "hand_off_failed"
     RECEIVE_FAILED = "take_back_failed"
     SEEN_TOO_LITTLE = "seen_too_little"
 
+    @property
+    def policy_key(self) -> str:
+        """Its name in the section `faults` of recipe and cell files."""
+        return self.name.lower()
+
+
+class Act(StrEnum):
+    """An action of the policy; the value is its name in recipe and cell files."""
+
+    RETRY = "retry"
+    RE_POSE = "re_pose"
+    REGRASP = "regrasp"
+    OTHER_VIEW = "other_view"
+    SKIP = "skip_characteristic"
+    PARK = "park_part"
+    HOLD = "hold"
+    ABORT = "abort"
+
+
+ENDS: Final = frozenset({Act.SKIP, Act.PARK, Act.HOLD, Act.ABORT})
+
 
 @dataclass(frozen=True, slots=True)
-class RecoveryAction:
-    """A recovery action: what leads back to the work after a part fault.
+class Rung:
+    """One action of a ladder.
 
     Attributes
     ----------
-    event : leads to the state that does it
-    words : for the operator
-    tries : how often for one part
+    act : the action
+    times : how often for one part
+    delay_s : wait so long before it [cell s]
     """
 
-    event: Event
-    words: str
-    tries: int = TRIES_PER_KIND
+    act: Act
+    times: int = 1
+    delay_s: float = 0.0
 
 
-RECOVERY_ACTIONS: Final[Mapping[PartFault, RecoveryAction]] = {
-    PartFault.GRASP_MISSED: RecoveryAction(Event.GRASP_MISSED, "looking at the table again"),
-    PartFault.GRASP_WRONG: RecoveryAction(Event.GRASP_MISSED, "looking at the table again"),
-    PartFault.DROPPED: RecoveryAction(Event.PART_DROPPED, "looking where the part has fallen"),
-    PartFault.HOLD_NOT_SEEN: RecoveryAction(
-        Event.PART_DROPPED, "looking for the part on the table"
-    ),
-    PartFault.HELD_OTHERWISE: RecoveryAction(
-        Event.PLAN_VOID, "planning on from the grasp as measured", 4
-    ),
-    PartFault.HAND_OFF_FAILED: RecoveryAction(Event.PLAN_VOID, "planning on from the arm gripper"),
-    PartFault.RECEIVE_FAILED: RecoveryAction(Event.PLAN_VOID, "planning on from the fixed gripper"),
-    PartFault.SEEN_TOO_LITTLE: RecoveryAction(
-        Event.PLAN_VOID, "planning what is still to be shown", 1
-    ),
+@dataclass(frozen=True, slots=True)
+class FaultPolicy:
+    """What the cell does about each class of fault.
+
+    Attributes
+    ----------
+    ladders : actions by name of the class; the last of each ends the matter
+    times_in_all : recoveries of one part, those of `LEARNT` aside
+    """
+
+    ladders: Mapping[str, tuple[Rung, ...]]
+    times_in_all: int
+
+
+# The event that leads back to the work, and in words where to.
+BACK: Final[Mapping[PartFault, tuple[Event, str]]] = {
+    PartFault.GRASP_MISSED: (Event.GRASP_MISSED, "looking at the table again"),
+    PartFault.GRASP_WRONG: (Event.GRASP_MISSED, "looking at the table again"),
+    PartFault.DROPPED: (Event.PART_DROPPED, "looking where the part has fallen"),
+    PartFault.NOT_SEEN: (Event.PART_NOT_SEEN, "looking at the table once more"),
+    PartFault.HOLD_NOT_SEEN: (Event.PART_DROPPED, "looking for the part on the table"),
+    PartFault.HELD_OTHERWISE: (Event.PLAN_VOID, "planning on from the grasp as measured"),
+    PartFault.HAND_OFF_FAILED: (Event.PLAN_VOID, "planning on from the arm gripper"),
+    PartFault.RECEIVE_FAILED: (Event.PLAN_VOID, "planning on from the fixed gripper"),
+    PartFault.SEEN_TOO_LITTLE: (Event.PLAN_VOID, "planning what is still to be shown"),
 }
-
-# These are measurements rather than failures: they do not count towards TRIES_IN_ALL.
+PARKING: Final = (Event.PLAN_VOID, "parking the part in the quarantine tray")
+# Faults in which a gripper still has the part and its pose in it is known: it may be parked.
+STILL_HELD: Final = frozenset(
+    {
+        PartFault.HELD_OTHERWISE,
+        PartFault.HAND_OFF_FAILED,
+        PartFault.RECEIVE_FAILED,
+        PartFault.SEEN_TOO_LITTLE,
+    }
+)
+# These are measurements rather than failures: they do not count towards `times_in_all`.
 LEARNT: Final = frozenset({PartFault.HELD_OTHERWISE, PartFault.SEEN_TOO_LITTLE})
 
 
 @dataclass(frozen=True, slots=True)
 class Recovery:
-    """A part fault that the cell set out to recover from."""
+    """A part fault, and what the cell did about it: the first outcome stays on record."""
 
     fault: PartFault
     reason: str
+    act: Act = Act.RE_POSE
 
 
-def recovery_for(fault: PartFault, past: Sequence[Recovery]) -> RecoveryAction | None:
-    """Return the recovery action for a part fault; None where the tries are used up.
+def next_rung(ladder: Sequence[Rung], done_count: int) -> Rung:
+    """Return the action of a ladder after so many have been taken; the last one from then on."""
+    for rung in ladder[:-1]:
+        if done_count < rung.times:
+            return rung
+        done_count -= rung.times
+    return ladder[-1]
+
+
+def decide(
+    policy: FaultPolicy, fault: PartFault, past: Sequence[Recovery], *, is_parked: bool = False
+) -> Rung:
+    """Return what to do about a part fault.
 
     Parameters
     ----------
-    fault : to recover from
+    policy : of the cell and the recipe
+    fault : to decide on
     past : recoveries of the same part
+    is_parked : the part is on its way to the quarantine tray already: what would park it holds
     """
-    action = RECOVERY_ACTIONS[fault]
+    ladder = policy.ladders[fault.policy_key]
+    end = ladder[-1]
+    if end.act is Act.PARK and (is_parked or fault not in STILL_HELD):
+        end = Rung(Act.HOLD)
     tried = sum(one.fault is fault for one in past)
     in_all = sum(one.fault not in LEARNT for one in past)
-    if tried >= action.tries or (in_all >= TRIES_IN_ALL and fault not in LEARNT):
-        return None
-    return action
+    if in_all >= policy.times_in_all and fault not in LEARNT:
+        return end
+    rung = next_rung(ladder, tried)
+    return end if rung.act in ENDS else rung
 
 
 def is_held_otherwise(shift_mm: float, turn_rad: float) -> bool:

@@ -28,6 +28,7 @@ class Event(StrEnum):
     SET_DOWN_DUE = "set_down_due"
     SET_DOWN = "set_down"
     PART_DROPPED = "part_dropped"
+    PART_NOT_SEEN = "part_not_seen"
     WITHDRAWN = "withdrawn"
     PLAN_VOID = "plan_void"
     ALL_SEEN = "all_seen"
@@ -138,6 +139,8 @@ TABLE: Final[tuple[tuple[Event, tuple[str, ...], str], ...]] = (
     # In these states no gripper should have a part: a person took it, or custody is wrong.
     (Event.PART_DROPPED, ("resetting", "completing"), "holding"),
     (Event.WITHDRAWN, (state_of_stage("withdrawing"),), state_of_stage("acquiring")),
+    # A part that was lost may still be rolling: pictures again before anybody is called.
+    (Event.PART_NOT_SEEN, (state_of_stage("recognising"),), state_of_stage("acquiring")),
     # The part is held otherwise than planned, or less of it was in sight than planned.
     (
         Event.PLAN_VOID,

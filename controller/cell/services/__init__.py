@@ -8,9 +8,10 @@ from .grippers import Grippers
 from .imaging import CameraName, Imaging
 from .motion import Motion
 from .preparation import Preparation
-from .recoveries import Recoveries
+from .recoveries import Recoveries, fault_policy, faults_section
+from .retries import Retries
 from .steps import PlanSteps
-from .views import INPUTS, Disambiguation, HeldPose, PartFile, Views
+from .views import INPUTS, Disambiguation, HeldPose, PartFile, Views, plain_name
 
 __all__ = [
     "INPUTS",
@@ -24,5 +25,9 @@ __all__ = [
     "PlanSteps",
     "Preparation",
     "Recoveries",
+    "Retries",
     "Views",
+    "fault_policy",
+    "faults_section",
+    "plain_name",
 ]

@@ -4,13 +4,14 @@ from controller.cell.custody import Custody
 from controller.cell.custody.release_guard import LOST_MM, NOTHING_MM, ReleaseGuard
 from controller.cell.errors import PartFaultError
 from controller.cell.journal.rows import Intent, Once
-from controller.cell.machine import PartFault
+from controller.cell.machine import GRASP, PartFault
 from controller.config import Recipe
 from controller.planning import JointPath
 from drivers.kinds import Arm, FixedGripper, GraspReading, Hold, IoBlock
 
 from .motion import rounded
 from .records import BatchRecord
+from .retries import Retries
 
 
 class Grippers:
@@ -21,11 +22,19 @@ class Grippers:
     arm, fixed, io : the devices; the light barrier of the fixed gripper is an input of ``io``
     record : has the custody of the part
     recipe : has the force, and the tolerance of an opening
+    retries : what is done about a reading that does not come
     """
 
     def __init__(
-        self, arm: Arm, fixed: FixedGripper, io: IoBlock, record: BatchRecord, recipe: Recipe
+        self,
+        arm: Arm,
+        fixed: FixedGripper,
+        io: IoBlock,
+        record: BatchRecord,
+        recipe: Recipe,
+        retries: Retries,
     ) -> None:
+        self._retries = retries
         self._arm = arm
         self._fixed = fixed
         self._record = record
@@ -59,7 +68,7 @@ class Grippers:
         intent = Intent(name=Once.RELEASE_ARM, open_mm=opening_mm, retreat=rounded(retreat))
         async with self._record.once(intent):
             await self.open_arm(opening_mm)
-        self._record.part.hold = None
+        self._end_hold()
 
     async def let_go(self, intent: Intent, opening_mm: float, retreat: JointPath) -> None:
         """Open the arm gripper where the part is meant to stay: on the table, over its tray.
@@ -73,6 +82,12 @@ class Grippers:
         more = {"open_mm": opening_mm, "retreat": rounded(retreat)}
         async with self._record.once(intent.model_copy(update=more)):
             await self._guard.open_arm(opening_mm, self._record.part.custody, lets_go=True)
+        self._end_hold()
+
+    def _end_hold(self) -> None:
+        """Count a grasp of the arm gripper that lasted until its release."""
+        if self._record.part.hold is not None:
+            self._record.budgets.succeed(GRASP + self._record.part.hold.grasp.id)
         self._record.part.hold = None
 
     async def open_fixed(self, opening_mm: float | None = None) -> None:
@@ -103,6 +118,8 @@ class Grippers:
         intent = Intent(name=Once.RELEASE_FIXED, open_mm=opening_mm, retreat=rounded(retreat))
         async with self._record.once(intent):
             await self.open_fixed(opening_mm)
+        if self._record.part.fixed_grasp is not None:
+            self._record.budgets.succeed(GRASP + self._record.part.fixed_grasp.id)
         self._record.part.fixed_grasp = None
 
     async def close_arm(self, action: Once, expected_mm: float, retreat: JointPath = ()) -> float:
@@ -138,6 +155,7 @@ class Grippers:
         if opening_mm >= hold.opening_mm - LOST_MM and opening_mm >= NOTHING_MM:
             return
         self._record.part.hold = None
+        source = GRASP + hold.grasp.id
         message = (
             f"the part is gone from the arm gripper: jaws at {opening_mm:.1f} mm, "
             f"{hold.opening_mm:.1f} mm while it was held"
@@ -146,13 +164,14 @@ class Grippers:
             await self._record.set_custody(
                 Custody.IN_FIXED, f"jaws of the arm gripper at {opening_mm:.1f} mm"
             )
-            raise PartFaultError(PartFault.RECEIVE_FAILED, message)
+            raise PartFaultError(PartFault.RECEIVE_FAILED, message, source=source)
         await self._record.set_custody(Custody.LOST, f"jaws at {opening_mm:.1f} mm")
-        raise PartFaultError(PartFault.DROPPED, message)
+        raise PartFaultError(PartFault.DROPPED, message, source=source)
 
     async def does_fixed_hold(self) -> bool:
         """Return whether the fixed gripper itself confirms that it holds something."""
-        return (await self._fixed.hold()) is Hold.HELD
+        found = await self._retries.run("gripper", "fixed gripper", self._fixed.hold)
+        return found is Hold.HELD
 
     async def require_fixed_holds(self) -> None:
         """Check that the fixed gripper, which alone has the part, still holds it.
@@ -166,13 +185,18 @@ class Grippers:
 
     async def lose_from_fixed(self) -> PartFaultError:
         """Record that the part left the fixed gripper, which alone had it; return the fault."""
-        self._record.part.fixed_grasp = None
+        grasp, self._record.part.fixed_grasp = self._record.part.fixed_grasp, None
         await self._record.set_custody(Custody.LOST, "at the fixed gripper")
-        return PartFaultError(PartFault.DROPPED, "the part left the fixed gripper")
+        return PartFaultError(
+            PartFault.DROPPED,
+            "the part left the fixed gripper",
+            source="" if grasp is None else GRASP + grasp.id,
+        )
 
     async def openings_mm(self) -> tuple[float, float]:
         """Return the openings of the arm gripper and of the fixed gripper [mm]."""
-        return await self._arm.read_opening_mm(), (await self._fixed.status()).opening_mm
+        status = await self._retries.run("gripper", "fixed gripper", self._fixed.status)
+        return await self._arm.read_opening_mm(), status.opening_mm
 
     @property
     def is_something_in_fixed(self) -> bool:

@@ -2,6 +2,7 @@
 
 import asyncio
 import hashlib
+import logging
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Literal
@@ -10,7 +11,12 @@ import cv2
 import numpy as np
 
 from controller.arrays import Grey
-from drivers.kinds import Camera, LampUnit
+from drivers.errors import LinkError
+from drivers.kinds import Camera, Frame, LampUnit
+
+from .retries import Retries
+
+log = logging.getLogger(__name__)
 
 CameraName = Literal["overhead", "inspection"]
 
@@ -28,6 +34,7 @@ class Imaging:
     quick : cameras whose stream starts at once, so that it is paused between pictures
     folder : of the run; pictures go to its ``pictures``
     on_stored : called with the file and the SHA-256 of each picture that is stored
+    retries : what is done about a lamp or a camera that fails; None for nothing
     """
 
     def __init__(
@@ -37,11 +44,13 @@ class Imaging:
         quick: frozenset[CameraName],
         folder: Path,
         on_stored: Callable[[str, str], None] = lambda file, digest: None,
+        retries: Retries | None = None,
     ) -> None:
         self._lights = lights
         self._cameras = cameras
         self._quick = quick
         self._folder = folder
+        self._retries = retries
         self._on_stored = on_stored
 
     async def shoot(self, camera: CameraName, lamps: Mapping[str, float]) -> Grey:
@@ -54,26 +63,47 @@ class Imaging:
 
         Raises
         ------
-        DeviceError : a lamp does not confirm, or no frame comes
+        DeviceError : a lamp does not confirm, or no frame comes, as often as the policy has it
         """
         everything = dict.fromkeys(self._lights.names, 0.0) | dict(lamps)
-        lit_at_s = await self._lights.set(everything, settle=True)
+
+        async def light() -> float:
+            return await self._lights.set(everything, settle=True)
+
         device = self._cameras[camera]
-        if device.is_paused:
-            await device.resume()
-        try:
-            frame = await device.frame_after(lit_at_s, LOOK_TIMEOUT_S)
-        finally:
-            if camera in self._quick:
-                await device.pause()
+
+        async def connect_again() -> None:
+            await device.close()
+            await device.connect()
+
+        if self._retries is None:
+            frame = await self._take(camera, await light())
+        else:
+            lit_at_s = await self._retries.run("lights", "lights", light)
+            frame = await self._retries.run(
+                "camera", camera, lambda: self._take(camera, lit_at_s), connect_again
+            )
         image = frame.image
         if image.dtype != np.uint8:
             image = (image.astype(np.float32) * (255.0 / frame.white)).astype(np.uint8)
         return np.ascontiguousarray(image)
 
+    async def _take(self, camera: CameraName, lit_at_s: float) -> Frame:
+        device = self._cameras[camera]
+        if device.is_paused:
+            await device.resume()
+        try:
+            return await device.frame_after(lit_at_s, LOOK_TIMEOUT_S)
+        finally:
+            if camera in self._quick:
+                await self.pause(camera)
+
     async def pause(self, camera: CameraName) -> None:
-        """Stop a camera's stream; the next picture starts it again."""
-        await self._cameras[camera].pause()
+        """Stop a camera's stream; the next picture starts it again. One that is gone has none."""
+        try:
+            await self._cameras[camera].pause()
+        except LinkError as error:
+            log.info("%s camera: not paused: %s", camera, error)
 
     async def all_dark(self) -> None:
         """Switch every lamp off."""

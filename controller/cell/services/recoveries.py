@@ -1,60 +1,154 @@
-"""Decides whether the cell recovers from a part fault once more, and journals that."""
+"""Applies the fault policy to the part at hand, journals what it decides, and learns from it."""
 
-from controller.cell.errors import PartFaultError, PartProblemError
-from controller.cell.journal.rows import RecoveryBegun
+from dataclasses import dataclass
+
+from controller.cell.errors import PartFaultError, PartProblemError, PolicyAbortError
+from controller.cell.journal.rows import RecoveryBegun, SourceDemoted
 from controller.cell.machine import (
-    RECOVERY_ACTIONS,
+    BACK,
+    GRASP,
+    PARKING,
+    Act,
+    Event,
+    FaultPolicy,
     PartFault,
     Recovery,
-    RecoveryAction,
-    recovery_for,
+    Rung,
+    decide,
 )
+from controller.config import Cell, FaultsSection, Recipe
+from drivers.clock import CellClock
 
 from .records import BatchRecord
 
 
-class Recoveries:
-    """The recovery policy, applied to the part at hand."""
+@dataclass(frozen=True, slots=True)
+class RecoveryAction:
+    """What leads back to the work after a part fault.
 
-    def __init__(self, record: BatchRecord) -> None:
+    Attributes
+    ----------
+    event : leads to the state that does it
+    words : for the operator
+    delay_s : wait so long first [cell s]
+    """
+
+    event: Event
+    words: str
+    delay_s: float = 0.0
+
+
+def faults_section(cell: Cell, recipe: Recipe) -> FaultsSection:
+    """Return the cell's section about faults, with what the recipe states in its place."""
+    return cell.faults if recipe.faults is None else cell.faults.replaced_by(recipe.faults)
+
+
+def fault_policy(section: FaultsSection) -> FaultPolicy:
+    """Return the policy that a section `faults` describes."""
+    ladders = {
+        name: tuple(Rung(Act(step.do), step.times, step.delay_s) for step in value)
+        for name in FaultsSection.model_fields
+        if isinstance(value := getattr(section, name), tuple)
+    }
+    return FaultPolicy(ladders, section.times_in_all)
+
+
+class Recoveries:
+    """The fault policy, applied to the part at hand.
+
+    Parameters
+    ----------
+    record : of the batch; keeps what was recovered from, and what the batch learns
+    policy : of the cell and the recipe
+    clock : of the cell
+    """
+
+    def __init__(self, record: BatchRecord, policy: FaultPolicy, clock: CellClock) -> None:
         self._record = record
+        self._policy = policy
+        self._clock = clock
         self._is_drop_booked = False
 
+    def decision(self, fault: PartFault) -> Act:
+        """Return what would be done about a fault of the part at hand."""
+        return self._decide(fault).act
+
     def may_recover(self, fault: PartFault) -> bool:
-        """Return whether a fault of this kind would be recovered from."""
-        return recovery_for(fault, self._record.part.recoveries) is not None
+        """Return whether the work would go on after a fault, other than to a parked part."""
+        return self.decision(fault) not in (Act.PARK, Act.HOLD, Act.ABORT)
+
+    def _decide(self, fault: PartFault) -> Rung:
+        part = self._record.part
+        return decide(self._policy, fault, part.recoveries, is_parked=part.parked is not None)
 
     def book(self, error: PartFaultError) -> RecoveryAction:
-        """Return the recovery action for a fault, and journal it.
+        """Return the recovery action for a fault; journal it and count it against its source.
 
         Raises
         ------
-        PartProblemError : it has been tried often enough
+        PartProblemError : the policy ends here: the cell holds
+        PolicyAbortError : the policy ends here: the cell aborts
         """
         part = self._record.part
         if error.fault is PartFault.DROPPED and self._is_drop_booked:
-            return RECOVERY_ACTIONS[error.fault]  # both grippers may report the same drop
-        action = recovery_for(error.fault, part.recoveries)
-        if action is None:
-            raise PartProblemError(
-                error.code,
-                f"{error} (the cell has recovered {len(part.recoveries)} times with this part "
-                "and now waits for you)",
-            ) from error
+            return RecoveryAction(*BACK[error.fault])  # both grippers may report the same drop
+        self._learn(error)
+        rung = self._decide(error.fault)
+        if rung.act in (Act.HOLD, Act.ABORT):
+            ended = f"{error} (the cell has recovered {len(part.recoveries)} times with this part"
+            if rung.act is Act.ABORT:
+                raise PolicyAbortError(f"{ended}; its policy ends in a stop)", error.code)
+            raise PartProblemError(error.code, f"{ended} and now waits for you)") from error
         self._is_drop_booked = error.fault is PartFault.DROPPED
-        part.recoveries.append(Recovery(error.fault, str(error)))
+        recovery = Recovery(error.fault, str(error), rung.act)
+        part.recoveries.append(recovery)
+        if rung.act is Act.PARK:
+            part.parked = recovery
+        if rung.act in (Act.REGRASP, Act.PARK) and error.source.startswith(GRASP):
+            self._record.avoid(error.source.removeprefix(GRASP))
+        event, words = PARKING if rung.act is Act.PARK else BACK[error.fault]
         self._record.note(
             RecoveryBegun(
                 fault=error.fault.value,
                 reason=str(error),
-                action=action.words,
+                action=words,
                 number=len(part.recoveries),
                 custody=part.custody.key,
+                act=rung.act.value,
+                source=error.source,
             )
         )
-        self._record.show(f"{error}; {action.words}", remaining_s=None)
-        return action
+        self._record.show(f"{error}; {words}", remaining_s=None)
+        return RecoveryAction(event, words, rung.delay_s)
+
+    async def wait(self, action: RecoveryAction) -> None:
+        """Wait as long as the policy has it before a recovery action."""
+        if action.delay_s > 0:
+            await self._clock.sleep(action.delay_s)
 
     def forget_drop(self) -> None:
         """Count a part that is dropped from now on as another drop."""
         self._is_drop_booked = False
+
+    def fail(self, source: str, reason: str) -> None:
+        """Count a failure of a grasp or view; journal if it is avoided from now on.
+
+        Parameters
+        ----------
+        source : which
+        reason : what happened
+        """
+        demotion = self._record.budgets.fail(source, reason)
+        if demotion is not None:
+            self._record.note(
+                SourceDemoted(
+                    source=source,
+                    failures=demotion.failure_count,
+                    uses=demotion.use_count,
+                    reason=reason,
+                )
+            )
+
+    def _learn(self, error: PartFaultError) -> None:
+        if error.source:
+            self.fail(error.source, str(error))

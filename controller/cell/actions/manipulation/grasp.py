@@ -7,7 +7,7 @@ from controller.cell.custody.release_guard import NOTHING_MM
 from controller.cell.devices.lamps import TABLE_LAMPS
 from controller.cell.errors import PartFaultError
 from controller.cell.journal.rows import GraspMissed, Once
-from controller.cell.machine import Event, PartFault
+from controller.cell.machine import GRASP, Event, PartFault
 from controller.cell.services import Grippers, Motion, PlanSteps, Views
 from controller.cell.services.records import BatchRecord
 from controller.planning import Look, Pick
@@ -80,13 +80,14 @@ class GraspAction:
             message = f"the jaws closed {found}, {expected}"
             self.record.note(GraspMissed(message=message))
             await self._leave(step)
-            raise PartFaultError(PartFault.GRASP_MISSED, message)
+            raise PartFaultError(PartFault.GRASP_MISSED, message, source=GRASP + step.grasp.id)
         if opening_mm > step.expected_opening_mm + self.grippers.tolerance_mm:
             await self._leave(step)
             raise PartFaultError(
                 PartFault.GRASP_WRONG,
                 f"the jaws stopped at {opening_mm:.1f} mm, {expected}: they held other faces, or "
                 "something else",
+                source=GRASP + step.grasp.id,
             )
 
     async def _leave(self, step: Pick) -> None:

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 from typing import NoReturn
 
 from controller.cell.custody import Custody
-from controller.cell.errors import PartFaultError
+from controller.cell.errors import PartFaultError, ReleaseRefusedError
 from controller.cell.journal import Once
-from controller.cell.machine import Event, PartFault
+from controller.cell.machine import GRASP, Event, PartFault
 from controller.cell.services import Grippers, Motion, PlanSteps
 from controller.cell.services.records import BatchRecord
 from controller.imaging import inverse_pose
@@ -64,7 +64,10 @@ class HandOffAction:
             T_part_tcp=inverse_pose(T_world_part) @ self.layout.T_world_fixed_tcp,
         )
         record.note_fixed_grasp(fixed_grasp)
-        await self.grippers.release_to_fixed(step.arm_open_mm, step.retreat)
+        try:
+            await self.grippers.release_to_fixed(step.arm_open_mm, step.retreat)
+        except ReleaseRefusedError as error:  # it let go since it was read
+            await self._keep_in_arm(step, str(error))
         record.part.fixed_grasp = fixed_grasp
         await record.set_custody(Custody.IN_FIXED)
         await self.grippers.require_fixed_holds()
@@ -84,7 +87,7 @@ class HandOffAction:
 
     async def _keep_in_arm(self, step: GiveStep, why: str) -> NoReturn:
         """Keep the part in the arm gripper and go back to where the step began."""
-        part, hold = self.record.part, self.record.held()
+        hold = self.record.held()
         await self.record.set_custody(Custody.IN_ARM, "the fixed gripper did not get it")
         await self.grippers.open_fixed()
         await self.grippers.press_and_require_hold()
@@ -92,10 +95,10 @@ class HandOffAction:
         hold.is_measured = False
         self.record.note_hold()
         await self.motion.go_back(len(step.motion))
-        if part.has_had(PartFault.HAND_OFF_FAILED):
-            self.record.avoid(step.fixed_grasp)
         raise PartFaultError(
-            PartFault.HAND_OFF_FAILED, f"hand-off: {why}; the arm still holds the part"
+            PartFault.HAND_OFF_FAILED,
+            f"hand-off: {why}; the arm still holds the part",
+            source=GRASP + step.fixed_grasp.id,
         )
 
     async def _receive(self, step: ReceiveStep) -> None:
@@ -110,7 +113,11 @@ class HandOffAction:
             await self._leave_in_fixed(step, opening_mm)
         record.take_hold(step.grasp, opening_mm)
         await record.set_custody(Custody.IN_BOTH)
-        await self.grippers.release_to_arm(step.fixed_open_mm, step.motion_out)
+        try:
+            await self.grippers.release_to_arm(step.fixed_open_mm, step.motion_out)
+        except ReleaseRefusedError:
+            await self.grippers.press_and_require_hold()  # raises what is wrong with the grasp
+            raise
         await record.set_custody(Custody.IN_ARM, f"jaws at {opening_mm:.1f} mm")
         await self.grippers.press_and_require_hold()
         await self.motion.follow(step.motion_out)
@@ -128,10 +135,9 @@ class HandOffAction:
         await self.motion.go_back(len(step.approach))
         await self.grippers.require_fixed_holds()
         await self.motion.go_back(len(step.motion_in))
-        # no camera sees the part in the fixed gripper: a grasp that failed once would fail again
-        self.record.avoid(step.grasp)
         raise PartFaultError(
             PartFault.RECEIVE_FAILED,
             f"hand-off back: the arm gripper's jaws stopped at {opening_mm:.1f} mm, "
             f"{step.expected_opening_mm:.1f} mm was expected; the fixed gripper still holds it",
+            source=GRASP + step.grasp.id,
         )

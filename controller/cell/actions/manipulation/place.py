@@ -31,6 +31,8 @@ class PlaceAction:
     async def run(self) -> Event:
         """Move over the tray, release, park the arm; return ``PLACED``.
 
+        A part that is parked goes into the quarantine tray, whatever its verdict.
+
         Raises
         ------
         PartFaultError : the part was lost on the way
@@ -39,10 +41,11 @@ class PlaceAction:
         plan, verdict = part.plan, part.verdict
         assert plan is not None
         assert verdict is not None
-        tray = TRAYS.get(verdict.verdict, QUARANTINE)
+        tray = QUARANTINE if part.parked else TRAYS.get(verdict.verdict, QUARANTINE)
         step = plan.place[tray]
         started_s = self.steps.begin(step)
         await self.motion.follow(step.motion)
+        await self.grippers.press_and_require_hold()
         await self.motion.follow(step.motion_down)
         await self.grippers.press_and_require_hold()
         intent = Intent(name=Once.SORT, tray=tray)

@@ -35,6 +35,7 @@ class SetDownAction:
         assert step is not None
         started_s = self.steps.begin(step)
         await self.motion.follow(step.motion)
+        await self.grippers.press_and_require_hold()
         await self.motion.follow(step.motion_down)
         await self.grippers.press_and_require_hold()
         intent = Intent(name=Once.SET_DOWN, pose_index=step.pose_index)

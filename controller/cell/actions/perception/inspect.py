@@ -7,14 +7,15 @@ from controller.cell.compute import Compute
 from controller.cell.custody import Custody
 from controller.cell.errors import PartFaultError
 from controller.cell.journal.rows import PartInspected
-from controller.cell.machine import WORTH_SHARE, Event, PartFault
-from controller.cell.services import HeldPose, PartFile, PlanSteps, Views
+from controller.cell.machine import VIEW, WORTH_SHARE, Act, Event, PartFault
+from controller.cell.services import HeldPose, PartFile, PlanSteps, Recoveries, Views, plain_name
 from controller.cell.services.records import (
     BatchRecord,
     findings_row,
     measured_row,
     verdict_row,
 )
+from controller.inspection import PartVerdict, Verdict
 from controller.planning import GiveStep, Present, ReceiveStep, SetDown
 from controller.stored import lines_digest
 
@@ -27,6 +28,7 @@ class InspectAction:
     ----------
     compute : judges the part from its views
     steps, views, held_pose, record : services
+    recoveries : what is done about a part of which too little was in sight
     part_file : writes the views that the part is judged from
     """
 
@@ -35,6 +37,7 @@ class InspectAction:
     views: Views
     held_pose: HeldPose
     record: BatchRecord
+    recoveries: Recoveries
     part_file: PartFile
 
     async def run(self) -> Event:
@@ -52,25 +55,37 @@ class InspectAction:
             return Event.HAND_OFF_DUE
         if self.steps.next(SetDown) is not None:
             return Event.SET_DOWN_DUE
-        await self._require_enough()
-        await self._judge()
+        part = self.record.part
+        if part.parked is None:
+            await self._require_enough()
+        if part.parked is None or part.judged:
+            await self._judge()
+        if part.parked is not None:
+            part.verdict = _parked_verdict(part.verdict, part.parked.reason)
+        assert part.verdict is not None
+        self.record.note(verdict_row(part.verdict))
         return Event.ALL_SEEN
 
     async def _collect(self) -> None:
         while (judged := await self.views.take_next()) is not None:
             shown, result = judged
+            source = VIEW + plain_name(shown.view)
+            if result.evaluated:
+                self.record.budgets.succeed(source)
+            else:
+                self.recoveries.fail(source, result.reason)
             # a view of an earlier grasp says nothing about the present one
             if shown.hold is not None and shown.hold is self.record.part.hold:
                 await self.held_pose.learn(shown, shown.hold, result)
 
     async def _require_enough(self) -> None:
-        """Raise PartFaultError, once for a part, where views showed less than the plan promised."""
+        """Raise PartFaultError where views showed less than promised, unless that is let be."""
         part = self.record.part
         promised, in_sight = part.promised, part.in_sight
         if promised is None or part.custody is not Custody.IN_ARM:
             return
-        if part.has_had(PartFault.SEEN_TOO_LITTLE):
-            return
+        if self.recoveries.decision(PartFault.SEEN_TOO_LITTLE) is Act.SKIP:
+            return  # what no view showed stays INDETERMINATE
         missing = await self.compute.surface_share(
             promised if in_sight is None else promised & ~in_sight
         )
@@ -90,5 +105,13 @@ class InspectAction:
         part.verdict = replace(found.ledger, verdict=found.verdict, reasons=reasons)
         record.note(measured_row(found.measured))
         record.note(findings_row(found.findings))
-        record.note(verdict_row(part.verdict))
         record.note(PartInspected(views=stored.file, lines_sha256=lines_digest(found)))
+
+
+def _parked_verdict(judged: PartVerdict | None, reason: str) -> PartVerdict:
+    """Return the verdict on a parked part: a person decides, but what failed has failed."""
+    parked = f"parked: {reason}"
+    if judged is None:
+        return PartVerdict(Verdict.INDETERMINATE, (parked,), (), 0.0, ())
+    verdict = Verdict.FAIL if judged.verdict is Verdict.FAIL else Verdict.INDETERMINATE
+    return replace(judged, verdict=verdict, reasons=(parked, *judged.reasons))

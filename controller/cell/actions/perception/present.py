@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from controller.cell.devices.lamps import STATION_LAMPS
-from controller.cell.machine import Event
+from controller.cell.machine import VIEW, Event
 from controller.cell.services import (
     Disambiguation,
     Grippers,
@@ -38,7 +38,8 @@ class PresentAction:
         """Present one view after another; return ``SHOWN``.
 
         After each new grasp the first view is judged before the second: it verifies the grasp. In
-        a plan made after a recovery, views that would show nothing new are skipped.
+        a plan made after a recovery, views that would show nothing new are skipped; so are, once
+        the grasp is verified, views that have failed too often in this batch.
 
         Raises
         ------
@@ -48,6 +49,9 @@ class PresentAction:
         try:
             while (step := self.steps.next(Present)) is not None:
                 started_s = self.steps.begin(step)
+                if self._is_avoided(step):
+                    self.steps.end(step, started_s, passed_by=step.view_id)
+                    continue
                 await self.motion.follow(step.motion)
                 await self.grippers.press_and_require_hold()
                 hold = self.record.held()
@@ -61,6 +65,10 @@ class PresentAction:
         finally:
             await self.imaging.pause("inspection")
         return Event.SHOWN
+
+    def _is_avoided(self, step: Present) -> bool:
+        is_needed = step.ambiguity is not None or not self.record.held().is_measured
+        return not is_needed and self.record.budgets.is_demoted(VIEW + step.view_id)
 
     async def _show(self, step: Present, hold: PartInGripper) -> str:
         """Take the pictures of a view, have them judged in the background, return its name."""

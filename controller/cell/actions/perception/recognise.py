@@ -8,8 +8,8 @@ from controller.cad.compiled import part_name
 from controller.cell.compute import Compute
 from controller.cell.custody import Custody
 from controller.cell.devices.lamps import TABLE_LAMPS
-from controller.cell.errors import PartProblemError
-from controller.cell.machine import Event
+from controller.cell.errors import PartFaultError, PartProblemError
+from controller.cell.machine import Event, PartFault
 from controller.cell.services.records import BatchRecord, sightings_row
 from controller.config import Recipe
 from controller.recognition import Sighting
@@ -35,6 +35,7 @@ class RecogniseAction:
 
         Raises
         ------
+        PartFaultError : the part was lost, and nothing is on the table
         PartProblemError : nothing, too much, or something else is on the table
         """
         self.record.show("recognising")
@@ -89,13 +90,14 @@ class RecogniseAction:
             return PartProblemError(
                 "no_part", "no part on the table: lay one on the backlit area and start again"
             )
-        lost = part.recoveries[-1]
-        return PartProblemError(
-            lost.fault.value,
+        lost = next(r for r in reversed(part.recoveries) if r.fault is not PartFault.NOT_SEEN)
+        return PartFaultError(
+            PartFault.NOT_SEEN,
             f"{lost.reason}; the camera over the table does not see it: look "
             + (
                 "below the arm's last path, and at the fixed gripper"
                 if part.custody is Custody.LOST
                 else "at what the arm gripper holds"
             ),
+            code=lost.fault.value,
         )

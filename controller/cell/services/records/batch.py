@@ -9,11 +9,14 @@ from contextlib import asynccontextmanager
 
 from controller.cell.custody import Custody
 from controller.cell.journal import Body, Journal, rows
+from controller.cell.machine import Budgets
 from controller.planning import Grasp
 
 from .holds import arm_hold_row, fixed_hold_row
 from .part import PartInGripper, PartRecord
 from .progress import Progress
+
+UNLIMITED = 1_000_000
 
 
 class BatchRecord:
@@ -23,11 +26,17 @@ class BatchRecord:
     ----------
     journal : of the run
     progress, on_progress : what the operator sees; called after each change of it
+    budgets : what the batch learns of its grasps and views; None for none that is ever avoided
     """
 
     def __init__(
-        self, journal: Journal, progress: Progress, on_progress: Callable[[], None]
+        self,
+        journal: Journal,
+        progress: Progress,
+        on_progress: Callable[[], None],
+        budgets: Budgets | None = None,
     ) -> None:
+        self.budgets = budgets or Budgets(demote_after=UNLIMITED, window=UNLIMITED)
         self._journal = journal
         self._progress = progress
         self._on_progress = on_progress
@@ -84,10 +93,10 @@ class BatchRecord:
         """Journal how the fixed gripper holds the part, or will once the arm gripper opens."""
         self.note(fixed_hold_row(grasp))
 
-    def avoid(self, grasp: Grasp) -> None:
+    def avoid(self, grasp_id: str) -> None:
         """Plan a grasp that has failed no more for this part."""
-        self.part.avoid.add(grasp.id)
-        self.note(rows.GraspAvoided(grasp=grasp.id))
+        self.part.avoid.add(grasp_id)
+        self.note(rows.GraspAvoided(grasp=grasp_id))
 
     def show(self, label: str, **more: object) -> None:
         """Show the operator what the cell does now; ``more`` are fields of `Progress`."""

@@ -83,6 +83,7 @@ class PartRecord:
     planned : by view, which samples (n,) it was planned to show
     recoveries : part faults that the cell has set out to recover from
     avoid : ids of grasps that have failed
+    parked : the fault for which the part goes to the quarantine tray, None while all is well
     """
 
     number: int
@@ -105,6 +106,7 @@ class PartRecord:
     planned: dict[str, BoolArray] = field(default_factory=dict)
     recoveries: list[Recovery] = field(default_factory=list)
     avoid: set[str] = field(default_factory=set)
+    parked: Recovery | None = None
     verdict: inspecting.PartVerdict | None = None
     tray: str | None = None
 

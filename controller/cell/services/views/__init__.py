@@ -9,7 +9,7 @@ from .disambiguation import Disambiguation
 from .held_pose import HeldPose
 from .holder import holder_boxes
 from .part_file import INPUTS, PartFile
-from .views import Views
+from .views import Views, plain_name
 
 __all__ = [
     "INPUTS",
@@ -18,4 +18,5 @@ __all__ = [
     "PartFile",
     "Views",
     "holder_boxes",
+    "plain_name",
 ]

@@ -8,7 +8,7 @@ from controller import inspection as inspecting
 from controller.arrays import FloatArray
 from controller.cell.compute import Compute
 from controller.cell.errors import PartFaultError
-from controller.cell.machine import PartFault, is_held_otherwise
+from controller.cell.machine import GRASP, PartFault, is_held_otherwise
 from controller.cell.services.records import BatchRecord, PartInGripper, Shown
 from controller.imaging import inverse_pose, rotation_angle
 from controller.planning import shown_pose
@@ -109,6 +109,8 @@ class HeldPose:
                 PartFault.HELD_OTHERWISE,
                 f"the part sits {shift_mm:.1f} mm and {np.degrees(turn_rad):.1f} degrees from "
                 + ("where it was in the gripper" if was_known else "where the grasp was planned"),
+                # at first it is where the table's picture was wrong; later on it has slipped
+                source=GRASP + hold.grasp.id if was_known else "",
             )
 
     async def _search(self, shown: Shown, hold: PartInGripper, reason: str) -> FloatArray | None:

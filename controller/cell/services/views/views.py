@@ -27,6 +27,11 @@ from .holder import holder_boxes
 log = logging.getLogger(__name__)
 
 
+def plain_name(view: str) -> str:
+    """Return a view's name in its plan; from the second plan on it ends in the plan's number."""
+    return view.partition("~")[0]
+
+
 class Views:
     """The views shown to the cameras, and their results.
 

@@ -1,0 +1,81 @@
+"""Repeats what a device did not do, as often as the fault policy has it.
+
+For readings, pictures and lamps alone: to repeat them changes nothing. A motion, a grasp or a
+release is never repeated here. What went wrong first stays in the journal.
+"""
+
+from collections.abc import Awaitable, Callable
+from typing import Final, Literal, TypeVar
+
+from controller.cell.journal.rows import DeviceRetried
+from controller.cell.machine import Act, FaultPolicy, next_rung
+from drivers.clock import CellClock
+from drivers.errors import DeviceError, FaultError, LinkError, RefusedError
+
+from .records import BatchRecord
+
+Answer = TypeVar("Answer")
+DeviceClass = Literal["camera", "lights", "gripper"]
+# A device that is plugged in again refuses for a moment, and a stream that broke is set up anew.
+# Bytes that the manual forbids, or another device at the address, are never tried again.
+PASSING: Final = (LinkError, FaultError, RefusedError)
+
+
+class Retries:
+    """The fault policy, applied to devices that may be asked again.
+
+    Parameters
+    ----------
+    record : journals each retry with the error before it
+    policy : of the cell and the recipe
+    clock : of the cell
+    """
+
+    def __init__(self, record: BatchRecord, policy: FaultPolicy, clock: CellClock) -> None:
+        self._record = record
+        self._policy = policy
+        self._clock = clock
+
+    async def run(
+        self,
+        kind: DeviceClass,
+        name: str,
+        action: Callable[[], Awaitable[Answer]],
+        mend: Callable[[], Awaitable[object]] | None = None,
+    ) -> Answer:
+        """Do something and return what it returns; after an error wait, mend, do it again.
+
+        Parameters
+        ----------
+        kind : the class of fault
+        name : of the device, for the journal
+        action : what to do; to do it twice must change nothing
+        mend : connects the device again
+
+        Raises
+        ------
+        DeviceError : the last one, once the policy ends
+        """
+        tried = 0
+        is_mended = True
+        while True:
+            try:
+                if not is_mended and mend is not None:
+                    await mend()
+                is_mended = True
+                return await action()
+            except PASSING as error:
+                await self._wait_or_raise(kind, name, error, tried)
+                tried, is_mended = tried + 1, False
+
+    async def _wait_or_raise(
+        self, kind: DeviceClass, name: str, error: DeviceError, tried: int
+    ) -> None:
+        rung = next_rung(self._policy.ladders[kind], tried)
+        if rung.act is not Act.RETRY:
+            raise error
+        self._record.note(
+            DeviceRetried(device=name, error=str(error), number=tried + 1, delay_s=rung.delay_s)
+        )
+        self._record.show(f"{error}; trying again")
+        await self._clock.sleep(rung.delay_s)
