@@ -6,7 +6,16 @@ import re
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-PLACES = ("controller", "drivers", "emulators", "tests", "benchmarks", "recipes", "docs")
+PLACES = (
+    "controller",
+    "drivers",
+    "emulators",
+    "simulation",
+    "tests",
+    "benchmarks",
+    "recipes",
+    "docs",
+)
 PATH = re.compile(rf"[\w./-]+(?:\.py|/)|(?:{'|'.join(PLACES)})/[\w./-]+")
 
 

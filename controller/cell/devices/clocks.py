@@ -8,7 +8,8 @@ real and emulated ones, keep the wall clock.
 import json
 import os
 import tempfile
-from collections.abc import Mapping
+import time
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -33,11 +34,13 @@ class FoundClock:
     path : of an emulator's clock, None for the wall clock
     speed : cell seconds per second, as requested
     is_mixed : some devices are emulated and some are not
+    monotonic : reads the wall clock [s], as the event loop's timers do
     """
 
     path: Path | None = None
     speed: float = 1.0
     is_mixed: bool = False
+    monotonic: Callable[[], float] = time.monotonic
 
     def open(self) -> CellClock:
         """Return the clock; `CellClock.close` it afterwards.
@@ -48,7 +51,10 @@ class FoundClock:
         """
         if self.path is not None:
             return CellClock.of_emulator(self.path)
-        return CellClock(min_timeout_wall_s=MIXED_TIMEOUT_WALL_S if self.is_mixed else 0.0)
+        return CellClock(
+            min_timeout_wall_s=MIXED_TIMEOUT_WALL_S if self.is_mixed else 0.0,
+            monotonic=self.monotonic,
+        )
 
 
 def find_clock(cell: Cell, emulated: Mapping[str, Any]) -> FoundClock:

@@ -1,0 +1,116 @@
+"""Cameras without pictures: a frame takes its time and says where the part was.
+
+Lamps, faults and plugs are the emulated camera's and lamps' own: a camera that is unplugged,
+stalled, frozen or without light behaves as its driver would report it.
+"""
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.clock import CellClock
+from drivers.errors import LinkError, ReplyTimeoutError, UnpluggedError
+from emulators.in_process import Cell
+from emulators.world.ground_truth import custody, part_pose
+
+from .stand_ins import SIZE_PX, stamped_picture
+
+FRAME_S: Final = 0.26  # a period of 5 Hz, the exposure, and its transfer
+DARK_LEVEL: Final = 0.02  # of the light of all lamps together, 0..1
+CAMERA_TIMEOUT_S: Final = 1.6  # of a frame that does not come: eight periods of 5 Hz
+
+
+class Plugs:
+    """Which cameras are plugged in; the emulated cell's `CameraPlugs`."""
+
+    def __init__(self) -> None:
+        self.pulled: set[str] = set()
+
+    def unplug(self, name: str) -> None:
+        """Pull a camera's plug."""
+        self.pulled.add(name)
+
+    def plug(self, name: str) -> str:
+        """Plug a camera in again; return its address."""
+        self.pulled.discard(name)
+        return f"simulated {name}"
+
+
+@dataclass(frozen=True, slots=True)
+class _Frame:
+    image: NDArray[np.uint8]
+    white: int = 255
+
+
+class TruthCamera:
+    """A camera as the cell uses it (`drivers.kinds.Camera`).
+
+    Parameters
+    ----------
+    name : of the camera in the cell file
+    cell : the emulated cell that it looks at
+    plugs : whether it is plugged in
+    clock : of the cell
+    """
+
+    def __init__(self, name: str, cell: Cell, plugs: Plugs, clock: CellClock) -> None:
+        self._name, self._cell, self._plugs, self._clock = name, cell, plugs, clock
+        self._is_open = False
+        self._last: _Frame | None = None
+        self.is_paused = False
+        self.model = "no camera: truth with noise"
+        self.shape = (SIZE_PX, SIZE_PX)
+
+    async def connect(self) -> None:
+        """Open it.
+
+        Raises
+        ------
+        LinkError : it is not plugged in
+        """
+        await self._clock.sleep(0.05)
+        if self._name in self._plugs.pulled:
+            raise LinkError(f"camera {self._name}: no such camera; check its plug")
+        self._is_open = True
+
+    async def pause(self) -> None:
+        """Stop the frames."""
+        self.is_paused = True
+
+    async def resume(self) -> None:
+        """Start the frames again."""
+        self._require_plug()
+        self.is_paused = False
+
+    async def close(self) -> None:
+        """Close it."""
+        self._is_open = False
+
+    async def frame_after(self, t_s: float, timeout_s: float | None = None) -> Any:  # noqa: ANN401
+        """Return a picture that tells where the part is, exposed after an instant.
+
+        Raises
+        ------
+        UnpluggedError : it left
+        ReplyTimeoutError : no frame comes
+        """
+        del timeout_s
+        await self._clock.sleep(max(0.0, t_s - self._clock.now_s()) + FRAME_S)
+        self._require_plug()
+        faults = self._cell.cameras[self._name].faults
+        if faults.is_stalled:
+            await self._clock.sleep(CAMERA_TIMEOUT_S)
+            raise ReplyTimeoutError(f"camera {self._name}: no frame; check its plug")
+        if faults.is_frozen and self._last is not None:
+            return self._last
+        is_dark = sum(self._cell.levels().values()) < DARK_LEVEL
+        world = self._cell.world
+        truth = part_pose(world, 0), custody(world, 0)
+        self._last = _Frame(stamped_picture(*truth, is_dark=is_dark))
+        return self._last
+
+    def _require_plug(self) -> None:
+        if self._name in self._plugs.pulled:
+            raise UnpluggedError(f"camera {self._name} is gone; check its plug")

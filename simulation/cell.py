@@ -1,0 +1,305 @@
+"""One simulated cell, which outlives the controllers that are started on it.
+
+Devices, world and control port are the emulated cell's; a controller is `run_batch` with the real
+drivers, on a journal in the cell's folder. Both live on one loop, so that a seed repeats them.
+"""
+
+import asyncio
+import json
+import os
+from collections.abc import Callable, Mapping
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any, Final, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.cell.batch import Outfit, RunOrder, RunResult, new_run_id, run_batch
+from controller.cell.compute import Compute, Job, context
+from controller.cell.devices import Devices
+from controller.cell.devices.build import DeviceBuilder
+from controller.cell.devices.clocks import FoundClock
+from controller.cell.journal import JOURNAL_NAME, Stamps
+from controller.config import Cell as CellFile
+from controller.config import load_cell, load_recipe
+from controller.planning import resting_pose
+from drivers.clock import CellClock
+from drivers.kinds import Arm
+from drivers.umi_scara import UmiScara
+from emulators.clock import WorldClock
+from emulators.in_process import Cell, CellOptions, ControlPort
+from emulators.world.ground_truth import truth
+
+from .cameras import Plugs, TruthCamera
+from .loop import SimulatedLoop, SimulatedProcess
+from .stand_ins import Noise, StandIns, turned_about
+from .wires import ArmLine
+
+Array = NDArray[np.float64]
+
+ROOT: Final = Path(__file__).parents[1]
+CELL_FILE: Final = ROOT / "recipes" / "cells" / "emulated.yaml"
+BEGAN: Final = datetime(2030, 1, 1, tzinfo=UTC)  # of every simulation, so that rows repeat
+PLACES: Final = ((360.0, 0.0, 0.5), (330.0, 40.0, -1.0), (390.0, -45.0, 2.2))  # x, y [mm], theta
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """What lies on the table.
+
+    Attributes
+    ----------
+    recipe : name of a recipe of the project
+    pose_index : stable pose of the part
+    place : number in `PLACES`
+    """
+
+    recipe: str = "holder"
+    pose_index: int = 0
+    place: int = 0
+
+
+class SimulatedCell:
+    """The cell; use it as an async context manager on a `SimulatedLoop`.
+
+    Parameters
+    ----------
+    loop : that it lives on
+    seed : of the world and of all noise
+    scene : what lies on the table
+    folder : for the journal and the files of runs
+
+    Attributes
+    ----------
+    cell : the emulated cell
+    after_slice : called after each slice of the world
+    """
+
+    def __init__(self, loop: SimulatedLoop, seed: int, scene: Scene, folder: Path) -> None:
+        self.loop = loop
+        self.seed = seed
+        self.scene = scene
+        self.folder = folder
+        folder.mkdir(parents=True, exist_ok=True)
+        self.recipe_path = ROOT / "recipes" / f"{scene.recipe}.yaml"
+        self.recipe = load_recipe(self.recipe_path)
+        self.job = Job(self.recipe_path, CELL_FILE)
+        self.context = context(self.job)
+        self.plugs = Plugs()
+        self.process = SimulatedProcess("cell")
+        self.after_slice: Callable[[], None] = lambda: None
+        self.controller_count = 0
+        self._rng = np.random.default_rng([seed, 1])
+        self._made: list[Controller] = []
+
+    @property
+    def journal_path(self) -> Path:
+        """The cell's journal."""
+        return self.folder / JOURNAL_NAME
+
+    def now_s(self) -> float:
+        """Return the cell's time [s]."""
+        return self.cell.clock.now_s()
+
+    async def __aenter__(self) -> "SimulatedCell":
+        await self.loop.spawn(self.process, self._start())
+        self.loop.spawn(self.process, self._step())
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        self.loop.kill(self.process)
+        self.cell.world.close()
+
+    async def _start(self) -> None:
+        solid = self.context.solid
+        mesh = self.folder / f"{solid.name}.stl"
+        solid.mesh.export(mesh)
+        options = CellOptions(cell=CELL_FILE, parts=(mesh,), is_empty=True, seed=self.seed)
+        clock = WorldClock(monotonic=self.loop.time)
+        self.cell = Cell(options, self.folder, clock)
+        self.control = ControlPort(self.cell, self.folder / "control.sock")
+        self._lay()
+        await self.cell.start_in_process(self.plugs)
+        self.arm_line = ArmLine(self.cell.arm_wire, self.loop, clock.now_s)
+        self.arm_line.before_request = self.catch_up
+        self.cell_path = self.folder / "cell.yaml"
+        self.cell_path.write_text(self._cell_text(), encoding="utf-8")
+        self.cell_file = load_cell(self.cell_path)
+
+    def _cell_text(self) -> str:
+        text = CELL_FILE.read_text(encoding="utf-8")
+        lines = {
+            "gripper": self.cell.gripper_line,
+            "lights": self.cell.lights_line,
+            "io": self.cell.io_line,
+        }
+        where = {name: "{}:{}".format(*line.address) for name, line in lines.items()}  # type: ignore[union-attr]  # TCP all of them
+        where |= {name: f"simulated-{name}" for name in ("arm", "overhead", "inspection")}
+        for name, address in where.items():
+            head, _, rest = text.partition(f"  {name}:")
+            text = f"{head}  {name}:{rest.replace('address: emulated', f'address: {address}', 1)}"
+        return text
+
+    # --- the world ------------------------------------------------------------------------------
+
+    def planned_poses(self) -> tuple[Array, ...]:
+        """Return the poses (4, 4) of which plans are kept."""
+        return (self._place(self.scene),)
+
+    def _place(self, scene: Scene) -> Array:
+        pose = next(p for p in self.context.poses if p.index == scene.pose_index)
+        return resting_pose(self.context.solid, pose, *PLACES[scene.place % len(PLACES)])
+
+    def _lay(self) -> None:
+        """Lay the part down near the scene's place, as far off as recognition is."""
+        T = self._place(self.scene)
+        centre = (T @ [*self.context.solid.centroid_mm, 1.0])[:3]
+        noise = Noise()
+        T = turned_about(T, centre, float(self._rng.normal(0.0, noise.turn_rad / 2)))
+        T[:2, 3] += self._rng.normal(0.0, noise.place_mm / 2, 2)
+        T[2, 3] += 0.5
+        self.cell.world.place(0, T)
+        self.cell.world.settle()
+
+    def obey(self, do: str, **order: object) -> dict[str, Any]:
+        """Carry out an order of the emulated cell's control port.
+
+        Raises
+        ------
+        ValueError : it was refused
+        """
+        answer = self.control.obey(json.dumps({"do": do, **order}).encode())
+        if not answer.pop("ok"):
+            raise ValueError(f"{do}: {answer['error']}")
+        return answer
+
+    def truth(self) -> dict[str, Any]:
+        """Return what is so in the world."""
+        return truth(self.cell.world)
+
+    def catch_up(self) -> None:
+        """Let the world come up to the present instant, in whole slices."""
+        while self.cell.behind_s >= self.cell.step_s - 1e-9:
+            self.cell.advance()
+            self.after_slice()
+
+    async def _step(self) -> None:
+        while True:
+            self.catch_up()
+            await asyncio.sleep(self.cell.step_s)
+
+    # --- controllers ----------------------------------------------------------------------------
+
+    def controller(self, **options: Any) -> "Controller":  # noqa: ANN401  (of `RunOrder`)
+        """Return a controller that is not started yet.
+
+        Parameters
+        ----------
+        options : fields of `RunOrder` that differ from a plain run of one part
+        """
+        self.controller_count += 1
+        made = Controller(self, self.controller_count, options)
+        self._made.append(made)
+        return made
+
+
+class Controller:
+    """One controller: a process that runs one batch, or is killed.
+
+    Attributes
+    ----------
+    process : everything that it starts
+    task : the batch, once started
+    state : of the cell, as the operator sees it
+    notices : sentences for the operator
+    row_count : rows it has written to the journal
+    """
+
+    def __init__(self, cell: SimulatedCell, number: int, options: Mapping[str, Any]) -> None:
+        self.cell = cell
+        self.number = number
+        self.process = SimulatedProcess(f"controller {number}")
+        self.notices: list[str] = []
+        self.state = ""
+        self.minds: StandIns | None = None
+        self.dispatcher: Any = None
+        self.row_count = -1  # the run's name takes the date once
+        self._options = options
+        self.task: asyncio.Task[RunResult]
+        clock = FoundClock(monotonic=cell.loop.time)
+        stamps = self._stamps = Stamps(self._utc, cell.loop.time)
+        self._order = replace(
+            RunOrder(
+                recipe_path=cell.recipe_path,
+                cell_path=cell.cell_path,
+                recipe=cell.recipe,
+                cell=cell.cell_file,
+                count=1,
+                speed=1.0,
+                emulated={},
+                clock=clock,
+                runs_dir=cell.folder,
+                run_id=new_run_id(cell.recipe, stamps),
+            ),
+            **options,
+        )
+
+    @property
+    def run_id(self) -> str:
+        """Name of the run."""
+        return self._order.run_id
+
+    def _utc(self) -> datetime:
+        self.row_count += 1  # the date is asked for once a row
+        return BEGAN + timedelta(seconds=self.cell.loop.time())
+
+    def start(self) -> "asyncio.Task[RunResult]":
+        """Start it; return the batch."""
+        # notes of journals are the cell's: a simulated cell is nobody else's
+        os.environ["XDG_STATE_HOME"] = str(self.cell.folder / "state")
+        outfit = Outfit(compute=self._compute, devices=self._devices, stamps=self._stamps)
+        work = run_batch(
+            self._order,
+            cast(Executor, None),  # the loop does all work here
+            lambda progress: self._show(progress.state),
+            self._on_dispatcher,
+            self.notices.append,
+            outfit,
+        )
+        self.task = self.cell.loop.spawn(self.process, work)
+        return self.task
+
+    def kill(self) -> None:
+        """End it where it stands, as SIGKILL does."""
+        self.cell.loop.kill(self.process)
+
+    def _show(self, state: str) -> None:
+        self.state = state
+
+    def _on_dispatcher(self, dispatcher: Any) -> None:  # noqa: ANN401
+        self.dispatcher = dispatcher
+
+    def _compute(self, job: Job, pool: Executor) -> Compute:
+        cell = self.cell
+        rng = np.random.default_rng([cell.seed, 2, self.number])
+        self.minds = StandIns(cell.job, pool, Noise(), rng, cell.planned_poses())
+        return self.minds
+
+    def _devices(
+        self, cell_file: CellFile, where: Mapping[str, dict[str, Any]], clock: CellClock
+    ) -> Devices:
+        cell = self.cell
+        builder = DeviceBuilder(cell_file, where, clock)
+        devices = Devices(
+            arm=cast(Arm, UmiScara(cell.arm_line.open, clock=clock)),
+            gripper=builder.gripper(),
+            lights=builder.lights(),
+            io=builder.io(),
+            overhead=TruthCamera("overhead", cell.cell, cell.plugs, clock),
+            inspection=TruthCamera("inspection", cell.cell, cell.plugs, clock),
+        )
+        devices.links = builder.links
+        return devices

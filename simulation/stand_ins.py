@@ -1,0 +1,378 @@
+"""Who answers the cell's questions where no picture is made: the world's truth, made noisy.
+
+In place of the worker process. A picture's first bytes say where the part truly was when it was
+taken (`stamped_picture`); the stand-ins for recognition and inspection read that. Planning is the
+real one, done in this process. Nothing of this is part of the product.
+"""
+
+import re
+from collections.abc import Mapping
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from controller import inspection as inspecting
+from controller.cache import digest_of
+from controller.cell.compute import Compute, Holder, Job, context
+from controller.config.view_set import load_view_set
+from controller.imaging import Camera, inverse_pose, transform
+from controller.planning import JointPath, Look, NoPlanError, Plan, Present, Start
+from controller.planning.geometry import Box, segments_hit
+from controller.recognition import Alternative, Sighting
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Grey = NDArray[np.uint8]
+
+HEADER_BYTES: Final = 18 * 8  # T_world_part, who has it, whether the picture can be used
+HOLDERS: Final = ("away", "free", "arm", "fixture", "both")
+SEEN_COS: Final = float(np.cos(np.radians(75.0)))  # as flat as inspection compares a surface
+SLIPPED_MM, SLIPPED_RAD = 4.0, 0.12  # inspection's own limits (`inspecting.InspectionLimits`)
+FOUND_MM, FOUND_RAD = 16.0, 0.55  # as far as the search for a slipped part goes
+MEASURED_MM, MEASURED_RAD = 0.15, 0.002  # how well a view measures the pose in the gripper
+SIZE_PX: Final = 64
+
+
+def stamped_picture(T_world_part: Array | None, custody: str, *, is_dark: bool = False) -> Grey:
+    """Return a picture that says where the part is.
+
+    Parameters
+    ----------
+    T_world_part : (4, 4), None for a part that is away
+    custody : one of `HOLDERS`
+    is_dark : no light reached the sensor, so that the picture shows nothing
+    """
+    T = np.eye(4) if T_world_part is None else T_world_part
+    numbers = np.concatenate([T.ravel(), [float(HOLDERS.index(custody)), float(is_dark)]])
+    image = np.full((SIZE_PX, SIZE_PX), 0 if is_dark else 255, np.uint8)
+    image.ravel()[:HEADER_BYTES] = np.frombuffer(numbers.tobytes(), np.uint8)
+    return image
+
+
+def read_truth(picture: Grey) -> tuple[Array, str]:
+    """Return T_world_part (4, 4) and who had the part; ``away`` of a dark picture."""
+    numbers = np.frombuffer(picture.ravel()[:HEADER_BYTES].tobytes(), np.float64)
+    custody = "away" if numbers[17] else HOLDERS[int(numbers[16])]
+    return numbers[:16].reshape(4, 4).copy(), custody
+
+
+@dataclass(slots=True)
+class Seen:
+    """One view as it was judged.
+
+    Attributes
+    ----------
+    samples, promised : (n,) bool, what it showed, and what the plan wanted of it
+    is_first_of_hold : it had to prove the hold by sight
+    is_after_recovery : the cell had recovered from something before
+    """
+
+    view: str
+    samples: Mask
+    promised: Mask
+    is_first_of_hold: bool
+    is_after_recovery: bool
+
+
+@dataclass(slots=True)
+class Noise:
+    """How far off recognition is: one standard deviation of x and y, and of theta."""
+
+    place_mm: float = 1.0
+    turn_rad: float = float(np.radians(2.0))
+
+
+class StandIns(Compute):
+    """The worker process, except for what needs pictures.
+
+    Parameters
+    ----------
+    job : which recipe on which cell
+    pool : for what is really computed; ignored by a loop that has no processes
+    noise : of recognition
+    rng : draws it
+    planned : poses (4, 4) of which plans are kept: a part this near to one, within the noise, is
+        recognised exactly there
+
+    Attributes
+    ----------
+    views : that were judged
+    """
+
+    def __init__(
+        self,
+        job: Job,
+        pool: Executor,
+        noise: Noise,
+        rng: np.random.Generator,
+        planned: tuple[Array, ...] = (),
+    ) -> None:
+        super().__init__(job, pool)
+        self._context = context(job)
+        self._noise = noise
+        self._rng = rng
+        self._planned = planned
+        self.views: list[Seen] = []
+        self.has_recovered = False
+        self._promised: dict[str, Mask] = {}
+
+    @property
+    def weights(self) -> Array:
+        """Each sample's share of the surface (n,)."""
+        areas = self._context.samples.areas_mm2
+        return np.asarray(areas / areas.sum())
+
+    async def plan(
+        self,
+        start: Start,
+        seen: Mask | None,
+        avoid: frozenset[str],
+        candidates: tuple[Alternative, ...],
+    ) -> Plan:
+        """Return the planner's plan; of one start it is made once."""
+        key = digest_of(str(self.job.recipe_path), start, seen, tuple(sorted(avoid)))
+        found = _plans.get(key)
+        if found is None:
+            try:
+                found = await super().plan(start, seen, avoid, candidates)
+            except NoPlanError as error:
+                found = str(error)
+            if len(_plans) >= MAX_PLANS:
+                _plans.pop(next(iter(_plans)))
+            _plans[key] = found
+        if isinstance(found, str):
+            raise NoPlanError(found)
+        looks = [s for s in found.steps if isinstance(s, Present | Look)]
+        self._promised |= {step.view_id: step.seen for step in looks}
+        return found
+
+    async def prepare(self) -> float:
+        """Prepare the part; how long that took is not the same every time, and not returned."""
+        await super().prepare()
+        return 0.0
+
+    async def path_home(
+        self,
+        q: Array,
+        arm_opening_mm: float,
+        fixed_opening_mm: float,
+        T_part_tcp: Array | None,
+    ) -> JointPath:
+        """Return the worker's path."""
+        return await super().path_home(q, arm_opening_mm, fixed_opening_mm, T_part_tcp)
+
+    async def identify(self, *_: object) -> tuple[int, ...]:
+        """Raise: these runs read every part without a doubt."""
+        raise AssertionError("a doubt about a part that was read without one")
+
+    async def recognise(self, backlit: Grey, lit: Mapping[str, Grey]) -> tuple[Sighting, ...]:
+        """Return where the part truly lies, with noise; nothing outside the camera's picture."""
+        T, custody = read_truth(backlit)
+        c = self._context
+        centre = transform(T, c.solid.centroid_mm[None])[0]
+        width, height = c.overhead.size_px
+        u, v = c.overhead.project(centre[None])[0]
+        if custody != "free" or not (0 <= u < width and 0 <= v < height):
+            return ()
+        noisy = self._kept_near(T)
+        if noisy is None:
+            dx, dy = self._rng.normal(0.0, self._noise.place_mm, 2)
+            noisy = turned_about(T, centre, self._rng.normal(0.0, self._noise.turn_rad))
+            noisy[:2, 3] += (dx, dy)
+        centre = transform(noisy, c.solid.centroid_mm[None])[0]
+        down = T[:3, :3].T @ [0.0, 0.0, -1.0]
+        angles = [float(np.arccos(np.clip(-down @ pose.R[2], -1, 1))) for pose in c.poses]
+        nearest = int(np.argmin(angles))
+        # a part that rolls on a curve lies on any line of it
+        lies = angles[nearest] < np.radians(8.0) or any(p.rolling or p.rocking for p in c.poses)
+        pose = c.poses[nearest]
+        return (
+            Sighting(
+                part=c.solid.name,
+                pose_index=pose.index if lies else -1,
+                R=noisy[:3, :3],
+                x_mm=float(centre[0]),
+                y_mm=float(centre[1]),
+                theta_rad=float(np.arctan2(noisy[1, 0], noisy[0, 0])),
+                T_world_part=noisy,
+                score=1.0,
+                covariance=None,
+                ambiguous_with=(),
+                area_mm2=0.0,
+                box_px=(0, 0, 1, 1),
+                residual_px=float("inf"),
+            ),
+        )
+
+    def _kept_near(self, T: Array) -> Array | None:
+        """Return the pose with a kept plan that recognition, with its noise, may read."""
+        for kept in self._planned:
+            shift, turn = self._off(T, kept)
+            if shift < 4.0 * self._noise.place_mm and turn < 4.0 * self._noise.turn_rad:
+                return kept.copy()
+        return None
+
+    async def inspect(
+        self,
+        view_id: str,
+        T_world_part: Array,
+        holder: Holder,
+        backlit: Grey,
+        lit: Mapping[str, Grey],
+        is_hold_measured: bool,
+    ) -> inspecting.ViewResult:
+        """Return what the camera sees of the part where it truly is in the gripper."""
+        T, custody = read_truth(backlit)
+        shift, turn = self._off(T, T_world_part)
+        count = len(self._context.samples.points_mm)
+        reason, seen = "", np.zeros(count, dtype=bool)
+        if custody != "arm":
+            reason = "no outline of the part where it should be"
+        elif shift > SLIPPED_MM or turn > SLIPPED_RAD:
+            reason = f"part lies {shift:.1f} mm, {np.degrees(turn):.1f} degrees off: it slipped"
+        else:
+            seen = self._in_sight(T, holder, self._context.inspection)
+            planned = self._promised.get(planned_name(view_id), np.zeros(count, dtype=bool))
+            self.views.append(
+                Seen(view_id, seen, planned, not is_hold_measured, self.has_recovered)
+            )
+        return inspecting.ViewResult(
+            view_id=view_id,
+            evaluated=not reason,
+            reason=reason,
+            T_world_part=T_world_part if reason else self._measured(T),
+            shift_mm=0.0 if reason else shift,
+            turn_rad=0.0 if reason else turn,
+            residual_px=0.1,
+            findings=(),
+            compared=seen,
+            outline_px=np.zeros((0, 2)),
+        )
+
+    async def inspect_on_table(
+        self, view_id: str, T_world_part: Array, backlit: Grey, lit: Mapping[str, Grey]
+    ) -> inspecting.ViewResult:
+        """Return what the camera over the table sees of the part where it truly lies."""
+        T, custody = read_truth(backlit)
+        is_there = custody == "free"
+        count = len(self._context.samples.points_mm)
+        seen = np.zeros(count, dtype=bool)
+        if is_there:
+            seen = self._in_sight(T, (), self._context.overhead)
+            planned = self._promised.get(planned_name(view_id), np.zeros(count, dtype=bool))
+            self.views.append(Seen(view_id, seen & planned, planned, True, self.has_recovered))
+        return inspecting.ViewResult(
+            view_id=view_id,
+            evaluated=is_there,
+            reason="" if is_there else "no part",
+            T_world_part=T,
+            shift_mm=0.0,
+            turn_rad=0.0,
+            residual_px=0.1,
+            findings=(),
+            compared=seen,
+            outline_px=np.zeros((0, 2)),
+        )
+
+    async def find_hold(
+        self,
+        T_world_part: Array,
+        T_part_tcp: Array,
+        holder: Holder,
+        backlit: Grey,
+    ) -> Array | None:
+        """Return where the part truly is, if that is within what the real search tries."""
+        T, custody = read_truth(backlit)
+        shift, turn = self._off(T, T_world_part)
+        if custody != "arm" or shift > FOUND_MM or turn > FOUND_RAD:
+            return None
+        return self._measured(T)
+
+    async def judge(self, set_path: Path) -> inspecting.PartInspection:
+        """Return the verdict on a good part by how much of it was in sight."""
+        c = self._context
+        seen = np.zeros(len(c.samples.points_mm), dtype=bool)
+        file = load_view_set(set_path)
+        for view in file.views:
+            is_held = view.camera is None
+            picture = view.pictures["station_backlight" if is_held else "table_backlight"]
+            stored = cv2.imread(str(set_path.parent / picture), cv2.IMREAD_GRAYSCALE)
+            T, custody = read_truth(np.asarray(stored, dtype=np.uint8))
+            boxes = tuple(
+                inspecting.WorldBox(np.array(b.T), np.array(b.half_mm)) for b in view.gripper_boxes
+            )
+            if custody == ("arm" if is_held else "free"):
+                camera = c.inspection if is_held else c.overhead
+                seen |= self._in_sight(T, boxes, camera)
+        share = float(self.weights[seen].sum())
+        enough = share >= c.recipe.inspection.min_coverage
+        verdict = inspecting.Verdict.PASS if enough else inspecting.Verdict.INDETERMINATE
+        reason = f"{100 * share:.0f} % of the surface was in sight"
+        ledger = inspecting.PartVerdict(verdict, (reason,), (), share, (), share, "a good part")
+        return inspecting.PartInspection(verdict, (reason,), (), (), (), ledger)
+
+    def _off(self, T: Array, T_expected: Array) -> tuple[float, float]:
+        moved = T[:3, :3] @ T_expected[:3, :3].T
+        turn = float(np.arccos(np.clip((np.trace(moved) - 1) / 2, -1.0, 1.0)))
+        centre = self._context.solid.centroid_mm[None]
+        return float(np.linalg.norm(transform(T, centre) - transform(T_expected, centre))), turn
+
+    def _measured(self, T: Array) -> Array:
+        axis = self._rng.normal(size=3)
+        out = T.copy()
+        out[:3, :3] = _rotation(axis, self._rng.normal(0.0, MEASURED_RAD)) @ T[:3, :3]
+        centre = self._context.solid.centroid_mm
+        out[:3, 3] = T[:3, :3] @ centre + T[:3, 3] - out[:3, :3] @ centre
+        out[:3, 3] += self._rng.normal(0.0, MEASURED_MM, 3)
+        return out
+
+    def _in_sight(self, T: Array, holder: Holder, camera: Camera) -> Mask:
+        """Return the samples (n,) nothing stands before, as flat as inspection still compares."""
+        c = self._context
+        points = transform(T, c.samples.points_mm)
+        normals = c.samples.normals @ T[:3, :3].T
+        towards = camera.position_mm - points
+        unit = towards / np.linalg.norm(towards, axis=1)[:, None]
+        pixels = camera.project(points)
+        width, height = camera.size_px
+        seen: Mask = (unit * normals).sum(axis=1) > SEEN_COS
+        seen &= (pixels[:, 0] >= 0) & (pixels[:, 0] < width)
+        seen &= (pixels[:, 1] >= 0) & (pixels[:, 1] < height)
+        index = np.flatnonzero(seen)
+        start = points[index] + 0.05 * normals[index]
+        back = inverse_pose(T)
+        hidden = c.posed.caster.blocked(transform(back, start), unit[index] @ T[:3, :3])
+        boxes = [Box(box.T, np.asarray(box.half_mm)) for box in holder]
+        hidden |= segments_hit(start, camera.position_mm, boxes)
+        seen[index[hidden]] = False
+        return seen
+
+
+MAX_PLANS: Final = 400
+_plans: dict[str, Plan | str] = {}  # by start: a plan, or why there is none
+
+
+def planned_name(view_id: str) -> str:
+    """Return a view's name in its plan: views of later plans end in that plan's number."""
+    return re.sub(r"~\d+$", "", view_id)
+
+
+def _rotation(axis: Array, angle_rad: float) -> Array:
+    k = axis / np.linalg.norm(axis)
+    K = np.array([[0, -k[2], k[1]], [k[2], 0, -k[0]], [-k[1], k[0], 0]])
+    R: Array = np.eye(3) + np.sin(angle_rad) * K + (1 - np.cos(angle_rad)) * (K @ K)
+    return R
+
+
+def turned_about(T: Array, centre: Array, angle_rad: float) -> Array:
+    """Return a pose turned about a vertical axis through a point."""
+    R = _rotation(np.array([0.0, 0.0, 1.0]), angle_rad)
+    out = T.copy()
+    out[:3, :3] = R @ T[:3, :3]
+    out[:3, 3] = centre + R @ (T[:3, 3] - centre)
+    return out

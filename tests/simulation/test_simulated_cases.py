@@ -1,0 +1,51 @@
+"""Whole parts through the simulated cell: the real controller and drivers, killed and started anew.
+
+A seed that once failed is one line of `FOUND`.
+"""
+
+from pathlib import Path
+
+import pytest
+
+from simulation.case import Case, Ended, Kill, run_case
+from simulation.cell import Scene
+
+PART = Scene("holder")
+
+# Seeds with a kill: after so many rows of the journal, and then so many steps of the controller.
+KILLED = (
+    Case(11, PART, Kill(row=29, steps=40)),  # the intent of the grasp is written
+    Case(12, PART, Kill(row=52, steps=150)),  # the part is in the air
+)
+
+
+def test_a_part_goes_from_the_table_to_its_tray() -> None:
+    ended = run_case(Case(1, PART))
+    assert ended.ends == ["complete"]
+    assert ended.truth["tray"] == "accept"
+    assert ended.violations == []
+
+
+@pytest.mark.parametrize("case", KILLED, ids=lambda case: f"seed {case.seed}")
+def test_after_a_kill_no_part_is_dropped_and_nothing_is_done_twice(case: Case) -> None:
+    ended = run_case(case)
+    assert ended.ends[0] == "killed"
+    assert ended.violations == []
+    assert kept(ended)
+
+
+def kept(ended: Ended) -> bool:
+    """Whether the part is in a tray, or still where the kill left it."""
+    if ended.ends[-1] == "complete":
+        return ended.truth["tray"] is not None
+    return bool(ended.truth["custody"] == ended.custody_at_kill)
+
+
+def test_one_seed_writes_the_same_journal_again_and_another_one_does_not(tmp_path: Path) -> None:
+    # the journal names its own folder
+    first, again, other = (
+        run_case(Case(seed, PART, Kill(row=40), starts=1), tmp_path / "cell") for seed in (5, 5, 6)
+    )
+    assert first.digest == again.digest
+    assert first.steps == again.steps
+    assert first.digest != other.digest
