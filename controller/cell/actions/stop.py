@@ -4,6 +4,7 @@ import logging
 from contextlib import suppress
 from dataclasses import dataclass
 
+from controller.cell.alarms import alarm_of
 from controller.cell.devices.interlocks import check_interlocks
 from controller.cell.devices.stopping import Stopping
 from controller.cell.journal import Journal, JournalError
@@ -82,9 +83,10 @@ class AbortMotionAction:
             if error is None:
                 self.journal.write(Stopped(device=name))
                 continue
+            number = alarm_of("stop_not_confirmed").number
             log.warning("%s did not confirm the stop: %s", name, error)
             with suppress(JournalError):
-                self.journal.write(StopNotConfirmed(device=name, error=str(error)))
+                self.journal.write(StopNotConfirmed(device=name, error=str(error), alarm=number))
         return Event.ABORT_DONE
 
 

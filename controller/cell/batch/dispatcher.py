@@ -15,6 +15,7 @@ from typing import Literal
 from drivers.errors import ArmStalledError, DeviceError, SilentLineError
 
 from ..actions import Actions
+from ..alarms import Alarm, alarm_of, code_of, device_named
 from ..custody import where_it_is
 from ..devices.stopping import Stopping
 from ..errors import CellError, PartProblemError, PolicyAbortError
@@ -39,12 +40,19 @@ class Outcome:
     message : what happened, for the operator; empty when all went well
     code : stable short name of what happened, as in the manual
     where : where the part is
+    step : in which it happened; empty where no action ended in it
     """
 
     end: End
     message: str
     code: str
     where: str
+    step: str = ""
+
+    @property
+    def alarm(self) -> Alarm | None:
+        """The alarm of the code; None where all went well."""
+        return alarm_of(self.code) if self.code else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,6 +95,7 @@ class Dispatcher:
         self._running: tuple[Effect, asyncio.Task[None]] | None = None
         self._message = ""
         self._code = ""
+        self._step = ""
         self._has_begun = False
         self._before: _Note | None = None
 
@@ -160,11 +169,15 @@ class Dispatcher:
         custody = self._record.part.custody
         where = where_it_is(custody, self._record.part.tray or "")
         at_rest = rows.AtRest(
-            state=end, message=self._message, code=self._code, custody=custody.key.upper()
+            state=end,
+            message=self._message,
+            code=self._code,
+            custody=custody.key.upper(),
+            **_alarm(self._code, self._message, self._step),
         )
         with suppress(JournalError):  # at rest already: the next start finds the run unfinished
             self._journal.write(at_rest)
-        return Outcome(end, self._message, self._code, where)
+        return Outcome(end, self._message, self._code, where, self._step)
 
     async def _take(self, note: _Note) -> None:
         decision = self._machine.dispatch(note.event)
@@ -174,6 +187,7 @@ class Dispatcher:
             return
         if note.message:
             self._message, self._code = note.message, note.code
+            self._step = "" if note.of is None else note.of.value
         state = decision.target.removeprefix("execute_")
         self._record.show_state(state, is_at_work=state != decision.target)
         if self._running is not None and self._running[0] is not note.of:
@@ -218,15 +232,15 @@ class Dispatcher:
         except PolicyAbortError as error:
             return _Note(Event.FAULT, effect, str(error), error.code)
         except SilentLineError as error:
-            return _Note(Event.FAULT, effect, f"in step {effect.value}: {error}", _code_of(error))
+            return _Note(Event.FAULT, effect, f"in step {effect.value}: {error}", code_of(error))
         except (DeviceError, CellError, JournalError, OSError) as error:
-            return _Note(Event.FAULT, effect, str(error), _code_of(error))
+            return _Note(Event.FAULT, effect, str(error), code_of(error))
         except BrokenExecutor:
             return _Note(Event.FAULT, effect, WORKER_GONE, "worker_gone")
         except ExceptionGroup as group:
             first = group.exceptions[0]
             step = f"in step {effect.value}: " if isinstance(first, SilentLineError) else ""
-            return _Note(Event.FAULT, effect, f"{step}{first}", _code_of(first))
+            return _Note(Event.FAULT, effect, f"{step}{first}", code_of(first))
         except Exception as error:
             # a bug stops the cell like any fault, and is logged with its traceback
             log.exception("effect %s failed", effect.value)
@@ -237,6 +251,7 @@ class Dispatcher:
 
 def _event_row(note: _Note, decision: Decision) -> rows.CellEvent:
     said = {"message": note.message, "code": note.code} if note.message else {}
+    alarm = _alarm(note.code, note.message, "" if note.of is None else note.of.value)
     why = {"reason": decision.reason} if decision.reason else {}
     return rows.CellEvent(
         name=note.event.value,
@@ -245,12 +260,24 @@ def _event_row(note: _Note, decision: Decision) -> rows.CellEvent:
         target=decision.target,
         **said,
         **why,
+        **alarm,
     )
 
 
-def _code_of(error: Exception) -> str:
-    name = type(error).__name__.removesuffix("Error")
-    return "".join("_" + c.lower() if c.isupper() else c for c in name).lstrip("_")
+def _alarm(code: str, message: str, step: str) -> dict[str, rows.AlarmFields]:
+    """Return the field `alarm` of a row; nothing where nothing happened."""
+    if not code:
+        return {}
+    alarm = alarm_of(code)
+    fields = rows.AlarmFields(
+        number=alarm.number,
+        code=alarm.code,
+        device=device_named(alarm, message),
+        step=step,
+        unknown=alarm.unknown,
+        action=alarm.action,
+    )
+    return {"alarm": fields}
 
 
 def _explain_stall(error: ArmStalledError) -> str:

@@ -117,6 +117,21 @@ class EmulatedCellEnded(Body):
     message: str
 
 
+class AlarmFields(Fields):
+    """An alarm (docs/alarms.md): what it is about, and what is not known since.
+
+    `step` is the action it happened in, `unknown` what is not known from now on, `action` what a
+    person does about it.
+    """
+
+    number: int
+    code: str
+    device: str = ""
+    step: str = ""
+    unknown: str = ""
+    action: str = ""
+
+
 class CellEvent(NamedBody):
     """An event, and what the state machine did with it; the row's name is the event's."""
 
@@ -127,6 +142,7 @@ class CellEvent(NamedBody):
     message: str = ""
     code: str = ""
     reason: str = ""
+    alarm: AlarmFields | None = None
 
 
 class Overtaken(Body):
@@ -148,6 +164,7 @@ class AtRest(Body):
     code: str = ""
     custody: str = ""
     where: str = ""
+    alarm: AlarmFields | None = None
 
 
 class RunBrokeOff(Body):
@@ -312,6 +329,7 @@ class StopNotConfirmed(Body):
     row_name = "stop_not_confirmed"
     device: str
     error: str
+    alarm: int = 0
 
 
 # --- what is seen: observations -------------------------------------------------------------------
@@ -595,6 +613,7 @@ class RecoveryBegun(Body):
     custody: str = ""
     act: str = ""
     source: str = ""
+    alarm: int = 0
 
 
 class SourceDemoted(Body):
@@ -606,6 +625,7 @@ class SourceDemoted(Body):
     failures: int
     uses: int
     reason: str = ""
+    alarm: int = 0
 
 
 class DeviceRetried(Body):
@@ -617,6 +637,7 @@ class DeviceRetried(Body):
     error: str
     number: int
     delay_s: float = 0.0
+    alarm: int = 0
 
 
 class GraspAvoided(Body):

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from controller.cell.alarms import alarm_of
 from controller.cell.errors import PartFaultError, PartProblemError, PolicyAbortError
 from controller.cell.journal.rows import RecoveryBegun, SourceDemoted
 from controller.cell.machine import (
@@ -116,6 +117,7 @@ class Recoveries:
                 custody=part.custody.key,
                 act=rung.act.value,
                 source=error.source,
+                alarm=alarm_of(error.code).number,
             )
         )
         self._record.show(f"{error}; {words}", remaining_s=None)
@@ -146,6 +148,7 @@ class Recoveries:
                     failures=demotion.failure_count,
                     uses=demotion.use_count,
                     reason=reason,
+                    alarm=alarm_of("demoted").number,
                 )
             )
 

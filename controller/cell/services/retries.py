@@ -7,6 +7,7 @@ release is never repeated here. What went wrong first stays in the journal.
 from collections.abc import Awaitable, Callable
 from typing import Final, Literal, TypeVar
 
+from controller.cell.alarms import alarm_of
 from controller.cell.journal.rows import DeviceRetried
 from controller.cell.machine import Act, FaultPolicy, next_rung
 from drivers.clock import CellClock
@@ -75,7 +76,13 @@ class Retries:
         if rung.act is not Act.RETRY:
             raise error
         self._record.note(
-            DeviceRetried(device=name, error=str(error), number=tried + 1, delay_s=rung.delay_s)
+            DeviceRetried(
+                device=name,
+                error=str(error),
+                number=tried + 1,
+                delay_s=rung.delay_s,
+                alarm=alarm_of("device_retried").number,
+            )
         )
         self._record.show(f"{error}; trying again")
         await self._clock.sleep(rung.delay_s)

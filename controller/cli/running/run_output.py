@@ -10,6 +10,7 @@ import numpy as np
 from rich.live import Live
 from rich.table import Table
 
+from controller.cell.alarms import device_named
 from controller.cell.batch import PartRecord, Progress, RunResult
 
 from ..terminal.output import emit, print_line, stderr, warn
@@ -98,6 +99,7 @@ def print_result(result: RunResult, run_id: str, report: Path | None, *, as_json
                 "code": result.outcome.code,
                 "message": result.outcome.message,
                 "where": result.outcome.where,
+                "alarm": _alarm_json(result),
                 "parts": [part_json(part) for part in result.parts],
                 "speed": result.speed.as_json(),
                 "report": None if report is None else str(report),
@@ -116,10 +118,29 @@ def print_result(result: RunResult, run_id: str, report: Path | None, *, as_json
         warn(f"cellctl: {result.outcome.end}: {result.outcome.message}")
         if result.outcome.end != "refused":  # its message has it
             warn(result.outcome.where)
+        if (alarm := result.outcome.alarm) is not None:
+            warn(f"alarm {alarm.number} ({alarm.code}). Unknown now: {alarm.unknown}.")
+            warn(f"What to do: {alarm.action}.")
     print_line(f"speed: {result.speed}")
     if report is not None:
         print_line(f"report: {report}")
     return 0 if good else 1
+
+
+def _alarm_json(result: RunResult) -> dict[str, Any] | None:
+    """Return the alarm that a run ended in (docs/alarms.md), None where all went well."""
+    alarm = result.outcome.alarm
+    if alarm is None:
+        return None
+    return {
+        "number": alarm.number,
+        "code": alarm.code,
+        "severity": alarm.severity.value,
+        "device": device_named(alarm, result.outcome.message),
+        "step": result.outcome.step,
+        "unknown": alarm.unknown,
+        "action": alarm.action,
+    }
 
 
 def part_json(part: PartRecord) -> dict[str, Any]:

@@ -12,7 +12,7 @@ are cell seconds, `wall_s` is wall seconds. Unknown is null, never a made-up num
 | `emulated`, `emulated_devices` | true if any device was not real: not a production result |
 | `devices[]` | `name`, `address`, `emulated`, `identity` (null if it never answered) |
 | `software` | versions by name |
-| `outcome` | `end` (complete, held, stopped, aborted, broke_off, cut_off), `message`, `code`, `custody`, `where` |
+| `outcome` | `end` (complete, held, stopped, aborted, broke_off, cut_off), `message`, `code`, `alarm` (its number, docs/alarms.md), `custody`, `where` |
 | `verdict` | of the run: the worst of its parts; `no verdict` if one was not judged, `incomplete` if all passed that were begun and not all were |
 | `ordered`, `parts[]` | how many parts were ordered; what became of those begun |
 | `parts[].verdict` | `pass`, `fail`, `indeterminate` or null; with `reasons`, `covered_fraction` (of all surface, compared with the CAD), `in_sight_fraction` (in sight, compared or not), `claim` (what was looked for on the compared surface), `found` (by kind of defect what would have been found with 90 %, docs/operating.md), `tray`, `custody`, `unconfirmed` (null, or what was begun and never confirmed) |
@@ -34,6 +34,8 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
+
+from controller.cell.alarms import alarm_of
 
 from ..judged import characteristic_json
 from ..run import FindingReport, PartReport, RunRecord, ViewReport
@@ -75,6 +77,7 @@ def report_json(record: RunRecord) -> dict[str, Any]:
             "end": record.outcome.end,
             "message": record.outcome.message,
             "code": record.outcome.code,
+            "alarm": alarm_of(record.outcome.code).number if record.outcome.code else None,
             "custody": record.outcome.custody.key,
             "where": record.outcome.where,
         },

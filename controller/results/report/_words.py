@@ -1,5 +1,6 @@
 """The report's sentences: how a run ended, why a part got its verdict, what to know first."""
 
+from controller.cell.alarms import alarm_of
 from controller.inspection.detection import WORDS
 
 from ..run import PartReport, RunRecord
@@ -79,7 +80,8 @@ def cautions(record: RunRecord) -> list[str]:
         )
     message = record.outcome.message
     if message and record.outcome.end != "complete" and message not in headline(record)[1]:
-        found.append(_sentence(message))
+        number = f" (alarm {alarm_of(record.outcome.code).number})" if record.outcome.code else ""
+        found.append(_sentence(f"{message}{number}"))
     for part in record.parts:
         if part.unconfirmed:
             found.append(f"Part {part.number}: {part.unconfirmed}")

@@ -1,0 +1,45 @@
+"""What an alarm is."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+
+class Severity(StrEnum):
+    """What the cell does when an alarm is raised."""
+
+    WARNING = "warning"
+    """Goes on; somebody should look at it when there is time."""
+    RECOVERED = "recovered"
+    """Recovers by itself, as often as the fault policy has it; then it parks the part or holds."""
+    HOLD = "hold"
+    """Holds: the arm stands still and keeps what it has; a person has to look at the part."""
+    STOP = "stop"
+    """Stops every device on request, and comes to rest."""
+    ABORT = "abort"
+    """Stops every device at once; a person has to look at the cell."""
+    REFUSED = "refused"
+    """Refuses to begin: nothing has moved."""
+
+
+@dataclass(frozen=True, slots=True)
+class Alarm:
+    """One alarm.
+
+    Attributes
+    ----------
+    number : for messages, reports and people on the telephone; never given to another alarm
+    code : stable short name, in the journal and in JSON
+    severity : what the cell does
+    device : that it is about; "device" where the message names it
+    words : what happened
+    unknown : what is not known from now on; "nothing" if all is known
+    action : what a person does about it
+    """
+
+    number: int
+    code: str
+    severity: Severity
+    device: str
+    words: str
+    unknown: str
+    action: str

@@ -1,0 +1,96 @@
+"""Alarms 100 to 199: stops on request; 900 to 999: of the controller itself. Data only."""
+
+from typing import Final
+
+from .alarm import Alarm, Severity
+
+_STOP, _ABORT, _REFUSED = Severity.STOP, Severity.ABORT, Severity.REFUSED
+_HOST = "controller"
+_NO_REMAINDER = "nothing"
+
+CELL: Final = (
+    Alarm(
+        101, "stop", _STOP, "operator",
+        "somebody stopped the run",
+        _NO_REMAINDER,
+        "start again; a part in a gripper is reported first",
+    ),
+    Alarm(
+        102, "terminal_gone", _STOP, _HOST,
+        "the terminal was closed, or its connection broke",
+        _NO_REMAINDER,
+        "start again, in `tmux` or as a service",
+    ),
+    Alarm(
+        103, "parent_gone", _STOP, _HOST,
+        "the process that started the run died",
+        _NO_REMAINDER,
+        "start again; to outlive its parent, run it as a service",
+    ),
+    Alarm(
+        104, "output_gone", _STOP, _HOST,
+        "nobody reads the run's output any more",
+        _NO_REMAINDER,
+        "start again without a reader that leaves",
+    ),
+    Alarm(
+        901, "journal", _ABORT, _HOST,
+        "the journal cannot be written, and nothing may move without it",
+        "what was done after its last row",
+        "make room on the disk, check the folder's permissions, start again",
+    ),
+    Alarm(
+        902, "file", _ABORT, _HOST,
+        "a file of the run cannot be read or written",
+        _NO_REMAINDER,
+        "make room on the disk, check the folder's permissions, start again",
+    ),
+    Alarm(
+        903, "worker_gone", _ABORT, _HOST,
+        "the worker process has died: it was killed, or memory ran out",
+        _NO_REMAINDER,
+        "close what else uses the memory, start again",
+    ),
+    Alarm(
+        904, "emulator_gone", _ABORT, "emulated cell",
+        "the emulated cell has ended",
+        "all of the emulated cell: it is gone, and the part with it",
+        "start again",
+    ),
+    Alarm(
+        905, "internal", _ABORT, _HOST,
+        "a bug of cellctl stopped the cell",
+        "what the action in which it happened has done",
+        "look at the cell; send the log with your report",
+    ),
+    Alarm(
+        906, "cell", _ABORT, "cell",
+        "the cell cannot go on, for the reason in the message",
+        "what the message names",
+        "do what the message names, start again",
+    ),
+    Alarm(
+        907, "cell_busy", _REFUSED, _HOST,
+        "another controller has the cell",
+        _NO_REMAINDER,
+        "wait until that run has ended, or stop it",
+    ),
+    Alarm(
+        908, "disk_full", _STOP, _HOST,
+        "the disk is nearly full",
+        _NO_REMAINDER,
+        "make room on the disk, start again",
+    ),
+    Alarm(
+        920, "broke_off", _ABORT, _HOST,
+        "an error kept the run from coming to rest",
+        "where the arm is, and what the grippers hold",
+        "look at the cell; the next start reports what may be held",
+    ),
+    Alarm(
+        921, "cut_off", _ABORT, _HOST,
+        "the journal just stops: the controller was killed, or power failed",
+        "where the arm is, and what the grippers hold",
+        "look at the cell; the next start reports what may be held",
+    ),
+)  # fmt: skip

@@ -1,0 +1,129 @@
+"""Alarms 400 to 499: of the part and its custody. Data only."""
+
+from typing import Final
+
+from .alarm import Alarm, Severity
+
+_RECOVERED, _HOLD, _REFUSED = Severity.RECOVERED, Severity.HOLD, Severity.REFUSED
+_ARM, _FIXED = "arm gripper", "fixed gripper"
+_TABLE = "overhead camera"
+_EMPTY_TABLE = "nothing: no gripper has the part"
+
+PARTS: Final = (
+    Alarm(
+        401, "grip_missed", _RECOVERED, _ARM,
+        "the jaws closed on nothing over the table",
+        "where on the table the part is: the fingers may have pushed it",
+        "check fingers and pads, and that the part is the recipe's; start again",
+    ),
+    Alarm(
+        402, "grip_wrong", _RECOVERED, _ARM,
+        "the jaws stopped at another opening than the grasp has",
+        "where on the table the part is, and whether it is the right part",
+        "look for chips or a second part between the fingers; start again",
+    ),
+    Alarm(
+        403, "part_lost", _RECOVERED, "both grippers",
+        "the part has left the gripper that had it, and is not found again",
+        "where the part is",
+        "look below the arm's last path, in the fixed gripper and in the trays; check pads and "
+        "part for oil",
+    ),
+    Alarm(
+        404, "part_not_seen", _RECOVERED, _TABLE,
+        "after a fall the table shows no part",
+        "where the part is",
+        "look below the arm's last path and at the fixed gripper",
+    ),
+    Alarm(
+        405, "hold_not_seen", _RECOVERED, "inspection camera",
+        "no view confirms how the part is held, or that it is held at all",
+        "whether the arm gripper has the part, and how",
+        "look at what the arm gripper holds; check lamps and camera of the station",
+    ),
+    Alarm(
+        406, "held_otherwise", _RECOVERED, _ARM,
+        "the part sits otherwise in the arm gripper than planned, or has slipped",
+        "nothing: the pose was measured",
+        "check pads and force; if every part slips, check the part's surface for oil",
+    ),
+    Alarm(
+        407, "hand_off_failed", _RECOVERED, _FIXED,
+        "the fixed gripper did not receive the part; the arm gripper still has it",
+        "how exactly the part is held: the fixed gripper may have turned it",
+        "look how the part sits between the jaws; check the pose of the fixed gripper in the cell "
+        "file",
+    ),
+    Alarm(
+        408, "take_back_failed", _RECOVERED, _ARM,
+        "the arm gripper did not receive the part back; the fixed gripper still has it",
+        "how exactly the part is held: no camera sees it in the fixed gripper",
+        "look how the part sits between the jaws; take it out with `cellctl recover --open fixed`",
+    ),
+    Alarm(
+        409, "seen_too_little", _RECOVERED, "inspection camera",
+        "views showed less of the surface than the plan promised",
+        "whether the surface that is left is good",
+        "read in the report which views could not be evaluated, and why",
+    ),
+    Alarm(
+        410, "no_part", _HOLD, _TABLE,
+        "nothing dark is on the backlit area",
+        "nothing",
+        "lay one part on the backlit area, start again",
+    ),
+    Alarm(
+        411, "many_parts", _HOLD, _TABLE,
+        "more than one object is on the table",
+        "which of them is meant",
+        "leave one part, start again",
+    ),
+    Alarm(
+        412, "unknown_object", _HOLD, "the camera that saw it",
+        "the object looks like none of the parts of the recipe",
+        "what it is",
+        "take it away, check it for damage, check the recipe's `part:`",
+    ),
+    Alarm(
+        413, "wrong_part", _HOLD, "the camera that saw it",
+        "another part of the recipe's `others:` is there",
+        "nothing",
+        "put the recipe's part there, or start with a recipe for this one",
+    ),
+    Alarm(
+        414, "ambiguous", _HOLD, "inspection camera",
+        "the view does not decide between two parts, or two poses of one",
+        "which part, or which pose of it, is in the arm gripper",
+        "take it out with `cellctl recover --open arm`, sort it by hand",
+    ),
+    Alarm(
+        415, "no_plan", _HOLD, "planner",
+        "no plan leads on from where the part is",
+        "nothing",
+        "read the reason in the message; move the part on the table, or take it out of the cell",
+    ),
+    Alarm(
+        416, "no_way_home", _HOLD, "arm",
+        "the arm cannot leave the camera's picture without touching something",
+        "what stands about it, if it is not in the cell file",
+        "clear the space about the arm, start again",
+    ),
+    Alarm(
+        417, "fixture_not_empty", _HOLD, _FIXED,
+        "the fixed gripper holds something before the arm is homed",
+        "what it is",
+        "take it out with `cellctl recover --open fixed`",
+    ),
+    Alarm(
+        420, "part_may_be_held", _REFUSED, "both grippers",
+        "a gripper holds a part, or may hold one, that an earlier run left",
+        "whether and how the gripper named holds it",
+        "see `cellctl recover`; take the part out, or start with --part-removed",
+    ),
+    Alarm(
+        421, "release_impossible", _REFUSED, _FIXED,
+        "the gripper cannot be opened without another motion first",
+        "nothing",
+        "take the part out by the gripper's own release, then start with --part-removed",
+    ),
+)  # fmt: skip
