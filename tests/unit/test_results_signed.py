@@ -22,6 +22,7 @@ from controller.inspection import Detection, Verdict
 from controller.inspection.characteristics import CharacteristicKind
 from controller.results import judged_parts, load_run, result_json
 from controller.results.report.html import render_parts
+from controller.results.report.signed import MAX_LOOKS
 from controller.results.report.signed.balloons import balloon_drawing
 from controller.results.report.signed.covering import COLOURS, coverage_sides
 from controller.results.report.signed.table import briefly, rows_of
@@ -256,6 +257,24 @@ def many(count: int, source: str = "ISO 2768-m") -> tuple[CharacteristicReport, 
     fold = PartFold(1)
     fold.take(measured_row(made))
     return tuple(replace(c, source=source) for c in fold.characteristics)
+
+
+def test_the_journal_keeps_the_points_of_those_looks_that_a_report_draws() -> None:
+    kind, rim = CharacteristicKind.DIAMETER, bench.rim(1.0)
+    made = bench.measured(1, kind, 8.0, 0.2, 8.01, Verdict.PASS, rim)
+    pattern = made.looks[0]
+    points = np.array([[1.0, 2.0], [3.0, 4.0]])
+    looks = tuple(
+        replace(pattern, view_id=f"V{n}", reason="dark" if n < 4 else "", points_px=points)
+        for n in range(12)
+    )
+    (kept,) = measured_row([replace(made, looks=looks)]).characteristics
+    assert [look.view for look in kept.looks] == [look.view_id for look in looks]
+    assert all(look.measured is not None for look in kept.looks)
+    with_points = [look.view for look in kept.looks if look.points_px]
+    # the ones that count, from the first; the report draws no more than three
+    assert with_points == [f"V{n}" for n in range(4, 4 + len(with_points))]
+    assert len(with_points) >= MAX_LOOKS
 
 
 def test_a_long_table_keeps_what_matters_whole_and_every_value() -> None:

@@ -103,7 +103,8 @@ class InspectAction:
         found = await self.compute.judge(self.part_file.folder / stored.file)
         reasons = (*found.reasons, *found.unproven)
         part.verdict = replace(found.ledger, verdict=found.verdict, reasons=reasons)
-        record.note(measured_row(found.measured))
+        # in a thread: thousands of looks take longer to describe than the event loop may be held
+        record.note(await asyncio.to_thread(measured_row, found.measured))
         record.note(findings_row(found.findings))
         record.note(PartInspected(views=stored.file, lines_sha256=lines_digest(found)))
 

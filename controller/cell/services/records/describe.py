@@ -1,6 +1,7 @@
 """Turns plans, sightings, view results, measured values and verdicts into rows of the journal."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Final
 
 import numpy as np
 
@@ -19,6 +20,11 @@ from controller.planning import Plan
 from controller.recognition import Sighting
 
 from .holds import matrix
+
+# Of each characteristic the row keeps the edge points of so many looks, twice what a report draws.
+# All of them would be 9 MB for a part, which holds the event loop for half a second; a replay finds
+# them again.
+DRAWN_LOOK_COUNT: Final = 6
 
 
 def plan_row(plan: Plan) -> rows.PlanMade:
@@ -186,6 +192,8 @@ def _characteristic(m: Measured) -> rows.CharacteristicFields:
     def limit(number: float) -> float:
         return float(np.degrees(number)) if is_angle else float(number)
 
+    # those that count are drawn before those that do not, each in its order
+    drawn = sorted(m.looks, key=lambda look: bool(look.reason))[:DRAWN_LOOK_COUNT]
     anchors, axis = _anchors(asked)
     rims = asked.geometry.rims if isinstance(asked.geometry, RimGeometry) else ()
     return rows.CharacteristicFields(
@@ -209,20 +217,23 @@ def _characteristic(m: Measured) -> rows.CharacteristicFields:
         axis=None if axis is None else np.round(axis, 6).tolist(),
         rim_radius_mm=round(rims[0].radius_mm, 6) if rims else None,
         is_hole=rims[0].is_hole if rims else None,
-        looks=tuple(
-            rows.LookFields(
-                view=look.view_id,
-                lamp=look.lamp,
-                measured=value(look.measured_mm),
-                u=value(look.u_mm),
-                reason=look.reason,
-                budget={name: round(float(u), 6) for name, u in look.budget.items()},
-                points_px=_points(look.points_px),
-                accepted=_flags(look),
-                shape_px=_points(look.shape_px),
-            )
-            for look in m.looks
-        ),
+        looks=tuple(_look(look, value, is_drawn=look in drawn) for look in m.looks),
+    )
+
+
+def _look(
+    look: Look, value: Callable[[float | None], float | None], *, is_drawn: bool
+) -> rows.LookFields:
+    return rows.LookFields(
+        view=look.view_id,
+        lamp=look.lamp,
+        measured=value(look.measured_mm),
+        u=value(look.u_mm),
+        reason=look.reason,
+        budget={name: round(float(u), 6) for name, u in look.budget.items()},
+        points_px=_points(look.points_px if is_drawn else None),
+        accepted=_flags(look) if is_drawn else (),
+        shape_px=_points(look.shape_px if is_drawn else None),
     )
 
 
