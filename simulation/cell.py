@@ -30,7 +30,7 @@ from drivers.clock import CellClock
 from drivers.kinds import Arm
 from drivers.umi_scara import UmiScara
 from emulators.clock import WorldClock
-from emulators.in_process import Cell, CellOptions, ControlPort
+from emulators.in_process import Cell, CellOptions
 from emulators.world.ground_truth import truth
 
 from .cameras import Plugs, TruthCamera
@@ -120,7 +120,6 @@ class SimulatedCell:
         options = CellOptions(cell=CELL_FILE, parts=(mesh,), is_empty=True, seed=self.seed)
         clock = WorldClock(monotonic=self.loop.time)
         self.cell = Cell(options, self.folder, clock)
-        self.control = ControlPort(self.cell, self.folder / "control.sock")
         self._lay()
         await self.cell.start_in_process(self.plugs)
         self.arm_line = ArmLine(self.cell.arm_wire, self.loop, clock.now_s)
@@ -171,7 +170,7 @@ class SimulatedCell:
         ------
         ValueError : it was refused
         """
-        answer = self.control.obey(json.dumps({"do": do, **order}).encode())
+        answer = self.cell.faults.obey(json.dumps({"do": do, **order}).encode())
         if not answer.pop("ok"):
             raise ValueError(f"{do}: {answer['error']}")
         return answer
