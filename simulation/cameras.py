@@ -4,7 +4,7 @@ Lamps, faults and plugs are the emulated camera's and lamps' own: a camera that 
 stalled, frozen or without light behaves as its driver would report it.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from drivers.clock import CellClock
 from drivers.errors import LinkError, ReplyTimeoutError, UnpluggedError
+from emulators.camera_v4l2 import V4l2Device
 from emulators.in_process import Cell
 from emulators.world.ground_truth import custody, part_pose
 
@@ -23,19 +24,24 @@ CAMERA_TIMEOUT_S: Final = 1.6  # of a frame that does not come: eight periods of
 
 
 class Plugs:
-    """Which cameras are plugged in; the emulated cell's `CameraPlugs`."""
+    """The cameras' cables; the emulated cell's `CameraPlugs`.
+
+    Attributes
+    ----------
+    cameras : of the emulated cell, by name
+    """
 
     def __init__(self) -> None:
-        self.pulled: set[str] = set()
+        self.cameras: dict[str, V4l2Device] = {}
 
     def unplug(self, name: str) -> None:
-        """Pull a camera's plug."""
-        self.pulled.add(name)
+        """Pull a camera's cable."""
+        self.cameras[name].unplug()
 
     def plug(self, name: str) -> str:
-        """Plug a camera in again; return its address."""
-        self.pulled.discard(name)
-        return f"simulated {name}"
+        """Put an unplugged camera back; return its address."""
+        self.cameras[name].plug()
+        return f"simulated-{name}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,12 +57,12 @@ class TruthCamera:
     ----------
     name : of the camera in the cell file
     cell : the emulated cell that it looks at
-    plugs : whether it is plugged in
     clock : of the cell
     """
 
-    def __init__(self, name: str, cell: Cell, plugs: Plugs, clock: CellClock) -> None:
-        self._name, self._cell, self._plugs, self._clock = name, cell, plugs, clock
+    def __init__(self, name: str, cell: Cell, clock: CellClock) -> None:
+        self._name, self._cell, self._clock = name, cell, clock
+        self._device = cell.cameras[name]
         self._is_open = False
         self._last: _Frame | None = None
         self.is_paused = False
@@ -71,7 +77,7 @@ class TruthCamera:
         LinkError : it is not plugged in
         """
         await self._clock.sleep(0.05)
-        if self._name in self._plugs.pulled:
+        if not self._device.is_plugged:
             raise LinkError(f"camera {self._name}: no such camera; check its plug")
         self._is_open = True
 
@@ -99,18 +105,21 @@ class TruthCamera:
         del timeout_s
         await self._clock.sleep(max(0.0, t_s - self._clock.now_s()) + FRAME_S)
         self._require_plug()
-        faults = self._cell.cameras[self._name].faults
+        faults = self._device.faults
+        if faults.late_count:
+            self._device.faults = replace(faults, late_count=faults.late_count - 1)
+            await self._clock.sleep(faults.late_s)
         if faults.is_stalled:
             await self._clock.sleep(CAMERA_TIMEOUT_S)
             raise ReplyTimeoutError(f"camera {self._name}: no frame; check its plug")
         if faults.is_frozen and self._last is not None:
             return self._last
-        is_dark = sum(self._cell.levels().values()) < DARK_LEVEL
+        is_dark = faults.is_dark or sum(self._cell.levels().values()) < DARK_LEVEL
         world = self._cell.world
         truth = part_pose(world, 0), custody(world, 0)
         self._last = _Frame(stamped_picture(*truth, is_dark=is_dark))
         return self._last
 
     def _require_plug(self) -> None:
-        if self._name in self._plugs.pulled:
+        if not self._device.is_plugged:
             raise UnpluggedError(f"camera {self._name} is gone; check its plug")
