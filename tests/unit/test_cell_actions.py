@@ -227,7 +227,7 @@ async def test_a_part_goes_into_the_tray_its_verdict_names(
     part.verdict = PartVerdict(verdict, ("because",), (), 1.0, ())
     steps: Any = ANY(begin=lambda step: 0.0, end=lambda *_, **__: None)
     gripper: Any = Gripper(record)
-    assert await PlaceAction(steps, motion_of(arm), gripper, record).run() is Event.PLACED
+    assert await PlaceAction(steps, motion_of(arm), gripper, record, ANY()).run() is Event.PLACED
     assert (part.tray, part.custody) == (tray, Custody.PLACED)
     assert arm.been == [trays[tray], 0]
     # it is looked at before it is let go, not after

@@ -67,6 +67,7 @@ from controller.planning import (
 from controller.recognition import Sighting
 from controller.setup.layout import build_layout
 from drivers.clock import CellClock
+from drivers.errors import ArmStalledError
 from drivers.gripper_modbus import Hold
 from drivers.io_modbus import Signal
 
@@ -746,6 +747,32 @@ def test_a_parked_part_that_falls_is_picked_up_and_parked_still(tmp_path: Path) 
     assert run.troubles == [*["hand_off_failed"] * 3, "part_lost"]
     assert [type(start) for start in run.compute.parkings] == [InArm, OnTable]
     assert run.record.finished[0].tray == "quarantine"
+
+
+# --- lowering -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("above_mm", "is_let_go"), [(3.7, True), (30.0, False)])
+def test_a_slipped_part_that_touches_down_early_is_let_go_there_but_not_high_above(
+    tmp_path: Path, above_mm: float, is_let_go: bool
+) -> None:
+    run = PaperRun(tmp_path, plan(pick(), show("v1", 10, 0)))
+
+    def meet(number: int) -> None:
+        if np.allclose(run.cell.q, q(41)):
+            run.cell.q = q(41) + np.array([0, 0, 0, above_mm, 0, 0])  # the fourth joint is zed
+            raise ArmStalledError("arm: zed stalled")
+
+    run.cell.at_move = meet
+    if not is_let_go:
+        with pytest.raises(ArmStalledError):
+            run.run()
+        assert run.cell.has == "arm"
+        return
+    run.run()
+    run.was_well()
+    (row,) = (r.body for r in read_rows(run.journal) if r.name == "touched_down")
+    assert row["left_mm"] == pytest.approx(above_mm, abs=0.1)
 
 
 # --- what a batch learns --------------------------------------------------------------------------

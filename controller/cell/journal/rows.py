@@ -281,6 +281,15 @@ class PositionsTakenOver(Body):
     q: Joints
 
 
+class TouchedDown(Body):
+    """A part that was lowered met tray or table so far above its planned place."""
+
+    kind = "observation"
+    row_name = "touched_down"
+    left_mm: float
+    error: str = ""
+
+
 class StepDone(Body):
     """A step of the plan was done; times are cell seconds."""
 
@@ -786,7 +795,7 @@ ROWS: Final[Mapping[tuple[str, str], type[Body]]] = {
         StopNotConfirmed, Openings, TablePictures, Sightings, ViewPicturesTaken, ViewJudged,
         PartMeasured, PartFindings, FilesStored, PartInspected,
         PlanMade, PlanKept, RecoveryBegun, AmbiguityResolved, PartJudged, StartRefused,
-        SourceDemoted, DeviceRetried,
+        SourceDemoted, DeviceRetried, TouchedDown,
         QuestionRaised, QuestionAnswered, PathBegun, StoodFree, PositionsTakenOver, HoldNoted,
         GraspAvoided, RecoveryProposed, PartResumed,
     )

@@ -6,16 +6,24 @@ way back is known even to a later run.
 
 from collections.abc import Callable, Iterable
 
+import numpy as np
+
 from controller.arrays import FloatArray
 from controller.cell.devices.interlocks import check_interlocks
 from controller.cell.journal import Body
-from controller.cell.journal.rows import EffectClass, Joints, PathBegun, StoodFree
+from controller.cell.journal.rows import EffectClass, Joints, PathBegun, StoodFree, TouchedDown
 from controller.planning import JointPath
+from controller.planning.model import CellLayout
+from controller.planning.motion import tcp_pose
 from drivers.clock import CellClock
+from drivers.errors import ArmStalledError
 from drivers.kinds import Arm, IoBlock
 
 # How long the arm vibrates after it stops.
 RINGING_S = 0.3
+# A part that met the tray so far above its place has slipped in the jaws; one that met something
+# higher up may stand on anything. To let it fall so far harms nothing.
+TOUCH_MM = 10.0
 # of joints in the journal: 1e-6 rad, 1e-6 mm
 DECIMALS = 6
 
@@ -69,6 +77,33 @@ class Motion:
         for q in path:
             self._trail.append(q)
             await self._arm.move_joints(q)
+
+    async def lower(self, path: JointPath, layout: CellLayout) -> None:
+        """Lower the part along a joint path, each waypoint (6,); end early where it touches down.
+
+        A part that has slipped in the jaws hangs lower than planned and meets tray or table first.
+
+        Parameters
+        ----------
+        path : to where the part is to be let go
+        layout : gives the height that is left
+
+        Raises
+        ------
+        InterlockError : a safety copy is not healthy
+        ArmStalledError : it met something further above than a part slips
+        DeviceError : the arm does not get there
+        """
+        try:
+            await self.follow(path)
+        except ArmStalledError as error:
+            q = await self._arm.read_q()
+            left = tcp_pose(layout, path[-1])[:3, 3] - tcp_pose(layout, q)[:3, 3]
+            if np.linalg.norm(left) > TOUCH_MM:
+                raise
+            self._trail[-1] = q
+            left_mm = round(float(np.linalg.norm(left)), 1)
+            self._note(TouchedDown(left_mm=left_mm, error=str(error)))
 
     def mark_free(self) -> None:
         """Mark that the arm stands free of everything: moving back ends here from now on."""
