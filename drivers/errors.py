@@ -60,6 +60,10 @@ class PositionLostError(DeviceError):
     """The device restarted: every position it had is void until it is referenced again."""
 
 
+class MotionStoppedError(DeviceError):
+    """A motion was ended by a stop; the stop itself has been sent."""
+
+
 class StalledError(DeviceError):
     """A motion ended against something that should not have been there."""
 

@@ -11,6 +11,10 @@ class InterlockError(CellError):
     """An interlock is not healthy: emergency stop, door or supply."""
 
 
+class NoPermitError(CellError):
+    """Something was to move that nobody has permitted: a bug, caught in time."""
+
+
 class ReleaseRefusedError(CellError):
     """A gripper was to open that alone holds the part: a bug, caught in time."""
 

@@ -24,15 +24,25 @@ from controller.cell.errors import InterlockError, PartFaultError, PartProblemEr
 from controller.cell.journal import Body, Journal, read_rows
 from controller.cell.journal.rows import HoldNoted, Intent, PathBegun, StoodFree
 from controller.cell.machine import Effect, Event, PartFault
-from controller.cell.services import Disambiguation, Motion, Recoveries, fault_policy
+from controller.cell.services import (
+    Disambiguation,
+    Gate,
+    Motion,
+    Permits,
+    Recoveries,
+    fault_policy,
+)
 from controller.cell.services.records import BatchRecord, grasp_of
-from controller.config import FaultsSection
+from controller.config import FaultsSection, load_cell
 from controller.inspection import PartVerdict, Verdict
 from controller.planning import Grasp, NoMotionError
+from controller.setup.layout import build_layout
 from drivers.clock import CellClock
 from drivers.io_modbus import Signal
 
 ANY: Any = SimpleNamespace
+ROOT = Path(__file__).parents[2]
+LAYOUT = build_layout(load_cell(ROOT / "recipes/cells/emulated.yaml"))
 
 
 @pytest.fixture
@@ -97,8 +107,11 @@ def io(signal: Signal = Signal.OK) -> Any:
     return SimpleNamespace(signal=lambda name: signal)
 
 
-def motion_of(arm: Any, inputs: Any = None) -> Motion:
-    return Motion(arm, inputs or io(), CellClock(1000.0))
+def motion_of(arm: Any, inputs: Any = None, note: Any = lambda row: None) -> Motion:
+    clock = CellClock(1000.0)
+    permits = Permits(ANY(write=lambda row: None))
+    permits.issue("start")
+    return Motion(arm, inputs or io(), clock, Gate(permits, clock), LAYOUT, note)
 
 
 async def test_the_way_back_is_the_way_in_backwards_as_far_as_the_arm_stood_free() -> None:
@@ -162,7 +175,7 @@ async def test_an_arm_that_is_boxed_in_goes_back_until_a_path_leads_home(
     motion = motion_of(arm)
     await motion.start_from(at(0))
     await motion.follow((at(1), at(2), at(3)))
-    record.part.custody = Custody.LOST
+    record.part.custody, record.parts_left = Custody.LOST, 1
     compute: Any = Paths(1)
     action = WithdrawAction(compute, motion, gripper, recoveries_of(record), record)  # type: ignore[arg-type]
     assert await action.run() is Event.WITHDRAWN
@@ -306,7 +319,7 @@ async def test_the_journal_knows_the_way_back_before_the_arm_sets_out() -> None:
             assert not noted or float(q[0]) in announced
             await super().move_joints(q)
 
-    motion = Motion(Bold(), io(), CellClock(1000.0), noted.append)  # type: ignore[arg-type]
+    motion = motion_of(Bold(), note=noted.append)
     await motion.start_from(at(0))
     await motion.follow((at(1), at(2)))
     motion.mark_free()

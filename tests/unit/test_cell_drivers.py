@@ -332,6 +332,6 @@ async def test_errors_of_an_arm_of_another_make_read_like_those_of_ours(
 
     nobody: Any = None
     actions: Any = SimpleNamespace(perform=fail)
-    dispatcher = Dispatcher(actions, nobody, nobody, (), nobody)
+    dispatcher = Dispatcher(actions, nobody, nobody, (), nobody, nobody)
     note = await dispatcher._outcome_of(Effect.HOME)
     assert (note.message, note.code) == (message, code)

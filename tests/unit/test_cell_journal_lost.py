@@ -11,6 +11,7 @@ from controller.cell.batch.watchers import DiskWatcher
 from controller.cell.custody import Custody
 from controller.cell.journal import Journal, rows
 from controller.cell.machine import Effect, Event
+from controller.cell.services import Gate, Permits
 from controller.cell.services.records import BatchRecord, Progress
 from drivers.clock import CellClock
 
@@ -74,7 +75,8 @@ def spoil(path: Path) -> None:
 def built(journal: Journal, actions: object, metal: Metal) -> Dispatcher:
     part = SimpleNamespace(custody=Custody.IN_ARM, tray=None)
     record = SimpleNamespace(part=part, parts_left=0, show_state=lambda *_, **__: None)
-    return Dispatcher(cast(Any, actions), cast(Any, record), cast(Any, metal), (), journal)
+    gate = Gate(Permits(journal), CellClock())
+    return Dispatcher(cast(Any, actions), cast(Any, record), cast(Any, metal), (), journal, gate)
 
 
 async def test_a_journal_lost_in_a_motion_stops_every_device(tmp_path: Path) -> None:

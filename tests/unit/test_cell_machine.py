@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import deque
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -14,17 +15,23 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, ru
 from controller.cell.machine import (
     ENTRY,
     EXECUTE,
+    FORBIDDING,
     IGNORED,
+    PAUSE_EFFECTS,
+    PERMITTING,
+    REFUSED,
     RESTING,
     SEPARATOR,
     STAGES,
     STATES,
     TABLE,
+    WORK,
     CellMachine,
+    Decision,
     Effect,
     Event,
 )
-from controller.cell.machine.diagram import mermaid, page, stages_mermaid
+from controller.cell.machine.diagram import mermaid, page, pauses_mermaid, stages_mermaid
 
 ROOT = Path(__file__).parents[2]
 # what the cell does, state by state, written down by hand: event>state it leads to
@@ -32,7 +39,8 @@ EXPECTED = """
 stopped: reset>resetting fault>aborting
 idle: start>execute_acquiring stop>stopping fault>aborting
 complete: reset>resetting fault>aborting
-held: reset>resetting stop>stopping fault>aborting
+held: reset>resetting stop>stopping fault>aborting unattended>held look_again>execute_withdrawing
+    part_taken_out>execute_withdrawing
 aborted: clear>clearing
 resetting: reset_done>idle part_dropped>holding part_problem>holding stop>stopping fault>aborting
 completing: part_done>execute_acquiring batch_done>complete part_dropped>holding
@@ -58,37 +66,111 @@ execute_handing: handed_off>execute_presenting plan_void>execute_planning
     part_dropped>execute_withdrawing part_problem>holding stop>stopping fault>aborting
 execute_lowering: set_down>execute_withdrawing
     part_dropped>execute_withdrawing part_problem>holding stop>stopping fault>aborting
-execute_withdrawing: withdrawn>execute_acquiring
+execute_withdrawing: withdrawn>execute_acquiring batch_done>complete
     part_problem>holding stop>stopping fault>aborting
 execute_placing: placed>completing
     part_dropped>execute_withdrawing part_problem>holding stop>stopping fault>aborting
 """
+# the same of pauses; a line holds for every piece of work, and the work stays the same
+PAUSES = """
+execute: pause_after_step>suspending pause_at_safe_point>suspending pause_now>suspending
+    step>suspending
+suspending: paused>suspended
+    pause_after_step>suspending pause_at_safe_point>suspending pause_now>suspending
+suspended: resume>unsuspending step>unsuspending
+unsuspending: resumed>execute step_begun>suspending
+    pause_after_step>suspended pause_at_safe_point>suspended pause_now>suspended
+"""
+# the mode in which the next work is entered, where work ends in a mode
+NEXT_MODE = {
+    "execute": "execute", "suspending": "suspending", "suspended": "suspended",
+    "unsuspending": "suspended",
+}  # fmt: skip
 # what sets going what, by hand as well
 EFFECTS = {
     "resetting": "home", "completing": "complete", "holding": "hold", "stopping": "stop_motion",
+    "held": "consult",
     "aborting": "abort_motion", "clearing": "clear_fault", "execute_acquiring": "acquire",
     "execute_recognising": "recognise", "execute_planning": "plan", "execute_grasping": "grasp",
     "execute_presenting": "present", "execute_inspecting": "inspect",
     "execute_handing": "hand_off", "execute_lowering": "set_down",
     "execute_withdrawing": "withdraw", "execute_placing": "place",
 }  # fmt: skip
-SENT = {"reset", "start", "stop", "clear", "fault"}  # by people and interlocks, not by effects
+MODE_EFFECTS = {"suspending": "suspend", "unsuspending": "unsuspend"}
+# by people and interlocks, not by effects
+PAUSE_NAMES = {"pause_after_step", "pause_at_safe_point", "pause_now"}
+SENT = {"reset", "start", "stop", "clear", "fault", "resume", "step"} | PAUSE_NAMES
+# after these a permit is new; a person, or the order that a person gave, sends them
+PERMIT = {"reset", "start", "resume", "step", "look_again", "part_taken_out"}
+# nothing may move in these, whatever was permitted before
+NO_PERMIT = {
+    "stopped", "stopping", "aborting", "aborted", "clearing", "holding", "held", "complete",
+}  # fmt: skip
 # where late outcomes of overtaken effects arrive
 AFTER_THE_END = {"stopping", "stopped", "aborting", "aborted", "holding", "held", "clearing"}
 NOTHING_MOVES = {"stopped", "stopping", "aborting", "aborted", "complete", "clearing"}
 LOOKED_FOR = {"execute_acquiring", "execute_recognising", "execute_withdrawing"}
 
 
-def listed() -> dict[tuple[str, Event], str]:
-    """Read the listing: (state, event) -> the state it leads to."""
-    found = {}
-    for line in re.sub(r"\n +", " ", EXPECTED).strip().splitlines():
+def parsed(text: str) -> list[tuple[str, str, str]]:
+    """Read a listing: (state, event, the state it leads to)."""
+    found = []
+    for line in re.sub(r"\n +", " ", text).strip().splitlines():
         state, pairs = line.split(": ")
-        for pair in pairs.split():
-            event, target = pair.split(">")
-            assert (state, Event(event)) not in found
-            found[state, Event(event)] = target
+        found += [(state, *pair.split(">")) for pair in pairs.split()]
     return found
+
+
+def split(state: str) -> tuple[str, str]:
+    """Return mode and work of a state; ("", state) where it is no work."""
+    if state == "completing":
+        return "execute", state
+    mode, _, work = state.partition("_")
+    return (mode, work) if work else ("", state)
+
+
+def joined(mode: str, work: str) -> str:
+    return "completing" if (mode, work) == ("execute", "completing") else f"{mode}_{work}"
+
+
+def listed() -> dict[tuple[str, Event], str]:
+    """Return all that is listed: (state, event) -> the state it leads to."""
+    found: dict[tuple[str, Event], str] = {}
+
+    def add(state: str, event: str, target: str) -> None:
+        assert (state, Event(event)) not in found
+        found[state, Event(event)] = target
+
+    works = []
+    for state, event, target in parsed(EXPECTED):
+        mode, work = split(state)
+        if not mode:
+            add(state, event, target)
+            continue
+        works.append(work)
+        for each, after in NEXT_MODE.items():
+            next_mode, next_work = split(target)
+            add(joined(each, work), event, joined(after, next_work) if next_mode else target)
+    for mode, event, target in parsed(PAUSES):
+        for work in dict.fromkeys(works):
+            add(joined(mode, work), event, joined(target, work))
+    for (
+        state
+    ) in LOOKED_FOR:  # the check before a resume may find a part gone that nobody should have
+        work = split(state)[1]
+        add(joined("unsuspending", work), "part_dropped", joined("suspended", work))
+    return found
+
+
+def expected_effects(source: str, target: str) -> tuple[Effect, ...]:
+    """Return what a transition sets going: work that is new, then what its pause needs."""
+    (mode, work), (next_mode, next_work) = split(source), split(target)
+    found = []
+    if source != target and (not next_mode or next_work != work):
+        found += [EFFECTS.get(target if not next_mode else joined("execute", next_work))]
+    if next_mode and next_mode != mode:
+        found += [MODE_EFFECTS.get(next_mode)]
+    return tuple(Effect(one) for one in found if one is not None)
 
 
 def why_ignored(state: str, event: str) -> str:
@@ -97,20 +179,47 @@ def why_ignored(state: str, event: str) -> str:
         return "already aborting: the first fault is the one on record"
     if event == "stop" and state in NOTHING_MOVES:
         return "nothing moves any more"
-    if event == "part_dropped" and state in LOOKED_FOR:
+    mode, work = split(state)
+    if event in PAUSE_NAMES and state in (NOTHING_MOVES | {"holding", "held"}):
+        return "nothing moves any more"
+    if event in PAUSE_NAMES and mode == "suspended":
+        return "already paused"
+    if event == "resume" and mode == "execute":
+        return "nothing is paused"
+    if event == "step" and mode == "suspending":
+        return "already pausing after this step or sooner"
+    if event in ("resume", "step") and mode == "unsuspending":
+        return "already going on"
+    if event in ("paused", "resumed", "step_begun") and mode:
+        return "this pause is over"
+    if event == "part_dropped" and mode and joined("execute", work) in LOOKED_FOR:
         return "nobody holds the part: it is being looked for already"
     if event not in SENT and state in AFTER_THE_END:
         return "outcome of a task that was stopped"
     return ""
 
 
+def why_refused(state: str, event: str) -> str:
+    """Return why an event is refused that is possible elsewhere; empty where there is none."""
+    mode, _ = split(state)
+    if state in ("resetting", "idle") and event in PAUSE_NAMES | {"step"}:
+        return "homing finds its references in one go: pause once it is done, or stop"
+    if event == "resume" and mode == "suspending":
+        return "the cell is still coming to its pause: resume once it stands"
+    if event in ("resume", "step") and state in NOTHING_MOVES - {"complete"}:
+        return "a stop ends the run, and so does a fault: nothing is paused. Start again"
+    if event in ("resume", "step") and state in ("holding", "held"):
+        return "the cell waits for an answer: answer its question"
+    return ""
+
+
 HANDLED = listed()
-PAIRS = [(state, event) for state in STATES for event in Event]
 IN_EXECUTE = [f"{EXECUTE}{SEPARATOR}{stage}" for stage in STAGES]
 # whose effect moves metal, or that may hold a part while they rest
 MOVING = ["resetting", "completing", "holding", "stopping", *IN_EXECUTE]
+IN_WORK = [state for state in STATES if split(state)[0]]
 # outcomes of effects, as against what people and interlocks send
-COMMANDS = {Event.RESET, Event.START, Event.STOP, Event.CLEAR, Event.FAULT}
+COMMANDS = {Event(name) for name in SENT}
 
 
 def at(state: str) -> CellMachine:
@@ -134,16 +243,23 @@ def reachable(start: str, without: frozenset[Event] = frozenset()) -> set[str]:
     return seen
 
 
-def test_the_states_are_twenty_one_and_each_works_or_rests() -> None:
-    # PackML's words, and within Execute eight stages of a part (ADR 1) and two of recovery
-    assert len(STATES) == len(set(STATES)) == 21
+def test_the_states_are_packmls_and_those_of_work_stand_in_four_modes() -> None:
+    # ten states of the cell, and within Execute eight stages of a part (ADR 1), two of recovery,
+    # and their completion, in four modes each
+    assert len(STATES) == len(set(STATES)) == 10 + 4 * 11
     assert set(IN_EXECUTE) <= set(STATES)
-    assert set(RESTING) | set(ENTRY) == set(STATES)
-    assert not set(RESTING) & set(ENTRY)
+    paused = {state for state in STATES if split(state)[0] == "suspended"}
+    assert set(RESTING) == {"stopped", "idle", "complete", "held", "aborted"} | paused
+    assert {split(state)[1] for state in IN_WORK} == set(WORK)
 
 
-@pytest.mark.parametrize(("state", "event"), PAIRS, ids=lambda v: str(getattr(v, "value", v)))
-def test_every_pair_ends_as_it_is_listed_by_hand(state: str, event: Event) -> None:
+@pytest.mark.parametrize("state", STATES)
+def test_every_pair_ends_as_it_is_listed_by_hand(state: str) -> None:
+    for event in Event:
+        check_pair(state, event)
+
+
+def check_pair(state: str, event: Event) -> None:
     machine = at(state)
 
     decision = machine.dispatch(event)
@@ -153,23 +269,28 @@ def test_every_pair_ends_as_it_is_listed_by_hand(state: str, event: Event) -> No
     if (state, event) in HANDLED:
         assert (decision.answer, decision.reason) == ("handled", "")
         assert decision.target == HANDLED[state, event]
-        effect = EFFECTS.get(decision.target)
-        assert decision.effects == (() if effect is None else (Effect(effect),))
+        assert decision.effects == expected_effects(state, decision.target)
+        assert decision.permits == (event.value in PERMIT)
+        is_paused = split(decision.target)[0] == "suspended"
+        assert decision.forbids == (is_paused or decision.target in NO_PERMIT)
         return
-    assert decision.effects == ()
+    assert (decision.effects, decision.permits, decision.forbids) == ((), False, False)
     assert machine.state == state
     ignored = why_ignored(state, event.value)
     if ignored:
         assert (decision.answer, decision.reason) == ("ignored", ignored)
         return
-    possible = ", ".join(sorted(e.value for s, e in HANDLED if s == state))
     assert decision.answer == "refused"
+    if refused := why_refused(state, event.value):
+        assert decision.reason == refused
+        return
+    possible = ", ".join(sorted(e.value for s, e in HANDLED if s == state))
     assert decision.reason == f"`{event.value}` means nothing in {state}; possible: {possible}"
 
 
 def test_the_listing_by_hand_names_every_state() -> None:
     assert {state for state, _ in HANDLED} == set(STATES)
-    assert {*EFFECTS, *RESTING} == set(STATES)
+    assert {*EFFECTS, *RESTING} >= {s for s in STATES if split(s)[0] in ("", "execute")}
 
 
 def test_the_table_names_existing_states_only_and_each_pair_once() -> None:
@@ -177,7 +298,7 @@ def test_the_table_names_existing_states_only_and_each_pair_once() -> None:
     assert len(every) == len(set(every)), "two rows for one pair"
     assert {source for source, _ in every} <= set(STATES)
     assert {target for _, _, target in TABLE} <= set(STATES)
-    assert all(reason for _, _, reason in IGNORED)
+    assert all(reason for _, _, reason in (*IGNORED, *REFUSED))
 
 
 def test_no_two_transitions_of_the_machine_begin_with_one_pair() -> None:
@@ -191,8 +312,8 @@ def test_every_event_is_handled_somewhere() -> None:
 
 
 def test_every_effect_is_set_going_by_one_state_that_has_an_outcome() -> None:
-    assert sorted(ENTRY.values()) == sorted(Effect)
-    for state in ENTRY:
+    assert sorted([*ENTRY.values(), *WORK.values(), *PAUSE_EFFECTS]) == sorted(Effect)
+    for state in (*ENTRY, *IN_EXECUTE, "completing"):
         outcomes = {e for s, e in HANDLED if s == state} - COMMANDS - {Event.PART_PROBLEM}
         assert outcomes, f"{state} starts work whose end nothing takes note of"
 
@@ -235,14 +356,14 @@ def test_a_fault_anywhere_ends_in_aborting_unless_it_aborts_already(state: str) 
 @pytest.mark.parametrize("state", STATES)
 def test_a_stop_is_obeyed_wherever_something_moves_or_is_held(state: str) -> None:
     decision = at(state).dispatch(Event.STOP)
-    if (state in MOVING and state != "stopping") or state in ("idle", "held"):
+    if (state in MOVING and state != "stopping") or state in ("idle", "held", *IN_WORK):
         assert (decision.target, decision.effects) == ("stopping", (Effect.STOP_MOTION,))
     else:
         # nobody who presses stop is told that it means nothing
         assert decision.answer == "ignored"
 
 
-@pytest.mark.parametrize("state", ["resetting", "completing", *IN_EXECUTE])
+@pytest.mark.parametrize("state", ["resetting", *IN_WORK])
 def test_trouble_with_the_part_holds_the_cell_wherever_an_effect_may_report_it(state: str) -> None:
     # homing reports a fixture that is not empty: refused, the cell would wait for ever
     decision = at(state).dispatch(Event.PART_PROBLEM)
@@ -290,7 +411,7 @@ def test_a_whole_batch_of_two_parts_with_a_hand_off_and_a_missed_grip() -> None:
         (Event.PLACED, Effect.COMPLETE),
         (Event.PART_DONE, Effect.ACQUIRE),
         (Event.PART_PROBLEM, Effect.HOLD),
-        (Event.HOLD_DONE, None),
+        (Event.HOLD_DONE, Effect.CONSULT),
         (Event.RESET, Effect.HOME),
     ]
     follow(machine, script)
@@ -341,7 +462,7 @@ def test_a_part_that_leaves_the_fixed_gripper_is_never_news_the_table_has_no_ans
     state: str,
 ) -> None:
     # its keep-alive may say so in any state that something moves in
-    if state in MOVING:
+    if state in MOVING or state in IN_WORK:
         assert answer(state, Event.PART_DROPPED) != "refused"
 
 
@@ -371,7 +492,27 @@ def arrows(diagram: str) -> set[tuple[str, str, str]]:
 
 
 def test_the_diagram_shows_exactly_what_is_listed() -> None:
-    assert arrows(mermaid()) == {(s, e.value, t) for (s, e), t in HANDLED.items()}
+    plain = {
+        (s, e.value, t)
+        for (s, e), t in HANDLED.items()
+        if {split(s)[0], split(t)[0]} <= {"", "execute"}
+    }
+    assert arrows(mermaid()) == plain
+
+
+def test_the_diagram_of_pauses_shows_exactly_what_is_listed() -> None:
+    drawn = set()
+    for source, target, event, works in re.findall(
+        r"(\w+) --> (\w+) : (\w+)(?: \((.*)\))?", pauses_mermaid()
+    ):
+        for work in works.split(", ") if works else WORK:
+            drawn.add((joined(source, work), event, joined(target, work)))
+    kept = {
+        (s, e.value, t)
+        for (s, e), t in HANDLED.items()
+        if split(s)[0] and split(t)[0] and split(s)[1] == split(t)[1]
+    }
+    assert drawn == kept
 
 
 def test_the_page_on_the_states_is_what_the_machine_draws() -> None:
@@ -408,11 +549,10 @@ class Walk(RuleBasedStateMachine):
         self.expected = HANDLED.get((before, event), before)
         assert (decision.source, decision.target) == (before, self.expected)
         assert (decision.answer == "handled") == ((before, event) in HANDLED)
-        assert len(decision.effects) <= 1
         if decision.answer != "handled":
             assert decision.effects == ()
-        elif self.expected in ENTRY:
-            assert decision.effects == (ENTRY[self.expected],)
+        else:
+            assert decision.effects == expected_effects(before, self.expected)
 
     @invariant()
     def is_where_the_table_says(self) -> None:
@@ -422,3 +562,162 @@ class Walk(RuleBasedStateMachine):
 
 Walk.TestCase.settings = settings(max_examples=30, stateful_step_count=40, deadline=None)
 TestWalk = Walk.TestCase
+
+
+# effects during which metal may move: all but pictures, computing, counting, asking and waiting
+MOVES = {
+    Effect.HOME, Effect.GRASP, Effect.PRESENT, Effect.HAND_OFF, Effect.SET_DOWN, Effect.WITHDRAW,
+    Effect.PLACE, Effect.UNSUSPEND,
+}  # fmt: skip
+# what each effect may report, as its action's docstring has it; a fault, a problem, a lost part may
+# be reported at any time
+OUTCOMES = {
+    "home": "reset_done", "acquire": "picture_taken", "recognise": "part_recognised part_not_seen",
+    "plan": "planned planned_on", "grasp": "grasped grip_missed", "present": "shown plan_void",
+    "inspect": "inspected hand_off_due set_down_due all_seen plan_void",
+    "hand_off": "handed_off plan_void", "set_down": "set_down", "withdraw": "withdrawn batch_done",
+    "place": "placed", "complete": "part_done batch_done", "hold": "hold_done",
+    "consult": "unattended look_again part_taken_out stop", "stop_motion": "stop_done",
+    "abort_motion": "abort_done", "clear_fault": "clear_done", "suspend": "paused",
+    "unsuspend": "resumed step_begun",
+}  # fmt: skip
+
+
+@cache
+def stopped_from(state: str) -> str:
+    """Return where a stop leads from a state, once what it sets going has ended."""
+    machine = CellMachine(state)
+    for event in (Event.STOP, Event.STOP_DONE, Event.ABORT_DONE, Event.CLEAR_DONE):
+        machine.dispatch(event)
+    return machine.state
+
+
+class Cell(RuleBasedStateMachine):
+    """A cell as the dispatcher runs it: effects that are under way, a permit, people, chance.
+
+    Effects that a new state has no use for end; those that it keeps go on. Whatever happens, in any
+    order, the invariants hold.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.machine = CellMachine()
+        self.permit = ""
+        self.work: Effect | None = None
+        self.pause: Effect | None = None
+        self.has_been_stopped = False
+
+    def take(self, event: Event, reporter: Effect | None = None) -> Decision:
+        decision = self.machine.dispatch(event)
+        if decision.answer != "handled":
+            return decision
+        if event.value in PERMIT:
+            self.permit, self.has_been_stopped = event.value, False
+        if decision.forbids:
+            self.permit = ""
+        if event in (Event.STOP, Event.FAULT):
+            self.has_been_stopped = True
+        (mode, work), (next_mode, next_work) = split(decision.source), split(decision.target)
+        if mode != next_mode or self.pause is reporter:
+            self.pause = None
+        if self.work is reporter or (
+            decision.source != decision.target and not (mode and next_mode and work == next_work)
+        ):
+            self.work = None
+        for effect in decision.effects:
+            if effect in MOVES and not next_mode.startswith("suspend"):
+                # where the cell pauses, what is begun waits at the gate
+                assert self.permit, (decision, effect)
+                assert not self.has_been_stopped, (decision, effect)
+            if effect.value in MODE_EFFECTS.values():
+                assert self.pause is None, "a pause begins while another one ends"
+                self.pause = effect
+            else:
+                assert self.work is None, (decision, self.work)
+                self.work = effect
+        return decision
+
+    @rule(name=st.sampled_from(sorted(SENT - {"fault"})))
+    def a_person_sends(self, name: str) -> None:
+        self.take(Event(name))
+
+    @rule()
+    def an_interlock_opens(self) -> None:
+        decision = self.take(Event.FAULT)
+        assert decision.target in ("aborting", "aborted")
+
+    @rule()
+    def the_fixed_gripper_loses_its_part(self) -> None:
+        assert self.take(Event.PART_DROPPED).answer != "refused" or not split(self.machine.state)[0]
+
+    @rule(data=st.data(), which=st.sampled_from(["work", "work", "work", "pause"]))
+    def an_effect_ends(self, data: st.DataObject, which: str) -> None:
+        effect = self.work if which == "work" else self.pause
+        if effect is None:
+            return
+        names = OUTCOMES[effect.value].split()
+        if effect in MOVES | {Effect.PLAN, Effect.INSPECT, Effect.ACQUIRE, Effect.RECOGNISE}:
+            names += ["part_problem"]
+        work = split(self.machine.state)[1]
+        if effect is Effect.UNSUSPEND and joined("execute", work) not in LOOKED_FOR | {
+            "completing"
+        }:
+            names += ["part_dropped"]
+        decision = self.take(Event(data.draw(st.sampled_from(names))), effect)
+        assert decision.answer == "handled", decision
+
+    @rule()
+    def the_line_of_the_arm_is_cut(self) -> None:
+        if self.work is not None and self.work is not Effect.ABORT_MOTION:
+            assert self.take(Event.FAULT, self.work).target == "aborting"
+
+    @invariant()
+    def somebody_always_knows_what_comes_next(self) -> None:
+        # nothing waits for an outcome that no effect is left to report
+        state = self.machine.state
+        mode, _ = split(state)
+        if state in EFFECTS or mode in ("suspending", "suspended", "unsuspending"):
+            assert self.work is not None or state == "held", state
+        if mode in MODE_EFFECTS:
+            assert self.pause is not None, state
+        else:
+            assert self.pause is None, state
+
+    @invariant()
+    def at_rest_nothing_may_move(self) -> None:
+        if self.machine.state in NO_PERMIT or split(self.machine.state)[0] == "suspended":
+            assert not self.permit
+
+    @invariant()
+    def from_every_state_a_stop_leads_to_rest(self) -> None:
+        assert stopped_from(self.machine.state) in {"stopped", "aborted", "complete"}
+
+
+Cell.TestCase.settings = settings(max_examples=60, stateful_step_count=60, deadline=None)
+TestCell = Cell.TestCase
+
+
+def test_what_permits_and_what_forbids_is_as_listed() -> None:
+    assert {event.value for event in PERMITTING} == PERMIT
+    assert set(FORBIDDING) == NO_PERMIT | {s for s in STATES if split(s)[0] == "suspended"}
+
+
+def test_a_pause_keeps_the_grasp_and_a_step_goes_on_with_it() -> None:
+    machine = at("execute_grasping")
+    script: list[tuple[Event, str, tuple[Effect, ...]]] = [
+        (Event.PAUSE_AT_SAFE_POINT, "suspending_grasping", (Effect.SUSPEND,)),
+        (Event.PAUSE_NOW, "suspending_grasping", ()),
+        (Event.PAUSED, "suspended_grasping", ()),
+        (Event.STEP, "unsuspending_grasping", (Effect.UNSUSPEND,)),
+        (Event.STEP_BEGUN, "suspending_grasping", (Effect.SUSPEND,)),
+        (Event.GRASPED, "suspending_presenting", (Effect.PRESENT,)),
+        (Event.PAUSED, "suspended_presenting", ()),
+        (Event.RESUME, "unsuspending_presenting", (Effect.UNSUSPEND,)),
+        (Event.PART_DROPPED, "suspended_withdrawing", (Effect.WITHDRAW,)),
+        (Event.RESUME, "unsuspending_withdrawing", (Effect.UNSUSPEND,)),
+        (Event.RESUMED, "execute_withdrawing", ()),
+        (Event.WITHDRAWN, "execute_acquiring", (Effect.ACQUIRE,)),
+    ]
+    for event, target, effects in script:
+        decision = machine.dispatch(event)
+        assert (decision.target, decision.effects) == (target, effects), event

@@ -30,6 +30,7 @@ from controller.cell.machine import (
     ENTRY,
     PARKING,
     STILL_HELD,
+    WORK,
     Act,
     Budgets,
     CellMachine,
@@ -371,6 +372,7 @@ class PaperRun:
             self._journal, folder, Progress(), lambda: None,
         )  # fmt: skip
         self.record, self.actions, self._motion = batch.record, batch.actions, batch.motion
+        self._gate = batch.gate
         self.record.parts_left = 1
         self.machine = CellMachine("idle")
         self.problem: PartProblemError | None = None
@@ -387,6 +389,7 @@ class PaperRun:
         return self
 
     async def _run(self) -> None:
+        self._gate.permits.issue("start")
         await self._motion.start_from(LAYOUT.park_q)
         event = Event.START
         while True:
@@ -906,11 +909,11 @@ def test_no_jaw_of_the_cell_opens_but_through_the_guard() -> None:
     }
     # activating moves the jaws, and comes after homing has found the fixed gripper empty;
     # `cellctl recover` opens for a person who holds the part and said so
-    assert found == {("home.py", "activate"), ("releasing.py", "open_to")}
+    assert found == {("grippers.py", "activate"), ("releasing.py", "open_to")}
 
 
 def test_every_effect_of_recovery_is_something_the_actions_can_do() -> None:
-    done = set(ENTRY.values())
+    done = {*ENTRY.values(), *WORK.values()}
     assert {Effect.WITHDRAW, Effect.SET_DOWN} <= done
     for error in PartFault:
         assert PartFaultError(error, "x").code == error.value

@@ -7,8 +7,10 @@ services are in `controller.cell.services`; `controller.cell.batch.assembly` han
 
 from .action import Action, Actions
 from .complete import CompleteAction
+from .consult import ConsultAction
 from .home import HomeAction
 from .manipulation import GraspAction, HandOffAction, PlaceAction, SetDownAction, WithdrawAction
+from .pause import SuspendAction, UnsuspendAction
 from .perception import AcquireAction, InspectAction, PresentAction, RecogniseAction, lamps_for
 from .plan import PlanAction
 from .stop import AbortMotionAction, ClearFaultAction, HoldAction, StopMotionAction
@@ -20,6 +22,7 @@ __all__ = [
     "Actions",
     "ClearFaultAction",
     "CompleteAction",
+    "ConsultAction",
     "GraspAction",
     "HandOffAction",
     "HoldAction",
@@ -31,6 +34,8 @@ __all__ = [
     "RecogniseAction",
     "SetDownAction",
     "StopMotionAction",
+    "SuspendAction",
+    "UnsuspendAction",
     "WithdrawAction",
     "lamps_for",
 ]

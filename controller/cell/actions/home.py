@@ -9,7 +9,7 @@ from controller.cell.journal import Journal
 from controller.cell.journal.rows import Homed
 from controller.cell.machine import Event
 from controller.planning.model import CellLayout
-from drivers.kinds import Arm, FixedGripper, IoBlock
+from drivers.kinds import IoBlock
 
 from ..services import Grippers, Imaging, Motion, Preparation
 from ..services.records import BatchRecord
@@ -21,13 +21,11 @@ class HomeAction:
 
     Attributes
     ----------
-    arm, gripper, io : devices that have to be powered, homed, activated, healthy
+    io : the interlocks, which have to be healthy
     layout : has the configuration to park in, and how wide the arm gripper opens
     motion, grippers, imaging, preparation, record, journal : services
     """
 
-    arm: Arm
-    gripper: FixedGripper
     io: IoBlock
     layout: CellLayout
     motion: Motion
@@ -59,12 +57,10 @@ class HomeAction:
         return Event.RESET_DONE
 
     async def _ready_fixed_gripper(self) -> None:
-        await self.gripper.activate()
+        await self.grippers.activate_fixed()
         await self.grippers.open_fixed()
 
     async def _ready_arm(self) -> None:
-        await self.arm.enable_power()
-        if not self.arm.is_homed:
-            await self.arm.home()
+        await self.motion.home()
         await self.grippers.open_arm(self.layout.arm_gripper.max_mm * 0.5)
         await self.motion.start_from(self.layout.park_q)

@@ -82,6 +82,12 @@ CELL: Final = (
         "make room on the disk, start again",
     ),
     Alarm(
+        909, "no_permit", _ABORT, _HOST,
+        "something was to move that nobody had permitted: a bug, caught in time",
+        _NO_REMAINDER,
+        "look at the cell, start again; send the journal with your report",
+    ),
+    Alarm(
         920, "broke_off", _ABORT, _HOST,
         "an error kept the run from coming to rest",
         "where the arm is, and what the grippers hold",

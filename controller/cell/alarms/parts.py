@@ -115,6 +115,12 @@ PARTS: Final = (
         "take it out with `cellctl recover --open fixed`",
     ),
     Alarm(
+        418, "still_held", _HOLD, "both grippers",
+        "a gripper holds something although the part was said to be out",
+        "what it holds",
+        "look at both grippers, take the part out, then answer once more",
+    ),
+    Alarm(
         420, "part_may_be_held", _REFUSED, "both grippers",
         "a gripper holds a part, or may hold one, that an earlier run left",
         "whether and how the gripper named holds it",

@@ -16,6 +16,7 @@ from ..actions import (
     Actions,
     ClearFaultAction,
     CompleteAction,
+    ConsultAction,
     GraspAction,
     HandOffAction,
     HoldAction,
@@ -27,6 +28,8 @@ from ..actions import (
     RecogniseAction,
     SetDownAction,
     StopMotionAction,
+    SuspendAction,
+    UnsuspendAction,
     WithdrawAction,
 )
 from ..compute import Compute
@@ -34,14 +37,17 @@ from ..devices import Devices
 from ..devices.stopping import Stopping
 from ..journal import Journal
 from ..machine import Budgets, Effect
+from ..operator import NOBODY, Operator
 from ..services import (
     CameraName,
     Disambiguation,
+    Gate,
     Grippers,
     HeldPose,
     Imaging,
     Motion,
     PartFile,
+    Permits,
     PlanSteps,
     Preparation,
     Recoveries,
@@ -65,12 +71,14 @@ class Batch:
     ----------
     record : the part at hand and those done
     motion : the arm
+    gate : what everything passes before it moves
     actions : one for each effect of the table
     dispatcher : runs the batch
     """
 
     record: BatchRecord
     motion: Motion
+    gate: Gate
     actions: Actions
     dispatcher: Dispatcher
 
@@ -86,6 +94,7 @@ def assemble(
     folder: Path,
     progress: Progress,
     on_progress: Callable[[], None],
+    operator: Operator = NOBODY,
 ) -> Batch:
     """Return a cell that is ready for one batch; no device is moved or read.
 
@@ -99,6 +108,7 @@ def assemble(
     journal : of the run
     folder : of the run, for its pictures
     progress, on_progress : what the operator sees; called after each change of it
+    operator : answers questions
     """
     arm, gripper, lights, io = devices.arm, devices.gripper, devices.lights, devices.io
     quick = frozenset(name for name in CAMERAS if getattr(cell.cameras, name).settle_frames == 0)
@@ -110,11 +120,12 @@ def assemble(
     faults = faults_section(cell, recipe)
     budgets = Budgets(faults.demote_after, faults.window)
     record = BatchRecord(journal, progress, on_progress, budgets)
-    motion = Motion(arm, io, clock, record.note)
-    steps = PlanSteps(record, motion, clock)
+    gate = Gate(Permits(journal), clock)
+    motion = Motion(arm, io, clock, gate, layout, record.note)
+    steps = PlanSteps(record, motion, clock, gate)
     policy = fault_policy(faults)
     retries = Retries(record, policy, clock)
-    grippers = Grippers(arm, gripper, io, record, recipe, retries)
+    grippers = Grippers(arm, gripper, io, record, recipe, gate, retries)
     imaging = Imaging(lights, cameras, quick, folder, record.note_file, retries)
     recoveries = Recoveries(record, policy, clock)
     views = Views(record, compute, layout)
@@ -124,14 +135,14 @@ def assemble(
 
     by_effect: dict[Effect, Action] = {
         Effect.HOME: HomeAction(
-            arm, gripper, io, layout, motion, grippers, imaging, preparation, record, journal
+            io, layout, motion, grippers, imaging, preparation, record, journal
         ),
-        Effect.ACQUIRE: AcquireAction(imaging, record),
+        Effect.ACQUIRE: AcquireAction(imaging, gate, record),
         Effect.RECOGNISE: RecogniseAction(compute, recipe, record),
         Effect.PLAN: PlanAction(compute, preparation, views, held_pose, motion, record),
         Effect.GRASP: GraspAction(steps, motion, grippers, views, record, layout),
         Effect.PRESENT: PresentAction(
-            steps, motion, grippers, imaging, views, Disambiguation(compute, record), record
+            steps, motion, gate, grippers, imaging, views, Disambiguation(compute, record), record
         ),
         Effect.INSPECT: InspectAction(
             compute,
@@ -148,6 +159,9 @@ def assemble(
         Effect.PLACE: PlaceAction(steps, motion, grippers, record, layout),
         Effect.COMPLETE: CompleteAction(record, imaging),
         Effect.HOLD: HoldAction(stopping, views),
+        Effect.CONSULT: ConsultAction(operator, record),
+        Effect.SUSPEND: SuspendAction(gate, stopping),
+        Effect.UNSUSPEND: UnsuspendAction(gate, io, grippers, record),
         Effect.STOP_MOTION: StopMotionAction(stopping, views),
         Effect.ABORT_MOTION: AbortMotionAction(stopping, views, journal),
         Effect.CLEAR_FAULT: ClearFaultAction(io),
@@ -158,5 +172,5 @@ def assemble(
         FixedGripperWatcher(gripper, grippers, recoveries, record, clock),
         DiskWatcher(folder, clock),
     )
-    dispatcher = Dispatcher(actions, record, stopping, watchers, journal)
-    return Batch(record, motion, actions, dispatcher)
+    dispatcher = Dispatcher(actions, record, stopping, watchers, journal, gate)
+    return Batch(record, motion, gate, actions, dispatcher)

@@ -1,7 +1,8 @@
 """The one task that owns the state: takes events, decides by the table, runs effects as tasks.
 
-A stop halts the arm first and cancels the task afterwards. The table ignores what a task reports
-that a stop or a fault has overtaken.
+A stop takes the permit to move away, halts the arm, and cancels the task afterwards. The table
+ignores what a task reports that a stop or a fault has overtaken. A pause leaves the task alive,
+waiting at the gate; what begins or ends the pause runs beside it.
 """
 
 import asyncio
@@ -10,7 +11,7 @@ from collections.abc import Sequence
 from concurrent.futures import BrokenExecutor
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Literal
+from typing import Final, Literal
 
 from drivers.errors import ArmStalledError, DeviceError, SilentLineError
 
@@ -20,7 +21,19 @@ from ..custody import where_it_is
 from ..devices.stopping import Stopping
 from ..errors import CellError, PartProblemError, PolicyAbortError
 from ..journal import Journal, JournalError, rows
-from ..machine import CellMachine, Decision, Effect, Event
+from ..machine import (
+    PAUSE_EFFECTS,
+    PAUSE_EVENTS,
+    CellMachine,
+    Decision,
+    Effect,
+    Event,
+    Mode,
+    PauseKind,
+    mode_of,
+    work_of,
+)
+from ..services import Gate
 from ..services.records import BatchRecord
 from .watchers import Watcher
 
@@ -57,12 +70,28 @@ class Outcome:
 
 @dataclass(frozen=True, slots=True)
 class _Note:
-    """An event with its message and code; `of` is the effect that ended in it."""
+    """An event with its message and code.
+
+    Attributes
+    ----------
+    of : the effect that ended in it
+    who, why : the person who sent it, and the reason given
+    answer : gets what the machine decided
+    """
 
     event: Event
     of: Effect | None = None
     message: str = ""
     code: str = ""
+    who: str = ""
+    why: str = ""
+    answer: asyncio.Future[Decision] | None = None
+
+
+_KIND_OF: Final = {event: kind for kind, event in PAUSE_EVENTS.items()} | {
+    Event.STEP: PauseKind.AFTER_STEP
+}
+_Running = tuple[Effect, asyncio.Task[None]]
 
 
 class Dispatcher:
@@ -75,6 +104,7 @@ class Dispatcher:
     stopping : halts the arm before a task is cancelled
     watchers : report what no action reports
     journal : of the run
+    gate : opened and closed, and given its permit, as the machine decides
     """
 
     def __init__(
@@ -84,25 +114,35 @@ class Dispatcher:
         stopping: Stopping,
         watchers: Sequence[Watcher],
         journal: Journal,
+        gate: Gate,
     ) -> None:
         self._actions = actions
         self._record = record
         self._stopping = stopping
         self._watchers = watchers
         self._journal = journal
+        self._gate = gate
         self._machine = CellMachine()
         self._inbox: asyncio.Queue[_Note] = asyncio.Queue()
-        self._running: tuple[Effect, asyncio.Task[None]] | None = None
+        # the work at hand, and beside it what begins or ends its pause
+        self._work: _Running | None = None
+        self._pause: _Running | None = None
         self._message = ""
         self._code = ""
         self._step = ""
         self._has_begun = False
+        self._has_ended = False
         self._before: _Note | None = None
 
     @property
     def state(self) -> str:
         """Present state of the cell."""
         return self._machine.state
+
+    @property
+    def message(self) -> str:
+        """What the operator has to know of the last fault or problem; empty without one."""
+        return self._message
 
     def request_stop(self, message: str = "stopped by the operator", code: str = "stop") -> None:
         """Request a stop; no gripper opens. Before `run`, nothing will be started."""
@@ -111,6 +151,26 @@ class Dispatcher:
     def request_abort(self, message: str, code: str) -> None:
         """Report a fault that no effect can report."""
         self._request(_Note(Event.FAULT, message=message, code=code))
+
+    async def command(
+        self, event: Event, who: str, why: str = "", message: str = "", code: str = ""
+    ) -> Decision:
+        """Have a person's command taken in its turn; return what the machine decided.
+
+        Parameters
+        ----------
+        event : one of `COMMANDS`
+        who, why : the person, and the reason given
+        message, code : for the operator, where the command ends the run
+        """
+        if self._has_ended or not self._has_begun:
+            when = "has come to rest" if self._has_ended else "is still connecting its devices"
+            return Decision("refused", self.state, self.state, reason=f"the run {when}")
+        answer: asyncio.Future[Decision] = asyncio.get_running_loop().create_future()
+        self._inbox.put_nowait(
+            _Note(event, message=message, code=code, who=who, why=why, answer=answer)
+        )
+        return await answer
 
     def _request(self, note: _Note) -> None:
         if self._has_begun:
@@ -143,21 +203,38 @@ class Dispatcher:
                 match self._machine.state:
                     case "idle":
                         self._inbox.put_nowait(_Note(Event.START))
-                    case "complete" | "held" | "aborted" as end:
+                    case "complete" | "aborted" as end:
                         return self._outcome(end)
+                    case "held" if note.event is Event.UNATTENDED:
+                        return self._outcome("held")
                     case "stopped" if note.event is Event.STOP_DONE:
                         return self._outcome("stopped")
         finally:
+            self._has_ended = True
+            self._refuse_the_rest()
             for watcher in watchers:
                 watcher.cancel()
             await asyncio.gather(*watchers, return_exceptions=True)
             # at rest nothing runs; after an error (no journal can be written) a task may still
             # be moving the arm
-            await self._end_running(halt=True)
+            await self._end(self._pause)
+            await self._end(self._work)
+
+    def _refuse_the_rest(self) -> None:
+        """Answer commands that came too late."""
+        while not self._inbox.empty():
+            answer = self._inbox.get_nowait().answer
+            if answer is not None and not answer.done():
+                reason = "the run has come to rest"
+                answer.set_result(Decision("refused", self.state, self.state, reason=reason))
 
     async def _stop_unrecorded(self, error: JournalError) -> Outcome:
         """Stop every device although no row can be written; return the outcome."""
-        await asyncio.gather(self._end_running(halt=True), self._stopping.stop_others())
+        with suppress(JournalError):
+            self._gate.permits.withdraw("journal")
+        await asyncio.gather(
+            self._end(self._work), self._end(self._pause), self._stopping.stop_others()
+        )
         where = where_it_is(self._record.part.custody, self._record.part.tray or "")
         message = (
             f"{error}; nothing can be recorded any more, so every device was stopped. "
@@ -182,32 +259,70 @@ class Dispatcher:
     async def _take(self, note: _Note) -> None:
         decision = self._machine.dispatch(note.event)
         self._journal.write(_event_row(note, decision))
+        if decision.answer == "handled":
+            if decision.permits:
+                self._gate.permits.issue(note.event.value)
+            elif decision.forbids:
+                self._gate.permits.withdraw(note.event.value)
+            self._set_gate(note.event, decision)
+        if note.answer is not None and not note.answer.done():
+            note.answer.set_result(decision)
         if decision.answer != "handled":
             log.debug("%s in %s: %s", note.event.value, decision.source, decision.reason)
             return
         if note.message:
             self._message, self._code = note.message, note.code
             self._step = "" if note.of is None else note.of.value
+        if note.event is Event.PART_PROBLEM:
+            self._record.problem = (note.code, note.message)
         state = decision.target.removeprefix("execute_")
-        self._record.show_state(state, is_at_work=state != decision.target)
-        if self._running is not None and self._running[0] is not note.of:
-            stops = {Effect.STOP_MOTION, Effect.ABORT_MOTION} & set(decision.effects)
-            await asyncio.gather(
-                self._end_running(halt=True), *([self._stopping.stop_others()] if stops else [])
-            )
+        self._record.show_state(state, is_at_work=work_of(decision.target) is not None)
+        await self._end_overtaken(note, decision)
         for effect in decision.effects:
             task = asyncio.create_task(self._act(effect), name=f"effect {effect.value}")
-            self._running = (effect, task)
+            if effect in PAUSE_EFFECTS:
+                self._pause = (effect, task)
+            else:
+                self._work = (effect, task)
 
-    async def _end_running(self, *, halt: bool) -> None:
-        """End the running task; halt the arm first, since cancelling a task stops no motor."""
-        if self._running is None:
+    def _set_gate(self, event: Event, decision: Decision) -> None:
+        """Have the gate do what the new state means: hold a pause, or let through."""
+        match mode_of(decision.target):
+            case Mode.SUSPENDED:
+                self._gate.close()
+            case Mode.UNSUSPENDING:
+                self._gate.prepare(is_single_step=event is Event.STEP)
+            case Mode.SUSPENDING if event is Event.STEP_BEGUN:
+                self._gate.open_for_step()
+            case Mode.SUSPENDING if event in _KIND_OF:
+                self._gate.want(_KIND_OF[event])
+            case mode if mode is Mode.EXECUTE or decision.permits:
+                self._gate.open()
+
+    async def _end_overtaken(self, note: _Note, decision: Decision) -> None:
+        """End what the new state has no use for: the work that was changed, a pause that is over.
+
+        The arm halts first, since cancelling a task stops no motor.
+        """
+        ends = []
+        source, target = decision.source, decision.target
+        if self._pause is not None and mode_of(source) is not mode_of(target):
+            ends += [self._end(self._pause)] if self._pause[0] is not note.of else []
+            self._pause = None
+        is_kept = work_of(source) is not None and work_of(source) == work_of(target)
+        if self._work is not None and not is_kept and source != target:
+            ends += [self._end(self._work)] if self._work[0] is not note.of else []
+            self._work = None
+        if ends and {Effect.STOP_MOTION, Effect.ABORT_MOTION} & set(decision.effects):
+            ends.append(self._stopping.stop_others())
+        await asyncio.gather(*ends)
+
+    async def _end(self, running: _Running | None) -> None:
+        """End a task; halt the arm first, unless the task only waits for a pause."""
+        if running is None or running[1].done():
             return
-        _, task = self._running
-        self._running = None
-        if task.done():
-            return
-        if halt:
+        effect, task = running
+        if effect is not Effect.SUSPEND:
             # the effect of the new state stops every device and journals it; this only keeps the
             # arm from moving on while the task unwinds
             await self._stopping.halt_arm()
@@ -216,7 +331,8 @@ class Dispatcher:
 
     async def _act(self, effect: Effect) -> None:
         note = await self._outcome_of(effect)
-        if self._running is None or self._running[1] is not asyncio.current_task():
+        running = self._pause if effect in PAUSE_EFFECTS else self._work
+        if running is None or running[1] is not asyncio.current_task():
             # overtaken: the stop itself may be what made it fail
             self._journal.write(rows.Overtaken(effect=effect.value, message=note.message))
             return
@@ -252,6 +368,7 @@ class Dispatcher:
 def _event_row(note: _Note, decision: Decision) -> rows.CellEvent:
     said = {"message": note.message, "code": note.code} if note.message else {}
     alarm = _alarm(note.code, note.message, "" if note.of is None else note.of.value)
+    person = {"who": note.who, "why": note.why} if note.who else {}
     why = {"reason": decision.reason} if decision.reason else {}
     return rows.CellEvent(
         name=note.event.value,
@@ -261,6 +378,7 @@ def _event_row(note: _Note, decision: Decision) -> rows.CellEvent:
         **said,
         **why,
         **alarm,
+        **person,
     )
 
 

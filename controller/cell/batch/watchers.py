@@ -114,14 +114,14 @@ class FixedGripperWatcher:
         self._clock = clock
 
     async def run(self, report: Report) -> None:
-        """Watch until cancelled, or until a person has to look at the part."""
+        """Watch until cancelled."""
         while True:
             await self._gripper.wait_lost()
             try:
                 is_lost = await self._book_loss()
             except PartProblemError as problem:
                 report(Event.PART_PROBLEM, str(problem), problem.code)
-                return
+                is_lost = False
             except PolicyAbortError as error:
                 report(Event.FAULT, str(error), error.code)
                 return

@@ -143,6 +143,39 @@ class CellEvent(NamedBody):
     code: str = ""
     reason: str = ""
     alarm: AlarmFields | None = None
+    who: str = ""
+    why: str = ""
+
+
+class PermitIssued(Body):
+    """From here on the cell may move; `by` is the event that permits it."""
+
+    kind = "event"
+    row_name = "permit_issued"
+    number: int
+    by: str
+
+
+class PermitWithdrawn(Body):
+    """From here on nothing may move; `by` is the event that forbids it."""
+
+    kind = "event"
+    row_name = "permit_withdrawn"
+    number: int
+    by: str
+
+
+class FirstMotion(Body):
+    """What moves first after a pause, as it was shown: joints [rad, mm] or openings [mm]."""
+
+    kind = "decision"
+    row_name = "first_motion"
+    words: str
+    origin: tuple[float, ...] = ()
+    goal: tuple[float, ...] = ()
+    tcp_mm: float = 0.0
+    turn_deg: float = 0.0
+    seconds: float = 0.0
 
 
 class Overtaken(Body):
@@ -790,7 +823,8 @@ class StartRefused(Body):
 ROWS: Final[Mapping[tuple[str, str], type[Body]]] = {
     (model.kind, model.row_name): model
     for model in (
-        RunBegan, Connected, EmulatedCellEnded, Overtaken, AtRest, RunBrokeOff, RunEnded,
+        RunBegan, Connected, EmulatedCellEnded, PermitIssued, PermitWithdrawn,
+        FirstMotion, Overtaken, AtRest, RunBrokeOff, RunEnded,
         JournalSetAside, JournalNotReadable, Homed, StepDone, GraspMissed, PartDone, Stopped,
         StopNotConfirmed, Openings, TablePictures, Sightings, ViewPicturesTaken, ViewJudged,
         PartMeasured, PartFindings, FilesStored, PartInspected,

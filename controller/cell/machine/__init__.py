@@ -1,12 +1,13 @@
 """What the cell decides, without I/O: its next state, and which part faults it recovers from.
 
-`table.py` has states, events and effects; `machine.py` decides by it; `recovery.py` is the fault
-policy, `budgets.py` what a batch learns of its grasps and views; `diagram.py` draws
-docs/state-machine.md.
+`table.py` has states, events and effects; `machine.py` decides by it; `pauses.py` has the kinds of
+pause and the safe points; `recovery.py` is the fault policy, `budgets.py` what a batch learns of
+its grasps and views; `diagram.py` draws docs/state-machine.md.
 """
 
 from .budgets import GRASP, VIEW, Budgets, Demotion
 from .machine import CellMachine, Decision, Transition
+from .pauses import PAUSE_EVENTS, PAUSE_WORDS, PauseKind, SafePoint
 from .recovery import (
     BACK,
     ENDS,
@@ -27,14 +28,26 @@ from .table import (
     COMMANDS,
     ENTRY,
     EXECUTE,
+    FORBIDDING,
     IGNORED,
+    PAUSE_EFFECTS,
+    PAUSES,
+    PERMITTING,
+    REFUSED,
     RESTING,
     SEPARATOR,
     STAGES,
     STATES,
     TABLE,
+    WORK,
+    WORK_TABLE,
     Effect,
     Event,
+    Mode,
+    effects_between,
+    mode_of,
+    state_of,
+    work_of,
 )
 
 __all__ = [
@@ -43,10 +56,17 @@ __all__ = [
     "ENDS",
     "ENTRY",
     "EXECUTE",
+    "FORBIDDING",
     "GRASP",
     "IGNORED",
     "LEARNT",
     "PARKING",
+    "PAUSES",
+    "PAUSE_EFFECTS",
+    "PAUSE_EVENTS",
+    "PAUSE_WORDS",
+    "PERMITTING",
+    "REFUSED",
     "RESTING",
     "SEPARATOR",
     "STAGES",
@@ -54,6 +74,8 @@ __all__ = [
     "STILL_HELD",
     "TABLE",
     "VIEW",
+    "WORK",
+    "WORK_TABLE",
     "WORTH_SHARE",
     "Act",
     "Budgets",
@@ -63,11 +85,18 @@ __all__ = [
     "Effect",
     "Event",
     "FaultPolicy",
+    "Mode",
     "PartFault",
+    "PauseKind",
     "Recovery",
     "Rung",
+    "SafePoint",
     "Transition",
     "decide",
+    "effects_between",
     "is_held_otherwise",
+    "mode_of",
     "next_rung",
+    "state_of",
+    "work_of",
 ]

@@ -8,22 +8,53 @@ import sys
 from collections.abc import Iterable, Sequence
 
 from .machine import CellMachine, Transition
-from .table import COMMANDS, ENTRY, EXECUTE, IGNORED, SEPARATOR, STATES, Event
+from .table import (
+    COMMANDS,
+    ENTRY,
+    EXECUTE,
+    IGNORED,
+    MODE_EFFECTS,
+    REFUSED,
+    SEPARATOR,
+    STATES,
+    WORK,
+    Event,
+    Mode,
+    mode_of,
+    state_of,
+    work_of,
+)
 
 PREFIX = EXECUTE + SEPARATOR
 # A row of more events than this names the outcomes that it leaves out instead.
 LONG_COUNT = 8
-HEAD = """# The states of the cell
+HEAD = f"""# The states of the cell
 
 Drawn from the machine by `python -m controller.cell.machine.diagram > docs/state-machine.md`; a
 test fails when this page is out of date. A state that sets an action going has it behind the slash.
-An arrow from `execute` holds for every stage.
+An arrow from `{EXECUTE}` holds for every stage.
+
+"""
+PAUSES_HEAD = """
+## Pauses
+
+Each stage, and `completing`, has a state in every mode: `suspended_grasping` is a grasp that is
+paused. `*` stands for any of them. An action begins when its stage is entered. It is not ended by a
+pause: it waits. Where a stage ends while the cell pauses, the next one is entered in the same mode,
+and waits before it moves anything. Stop and fault lead out of every mode.
 
 """
 IGNORED_HEAD = """
 ## What is ignored on purpose
 
-An event that is neither drawn nor listed here is refused, with the events that are possible.
+| events | states | why |
+|---|---|---|
+"""
+REFUSED_HEAD = """
+## What is refused
+
+An event that is neither drawn nor listed on this page is refused, with the events that are
+possible. These are refused for a reason of their own:
 
 | events | states | why |
 |---|---|---|
@@ -32,11 +63,17 @@ An event that is neither drawn nor listed here is refused, with the events that 
 
 def page() -> str:
     """Return docs/state-machine.md."""
-    rows = [
-        f"| {_events_words(events)} | {', '.join(f'`{s}`' for s in states)} | {reason} |\n"
-        for events, states, reason in IGNORED
-    ]
-    return f"{HEAD}```mermaid\n{mermaid()}```\n{IGNORED_HEAD}{''.join(rows)}"
+    return (
+        f"{HEAD}```mermaid\n{mermaid()}```\n{PAUSES_HEAD}```mermaid\n{pauses_mermaid()}```\n"
+        f"{IGNORED_HEAD}{_rows(IGNORED)}{REFUSED_HEAD}{_rows(REFUSED)}"
+    )
+
+
+def _rows(listed: Sequence[tuple[tuple[Event, ...], tuple[str, ...], str]]) -> str:
+    return "".join(
+        f"| {_events_words(events)} | {_states_words(states)} | {reason} |\n"
+        for events, states, reason in listed
+    )
 
 
 def _events_words(events: Sequence[Event]) -> str:
@@ -47,14 +84,29 @@ def _events_words(events: Sequence[Event]) -> str:
     return f"every outcome of an action{but}"
 
 
+def _states_words(states: Sequence[str]) -> str:
+    """Return states by name; those of one mode as one, where all of the mode are among them."""
+    words = []
+    for mode in Mode:
+        every = [state_of(work, mode) for work in WORK]
+        if set(every) <= set(states):
+            words.append(f"`{mode}{SEPARATOR}*`" if mode is not Mode.EXECUTE else "any work")
+            states = [state for state in states if state not in every]
+    return ", ".join([*(f"`{state}`" for state in states), *words])
+
+
 def mermaid() -> str:
-    """Return every transition as mermaid; the stages of one part stand in a box of their own."""
+    """Return every transition as mermaid, without pauses; stages stand in a box of their own."""
     stages = [state for state in STATES if state.startswith(PREFIX)]
     lines = ["stateDiagram-v2", f"    [*] --> {CellMachine().state}", f"    state {EXECUTE} {{"]
-    lines += [f"        {s} : {s.removeprefix(PREFIX)} / {ENTRY[s].value}" for s in stages]
+    lines += [f"        {s} : {s.removeprefix(PREFIX)} / {_effect(s)}" for s in stages]
     lines.append("    }")
-    lines += [f"    {s} : {s} / {ENTRY[s].value}" for s in STATES if s in ENTRY and s not in stages]
-    arrows = _arrows()
+    others = [s for s in STATES if mode_of(s) in (None, Mode.EXECUTE) and s not in stages]
+    lines += [f"    {s} : {s} / {_effect(s)}" for s in others if _effect(s)]
+    drawn = {None, Mode.EXECUTE}
+    arrows = [
+        arrow for arrow in _arrows() if {mode_of(arrow.source), mode_of(str(arrow.target))} <= drawn
+    ]
     for arrow in arrows:
         everywhere = {Transition(arrow.event, stage, arrow.target) for stage in stages}
         if not everywhere <= set(arrows):
@@ -63,6 +115,21 @@ def mermaid() -> str:
             lines.append(f"    {EXECUTE} --> {arrow.target} : {arrow.event.value}")
         elif arrow.source not in stages:
             lines.append(f"    {arrow.source} --> {arrow.target} : {arrow.event.value}")
+    return _text(lines)
+
+
+def pauses_mermaid() -> str:
+    """Return how modes follow on one another where the work stays the same."""
+    lines = ["stateDiagram-v2"]
+    lines += [f"    {mode} : {mode} / {effect.value}" for mode, effect in MODE_EFFECTS.items()]
+    found: dict[tuple[Mode, Mode, Event], set[str | None]] = {}
+    for arrow in _arrows():
+        source, target = mode_of(arrow.source), mode_of(str(arrow.target))
+        if source and target and work_of(arrow.source) == work_of(str(arrow.target)):
+            found.setdefault((source, target, arrow.event), set()).add(work_of(arrow.source))
+    for (source, target, event), works in found.items():
+        which = "" if works == set(WORK) else f" ({', '.join(w for w in WORK if w in works)})"
+        lines.append(f"    {source} --> {target} : {event.value}{which}")
     return _text(lines)
 
 
@@ -75,6 +142,12 @@ def stages_mermaid() -> str:
             short = f"{source.removeprefix(PREFIX)} --> {target.removeprefix(PREFIX)}"
             lines.append(f"    {short} : {arrow.event.value}")
     return _text(lines)
+
+
+def _effect(state: str) -> str:
+    work = work_of(state)
+    effect = ENTRY.get(state) if work is None else WORK[work]
+    return "" if effect is None else effect.value
 
 
 def _arrows() -> list[Transition]:

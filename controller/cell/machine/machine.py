@@ -3,18 +3,33 @@
 `transitions` decides: a transition of `TABLE` is taken, one of `IGNORED` is an internal transition
 that changes nothing, and an event for which there is none is refused with a reason. Callbacks only
 note what was decided; the dispatcher runs the effects as tasks, and their outcomes come back as
-events. `AsyncMachine` is not used: it cancels running callbacks, swallows time-outs and loses
-queued faults (cell-facts.md 1).
+events. Whether anything may move is decided here, too: some events permit it, some states forbid
+it. `AsyncMachine` is not used: it cancels running callbacks, swallows time-outs and loses queued
+faults (cell-facts.md 1).
 """
 
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Literal
+from typing import Literal
 
 from transitions import EventData, MachineError
 from transitions.extensions.nesting import HierarchicalMachine
 
-from .table import ENTRY, EXECUTE, IGNORED, STAGES, STATES, TABLE, Effect, Event, state_of_stage
+from .table import (
+    FORBIDDING,
+    IGNORED,
+    PERMITTING,
+    REFUSED,
+    SEPARATOR,
+    STATES,
+    TABLE,
+    WORK,
+    Effect,
+    Event,
+    Mode,
+    effects_between,
+    state_of,
+)
 
 Answer = Literal["handled", "ignored", "refused"]
 
@@ -29,6 +44,8 @@ class Decision:
     source, target : state before and after
     effects : what to start now
     reason : why it was refused or ignored
+    permits : a new permit to move is issued
+    forbids : there is no permit to move from here on
     """
 
     answer: Answer
@@ -36,6 +53,8 @@ class Decision:
     target: str
     effects: tuple[Effect, ...] = ()
     reason: str = ""
+    permits: bool = False
+    forbids: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,14 +70,18 @@ class CellMachine:
     """A present state, and the table that leads on from it."""
 
     def __init__(self, initial: str = "stopped") -> None:
-        self._effects: list[Effect] = []
         self._ignored_because = ""
         self.state: str = initial
-        stages = [self._described(stage, state_of_stage(stage)) for stage in STAGES]
-        states = [self._described(s, s) for s in STATES if not s.startswith(EXECUTE)]
+        nested = [
+            {
+                "name": mode.value,
+                "children": [w for w in WORK if state_of(w, mode) in _nested(mode)],
+            }
+            for mode in Mode
+        ]
         self._machine = HierarchicalMachine(
             model=self,
-            states=[*states, {"name": EXECUTE, "children": stages}],
+            states=[*(s for s in STATES if s not in _ALL_NESTED), *nested],
             initial=initial,
             auto_transitions=False,
             send_event=True,
@@ -70,31 +93,35 @@ class CellMachine:
                 note = partial(self._note_ignored, reason)
                 self._machine.add_transition(event.value, list(sources), None, after=note)
 
-    def _described(self, name: str, state: str) -> dict[str, Any]:
-        """Return a state as `transitions` requires it: its name, and the note made on entering."""
-        effect = ENTRY.get(state)
-        return {"name": name, "on_enter": [] if effect is None else partial(self._note, effect)}
-
-    def _note(self, effect: Effect, _: EventData) -> None:
-        self._effects.append(effect)
-
     def _note_ignored(self, reason: str, _: EventData) -> None:
         self._ignored_because = reason
 
     def dispatch(self, event: Event) -> Decision:
         """Take one event, return the decision; a pair not in the table is refused, not raised."""
-        source, self._effects, self._ignored_because = self.state, [], ""
+        source, self._ignored_because = self.state, ""
         try:
             self.trigger(event.value)  # type: ignore[attr-defined]  # added by transitions
         except MachineError:
-            possible = sorted(
-                t.event for t in self.transitions() if t.source == source and t.target
-            )
-            reason = f"`{event.value}` means nothing in {source}; possible: {', '.join(possible)}"
-            return Decision("refused", source, source, reason=reason)
+            return Decision("refused", source, source, reason=self._why_refused(event))
         if self._ignored_because:
             return Decision("ignored", source, source, reason=self._ignored_because)
-        return Decision("handled", source, self.state, tuple(self._effects))
+        return Decision(
+            "handled",
+            source,
+            self.state,
+            effects_between(source, self.state),
+            permits=event in PERMITTING,
+            forbids=self.state in FORBIDDING,
+        )
+
+    def _why_refused(self, event: Event) -> str:
+        for events, states, reason in REFUSED:
+            if event in events and self.state in states:
+                return reason
+        possible = sorted(
+            t.event for t in self.transitions() if t.source == self.state and t.target
+        )
+        return f"`{event.value}` means nothing in {self.state}; possible: {', '.join(possible)}"
 
     def transitions(self) -> tuple[Transition, ...]:
         """Return all transitions, in the machine's own order."""
@@ -104,3 +131,12 @@ class CellMachine:
             for of_source in event.transitions.values()
             for one in of_source
         )
+
+
+def _nested(mode: Mode) -> list[str]:
+    """Return the states of a mode that stand inside it."""
+    every = (state_of(work, mode) for work in WORK)
+    return [state for state in every if state.startswith(f"{mode}{SEPARATOR}")]
+
+
+_ALL_NESTED = frozenset(state for mode in Mode for state in _nested(mode))

@@ -1,7 +1,9 @@
-"""The table of the cell: states, events, and the effect of entering each state.
+"""The table of the cell: states, events, and the effects that a transition sets going.
 
-States carry PackML's names; within Execute stand the stages of one part. A pair of state and event
-that is neither in `TABLE` nor in `IGNORED` is refused.
+States carry PackML's names; within Execute stand the stages of one part. A pause keeps the stage:
+each piece of work has a state in every mode, and an effect is begun when its stage is entered, not
+when a pause ends (ADR 38). A pair of state and event that is neither in `TABLE` nor in `IGNORED` is
+refused.
 """
 
 from collections.abc import Mapping
@@ -37,6 +39,17 @@ class Event(StrEnum):
     BATCH_DONE = "batch_done"
     PART_PROBLEM = "part_problem"
     HOLD_DONE = "hold_done"
+    UNATTENDED = "unattended"
+    LOOK_AGAIN = "look_again"
+    PART_TAKEN_OUT = "part_taken_out"
+    PAUSE_AFTER_STEP = "pause_after_step"
+    PAUSE_AT_SAFE_POINT = "pause_at_safe_point"
+    PAUSE_NOW = "pause_now"
+    PAUSED = "paused"
+    RESUME = "resume"
+    RESUMED = "resumed"
+    STEP = "step"
+    STEP_BEGUN = "step_begun"
     STOP = "stop"
     STOP_DONE = "stop_done"
     FAULT = "fault"
@@ -61,6 +74,9 @@ class Effect(StrEnum):
     PLACE = "place"
     COMPLETE = "complete"
     HOLD = "hold"
+    CONSULT = "consult"
+    SUSPEND = "suspend"
+    UNSUSPEND = "unsuspend"
     STOP_MOTION = "stop_motion"
     ABORT_MOTION = "abort_motion"
     CLEAR_FAULT = "clear_fault"
@@ -82,79 +98,191 @@ STAGES: Final[Mapping[str, Effect]] = {
     "withdrawing": Effect.WITHDRAW,
     "placing": Effect.PLACE,
 }
-ENTRY: Final[Mapping[str, Effect]] = {
-    "resetting": Effect.HOME,
-    "completing": Effect.COMPLETE,
-    "holding": Effect.HOLD,
-    "stopping": Effect.STOP_MOTION,
-    "aborting": Effect.ABORT_MOTION,
-    "clearing": Effect.CLEAR_FAULT,
-    **{f"{EXECUTE}{SEPARATOR}{stage}": effect for stage, effect in STAGES.items()},
-}
-RESTING: Final = ("stopped", "idle", "complete", "held", "aborted")
-STATES: Final = (
-    *RESTING,
-    *(s for s in ENTRY if not s.startswith(EXECUTE)),
-    *(s for s in ENTRY if s.startswith(EXECUTE)),
-)
+COMPLETING: Final = "completing"
+
+
+class Mode(StrEnum):
+    """Whether the work goes on; the value begins the names of its states."""
+
+    EXECUTE = EXECUTE
+    SUSPENDING = "suspending"
+    SUSPENDED = "suspended"
+    UNSUSPENDING = "unsuspending"
+
+
+# What can be paused, and the effect of entering it.
+WORK: Final[Mapping[str, Effect]] = {**STAGES, COMPLETING: Effect.COMPLETE}
+
+
+def state_of(work: str, mode: Mode = Mode.EXECUTE) -> str:
+    """Return the state in which a piece of work is done, or paused."""
+    if mode is Mode.EXECUTE and work == COMPLETING:
+        return COMPLETING
+    return f"{mode}{SEPARATOR}{work}"
 
 
 def state_of_stage(name: str) -> str:
     """Return the state in which a stage of a part is worked on."""
-    return f"{EXECUTE}{SEPARATOR}{name}"
+    return state_of(name)
 
 
-_IN_EXECUTE: Final = tuple(state_of_stage(name) for name in STAGES)
-# Stages in which a gripper has the part, or is about to take it.
-_HOLDING: Final = tuple(
-    state_of_stage(name)
-    for name in ("planning", "grasping", "presenting", "inspecting", "handing", "lowering",
-                 "placing")
+_WORK_STATES: Final = {state_of(work, mode): (mode, work) for mode in Mode for work in WORK}
+
+
+def mode_of(state: str) -> Mode | None:
+    """Return whether work goes on in a state or is paused; None where there is none."""
+    return _WORK_STATES[state][0] if state in _WORK_STATES else None
+
+
+def work_of(state: str) -> str | None:
+    """Return which piece of work a state is of; None where there is none."""
+    return _WORK_STATES[state][1] if state in _WORK_STATES else None
+
+
+# The effect of entering a state that is no work.
+ENTRY: Final[Mapping[str, Effect]] = {
+    "resetting": Effect.HOME,
+    "holding": Effect.HOLD,
+    "held": Effect.CONSULT,
+    "stopping": Effect.STOP_MOTION,
+    "aborting": Effect.ABORT_MOTION,
+    "clearing": Effect.CLEAR_FAULT,
+}
+# The effect of changing to a mode.
+MODE_EFFECTS: Final[Mapping[Mode, Effect]] = {
+    Mode.SUSPENDING: Effect.SUSPEND,
+    Mode.UNSUSPENDING: Effect.UNSUSPEND,
+}
+PAUSE_EFFECTS: Final = frozenset(MODE_EFFECTS.values())
+_SUSPENDED: Final = tuple(state_of(work, Mode.SUSPENDED) for work in WORK)
+# Where nothing moves until a person decides.
+RESTING: Final = ("stopped", "idle", "complete", "held", "aborted", *_SUSPENDED)
+STATES: Final = (
+    "stopped", "idle", "complete", "aborted", *ENTRY,
+    *(state_of(work, mode) for mode in Mode for work in WORK),
 )  # fmt: skip
-# Stop is taken wherever something may move; in `held` too, where the arm may hold a part.
-_STOPPABLE: Final = ("resetting", "completing", "holding", "held", "idle", *_IN_EXECUTE)
+
+
+def effects_between(source: str, target: str) -> tuple[Effect, ...]:
+    """Return what a transition sets going: the work it begins, then what its pause needs."""
+    if source == target:
+        return ()
+    found = [ENTRY[target]] if target in ENTRY else []
+    mode, work = mode_of(target), work_of(target)
+    if work is not None and work != work_of(source):
+        found.append(WORK[work])
+    if mode is not None and mode is not mode_of(source) and mode in MODE_EFFECTS:
+        found.append(MODE_EFFECTS[mode])
+    return tuple(found)
+
+
+_IN_EXECUTE: Final = tuple(state_of(name) for name in STAGES)
+_WORKING: Final = tuple(state_of(work) for work in WORK)
+_SUSPENDING: Final = tuple(state_of(work, Mode.SUSPENDING) for work in WORK)
+_UNSUSPENDING: Final = tuple(state_of(work, Mode.UNSUSPENDING) for work in WORK)
+_ANY_WORK: Final = tuple(_WORK_STATES)
+# Stages in which a gripper has the part, or is about to take it.
+_HOLDING: Final = (
+    "planning", "grasping", "presenting", "inspecting", "handing", "lowering", "placing",
+)  # fmt: skip
+# Stages in which no gripper has the part.
+_LOOKING: Final = ("acquiring", "recognising", "withdrawing")
+# Stop is taken wherever something may move; in `held` and `suspended` too, where the arm may hold a
+# part.
+_STOPPABLE: Final = ("resetting", "holding", "held", "idle", *_ANY_WORK)
 # A fault is taken even at rest: an open door or a lost device is reported at once.
 _FAULTABLE: Final = (*_STOPPABLE, "stopping", "clearing")
+
+# How one piece of work follows on another: event, from, to. It does so in every mode: what ends
+# while the cell pauses has ended, and what follows waits before it moves anything.
+WORK_TABLE: Final[tuple[tuple[Event, tuple[str, ...], str], ...]] = (
+    (Event.PICTURE_TAKEN, ("acquiring",), "recognising"),
+    (Event.PART_RECOGNISED, ("recognising",), "planning"),
+    (Event.PLANNED, ("planning",), "grasping"),
+    # The plan was made while a gripper has the part.
+    (Event.PLANNED_ON, ("planning",), "presenting"),
+    (Event.GRASPED, ("grasping",), "presenting"),
+    # A missed grasp may have pushed the part: take pictures before the next one.
+    (Event.GRASP_MISSED, ("grasping",), "acquiring"),
+    (Event.SHOWN, ("presenting",), "inspecting"),
+    (Event.INSPECTED, ("inspecting",), "presenting"),
+    (Event.HAND_OFF_DUE, ("inspecting",), "handing"),
+    (Event.HANDED_OFF, ("handing",), "presenting"),
+    (Event.SET_DOWN_DUE, ("inspecting",), "lowering"),
+    (Event.SET_DOWN, ("lowering",), "withdrawing"),
+    # No gripper has the part: withdraw the arm, take pictures, plan from where the part is.
+    (Event.PART_DROPPED, _HOLDING, "withdrawing"),
+    (Event.WITHDRAWN, ("withdrawing",), "acquiring"),
+    # A part that was lost may still be rolling: pictures again before anybody is called.
+    (Event.PART_NOT_SEEN, ("recognising",), "acquiring"),
+    # The part is held otherwise than planned, or less of it was in sight than planned.
+    (Event.PLAN_VOID, ("presenting", "inspecting", "handing"), "planning"),
+    (Event.ALL_SEEN, ("inspecting",), "placing"),
+    (Event.PLACED, ("placing",), COMPLETING),
+    (Event.PART_DONE, (COMPLETING,), "acquiring"),
+)
+# The mode after a piece of work has ended in a mode. What was about to be resumed is no longer what
+# the operator saw as the first motion: it is paused again.
+_MODE_AFTER: Final = {mode: mode for mode in Mode} | {Mode.UNSUSPENDING: Mode.SUSPENDED}
 
 TABLE: Final[tuple[tuple[Event, tuple[str, ...], str], ...]] = (
     (Event.RESET, ("stopped", "complete", "held"), "resetting"),
     (Event.RESET_DONE, ("resetting",), "idle"),
-    (Event.START, ("idle",), state_of_stage("acquiring")),
-    (Event.PICTURE_TAKEN, (state_of_stage("acquiring"),), state_of_stage("recognising")),
-    (Event.PART_RECOGNISED, (state_of_stage("recognising"),), state_of_stage("planning")),
-    (Event.PLANNED, (state_of_stage("planning"),), state_of_stage("grasping")),
-    # The plan was made while a gripper has the part.
-    (Event.PLANNED_ON, (state_of_stage("planning"),), state_of_stage("presenting")),
-    (Event.GRASPED, (state_of_stage("grasping"),), state_of_stage("presenting")),
-    # A missed grasp may have pushed the part: take pictures before the next one.
-    (Event.GRASP_MISSED, (state_of_stage("grasping"),), state_of_stage("acquiring")),
-    (Event.SHOWN, (state_of_stage("presenting"),), state_of_stage("inspecting")),
-    (Event.INSPECTED, (state_of_stage("inspecting"),), state_of_stage("presenting")),
-    (Event.HAND_OFF_DUE, (state_of_stage("inspecting"),), state_of_stage("handing")),
-    (Event.HANDED_OFF, (state_of_stage("handing"),), state_of_stage("presenting")),
-    (Event.SET_DOWN_DUE, (state_of_stage("inspecting"),), state_of_stage("lowering")),
-    (Event.SET_DOWN, (state_of_stage("lowering"),), state_of_stage("withdrawing")),
-    # No gripper has the part: withdraw the arm, take pictures, plan from where the part is.
-    (Event.PART_DROPPED, _HOLDING, state_of_stage("withdrawing")),
-    # In these states no gripper should have a part: a person took it, or custody is wrong.
-    (Event.PART_DROPPED, ("resetting", "completing"), "holding"),
-    (Event.WITHDRAWN, (state_of_stage("withdrawing"),), state_of_stage("acquiring")),
-    # A part that was lost may still be rolling: pictures again before anybody is called.
-    (Event.PART_NOT_SEEN, (state_of_stage("recognising"),), state_of_stage("acquiring")),
-    # The part is held otherwise than planned, or less of it was in sight than planned.
-    (
-        Event.PLAN_VOID,
-        (state_of_stage("presenting"), state_of_stage("inspecting"), state_of_stage("handing")),
-        state_of_stage("planning"),
+    (Event.START, ("idle",), state_of("acquiring")),
+    *(
+        (event, (state_of(work, mode),), state_of(target, _MODE_AFTER[mode]))
+        for event, works, target in WORK_TABLE
+        for work in works
+        for mode in Mode
     ),
-    (Event.ALL_SEEN, (state_of_stage("inspecting"),), state_of_stage("placing")),
-    (Event.PLACED, (state_of_stage("placing"),), "completing"),
-    (Event.PART_DONE, ("completing",), state_of_stage("acquiring")),
-    (Event.BATCH_DONE, ("completing",), "complete"),
+    # In these states no gripper should have a part: a person took it, or custody is wrong.
+    (
+        Event.PART_DROPPED,
+        ("resetting", *(state_of(COMPLETING, mode) for mode in Mode)),
+        "holding",
+    ),
+    # The check before a resume found the part gone where it is being looked for already.
+    *(
+        (Event.PART_DROPPED, (state_of(work, Mode.UNSUSPENDING),), state_of(work, Mode.SUSPENDED))
+        for work in _LOOKING
+    ),
+    # The last part was counted, or a person took it out.
+    (
+        Event.BATCH_DONE,
+        tuple(state_of(work, mode) for work in (COMPLETING, "withdrawing") for mode in Mode),
+        "complete",
+    ),
     # Something is wrong with the part, not the cell: hold for a person. Homing may find a part in
     # the fixed gripper, and one may slip out of it until the batch is complete.
-    (Event.PART_PROBLEM, ("resetting", "completing", *_IN_EXECUTE), "holding"),
+    (Event.PART_PROBLEM, ("resetting", *_ANY_WORK), "holding"),
     (Event.HOLD_DONE, ("holding",), "held"),
+    # What the question of a cell on hold may be answered with.
+    (Event.UNATTENDED, ("held",), "held"),
+    (Event.LOOK_AGAIN, ("held",), state_of("withdrawing")),
+    (Event.PART_TAKEN_OUT, ("held",), state_of("withdrawing")),
+    # A pause that is under way may become more urgent, never less.
+    *(
+        (event, (state_of(work, mode),), state_of(work, Mode.SUSPENDING))
+        for event in (Event.PAUSE_AFTER_STEP, Event.PAUSE_AT_SAFE_POINT, Event.PAUSE_NOW)
+        for work in WORK
+        for mode in (Mode.EXECUTE, Mode.SUSPENDING)
+    ),
+    *(
+        (event, (state_of(work, source),), state_of(work, target))
+        for event, source, target in (
+            (Event.STEP, Mode.EXECUTE, Mode.SUSPENDING),
+            (Event.PAUSED, Mode.SUSPENDING, Mode.SUSPENDED),
+            (Event.RESUME, Mode.SUSPENDED, Mode.UNSUSPENDING),
+            (Event.STEP, Mode.SUSPENDED, Mode.UNSUSPENDING),
+            (Event.RESUMED, Mode.UNSUSPENDING, Mode.EXECUTE),
+            (Event.STEP_BEGUN, Mode.UNSUSPENDING, Mode.SUSPENDING),
+            # to be paused again before anything has moved
+            (Event.PAUSE_AFTER_STEP, Mode.UNSUSPENDING, Mode.SUSPENDED),
+            (Event.PAUSE_AT_SAFE_POINT, Mode.UNSUSPENDING, Mode.SUSPENDED),
+            (Event.PAUSE_NOW, Mode.UNSUSPENDING, Mode.SUSPENDED),
+        )
+        for work in WORK
+    ),
     (Event.STOP, _STOPPABLE, "stopping"),
     (Event.STOP_DONE, ("stopping",), "stopped"),
     (Event.FAULT, (*_FAULTABLE, "stopped", "complete"), "aborting"),
@@ -163,18 +291,30 @@ TABLE: Final[tuple[tuple[Event, tuple[str, ...], str], ...]] = (
     (Event.CLEAR_DONE, ("clearing",), "stopped"),
 )
 
+PAUSES: Final = (Event.PAUSE_AFTER_STEP, Event.PAUSE_AT_SAFE_POINT, Event.PAUSE_NOW)
 # Sent by people and interlocks; all other events are outcomes of effects.
-COMMANDS: Final = (Event.RESET, Event.START, Event.STOP, Event.CLEAR, Event.FAULT)
+COMMANDS: Final = (
+    Event.RESET, Event.START, Event.STOP, Event.CLEAR, Event.FAULT, *PAUSES, Event.RESUME,
+    Event.STEP,
+)  # fmt: skip
+# With these a person, or the order that a person gave, permits motion.
+PERMITTING: Final = frozenset(
+    {
+        Event.RESET, Event.START, Event.RESUME, Event.STEP, Event.LOOK_AGAIN, Event.PART_TAKEN_OUT,
+    }
+)  # fmt: skip
+# Where nothing may move, whatever was permitted before.
+FORBIDDING: Final = frozenset({*RESTING, "holding", "stopping", "aborting", "clearing"} - {"idle"})
 _OUTCOMES: Final = tuple(event for event in Event if event not in COMMANDS)
-# States entered by overtaking an effect, with the outcome that is awaited in them.
-_OVERTAKEN: Final[Mapping[str, Event | None]] = {
-    "stopping": Event.STOP_DONE,
-    "stopped": None,
-    "aborting": Event.ABORT_DONE,
-    "aborted": None,
-    "holding": Event.HOLD_DONE,
-    "held": None,
-    "clearing": Event.CLEAR_DONE,
+# States entered by overtaking an effect, with the outcomes that are awaited in them.
+_OVERTAKEN: Final[Mapping[str, tuple[Event, ...]]] = {
+    "stopping": (Event.STOP_DONE,),
+    "stopped": (),
+    "aborting": (Event.ABORT_DONE,),
+    "aborted": (),
+    "holding": (Event.HOLD_DONE,),
+    "held": (Event.UNATTENDED, Event.LOOK_AGAIN, Event.PART_TAKEN_OUT),
+    "clearing": (Event.CLEAR_DONE,),
 }
 
 # Pairs that are expected and change nothing: events, states, reason.
@@ -189,18 +329,63 @@ IGNORED: Final[tuple[tuple[tuple[Event, ...], tuple[str, ...], str], ...]] = (
         ("stopped", "stopping", "aborting", "aborted", "complete", "clearing"),
         "nothing moves any more",
     ),
+    (
+        PAUSES,
+        ("stopped", "stopping", "aborting", "aborted", "complete", "clearing", "holding", "held"),
+        "nothing moves any more",
+    ),
+    (PAUSES, _SUSPENDED, "already paused"),
+    ((Event.RESUME,), _WORKING, "nothing is paused"),
+    ((Event.STEP,), _SUSPENDING, "already pausing after this step or sooner"),
+    ((Event.RESUME, Event.STEP), _UNSUSPENDING, "already going on"),
     # The fixed gripper may report late what the arm gripper has already found.
     (
         (Event.PART_DROPPED,),
-        tuple(state_of_stage(name) for name in ("acquiring", "recognising", "withdrawing")),
+        tuple(
+            state_of(name, mode)
+            for mode in Mode
+            for name in _LOOKING
+            if mode is not Mode.UNSUSPENDING
+        ),
         "nobody holds the part: it is being looked for already",
+    ),
+    # A pause may end in the same moment in which its work does, or be overtaken by the next order.
+    ((Event.PAUSED,), (*_SUSPENDED, *_UNSUSPENDING, *_WORKING), "this pause is over"),
+    (
+        (Event.RESUMED, Event.STEP_BEGUN),
+        (*_SUSPENDED, *_SUSPENDING, *_WORKING),
+        "this pause is over",
     ),
     *(
         (
-            tuple(event for event in _OUTCOMES if event is not awaited),
+            tuple(event for event in _OUTCOMES if event not in awaited),
             (state,),
             "outcome of a task that was stopped",
         )
         for state, awaited in _OVERTAKEN.items()
+    ),
+)
+
+# Pairs that are refused for a reason of their own: events, states, reason.
+REFUSED: Final[tuple[tuple[tuple[Event, ...], tuple[str, ...], str], ...]] = (
+    (
+        (*PAUSES, Event.STEP),
+        ("resetting", "idle"),
+        "homing finds its references in one go: pause once it is done, or stop",
+    ),
+    (
+        (Event.RESUME,),
+        _SUSPENDING,
+        "the cell is still coming to its pause: resume once it stands",
+    ),
+    (
+        (Event.RESUME, Event.STEP),
+        ("stopping", "stopped", "aborting", "aborted", "clearing"),
+        "a stop ends the run, and so does a fault: nothing is paused. Start again",
+    ),
+    (
+        (Event.RESUME, Event.STEP),
+        ("holding", "held"),
+        "the cell waits for an answer: answer its question",
     ),
 )

@@ -4,6 +4,7 @@ An action gets its services in its constructor and uses their public names only.
 what comes next; actions and the table do.
 """
 
+from .gate import Gate, NextMotion, Permit, Permits
 from .grippers import Grippers
 from .imaging import CameraName, Imaging
 from .motion import Motion
@@ -17,11 +18,15 @@ __all__ = [
     "INPUTS",
     "CameraName",
     "Disambiguation",
+    "Gate",
     "Grippers",
     "HeldPose",
     "Imaging",
     "Motion",
+    "NextMotion",
     "PartFile",
+    "Permit",
+    "Permits",
     "PlanSteps",
     "Preparation",
     "Recoveries",

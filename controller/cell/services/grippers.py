@@ -1,14 +1,22 @@
-"""Opens and closes both grippers, checks that they hold, and records a part that they lose."""
+"""Opens and closes both grippers, checks that they hold, and records a part that they lose.
+
+Whatever moves jaws passes the gate before its intent is written: a pause begins before a grasp or a
+release, never within one.
+"""
+
+from collections.abc import AsyncIterator
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
 
 from controller.cell.custody import Custody
 from controller.cell.custody.release_guard import LOST_MM, NOTHING_MM, ReleaseGuard
-from controller.cell.errors import PartFaultError
+from controller.cell.errors import PartFaultError, PartProblemError
 from controller.cell.journal.rows import Intent, Once
 from controller.cell.machine import GRASP, PartFault
 from controller.config import Recipe
 from controller.planning import JointPath
 from drivers.kinds import Arm, FixedGripper, GraspReading, Hold, IoBlock
 
+from .gate import Gate, NextMotion
 from .motion import rounded
 from .records import BatchRecord
 from .retries import Retries
@@ -22,6 +30,7 @@ class Grippers:
     arm, fixed, io : the devices; the light barrier of the fixed gripper is an input of ``io``
     record : has the custody of the part
     recipe : has the force, and the tolerance of an opening
+    gate : holds a pause, and requires the permit to move
     retries : what is done about a reading that does not come
     """
 
@@ -32,8 +41,10 @@ class Grippers:
         io: IoBlock,
         record: BatchRecord,
         recipe: Recipe,
+        gate: Gate,
         retries: Retries,
     ) -> None:
+        self._gate = gate
         self._retries = retries
         self._arm = arm
         self._fixed = fixed
@@ -51,7 +62,8 @@ class Grippers:
         ------
         ReleaseRefusedError : no other gripper is known to hold what it holds
         """
-        await self._guard.open_arm(opening_mm, self._record.part.custody)
+        async with self._moving(f"the arm gripper opens to {opening_mm:.0f} mm"):
+            await self._guard.open_arm(opening_mm, self._record.part.custody)
 
     async def release_to_fixed(self, opening_mm: float, retreat: JointPath) -> None:
         """Open the arm gripper once the fixed gripper has the part too.
@@ -66,8 +78,9 @@ class Grippers:
         ReleaseRefusedError : the fixed gripper does not confirm that it holds the part
         """
         intent = Intent(name=Once.RELEASE_ARM, open_mm=opening_mm, retreat=rounded(retreat))
-        async with self._record.once(intent):
-            await self.open_arm(opening_mm)
+        words = f"the arm gripper leaves the part to the fixed gripper: {opening_mm:.0f} mm"
+        async with self._once(intent, words):
+            await self._guard.open_arm(opening_mm, self._record.part.custody)
         self._end_hold()
 
     async def let_go(self, intent: Intent, opening_mm: float, retreat: JointPath) -> None:
@@ -80,7 +93,8 @@ class Grippers:
         retreat : by which the arm leaves then, for the journal
         """
         more = {"open_mm": opening_mm, "retreat": rounded(retreat)}
-        async with self._record.once(intent.model_copy(update=more)):
+        words = "the arm gripper lets go of the part, where it is to stay"
+        async with self._once(intent.model_copy(update=more), words):
             await self._guard.open_arm(opening_mm, self._record.part.custody, lets_go=True)
         self._end_hold()
 
@@ -97,10 +111,14 @@ class Grippers:
         ------
         ReleaseRefusedError : no other gripper is known to hold what it holds
         """
-        part = self._record.part
-        gripped_mm = 0.0 if part.hold is None else part.hold.opening_mm
         if opening_mm is None:
             opening_mm = self._fixed.max_opening_mm
+        async with self._moving(f"the fixed gripper opens to {opening_mm:.0f} mm"):
+            await self._open_fixed(opening_mm)
+
+    async def _open_fixed(self, opening_mm: float) -> None:
+        part = self._record.part
+        gripped_mm = 0.0 if part.hold is None else part.hold.opening_mm
         await self._guard.open_fixed(opening_mm, part.custody, gripped_mm)
 
     async def release_to_arm(self, opening_mm: float, retreat: JointPath) -> None:
@@ -116,8 +134,9 @@ class Grippers:
         ReleaseRefusedError : the arm gripper's jaws do not stand on the part
         """
         intent = Intent(name=Once.RELEASE_FIXED, open_mm=opening_mm, retreat=rounded(retreat))
-        async with self._record.once(intent):
-            await self.open_fixed(opening_mm)
+        words = f"the fixed gripper leaves the part to the arm gripper: {opening_mm:.0f} mm"
+        async with self._once(intent, words):
+            await self._open_fixed(opening_mm)
         if self._record.part.fixed_grasp is not None:
             self._record.budgets.succeed(GRASP + self._record.part.fixed_grasp.id)
         self._record.part.fixed_grasp = None
@@ -132,12 +151,14 @@ class Grippers:
         retreat : by which the arm leaves with the part then, for the journal
         """
         intent = Intent(name=action, expected_mm=expected_mm, retreat=rounded(retreat))
-        async with self._record.once(intent):
+        words = f"the arm gripper closes on the part: {expected_mm:.0f} mm expected"
+        async with self._once(intent, words):
             return await self._arm.grasp(self._arm_force)
 
     async def close_fixed(self, expected_mm: float) -> GraspReading:
         """Close the fixed gripper on the part in the arm gripper; return its reading."""
-        async with self._record.once(Intent(name=Once.HAND_OFF, expected_mm=expected_mm)):
+        words = f"the fixed gripper closes on the part: {expected_mm:.0f} mm expected"
+        async with self._once(Intent(name=Once.HAND_OFF, expected_mm=expected_mm), words):
             return await self._fixed.close_on(expected_mm, force_n=self._force_n)
 
     async def press_and_require_hold(self) -> None:
@@ -151,7 +172,8 @@ class Grippers:
         PartFaultError : the part is gone; custody has where it may be
         """
         hold = self._record.held()
-        opening_mm = await self._arm.grasp(self._arm_force)
+        async with self._moving("the arm gripper presses on the part, to check that it is held"):
+            opening_mm = await self._arm.grasp(self._arm_force)
         if opening_mm >= hold.opening_mm - LOST_MM and opening_mm >= NOTHING_MM:
             return
         self._record.part.hold = None
@@ -167,6 +189,43 @@ class Grippers:
             raise PartFaultError(PartFault.RECEIVE_FAILED, message, source=source)
         await self._record.set_custody(Custody.LOST, f"jaws at {opening_mm:.1f} mm")
         raise PartFaultError(PartFault.DROPPED, message, source=source)
+
+    async def require_held(self) -> None:
+        """Check that whoever has the part by custody still holds it; nothing where nobody has it.
+
+        Raises
+        ------
+        PartFaultError : it is gone
+        """
+        part = self._record.part
+        if part.custody in (Custody.IN_ARM, Custody.IN_BOTH) and part.hold is not None:
+            await self.press_and_require_hold()
+        elif part.custody is Custody.IN_FIXED:
+            await self.require_fixed_holds()
+
+    async def require_empty(self) -> None:
+        """Check that neither gripper holds anything, as a person has stated.
+
+        Raises
+        ------
+        PartProblemError : one of them does
+        """
+        async with self._moving("the arm gripper presses, to check that it is empty"):
+            opening_mm = await self._arm.grasp(self._arm_force)
+        found = []
+        if opening_mm >= NOTHING_MM:
+            found.append(f"the arm gripper's jaws stop at {opening_mm:.1f} mm")
+        if self.is_something_in_fixed or await self.does_fixed_hold():
+            found.append("the fixed gripper holds something")
+        if found:
+            raise PartProblemError(
+                "still_held", f"the part was said to be out, but {' and '.join(found)}"
+            )
+
+    async def activate_fixed(self) -> None:
+        """Make the fixed gripper ready to move, which may move its jaws."""
+        async with self._moving("the fixed gripper activates: its jaws may move"):
+            await self._fixed.activate()
 
     async def does_fixed_hold(self) -> bool:
         """Return whether the fixed gripper itself confirms that it holds something."""
@@ -202,3 +261,15 @@ class Grippers:
     def is_something_in_fixed(self) -> bool:
         """Whether the light barrier of the fixed gripper sees something between its jaws."""
         return self._guard.is_something_in_fixed
+
+    def _moving(self, words: str) -> AbstractAsyncContextManager[None]:
+        async def preview() -> NextMotion:
+            return NextMotion(words)
+
+        return self._gate.moving(preview, is_arm=False)
+
+    @asynccontextmanager
+    async def _once(self, intent: Intent, words: str) -> AsyncIterator[None]:
+        """Enter a motion of jaws that must never be repeated blindly."""
+        async with self._moving(words), self._record.once(intent):
+            yield

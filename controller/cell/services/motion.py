@@ -1,10 +1,13 @@
 """Moves the arm along checked paths, and remembers them, so that it can move back.
 
 The journal gets each path before the arm sets out, and where the arm stood free of everything: the
-way back is known even to a later run.
+way back is known even to a later run. Every waypoint passes the gate. A pause *now* stops the arm
+between two waypoints. Afterwards it goes on to the same waypoint: that is free from wherever it
+stopped between them.
 """
 
 from collections.abc import Callable, Iterable
+from functools import partial
 
 import numpy as np
 
@@ -12,12 +15,16 @@ from controller.arrays import FloatArray
 from controller.cell.devices.interlocks import check_interlocks
 from controller.cell.journal import Body
 from controller.cell.journal.rows import EffectClass, Joints, PathBegun, StoodFree, TouchedDown
+from controller.cell.machine import SafePoint
+from controller.imaging import rotation_angle
 from controller.planning import JointPath
 from controller.planning.model import CellLayout
-from controller.planning.motion import tcp_pose
+from controller.planning.motion import move_seconds, segment_seconds, tcp_pose
 from drivers.clock import CellClock
-from drivers.errors import ArmStalledError
+from drivers.errors import ArmStalledError, MotionStoppedError
 from drivers.kinds import Arm, IoBlock
+
+from .gate import Gate, NextMotion
 
 # How long the arm vibrates after it stops.
 RINGING_S = 0.3
@@ -26,6 +33,8 @@ RINGING_S = 0.3
 TOUCH_MM = 10.0
 # of joints in the journal: 1e-6 rad, 1e-6 mm
 DECIMALS = 6
+# A motion outside the steps of a plan may take this many times its forecast, and so much more.
+WORST_SHARE, WORST_MORE_S = 1.25, 3.0
 
 
 def rounded(path: Iterable[FloatArray]) -> tuple[Joints, ...]:
@@ -41,6 +50,8 @@ class Motion:
     arm : the device
     io : where the interlocks are read, before each path
     clock : of the cell
+    gate : holds a pause, and requires the permit to move
+    layout : has the arm's kinematics and timing, to preview a motion
     note : takes the rows of the journal
     """
 
@@ -49,20 +60,38 @@ class Motion:
         arm: Arm,
         io: IoBlock,
         clock: CellClock,
+        gate: Gate,
+        layout: CellLayout,
         note: Callable[[Body], object] = lambda row: None,
     ) -> None:
         self._arm = arm
         self._io = io
         self._clock = clock
+        self._gate = gate
+        self._layout = layout
         self._note = note
         # waypoints since the arm last stood free of everything: moving back along them is free too
         self._trail: list[FloatArray] = []
 
+    async def home(self) -> None:
+        """Allow motor power and find the references, if they are not known; sweeps the whole reach.
+
+        Raises
+        ------
+        NoPermitError : nothing may move
+        DeviceError : the arm finds no reference
+        """
+        async with self._gate.moving(_homing, is_arm=True):
+            await self._arm.enable_power()
+            if not self._arm.is_homed:
+                await self._arm.home()
+
     async def start_from(self, q: FloatArray) -> None:
         """Move to a configuration (6,) that is free of everything; moving back ends there."""
-        await self._arm.move_joints(q)
+        await self._move(q)
         self._trail = [q]
         self._note_free()
+        self._gate.reach(SafePoint.PARKED, ends_step=True)
 
     async def follow(self, path: JointPath) -> None:
         """Move along a joint path, each waypoint (6,).
@@ -70,13 +99,15 @@ class Motion:
         Raises
         ------
         InterlockError : a safety copy is not healthy
+        NoPermitError : nothing may move
         DeviceError : the arm does not get there
         """
         check_interlocks(self._io)
         self._note(PathBegun(effect_class=EffectClass.ABSOLUTE, waypoints=rounded(path)))
+        self._forecast(path)
         for q in path:
             self._trail.append(q)
-            await self._arm.move_joints(q)
+            await self._move(q)
 
     async def lower(self, path: JointPath, layout: CellLayout) -> None:
         """Lower the part along a joint path, each waypoint (6,); end early where it touches down.
@@ -115,6 +146,10 @@ class Motion:
             (q,) = rounded(self._trail[-1:])
             self._note(StoodFree(q=q))
 
+    def reach(self, point: SafePoint, *, ends_step: bool = False) -> None:
+        """Mark that the cell stands at a safe point, where a pause may begin."""
+        self._gate.reach(point, ends_step=ends_step)
+
     @property
     def can_go_back(self) -> bool:
         """Whether the arm can be moved back by a waypoint."""
@@ -126,6 +161,7 @@ class Motion:
         Raises
         ------
         InterlockError : a safety copy is not healthy
+        NoPermitError : nothing may move
         DeviceError : the arm does not get there
         """
         path = [self._trail[-2 - i] for i in range(count)]
@@ -134,8 +170,9 @@ class Motion:
         self._note(
             PathBegun(effect_class=EffectClass.ABSOLUTE, waypoints=rounded(path), is_back=True)
         )
+        self._forecast(tuple(path))
         for q in path:
-            await self._arm.move_joints(q)
+            await self._move(q)
 
     async def ring_down(self) -> None:
         """Wait until the stopped arm stands still enough for a picture."""
@@ -144,3 +181,41 @@ class Motion:
     async def read_q(self) -> FloatArray:
         """Return where the arm stands: its joints (6,)."""
         return await self._arm.read_q()
+
+    async def _move(self, q: FloatArray) -> None:
+        while True:
+            async with self._gate.moving(partial(self._preview, q), is_arm=True):
+                try:
+                    await self._arm.move_joints(q)
+                except MotionStoppedError:
+                    if not self._gate.was_interrupted:
+                        raise
+                else:
+                    return
+
+    def _forecast(self, path: JointPath) -> None:
+        """Note how long this path takes at most, for a pause that waits for its end."""
+        origin = self._trail[-1:] or list(path[:1])
+        seconds = move_seconds(self._layout, np.stack([*origin, *path])) if path else 0.0
+        self._gate.begin_path(WORST_SHARE * seconds + WORST_MORE_S)
+
+    async def _preview(self, goal: FloatArray) -> NextMotion:
+        origin = await self._arm.read_q()
+        T_goal, T_origin = tcp_pose(self._layout, goal), tcp_pose(self._layout, origin)
+        tcp_mm = float(np.linalg.norm(T_goal[:3, 3] - T_origin[:3, 3]))
+        turn_deg = float(np.degrees(rotation_angle(T_origin[:3, :3].T @ T_goal[:3, :3])))
+        seconds = float(segment_seconds(self._layout, origin, goal))
+        x, y, z = T_goal[:3, 3]
+        return NextMotion(
+            f"the arm moves its TCP by {tcp_mm:.0f} mm, to x {x:.0f} y {y:.0f} z {z:.0f} mm, and "
+            f"turns it by {turn_deg:.0f} degrees, in about {seconds:.1f} s",
+            tuple(round(float(v), 4) for v in origin),
+            tuple(round(float(v), 4) for v in goal),
+            round(tcp_mm, 1),
+            round(turn_deg, 1),
+            round(seconds, 2),
+        )
+
+
+async def _homing() -> NextMotion:
+    return NextMotion("the arm homes: it sweeps its whole reach and moves its jaws")

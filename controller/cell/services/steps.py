@@ -1,16 +1,44 @@
 """Goes through the plan step by step; shows when each begins and journals how long it took."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TypedDict, TypeVar, Unpack
+from typing import Final, TypedDict, TypeVar, Unpack
 
 from controller.cell.journal.rows import StepDone
-from controller.planning import Step
+from controller.cell.machine import SafePoint
+from controller.planning import (
+    GiveStep,
+    Look,
+    Park,
+    Pick,
+    Place,
+    Present,
+    ReceiveStep,
+    SetDown,
+    Step,
+)
 from drivers.clock import CellClock
 
-from .motion import Motion
+from .gate import Gate
+from .motion import WORST_MORE_S, WORST_SHARE, Motion
 from .records import BatchRecord
 
 SomeStep = TypeVar("SomeStep", bound=Step)
+
+
+# Where the cell stands when a step of a kind has ended.
+STEP_ENDS: Final[Mapping[type[Step], SafePoint]] = {
+    Look: SafePoint.PARKED,
+    Pick: SafePoint.LIFTED,
+    Present: SafePoint.AT_VIEW,
+    GiveStep: SafePoint.IN_FIXED,
+    ReceiveStep: SafePoint.TAKEN_BACK,
+    SetDown: SafePoint.SET_DOWN,
+    Place: SafePoint.PLACED,
+    Park: SafePoint.PARKED,
+}
+# Steps that may fail half-way, and then go back the way they came before a pause can begin.
+GOING_BACK: Final = (Pick, GiveStep, ReceiveStep)
 
 
 class StepFields(TypedDict, total=False):
@@ -32,11 +60,13 @@ class PlanSteps:
     record : has the plan
     motion : is marked as free after each step
     clock : times the steps [cell s]
+    gate : is given how long a step takes at most, for a pause
     """
 
     record: BatchRecord
     motion: Motion
     clock: CellClock
+    gate: Gate
 
     def next(self, kind: type[SomeStep]) -> SomeStep | None:
         """Return the step that comes next if it is of this kind, None otherwise."""
@@ -59,6 +89,8 @@ class PlanSteps:
             step_count=len(plan.steps) + 1 if plan else 0,
             remaining_s=remaining,
         )
+        ways = 2 if isinstance(step, GOING_BACK) else 1
+        self.gate.begin_step(ways * WORST_SHARE * step.seconds + WORST_MORE_S)
         return self.clock.now_s()
 
     def end(self, step: Step, started_s: float, **more: Unpack[StepFields]) -> None:
@@ -80,3 +112,4 @@ class PlanSteps:
         )
         self.record.part.next_step += 1
         self.motion.mark_free()
+        self.motion.reach(STEP_ENDS[type(step)], ends_step=True)

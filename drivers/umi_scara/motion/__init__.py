@@ -3,12 +3,13 @@
 It knows counts, no joint angle and no limit.
 """
 
+from drivers.errors import MotionStoppedError
+
 from ._axes import Axes
 from ._counters import judge_counters, judge_kept_counters
 from ._homing import Homing, HomingConfig, HomingError
 from ._moves import (
     AxisStalledError,
-    MotionStoppedError,
     MoveWatch,
     forecast_s,
     on_ip,

@@ -6,16 +6,12 @@ Sections (§) are those of umi_rtx.md.
 from collections.abc import Callable, Iterable, Mapping
 from math import ceil
 
-from drivers.errors import ArmStalledError, DeviceError
+from drivers.errors import ArmStalledError
 
 from ..line import Guard
 from ..protocol import constants as c
 from ..protocol.constants import ADDRESSES, Axis, Ip, Parameter, Simple, StatusBits
 from ._axes import Axes
-
-
-class MotionStoppedError(DeviceError):
-    """A motion was ended by a stop; the stop itself has been sent."""
 
 
 class AxisStalledError(ArmStalledError):

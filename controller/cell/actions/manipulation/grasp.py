@@ -7,7 +7,7 @@ from controller.cell.custody.release_guard import NOTHING_MM
 from controller.cell.devices.lamps import TABLE_LAMPS
 from controller.cell.errors import PartFaultError
 from controller.cell.journal.rows import GraspMissed, Once
-from controller.cell.machine import GRASP, Event, PartFault
+from controller.cell.machine import GRASP, Event, PartFault, SafePoint
 from controller.cell.services import Grippers, Motion, PlanSteps, Views
 from controller.cell.services.records import BatchRecord
 from controller.planning import Look, Pick
@@ -44,6 +44,7 @@ class GraspAction:
         started_s = self.steps.begin(step)
         await self.grippers.open_arm(step.pre_open_mm)
         await self.motion.follow(step.motion_in)
+        self.motion.reach(SafePoint.ABOVE_TABLE)
         await self.motion.follow(step.motion_down)
         self.record.expect_hold(step.grasp)
         opening_mm = await self.grippers.close_arm(
@@ -98,3 +99,4 @@ class GraspAction:
         self.motion.mark_free()
         await self.motion.follow((*reversed(step.motion_in[:-1]), self.layout.park_q))
         self.motion.mark_free()
+        self.motion.reach(SafePoint.PARKED, ends_step=True)

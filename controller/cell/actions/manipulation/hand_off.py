@@ -9,7 +9,7 @@ from typing import NoReturn
 from controller.cell.custody import Custody
 from controller.cell.errors import PartFaultError, ReleaseRefusedError
 from controller.cell.journal import Once
-from controller.cell.machine import GRASP, Event, PartFault
+from controller.cell.machine import GRASP, Event, PartFault, SafePoint
 from controller.cell.services import Grippers, Motion, PlanSteps
 from controller.cell.services.records import BatchRecord
 from controller.imaging import inverse_pose
@@ -95,6 +95,7 @@ class HandOffAction:
         hold.is_measured = False
         self.record.note_hold()
         await self.motion.go_back(len(step.motion))
+        self.motion.reach(SafePoint.LIFTED, ends_step=True)
         raise PartFaultError(
             PartFault.HAND_OFF_FAILED,
             f"hand-off: {why}; the arm still holds the part",
@@ -135,6 +136,7 @@ class HandOffAction:
         await self.motion.go_back(len(step.approach))
         await self.grippers.require_fixed_holds()
         await self.motion.go_back(len(step.motion_in))
+        self.motion.reach(SafePoint.IN_FIXED, ends_step=True)
         raise PartFaultError(
             PartFault.RECEIVE_FAILED,
             f"hand-off back: the arm gripper's jaws stopped at {opening_mm:.1f} mm, "

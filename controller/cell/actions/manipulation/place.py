@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from controller.cell.custody import Custody
 from controller.cell.journal.rows import Intent, Once
-from controller.cell.machine import Event
+from controller.cell.machine import Event, SafePoint
 from controller.cell.services import Grippers, Motion, PlanSteps
 from controller.cell.services.records import BatchRecord
 from controller.inspection import Verdict
@@ -49,6 +49,7 @@ class PlaceAction:
         started_s = self.steps.begin(step)
         await self.motion.follow(step.motion)
         await self.grippers.press_and_require_hold()
+        self.motion.reach(SafePoint.BEFORE_PLACING)
         await self.motion.lower(step.motion_down, self.layout)
         await self.grippers.press_and_require_hold()
         intent = Intent(name=Once.SORT, tray=tray)
@@ -59,4 +60,5 @@ class PlaceAction:
         self.steps.end(step, started_s, tray=tray)
         await self.motion.follow(plan.park[tray].motion)
         self.motion.mark_free()
+        self.motion.reach(SafePoint.PARKED, ends_step=True)
         return Event.PLACED

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from controller.cell.custody import Custody
 from controller.cell.journal.rows import Intent, Once
-from controller.cell.machine import Event
+from controller.cell.machine import Event, SafePoint
 from controller.cell.services import Grippers, Motion, PlanSteps
 from controller.cell.services.records import BatchRecord
 from controller.planning import SetDown
@@ -39,6 +39,7 @@ class SetDownAction:
         started_s = self.steps.begin(step)
         await self.motion.follow(step.motion)
         await self.grippers.press_and_require_hold()
+        self.motion.reach(SafePoint.BEFORE_SETTING_DOWN)
         await self.motion.lower(step.motion_down, self.layout)
         await self.grippers.press_and_require_hold()
         intent = Intent(name=Once.SET_DOWN, pose_index=step.pose_index)

@@ -9,7 +9,7 @@ from controller.cell.devices.lamps import TABLE_LAMPS
 from controller.cell.errors import CellError
 from controller.cell.journal.rows import TablePictures
 from controller.cell.machine import Event
-from controller.cell.services import Imaging
+from controller.cell.services import Gate, Imaging, NextMotion
 from controller.cell.services.records import BatchRecord
 
 # Grey level, 0..255; a light table is at 150 and more.
@@ -23,10 +23,12 @@ class AcquireAction:
     Attributes
     ----------
     imaging : lamps and camera
+    gate : nobody looks at the table during a pause: somebody may reach over it
     record : keeps the pictures with the part
     """
 
     imaging: Imaging
+    gate: Gate
     record: BatchRecord
 
     async def run(self) -> Event:
@@ -36,6 +38,7 @@ class AcquireAction:
         ------
         CellError : the light table is dark
         """
+        await self.gate.wait(_look)
         self.record.begin_part()
         self.record.show("taking pictures of the table", step=0, step_count=0, remaining_s=None)
         part = self.record.part
@@ -55,6 +58,10 @@ class AcquireAction:
         }
         self.record.note(TablePictures(part.picture_names))
         return Event.PICTURE_TAKEN
+
+
+async def _look() -> NextMotion:
+    return NextMotion("nothing moves yet: pictures of the table are taken")
 
 
 def _require_glow(picture: Grey) -> None:

@@ -3,12 +3,14 @@
 from dataclasses import dataclass
 
 from controller.cell.devices.lamps import STATION_LAMPS
-from controller.cell.machine import VIEW, Event
+from controller.cell.machine import VIEW, Event, SafePoint
 from controller.cell.services import (
     Disambiguation,
+    Gate,
     Grippers,
     Imaging,
     Motion,
+    NextMotion,
     PlanSteps,
     Views,
 )
@@ -22,12 +24,13 @@ class PresentAction:
 
     Attributes
     ----------
-    steps, motion, grippers, imaging, views, record : services
+    steps, motion, gate, grippers, imaging, views, record : services
     disambiguation : decides which hypothesis is held, by the view planned for it
     """
 
     steps: PlanSteps
     motion: Motion
+    gate: Gate
     grippers: Grippers
     imaging: Imaging
     views: Views
@@ -54,6 +57,7 @@ class PresentAction:
                     continue
                 await self.motion.follow(step.motion)
                 await self.grippers.press_and_require_hold()
+                self.motion.reach(SafePoint.AT_VIEW)
                 hold = self.record.held()
                 if hold.is_measured and not await self.views.is_worth_showing(step):
                     self.steps.end(step, started_s, passed_by=step.view_id)
@@ -73,6 +77,7 @@ class PresentAction:
     async def _show(self, step: Present, hold: PartInGripper) -> str:
         """Take the pictures of a view, have them judged in the background, return its name."""
         await self.motion.ring_down()
+        await self.gate.wait(_look)
         view = self.views.name(step)
         backlit = await self.imaging.shoot("inspection", {"station_backlight": 1.0})
         lit = {
@@ -88,6 +93,10 @@ class PresentAction:
             await self.disambiguation.resolve(step.ambiguity, hold, q, backlit, tuple(lit.values()))
         self.views.judge_held(view, hold, q, backlit, lit)
         return view
+
+
+async def _look() -> NextMotion:
+    return NextMotion("nothing moves yet: the pictures of this view are taken")
 
 
 def lamps_for(step: Present) -> tuple[str, ...]:

@@ -43,6 +43,8 @@ class BatchRecord:
         self._finished: list[PartRecord] = []
         self.part = PartRecord(number=0)
         self.parts_left = 0
+        # what the cell holds for: its code, and the sentence for the operator
+        self.problem: tuple[str, str] = ("", "")
 
     @property
     def finished(self) -> tuple[PartRecord, ...]:
@@ -57,7 +59,8 @@ class BatchRecord:
 
     def begin_part(self) -> None:
         """Begin the next part if the last one is done; drop a plan made from earlier pictures."""
-        if self.part.tray is not None or self.part.number == 0:
+        part = self.part
+        if part.number == 0 or part.tray is not None or part in self._finished:
             self.part = PartRecord(number=self.part.number + 1)
         self.part.plan, self.part.next_step = None, 0
 

@@ -84,6 +84,7 @@ class PartRecord:
     recoveries : part faults that the cell has set out to recover from
     avoid : ids of grasps that have failed
     parked : the fault for which the part goes to the quarantine tray, None while all is well
+    is_said_to_be_out : a person states that they took it out; not checked yet
     """
 
     number: int
@@ -109,6 +110,7 @@ class PartRecord:
     parked: Recovery | None = None
     verdict: inspecting.PartVerdict | None = None
     tray: str | None = None
+    is_said_to_be_out: bool = False
 
     @property
     def in_sight(self) -> BoolArray | None:

@@ -1,0 +1,42 @@
+"""Consulting: the cell is on hold, and whoever is there decides what comes next."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+from controller.cell.machine import Event
+from controller.cell.operator import Operator
+from controller.cell.operator.questions import LOOK, OUT, STOP, question_for
+
+from ..services.records import BatchRecord
+
+EVENT_OF: Final[Mapping[str, Event]] = {
+    LOOK: Event.LOOK_AGAIN,
+    OUT: Event.PART_TAKEN_OUT,
+    STOP: Event.STOP,
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ConsultAction:
+    """Raises the question that the present problem calls for.
+
+    Attributes
+    ----------
+    operator : answers it
+    record : has the problem and the part
+    """
+
+    operator: Operator
+    record: BatchRecord
+
+    async def run(self) -> Event:
+        """Wait for an answer; return its event, ``UNATTENDED`` where nobody is there."""
+        code, message = self.record.problem
+        question = question_for(code, message, self.record.part.custody.value)
+        answer = await self.operator.decide(question)
+        if answer is None:
+            return Event.UNATTENDED
+        # nobody believes a statement about a gripper: it is checked before anything opens
+        self.record.part.is_said_to_be_out = answer.key == OUT
+        return EVENT_OF[answer.key]

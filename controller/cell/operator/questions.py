@@ -1,0 +1,65 @@
+"""Which question a problem with a part raises, and what follows each answer. Data alone.
+
+The codes are those of `PartProblemError`. A choice that moves something says what moves first.
+"""
+
+from collections.abc import Mapping
+from typing import Final
+
+from .question import Choice, Question
+
+LOOK: Final = "look"
+OUT: Final = "out"
+STOP: Final = "stop"
+
+_STOP: Final = Choice(STOP, "end the run; nothing is released")
+_OUT: Final = Choice(
+    OUT, "I took the part out of the cell: check that both grippers are empty, then the next part"
+)
+_AWAY: Final = Choice(OUT, "I took the part off the table: go on with the next part")
+# What leads back to the work where the part is on the table, or should be.
+_ON_TABLE: Final[Mapping[str, str]] = {
+    "no_part": "I have laid a part on the table: take new pictures",
+    "many_parts": "one part alone is on the table now: take new pictures",
+    "unknown_object": "the table is cleared up: take new pictures",
+    "wrong_part": "the right part is on the table now: take new pictures",
+    "no_plan": "I have laid the part another way up: take new pictures",
+}
+_ASKS: Final = "The part is not where it should be. Is it on the table?"
+# What moves first after a choice that moves something.
+_FIRST: Final[Mapping[str, str]] = {
+    LOOK: "the arm goes back along its own path and parks, unless it stands there; then come "
+    "pictures",
+    OUT: "the arm gripper presses, to check that it is empty; then the arm parks",
+}
+
+
+def question_for(code: str, message: str, custody: str) -> Question:
+    """Return the question that a problem raises.
+
+    Parameters
+    ----------
+    code : of the problem
+    message : the problem, as the operator reads it
+    custody : which gripper, tray or table has the part, as far as it is known
+    """
+    choices: tuple[Choice, ...]
+    if code in _ON_TABLE:
+        text = f"{message}."
+        choices = (Choice(LOOK, _ON_TABLE[code]), _AWAY, _STOP)
+    elif code == "fixture_not_empty":
+        text = f"{message}. The cell has not been homed."
+        choices = (_STOP,)
+    else:
+        text = f"{message}. {_ASKS} (by the journal: {custody})"
+        choices = (
+            Choice(LOOK, "it is on the table, or may be: look at the table again"),
+            _OUT,
+            _STOP,
+        )
+    return Question(
+        code=code,
+        text=text,
+        choices=choices,
+        preview=tuple((one.key, _FIRST[one.key]) for one in choices if one.key in _FIRST),
+    )

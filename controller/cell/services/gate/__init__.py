@@ -1,0 +1,6 @@
+"""What everything passes before it moves: the gate, which holds a pause, and the permit."""
+
+from .gate import JAWS_S, STOP_RAMP_S, Gate, NextMotion
+from .permits import Permit, Permits
+
+__all__ = ["JAWS_S", "STOP_RAMP_S", "Gate", "NextMotion", "Permit", "Permits"]

@@ -1,0 +1,243 @@
+"""The gate that everything passes before it moves or looks: holds a pause, requires the permit.
+
+A paused effect is not ended. Its task waits at the gate with its next motion in hand, and goes on
+with the same waypoint. A pause is reached as soon as nothing moves and nothing can begin to: that
+is *now*, or at a safe point, or where a step has ended.
+"""
+
+import asyncio
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from contextlib import asynccontextmanager, contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
+from typing import Final
+
+from controller.cell.machine import PauseKind, SafePoint
+from drivers.clock import CellClock
+
+from .permits import Permits
+
+# How long the arm takes to stop on its ramp and to confirm it, at most [cell s].
+STOP_RAMP_S: Final = 2.0
+# How long jaws take to finish what they have begun, at most [cell s]; the drivers' own limits.
+JAWS_S: Final = 10.0
+
+
+@dataclass(frozen=True, slots=True)
+class NextMotion:
+    """What moves first when a pause ends.
+
+    Attributes
+    ----------
+    words : what it is, for people
+    origin, goal : (k,) joints or opening where it begins and ends, rounded, for the record
+    tcp_mm, turn_deg : how far the TCP goes and turns
+    seconds : forecast [cell s]
+    """
+
+    words: str
+    origin: tuple[float, ...] = ()
+    goal: tuple[float, ...] = ()
+    tcp_mm: float = 0.0
+    turn_deg: float = 0.0
+    seconds: float = 0.0
+
+
+Preview = Callable[[], Awaitable[NextMotion]]
+
+
+class Gate:
+    """Lets through what may move now.
+
+    Parameters
+    ----------
+    permits : required of whatever passes
+    clock : of the cell
+    """
+
+    def __init__(self, permits: Permits, clock: CellClock) -> None:
+        self.permits = permits
+        self._clock = clock
+        self._wanted: PauseKind | None = None
+        self._is_closed = False
+        self._point: SafePoint | None = SafePoint.PARKED
+        self._ends_step = True
+        self._arm_count = 0
+        self._jaws_count = 0
+        self._bound_s: float | None = None
+        self._is_in_step = False
+        self._is_single_step = False
+        self._waiting: list[Preview] = []
+        self._changed = asyncio.Event()
+        self._is_check: ContextVar[bool] = ContextVar("is_check", default=False)
+
+    # ---- for what moves --------------------------------------------------------------------------
+    @asynccontextmanager
+    async def moving(self, preview: Preview, *, is_arm: bool) -> AsyncIterator[None]:
+        """Wait until a motion may begin, then note that it is under way.
+
+        Parameters
+        ----------
+        preview : describes the motion, for whoever decides when it begins
+        is_arm : a pause *now* stops it on its way; jaws finish what they have begun
+
+        Raises
+        ------
+        NoPermitError : nothing may move
+        """
+        await self.wait(preview)
+        self.permits.require()
+        if not self._is_check.get():
+            self._point, self._ends_step = None, False
+        if is_arm:
+            self._arm_count += 1
+        else:
+            self._jaws_count += 1
+        self._change()
+        try:
+            yield
+        finally:
+            if is_arm:
+                self._arm_count -= 1
+            else:
+                self._jaws_count -= 1
+            self._change()
+
+    async def wait(self, preview: Preview) -> None:
+        """Wait until the gate is open; to look is no motion, so it requires no permit.
+
+        Parameters
+        ----------
+        preview : describes what follows
+        """
+        if self._is_check.get() or not self._blocks():
+            return
+        self._waiting.append(preview)
+        try:
+            while self._blocks():
+                await self._next_change()
+        finally:
+            self._waiting.remove(preview)
+
+    def reach(self, point: SafePoint, *, ends_step: bool = False) -> None:
+        """Note that the cell stands at a safe point, until the next motion begins."""
+        self._point, self._ends_step = point, ends_step
+        if ends_step:
+            self._bound_s, self._is_in_step = None, False
+        self._change()
+
+    def begin_step(self, worst_s: float) -> None:
+        """Note that a step begins, which takes ``worst_s`` at most [cell s]."""
+        self._bound_s, self._is_in_step = self._clock.now_s() + worst_s, True
+
+    def begin_path(self, worst_s: float) -> None:
+        """Note that a path begins, which takes ``worst_s`` at most [cell s]; a step has its own."""
+        if not self._is_in_step:
+            self._bound_s = self._clock.now_s() + worst_s
+
+    @property
+    def was_interrupted(self) -> bool:
+        """Whether a pause *now* has stopped the arm on its way: its motion is to be repeated."""
+        return self._wanted is PauseKind.NOW
+
+    # ---- for who pauses --------------------------------------------------------------------------
+    def want(self, kind: PauseKind) -> None:
+        """Have a pause begin; one that is wanted already may become more urgent, never less."""
+        if self._wanted is None or kind.urgency > self._wanted.urgency:
+            self._wanted = kind
+        self._change()
+
+    def close(self) -> None:
+        """Let nothing through, wherever the cell stands."""
+        self._is_closed, self._wanted = True, None
+        self._change()
+
+    def open(self) -> None:
+        """Let everything through that has a permit."""
+        self._is_closed, self._wanted = False, None
+        self._change()
+
+    def prepare(self, *, is_single_step: bool) -> None:
+        """Note whether one step is to follow, or all; the gate opens once that is found safe."""
+        self._is_single_step = is_single_step
+
+    @property
+    def is_single_step(self) -> bool:
+        """Whether one step alone is to follow."""
+        return self._is_single_step
+
+    def open_for_step(self) -> None:
+        """Let one step through."""
+        self._is_closed, self._wanted = False, PauseKind.AFTER_STEP
+        # where the cell stands now ended the step before this one
+        self._point, self._ends_step = None, False
+        self._change()
+
+    @property
+    def wanted(self) -> PauseKind | None:
+        """The pause that is wanted and not reached yet."""
+        return self._wanted
+
+    @property
+    def is_arm_moving(self) -> bool:
+        """Whether an arm motion is under way."""
+        return self._arm_count > 0
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether nothing moves, and nothing will before the gate is opened."""
+        return self._blocks() and not self._arm_count and not self._jaws_count
+
+    @property
+    def point(self) -> SafePoint | None:
+        """The safe point at which the cell stands, None anywhere else."""
+        return self._point
+
+    async def changed(self) -> None:
+        """Wait until something about the gate has changed."""
+        await self._next_change()
+
+    @contextmanager
+    def checking(self) -> Iterator[None]:
+        """Let this task through a closed gate while the block runs: it checks before a resume."""
+        token = self._is_check.set(True)
+        try:
+            yield
+        finally:
+            self._is_check.reset(token)
+
+    async def next_motion(self) -> NextMotion | None:
+        """Return what moves first once the gate opens; None while that is still being computed."""
+        return await self._waiting[0]() if self._waiting else None
+
+    def seconds_to(self, kind: PauseKind) -> float | None:
+        """Return how long the cell takes to stand, at most [cell s]; None where nobody knows.
+
+        Parameters
+        ----------
+        kind : of the pause
+        """
+        now_s = JAWS_S if self._jaws_count else STOP_RAMP_S if self._arm_count else 0.0
+        if kind is PauseKind.NOW or self._is_closed:
+            return now_s
+        if not now_s and self._is_met(kind):
+            return 0.0
+        if self._bound_s is None:
+            return None
+        return max(self._bound_s - self._clock.now_s(), now_s)
+
+    # ---- how it decides --------------------------------------------------------------------------
+    def _is_met(self, kind: PauseKind) -> bool:
+        if kind is PauseKind.NOW:
+            return True
+        return self._point is not None and (self._ends_step or kind is PauseKind.SAFE_POINT)
+
+    def _blocks(self) -> bool:
+        return self._is_closed or (self._wanted is not None and self._is_met(self._wanted))
+
+    def _change(self) -> None:
+        self._changed.set()
+
+    async def _next_change(self) -> None:
+        self._changed.clear()
+        await self._changed.wait()
