@@ -416,6 +416,35 @@ class TimingSection(Section):
         return self
 
 
+class DetectionSection(Section):
+    """Within what time a loss is known, in seconds of cell time.
+
+    Attributes
+    ----------
+    arm_silent_s : a silent line of the arm, at rest and in motion
+    arm_beat_s : at rest the arm is asked so often; part of `arm_silent_s`
+    device_beat_s : the fixed gripper and the lamps are asked so often
+    stop_confirm_s : a device that has not confirmed a stop by then is reported
+    loop_late_s : a delay of the controller above this is recorded, in seconds of the wall
+    """
+
+    arm_silent_s: float = Field(0.5, ge=0.3, le=10)
+    arm_beat_s: float = Field(0.1, ge=0.05, le=5)
+    device_beat_s: float = Field(2.0, ge=0.2, le=60)
+    stop_confirm_s: float = Field(1.0, ge=0.2, le=30)
+    loop_late_s: float = Field(0.05, ge=0.01, le=10)
+
+    @model_validator(mode="after")
+    def _beat_leaves_time_for_an_answer(self) -> "DetectionSection":
+        if self.arm_beat_s > self.arm_silent_s / 2:
+            raise WrongKeyError(
+                ("arm_beat_s",),
+                f"{self.arm_beat_s:g} s leave too little of arm_silent_s "
+                f"({self.arm_silent_s:g} s) for an answer; give half of it at most",
+            )
+        return self
+
+
 class AccuracySection(Section):
     """What measuring in this cell is uncertain by, as standard uncertainties.
 
@@ -455,6 +484,7 @@ class Cell(Section):
     interlocks: InterlocksSection = InterlocksSection()
     accuracy: AccuracySection = AccuracySection()
     faults: FaultsSection = FaultsSection()
+    detection: DetectionSection = DetectionSection()
 
     @model_validator(mode="before")
     @classmethod

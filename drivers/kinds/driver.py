@@ -46,6 +46,7 @@ class Site:
     polling : of an I/O block
     lamps : of a lamp unit
     capture : of a camera
+    silence_s : of an arm: a line on which no byte has come back for so long is silent [cell s]
     """
 
     name: str
@@ -56,6 +57,7 @@ class Site:
     polling: Polling | None = None
     lamps: tuple[Lamp, ...] = ()
     capture: Capture | None = None
+    silence_s: float = 0.5
 
 
 @dataclass(frozen=True, slots=True)

@@ -64,7 +64,8 @@ __all__ = [
 
 
 def _build(site: Site, _: NoSettings) -> UmiScara:
-    return UmiScara(site.address, clock=site.clock)
+    config = ArmConfig(link=LinkConfig(silence_s=site.silence_s))
+    return UmiScara(site.address, config=config, clock=site.clock)
 
 
 DRIVER: Driver[Arm, NoSettings] = Driver(NoSettings, _build)

@@ -7,6 +7,9 @@ import pytest
 from umi_bench import EMULATED
 from umi_line_faults import PARK, Session, quiet
 
+from controller.cell.batch.supervision import ArmWatcher
+from controller.cell.devices.in_use import counted
+from controller.cell.machine import Event
 from drivers.errors import SilentLineError
 from drivers.umi_scara import Axis, MotionStoppedError
 
@@ -24,8 +27,8 @@ VERBS: dict[str, tuple[Callable[[Session], Awaitable[object]], int]] = {
 }
 
 
-async def opened() -> Session:
-    session = Session()
+async def opened(silence_s: float = KNOWN_S) -> Session:
+    session = Session(silence_s=silence_s)
     session.model.place({EMULATED[axis]: float(counts) for axis, counts in PARK.items()})
     await session._opened()
     session.model.reference()
@@ -95,3 +98,30 @@ async def test_a_line_that_comes_back_is_in_step_again() -> None:
     assert counts[Axis.SHOULDER] == pytest.approx(session.line.true(Axis.SHOULDER), abs=1)
     await session.arm.move_counts({Axis.SHOULDER: 100})
     assert session.line.true(Axis.SHOULDER) == pytest.approx(100, abs=4)
+
+
+@pytest.mark.parametrize("fault", ["mute", "unplugged"])
+async def test_a_line_that_falls_silent_at_rest_is_known_as_soon(fault: str) -> None:
+    beat_s = 0.1
+    session = await opened(silence_s=KNOWN_S - beat_s)
+    device, in_use = counted(session.arm, session.clock)
+    due_count = session.line.exchange_count + 20
+    pulled_s: list[float] = []
+    reported: list[tuple[str, float]] = []
+
+    def pull(_: bytes) -> None:
+        # between two heartbeats, as far as a line can tell: the next request is not answered
+        if session.line.exchange_count >= due_count and not pulled_s:
+            setattr(session.wire.faults, fault, True)
+            pulled_s.append(session.clock.now_s() - beat_s)
+
+    def report(event: Event, message: str = "", code: str = "") -> None:
+        assert event is Event.FAULT
+        reported.append((code, session.clock.now_s()))
+
+    session.line.on_write = pull
+    with quiet():
+        await ArmWatcher(device, in_use, beat_s, session.clock).run(report)
+    ((code, known_s),) = reported
+    assert code == "silent_line"
+    assert known_s - pulled_s[0] <= KNOWN_S + STOPS_S + EXCHANGE_S

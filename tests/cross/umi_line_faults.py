@@ -17,7 +17,7 @@ from umi_bench import EMULATED
 
 from drivers.clock import CellClock
 from drivers.errors import DeviceError, LinkError
-from drivers.umi_scara import ArmConfig, Axis, HomingConfig, Stop, UmiScara
+from drivers.umi_scara import ArmConfig, Axis, HomingConfig, LinkConfig, Stop, UmiScara
 from drivers.umi_scara.motion import Axes
 from emulators.umi_scara import ArmModel, ArmWire
 
@@ -246,7 +246,7 @@ def axes_of(arm: UmiScara) -> Axes | None:
 class Session:
     """The verbs of a session, each judged by the motors when it says that it is done."""
 
-    def __init__(self, fault: LineFault | None = None) -> None:
+    def __init__(self, fault: LineFault | None = None, silence_s: float = 0.5) -> None:
         self.clock = LineClock()
         self.model = ArmModel(seed=3)
         self.wire = ArmWire(self.model)
@@ -260,7 +260,9 @@ class Session:
         self.stop_after = 0
         self.stop_kind = Stop.DEAD
         self.stopping: asyncio.Task[None] | None = None
-        config = ArmConfig(homing=HomingConfig(park_counts=NEAR_PARK))
+        config = ArmConfig(
+            homing=HomingConfig(park_counts=NEAR_PARK), link=LinkConfig(silence_s=silence_s)
+        )
         self.arm = UmiScara(lambda: self.line, config=config, clock=self.clock)
 
     # ---- what is asked -------------------------------------------------------------------------

@@ -26,7 +26,7 @@ OWN_CODE = {"PartProblemError", "PartFaultError", "PolicyAbortError"}
 CODE_AT = {"PartProblemError": 0, "request_stop": 1, "request_abort": 1, "report": 2, "_Note": 3,
            "Outcome": 2, "RunOutcome": 2, "alarm_of": 0, "code": 0}  # fmt: skip
 # rows that stand for an alarm without being an error
-ROW_ALARMS = {"stop_not_confirmed", "device_retried", "demoted"}
+ROW_ALARMS = {"stop_not_confirmed", "device_retried", "demoted", "loop_late"}
 
 
 def trees() -> Iterator[tuple[Path, ast.Module]]:

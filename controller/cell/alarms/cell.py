@@ -88,6 +88,12 @@ CELL: Final = (
         "look at the cell, start again; send the journal with your report",
     ),
     Alarm(
+        910, "loop_late", Severity.WARNING, _HOST,
+        "the controller was late for longer than `detection.loop_late_s`",
+        "what happened in the cell meanwhile, until it is read",
+        "close what else runs on the machine",
+    ),
+    Alarm(
         920, "broke_off", _ABORT, _HOST,
         "an error kept the run from coming to rest",
         "where the arm is, and what the grippers hold",

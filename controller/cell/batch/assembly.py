@@ -34,6 +34,7 @@ from ..actions import (
 )
 from ..compute import Compute
 from ..devices import Devices
+from ..devices.in_use import counted
 from ..devices.stopping import Stopping
 from ..journal import Journal
 from ..machine import Budgets, Effect
@@ -58,6 +59,7 @@ from ..services import (
 )
 from ..services.records import BatchRecord, Progress
 from .dispatcher import Dispatcher
+from .supervision import ArmWatcher, LoopWatcher, ModbusWatcher
 from .watchers import DiskWatcher, FixedGripperWatcher, InterlockWatcher
 
 CAMERAS: tuple[CameraName, ...] = ("overhead", "inspection")
@@ -110,7 +112,8 @@ def assemble(
     progress, on_progress : what the operator sees; called after each change of it
     operator : answers questions
     """
-    arm, gripper, lights, io = devices.arm, devices.gripper, devices.lights, devices.io
+    gripper, lights, io = devices.gripper, devices.lights, devices.io
+    arm, arm_in_use = counted(devices.arm, clock)
     quick = frozenset(name for name in CAMERAS if getattr(cell.cameras, name).settle_frames == 0)
     cameras: dict[CameraName, Camera] = {
         "overhead": devices.overhead,
@@ -131,7 +134,7 @@ def assemble(
     views = Views(record, compute, layout)
     held_pose = HeldPose(record, views, motion, imaging, compute, recoveries, layout)
     preparation = Preparation(compute)
-    stopping = Stopping(arm, gripper, lights, clock)
+    stopping = Stopping(arm, gripper, lights, clock, cell.detection.stop_confirm_s)
 
     by_effect: dict[Effect, Action] = {
         Effect.HOME: HomeAction(
@@ -171,6 +174,9 @@ def assemble(
         InterlockWatcher(io),
         FixedGripperWatcher(gripper, grippers, recoveries, record, clock),
         DiskWatcher(folder, clock),
+        ArmWatcher(arm, arm_in_use, cell.detection.arm_beat_s, clock),
+        ModbusWatcher(gripper, lights, retries, cell.detection.device_beat_s, clock),
+        LoopWatcher(record, cell.detection.loop_late_s, clock),
     )
     dispatcher = Dispatcher(actions, record, stopping, watchers, journal, gate)
     return Batch(record, motion, gate, actions, dispatcher)

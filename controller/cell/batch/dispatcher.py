@@ -258,7 +258,8 @@ class Dispatcher:
 
     async def _take(self, note: _Note) -> None:
         decision = self._machine.dispatch(note.event)
-        self._journal.write(_event_row(note, decision))
+        step = self._step_of(note)
+        self._journal.write(_event_row(note, decision, step))
         if decision.answer == "handled":
             if decision.permits:
                 self._gate.permits.issue(note.event.value)
@@ -272,7 +273,7 @@ class Dispatcher:
             return
         if note.message:
             self._message, self._code = note.message, note.code
-            self._step = "" if note.of is None else note.of.value
+            self._step = step
         if note.event is Event.PART_PROBLEM:
             self._record.problem = (note.code, note.message)
         state = decision.target.removeprefix("execute_")
@@ -284,6 +285,11 @@ class Dispatcher:
                 self._pause = (effect, task)
             else:
                 self._work = (effect, task)
+
+    def _step_of(self, note: _Note) -> str:
+        """Return the action that a note is of, or in which a watcher reported it."""
+        effect = note.of or (None if self._work is None else self._work[0])
+        return "" if effect is None else effect.value
 
     def _set_gate(self, event: Event, decision: Decision) -> None:
         """Have the gate do what the new state means: hold a pause, or let through."""
@@ -365,9 +371,9 @@ class Dispatcher:
             )
 
 
-def _event_row(note: _Note, decision: Decision) -> rows.CellEvent:
+def _event_row(note: _Note, decision: Decision, step: str) -> rows.CellEvent:
     said = {"message": note.message, "code": note.code} if note.message else {}
-    alarm = _alarm(note.code, note.message, "" if note.of is None else note.of.value)
+    alarm = _alarm(note.code, note.message, step)
     person = {"who": note.who, "why": note.why} if note.who else {}
     why = {"reason": decision.reason} if decision.reason else {}
     return rows.CellEvent(

@@ -155,6 +155,7 @@ class DeviceBuilder:
             polling=polling if kind == "io" else None,
             lamps=lamps if kind == "lights" else (),
             capture=self._capture(name) if kind == "camera" else None,
+            silence_s=self._cell.detection.arm_silent_s - self._cell.detection.arm_beat_s,
         )
 
     def _capture(self, name: str) -> Capture:

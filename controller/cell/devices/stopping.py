@@ -11,16 +11,16 @@ from drivers.kinds import Arm, FixedGripper, LampUnit, Stop
 
 log = logging.getLogger(__name__)
 
-# How long the arm may take to confirm that it has halted, while its task is being ended.
-HALT_LIMIT_S = 2.0
-# A silent arm is detected after 0.5 s; a Modbus device makes its own retries.
-STOP_LIMIT_S = 3.0
+# A stop comes twice: at once, while the task that moves the arm is being ended, and again by the
+# state that follows, which reports who did not confirm. Both together take the time allowed.
+AT_ONCE_SHARE = 0.4
+CONFIRM_S = 1.0
 
 
 async def stop_side_by_side(
     stops: Mapping[str, Callable[[], Awaitable[object]]],
     clock: CellClock,
-    limit_s: float = STOP_LIMIT_S,
+    limit_s: float = CONFIRM_S,
 ) -> dict[str, Exception]:
     """Call all stops at once; return the error of each device that did not confirm.
 
@@ -50,11 +50,21 @@ class Stopping:
     ----------
     arm, gripper, lights : the devices
     clock : of the cell
+    confirm_s : a device that has not confirmed by then is reported [cell s]
     """
 
     names = ("arm", "gripper", "lights")
 
-    def __init__(self, arm: Arm, gripper: FixedGripper, lights: LampUnit, clock: CellClock) -> None:
+    def __init__(
+        self,
+        arm: Arm,
+        gripper: FixedGripper,
+        lights: LampUnit,
+        clock: CellClock,
+        confirm_s: float = CONFIRM_S,
+    ) -> None:
+        self._at_once_s = AT_ONCE_SHARE * confirm_s
+        self._confirm_s = confirm_s - self._at_once_s
         self._arm = arm
         self._gripper = gripper
         self._lights = lights
@@ -72,18 +82,19 @@ class Stopping:
     async def stop_all(self, kind: Stop) -> dict[str, Exception]:
         """Stop all devices in parallel; return by name the error of each that did not confirm."""
         return await stop_side_by_side(
-            {"arm": lambda: self._arm.stop(kind), **self._others()}, self._clock
+            {"arm": lambda: self._arm.stop(kind), **self._others()}, self._clock, self._confirm_s
         )
 
     async def stop_others(self) -> None:
         """Stop all devices but the arm; log each one that does not confirm."""
-        for name, error in (await stop_side_by_side(self._others(), self._clock)).items():
+        found = await stop_side_by_side(self._others(), self._clock, self._at_once_s)
+        for name, error in found.items():
             log.warning("%s did not confirm the stop: %s", name, error)
 
     async def halt_arm(self) -> None:
         """Halt the arm while a task unwinds; no confirmation is required."""
         with suppress(DeviceError, TimeoutError):
-            async with self._clock.timeout(HALT_LIMIT_S):
+            async with self._clock.timeout(self._at_once_s):
                 await self._arm.stop(Stop.DEAD)
 
     def _others(self) -> dict[str, Callable[[], Awaitable[object]]]:

@@ -670,6 +670,20 @@ class SourceDemoted(Body):
     alarm: int = 0
 
 
+class LoopLate(Body):
+    """The controller's event loop was late: the longest delay, and all of it, within a time.
+
+    `longest_s` and `missed_s` are seconds of the wall, `within_s` is cell seconds.
+    """
+
+    kind = "observation"
+    row_name = "loop_late"
+    longest_s: float
+    missed_s: float
+    within_s: float
+    alarm: int = 0
+
+
 class DeviceRetried(Body):
     """A picture, a lamp or a reading did not come; it is tried again after a while [cell s]."""
 
@@ -829,7 +843,7 @@ ROWS: Final[Mapping[tuple[str, str], type[Body]]] = {
         StopNotConfirmed, Openings, TablePictures, Sightings, ViewPicturesTaken, ViewJudged,
         PartMeasured, PartFindings, FilesStored, PartInspected,
         PlanMade, PlanKept, RecoveryBegun, AmbiguityResolved, PartJudged, StartRefused,
-        SourceDemoted, DeviceRetried, TouchedDown,
+        SourceDemoted, DeviceRetried, TouchedDown, LoopLate,
         QuestionRaised, QuestionAnswered, PathBegun, StoodFree, PositionsTakenOver, HoldNoted,
         GraspAvoided, RecoveryProposed, PartResumed,
     )
