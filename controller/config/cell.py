@@ -353,6 +353,41 @@ class FixedGripperSection(Section):
     post: Box
 
 
+class PlateSection(Section):
+    """A plate: from its corner two edges span the face that parts slide on.
+
+    The plate's matter is on the other side: that face looks along ``along`` x ``across``.
+    """
+
+    corner: Vec3
+    along: Vec3
+    across: Vec3
+    thickness_mm: Width
+
+    @model_validator(mode="after")
+    def _is_a_rectangle(self) -> Self:
+        along, across = np.array(self.along), np.array(self.across)
+        lengths = float(np.linalg.norm(along)), float(np.linalg.norm(across))
+        if min(lengths) <= 0:
+            raise ValueError("along and across must be longer than 0")
+        if abs(along @ across) > 1e-4 * lengths[0] * lengths[1]:
+            raise ValueError("along and across must be at right angles")
+        return self
+
+
+class ChuteSection(Section):
+    """What catches a part that falls from the fixed gripper and lets it slide onto the table.
+
+    Attributes
+    ----------
+    plates : what the part slides on
+    walls : boxes in the world that keep it on the way, and on the table
+    """
+
+    plates: dict[str, PlateSection]
+    walls: dict[str, Box] = Field(default_factory=dict)
+
+
 class TraySection(Section):
     """A place to put parts."""
 
@@ -480,6 +515,7 @@ class Cell(Section):
         validation_alias=AliasChoices("fixed_gripper", "fixture"), serialization_alias="fixture"
     )
     obstacles: dict[str, Box] = Field(default_factory=dict)
+    chute: ChuteSection | None = None
     trays: TraysSection
     interlocks: InterlocksSection = InterlocksSection()
     accuracy: AccuracySection = AccuracySection()

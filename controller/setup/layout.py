@@ -6,7 +6,7 @@ import numpy as np
 
 from controller.config import ConfigError
 from controller.config.cell import Box as BoxNumbers
-from controller.config.cell import Cell, FingersSection, OtherArmSection, UmiSection
+from controller.config.cell import Cell, ChuteSection, FingersSection, OtherArmSection, UmiSection
 from controller.planning.geometry import Box
 from controller.planning.model import JOINT_COUNT, ArmModel, CellLayout, Jaw, Tray
 from drivers.kinds import ArmDescription
@@ -38,6 +38,7 @@ def build_layout(cell: Cell) -> CellLayout:
     else:
         described, column = _umi(arm), arm.links.column
     obstacles = {name: Box.from_bounds(*box) for name, box in cell.obstacles.items()}
+    obstacles |= _chute(cell.chute)
     obstacles["fixture_post"] = Box.from_bounds(*cell.fixed_gripper.post)
     return CellLayout(
         arm=described.model,
@@ -65,6 +66,23 @@ def build_layout(cell: Cell) -> CellLayout:
         },
         park_q=described.park_q,
     )
+
+
+def _chute(section: ChuteSection | None) -> dict[str, Box]:
+    """Return the chute as boxes that nothing may touch, by name."""
+    if section is None:
+        return {}
+    boxes = {f"chute {name}": Box.from_bounds(*wall) for name, wall in section.walls.items()}
+    for name, plate in section.plates.items():
+        edges = np.array([plate.along, plate.across], dtype=float)
+        lengths_mm = np.linalg.norm(edges, axis=1)
+        x, y = edges / lengths_mm[:, None]
+        half_mm = np.array([*lengths_mm, plate.thickness_mm]) / 2
+        T = np.eye(4)
+        T[:3, :3] = np.column_stack([x, y, np.cross(x, y)])
+        T[:3, 3] = np.array(plate.corner) + T[:3, :3] @ (half_mm * [1, 1, -1])
+        boxes[f"chute {name}"] = Box(T, half_mm)
+    return boxes
 
 
 def _umi(section: UmiSection) -> ArmDescription[ArmModel]:

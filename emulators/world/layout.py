@@ -49,6 +49,19 @@ class Box:
         return (self.high_mm - self.low_mm) / 2.0
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class PlacedBox:
+    """A box in a frame that stands still in the world.
+
+    Attributes
+    ----------
+    T_world_box : (4, 4) of the frame that the box's corners are given in
+    """
+
+    box: Box
+    T_world_box: Array
+
+
 @dataclass(frozen=True, slots=True)
 class Fingers:
     """Two straight fingers in the TCP frame: x approach, y the jaws' axis, origin between the ends.
@@ -162,6 +175,7 @@ class Layout:
     fixed_gripper: GripperLayout
     post: Box
     obstacles: tuple[Box, ...]
+    chute: tuple[PlacedBox, ...]
     trays: tuple[TrayLayout, ...]
     inputs: Mapping[str, int]
 
@@ -212,6 +226,7 @@ def _layout(raw: dict[str, Any]) -> Layout:
         ),
         post=_box("post", fixed["post"]),
         obstacles=_boxes(raw["obstacles"]),
+        chute=_chute(raw.get("chute") or {}),
         trays=tuple(
             TrayLayout(name, np.array(one["centre"], float), np.array(one["size"], float))
             for name, one in raw["trays"].items()
@@ -297,6 +312,27 @@ def _fingers(raw: dict[str, Any]) -> Fingers:
 
 def _boxes(raw: dict[str, Any]) -> tuple[Box, ...]:
     return tuple(_box(name, one) for name, one in raw.items())
+
+
+def _chute(raw: dict[str, Any]) -> tuple[PlacedBox, ...]:
+    """Return plates and walls of the chute under the fixed gripper; none if there is none."""
+    walls = [PlacedBox(box, np.eye(4)) for box in _boxes(raw.get("walls", {}))]
+    plates = [_plate(name, one) for name, one in raw.get("plates", {}).items()]
+    return tuple(
+        PlacedBox(Box(f"chute {one.box.name}", one.box.low_mm, one.box.high_mm), one.T_world_box)
+        for one in (*plates, *walls)
+    )
+
+
+def _plate(name: str, raw: dict[str, Any]) -> PlacedBox:
+    """Return a plate: from its corner two edges span the face that parts slide on."""
+    along, across = _vector(raw["along"]), _vector(raw["across"])
+    length_mm, width_mm = float(np.linalg.norm(along)), float(np.linalg.norm(across))
+    T = np.eye(4)
+    T[:3, 0], T[:3, 1] = along / length_mm, across / width_mm
+    T[:3, 2], T[:3, 3] = np.cross(T[:3, 0], T[:3, 1]), _vector(raw["corner"])
+    low = np.array((0.0, 0.0, -float(raw["thickness_mm"])))
+    return PlacedBox(Box(name, low, np.array((length_mm, width_mm, 0.0))), T)
 
 
 def _box(name: str, raw: list[float]) -> Box:

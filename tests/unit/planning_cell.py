@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -55,6 +56,21 @@ def arm_model(arm: Any) -> UmiModel:
     )
 
 
+def chute(section: dict[str, Any]) -> dict[str, Box]:
+    """Return the chute's boxes, each plate from the middle of its face and the face's normal."""
+    boxes = {f"chute {k}": Box.from_bounds(*v) for k, v in section["walls"].items()}
+    for name, plate in section["plates"].items():
+        along, across = np.array(plate["along"], float), np.array(plate["across"], float)
+        normal = np.cross(along, across) / np.linalg.norm(np.cross(along, across))
+        T = np.eye(4)
+        T[:3, 0], T[:3, 2] = along / math.hypot(*along), normal
+        T[:3, 1] = np.cross(normal, T[:3, 0])
+        T[:3, 3] = plate["corner"] + (along + across - normal * plate["thickness_mm"]) / 2
+        half = (math.hypot(*along), math.hypot(*across), plate["thickness_mm"])
+        boxes[f"chute {name}"] = Box(T, np.array(half) / 2)
+    return boxes
+
+
 def layout_of(cell: Any) -> CellLayout:
     arm, fixture, park = cell["arm"], cell["fixed_gripper"], cell["arm"]["park_deg"]
     q = np.radians([park["shoulder"], park["elbow"], park["yaw"], 0.0, park["pitch"], park["roll"]])
@@ -69,6 +85,7 @@ def layout_of(cell: Any) -> CellLayout:
         obstacles={
             "fixture's post": Box.from_bounds(*fixture["post"]),
             **{k.replace("_", " "): Box.from_bounds(*v) for k, v in cell["obstacles"].items()},
+            **chute(cell.get("chute", {"walls": {}, "plates": {}})),
         },
         station_mm=np.array(cell["station"]["position"], float),
         inspection=camera(cell["cameras"]["inspection"]),

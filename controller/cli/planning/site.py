@@ -44,7 +44,9 @@ def site_parts(
     NoPlanError : a part cannot be held at all
     """
     cell = load_cell(cell_path)
-    layout = build_layout(cell)
+    layout = build_layout(
+        cell.model_copy(update={"chute": None})
+    )  # built for the place that is found
     parts = [load_part(file.path, file.options) for file in files]
     setups = [
         planner_setup(file.recipe, cell, part) for file, part in zip(files, parts, strict=True)

@@ -22,7 +22,7 @@ class CellBoxes:
 
     Parameters
     ----------
-    layout : arm, post, grippers and obstacles of the cell
+    layout : arm, post, grippers, obstacles and chute of the cell
     bodies : the pybullet client that gets the boxes
     links : (4, 4) pose of each frame of the arm in the world [mm], by name
     arm_gripper, fixed_gripper : both grippers
@@ -42,6 +42,7 @@ class CellBoxes:
         arm = layout.arm
         fixed: list[tuple[Box, Array]] = [(arm.column, identity), (layout.post, identity)]
         fixed += [(box, identity) for box in layout.obstacles]
+        fixed += [(one.box, one.T_world_box) for one in layout.chute]
         fixed += [(box, fixed_gripper.T_world_tcp) for box in layout.fixed_gripper.boxes]
         moving: list[tuple[str, Box]] = [("upper", arm.upper), ("fore", arm.fore)]
         moving += [("arm gripper", box) for box in arm.gripper.boxes]

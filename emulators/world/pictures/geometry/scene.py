@@ -135,11 +135,13 @@ def _fixed(
     for box in boxes:
         pieces.append(_boxes("", (box,), 1))
     owner = [np.full(len(piece.faces), i) for i, piece in enumerate(pieces)]
-    body = _boxes("", layout.fixed_gripper.boxes, 1)
-    T = layout.fixed_gripper.T_world_tcp
-    pieces.append(
-        _surface("", body.vertices_mm @ T[:3, :3].T + T[:3, 3], body.faces, 1, smooth=False)
-    )
+    placed = [(box, layout.fixed_gripper.T_world_tcp) for box in layout.fixed_gripper.boxes]
+    placed += [(one.box, one.T_world_box) for one in layout.chute]
+    for box, T in placed:
+        body = _boxes("", (box,), 1)
+        pieces.append(
+            _surface("", body.vertices_mm @ T[:3, :3].T + T[:3, 3], body.faces, 1, smooth=False)
+        )
     for tray in layout.trays:
         low = np.append(tray.centre_mm - tray.size_mm / 2.0, -1.0)
         high = np.append(tray.centre_mm + tray.size_mm / 2.0, _TRAY_HEIGHT_MM)
