@@ -14,18 +14,20 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from controller.cell.journal import Row, read_rows
-from drivers.errors import DeviceError
+from controller.cell.journal import Row, read_rows, rows
 
 from .cell import Controller, Scene, SimulatedCell
+from .faults import FAULTS, Cause
 from .invariants import Watch
 from .loop import NothingLeftError, SimulatedLoop, SimulatedProcess
+from .power import cut_power
 
-MAX_CELL_S: Final = 3600.0  # a case that is not done by then hangs
+MAX_CELL_S: Final = 2400.0  # a case that is not done by then hangs
 PART_STEPS: Final = 110_000  # of a controller that works on one part
-DEAD_S: Final = 4.0  # from a kill to the next start
 PART_ROWS: Final = 96  # that a run of one part writes
 NEAR_STEPS: Final = 300  # that a controller makes until the devices have heard of a row
+DEAD_S: Final = (0.3, 12.0)  # from a kill to the next start
+REST_S: Final = 4.0  # after the last end, until the world is looked at
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,17 +38,20 @@ class Kill:
     ----------
     row : once its run has written so many rows; 0: from the beginning
     steps : and then after so many of its steps
+    is_power_cut : its computer loses its power, and with it rows that were not secured
     """
 
     row: int = 0
     steps: int = 0
+    is_power_cut: bool = False
 
     @classmethod
     def drawn(cls, rng: random.Random) -> "Kill":
-        """Return a moment: half of them anywhere, half of them right after a row of the journal."""
+        """Return a moment: half of them anywhere; a third is a power cut."""
+        is_power_cut = rng.random() < 1 / 3
         if rng.random() < 0.5:
-            return cls(steps=rng.randrange(PART_STEPS))
-        return cls(rng.randrange(PART_ROWS), rng.randrange(NEAR_STEPS))
+            return cls(0, rng.randrange(PART_STEPS), is_power_cut)
+        return cls(rng.randrange(PART_ROWS), rng.randrange(NEAR_STEPS), is_power_cut)
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +64,9 @@ class Case:
     kill : when the first controller is killed; None for no kill
     recovery : what the next start does with a part in a gripper
     starts : of controllers, at most
+    fault : name in `FAULTS`, with the state that it befalls; None for none
+    before : a fault that comes earlier, with its state, so that the state of `fault` is reached
+    fault_rate : share of holds that fail by chance
     """
 
     seed: int
@@ -66,6 +74,9 @@ class Case:
     kill: Kill | None = None
     recovery: str = "refuse"
     starts: int = 4
+    fault: tuple[str, str] | None = None
+    before: tuple[str, str] | None = None
+    fault_rate: float = 0.0
 
 
 @dataclass(slots=True)
@@ -76,13 +87,16 @@ class Ended:
     ----------
     ends : how each start ended: the batch's end and its code, or the error it broke off with
     messages : of these ends
-    truth : of the world, at the end
+    truth : of the part, at the end
     violations : as sentences
     killed_in : state and last row of the controller that was killed
     custody_at_kill : who had the part then
+    caused : the faults that befell the cell
+    recoveries : part faults that controllers recovered from
+    verdict : of the part, empty without one
     cell_s : how long it took
     steps : of the loop
-    digest : of the journal's bytes
+    digest : of the journal
     """
 
     case: Case
@@ -92,15 +106,22 @@ class Ended:
     violations: list[str] = field(default_factory=list)
     killed_in: str = ""
     custody_at_kill: str = ""
+    caused: list[str] = field(default_factory=list)
+    recoveries: list[str] = field(default_factory=list)
+    verdict: str = ""
     cell_s: float = 0.0
     steps: int = 0
     digest: str = ""
-    faults: list[str] = field(default_factory=list)
 
     @property
-    def is_parked_or_sorted(self) -> bool:
-        """Whether the last run ended with the part in a tray."""
+    def is_in_tray(self) -> bool:
+        """Whether the last run was completed with the part in a tray."""
         return bool(self.ends) and self.ends[-1] == "complete" and bool(self.truth["tray"])
+
+    @property
+    def is_hung(self) -> bool:
+        """Whether it did not come to rest in time."""
+        return bool(self.ends) and self.ends[-1] == "hang"
 
 
 def run_case(case: Case, folder: Path | None = None) -> Ended:
@@ -134,47 +155,53 @@ class _Run:
         self.rng = random.Random(f"case {case.seed}")
         self.cell = SimulatedCell(self.loop, case.seed, case.scene, folder)
         self.watch = Watch(self.cell)
+        self.cause = Cause(self.cell, self.watch, random.Random(f"faults {case.seed}"))
         self.ended = Ended(case)
+        self.lost_from: int | None = None
 
     def run(self) -> Ended:
         loop, ended = self.loop, self.ended
         try:
-            with suppress(NothingLeftError):
+            try:
                 loop.run_until_complete(self._story())
+            except (TimeoutError, NothingLeftError) as error:
+                self._note("hang", f"not done after {MAX_CELL_S:.0f} s: {error}")
             ended.cell_s = round(self.cell.now_s(), 3)
             ended.steps = loop.step_count
             ended.truth = self.cell.truth()["parts"][0]
+            ended.caused = self.cause.caused
             ended.violations = [str(one) for one in self.watch.violations]
             ended.violations += [f"loop: {one.get('message')}: {one.get('exception')!r}"
                                  for one in loop.errors]  # fmt: skip
             ended.digest = journal_digest(self.cell.journal_path)
+            self._read_journal()
             return ended
         finally:
+            self.cell.close()
             loop.bury()
             loop.close()
 
     async def _story(self) -> None:
         async with asyncio.timeout(MAX_CELL_S), self.cell:
             self.cell.after_slice = self.watch.look
-            await self._first()
+            if self.case.fault_rate:
+                self.cause.by_chance(self.case.fault_rate)
+            await self._start(self.case.kill)
             while self.ended.ends[-1] == "killed" and len(self.ended.ends) < self.case.starts:
-                await asyncio.sleep(DEAD_S)
-                self._check_rest()
+                await asyncio.sleep(self.rng.uniform(*DEAD_S))
+                self._check()
                 await self._start(None)
-            await asyncio.sleep(DEAD_S)
-            self._check_rest()
+            await asyncio.sleep(REST_S)
             self.cell.catch_up()
-
-    async def _first(self) -> None:
-        await self._start(self.case.kill)
+            self._check()
+            self._check_rest()
 
     async def _start(self, kill: Kill | None) -> None:
-        is_first = not self.ended.ends
-        options = {} if is_first else {"recovery": self.case.recovery}
+        options = {} if not self.ended.ends else {"recovery": self.case.recovery}
         controller = self.cell.controller(**options)
         self.watch.permitted()
+        self._arm_faults(controller)
         killed = asyncio.Event()
-
         due = None if kill is None or kill.row else kill.steps
 
         def after_step(owner: SimulatedProcess | None) -> None:
@@ -184,7 +211,7 @@ class _Run:
             if due is None and controller.row_count >= kill.row:
                 due = owner.step_count + kill.steps
             if due is not None and owner.step_count >= due:
-                self._kill(controller)
+                self._kill(controller, kill)
                 killed.set()
 
         task = controller.start()
@@ -198,31 +225,68 @@ class _Run:
             return
         try:
             outcome = task.result().outcome
-        except (DeviceError, Exception) as error:  # noqa: BLE001  an end like any other
-            self._note(f"broke off: {type(error).__name__}", str(error))
+        except Exception as error:  # noqa: BLE001  an end like any other
+            self._note(f"broke off {type(error).__name__}", str(error))
             return
-        self._note(outcome.end if not outcome.code else f"{outcome.end} {outcome.code}",
-                   outcome.message)  # fmt: skip
-        self.watch.stopped()
+        self._note(f"{outcome.end} {outcome.code}".strip(), outcome.message)
+        unconfirmed = {
+            str(row.body["device"])
+            for row in read_rows(self.cell.journal_path, controller.run_id)
+            if row.name == rows.StopNotConfirmed.row_name
+        }
+        self.watch.stopped(frozenset(unconfirmed))
+
+    def _arm_faults(self, controller: Controller) -> None:
+        """Have the case's faults befall the first controller."""
+        if self.case.fault is None or self.ended.ends:
+            return
+        name, state = self.case.fault
+        if self.case.before is None:
+            self.cause.at_state(controller, state, FAULTS[name])
+            return
+        before, at = self.case.before
+
+        def then() -> None:
+            self.cause.at_state(controller, state, FAULTS[name])
+
+        self.cause.at_state(controller, at, FAULTS[before], then)
 
     def _note(self, end: str, message: str) -> None:
         self.ended.ends.append(end)
         self.ended.messages.append(message)
 
-    def _kill(self, controller: Controller) -> None:
+    def _kill(self, controller: Controller, kill: Kill) -> None:
         self.watch.remember_rows()
         controller.kill()
-        last = list(read_rows(self.cell.journal_path))[-1:]
+        last = []
+        with suppress(Exception):  # it may not have begun
+            last = list(read_rows(self.cell.journal_path))[-1:]
         row = f"{last[0].kind} {last[0].name}" if last else "nothing"
-        self.ended.killed_in = f"{controller.state} after {row}"
+        how = "power cut" if kill.is_power_cut else "killed"
+        self.ended.killed_in = f"{how} in {controller.state or 'connecting'} after {row}"
         self.ended.custody_at_kill = self.cell.truth()["parts"][0]["custody"]
+        if kill.is_power_cut and last:
+            self.lost_from = cut_power(self.cell.journal_path, self.rng)
+
+    def _check(self) -> None:
+        """Check what must be so whenever no controller runs."""
+        self.watch.check_folded()
+        found: Sequence[Row] = self.watch.check_journal(lost_from=self.lost_from)
+        self.watch.check_once(found)
 
     def _check_rest(self) -> None:
-        """Check what must be so whenever the cell rests."""
-        self.watch.check_folded()
-        found: Sequence[Row] = self.watch.check_journal()
-        self.watch.check_once(found)
-        self.watch.check_custody(found)
+        """Check what must be so once the cell is at rest."""
+        if self.cell.journal_path.exists():
+            self.watch.check_custody(list(read_rows(self.cell.journal_path)))
+
+    def _read_journal(self) -> None:
+        if not self.cell.journal_path.exists():
+            return
+        for row in read_rows(self.cell.journal_path):
+            if row.name == rows.RecoveryBegun.row_name:
+                self.ended.recoveries.append(str(row.body.get("fault", "")))
+            elif row.name == rows.PartJudged.row_name:
+                self.ended.verdict = str(row.body["verdict"])
 
 
 def journal_digest(path: Path) -> str:

@@ -110,6 +110,9 @@ class SimulatedCell:
 
     async def __aexit__(self, *_: object) -> None:
         self.loop.kill(self.process)
+
+    def close(self) -> None:
+        """Give back what the world holds; nothing of it can be read any more."""
         self.cell.world.close()
 
     async def _start(self) -> None:
@@ -212,6 +215,7 @@ class Controller:
     state : of the cell, as the operator sees it
     notices : sentences for the operator
     row_count : rows it has written to the journal
+    on_state : called with each state that the cell enters
     """
 
     def __init__(self, cell: SimulatedCell, number: int, options: Mapping[str, Any]) -> None:
@@ -220,6 +224,7 @@ class Controller:
         self.process = SimulatedProcess(f"controller {number}")
         self.notices: list[str] = []
         self.state = ""
+        self.on_state: Callable[[str], None] = lambda state: None
         self.minds: StandIns | None = None
         self.dispatcher: Any = None
         self.row_count = -1  # the run's name takes the date once
@@ -273,7 +278,9 @@ class Controller:
         self.cell.loop.kill(self.process)
 
     def _show(self, state: str) -> None:
-        self.state = state
+        if state != self.state:
+            self.state = state
+            self.on_state(state)
 
     def _on_dispatcher(self, dispatcher: Any) -> None:  # noqa: ANN401
         self.dispatcher = dispatcher

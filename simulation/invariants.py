@@ -26,6 +26,11 @@ FREE_FALL_MM: Final = 12.0  # let go this high above the table, a part falls
 PUT_DOWN_MM: Final = 1.0  # pressed on the table by less, a held part is being put down
 STOPPED_S: Final = 0.3  # of the world, in which what a stop found moving comes to rest
 # Which intents let one gripper go, and which let it take hold.
+MOTORS: Final[Mapping[str, tuple[str, ...]]] = {  # of the world, by the controller's device
+    "arm": ("arm", "arm gripper"),
+    "gripper": ("fixed gripper",),
+}
+EXCUSED_S: Final = 1.0  # from an order that lets a part go to the world's event of it
 LETS_GO: Final[Mapping[str, frozenset[str]]] = {
     "arm": frozenset({Once.RELEASE_ARM, Once.SET_DOWN, Once.SORT, Once.OPEN_ARM_GRIPPER}),
     "fixture": frozenset({Once.RELEASE_FIXED, Once.OPEN_FIXED_GRIPPER}),
@@ -121,12 +126,29 @@ class Watch:
     def _violated(self, rule: str, what: str) -> None:
         self.violations.append(Violation(rule, self.cell.cell.world.time_s, what))
 
+    def excuse(self) -> None:
+        """Take what happens to the part from now on, and what it meets, for the simulation's doing.
+
+        A part that fell or was moved may be touched by an arm that cannot know it.
+        """
+        self.is_part_touched = True
+        self.excused_until_s = self.cell.cell.world.time_s + EXCUSED_S
+
     # --- permits --------------------------------------------------------------------------------
 
-    def stopped(self) -> None:
-        """Let nothing move from now on: a stop was confirmed."""
+    def stopped(self, unconfirmed: frozenset[str] = frozenset()) -> None:
+        """Let nothing move from now on: the controller has said that all is at rest.
+
+        Parameters
+        ----------
+        unconfirmed : devices of which it has said that their stop was not confirmed
+        """
+        free = {name for device in unconfirmed for name in MOTORS.get(device, ())}
         self._quiet_since_s = self.cell.cell.world.time_s
-        self._last = dict.fromkeys(self.cell.cell.world.last_motion_s, 0.0)
+        self._last = {
+            name: float("inf") if name in free else 0.0
+            for name in self.cell.cell.world.last_motion_s
+        }
 
     def permitted(self) -> None:
         """Allow motion again: a person started something."""

@@ -5,6 +5,7 @@ taken (`stamped_picture`); the stand-ins for recognition and inspection read tha
 real one, done in this process. Nothing of this is part of the product.
 """
 
+import asyncio
 import re
 from collections.abc import Mapping
 from concurrent.futures import Executor
@@ -34,6 +35,13 @@ HOLDERS: Final = ("away", "free", "arm", "fixture", "both")
 SEEN_COS: Final = float(np.cos(np.radians(75.0)))  # as flat as inspection compares a surface
 SLIPPED_MM, SLIPPED_RAD = 4.0, 0.12  # inspection's own limits (`inspecting.InspectionLimits`)
 FOUND_MM, FOUND_RAD = 16.0, 0.55  # as far as the search for a slipped part goes
+TAKES_S: Final = {  # virtual time that the worker takes, from and to [s]
+    "prepare": (0.5, 3.0),
+    "plan": (0.3, 4.0),
+    "recognise": (0.3, 1.5),
+    "inspect": (0.5, 3.0),
+    "judge": (0.5, 3.0),
+}
 MEASURED_MM, MEASURED_RAD = 0.15, 0.002  # how well a view measures the pose in the gripper
 SIZE_PX: Final = 64
 
@@ -121,6 +129,9 @@ class StandIns(Compute):
         self.has_recovered = False
         self._promised: dict[str, Mask] = {}
 
+    async def _take(self, question: str) -> None:
+        await asyncio.sleep(float(self._rng.uniform(*TAKES_S[question])))
+
     @property
     def weights(self) -> Array:
         """Each sample's share of the surface (n,)."""
@@ -135,6 +146,7 @@ class StandIns(Compute):
         candidates: tuple[Alternative, ...],
     ) -> Plan:
         """Return the planner's plan; of one start it is made once."""
+        await self._take("plan")
         key = digest_of(str(self.job.recipe_path), start, seen, tuple(sorted(avoid)))
         found = _plans.get(key)
         if found is None:
@@ -153,6 +165,7 @@ class StandIns(Compute):
 
     async def prepare(self) -> float:
         """Prepare the part; how long that took is not the same every time, and not returned."""
+        await self._take("prepare")
         await super().prepare()
         return 0.0
 
@@ -172,6 +185,7 @@ class StandIns(Compute):
 
     async def recognise(self, backlit: Grey, lit: Mapping[str, Grey]) -> tuple[Sighting, ...]:
         """Return where the part truly lies, with noise; nothing outside the camera's picture."""
+        await self._take("recognise")
         T, custody = read_truth(backlit)
         c = self._context
         centre = transform(T, c.solid.centroid_mm[None])[0]
@@ -227,6 +241,7 @@ class StandIns(Compute):
         is_hold_measured: bool,
     ) -> inspecting.ViewResult:
         """Return what the camera sees of the part where it truly is in the gripper."""
+        await self._take("inspect")
         T, custody = read_truth(backlit)
         shift, turn = self._off(T, T_world_part)
         count = len(self._context.samples.points_mm)
@@ -258,6 +273,7 @@ class StandIns(Compute):
         self, view_id: str, T_world_part: Array, backlit: Grey, lit: Mapping[str, Grey]
     ) -> inspecting.ViewResult:
         """Return what the camera over the table sees of the part where it truly lies."""
+        await self._take("inspect")
         T, custody = read_truth(backlit)
         is_there = custody == "free"
         count = len(self._context.samples.points_mm)
@@ -287,6 +303,7 @@ class StandIns(Compute):
         backlit: Grey,
     ) -> Array | None:
         """Return where the part truly is, if that is within what the real search tries."""
+        await self._take("inspect")
         T, custody = read_truth(backlit)
         shift, turn = self._off(T, T_world_part)
         if custody != "arm" or shift > FOUND_MM or turn > FOUND_RAD:
@@ -295,6 +312,7 @@ class StandIns(Compute):
 
     async def judge(self, set_path: Path) -> inspecting.PartInspection:
         """Return the verdict on a good part by how much of it was in sight."""
+        await self._take("judge")
         c = self._context
         seen = np.zeros(len(c.samples.points_mm), dtype=bool)
         file = load_view_set(set_path)

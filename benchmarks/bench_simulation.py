@@ -1,0 +1,325 @@
+"""Whole cells in simulation: kills, faults by chance, every fault in every state, soak.
+
+The real controller and drivers on the emulated devices and world, in one process on one virtual
+clock (`simulation/`, ADR 36); no pictures are made. Each case is one seed, and one that fails
+can be run again:
+
+    python benchmarks/bench_simulation.py --kills 2000 --out kills.jsonl     goes on where it ends
+    python benchmarks/bench_simulation.py --runs 1000 --fault-rate 0.05
+    python benchmarks/bench_simulation.py --faults
+    python benchmarks/bench_simulation.py --soak 500
+    python benchmarks/bench_simulation.py --kills 40 --only 12     seed 12 alone
+"""
+
+import argparse
+import json
+import logging
+import os
+import random
+import resource
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import asdict, dataclass, field
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT))
+
+from simulation.case import Case, Ended, Kill, run_case  # noqa: E402  (path set above)
+from simulation.cell import PLACES, Scene  # noqa: E402
+from simulation.faults import FAULTS, names_it  # noqa: E402
+
+SCENES = tuple(
+    Scene(recipe, pose, place)
+    for place in range(len(PLACES))
+    for recipe, pose in (
+        ("holder", 0), ("idler_riser", 0), ("widget", 0), ("holder", 1), ("idler_riser", 1),
+        ("widget", 1), ("featuretype", 0),
+    )
+)  # fmt: skip
+STATES = (
+    "resetting", "acquiring", "recognising", "planning", "grasping", "presenting", "inspecting",
+    "handing", "withdrawing", "placing",
+)  # fmt: skip
+BEFORE = {"withdrawing": ("drop from the arm", "presenting")}  # what leads to a state
+
+
+@dataclass
+class Ran:
+    """What became of a case, as a line of a file."""
+
+    key: str
+    kind: str
+    seed: int
+    scene: str
+    outcome: str
+    ends: list[str]
+    message: str
+    violations: list[str]
+    killed_in: str
+    custody_at_kill: str
+    custody: str
+    tray: str | None
+    caused: list[str]
+    recoveries: list[str]
+    verdict: str
+    fault: str = ""
+    state: str = ""
+    cell_s: float = 0.0
+    cpu_s: float = 0.0
+    extra: dict[str, float] = field(default_factory=dict)
+
+
+# --- cases ----------------------------------------------------------------------------------------
+
+
+def kill_cases(count: int, first: int, recovery: str) -> Iterator[tuple[str, Case]]:
+    """Yield cases with one kill each, at a moment that the seed decides."""
+    for seed in range(first, first + count):
+        kill = Kill.drawn(random.Random(f"kill {seed}"))
+        yield f"kill/{seed}", Case(seed, SCENES[seed % len(SCENES)], kill, recovery)
+
+
+def run_cases(count: int, first: int, rate: float) -> Iterator[tuple[str, Case]]:
+    """Yield cases in which holds fail by chance."""
+    for seed in range(first, first + count):
+        yield f"run/{rate:g}/{seed}", Case(seed, SCENES[seed % len(SCENES)], fault_rate=rate)
+
+
+def fault_cases(
+    first: int, faults: Iterable[str], states: Sequence[str]
+) -> Iterator[tuple[str, Case]]:
+    """Yield every fault in every state."""
+    for number, name in enumerate(faults):
+        for state in states:
+            seed = first + number * len(STATES) + STATES.index(state)
+            case = Case(seed, Scene(), fault=(name, state), before=BEFORE.get(state))
+            yield f"fault/{name}/{state}/{first}", case
+
+
+# --- what became of them --------------------------------------------------------------------------
+
+
+def outcome_of(ended: Ended) -> str:
+    """Return one word for what became of a case; the worst that is so."""
+    rules = {one.split(" at ")[0] for one in ended.violations}
+    if rules & {"dropped", "jaws opened"}:
+        return "silent drop"
+    if "contact" in rules:
+        return "collision"
+    if rules:
+        return "violation"
+    if ended.is_hung:
+        return "hang"
+    last = ended.ends[-1]
+    if last == "complete":
+        if not ended.truth["tray"]:
+            return "silent drop"
+        if ended.verdict == "FAIL":
+            return "wrong verdict"  # every part here is good
+        if ended.truth["tray"] != "accept":
+            return "parked"
+        return "recovered" if ended.recoveries or len(ended.ends) > 1 else "complete"
+    return last.split()[0]
+
+
+def run_one(work: tuple[str, Case]) -> Ran:
+    """Run a case in this process."""
+    logging.disable(logging.CRITICAL)
+    key, case = work
+    started_s = time.process_time()
+    ended = run_case(case)
+    cpu_s = time.process_time() - started_s
+    outcome = outcome_of(ended)
+    fault, state = case.fault or ("", "")
+    if outcome in ("held", "stopped", "aborted") and fault:
+        is_named = names_it(FAULTS[fault], ended.messages[-1])
+        outcome = f"{outcome}, named" if is_named else f"{outcome}, wrong message"
+    scene = f"{case.scene.recipe}/{case.scene.pose_index}/{case.scene.place}"
+    return Ran(
+        key, key.split("/")[0], case.seed, scene, outcome, ended.ends, ended.messages[-1],
+        ended.violations, ended.killed_in, ended.custody_at_kill, ended.truth["custody"],
+        ended.truth["tray"], ended.caused, ended.recoveries, ended.verdict, fault, state,
+        ended.cell_s, round(cpu_s, 2),
+    )  # fmt: skip
+
+
+def load(path: Path | None) -> list[Ran]:
+    """Return what a file holds; a last line cut short is made again."""
+    rans = []
+    if path is not None and path.is_file():
+        for line in path.read_text(encoding="utf-8").splitlines():
+            try:
+                rans.append(Ran(**json.loads(line)))
+            except (ValueError, TypeError):
+                continue
+    return rans
+
+
+def run_all(cases: Sequence[tuple[str, Case]], args: argparse.Namespace) -> list[Ran]:
+    """Run what the file does not hold yet; return all."""
+    wanted = {key for key, _ in cases}
+    rans = [ran for ran in load(args.out) if ran.key in wanted]
+    done = {ran.key for ran in rans}
+    left = [work for work in cases if work[0] not in done]
+    until_s = time.monotonic() + args.minutes * 60.0
+
+    def keep(ran: Ran) -> None:
+        rans.append(ran)
+        if args.out is not None:
+            args.out.parent.mkdir(parents=True, exist_ok=True)
+            with args.out.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(asdict(ran)) + "\n")
+        if not args.json:
+            print(line_of(ran), flush=True)
+
+    if args.jobs > 1:
+        with ProcessPoolExecutor(args.jobs, get_context("spawn")) as pool:
+            for ran in pool.map(run_one, left):
+                keep(ran)
+    else:
+        for work in left:
+            if time.monotonic() > until_s:
+                break
+            keep(run_one(work))
+    return rans
+
+
+def line_of(ran: Ran) -> str:
+    """Return a case as one line."""
+    more = ran.killed_in or "; ".join(ran.caused)
+    return (
+        f"{ran.key:44} {ran.scene:16} {ran.outcome:20} {ran.cell_s:6.0f} s {ran.cpu_s:5.1f} CPU s"
+        f"  {more}  {' -> '.join(ran.ends)}"
+        + (f"  {ran.message[:140]}" if ran.message else "")
+        + (f"  VIOLATIONS {ran.violations}" if ran.violations else "")
+    )
+
+
+# --- tables ---------------------------------------------------------------------------------------
+
+
+def summary(rans: Sequence[Ran]) -> dict[str, Any]:
+    """Return the figures of one kind of cases."""
+    rules = Counter(one.split(" at ")[0] for ran in rans for one in ran.violations)
+    cpu = sorted(ran.cpu_s for ran in rans)
+    return {
+        "cases": len(rans),
+        "outcomes": dict(Counter(ran.outcome for ran in rans).most_common()),
+        "ended_in_a_tray": sum(ran.ends[-1] == "complete" and bool(ran.tray) for ran in rans),
+        "violations": dict(rules),
+        "cpu_s_median": cpu[len(cpu) // 2] if cpu else 0.0,
+        "cpu_s_worst": cpu[-1] if cpu else 0.0,
+    }
+
+
+def print_summary(kind: str, rans: Sequence[Ran]) -> None:
+    """Print these figures, and for faults the matrix."""
+    found = summary(rans)
+    print(f"\n{kind}: {found['cases']} cases, {found['ended_in_a_tray']} with the part in a tray")
+    for outcome, count in found["outcomes"].items():
+        print(f"  {outcome:28} {count:5}  {100 * count / max(1, found['cases']):5.1f} %")
+    print(f"  violations: {found['violations'] or 'none'}")
+    print(f"  CPU s a case: median {found['cpu_s_median']}, worst {found['cpu_s_worst']}")
+    if kind == "fault":
+        short = {state: state[:5] for state in STATES}
+        print("\n  " + " " * 28 + " ".join(f"{short[s]:>9}" for s in STATES))
+        by = {(ran.fault, ran.state): ran.outcome for ran in rans}
+        for name in FAULTS:
+            cells = " ".join(f"{by.get((name, s), '-')[:9]:>9}" for s in STATES)
+            print(f"  {name:28}{cells}")
+
+
+def soak(count: int, args: argparse.Namespace) -> dict[str, Any]:
+    """Work through many parts in one process; return what memory and descriptors do."""
+    marks: list[dict[str, float]] = []
+    rans = []
+    for number, work in enumerate(run_cases(count, args.first, args.fault_rate)):
+        rans.append(run_one(work))
+        if number % max(1, count // 20) == 0 or number == count - 1:
+            marks.append(
+                {
+                    "parts": number + 1,
+                    "resident_mb": round(resident_mb(), 1),
+                    "descriptors": len(list(Path("/proc/self/fd").iterdir())),
+                    "files_in_memory": sum(1 for _ in Path("/dev/shm").glob("cellctl-sim*")),
+                }
+            )
+            if not args.json:
+                print(marks[-1], flush=True)
+    half = [mark for mark in marks if mark["parts"] >= count / 4]
+    growth = 0.0
+    if len(half) > 1:
+        parts = half[-1]["parts"] - half[0]["parts"]
+        growth = (half[-1]["resident_mb"] / half[0]["resident_mb"] - 1) / parts * 100
+    return {
+        "parts": len(rans),
+        "outcomes": dict(Counter(ran.outcome for ran in rans)),
+        "memory_growth_per_100_parts": round(growth, 4),
+        "descriptors_first_last": [half[0]["descriptors"], half[-1]["descriptors"]],
+        "peak_mb": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, 1),
+        "marks": marks,
+    }
+
+
+def resident_mb() -> float:
+    """Return the memory of this process now [MB]."""
+    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run what is asked for, print the tables."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--kills", type=int, default=0, help="cases with one kill each")
+    parser.add_argument("--recovery", default="auto", choices=("refuse", "auto"))
+    parser.add_argument("--runs", type=int, default=0, help="cases with faults by chance")
+    parser.add_argument("--fault-rate", type=float, default=0.05, help="share of holds that fail")
+    parser.add_argument("--faults", action="store_true", help="every fault in every state")
+    parser.add_argument("--fault", choices=tuple(FAULTS), help="this fault alone")
+    parser.add_argument("--state", choices=STATES, help="this state alone")
+    parser.add_argument("--soak", type=int, default=0, help="parts in one process")
+    parser.add_argument("--first", type=int, default=1, help="first seed")
+    parser.add_argument("--only", help="the case of this key or seed alone")
+    parser.add_argument("--jobs", type=int, default=1, help="processes")
+    parser.add_argument("--minutes", type=float, default=1e6, help="begin no case after so long")
+    parser.add_argument("--out", type=Path, help="JSON lines; goes on where the file ends")
+    parser.add_argument("--json", action="store_true")
+    args = parser.parse_args(argv)
+    # notes of journals of simulated cells are nobody else's
+    os.environ["XDG_STATE_HOME"] = tempfile.mkdtemp(prefix="cellctl-bench-")
+    faults = [args.fault] if args.fault else list(FAULTS)
+    states = [args.state] if args.state else list(STATES)
+    kinds: dict[str, Callable[[], Iterable[tuple[str, Case]]]] = {
+        "kill": lambda: kill_cases(args.kills, args.first, args.recovery),
+        "run": lambda: run_cases(args.runs, args.first, args.fault_rate),
+        "fault": lambda: fault_cases(args.first, faults, states) if args.faults else (),
+    }
+    out: dict[str, Any] = {}
+    for kind, make in kinds.items():
+        cases = [
+            one for one in make()
+            if args.only in (None, one[0], str(one[1].seed))
+        ]  # fmt: skip
+        if cases:
+            rans = run_all(cases, args)
+            out[kind] = summary(rans)
+            if not args.json:
+                print_summary(kind, rans)
+    if args.soak:
+        out["soak"] = soak(args.soak, args)
+        if not args.json:
+            print(out["soak"])
+    if args.json:
+        print(json.dumps(out))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,250 @@
+"""What befalls a simulated cell: named faults, each at a state of the cell, and faults by chance.
+
+A fault is one or more verbs of docs/emulator-faults.md, with the words by which the operator has to
+recognise it if the cell does not recover by itself.
+"""
+
+import asyncio
+import random
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+from .cell import Controller, SimulatedCell
+from .invariants import Watch
+
+Order = Mapping[str, Any]
+
+SOON_S: Final = 1.5  # after a state was entered, at the latest, its fault befalls the cell
+LATEST_IN_HOLD_S: Final = 30.0  # from a grasp to a fault of this hold
+SLIP_MM: Final = (2.0, 8.0)
+SLIP_DEG: Final = 9.0
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """One kind of fault.
+
+    Attributes
+    ----------
+    name : short
+    orders : verbs with their values, all at once
+    words : regular expression of which a message about it has a match
+    undone : verbs that end it after `undone_s`; none where it stays
+    touches_part : a person or the fault itself moves the part
+    """
+
+    name: str
+    orders: tuple[Order, ...]
+    words: str
+    undone: tuple[Order, ...] = ()
+    undone_s: float = 5.0
+    touches_part: bool = False
+
+
+def _line(device: str, **faults: Any) -> Order:  # noqa: ANN401
+    return {"do": "line", "device": device, **faults}
+
+
+_ARM = "arm|position|line|motor"
+_GRIPPER = "gripper"
+_LAMPS = "lamp|light|dimmer|relay|dark|output module"
+_IO = "I/O|interlock|io|emergency|door"
+_CAMERA = "camera|picture|frame|dark"
+_PART = "part|slip|gripper|grasp|seen|table"
+
+FAULTS: Final[Mapping[str, Fault]] = {
+    fault.name: fault
+    for fault in (
+        Fault("estop", ({"do": "estop"},), "emergency stop|E-stop|estop"),
+        Fault("door", ({"do": "door"},), "door|guard"),
+        Fault("24 V lost", ({"do": "supply"},), "24 V|supply|lamp|light|power|air"),
+        Fault("drop from the arm", ({"do": "lose_part", "gripper": "arm"},), _PART,
+              touches_part=True),
+        Fault("drop from the fixed gripper", ({"do": "lose_part", "gripper": "fixture"},), _PART,
+              touches_part=True),
+        Fault("slip by 3 mm", ({"do": "slip", "along_mm": 3.0},), _PART, touches_part=True),
+        Fault("slip by 8 mm", ({"do": "slip", "along_mm": -8.0, "turn_deg": 6.0},), _PART,
+              touches_part=True),
+        # the fingers of a grasp that misses go through the part
+        Fault("missed grasp", ({"do": "miss"},), _PART, touches_part=True),
+        Fault("missed hand-off", ({"do": "miss", "gripper": "fixture"},), _PART, touches_part=True),
+        Fault("part taken by a person", ({"do": "remove"},), _PART, touches_part=True),
+        Fault("arm line mute", ({"do": "arm_line", "mute": True},), _ARM),
+        Fault("arm line cut", ({"do": "arm_line", "unplugged": True},), _ARM),
+        Fault("arm line late", ({"do": "arm_line", "reply_delay_s": 0.08},), _ARM,
+              ({"do": "arm_line", "reply_delay_s": 0.0},), 2.0),
+        Fault("arm byte lost", ({"do": "byte", "device": "arm", "harm": "lost"},), _ARM),
+        Fault("arm byte doubled", ({"do": "byte", "device": "arm", "harm": "doubled"},), _ARM),
+        Fault("arm byte flipped", ({"do": "byte", "device": "arm", "harm": "flipped", "bit": 3},),
+              _ARM),
+        Fault("byte to the arm flipped",
+              ({"do": "byte", "device": "arm", "harm": "flipped", "direction": "to", "bit": 2},),
+              _ARM),
+        Fault("arm board restart", ({"do": "arm_ip", "ip": 0, "what": "restart"},), _ARM),
+        Fault("arm board dead", ({"do": "arm_ip", "ip": 1, "what": "kill"},), _ARM),
+        Fault("joint stall", ({"do": "arm_jam", "axis": "shoulder"},), "stall|stuck|met|moves|arm"),
+        Fault("encoder jump", ({"do": "arm_jump", "axis": "elbow", "counts": 40},),
+              f"{_ARM}|encoder|counts"),
+        Fault("arm without power", ({"do": "power", "device": "arm"},), _ARM),
+        Fault("fixed gripper jammed", ({"do": "gripper", "jammed": True},), _GRIPPER),
+        Fault("fixed gripper code 0A", ({"do": "gripper_fault", "code": 10},), _GRIPPER),
+        Fault("fixed gripper hot", ({"do": "gripper_fault", "code": 8},), _GRIPPER),
+        Fault("fixed gripper without power", ({"do": "power", "device": "gripper"},), _GRIPPER),
+        Fault("fixed gripper silent", (_line("gripper", is_deaf=True),), _GRIPPER),
+        Fault("fixed gripper mute", (_line("gripper", is_mute=True),), _GRIPPER),
+        Fault("fixed gripper exception", (_line("gripper", exception_code=4),), _GRIPPER),
+        Fault("fixed gripper late", (_line("gripper", reply_delay_s=0.15),), _GRIPPER,
+              (_line("gripper", reply_delay_s=0.0),), 2.0),
+        Fault("gripper line cut", ({"do": "cut", "line": "gripper"},), _GRIPPER),
+        Fault("gripper line cut for 1 s", ({"do": "cut", "line": "gripper"},), _GRIPPER,
+              ({"do": "cut", "line": "gripper", "reachable": True},), 1.0),
+        Fault("dimmer silent", (_line("dimmer", is_deaf=True),), _LAMPS),
+        Fault("relays mute", (_line("relays", is_mute=True),), _LAMPS),
+        Fault("lamps without power", ({"do": "power", "device": "dimmer"},), _LAMPS),
+        Fault("station lamp dead", ({"do": "lamp", "name": "station_backlight", "dead": True},),
+              f"{_LAMPS}|{_PART}"),
+        Fault("table lamp dead", ({"do": "lamp", "name": "table_backlight", "dead": True},),
+              f"{_LAMPS}|{_PART}"),
+        Fault("I/O silent", (_line("io", is_deaf=True),), _IO),
+        Fault("I/O line cut", ({"do": "cut", "line": "io"},), _IO),
+        Fault("I/O without power", ({"do": "power", "device": "io"},), _IO),
+        Fault("camera unplugged", ({"do": "unplug", "camera": "inspection"},), _CAMERA),
+        Fault("table camera unplugged", ({"do": "unplug", "camera": "overhead"},), _CAMERA),
+        Fault("camera frozen", ({"do": "camera", "camera": "inspection", "is_frozen": True},),
+              f"{_CAMERA}|{_PART}"),
+        Fault("camera dark", ({"do": "camera", "camera": "inspection", "is_dark": True},),
+              f"{_CAMERA}|{_PART}"),
+        Fault("camera stalled", ({"do": "camera", "camera": "inspection", "is_stalled": True},),
+              _CAMERA),
+        Fault("late frame",
+              ({"do": "camera", "camera": "inspection", "late_count": 1, "late_s": 2.0},), _CAMERA),
+    )
+}  # fmt: skip
+
+
+def names_it(fault: Fault, message: str) -> bool:
+    """Return whether a message is about a fault."""
+    return re.search(fault.words, message, re.IGNORECASE) is not None
+
+
+@dataclass(slots=True)
+class Cause:
+    """Causes faults in one cell; the watch knows which of them move the part.
+
+    Attributes
+    ----------
+    caused : what befell the cell, in order
+    """
+
+    cell: SimulatedCell
+    watch: Watch
+    rng: random.Random
+    caused: list[str] = field(default_factory=list)
+    tasks: set["asyncio.Task[None]"] = field(default_factory=set)
+
+    def now(self, fault: Fault) -> None:
+        """Let a fault befall the cell; one that does not fit the moment is noted as such."""
+        world = self.cell.cell.world
+        try:
+            if fault.touches_part:
+                self.watch.excuse()
+            for order in fault.orders:
+                self._carry_out(order)
+        except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+            self.caused.append(f"{fault.name}: not now ({error})")
+            return
+        self.caused.append(f"{fault.name} at {world.time_s:.1f} s")
+        if fault.undone:
+            self._spawn(self._undo(fault))
+
+    def _carry_out(self, order: Order) -> None:
+        values = dict(order)
+        self.cell.befall(values.pop("do"), **values)
+
+    async def _undo(self, fault: Fault) -> None:
+        await asyncio.sleep(fault.undone_s)
+        for order in fault.undone:
+            self._carry_out(order)
+
+    def _spawn(self, work: Any) -> None:  # noqa: ANN401  (a coroutine)
+        task = self.cell.loop.spawn(self.cell.process, work)
+        self.tasks.add(task)
+        task.add_done_callback(self.tasks.discard)
+
+    # --- at a state -----------------------------------------------------------------------------
+
+    def at_state(
+        self,
+        controller: Controller,
+        state: str,
+        fault: Fault,
+        then: Callable[[], None] = lambda: None,
+    ) -> None:
+        """Let a fault befall the cell soon after a controller enters a state for the first time.
+
+        Parameters
+        ----------
+        controller : whose state counts
+        state : as the operator sees it
+        fault : what befalls the cell
+        then : called right afterwards
+        """
+        delay_s = self.rng.uniform(0.0, SOON_S)
+
+        def befall() -> None:
+            self.now(fault)
+            then()
+
+        def entered(now: str) -> None:
+            if now == state:
+                controller.on_state = lambda _: None
+                self._spawn(self._after(delay_s, befall))
+
+        controller.on_state = entered
+
+    async def _after(self, delay_s: float, what: Callable[[], None]) -> None:
+        await asyncio.sleep(delay_s)
+        what()
+
+    # --- by chance ------------------------------------------------------------------------------
+
+    def by_chance(self, rate: float) -> None:
+        """Let some of all holds fail: a grasp that misses, a drop or a slip, equally often.
+
+        Parameters
+        ----------
+        rate : share of holds, of either gripper
+        """
+        self._maybe_miss(rate)
+
+        def on_event(event: Any) -> None:  # noqa: ANN401  (of the emulated world)
+            if event.what == "released" and event.by == "arm":
+                self._maybe_miss(rate)
+            elif event.what == "gripped" and self.rng.random() < rate * 2 / 3:
+                delay_s = self.rng.uniform(0.0, LATEST_IN_HOLD_S)
+                self._spawn(self._after(delay_s, lambda: self._lose_or_slip(event.by)))
+
+        self.watch.on_event = on_event
+
+    def _maybe_miss(self, rate: float) -> None:
+        if self.rng.random() < rate / 3:
+            self.now(FAULTS["missed grasp"])
+
+    def _lose_or_slip(self, gripper: str) -> None:
+        custody = self.cell.truth()["parts"][0]["custody"]
+        if custody != gripper:
+            return  # that hold is over
+        orders: tuple[Order, ...]
+        if self.rng.random() < 0.5:
+            name, orders = f"drop from {gripper}", ({"do": "lose_part", "gripper": gripper},)
+        else:
+            along_mm = self.rng.uniform(*SLIP_MM) * self.rng.choice((-1, 1))
+            along_mm *= 0.5 if gripper == "fixture" else 1.0
+            turn_deg = self.rng.uniform(-SLIP_DEG, SLIP_DEG)
+            name = f"slip in {gripper} {along_mm:+.1f} mm {turn_deg:+.0f} deg"
+            orders = (
+                {"do": "slip", "gripper": gripper, "along_mm": along_mm, "turn_deg": turn_deg},
+            )
+        self.now(Fault(name, orders, _PART, touches_part=True))
