@@ -279,9 +279,10 @@ async def test_the_message_says_what_where_since_when_and_what_to_do(
     message = str(caught.value)
     assert message == (
         "The arm gripper may hold a part: part 2 of run run-1, in the arm gripper "
-        "(jaws at 20.0 mm) since 2026-01-02 03:04:05 UTC. Nothing has moved. Take the part out "
-        "(`cellctl recover --cell CELL --open arm` opens the gripper while you hold the part), "
-        "then start again with --part-removed."
+        "(jaws at 20.0 mm) since 2026-01-02 03:04:05 UTC. Nothing has moved. To go on with the "
+        "part, start with --auto-recover, or use `cellctl recover --accept`. To take the part out: "
+        "`cellctl recover --cell CELL --open arm` opens the gripper while you hold it; then start "
+        "again with --part-removed."
     )
     assert caught.value.custody is Custody.IN_ARM
     assert [r.name for r in read_rows(tmp_path / "journal.sqlite")][-1] == "start_refused"

@@ -37,7 +37,7 @@ ROOT = Path(__file__).parents[2]
 # what the cell does, state by state, written down by hand: event>state it leads to
 EXPECTED = """
 stopped: reset>resetting fault>aborting
-idle: start>execute_acquiring stop>stopping fault>aborting
+idle: start>execute_acquiring recover>execute_recovering stop>stopping fault>aborting
 complete: reset>resetting fault>aborting
 held: reset>resetting stop>stopping fault>aborting unattended>held look_again>execute_withdrawing
     part_taken_out>execute_withdrawing
@@ -49,6 +49,8 @@ holding: hold_done>held stop>stopping fault>aborting
 stopping: stop_done>stopped fault>aborting
 aborting: abort_done>aborted
 clearing: clear_done>stopped fault>aborting
+execute_recovering: plan_void>execute_planning placed>completing
+    part_dropped>execute_withdrawing part_problem>holding stop>stopping fault>aborting
 execute_acquiring: picture_taken>execute_recognising
     part_problem>holding stop>stopping fault>aborting
 execute_recognising: part_recognised>execute_planning part_not_seen>execute_acquiring
@@ -93,15 +95,16 @@ EFFECTS = {
     "aborting": "abort_motion", "clearing": "clear_fault", "execute_acquiring": "acquire",
     "execute_recognising": "recognise", "execute_planning": "plan", "execute_grasping": "grasp",
     "execute_presenting": "present", "execute_inspecting": "inspect",
-    "execute_handing": "hand_off", "execute_lowering": "set_down",
+    "execute_recovering": "recover", "execute_handing": "hand_off",
+    "execute_lowering": "set_down",
     "execute_withdrawing": "withdraw", "execute_placing": "place",
 }  # fmt: skip
 MODE_EFFECTS = {"suspending": "suspend", "unsuspending": "unsuspend"}
 # by people and interlocks, not by effects
 PAUSE_NAMES = {"pause_after_step", "pause_at_safe_point", "pause_now"}
-SENT = {"reset", "start", "stop", "clear", "fault", "resume", "step"} | PAUSE_NAMES
+SENT = {"reset", "start", "recover", "stop", "clear", "fault", "resume", "step"} | PAUSE_NAMES
 # after these a permit is new; a person, or the order that a person gave, sends them
-PERMIT = {"reset", "start", "resume", "step", "look_again", "part_taken_out"}
+PERMIT = {"reset", "start", "recover", "resume", "step", "look_again", "part_taken_out"}
 # nothing may move in these, whatever was permitted before
 NO_PERMIT = {
     "stopped", "stopping", "aborting", "aborted", "clearing", "holding", "held", "complete",
@@ -244,9 +247,9 @@ def reachable(start: str, without: frozenset[Event] = frozenset()) -> set[str]:
 
 
 def test_the_states_are_packmls_and_those_of_work_stand_in_four_modes() -> None:
-    # ten states of the cell, and within Execute eight stages of a part (ADR 1), two of recovery,
+    # ten states of the cell, and within Execute eight stages of a part (ADR 1), three of recovery,
     # and their completion, in four modes each
-    assert len(STATES) == len(set(STATES)) == 10 + 4 * 11
+    assert len(STATES) == len(set(STATES)) == 10 + 4 * 12
     assert set(IN_EXECUTE) <= set(STATES)
     paused = {state for state in STATES if split(state)[0] == "suspended"}
     assert set(RESTING) == {"stopped", "idle", "complete", "held", "aborted"} | paused

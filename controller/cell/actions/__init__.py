@@ -8,11 +8,12 @@ services are in `controller.cell.services`; `controller.cell.batch.assembly` han
 from .action import Action, Actions
 from .complete import CompleteAction
 from .consult import ConsultAction
-from .home import HomeAction
+from .home import HomeAction, ReadyAction, ResetAction
 from .manipulation import GraspAction, HandOffAction, PlaceAction, SetDownAction, WithdrawAction
 from .pause import SuspendAction, UnsuspendAction
 from .perception import AcquireAction, InspectAction, PresentAction, RecogniseAction, lamps_for
 from .plan import PlanAction
+from .recover import RecoverAction
 from .stop import AbortMotionAction, ClearFaultAction, HoldAction, StopMotionAction
 
 __all__ = [
@@ -31,7 +32,10 @@ __all__ = [
     "PlaceAction",
     "PlanAction",
     "PresentAction",
+    "ReadyAction",
     "RecogniseAction",
+    "RecoverAction",
+    "ResetAction",
     "SetDownAction",
     "StopMotionAction",
     "SuspendAction",

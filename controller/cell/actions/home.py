@@ -6,12 +6,13 @@ from dataclasses import dataclass
 from controller.cell.devices.interlocks import check_interlocks
 from controller.cell.errors import PartProblemError
 from controller.cell.journal import Journal
-from controller.cell.journal.rows import Homed
+from controller.cell.journal.rows import Homed, PositionsTakenOver
 from controller.cell.machine import Event
 from controller.planning.model import CellLayout
 from drivers.kinds import IoBlock
 
-from ..services import Grippers, Imaging, Motion, Preparation
+from ..services import Grippers, Imaging, Motion, Preparation, Resumption
+from ..services.motion import rounded
 from ..services.records import BatchRecord
 
 
@@ -64,3 +65,58 @@ class HomeAction:
         await self.motion.home()
         await self.grippers.open_arm(self.layout.arm_gripper.max_mm * 0.5)
         await self.motion.start_from(self.layout.park_q)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ReadyAction:
+    """Makes the cell ready without moving anything: a gripper may hold a part.
+
+    Attributes
+    ----------
+    io : the interlocks, which have to be healthy
+    motion, imaging, preparation, record, journal : services
+    """
+
+    io: IoBlock
+    motion: Motion
+    imaging: Imaging
+    preparation: Preparation
+    record: BatchRecord
+    journal: Journal
+
+    async def run(self) -> Event:
+        """Check interlocks, give the arm power; return ``RESET_DONE``. Opens no jaw, homes nothing.
+
+        Raises
+        ------
+        InterlockError : a safety copy is not healthy
+        """
+        check_interlocks(self.io)
+        self.preparation.begin()
+        self.record.show("getting ready; nothing is homed, since a gripper may hold a part")
+        await self.imaging.all_dark()
+        await self.motion.enable_power()
+        (q,) = rounded([await self.motion.read_q()])
+        self.journal.write(PositionsTakenOver(q=q))
+        return Event.RESET_DONE
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ResetAction:
+    """Homes the cell, or only makes it ready where the part of an interrupted run goes on.
+
+    Attributes
+    ----------
+    home, ready : the two ways
+    resumption : decides between them
+    """
+
+    home: HomeAction
+    ready: ReadyAction
+    resumption: Resumption
+
+    async def run(self) -> Event:
+        """Return ``RESET_DONE``; raises as the action that it runs."""
+        if self.resumption.accepted is not None:
+            return await self.ready.run()
+        return await self.home.run()

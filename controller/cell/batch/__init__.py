@@ -1,24 +1,16 @@
 """One batch: what the cell does from connecting its devices to rest.
 
-`run.py` runs it, `assembly.py` puts it together, `dispatcher.py` takes events and runs effects,
-`watchers.py` reports what no action reports. Each effect is run by an action
-(`controller.cell.actions`), with services (`controller.cell.services`).
+`order.py` is what to run, `run.py` runs it, `starting.py` decides whether it may begin,
+`assembly.py` puts it together, `dispatcher.py` takes events and runs effects, `watchers.py` reports
+what no action reports. Each effect is run by an action (`controller.cell.actions`), with services
+(`controller.cell.services`).
 """
 
 from ..services.records import PartRecord, Progress
 from .assembly import Batch, assemble
 from .dispatcher import WORKER_GONE, Dispatcher, Outcome
-from .run import (
-    HOST,
-    Outfit,
-    Papers,
-    RecoveryPolicy,
-    RunOrder,
-    RunResult,
-    new_run_id,
-    run_batch,
-    who_and_what,
-)
+from .order import Papers, RecoveryPolicy, RunOrder
+from .run import HOST, Outfit, RunResult, new_run_id, run_batch, who_and_what
 
 __all__ = [
     "HOST",

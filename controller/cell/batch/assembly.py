@@ -25,7 +25,10 @@ from ..actions import (
     PlaceAction,
     PlanAction,
     PresentAction,
+    ReadyAction,
     RecogniseAction,
+    RecoverAction,
+    ResetAction,
     SetDownAction,
     StopMotionAction,
     SuspendAction,
@@ -52,7 +55,9 @@ from ..services import (
     PlanSteps,
     Preparation,
     Recoveries,
+    Resumption,
     Retries,
+    StoredViews,
     Views,
     fault_policy,
     faults_section,
@@ -76,6 +81,7 @@ class Batch:
     gate : what everything passes before it moves
     actions : one for each effect of the table
     dispatcher : runs the batch
+    resumption : whether it begins with the part of an interrupted run
     """
 
     record: BatchRecord
@@ -83,6 +89,7 @@ class Batch:
     gate: Gate
     actions: Actions
     dispatcher: Dispatcher
+    resumption: Resumption
 
 
 def assemble(
@@ -136,9 +143,16 @@ def assemble(
     preparation = Preparation(compute)
     stopping = Stopping(arm, gripper, lights, clock, cell.detection.stop_confirm_s)
 
+    resumption = Resumption(record, motion, StoredViews(record, compute, layout, folder))
+
     by_effect: dict[Effect, Action] = {
-        Effect.HOME: HomeAction(
-            io, layout, motion, grippers, imaging, preparation, record, journal
+        Effect.HOME: ResetAction(
+            HomeAction(io, layout, motion, grippers, imaging, preparation, record, journal),
+            ReadyAction(io, motion, imaging, preparation, record, journal),
+            resumption,
+        ),
+        Effect.RECOVER: RecoverAction(
+            resumption, motion, grippers, record, gripper, compute, layout
         ),
         Effect.ACQUIRE: AcquireAction(imaging, gate, record),
         Effect.RECOGNISE: RecogniseAction(compute, recipe, record),
@@ -178,5 +192,5 @@ def assemble(
         ModbusWatcher(gripper, lights, retries, cell.detection.device_beat_s, clock),
         LoopWatcher(record, cell.detection.loop_late_s, clock),
     )
-    dispatcher = Dispatcher(actions, record, stopping, watchers, journal, gate)
-    return Batch(record, motion, gate, actions, dispatcher)
+    dispatcher = Dispatcher(actions, record, stopping, watchers, journal, gate, resumption.first)
+    return Batch(record, motion, gate, actions, dispatcher, resumption)

@@ -7,7 +7,7 @@ waiting at the gate; what begins or ends the pause runs beside it.
 
 import asyncio
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import BrokenExecutor
 from contextlib import suppress
 from dataclasses import dataclass
@@ -105,6 +105,7 @@ class Dispatcher:
     watchers : report what no action reports
     journal : of the run
     gate : opened and closed, and given its permit, as the machine decides
+    first : returns what the ready cell begins with
     """
 
     def __init__(
@@ -115,7 +116,9 @@ class Dispatcher:
         watchers: Sequence[Watcher],
         journal: Journal,
         gate: Gate,
+        first: Callable[[], Event] = lambda: Event.START,
     ) -> None:
+        self._first = first
         self._actions = actions
         self._record = record
         self._stopping = stopping
@@ -202,7 +205,7 @@ class Dispatcher:
                     return await self._stop_unrecorded(error)
                 match self._machine.state:
                     case "idle":
-                        self._inbox.put_nowait(_Note(Event.START))
+                        self._inbox.put_nowait(_Note(self._first()))
                     case "complete" | "aborted" as end:
                         return self._outcome(end)
                     case "held" if note.event is Event.UNATTENDED:

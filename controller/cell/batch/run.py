@@ -6,8 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import suppress
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 from controller.config import Cell, Recipe
 from controller.setup.layout import build_layout
@@ -17,10 +16,8 @@ from drivers.clock import CellClock
 from ..compute import Compute, Job
 from ..custody import CellIdentity, Held, fold_custody, where_it_is
 from ..custody.known_journals import note_journal, rows_of_all_journals
-from ..custody.openings import presses_on_something, read_openings
-from ..custody.start_check import PartMayBeHeldError, require_empty_grippers
 from ..devices import Devices, resolve
-from ..devices.clocks import FoundClock, Speed
+from ..devices.clocks import Speed
 from ..journal import (
     HOST_STAMPS,
     JOURNAL_NAME,
@@ -32,66 +29,13 @@ from ..journal import (
     open_cell_journal,
     rows,
 )
+from ..operator import NOBODY, Operator
 from ..services import INPUTS
 from ..services.records import PartRecord, Progress
 from .assembly import assemble
 from .dispatcher import Dispatcher, Outcome
-
-
-@dataclass(frozen=True, slots=True)
-class Papers:
-    """What goes with the parts, as the operator gives it; an empty text is not known.
-
-    Attributes
-    ----------
-    serials : of the parts, in the order they are worked on
-    part_temperature_c : None where nobody measured it
-    """
-
-    operator: str = ""
-    lot: str = ""
-    serials: tuple[str, ...] = ()
-    part_temperature_c: float | None = None
-
-
-NO_PAPERS: Final = Papers()
-# What a start does where an earlier run may have left a part in a gripper: refuse; have the
-# operator decide on a proposal; go on by itself where the proposal is proven safe.
-RecoveryPolicy = Literal["refuse", "ask", "auto"]
-
-
-@dataclass(frozen=True, slots=True)
-class RunOrder:
-    """What to run, and where its journal and pictures go.
-
-    Attributes
-    ----------
-    emulated : what the emulator reported of itself, empty on a real cell
-    clock : of the cell
-    runs_dir : folder of all runs; the cell's journal stands in it
-    is_part_removed : the operator states that no gripper holds anything
-    papers : who runs it, and which parts, for the report
-    recovery : what to do with a part that an earlier run left in a gripper
-    """
-
-    recipe_path: Path
-    cell_path: Path
-    recipe: Recipe
-    cell: Cell
-    count: int
-    speed: float
-    emulated: Mapping[str, Any]
-    clock: FoundClock
-    runs_dir: Path
-    run_id: str
-    is_part_removed: bool = False
-    papers: Papers = NO_PAPERS
-    recovery: RecoveryPolicy = "refuse"
-
-    @property
-    def folder(self) -> Path:
-        """The run's own folder."""
-        return self.runs_dir / self.run_id
+from .order import RunOrder
+from .starting import start
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,6 +79,7 @@ async def run_batch(
     on_dispatcher: Callable[[Dispatcher], None],
     on_notice: Callable[[str], None] = lambda text: None,
     outfit: Outfit = HOST,
+    operator: Operator = NOBODY,
 ) -> RunResult:
     """Run a batch to rest and return its result; everything from here on is in the journal.
 
@@ -146,6 +91,7 @@ async def run_batch(
     on_dispatcher : called once before devices are connected, with what can stop the run
     on_notice : called with sentences that the operator should read
     outfit : what it works with on this computer
+    operator : decides what the cell cannot
 
     Raises
     ------
@@ -179,11 +125,12 @@ async def run_batch(
             progress.speed = speed
             on_progress(progress)
 
+        layout = build_layout(order.cell)
         batch = assemble(
             outfit.compute(Job(order.recipe_path, order.cell_path), pool),
             order.recipe,
             order.cell,
-            build_layout(order.cell),
+            layout,
             devices,
             clock,
             journal,
@@ -200,8 +147,12 @@ async def run_batch(
                     show()
                     who = await devices.connect()
                     journal.write(rows.Connected(who))
-                    outcome = await _refused(order, devices, journal, known)
-                    if outcome is None:
+                    found = await start(order, devices, journal, known, began, layout, operator)
+                    if isinstance(found, Outcome):
+                        outcome = found
+                    else:
+                        if found is not None:
+                            batch.resumption.accept(found, order.runs_dir / found.left.run)
                         outcome = await dispatcher.run(order.count)
                     show()
                 finally:
@@ -266,35 +217,6 @@ def _gone_with_its_emulator(found: Sequence[Row], here: CellIdentity, run: str) 
         for one in fold_custody(found, last)
         if one.gripper in last.emulated and not here.shares(one.gripper, last)
     ]
-
-
-async def _refused(
-    order: RunOrder, devices: Devices, journal: Journal, known: Sequence[Held]
-) -> Outcome | None:
-    """Return the outcome of a start that is refused since a gripper may hold a part, else None."""
-    openings = await read_openings(devices)
-    try:
-        await require_empty_grippers(
-            known,
-            openings,
-            journal,
-            lambda: presses_on_something(devices),
-            is_part_removed=order.is_part_removed,
-        )
-    except PartMayBeHeldError as error:
-        where = where_it_is(error.custody)
-        outcome = Outcome("refused", str(error), "part_may_be_held", where)
-        journal.write(
-            rows.AtRest(
-                state=outcome.end,
-                message=outcome.message,
-                code=outcome.code,
-                custody=error.custody.key.upper(),
-                where=where,
-            )
-        )
-        return outcome
-    return None
 
 
 def who_and_what(order: RunOrder, where: Mapping[str, dict[str, Any]]) -> rows.RunBegan:

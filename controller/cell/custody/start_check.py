@@ -37,6 +37,7 @@ async def require_empty_grippers(
     press: Press,
     *,
     is_part_removed: bool,
+    why: str = "",
 ) -> None:
     """Check that both grippers are known to be empty, and journal the evidence for it.
 
@@ -47,6 +48,7 @@ async def require_empty_grippers(
     journal : records the openings, and the operator's statement or the refusal
     press : closes the arm gripper a little further and returns whether something is in it
     is_part_removed : the operator states that no gripper holds anything
+    why : the cell does not go on with the part by itself; empty where it was not to
 
     Raises
     ------
@@ -54,7 +56,7 @@ async def require_empty_grippers(
     """
 
     async def refuse(against: Sequence[Opening]) -> NoReturn:
-        message = _refusal(known, against, is_part_removed=is_part_removed)
+        message = _refusal(known, against, is_part_removed=is_part_removed, why=why)
         await journal.write_secured(
             rows.StartRefused(message=message, part_removed=is_part_removed)
         )
@@ -97,8 +99,10 @@ def _custody_of(known: Sequence[Held], holding: Sequence[Opening]) -> Custody:
     return Custody.IN_ARM if GripperName.ARM in grippers else Custody.IN_FIXED
 
 
-def _refusal(known: Sequence[Held], openings: Sequence[Opening], *, is_part_removed: bool) -> str:
-    """Return three sentences: what is where and since when; nothing has moved; what to do."""
+def _refusal(
+    known: Sequence[Held], openings: Sequence[Opening], *, is_part_removed: bool, why: str
+) -> str:
+    """Return what is where and since when; that nothing has moved; the ways on."""
     named = {one.gripper for one in known} | {one.gripper for one in openings}
     holders = " and ".join(f"the {name.value}" for name in GripperName if name in named)
     is_sure = any(one.occupancy is Occupancy.HOLDS for one in openings)
@@ -114,9 +118,14 @@ def _refusal(known: Sequence[Held], openings: Sequence[Opening], *, is_part_remo
     )
     again = "" if is_part_removed else " with --part-removed"
     first = f"{holders} {verb} a part: {'; '.join(reasons)}."
+    on = "To go on with the part, start with --auto-recover, or use `cellctl recover --accept`. "
+    if why:
+        on = f"The cell does not go on by itself: {why}. "
+    elif not known or is_part_removed:
+        on = ""
     return (
-        f"{first[0].upper()}{first[1:]} Nothing has moved. Take the part out "
-        f"({opens} opens the gripper while you hold the part), then start again{again}."
+        f"{first[0].upper()}{first[1:]} Nothing has moved. {on}To take the part out: {opens} opens "
+        f"the gripper while you hold it; then start again{again}."
     )
 
 

@@ -17,6 +17,7 @@ class Event(StrEnum):
     RESET = "reset"
     RESET_DONE = "reset_done"
     START = "start"
+    RECOVER = "recover"
     PICTURE_TAKEN = "picture_taken"
     PART_RECOGNISED = "part_recognised"
     PLANNED = "planned"
@@ -62,6 +63,7 @@ class Effect(StrEnum):
     """What the dispatcher is to start."""
 
     HOME = "home"
+    RECOVER = "recover"
     ACQUIRE = "acquire"
     RECOGNISE = "recognise"
     PLAN = "plan"
@@ -87,6 +89,7 @@ EXECUTE: Final = "execute"
 
 # The effect of entering a stage.
 STAGES: Final[Mapping[str, Effect]] = {
+    "recovering": Effect.RECOVER,
     "acquiring": Effect.ACQUIRE,
     "recognising": Effect.RECOGNISE,
     "planning": Effect.PLAN,
@@ -183,7 +186,8 @@ _UNSUSPENDING: Final = tuple(state_of(work, Mode.UNSUSPENDING) for work in WORK)
 _ANY_WORK: Final = tuple(_WORK_STATES)
 # Stages in which a gripper has the part, or is about to take it.
 _HOLDING: Final = (
-    "planning", "grasping", "presenting", "inspecting", "handing", "lowering", "placing",
+    "recovering", "planning", "grasping", "presenting", "inspecting", "handing", "lowering",
+    "placing",
 )  # fmt: skip
 # Stages in which no gripper has the part.
 _LOOKING: Final = ("acquiring", "recognising", "withdrawing")
@@ -216,9 +220,9 @@ WORK_TABLE: Final[tuple[tuple[Event, tuple[str, ...], str], ...]] = (
     # A part that was lost may still be rolling: pictures again before anybody is called.
     (Event.PART_NOT_SEEN, ("recognising",), "acquiring"),
     # The part is held otherwise than planned, or less of it was in sight than planned.
-    (Event.PLAN_VOID, ("presenting", "inspecting", "handing"), "planning"),
+    (Event.PLAN_VOID, ("recovering", "presenting", "inspecting", "handing"), "planning"),
     (Event.ALL_SEEN, ("inspecting",), "placing"),
-    (Event.PLACED, ("placing",), COMPLETING),
+    (Event.PLACED, ("placing", "recovering"), COMPLETING),
     (Event.PART_DONE, (COMPLETING,), "acquiring"),
 )
 # The mode after a piece of work has ended in a mode. What was about to be resumed is no longer what
@@ -229,6 +233,8 @@ TABLE: Final[tuple[tuple[Event, tuple[str, ...], str], ...]] = (
     (Event.RESET, ("stopped", "complete", "held"), "resetting"),
     (Event.RESET_DONE, ("resetting",), "idle"),
     (Event.START, ("idle",), state_of("acquiring")),
+    # An earlier run left a part in a gripper, and what the cell may do was accepted.
+    (Event.RECOVER, ("idle",), state_of("recovering")),
     *(
         (event, (state_of(work, mode),), state_of(target, _MODE_AFTER[mode]))
         for event, works, target in WORK_TABLE
@@ -294,13 +300,14 @@ TABLE: Final[tuple[tuple[Event, tuple[str, ...], str], ...]] = (
 PAUSES: Final = (Event.PAUSE_AFTER_STEP, Event.PAUSE_AT_SAFE_POINT, Event.PAUSE_NOW)
 # Sent by people and interlocks; all other events are outcomes of effects.
 COMMANDS: Final = (
-    Event.RESET, Event.START, Event.STOP, Event.CLEAR, Event.FAULT, *PAUSES, Event.RESUME,
-    Event.STEP,
+    Event.RESET, Event.START, Event.RECOVER, Event.STOP, Event.CLEAR, Event.FAULT, *PAUSES,
+    Event.RESUME, Event.STEP,
 )  # fmt: skip
 # With these a person, or the order that a person gave, permits motion.
 PERMITTING: Final = frozenset(
     {
-        Event.RESET, Event.START, Event.RESUME, Event.STEP, Event.LOOK_AGAIN, Event.PART_TAKEN_OUT,
+        Event.RESET, Event.START, Event.RECOVER, Event.RESUME, Event.STEP, Event.LOOK_AGAIN,
+        Event.PART_TAKEN_OUT,
     }
 )  # fmt: skip
 # Where nothing may move, whatever was permitted before.

@@ -10,9 +10,10 @@ from .imaging import CameraName, Imaging
 from .motion import Motion
 from .preparation import Preparation
 from .recoveries import Recoveries, fault_policy, faults_section
+from .resuming import Resumption, hold_of, verdict_of
 from .retries import Retries
 from .steps import PlanSteps
-from .views import INPUTS, Disambiguation, HeldPose, PartFile, Views, plain_name
+from .views import INPUTS, Disambiguation, HeldPose, PartFile, StoredViews, Views, plain_name
 
 __all__ = [
     "INPUTS",
@@ -30,9 +31,13 @@ __all__ = [
     "PlanSteps",
     "Preparation",
     "Recoveries",
+    "Resumption",
     "Retries",
+    "StoredViews",
     "Views",
     "fault_policy",
     "faults_section",
+    "hold_of",
     "plain_name",
+    "verdict_of",
 ]

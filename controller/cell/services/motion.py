@@ -86,6 +86,27 @@ class Motion:
             if not self._arm.is_homed:
                 await self._arm.home()
 
+    def restore(self, trail: Iterable[FloatArray], *, is_free: bool) -> None:
+        """Take over the trail of an interrupted run, and journal it as this run's own.
+
+        Parameters
+        ----------
+        trail : waypoints (6,), oldest first; the arm stands at the last one
+        is_free : it stood free of everything at the first one
+        """
+        self._trail = list(trail)
+        rest = self._trail
+        if is_free:
+            (q,) = rounded(self._trail[:1])
+            self._note(StoodFree(q=q))
+            rest = self._trail[1:]
+        if rest:
+            self._note(PathBegun(effect_class=EffectClass.ABSOLUTE, waypoints=rounded(rest)))
+
+    async def enable_power(self) -> None:
+        """Allow motor power; nothing moves."""
+        await self._arm.enable_power()
+
     async def start_from(self, q: FloatArray) -> None:
         """Move to a configuration (6,) that is free of everything; moving back ends there."""
         await self._move(q)
@@ -93,8 +114,13 @@ class Motion:
         self._note_free()
         self._gate.reach(SafePoint.PARKED, ends_step=True)
 
-    async def follow(self, path: JointPath) -> None:
+    async def follow(self, path: JointPath, first_speed: float = 1.0) -> None:
         """Move along a joint path, each waypoint (6,).
+
+        Parameters
+        ----------
+        path : waypoints
+        first_speed : to the first of them, as a share of the usual speed
 
         Raises
         ------
@@ -105,9 +131,9 @@ class Motion:
         check_interlocks(self._io)
         self._note(PathBegun(effect_class=EffectClass.ABSOLUTE, waypoints=rounded(path)))
         self._forecast(path)
-        for q in path:
+        for number, q in enumerate(path):
             self._trail.append(q)
-            await self._move(q)
+            await self._move(q, first_speed if number == 0 else 1.0)
 
     async def lower(self, path: JointPath, layout: CellLayout) -> None:
         """Lower the part along a joint path, each waypoint (6,); end early where it touches down.
@@ -155,8 +181,13 @@ class Motion:
         """Whether the arm can be moved back by a waypoint."""
         return len(self._trail) > 1
 
-    async def go_back(self, count: int) -> None:
+    async def go_back(self, count: int, first_speed: float = 1.0) -> None:
         """Move back along the last ``count`` waypoints, to where the arm stood before them.
+
+        Parameters
+        ----------
+        count : how many
+        first_speed : to the first of them, as a share of the usual speed
 
         Raises
         ------
@@ -171,8 +202,8 @@ class Motion:
             PathBegun(effect_class=EffectClass.ABSOLUTE, waypoints=rounded(path), is_back=True)
         )
         self._forecast(tuple(path))
-        for q in path:
-            await self._move(q)
+        for number, q in enumerate(path):
+            await self._move(q, first_speed if number == 0 else 1.0)
 
     async def ring_down(self) -> None:
         """Wait until the stopped arm stands still enough for a picture."""
@@ -182,11 +213,12 @@ class Motion:
         """Return where the arm stands: its joints (6,)."""
         return await self._arm.read_q()
 
-    async def _move(self, q: FloatArray) -> None:
+    async def _move(self, q: FloatArray, speed: float = 1.0) -> None:
+        share = {} if speed == 1.0 else {"speed_share": speed}
         while True:
             async with self._gate.moving(partial(self._preview, q), is_arm=True):
                 try:
-                    await self._arm.move_joints(q)
+                    await self._arm.move_joints(q, **share)
                 except MotionStoppedError:
                     if not self._gate.was_interrupted:
                         raise

@@ -57,6 +57,13 @@ def run(
             help="state that you took the part out of the grippers; the journal keeps it",
         ),
     ] = False,
+    auto_recover: Annotated[
+        bool,
+        typer.Option(
+            "--auto-recover",
+            help="after a crash, go on with the part in a gripper where that is proven safe",
+        ),
+    ] = False,
     operator: Annotated[
         str, typer.Option("--operator", metavar="NAME", help="your name, for the report")
     ] = "",
@@ -114,6 +121,7 @@ def run(
         control=control,
         runs_dir=runs,
         is_part_removed=part_removed,
+        is_recovery_automatic=auto_recover,
         papers=Papers(operator, lot, tuple(serial or ()), part_temperature),
         as_json=json,
     )

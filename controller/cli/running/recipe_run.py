@@ -16,6 +16,7 @@ from controller.cell.batch import (
     Dispatcher,
     Papers,
     Progress,
+    RecoveryPolicy,
     RunOrder,
     RunResult,
     new_run_id,
@@ -61,6 +62,7 @@ class RunOptions:
     control : unix socket on which tests inject faults, None for none
     runs_dir : folder of all runs and of the journal
     is_part_removed : the operator states that no gripper holds a part
+    is_recovery_automatic : a part that an earlier run left goes on where that is proven safe
     papers : who runs it, and which parts
     as_json : print one JSON object a line instead of the live display
     """
@@ -77,6 +79,7 @@ class RunOptions:
     control: Path | None
     runs_dir: Path
     is_part_removed: bool
+    is_recovery_automatic: bool
     papers: Papers
     as_json: bool
 
@@ -137,9 +140,17 @@ def run_recipe(options: RunOptions) -> int:
                 run_id=run_id,
                 is_part_removed=options.is_part_removed,
                 papers=options.papers,
+                recovery=_recovery_policy(options),
             )
             result = _run(order, pool, ends, as_json=as_json)
         return _report(result, runs_dir, run_id, as_json=as_json)
+
+
+def _recovery_policy(options: RunOptions) -> RecoveryPolicy:
+    """Return what a start does with a part in a gripper: nobody answers without a terminal."""
+    if options.is_recovery_automatic:
+        return "auto"
+    return "ask" if sys.stdin.isatty() else "refuse"
 
 
 def _check_options(options: RunOptions, cell: Cell) -> FoundClock:

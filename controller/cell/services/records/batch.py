@@ -139,6 +139,11 @@ class BatchRecord:
         row = rows.CustodyChanged(name=custody.key, detail=detail)
         await self._journal.write_secured(row, self.part.number)
 
+    async def repeat_intent(self, intent: rows.Intent) -> None:
+        """Write the unresolved intent of an interrupted run, which this run has to resolve."""
+        more = {"by": "recovery", "detail": "of the interrupted run"}
+        await self._journal.write_secured(intent.model_copy(update=more), self.part.number)
+
     @asynccontextmanager
     async def once(self, intent: rows.Intent) -> AsyncIterator[None]:
         """Enter a block that must never be repeated blindly, once its intent is on the disk."""

@@ -85,6 +85,7 @@ class PartRecord:
     avoid : ids of grasps that have failed
     parked : the fault for which the part goes to the quarantine tray, None while all is well
     is_said_to_be_out : a person states that they took it out; not checked yet
+    interrupted : the run that was cut off while it had the part; empty for a part of this run alone
     """
 
     number: int
@@ -111,6 +112,7 @@ class PartRecord:
     verdict: inspecting.PartVerdict | None = None
     tray: str | None = None
     is_said_to_be_out: bool = False
+    interrupted: str = ""
 
     @property
     def in_sight(self) -> BoolArray | None:

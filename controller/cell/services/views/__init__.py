@@ -9,6 +9,7 @@ from .disambiguation import Disambiguation
 from .held_pose import HeldPose
 from .holder import holder_boxes
 from .part_file import INPUTS, PartFile
+from .stored_views import StoredViews
 from .views import Views, plain_name
 
 __all__ = [
@@ -16,6 +17,7 @@ __all__ = [
     "Disambiguation",
     "HeldPose",
     "PartFile",
+    "StoredViews",
     "Views",
     "holder_boxes",
     "plain_name",

@@ -1,0 +1,161 @@
+"""Recovering: a part that an interrupted run left in a gripper goes on from there."""
+
+from dataclasses import dataclass
+from typing import Final
+
+from controller.cell.compute import Compute
+from controller.cell.custody import Custody
+from controller.cell.errors import PartFaultError, PartProblemError
+from controller.cell.journal import Once
+from controller.cell.journal.rows import Intent
+from controller.cell.machine import Event, PartFault
+from controller.cell.recovery import FIRST_SPEED, Leaves, Opens, Proposal, arm_open_mm
+from controller.planning.model import CellLayout
+from drivers.kinds import FixedGripper
+
+from ..services import Grippers, Motion, Resumption, hold_of, verdict_of
+from ..services.records import BatchRecord
+
+# The fixed gripper stands wide open when it is within this of its widest opening.
+WIDE_MM: Final = 1.0
+# Which intent covers the opening of a gripper, so that a kill meanwhile is found again.
+UNDOES: Final = {Opens.FIXED: Once.HAND_OFF, Opens.ARM: Once.RECEIVE}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RecoverAction:
+    """Does what was accepted: confirms the holder, and moves the arm to where it stands free.
+
+    Attributes
+    ----------
+    resumption : what was accepted; takes the part over
+    motion, grippers, record : services
+    fixed : its opening
+    compute, layout : for the way home of an empty arm
+    """
+
+    resumption: Resumption
+    motion: Motion
+    grippers: Grippers
+    record: BatchRecord
+    fixed: FixedGripper
+    compute: Compute
+    layout: CellLayout
+
+    async def run(self) -> Event:
+        """Return ``PLAN_VOID`` with a held part, ``PART_DROPPED`` without, ``PLACED`` in its tray.
+
+        Raises
+        ------
+        PartFaultError : the part is gone from the gripper that held it
+        PartProblemError : a person has to look
+        """
+        self.record.show("going on with the part of the interrupted run")
+        proposal = await self.resumption.take_over()
+        case = proposal.case
+        if case.holds_as_expected:
+            await self._take_expected_hold(proposal)
+        if case.opens is not Opens.NONE or proposal.left.intent is not None:
+            await self._set_custody(proposal)
+        if proposal.custody is Custody.IN_ARM:
+            await self._press(case.custody)
+        await self._open(proposal)
+        await self._leave(proposal)
+        return await self._go_on(proposal)
+
+    async def _set_custody(self, proposal: Proposal) -> None:
+        """Journal who has the part: that resolves what was cut off."""
+        intent, custody = proposal.left.intent, proposal.case.custody
+        detail = "as the grippers report after a crash"
+        if custody is Custody.PLACED and intent is not None and intent.tray is not None:
+            detail = intent.tray
+        await self.record.set_custody(custody, detail)
+
+    async def _take_expected_hold(self, proposal: Proposal) -> None:
+        """Take it that the arm gripper closed as planned; its opening is where it stands now."""
+        row = proposal.left.expected_hold
+        assert row is not None
+        hold = hold_of(row)
+        hold.opening_mm, _ = await self.grippers.openings_mm()
+        self.record.part.hold = hold
+        self.record.note_hold()
+
+    async def _press(self, custody: Custody) -> None:
+        """Press the arm gripper, which closes it and opens nothing."""
+        try:
+            await self.grippers.press_and_require_hold()
+        except PartFaultError as error:
+            if custody is Custody.IN_ARM:
+                raise
+            if not await self.grippers.does_fixed_hold():
+                await self.record.set_custody(Custody.UNKNOWN, str(error))
+            raise PartProblemError(
+                "recovery_contradicted",
+                f"{error}; it was to keep the part after the hand-off that was cut off",
+            ) from error
+
+    async def _open(self, proposal: Proposal) -> None:
+        """Open the gripper that lets go of the part, or has done so already."""
+        left, opens, part = proposal.left, proposal.case.opens, self.record.part
+        is_retreat = proposal.case.leaves is Leaves.BY_RETREAT
+        match opens:
+            case Opens.NONE:
+                return
+            case Opens.FIXED if is_retreat:
+                assert left.last_intent is not None, "a retreat is that of an intent"
+                await self.grippers.open_fixed(left.last_intent.open_mm)
+            case Opens.FIXED:
+                async with self.record.once(Intent(name=UNDOES[opens], detail="undone")):
+                    await self.grippers.open_fixed()
+                await self.record.set_custody(Custody.IN_ARM, "the hand-off was undone")
+            case Opens.ARM if is_retreat:
+                await self.grippers.require_fixed_holds()
+                await self.grippers.open_arm(arm_open_mm(left))
+                part.hold = None
+            case Opens.ARM:
+                async with self.record.once(Intent(name=UNDOES[opens], detail="undone")):
+                    await self.grippers.open_arm(arm_open_mm(left))
+                part.hold = None
+                await self.record.set_custody(Custody.IN_FIXED, "the hand-off back was undone")
+            case Opens.ARM_ON_TABLE | Opens.ARM_OVER_TRAY:
+                await self.grippers.open_arm(arm_open_mm(left))
+                part.hold = None
+
+    async def _leave(self, proposal: Proposal) -> None:
+        """Move the arm to where it stands free, slowly at first."""
+        way = proposal.leaving
+        assert way is not None
+        if way.is_back:
+            await self.motion.go_back(len(way.waypoints), FIRST_SPEED)
+        elif way.waypoints:
+            await self.motion.follow(way.waypoints, FIRST_SPEED)
+        if way.is_free_at_end:
+            self.motion.mark_free()
+
+    async def _go_on(self, proposal: Proposal) -> Event:
+        part, left = self.record.part, proposal.left
+        match proposal.custody:
+            case Custody.IN_ARM:
+                await self.grippers.press_and_require_hold()
+                if (await self.fixed.status()).opening_mm < self.fixed.max_opening_mm - WIDE_MM:
+                    await self.grippers.open_fixed()
+                return Event.PLAN_VOID
+            case Custody.IN_FIXED:
+                await self.grippers.require_fixed_holds()
+                return Event.PLAN_VOID
+            case Custody.ON_TABLE:
+                return Event.PART_DROPPED
+            case Custody.PLACED:
+                assert left.verdict is not None, "what is over its tray was judged"
+                part.verdict = verdict_of(left.verdict)
+                part.tray = None if left.intent is None else left.intent.tray
+                arm_mm, fixed_mm = await self.grippers.openings_mm()
+                q = await self.motion.read_q()
+                await self.motion.follow(await self.compute.path_home(q, arm_mm, fixed_mm, None))
+                self.motion.mark_free()
+                return Event.PLACED
+        part.hold = None
+        await self.record.set_custody(Custody.LOST, "not in a gripper after the crash")
+        raise PartFaultError(
+            PartFault.DROPPED, "after the crash no gripper holds the part any more"
+        )

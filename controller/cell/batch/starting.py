@@ -1,0 +1,199 @@
+"""Whether a start may go on: both grippers are empty, or the part in one has a way on.
+
+Without evidence that both are empty nothing moves until somebody decides: the operator, or the
+order where what the cell would do is proven safe.
+"""
+
+from collections.abc import Sequence
+
+from controller.planning.model import CellLayout
+
+from ..custody import Held, where_it_is
+from ..custody.openings import presses_on_something, read_openings
+from ..custody.start_check import PartMayBeHeldError, openings_row, require_empty_grippers
+from ..devices import Devices
+from ..journal import Journal, read_rows, rows
+from ..operator import Choice, Operator, Question
+from ..recovery import (
+    Interrupted,
+    Proposal,
+    fold_interrupted,
+    listed,
+    propose,
+    read_world,
+    same_cell,
+)
+from .dispatcher import Outcome
+from .order import RunOrder
+
+GO_ON, REFUSE = "go_on", "refuse"
+BY_OPTION = "--auto-recover"
+
+
+async def start(
+    order: RunOrder,
+    devices: Devices,
+    journal: Journal,
+    known: Sequence[Held],
+    began: rows.RunBegan,
+    layout: CellLayout,
+    operator: Operator,
+) -> Outcome | Proposal | None:
+    """Return None if the grippers are empty, what to begin with, or the outcome of a refusal.
+
+    Parameters
+    ----------
+    order : says who decides
+    devices : connected, and halted
+    journal : of the cell; gets evidence and decision
+    known : grippers that may hold a part, by the journals of all runs
+    began : the first row of this run
+    layout : for the preview of the first motion
+    operator : decides, if the order has them asked
+
+    Raises
+    ------
+    DeviceError : a device does not answer
+    """
+    why = ""
+    if known and order.recovery != "refuse" and not order.is_part_removed:
+        found = await find_proposal(devices, journal, known, began, layout)
+        if isinstance(found, Proposal):
+            row = await _decided(order, operator, found)
+            await journal.write_secured(row)
+            if row.decision == "accepted":
+                journal.write(openings_row(await read_openings(devices)))
+                return found
+            why = _why_refused(order, found)
+        else:
+            why = found
+    openings = await read_openings(devices)
+    try:
+        await require_empty_grippers(
+            known,
+            openings,
+            journal,
+            lambda: presses_on_something(devices),
+            is_part_removed=order.is_part_removed,
+            why=why,
+        )
+    except PartMayBeHeldError as error:
+        return _refusal(error, journal)
+    return None
+
+
+async def find_proposal(
+    devices: Devices,
+    journal: Journal,
+    known: Sequence[Held],
+    began: rows.RunBegan,
+    layout: CellLayout,
+) -> Proposal | str:
+    """Return what may be done with the part, or why nothing can be proposed; nothing moves.
+
+    Parameters
+    ----------
+    devices : connected, and halted
+    journal : of the cell
+    known : grippers that may hold a part, by the journals of all runs
+    began : the first row of this run
+    layout : for the preview of the first motion
+
+    Raises
+    ------
+    DeviceError : a device does not answer
+    """
+    whose = {(one.run, one.part) for one in known}
+    if len(whose) != 1:
+        return "two runs have left a part each"
+    ((run, part),) = whose
+    if not part:
+        return f"run {run} had no part of its own"
+    left = fold_interrupted(read_rows(journal.path, run), run, part)
+    if left is None:
+        return f"run {run} is in the journal of another folder of runs; start with that one"
+    if why := _why_not_here(left, began):
+        return why
+    return propose(left, await read_world(devices, left), layout)
+
+
+def _why_not_here(left: Interrupted, began: rows.RunBegan) -> str:
+    """Return why a part cannot go on in this run; empty if it can."""
+    if not same_cell(left.began.cell, began.cell):
+        return "the cell file has changed since: paths and grasps of that run mean nothing here"
+    if _part_digest(left.began) != _part_digest(began):
+        name = left.began.recipe.get("name", "")
+        return f"it is the part of recipe {name}: start with that recipe"
+    return ""
+
+
+def _part_digest(began: rows.RunBegan) -> str | None:
+    return began.files.get(str(began.recipe.get("part")))
+
+
+async def _decided(
+    order: RunOrder, operator: Operator, proposal: Proposal
+) -> rows.RecoveryProposed:
+    """Return the proposal as a row, with what was decided, by whom and why."""
+    decision, who, why = "refused", "", proposal.person
+    if not proposal.person and order.recovery == "auto":
+        who = BY_OPTION
+        decision = "accepted" if proposal.is_proven else "refused"
+        why = "proven safe" if proposal.is_proven else "the way out is not proven to end free"
+    elif not proposal.person:
+        answer = await operator.decide(_question(proposal))
+        if answer is None:
+            why = "nobody was there to decide"
+        else:
+            decision = "accepted" if answer.key == GO_ON else "refused"
+            who, why = answer.who, answer.why
+    return rows.RecoveryProposed(
+        run=proposal.left.run,
+        evidence=proposal.evidence,
+        intents=proposal.intents,
+        steps=proposal.steps,
+        first_motion=proposal.first_motion,
+        is_proven=proposal.is_proven,
+        person=proposal.person,
+        decision=decision,
+        who=who,
+        why=why,
+    )
+
+
+def _question(proposal: Proposal) -> Question:
+    return Question(
+        code="part_left",
+        text=(
+            f"Run {proposal.left.run} has left a part. Evidence:\n{listed(proposal.evidence)}\n"
+            f"The cell would:\n{listed(proposal.steps)}"
+        ),
+        choices=(
+            Choice(GO_ON, "go on with the part as listed"),
+            Choice(REFUSE, "move nothing; I take the part out"),
+        ),
+        preview=((GO_ON, proposal.first_motion or "the arm gripper presses once more"),),
+    )
+
+
+def _why_refused(order: RunOrder, proposal: Proposal) -> str:
+    if proposal.person:
+        return proposal.person
+    if order.recovery == "auto":
+        return "what the cell would do is not proven safe"
+    return "it was not accepted to go on"
+
+
+def _refusal(error: PartMayBeHeldError, journal: Journal) -> Outcome:
+    where = where_it_is(error.custody)
+    outcome = Outcome("refused", str(error), "part_may_be_held", where)
+    journal.write(
+        rows.AtRest(
+            state=outcome.end,
+            message=outcome.message,
+            code=outcome.code,
+            custody=error.custody.key.upper(),
+            where=where,
+        )
+    )
+    return outcome

@@ -1,0 +1,294 @@
+"""What is so, from the journal and the world: each unresolved intent is done, not done or unknown.
+
+One rule leads from there to what may be done: the giver of a hand-off opens only if the receiver
+was never needed or reports its hold, and what is unclear is undone by the gripper that surely
+holds. Plain decisions; nothing here reads a device.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Final, Literal
+
+from drivers.kinds import Signal
+
+from ..custody import Custody
+from ..journal import Once, rows
+from .interrupted import Interrupted
+from .world import Jaws, World
+
+Done = Literal["done", "not done", "unknown"]
+
+
+class Opens(StrEnum):
+    """Which gripper has to open before the arm leaves, and what makes that safe."""
+
+    NONE = ""
+    FIXED = "the fixed gripper opens, once the arm gripper has confirmed its hold by pressing"
+    ARM = "the arm gripper opens, once the fixed gripper reports that it holds the part"
+    ARM_ON_TABLE = "the arm gripper opens: the part rests on the table"
+    ARM_OVER_TRAY = "the arm gripper opens: the part is over its tray"
+
+
+class Leaves(StrEnum):
+    """How the arm leaves where it stands."""
+
+    BY_TRAIL = "along its path"
+    BY_RETREAT = "by the retreat of the step that was cut off"
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """What is so, and what follows from it.
+
+    Attributes
+    ----------
+    custody : where the part is
+    opens, leaves : what has to be done first
+    holds_as_expected : the arm gripper holds it by the grasp that was expected, not by the last one
+    done : of the unresolved intent; None where there is none
+    evidence : sentences
+    person : why a person has to look; empty if the cell can go on
+    """
+
+    custody: Custody
+    opens: Opens = Opens.NONE
+    leaves: Leaves = Leaves.BY_TRAIL
+    holds_as_expected: bool = False
+    done: Done | None = None
+    evidence: tuple[str, ...] = ()
+    person: str = ""
+
+
+Rule = Callable[[Interrupted, World], Case]
+
+
+def classify(left: Interrupted, world: World) -> Case:
+    """Return what is so of a part that a run has left, with the evidence."""
+    if world.q is None:
+        return Case(
+            left.custody, evidence=_evidence(left, world), person=f"the arm: {world.positions}"
+        )
+    if not world.is_fixed_ready:
+        why = "the fixed gripper is not active, and activating it would move its jaws"
+        return Case(left.custody, evidence=_evidence(left, world), person=why)
+    rule = _INTENTS.get(left.intent.name) if left.intent else _CUSTODIES.get(left.custody)
+    if rule is None:
+        what = left.intent.name.replace("_", " ") if left.intent else left.custody.value
+        case = Case(left.custody, person=f"no rule of recovery begins with: {what}")
+    else:
+        case = rule(left, world)
+    return Case(
+        custody=case.custody,
+        opens=case.opens,
+        leaves=case.leaves,
+        holds_as_expected=case.holds_as_expected,
+        done=case.done,
+        evidence=_evidence(left, world),
+        person=case.person,
+    )
+
+
+# --- without an unresolved intent ---------------------------------------------------------------
+
+
+def _in_arm(left: Interrupted, world: World) -> Case:
+    jaws = world.arm_jaws(_mm(left.arm_hold))
+    if world.does_fixed_hold and left.intent is None:
+        return _contradiction(left, "the fixed gripper reports that it holds something, too")
+    if jaws is Jaws.ON_PART:
+        # the giver may have been stopped before it stood wide enough for the retreat
+        opens = Opens.FIXED if _gave(left, Once.RELEASE_FIXED) else Opens.NONE
+        return Case(Custody.IN_ARM, opens=opens, leaves=_leaves(left))
+    if jaws is Jaws.CLOSED:
+        return Case(Custody.LOST, leaves=_leaves(left))
+    return _contradiction(left, f"the arm gripper's jaws {jaws.value}")
+
+
+def _in_both(left: Interrupted, world: World) -> Case:
+    jaws = world.arm_jaws(_mm(left.arm_hold))
+    if _is_receiving(left):
+        if world.does_fixed_hold:
+            return Case(Custody.IN_BOTH, opens=Opens.ARM)
+        if jaws is Jaws.ON_PART:
+            return _contradiction(left, "the fixed gripper does not report its hold any more")
+    elif jaws is Jaws.ON_PART:
+        return Case(Custody.IN_BOTH, opens=Opens.FIXED)
+    return _contradiction(left, f"the arm gripper's jaws {jaws.value}")
+
+
+def _in_fixed(left: Interrupted, world: World) -> Case:
+    if world.does_fixed_hold:
+        opens = Opens.ARM if _gave(left, Once.RELEASE_ARM) else Opens.NONE
+        return Case(Custody.IN_FIXED, opens=opens, leaves=_leaves(left))
+    if world.is_fixed_clear:
+        return Case(Custody.LOST, leaves=_leaves(left))
+    return _contradiction(left, "the fixed gripper does not report its hold")
+
+
+def _lost(left: Interrupted, world: World) -> Case:
+    """Both grippers have to be empty: jaws that closed on nothing, or that stand wide open."""
+    jaws = world.arm_jaws(_mm(left.arm_hold))
+    if jaws in (Jaws.CLOSED, Jaws.WIDER) and world.is_fixed_clear:
+        return Case(Custody.LOST, leaves=_leaves(left))
+    return _contradiction(
+        left, f"the arm gripper's jaws {jaws.value}: it may hang in one of the grippers"
+    )
+
+
+_CUSTODIES: Final[Mapping[Custody, Rule]] = {
+    Custody.IN_ARM: _in_arm,
+    Custody.IN_BOTH: _in_both,
+    Custody.IN_FIXED: _in_fixed,
+    Custody.LOST: _lost,
+}
+
+# --- with one -------------------------------------------------------------------------------------
+
+
+def _grasp(left: Interrupted, world: World) -> Case:
+    """Off the table: until the arm leaves, the part rests there, whatever the jaws do."""
+    jaws = world.arm_jaws(_mm(left.expected_hold))
+    if jaws is Jaws.ON_PART and world.is_arm_pressing:
+        return Case(Custody.IN_ARM, leaves=Leaves.BY_RETREAT, holds_as_expected=True, done="done")
+    done: Done = "not done" if jaws is Jaws.WIDER else "unknown"
+    return Case(Custody.ON_TABLE, opens=Opens.ARM_ON_TABLE, leaves=Leaves.BY_RETREAT, done=done)
+
+
+def _hand_off(left: Interrupted, world: World) -> Case:
+    """Undo it: the fixed gripper was to close, and the arm gripper never opened."""
+    jaws = world.arm_jaws(_mm(left.arm_hold))
+    done: Done = (
+        "done" if world.does_fixed_hold else "not done" if world.is_fixed_clear else "unknown"
+    )
+    if jaws is Jaws.ON_PART:
+        return Case(Custody.IN_BOTH, opens=Opens.FIXED, done=done)
+    return _contradiction(left, f"the arm gripper's jaws {jaws.value}", done)
+
+
+def _release_arm(left: Interrupted, world: World) -> Case:
+    """Return what is so where the arm gripper was to open, as the giver."""
+    jaws = world.arm_jaws(_mm(left.arm_hold))
+    if jaws is Jaws.ON_PART:
+        return Case(Custody.IN_BOTH, opens=Opens.FIXED, done="not done")
+    if jaws in (Jaws.WIDER, Jaws.BETWEEN) and world.does_fixed_hold:
+        done: Done = "done" if jaws is Jaws.WIDER else "unknown"
+        return Case(Custody.IN_FIXED, opens=Opens.ARM, leaves=Leaves.BY_RETREAT, done=done)
+    if world.is_fixed_clear and jaws is Jaws.WIDER:
+        return Case(Custody.LOST, leaves=Leaves.BY_RETREAT, done="done")
+    return _contradiction(left, f"the arm gripper's jaws {jaws.value}", "unknown")
+
+
+def _receive(left: Interrupted, world: World) -> Case:
+    """Undo it: the arm gripper was to close, and the fixed gripper never opened."""
+    jaws = world.arm_jaws(_mm(left.expected_hold))
+    done: Done = "unknown"
+    if jaws is Jaws.ON_PART and world.is_arm_pressing:
+        done = "done"
+    elif jaws is Jaws.WIDER:
+        done = "not done"
+    if world.does_fixed_hold:
+        return Case(Custody.IN_BOTH, opens=Opens.ARM, done=done)
+    return _contradiction(left, "the fixed gripper does not report its hold", done)
+
+
+def _release_fixed(left: Interrupted, world: World) -> Case:
+    """Return what is so where the fixed gripper was to open, as the giver."""
+    jaws = world.arm_jaws(_mm(left.arm_hold))
+    if world.does_fixed_hold:
+        return Case(Custody.IN_BOTH, opens=Opens.ARM, done="not done")
+    if jaws is Jaws.ON_PART:
+        return Case(Custody.IN_ARM, opens=Opens.FIXED, leaves=Leaves.BY_RETREAT, done="done")
+    return _contradiction(left, f"the arm gripper's jaws {jaws.value}", "unknown")
+
+
+def _put(custody: Custody, opens: Opens) -> Rule:
+    """Return the rule of a release that leaves the part where it is meant to stay."""
+
+    def rule(left: Interrupted, world: World) -> Case:
+        jaws = world.arm_jaws(_mm(left.arm_hold))
+        if jaws is Jaws.ON_PART:
+            return Case(Custody.IN_ARM, done="not done")
+        if jaws in (Jaws.WIDER, Jaws.BETWEEN):
+            done: Done = "done" if jaws is Jaws.WIDER else "unknown"
+            return Case(custody, opens=opens, leaves=Leaves.BY_RETREAT, done=done)
+        return _contradiction(left, f"the arm gripper's jaws {jaws.value}", "unknown")
+
+    return rule
+
+
+_INTENTS: Final[Mapping[str, Rule]] = {
+    Once.GRASP: _grasp,
+    Once.HAND_OFF: _hand_off,
+    Once.RELEASE_ARM: _release_arm,
+    Once.RECEIVE: _receive,
+    Once.RELEASE_FIXED: _release_fixed,
+    Once.SET_DOWN: _put(Custody.ON_TABLE, Opens.ARM_ON_TABLE),
+    Once.SORT: _put(Custody.PLACED, Opens.ARM_OVER_TRAY),
+}
+
+# --- words ----------------------------------------------------------------------------------------
+
+
+def _contradiction(left: Interrupted, found: str, done: Done | None = None) -> Case:
+    cut = f", cut off while it did: {left.intent.name}" if left.intent else ""
+    words = f"the journal has the part {left.custody.value}{cut.replace('_', ' ')}; {found}"
+    return Case(left.custody, done=done, person=words)
+
+
+# Who has the part once an intent was done that the arm then leaves by its retreat.
+AFTER: Final[Mapping[str, Custody]] = {
+    Once.GRASP: Custody.IN_ARM,
+    Once.RELEASE_ARM: Custody.IN_FIXED,
+    Once.RELEASE_FIXED: Custody.IN_ARM,
+}
+
+
+def _leaves(left: Interrupted) -> Leaves:
+    """Return how the arm leaves: a step may have been cut off right before its retreat."""
+    last = left.last_intent
+    is_due = left.trail.retreat and last is not None and AFTER.get(last.name) is left.custody
+    return Leaves.BY_RETREAT if is_due else Leaves.BY_TRAIL
+
+
+def _gave(left: Interrupted, name: Once) -> bool:
+    """Return whether the part was given by this release, and the arm has not left since."""
+    return (
+        _leaves(left) is Leaves.BY_RETREAT
+        and left.last_intent is not None
+        and left.last_intent.name == name
+    )
+
+
+def _is_receiving(left: Interrupted) -> bool:
+    """Return whether the part in both grippers is on its way back to the arm gripper."""
+    return left.custody_before is Custody.IN_FIXED
+
+
+def _mm(hold: rows.HoldNoted | None) -> float | None:
+    return None if hold is None else hold.opening_mm
+
+
+def _evidence(left: Interrupted, world: World) -> tuple[str, ...]:
+    """Return what speaks, sentence by sentence: journal first, then the devices."""
+    cut = ""
+    if left.intent is not None:
+        outcome = ", which was reported done" if left.has_outcome else ""
+        cut = f"; then it was about to: {left.intent.name.replace('_', ' ')}{outcome}"
+    said = [f"journal: part {left.part} of run {left.run} was {left.custody.value}{cut}"]
+    said.append(f"arm: {world.positions}")
+    if world.arm_mm is not None:
+        hold = left.arm_hold or left.expected_hold
+        known = "" if hold is None else f"; on the part they stand at {hold.opening_mm:.1f} mm"
+        press = "press" if world.is_arm_pressing else "do not press"
+        said.append(f"arm gripper: its jaws stand at {world.arm_mm:.1f} mm and {press}{known}")
+    touch = "touch something" if world.does_fixed_touch else "touch nothing"
+    sees = {Signal.OK: "sees something", Signal.NOT_OK: "sees nothing"}.get(
+        world.barrier, "gives no reading"
+    )
+    ready = "" if world.is_fixed_ready else "; it is not ready"
+    said.append(
+        f"fixed gripper: its jaws stand at {world.fixed_mm:.1f} mm and {touch}; its light barrier "
+        f"{sees}{ready}"
+    )
+    return tuple(said)

@@ -1,0 +1,175 @@
+"""What an earlier run has left: all that its journal knows of the part in a gripper."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+
+from ..custody import Custody
+from ..journal import Row, read_row, rows
+from .trail import Trail
+
+
+@dataclass(frozen=True, slots=True)
+class TakenView:
+    """A view whose pictures are stored.
+
+    Attributes
+    ----------
+    row : of the view
+    sighting : where the part lay then, for a view of the table
+    """
+
+    row: rows.ViewPicturesTaken
+    sighting: rows.SightingFields | None
+
+
+@dataclass(slots=True, eq=False)
+class Interrupted:
+    """A part that a run did not bring to its tray, folded from the rows of that run.
+
+    Attributes
+    ----------
+    run, part : which run, and the number of the part in it
+    began : the run's first row
+    custody, custody_detail, custody_before : by the last row on custody, and the one before it
+    last_intent : the last of something that is never repeated without looking
+    intent : the same, if no row on custody followed it
+    has_outcome : that intent's outcome was written
+    arm_hold, expected_hold, fixed_hold : how the grippers hold the part, or were about to
+    trail : the way the arm came
+    views : in order, with the digests of their files in `digests`
+    table_pictures, sightings, sighting : the part on the table, as seen last
+    is_ambiguous : pictures of the table leave other hypotheses, and no view has decided
+    recoveries, avoid : part faults so far, and grasps that failed
+    plan_count, hold_count, look_count : plans made, grasps taken, pictures of the table
+    verdict : if the part was judged
+    resumed : if that run had taken the part over from one before it
+    is_homed : positions meant something in that run
+    """
+
+    run: str
+    part: int
+    began: rows.RunBegan
+    custody: Custody = Custody.ON_TABLE
+    custody_before: Custody = Custody.NONE
+    custody_detail: str = ""
+    last_intent: rows.Intent | None = None
+    intent: rows.Intent | None = None
+    has_outcome: bool = False
+    arm_hold: rows.HoldNoted | None = None
+    expected_hold: rows.HoldNoted | None = None
+    fixed_hold: rows.HoldNoted | None = None
+    trail: Trail = field(default_factory=Trail)
+    views: list[TakenView] = field(default_factory=list)
+    digests: dict[str, str] = field(default_factory=dict)
+    sighting: rows.SightingFields | None = None
+    is_ambiguous: bool = False
+    recoveries: list[rows.RecoveryBegun] = field(default_factory=list)
+    avoid: list[str] = field(default_factory=list)
+    plan_count: int = 0
+    hold_count: int = 0
+    look_count: int = 0
+    table_pictures: rows.TablePictures | None = None
+    sightings: rows.Sightings | None = None
+    verdict: rows.PartJudged | None = None
+    resumed: rows.PartResumed | None = None
+    is_homed: bool = False
+
+    @property
+    def serial(self) -> str:
+        """The part's serial number; empty if it has none."""
+        if self.resumed is not None:
+            return self.resumed.serial
+        serials = self.began.serials
+        return serials[self.part - 1] if self.part <= len(serials) else ""
+
+    @property
+    def lot(self) -> str:
+        """The part's lot; empty if it has none."""
+        return self.began.lot if self.resumed is None else self.resumed.lot
+
+    def take(self, row: rows.Body) -> None:
+        """Take one row that is about this part."""
+        match row:
+            case rows.CustodyChanged():
+                self.custody_before, self.custody = self.custody, Custody.of_key(row.name)
+                self.custody_detail = row.detail
+                self.intent, self.has_outcome = None, False
+            case rows.Intent():
+                self.intent = self.last_intent = row
+                self.has_outcome = False
+            case rows.OnceDone() if self.intent is not None and row.name == self.intent.name:
+                self.has_outcome = True
+            case rows.HoldNoted():
+                self._take_hold(row)
+            case rows.Sightings():
+                self.sightings = row
+                (self.sighting,) = row.sightings if len(row.sightings) == 1 else (None,)
+                self.is_ambiguous = bool(self.sighting and self.sighting.ambiguous_with)
+            case rows.AmbiguityResolved():
+                self.is_ambiguous = len(row.left) != 1
+            case rows.TablePictures():
+                self.look_count += 1
+                self.table_pictures = row
+            case rows.FilesStored():
+                self.digests |= row.root
+            case rows.ViewPicturesTaken():
+                self.views.append(TakenView(row, None if row.q else self.sighting))
+            case rows.PlanMade():
+                self.plan_count += 1
+            case rows.RecoveryBegun():
+                self.recoveries.append(row)
+            case rows.GraspAvoided():
+                self.avoid.append(row.grasp)
+            case rows.PartJudged():
+                self.verdict = row
+            case rows.PartResumed():
+                self.resumed = row
+        self.trail.take(row)
+
+    def _take_hold(self, row: rows.HoldNoted) -> None:
+        if row.gripper == "fixed":
+            self.fixed_hold = row
+        elif row.is_expected:
+            self.expected_hold = row
+        else:
+            self.arm_hold = row
+        self.hold_count = max(self.hold_count, row.number)
+
+
+def fold_interrupted(found: Iterable[Row], run: str, part: int) -> Interrupted | None:
+    """Return what a run knows of one of its parts; None if it lacks its first row.
+
+    Parameters
+    ----------
+    found : rows of a journal, in order; those of other runs and parts are skipped
+    run, part : which part of which run
+
+    Raises
+    ------
+    ValueError : a row is not as this version writes it
+    """
+    known: Interrupted | None = None
+    is_homed = False
+    for one in found:
+        if one.run != run:
+            continue
+        row = read_row(one.kind, one.name, one.body)
+        if isinstance(row, rows.RunBegan):
+            known = Interrupted(run, part, row)
+        elif isinstance(row, rows.Homed | rows.PositionsTakenOver):
+            is_homed = True
+        elif known is not None and row is not None:
+            if one.part == part:
+                known.take(row)
+            else:
+                known.trail.take(row)
+    if known is not None:
+        known.is_homed = is_homed
+    return known
+
+
+def same_cell(one: Mapping[str, object], other: Mapping[str, object]) -> bool:
+    """Return whether two cell files describe the same cell: all but where its devices answer."""
+    return {k: v for k, v in one.items() if k != "devices"} == {
+        k: v for k, v in other.items() if k != "devices"
+    }

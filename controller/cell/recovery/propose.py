@@ -1,0 +1,179 @@
+"""What the next start may do with a part that a run has left: steps, first motion, proof."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from controller.arrays import FloatArray
+from controller.imaging import rotation_angle
+from controller.planning.model import CellLayout
+from controller.planning.motion import segment_seconds, tcp_pose
+
+from ..custody import Custody
+from ..journal import Once
+from .classify import Case, Leaves, Opens, classify
+from .interrupted import Interrupted
+from .trail import Leaving
+from .world import World
+
+FIRST_SPEED: Final = 0.25  # share of the usual speed: the first motion after a crash
+THEN: Final = {
+    Custody.IN_ARM: "plan on from the arm gripper; what was in sight stays seen, and the first "
+    "view verifies how the part is held",
+    Custody.IN_FIXED: "plan on from the fixed gripper; what was in sight stays seen",
+    Custody.ON_TABLE: "take the arm out of the picture, recognise the part again, grasp it",
+    Custody.LOST: "take the arm out of the picture, and look for the part on the table",
+    Custody.PLACED: "take the arm home: the part is in its tray",
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Proposal:
+    """What the cell would do; nothing moves before it is accepted.
+
+    Attributes
+    ----------
+    left : what the journal knows
+    case : what is so
+    q : (6,) where the arm stands; empty if that is not known
+    leaving : by which the arm leaves; None where the case calls for a person
+    custody : where the part is once the arm has left
+    steps : in words, in order
+    first_motion : the first motion of the arm, in words
+    is_proven : the cell may go on by itself
+    person : why a person has to look instead; empty if the cell can go on
+    """
+
+    left: Interrupted
+    case: Case
+    q: FloatArray
+    leaving: Leaving | None
+    custody: Custody
+    steps: tuple[str, ...]
+    first_motion: str
+    is_proven: bool
+    person: str
+
+    @property
+    def evidence(self) -> tuple[str, ...]:
+        """What journal and devices say, sentence by sentence."""
+        return self.case.evidence
+
+    @property
+    def intents(self) -> tuple[str, ...]:
+        """The unresolved intent, and whether it was done."""
+        if self.left.intent is None or self.case.done is None:
+            return ()
+        return (f"{self.left.intent.name.replace('_', ' ')}: {self.case.done}",)
+
+
+def propose(left: Interrupted, world: World, layout: CellLayout) -> Proposal:
+    """Return what may be done with a part that a run has left.
+
+    Parameters
+    ----------
+    left : what the journal knows
+    world : what the devices say
+    layout : for the preview of the first motion
+    """
+    case = classify(left, world)
+    person = case.person or _why_not(left, case)
+    way = None if world.q is None else _way(left, case, world.q)
+    if not person and (way is None or (len(way.waypoints) == 0 and not way.is_free_at_end)):
+        person = "the arm stands beside the path that the journal says it was sent along"
+    if person:
+        nowhere = np.zeros(0)
+        return Proposal(
+            left, case, nowhere, None, case.custody, (), "", is_proven=False, person=person
+        )
+    assert way is not None
+    assert world.q is not None
+    custody = _custody_after(case)
+    first = _preview(world.q, way, layout)
+    return Proposal(
+        left,
+        case,
+        world.q,
+        way,
+        custody,
+        tuple(_steps(case, custody, first, way)),
+        first,
+        is_proven=way.is_free_at_end,
+        person="",
+    )
+
+
+def arm_open_mm(left: Interrupted) -> float:
+    """Return how wide the arm gripper has to open to leave the part where it is."""
+    last = left.last_intent if left.trail.retreat else left.intent
+    if last is not None and last.name in (Once.RELEASE_ARM, Once.SET_DOWN, Once.SORT):
+        return float(last.open_mm or 0.0)
+    hold = left.expected_hold or left.arm_hold
+    assert hold is not None, "a rule opens the arm gripper only where it was to hold the part"
+    return hold.grasp.pre_open_mm
+
+
+def _way(left: Interrupted, case: Case, q: FloatArray) -> Leaving | None:
+    if case.leaves is Leaves.BY_RETREAT:
+        return left.trail.retreat_from(q)
+    return left.trail.leaving(q)
+
+
+def _custody_after(case: Case) -> Custody:
+    """Return who has the part once one of two grippers has opened."""
+    if case.custody is Custody.IN_BOTH:
+        return Custody.IN_ARM if case.opens is Opens.FIXED else Custody.IN_FIXED
+    return case.custody
+
+
+def _why_not(left: Interrupted, case: Case) -> str:
+    """Return why the cell lacks what it needs to go on; empty if it has it."""
+    custody = _custody_after(case)
+    hold = left.expected_hold if case.holds_as_expected else left.arm_hold
+    if custody is Custody.IN_ARM and hold is None:
+        return "the journal does not say how the arm gripper holds the part"
+    if custody is Custody.IN_FIXED and left.fixed_hold is None:
+        return "the journal does not say how the fixed gripper holds the part"
+    return ""
+
+
+def _steps(case: Case, custody: Custody, first: str, way: Leaving) -> list[str]:
+    steps = []
+    if case.custody in (Custody.IN_ARM, Custody.IN_BOTH) and case.opens is not Opens.ARM:
+        steps.append("the arm gripper presses once more: it closes, and opens nothing")
+    if case.opens is not Opens.NONE:
+        steps.append(case.opens.value)
+    if first:
+        where = "back along the path it came by" if way.is_back else "on along its path"
+        if case.leaves is Leaves.BY_RETREAT:
+            where = "away by the retreat that was planned"
+        steps.append(f"the arm goes {where}, {len(way.waypoints)} waypoints: {first}")
+    steps.append(THEN[custody])
+    return steps
+
+
+def _preview(q: FloatArray, way: Leaving, layout: CellLayout) -> str:
+    """Return the first motion of the arm in words; empty where it stands where it should."""
+    if not way.waypoints:
+        return ""
+    target = way.waypoints[0]
+    seconds = float(segment_seconds(layout, q, target)) / FIRST_SPEED
+    T_now, T_then = tcp_pose(layout, q), tcp_pose(layout, target)
+    shift_mm = T_then[:3, 3] - T_now[:3, 3]
+    turn_deg = float(np.degrees(rotation_angle(T_now[:3, :3].T @ T_then[:3, :3])))
+    return (
+        f"first the TCP from {_point(T_now)} to {_point(T_then)} "
+        f"mm, {float(np.linalg.norm(shift_mm)):.0f} mm and {turn_deg:.0f} degrees, about "
+        f"{seconds:.0f} s at {FIRST_SPEED:.0%} of the usual speed"
+    )
+
+
+def _point(T: FloatArray) -> str:
+    return "(" + ", ".join(f"{x:.0f}" for x in T[:3, 3]) + ")"
+
+
+def listed(sentences: Sequence[str]) -> str:
+    """Return sentences as the lines of a list."""
+    return "\n".join(f"  - {one}" for one in sentences)

@@ -1,0 +1,164 @@
+"""The way the arm came, from the rows of its joint paths, and the way it can leave by.
+
+Paths between two changes of what a gripper holds are free of contact both ways. Across such a
+change (a grasp, a release) they are not: there the arm leaves by the retreat that the intent names.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+
+from controller.arrays import FloatArray
+
+from ..journal import rows
+
+# How far from a path a stopped arm may stand: axes that slow down out of step, servo error
+# [rad, rad, rad, mm, rad, rad].
+OFF_PATH: Final = np.array([0.06, 0.06, 0.06, 12.0, 0.06, 0.06])
+# Closer than this, it is there [rad, mm].
+THERE: Final = np.array([0.004, 0.004, 0.004, 0.5, 0.004, 0.004])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Leaving:
+    """Waypoints (6,) by which the arm leaves, from where it stands.
+
+    Attributes
+    ----------
+    is_free_at_end : the arm then stands free of everything
+    is_back : it is the way the arm came by
+    """
+
+    waypoints: tuple[FloatArray, ...]
+    is_free_at_end: bool
+    is_back: bool
+
+
+@dataclass(slots=True, eq=False)
+class Trail:
+    """Where the arm was sent since it last stood free, or since a gripper last changed hold.
+
+    Attributes
+    ----------
+    behind : waypoints (6,) that the arm has passed, in order
+    is_free : it stood free of everything at the first of them
+    ahead : the waypoints that it was sent along last
+    is_back : those lead back over `behind`
+    retreat : of the last intent, by which the arm leaves once that is done; not begun yet
+    """
+
+    behind: list[FloatArray] = field(default_factory=list)
+    is_free: bool = False
+    ahead: tuple[FloatArray, ...] = ()
+    is_back: bool = False
+    retreat: tuple[FloatArray, ...] = ()
+
+    def take(self, row: rows.Body) -> None:
+        """Take one row of the journal; rows of other kinds are skipped."""
+        match row:
+            case rows.StoodFree():
+                self.behind, self.is_free = [np.array(row.q)], True
+                self.ahead = self.retreat = ()
+            case rows.PathBegun() if row.waypoints:
+                self._settle()
+                if self.retreat and not row.is_back:
+                    self.behind, self.is_free = self.behind[-1:], False
+                self.retreat = ()
+                self.ahead = tuple(np.array(q) for q in row.waypoints)
+                self.is_back = row.is_back
+            case rows.Intent():
+                self._settle()
+                self.retreat = tuple(np.array(q) for q in row.retreat)
+
+    def _settle(self) -> None:
+        """Take it that the arm has reached the end of the path it was sent along."""
+        if self.is_back:
+            del self.behind[len(self.behind) - len(self.ahead) :]
+        else:
+            self.behind.extend(self.ahead)
+        self.ahead, self.is_back = (), False
+
+    @property
+    def between(self) -> FloatArray:
+        """The joints (n, 6) between which the arm was last sent; n may be 0."""
+        return np.array([*self.behind[-1:], *self.ahead]).reshape(-1, 6)
+
+    def leaving(self, q: FloatArray) -> Leaving | None:
+        """Return the way by which the arm leaves, unless it is off its path.
+
+        Back to where it stood free; or, after a change of what a gripper holds, on to the end of
+        the path that leads away from there.
+
+        Parameters
+        ----------
+        q : (6,) where the arm stands
+        """
+        points = list(self.between)
+        if not points:
+            return None
+        found = _segment_of(points, q)
+        if found is None:
+            return None
+        k, is_on_line = found
+        # some axes have moved and others have not: the way back to where they set out is free,
+        # since it is the way they came
+        again = [] if is_on_line else [points[k]]
+        if self.is_back:
+            rest = self.behind[: len(self.behind) - 1 - len(self.ahead)]
+            way = [*again, *points[k + 1 :], *reversed(rest)]
+            return Leaving(_from(q, way), self.is_free, is_back=is_on_line)
+        if self.is_free:
+            way = [*reversed(points[: k + 1]), *reversed(self.behind[:-1])]
+            return Leaving(_from(q, way), is_free_at_end=True, is_back=True)
+        way = [*again, *points[k + 1 :]]
+        return Leaving(_from(q, way), bool(self.ahead), is_back=False)
+
+    def retreat_from(self, q: FloatArray) -> Leaving | None:
+        """Return the way that the last intent names, unless the arm is not where that was done."""
+        if self.ahead or not self.behind or not self.retreat:
+            return None
+        if (np.abs(q - self.behind[-1]) > OFF_PATH).any():
+            return None
+        return Leaving(self.retreat, is_free_at_end=True, is_back=False)
+
+
+def _segment_of(points: Sequence[FloatArray], q: FloatArray) -> tuple[int, bool] | None:
+    """Return the number of the segment that q (6,) is on, and whether it is on its line.
+
+    Beside the line it still counts if some axes have gone their share of the way and the others
+    have not set out: a controller may be killed between the orders to two boards.
+    """
+    if len(points) == 1:
+        return (0, True) if (np.abs(q - points[0]) <= OFF_PATH).all() else None
+    best: tuple[float, int] | None = None
+    partly: int | None = None
+    for k in range(len(points) - 1):
+        along = points[k + 1] - points[k]
+        scaled, off = along / OFF_PATH, (q - points[k]) / OFF_PATH
+        length2 = float(scaled @ scaled)
+        share = 0.0 if length2 == 0 else float(np.clip(off @ scaled / length2, 0.0, 1.0))
+        far = float(np.abs(off - share * scaled).max())
+        # where a path crosses itself, the later segment: the arm was sent along the whole of it
+        if far <= 1.0 and (best is None or far <= best[0] + 0.1):
+            best = (far, k)
+        has_moved = np.abs(off) > 1.0
+        if has_moved.any() and length2 > 0:
+            moved = scaled[has_moved]
+            if (moved != 0).all():
+                share = float(off[has_moved] @ moved / (moved @ moved))
+                is_alike = np.abs(off[has_moved] - share * moved).max() <= 1.0
+                if is_alike and 0.0 <= share <= 1.0 + 1.0 / float(np.abs(moved).max()):
+                    partly = k
+    if best is not None:
+        return best[1], True
+    return None if partly is None else (partly, False)
+
+
+def _from(q: FloatArray, way: Sequence[FloatArray]) -> tuple[FloatArray, ...]:
+    """Return a way without the waypoints at its beginning where the arm stands already."""
+    first = 0
+    while first < len(way) and (np.abs(q - way[first]) <= THERE).all():
+        first += 1
+    return tuple(way[first:])

@@ -1,0 +1,119 @@
+"""What the world says, asked without moving anything: openings, light barrier, arm counters."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Final
+
+from controller.arrays import FloatArray
+from drivers.errors import PositionLostError
+from drivers.kinds import Signal
+
+from ..custody.release_guard import LOST_MM, NOTHING_MM
+from ..devices import Devices
+from .interrupted import Interrupted
+
+# Jaws that stand so much wider than on the part have let go of it.
+LET_GO_MM: Final = 2.5
+
+
+class Jaws(StrEnum):
+    """How the jaws of a gripper stand, as against the opening at which they hold the part."""
+
+    ON_PART = "stand where they hold the part"
+    WIDER = "stand wider than the part"
+    CLOSED = "have closed further than the part allows"
+    BETWEEN = "stand a little wider than the part"
+    UNKNOWN = "cannot be read"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class World:
+    """How the devices stand at a start.
+
+    Attributes
+    ----------
+    q : (6,) where the arm stands, None if its positions are not known
+    positions : why they are known, or not
+    arm_mm : opening of the arm gripper, None if unknown
+    is_arm_pressing : its jaws have stalled and press
+    fixed_mm : opening of the fixed gripper
+    does_fixed_touch : something stopped its jaws
+    is_fixed_ready : it is active and has no fault
+    barrier : the light barrier between its jaws
+    """
+
+    q: FloatArray | None
+    positions: str
+    arm_mm: float | None
+    is_arm_pressing: bool
+    fixed_mm: float
+    does_fixed_touch: bool
+    is_fixed_ready: bool
+    barrier: Signal
+
+    def arm_jaws(self, on_part_mm: float | None) -> Jaws:
+        """Return how the arm gripper's jaws stand, if they hold the part at that opening."""
+        return judge_jaws(self.arm_mm, on_part_mm)
+
+    @property
+    def does_fixed_hold(self) -> bool:
+        """Whether the fixed gripper itself reports that it holds something."""
+        return self.is_fixed_ready and self.does_fixed_touch and self.fixed_mm >= NOTHING_MM
+
+    @property
+    def is_fixed_clear(self) -> bool:
+        """Whether nothing is between the jaws of the fixed gripper."""
+        return self.is_fixed_ready and not self.does_fixed_touch and self.barrier is Signal.NOT_OK
+
+
+def judge_jaws(opening_mm: float | None, on_part_mm: float | None) -> Jaws:
+    """Return how jaws stand.
+
+    Parameters
+    ----------
+    opening_mm : as read, None if that means nothing
+    on_part_mm : where they hold the part, None if that is not known
+    """
+    if opening_mm is None or on_part_mm is None:
+        return Jaws.UNKNOWN
+    if opening_mm < max(NOTHING_MM, on_part_mm - LOST_MM):
+        return Jaws.CLOSED
+    if opening_mm <= on_part_mm + LOST_MM:
+        return Jaws.ON_PART
+    return Jaws.WIDER if opening_mm >= on_part_mm + LET_GO_MM else Jaws.BETWEEN
+
+
+async def read_world(devices: Devices, left: Interrupted) -> World:
+    """Return how the devices stand; takes the arm's positions over if that can be proven.
+
+    Nothing moves.
+
+    Raises
+    ------
+    DeviceError : a device does not answer
+    """
+    q, positions = None, "the interrupted run has not homed the arm"
+    between = left.trail.between
+    if left.is_homed and len(between):
+        try:
+            await devices.arm.take_over_positions(between)
+        except PositionLostError as error:
+            positions = str(error)
+        else:
+            q = await devices.arm.read_q()
+            positions = "its counters read what it was last sent to, and it has not restarted"
+    elif left.is_homed:
+        positions = "the journal does not say where the arm was sent"
+    jaws = devices.jaws_found
+    assert jaws is not None, "connect first"
+    status = await devices.gripper.status()
+    return World(
+        q=q,
+        positions=positions,
+        arm_mm=None if q is None else await devices.arm.read_opening_mm(),
+        is_arm_pressing=jaws.is_pressing,
+        fixed_mm=status.opening_mm,
+        does_fixed_touch=status.has_contact,
+        is_fixed_ready=status.is_activated and not status.has_fault,
+        barrier=devices.io.signal("part_in_gripper"),
+    )

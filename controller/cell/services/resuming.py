@@ -1,0 +1,175 @@
+"""The part of an interrupted run: taken over into this run's record and journal.
+
+What this run writes of it is enough for the next one to go on from, should this one be killed too.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from controller.cell.custody import Custody
+from controller.cell.journal import rows
+from controller.cell.machine import Act, Event, PartFault, Recovery
+from controller.cell.recovery import Interrupted, Proposal
+from controller.inspection import PartVerdict, Verdict
+from controller.recognition import Alternative, Sighting
+
+from .motion import Motion
+from .records import BatchRecord, PartInGripper, PartRecord, grasp_of
+from .views import StoredViews
+
+
+@dataclass(slots=True, eq=False)
+class Resumption:
+    """Whether this run begins with the part of an interrupted one, and how.
+
+    Attributes
+    ----------
+    record, motion, stored_views : take it over
+    accepted : what may be done, None if the run begins as usual
+    source : folder of the interrupted run
+    """
+
+    record: BatchRecord
+    motion: Motion
+    stored_views: StoredViews
+    accepted: Proposal | None = None
+    source: Path = Path()
+
+    def accept(self, proposal: Proposal, source: Path) -> None:
+        """Begin with the part of an interrupted run.
+
+        Parameters
+        ----------
+        proposal : what may be done with it
+        source : folder of that run
+        """
+        self.accepted, self.source = proposal, source
+        # so that a stop before anything else already states where the part is
+        self.record.part = _part(proposal.left)
+
+    def first(self) -> Event:
+        """Return what the ready cell begins with."""
+        return Event.START if self.accepted is None else Event.RECOVER
+
+    async def take_over(self) -> Proposal:
+        """Take the part over, journal it, and begin to judge its views again; nothing moves.
+
+        Raises
+        ------
+        ValueError : nothing was accepted
+        """
+        proposal, self.accepted = self.accepted, None
+        if proposal is None:
+            raise ValueError("no part was accepted to go on with")
+        left, record = proposal.left, self.record
+        record.note(rows.PartResumed(run=left.run, serial=left.serial, lot=left.lot))
+        missing = await self.stored_views.take_over(left, self.source)
+        for row in (*left.recoveries, *map(_avoided, left.avoid)):
+            record.note(row)
+        for hold in (left.expected_hold, left.arm_hold, left.fixed_hold):
+            if hold is not None:
+                record.note(hold)
+        self._restore_trail(proposal)
+        await self._restore_custody(left)
+        if missing:
+            record.show(f"without {len(missing)} views: their pictures are gone or were changed")
+        return proposal
+
+    def _restore_trail(self, proposal: Proposal) -> None:
+        q, way = proposal.q, proposal.leaving
+        assert way is not None, "an accepted proposal has a way"
+        if way.is_back:
+            self.motion.restore((*reversed(way.waypoints), q), is_free=way.is_free_at_end)
+        else:
+            self.motion.restore((q,), is_free=False)
+
+    async def _restore_custody(self, left: Interrupted) -> None:
+        """Journal who has the part, and what was cut off, in the order of the interrupted run."""
+        record, detail = self.record, f"from run {left.run}"
+        if left.custody_before is not Custody.NONE:
+            await record.set_custody(left.custody_before, detail)
+        if left.intent is None and left.last_intent is not None and left.trail.retreat:
+            await record.repeat_intent(left.last_intent)
+        await record.set_custody(left.custody, detail)
+        if left.intent is not None:
+            await record.repeat_intent(left.intent)
+
+
+def _part(left: Interrupted) -> PartRecord:
+    part = PartRecord(
+        number=left.part,
+        custody=left.custody,
+        look_count=left.look_count,
+        plan_count=left.plan_count,
+        hold_count=left.hold_count,
+        interrupted=left.run,
+    )
+    if left.sighting is not None:
+        part.sighting = sighting_of(left.sighting)
+        if left.is_ambiguous:
+            part.alternatives = part.sighting.ambiguous_with
+    part.recoveries = [
+        Recovery(PartFault(one.fault), one.reason, Act(one.act)) for one in left.recoveries
+    ]
+    part.parked = next((one for one in part.recoveries if one.act is Act.PARK), None)
+    part.avoid = set(left.avoid)
+    if left.arm_hold is not None:
+        part.hold = hold_of(left.arm_hold)
+    if left.fixed_hold is not None:
+        part.fixed_grasp = grasp_of(left.fixed_hold.grasp)
+    return part
+
+
+def verdict_of(row: rows.PartJudged) -> PartVerdict:
+    """Return a verdict as its row has it, without its faces."""
+    return PartVerdict(
+        verdict=Verdict(row.verdict),
+        reasons=row.reasons,
+        faces=(),
+        compared_fraction=row.compared_fraction,
+        confirmed=(),
+        in_sight_fraction=row.in_sight_fraction or 0.0,
+        claim=row.claim,
+    )
+
+
+def hold_of(row: rows.HoldNoted) -> PartInGripper:
+    """Return a hold that a view has to verify: the part may have slipped meanwhile."""
+    T_part_tcp = np.array(row.T_part_tcp)
+    return PartInGripper(grasp_of(row.grasp), T_part_tcp, row.opening_mm, number=row.number)
+
+
+def _avoided(grasp: str) -> rows.GraspAvoided:
+    return rows.GraspAvoided(grasp=grasp)
+
+
+def sighting_of(row: rows.SightingFields) -> Sighting:
+    """Return what was recognised on the table, as far as its row has it."""
+    T = None if row.T_world_part is None else np.array(row.T_world_part)
+    return Sighting(
+        part=row.part,
+        pose_index=row.pose_index,
+        R=None if row.R is None else np.array(row.R),
+        x_mm=row.x_mm,
+        y_mm=row.y_mm,
+        theta_rad=float(np.radians(row.theta_deg)),
+        T_world_part=T,
+        score=row.score,
+        covariance=None,
+        ambiguous_with=tuple(
+            Alternative(
+                one.part,
+                one.pose_index,
+                float(np.radians(one.theta_deg)),
+                np.array(one.T_world_part),
+            )
+            for one in row.ambiguous_with
+            if one.T_world_part is not None
+        ),
+        area_mm2=0.0,
+        box_px=row.box_px,
+        residual_px=float("nan") if row.residual_px is None else row.residual_px,
+        reason=row.reason,
+    )

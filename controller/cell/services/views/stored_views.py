@@ -1,0 +1,178 @@
+"""Views of an interrupted run, judged again from stored pictures: what was seen stays seen."""
+
+import asyncio
+import hashlib
+import shutil
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from controller.arrays import Grey
+from controller.cell.compute import Compute
+from controller.cell.devices.lamps import TABLE_LAMPS
+from controller.cell.journal.rows import FilesStored, TablePictures
+from controller.cell.recovery import Interrupted, TakenView
+from controller.cell.services.records import BatchRecord, PartInGripper, Shown, grasp_of
+from controller.config.view_set import unpacked
+from controller.inspection import ViewResult
+from controller.planning import shown_pose
+from controller.planning.model import CellLayout
+from controller.stored import read_grey
+
+from .holder import holder_boxes
+
+STATION_PANEL = "station_backlight"
+TABLE_PANEL = "table_backlight"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StoredViews:
+    """Takes the pictures of an interrupted part over into this run, and has them judged.
+
+    Attributes
+    ----------
+    record : gets the views as views being judged
+    compute : judges them
+    layout : where camera, arm and fixed gripper stand
+    folder : of this run
+    """
+
+    record: BatchRecord
+    compute: Compute
+    layout: CellLayout
+    folder: Path
+
+    async def take_over(self, left: Interrupted, source: Path) -> tuple[str, ...]:
+        """Copy pictures, journal them, begin to judge every view; return the views left out.
+
+        A view is left out whose pictures are gone or are not those that were taken.
+
+        Parameters
+        ----------
+        left : the interrupted part
+        source : folder of the interrupted run
+        """
+        if left.table_pictures is not None:
+            copied = await self._copied(left, source, left.table_pictures.root)
+            if copied is not None:
+                self.record.note(FilesStored(copied))
+                self.record.note(TablePictures(left.table_pictures.root))
+        if left.sightings is not None:
+            self.record.note(left.sightings)
+        missing = []
+        holds: dict[int, PartInGripper] = {}
+        for taken in left.views:
+            row = taken.row
+            copied = await self._copied(left, source, row.pictures)
+            if copied is None or not row.planned:
+                missing.append(row.view)
+                continue
+            self.record.note(FilesStored(copied))
+            self.record.note(row)
+            part = self.record.part
+            part.files[row.view] = row.pictures
+            part.planned[row.view] = unpacked(row.planned, row.sample_count)
+            camera = self.layout.inspection if row.hold is not None else self.layout.overhead
+            pictures = {
+                lamp: await asyncio.to_thread(read_grey, self.folder / file, camera.size_px)
+                for lamp, file in row.pictures.items()
+            }
+            shown = self._held(taken, left, holds, pictures)
+            part.pending.append(shown or self._on_table(taken, pictures))
+        return tuple(missing)
+
+    async def _copied(
+        self, left: Interrupted, source: Path, files: Mapping[str, str]
+    ) -> dict[str, str] | None:
+        """Copy files to this run's folder; return their digests, None if one is not as it was."""
+        wanted = {file: left.digests.get(file) for file in files.values()}
+        found = await asyncio.to_thread(_copy, source, self.folder, tuple(wanted))
+        return found if found == wanted else None
+
+    def _held(
+        self,
+        taken: TakenView,
+        left: Interrupted,
+        holds: dict[int, PartInGripper],
+        pictures: Mapping[str, Grey],
+    ) -> Shown | None:
+        row = taken.row
+        if row.hold is None:
+            return None
+        known = left.arm_hold or left.expected_hold
+        assert known is not None, "a held part has had a hold"
+        q, T_part_tcp = np.array(row.q), np.array(row.hold.T_part_tcp)
+        hold = holds.setdefault(
+            row.hold.number,
+            PartInGripper(
+                grasp_of(known.grasp),
+                T_part_tcp,
+                row.hold.opening_mm,
+                is_measured=row.hold.is_measured,
+                number=row.hold.number,
+            ),
+        )
+        expected = shown_pose(self.layout, q, T_part_tcp)
+        holder = holder_boxes(self.layout, q, row.hold.opening_mm)
+        lit = {lamp: image for lamp, image in pictures.items() if lamp != STATION_PANEL}
+        backlit = pictures[STATION_PANEL]
+        inspected = self.compute.inspect(
+            row.view, expected, holder, backlit, lit, row.hold.is_measured
+        )
+        return Shown(
+            view=row.view,
+            hold=hold,
+            q=q,
+            expected=expected,
+            holder=holder,
+            backlit=backlit,
+            lamps=tuple(lit),
+            is_hold_measured=row.hold.is_measured,
+            T_part_tcp=T_part_tcp,
+            task=asyncio.ensure_future(inspected),
+        )
+
+    def _on_table(self, taken: TakenView, pictures: Mapping[str, Grey]) -> Shown:
+        row, sighting = taken.row, taken.sighting
+        assert sighting is not None, "a view of the table follows a sighting"
+        assert sighting.T_world_part is not None
+        T = np.array(sighting.T_world_part)
+        seen = self.record.part.planned[row.view]
+        # as in the run that took them: only the ring's light is judged on the table
+        lit = {lamp: pictures[lamp] for lamp in tuple(TABLE_LAMPS[:1]) if lamp in pictures}
+        backlit = pictures[TABLE_PANEL]
+
+        async def counted() -> ViewResult:
+            return (await self.compute.inspect_on_table(row.view, T, backlit, lit)).within(seen)
+
+        return Shown(
+            view=row.view,
+            hold=None,
+            q=np.zeros(6),
+            expected=T,
+            holder=(),
+            backlit=backlit,
+            lamps=tuple(lit),
+            is_hold_measured=True,
+            T_part_tcp=None,
+            task=asyncio.ensure_future(counted()),
+        )
+
+
+def _copy(source: Path, target: Path, files: tuple[str, ...]) -> dict[str, str]:
+    """Copy files from one run's folder to another's; return the SHA-256 of those that are there.
+
+    Raises
+    ------
+    OSError : a file cannot be written
+    """
+    found: dict[str, str] = {}
+    for file in files:
+        if not (source / file).is_file():
+            continue
+        (target / file).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(source / file, target / file)
+        found[file] = hashlib.sha256((target / file).read_bytes()).hexdigest()
+    return found
