@@ -15,7 +15,7 @@ from drivers.kinds import Signal
 from ..custody import Custody
 from ..journal import Once, rows
 from .interrupted import Interrupted
-from .world import Jaws, World
+from .world import Jaws, World, judge_jaws
 
 Done = Literal["done", "not done", "unknown"]
 
@@ -158,9 +158,12 @@ def _grasp(left: Interrupted, world: World) -> Case:
 def _hand_off(left: Interrupted, world: World) -> Case:
     """Undo it: the fixed gripper was to close, and the arm gripper never opened."""
     jaws = world.arm_jaws(_mm(left.arm_hold))
-    done: Done = (
-        "done" if world.does_fixed_hold else "not done" if world.is_fixed_clear else "unknown"
-    )
+    expected_mm = None if left.intent is None else left.intent.expected_mm
+    done: Done = "unknown"
+    if world.does_fixed_hold:
+        done = "done"
+    elif not world.does_fixed_touch and judge_jaws(world.fixed_mm, expected_mm) is Jaws.WIDER:
+        done = "not done"
     if jaws is Jaws.ON_PART:
         return Case(Custody.IN_BOTH, opens=Opens.FIXED, done=done)
     return _contradiction(left, f"the arm gripper's jaws {jaws.value}", done)
