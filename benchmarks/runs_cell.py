@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 from runs_record import Job, Ran, read_journal, read_world
-from runs_stand_ins import Noise, StandIns, TruthCamera, World
+from runs_stand_ins import TimedStandIns, TruthCamera, World
 
 from controller.cell import compute
 from controller.cell.batch import Batch, Outcome, PartRecord, Progress, assemble
@@ -159,7 +159,7 @@ class Bench:
         time_before = await world("time")
         folder = self._scratch / job.key.replace("/", "-")
         journal = Journal(folder / "journal.sqlite", "run")
-        minds = StandIns(self.job, pool, Noise(), rng)
+        minds = TimedStandIns(self.job, pool, rng)
         progress = Progress()
         faults = Faults(world, clock, job.fault_rate, job.fault_per, fault_rng)
         batch: Batch
@@ -212,7 +212,7 @@ class Bench:
             await clock.sleep(0.2)
 
 
-def _read_part(ran: Ran, part: PartRecord, minds: StandIns) -> None:
+def _read_part(ran: Ran, part: PartRecord, minds: TimedStandIns) -> None:
     weights = minds.weights
     ran.verdict = None if part.verdict is None else part.verdict.verdict.value
     ran.tray = part.tray
@@ -226,7 +226,7 @@ def _read_part(ran: Ran, part: PartRecord, minds: StandIns) -> None:
         ran.regrips = part.plan.regrasp_count
 
 
-def count_twice(minds: StandIns) -> tuple[int, int]:
+def count_twice(minds: TimedStandIns) -> tuple[int, int]:
     """Return how many views after a recovery inspected again, and how many turned out to.
 
     The first number counts views whose every wanted sample had truly been seen before, the second

@@ -4,11 +4,8 @@ Lamps, faults and plugs are the emulated camera's and lamps' own: a camera that 
 stalled, frozen or without light behaves as its driver would report it.
 """
 
-from dataclasses import dataclass, replace
-from typing import Any, Final
-
-import numpy as np
-from numpy.typing import NDArray
+from dataclasses import replace
+from typing import Final
 
 from drivers.clock import CellClock
 from drivers.errors import LinkError, ReplyTimeoutError, UnpluggedError
@@ -16,7 +13,7 @@ from emulators.camera_v4l2 import V4l2Device
 from emulators.in_process import Cell
 from emulators.world.ground_truth import custody, part_pose
 
-from .stand_ins import SIZE_PX, stamped_picture
+from .stand_ins import SIZE_PX, TruthFrame, stamped_picture
 
 FRAME_S: Final = 0.26  # a period of 5 Hz, the exposure, and its transfer
 DARK_LEVEL: Final = 0.02  # of the light of all lamps together, 0..1
@@ -44,12 +41,6 @@ class Plugs:
         return f"simulated-{name}"
 
 
-@dataclass(frozen=True, slots=True)
-class _Frame:
-    image: NDArray[np.uint8]
-    white: int = 255
-
-
 class TruthCamera:
     """A camera as the cell uses it (`drivers.kinds.Camera`).
 
@@ -64,7 +55,7 @@ class TruthCamera:
         self._name, self._cell, self._clock = name, cell, clock
         self._device = cell.cameras[name]
         self._is_open = False
-        self._last: _Frame | None = None
+        self._last: TruthFrame | None = None
         self.is_paused = False
         self.model = "no camera: truth with noise"
         self.shape = (SIZE_PX, SIZE_PX)
@@ -94,7 +85,7 @@ class TruthCamera:
         """Close it."""
         self._is_open = False
 
-    async def frame_after(self, t_s: float, timeout_s: float | None = None) -> Any:  # noqa: ANN401
+    async def frame_after(self, t_s: float, timeout_s: float | None = None) -> TruthFrame:
         """Return a picture that tells where the part is, exposed after an instant.
 
         Raises
@@ -117,7 +108,7 @@ class TruthCamera:
         is_dark = faults.is_dark or sum(self._cell.levels().values()) < DARK_LEVEL
         world = self._cell.world
         truth = part_pose(world, 0), custody(world, 0)
-        self._last = _Frame(stamped_picture(*truth, is_dark=is_dark))
+        self._last = TruthFrame(stamped_picture(*truth, is_dark=is_dark))
         return self._last
 
     def _require_plug(self) -> None:

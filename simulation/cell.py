@@ -41,6 +41,13 @@ Array = NDArray[np.float64]
 
 ROOT: Final = Path(__file__).parents[1]
 CELL_FILE: Final = ROOT / "recipes" / "cells" / "emulated.yaml"
+TAKES_S: Final = {  # cell time that the worker takes for a question, from and to [s]
+    "prepare": (0.5, 3.0),
+    "plan": (0.3, 4.0),
+    "recognise": (0.3, 1.5),
+    "inspect": (0.5, 3.0),
+    "judge": (0.5, 3.0),
+}
 BEGAN: Final = datetime(2030, 1, 1, tzinfo=UTC)  # of every simulation, so that rows repeat
 PLACES: Final = ((360.0, 0.0, 0.5), (330.0, 40.0, -1.0), (390.0, -45.0, 2.2))  # x, y [mm], theta
 
@@ -288,7 +295,7 @@ class Controller:
     def _compute(self, job: Job, pool: Executor) -> Compute:
         cell = self.cell
         rng = np.random.default_rng([cell.seed, 2, self.number])
-        self.minds = StandIns(cell.job, pool, Noise(), rng, cell.planned_poses())
+        self.minds = StandIns(cell.job, pool, Noise(), rng, cell.planned_poses(), TAKES_S)
         return self.minds
 
     def _devices(

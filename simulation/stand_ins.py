@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Final
 
 import cv2
@@ -22,7 +23,7 @@ from controller.cache import digest_of
 from controller.cell.compute import Compute, Holder, Job, context
 from controller.config.view_set import load_view_set
 from controller.imaging import Camera, inverse_pose, transform
-from controller.planning import JointPath, Look, NoPlanError, Plan, Present, Start
+from controller.planning import Look, NoPlanError, Plan, Present, Start
 from controller.planning.geometry import Box, segments_hit
 from controller.recognition import Alternative, Sighting
 
@@ -35,13 +36,6 @@ HOLDERS: Final = ("away", "free", "arm", "fixture", "both")
 SEEN_COS: Final = float(np.cos(np.radians(75.0)))  # as flat as inspection compares a surface
 SLIPPED_MM, SLIPPED_RAD = 4.0, 0.12  # inspection's own limits (`inspecting.InspectionLimits`)
 FOUND_MM, FOUND_RAD = 16.0, 0.55  # as far as the search for a slipped part goes
-TAKES_S: Final = {  # virtual time that the worker takes, from and to [s]
-    "prepare": (0.5, 3.0),
-    "plan": (0.3, 4.0),
-    "recognise": (0.3, 1.5),
-    "inspect": (0.5, 3.0),
-    "judge": (0.5, 3.0),
-}
 MEASURED_MM, MEASURED_RAD = 0.15, 0.002  # how well a view measures the pose in the gripper
 SIZE_PX: Final = 64
 
@@ -67,6 +61,14 @@ def read_truth(picture: Grey) -> tuple[Array, str]:
     numbers = np.frombuffer(picture.ravel()[:HEADER_BYTES].tobytes(), np.float64)
     custody = "away" if numbers[17] else HOLDERS[int(numbers[16])]
     return numbers[:16].reshape(4, 4).copy(), custody
+
+
+@dataclass(frozen=True, slots=True)
+class TruthFrame:
+    """Such a picture as a camera's frame (`drivers.kinds.camera`)."""
+
+    image: Grey
+    white: int = 255
 
 
 @dataclass(slots=True)
@@ -106,6 +108,7 @@ class StandIns(Compute):
     rng : draws it
     planned : poses (4, 4) of which plans are kept: a part this near to one, within the noise, is
         recognised exactly there
+    takes_s : how long the worker takes for a question, from and to [s]; nothing where not named
 
     Attributes
     ----------
@@ -119,18 +122,21 @@ class StandIns(Compute):
         noise: Noise,
         rng: np.random.Generator,
         planned: tuple[Array, ...] = (),
+        takes_s: Mapping[str, tuple[float, float]] = MappingProxyType({}),
     ) -> None:
         super().__init__(job, pool)
         self._context = context(job)
         self._noise = noise
         self._rng = rng
         self._planned = planned
+        self._takes_s = takes_s
         self.views: list[Seen] = []
         self.has_recovered = False
         self._promised: dict[str, Mask] = {}
 
     async def _take(self, question: str) -> None:
-        await asyncio.sleep(float(self._rng.uniform(*TAKES_S[question])))
+        if question in self._takes_s:
+            await asyncio.sleep(float(self._rng.uniform(*self._takes_s[question])))
 
     @property
     def weights(self) -> Array:
@@ -168,16 +174,6 @@ class StandIns(Compute):
         await self._take("prepare")
         await super().prepare()
         return 0.0
-
-    async def path_home(
-        self,
-        q: Array,
-        arm_opening_mm: float,
-        fixed_opening_mm: float,
-        T_part_tcp: Array | None,
-    ) -> JointPath:
-        """Return the worker's path."""
-        return await super().path_home(q, arm_opening_mm, fixed_opening_mm, T_part_tcp)
 
     async def identify(self, *_: object) -> tuple[int, ...]:
         """Raise: these runs read every part without a doubt."""
@@ -251,7 +247,7 @@ class StandIns(Compute):
         elif shift > SLIPPED_MM or turn > SLIPPED_RAD:
             reason = f"part lies {shift:.1f} mm, {np.degrees(turn):.1f} degrees off: it slipped"
         else:
-            seen = self._in_sight(T, holder, self._context.inspection)
+            seen = await asyncio.to_thread(self._in_sight, T, holder, self._context.inspection)
             planned = self._promised.get(planned_name(view_id), np.zeros(count, dtype=bool))
             self.views.append(
                 Seen(view_id, seen, planned, not is_hold_measured, self.has_recovered)
@@ -279,7 +275,7 @@ class StandIns(Compute):
         count = len(self._context.samples.points_mm)
         seen = np.zeros(count, dtype=bool)
         if is_there:
-            seen = self._in_sight(T, (), self._context.overhead)
+            seen = await asyncio.to_thread(self._in_sight, T, (), self._context.overhead)
             planned = self._promised.get(planned_name(view_id), np.zeros(count, dtype=bool))
             self.views.append(Seen(view_id, seen & planned, planned, True, self.has_recovered))
         return inspecting.ViewResult(
