@@ -149,6 +149,7 @@ async def _decided(
             who, why = answer.who, answer.why
     return rows.RecoveryProposed(
         run=proposal.left.run,
+        custody=proposal.case.now.key,
         evidence=proposal.evidence,
         intents=proposal.intents,
         steps=proposal.steps,

@@ -707,12 +707,14 @@ class GraspAvoided(Body):
 class RecoveryProposed(Body):
     """What a start makes of a part that an earlier run left, and what was decided.
 
-    `decision` is `refused`, `accepted` or `automatic`; `person` is why the cell cannot go on.
+    `custody` is where the part is by the evidence, `decision` is `refused` or `accepted`, `person`
+    is why the cell cannot go on.
     """
 
     kind = "decision"
     row_name = "recovery_proposed"
     run: str
+    custody: str = ""
     evidence: tuple[str, ...]
     intents: tuple[str, ...] = ()
     steps: tuple[str, ...] = ()

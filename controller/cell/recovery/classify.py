@@ -49,6 +49,7 @@ class Case:
     done : of the unresolved intent; None where there is none
     evidence : sentences
     person : why a person has to look; empty if the cell can go on
+    was : where the journal had the part last
     """
 
     custody: Custody
@@ -58,6 +59,16 @@ class Case:
     done: Done | None = None
     evidence: tuple[str, ...] = ()
     person: str = ""
+    was: Custody = Custody.UNKNOWN
+
+    @property
+    def now(self) -> Custody:
+        """Where the part is, before anything has moved; UNKNOWN where a person has to look."""
+        if self.person:
+            return Custody.UNKNOWN
+        is_undone = self.custody is Custody.IN_BOTH and self.was is not Custody.IN_BOTH
+        # the receiver was to close: what it did is undone, and the giver has never let go
+        return self.was if is_undone and self.done != "done" else self.custody
 
 
 Rule = Callable[[Interrupted, World], Case]
@@ -86,6 +97,7 @@ def classify(left: Interrupted, world: World) -> Case:
         done=case.done,
         evidence=_evidence(left, world),
         person=case.person,
+        was=left.custody,
     )
 
 
