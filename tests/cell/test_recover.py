@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -78,3 +79,56 @@ def test_a_part_left_in_the_arm_gripper_is_taken_by_a_person(tmp_path: Path) -> 
     assert names.index("open_arm_gripper") < names.index("removed")
     visit = next(row.run for row in read_rows(journal) if row.name == "open_arm_gripper")
     assert write_html(load_run(runs, visit), tmp_path / "visit.html").stat().st_size > 0
+
+
+def in_both_hands(world: KillWorld) -> bool:
+    return bool(world.truth()["parts"][0]["custody"] == "both")
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_a_hand_off_that_was_killed_is_undone_and_the_part_ends_in_its_tray(
+    tmp_path: Path,
+) -> None:
+    recipe, runs = "recipes/holder.yaml", tmp_path / "runs"
+    with kill_world(tmp_path, "recipes/parts/holder.stl", seed=8, speed=10.0) as world:
+        first = start(world, recipe, runs)
+        with first:
+            for line in lines_of(first):
+                if line.get("state") == "handing":
+                    while not in_both_hands(world):
+                        time.sleep(0.005)
+                    os.kill(first.pid, signal.SIGKILL)
+                    break
+        killed = world.when_still()
+        assert in_both_hands(world)
+        refused = start(world, recipe, runs)  # nobody at the terminal
+        with refused:
+            *_, result = lines_of(refused)
+        assert (result["end"], result["code"]) == ("refused", "part_may_be_held")
+        assert "--auto-recover" in result["message"]
+
+        code, said = recover(world, runs)
+        assert code == 1
+        assert said["proposal"]["is_proven"]
+        assert said["proposal"]["run"] == said["known"][0]["run"]
+        assert "fixed gripper opens" in " ".join(said["proposal"]["steps"])
+        looked = world.when_still()
+        assert looked["last_motion_s"] == killed["last_motion_s"]  # it only looked
+
+        code, said = recover(world, runs, "--accept", "--why", "both grippers hold it")
+        after = world.when_still()
+    part = after["parts"][0]
+    assert part["tray"] == "accept"
+    assert let_go_count(after) == 1  # over its tray, and nowhere else
+    rows = list(read_rows(runs / "journal.sqlite"))
+    decided = next(row.body for row in rows if row.name == "recovery_proposed")
+    assert (decided["decision"], decided["why"]) == ("accepted", "both grippers hold it")
+    assert "--accept" in decided["who"]
+    last = next(row.run for row in reversed(rows) if row.name == "part_done")
+    views = {row.body["view"] for row in rows if row.run == last and row.name == "view_pictures"}
+    before = {row.body["view"] for row in rows if row.run == decided["run"] and row.name == "view"}
+    assert before  # what the killed run had seen
+    assert before <= views  # stays seen
+    assert first_flaw(runs / "journal.sqlite") is None
+    assert load_run(runs, last).parts[0].verdict is not None

@@ -11,8 +11,10 @@ from .assembly import Batch, assemble
 from .dispatcher import WORKER_GONE, Dispatcher, Outcome
 from .order import Papers, RecoveryPolicy, RunOrder
 from .run import HOST, Outfit, RunResult, new_run_id, run_batch, who_and_what
+from .starting import GO_ON, find_proposal
 
 __all__ = [
+    "GO_ON",
     "HOST",
     "WORKER_GONE",
     "Batch",
@@ -26,6 +28,7 @@ __all__ = [
     "RunOrder",
     "RunResult",
     "assemble",
+    "find_proposal",
     "new_run_id",
     "run_batch",
     "who_and_what",

@@ -137,6 +137,7 @@ async def run_batch(
             order.folder,
             progress,
             show,
+            operator,
         )
         dispatcher = batch.dispatcher
         on_dispatcher(dispatcher)

@@ -88,6 +88,8 @@ async def find_proposal(
     known: Sequence[Held],
     began: rows.RunBegan,
     layout: CellLayout,
+    *,
+    has_recipe: bool = True,
 ) -> Proposal | str:
     """Return what may be done with the part, or why nothing can be proposed; nothing moves.
 
@@ -98,6 +100,7 @@ async def find_proposal(
     known : grippers that may hold a part, by the journals of all runs
     began : the first row of this run
     layout : for the preview of the first motion
+    has_recipe : this run has a recipe, which must be that of the part
 
     Raises
     ------
@@ -112,16 +115,16 @@ async def find_proposal(
     left = fold_interrupted(read_rows(journal.path, run), run, part)
     if left is None:
         return f"run {run} is in the journal of another folder of runs; start with that one"
-    if why := _why_not_here(left, began):
+    if why := _why_not_here(left, began, has_recipe=has_recipe):
         return why
     return propose(left, await read_world(devices, left), layout)
 
 
-def _why_not_here(left: Interrupted, began: rows.RunBegan) -> str:
+def _why_not_here(left: Interrupted, began: rows.RunBegan, *, has_recipe: bool) -> str:
     """Return why a part cannot go on in this run; empty if it can."""
     if not same_cell(left.began.cell, began.cell):
         return "the cell file has changed since: paths and grasps of that run mean nothing here"
-    if _part_digest(left.began) != _part_digest(began):
+    if has_recipe and _part_digest(left.began) != _part_digest(began):
         name = left.began.recipe.get("name", "")
         return f"it is the part of recipe {name}: start with that recipe"
     return ""

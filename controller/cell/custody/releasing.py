@@ -94,6 +94,21 @@ class ReleaseVisit:
         self._journal.write(rows.RunEnded(end="stopped"))
         self._journal.close()
 
+    @property
+    def devices(self) -> Devices:
+        """The arm, the fixed gripper and the I/O block, connected."""
+        return self._devices
+
+    @property
+    def journal(self) -> Journal:
+        """The cell's journal."""
+        return self._journal
+
+    @property
+    def began(self) -> rows.RunBegan:
+        """The first row of this visit."""
+        return self._began
+
     def _who_and_what(self, where: Mapping[str, dict[str, Any]]) -> rows.RunBegan:
         return rows.RunBegan(
             recipe={"name": "recover"},

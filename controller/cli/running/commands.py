@@ -143,18 +143,34 @@ def recover(
             "--open", help="gripper to open while you hold the part; the arm does not move"
         ),
     ] = None,
+    accept: Annotated[
+        bool,
+        typer.Option(
+            "--accept",
+            help="go on with the part as proposed, with the recipe of the interrupted run, until "
+            "it is in its tray",
+        ),
+    ] = False,
+    why: Annotated[
+        str, typer.Option("--why", metavar="TEXT", help="why you accept, for the journal")
+    ] = "",
     yes: Annotated[
         bool, typer.Option("--yes", help="state that you hold the part; do not ask")
     ] = False,
     runs: RunsOption = Path("runs"),
     json: JsonOption = False,
 ) -> None:
-    """Report what the grippers may hold after a crash; open one."""
+    """Report what the grippers may hold after a crash, and what may be done; do it, or open one."""
     from controller.cell.custody import GripperName
 
     from ..inputs.part_files import cell_of_this_folder
+    from .accepting import go_on_with_part
     from .release import recover_cell
 
+    if accept:
+        if open_ is not None:
+            raise typer.BadParameter("--accept and --open exclude each other")
+        raise typer.Exit(go_on_with_part(cell or cell_of_this_folder(), runs, why, as_json=json))
     gripper = None if open_ is None else GripperName[open_.name]
     code = recover_cell(
         cell or cell_of_this_folder(), runs, gripper, is_confirmed=yes, as_json=json

@@ -27,6 +27,7 @@ from controller.cell.compute.checking import check_plans, check_sizes
 from controller.cell.devices.clocks import FoundClock, find_clock
 from controller.cell.devices.emulator import emulated_cell, emulator_args, emulator_command
 from controller.cell.devices.lock import hold_cell, require_free_cell
+from controller.cell.operator import NOBODY, Operator
 from controller.config import Cell, ConfigError, load_cell, load_recipe
 from controller.results import ResultsError, load_run, write_html
 from controller.setup.drivers import require_drivers
@@ -63,6 +64,7 @@ class RunOptions:
     runs_dir : folder of all runs and of the journal
     is_part_removed : the operator states that no gripper holds a part
     is_recovery_automatic : a part that an earlier run left goes on where that is proven safe
+    operator : decides on that in advance, None for whoever is there
     papers : who runs it, and which parts
     as_json : print one JSON object a line instead of the live display
     """
@@ -82,6 +84,7 @@ class RunOptions:
     is_recovery_automatic: bool
     papers: Papers
     as_json: bool
+    operator: Operator | None = None
 
 
 def run_recipe(options: RunOptions) -> int:
@@ -142,7 +145,8 @@ def run_recipe(options: RunOptions) -> int:
                 papers=options.papers,
                 recovery=_recovery_policy(options),
             )
-            result = _run(order, pool, ends, as_json=as_json)
+            operator = options.operator or NOBODY
+            result = _run(order, pool, ends, operator, as_json=as_json)
         return _report(result, runs_dir, run_id, as_json=as_json)
 
 
@@ -150,6 +154,8 @@ def _recovery_policy(options: RunOptions) -> RecoveryPolicy:
     """Return what a start does with a part in a gripper: nobody answers without a terminal."""
     if options.is_recovery_automatic:
         return "auto"
+    if options.operator is not None:
+        return "ask"
     return "ask" if sys.stdin.isatty() else "refuse"
 
 
@@ -177,11 +183,13 @@ def _warn_of_emulation(emulated: Sequence[str], clock: FoundClock, speed: float,
         warn("MIXED: emulated devices beside real ones keep real time, however busy the machine is")
 
 
-def _run(order: RunOrder, pool: ProcessPoolExecutor, ends: Ends, *, as_json: bool) -> RunResult:
+def _run(
+    order: RunOrder, pool: ProcessPoolExecutor, ends: Ends, operator: Operator, *, as_json: bool
+) -> RunResult:
     """Run to the end, shown as it goes; a run that breaks off leaves a report all the same."""
     with display(as_json=as_json) as on_progress:
         try:
-            return asyncio.run(_drive(order, pool, ends, on_progress))
+            return asyncio.run(_drive(order, pool, ends, on_progress, operator))
         except BaseException as error:
             _report_if_any(order.runs_dir, order.run_id)
             if isinstance(error, asyncio.CancelledError):  # a second Ctrl-C
@@ -249,13 +257,14 @@ async def _drive(
     pool: ProcessPoolExecutor,
     ends: Ends,
     on_progress: Callable[[Progress], None],
+    operator: Operator,
 ) -> RunResult:
     with ExitStack() as stack:
 
         def on_dispatcher(dispatcher: Dispatcher) -> None:
             stack.enter_context(ends.stopping(dispatcher, order.emulated.get("pid")))
 
-        return await run_batch(order, pool, on_progress, on_dispatcher, warn)
+        return await run_batch(order, pool, on_progress, on_dispatcher, warn, operator=operator)
 
 
 def quiet_logs(*, verbose: bool) -> None:

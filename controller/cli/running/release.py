@@ -4,14 +4,17 @@ import asyncio
 import sys
 from pathlib import Path
 
+from controller.cell.batch import find_proposal
 from controller.cell.custody import GripperName
 from controller.cell.custody.openings import Occupancy
 from controller.cell.custody.releasing import ReleaseVisit, Standing
 from controller.cell.custody.start_check import known_words
 from controller.cell.devices.clocks import find_clock
 from controller.cell.devices.lock import hold_cell
-from controller.config import ConfigError, load_cell
+from controller.cell.recovery import Proposal
+from controller.config import Cell, ConfigError, load_cell
 from controller.setup.drivers import require_drivers
+from controller.setup.layout import build_layout
 
 from ..terminal.output import emit, print_line, warn
 
@@ -56,8 +59,9 @@ def recover_cell(
     async def visit() -> int:
         async with ReleaseVisit(cell, find_clock(cell, {}), runs_dir) as recovery:
             standing = await recovery.look()
+            found = await _proposal(recovery, standing, cell)
             if not as_json:
-                _report(standing)
+                _report(standing, found)
             custody = None
             if gripper is not None:
                 if not is_confirmed and not await asyncio.to_thread(_is_held_by_hand, gripper):
@@ -67,13 +71,27 @@ def recover_cell(
                 if not as_json:
                     print_line(f"The {gripper.value} is open. The part is {custody.value}.")
             if as_json:
-                emit(_json(standing, None if custody is None else custody.key))
+                emit(_json(standing, found, None if custody is None else custody.key))
         if custody is not None:
             return 0
         return 1 if _may_hold(standing) else 0
 
     with hold_cell(runs_dir, cell, "recover"):
         return asyncio.run(visit())
+
+
+async def _proposal(visit: ReleaseVisit, standing: Standing, cell: Cell) -> Proposal | str | None:
+    """Return what may be done with the part, why nothing can, or None where none is held."""
+    if not standing.known:
+        return None
+    return await find_proposal(
+        visit.devices,
+        visit.journal,
+        standing.known,
+        visit.began,
+        build_layout(cell),
+        has_recipe=False,
+    )
 
 
 def _may_hold(standing: Standing) -> set[GripperName]:
@@ -83,7 +101,7 @@ def _may_hold(standing: Standing) -> set[GripperName]:
     }
 
 
-def _report(standing: Standing) -> None:
+def _report(standing: Standing, found: Proposal | str | None) -> None:
     if standing.notice:
         warn(standing.notice)
     for one in standing.known:
@@ -96,11 +114,32 @@ def _report(standing: Standing) -> None:
     if not names:
         print_line("Nothing is held: `cellctl run` may start.")
         return
+    _report_proposal(found)
     for name in names:
         print_line(
             f"To open the {name} gripper while you hold the part: cellctl recover --open {name}"
         )
     print_line("To go on after the part is out: cellctl run RECIPE --part-removed")
+
+
+def _report_proposal(found: Proposal | str | None) -> None:
+    if found is None:
+        return
+    if isinstance(found, str):
+        print_line(f"The cell cannot go on with the part: {found}.")
+        return
+    for sentence in found.evidence:
+        print_line(f"evidence: {sentence}")
+    for sentence in found.intents:
+        print_line(f"cut off: {sentence}")
+    if found.person:
+        print_line(f"The cell cannot go on with the part: {found.person}.")
+        return
+    sure = "proven safe" if found.is_proven else "not proven safe: your decision"
+    print_line(f"The cell would go on with the part ({sure}):")
+    for number, step in enumerate(found.steps, 1):
+        print_line(f"  {number}. {step}")
+    print_line("To go on: cellctl recover --accept, or cellctl run RECIPE --auto-recover")
 
 
 def _is_held_by_hand(gripper: GripperName) -> bool:
@@ -111,7 +150,27 @@ def _is_held_by_hand(gripper: GripperName) -> bool:
     return sys.stdin.readline().strip() == "open"
 
 
-def _json(standing: Standing, custody: str | None) -> dict[str, object]:
+def _proposal_json(found: Proposal | str | None) -> dict[str, object] | None:
+    if found is None:
+        return None
+    if isinstance(found, str):
+        return {"person": found}
+    return {
+        "run": found.left.run,
+        "part": found.left.part,
+        "custody": found.case.now.key,
+        "evidence": list(found.evidence),
+        "intents": list(found.intents),
+        "steps": list(found.steps),
+        "first_motion": found.first_motion,
+        "is_proven": found.is_proven,
+        "person": found.person,
+    }
+
+
+def _json(
+    standing: Standing, found: Proposal | str | None, custody: str | None
+) -> dict[str, object]:
     return {
         "event": "recover",
         "known": [
@@ -130,5 +189,6 @@ def _json(standing: Standing, custody: str | None) -> dict[str, object]:
             for one in standing.openings
         ],
         "notice": standing.notice,
+        "proposal": _proposal_json(found),
         "custody": custody,
     }

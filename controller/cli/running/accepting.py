@@ -1,0 +1,136 @@
+"""`cellctl recover --accept`: the part of an interrupted run goes on with that run's recipe."""
+
+import getpass
+import hashlib
+import os
+import shutil
+import socket
+from dataclasses import dataclass
+from pathlib import Path
+
+from controller.cell.batch import GO_ON, Papers
+from controller.cell.custody import CellIdentity, Held, fold_custody
+from controller.cell.custody.known_journals import rows_of_all_journals
+from controller.cell.devices import resolve
+from controller.cell.devices.clocks import find_clock
+from controller.cell.journal import JOURNAL_NAME, is_of, read_rows, rows
+from controller.cell.operator import Answer, Question
+from controller.config import Cell, ConfigError, load_cell
+
+from .recipe_run import RunOptions, run_recipe
+
+INPUTS = "inputs"  # of a run: what it was started with
+
+
+@dataclass(frozen=True, slots=True)
+class AcceptingOperator:
+    """A person who has accepted on the command line what the cell proposes.
+
+    Attributes
+    ----------
+    why : as they state it
+    """
+
+    why: str
+
+    async def decide(self, question: Question) -> Answer | None:
+        """Return that the cell is to go on; None to every other question."""
+        if GO_ON not in {choice.key for choice in question.choices}:
+            return None
+        who = f"{getpass.getuser()} on {socket.gethostname()}, with --accept"
+        return Answer(GO_ON, who, self.why)
+
+
+def go_on_with_part(cell_path: Path, runs_dir: Path, why: str, *, as_json: bool) -> int:
+    """Bring the part of an interrupted run to its tray; return the exit code of that run.
+
+    Parameters
+    ----------
+    cell_path : cell file
+    runs_dir : folder of all runs
+    why : stated by whoever accepts
+    as_json : print one JSON object a line
+
+    Raises
+    ------
+    ConfigError : no part was left, or the interrupted run's recipe or part are gone
+    """
+    held = _left(load_cell(cell_path), runs_dir)
+    if not held or held[0].part is None:
+        raise ConfigError(
+            f"{runs_dir}: no run has left a part in a gripper of {cell_path}; nothing to go on with"
+        )
+    began = _began(runs_dir, held[0].run)
+    options = RunOptions(
+        recipe_path=_recipe_of(began, runs_dir / held[0].run),
+        cell_path=cell_path,
+        count=1,
+        speed=1.0,
+        seed=None,
+        lay=(),
+        empty=True,
+        pose=None,
+        at=None,
+        control=None,
+        runs_dir=runs_dir,
+        is_part_removed=False,
+        is_recovery_automatic=False,
+        papers=Papers(began.operator, began.lot, (), began.part_temperature_c),
+        as_json=as_json,
+        operator=AcceptingOperator(why),
+    )
+    return run_recipe(options)
+
+
+def _left(cell: Cell, runs_dir: Path) -> tuple[Held, ...]:
+    here = rows.RunBegan(
+        cell=cell.model_dump(mode="json", by_alias=True),
+        devices=resolve(cell, {}),
+        emulated_devices=tuple(cell.emulated_devices),
+        clock=_clock_of(cell),
+    )
+    journal = runs_dir / JOURNAL_NAME
+    if not journal.is_file():
+        return ()
+    return fold_custody(rows_of_all_journals(journal, here), CellIdentity.of(here))
+
+
+def _clock_of(cell: Cell) -> str | None:
+    path = find_clock(cell, {}).path
+    return None if path is None else str(path)
+
+
+def _began(runs_dir: Path, run: str) -> rows.RunBegan:
+    for row in read_rows(runs_dir / JOURNAL_NAME, run):
+        if is_of(row, rows.RunBegan):
+            return rows.RunBegan.model_validate(row.body)
+    raise ConfigError(f"run {run} is in the journal of another folder of runs: give it by --runs")
+
+
+def _recipe_of(began: rows.RunBegan, folder: Path) -> Path:
+    """Return the recipe file of a run, as it was: the file itself, or the run's own copy of it.
+
+    Raises
+    ------
+    ConfigError : neither is there as it was
+    """
+    recipe = Path(next(iter(began.files), ""))
+    part = Path(str(began.recipe.get("part", "")))
+    wanted = {path: began.files.get(str(path)) for path in (recipe, part)}
+    if all(_digest(path) == digest for path, digest in wanted.items()):
+        return recipe
+    stored = {recipe: folder / INPUTS / "recipe.yaml", part: folder / INPUTS / part.name}
+    if any(_digest(stored[path]) != digest for path, digest in wanted.items()):
+        raise ConfigError(f"{recipe}: it has changed since, and {folder / INPUTS} has no copy")
+    again = folder / INPUTS / "again"
+    for path in (recipe, part):
+        target = again / os.path.relpath(path, recipe.parent)
+        if again.resolve() not in target.resolve().parents:
+            raise ConfigError(f"{path}: it is not in the folder of {recipe}")
+        target.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(stored[path], target)
+    return again / recipe.name
+
+
+def _digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else ""
