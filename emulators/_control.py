@@ -7,10 +7,11 @@ JSON lines on a unix socket; each ``{"do": VERB, ...}`` is answered by one
 import asyncio
 import contextlib
 import json
-import os
+import socket
 from pathlib import Path
 
 from emulators.faults import Verbs
+from emulators.owned import bind_owned
 
 
 class ControlPort:
@@ -23,11 +24,13 @@ class ControlPort:
 
     async def start(self) -> None:
         """Listen."""
-        before = os.umask(0o177)  # the socket is born with its permissions, and no later
+        listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         try:
-            self._server = await asyncio.start_unix_server(self._serve, str(self._path))
-        finally:
-            os.umask(before)
+            bind_owned(listener, self._path)
+        except OSError:
+            listener.close()
+            raise
+        self._server = await asyncio.start_unix_server(self._serve, sock=listener)
 
     async def aclose(self) -> None:
         """Close the socket and delete it."""

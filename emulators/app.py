@@ -12,10 +12,8 @@ import json
 import logging
 import math
 import os
-import shutil
 import signal
 import sys
-import tempfile
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -27,6 +25,8 @@ from numpy.typing import NDArray
 from emulators._cell import Cell as Cell
 from emulators._cell import CellOptions
 from emulators._control import ControlPort
+from emulators.camera_v4l2 import unmount
+from emulators.owned import owned_folder
 from emulators.register import registered
 from emulators.world import LayoutError
 
@@ -154,8 +154,7 @@ async def serve(options: CellOptions, control: Path | None, ready: Any, stdin_en
     loop = asyncio.get_running_loop()
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, ended.set)
-    folder = Path(tempfile.mkdtemp(prefix="cellctl-cell-"))
-    try:
+    with owned_folder(unmount) as folder:
         async with contextlib.AsyncExitStack() as stack:
             cell = Cell(options, folder)
             stack.push_async_callback(cell.aclose)
@@ -180,8 +179,6 @@ async def serve(options: CellOptions, control: Path | None, ready: Any, stdin_en
             done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
             for task in done:
                 task.result()
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
 
 
 async def _cancel(tasks: Sequence[asyncio.Task[Any]]) -> None:

@@ -69,6 +69,12 @@ _LOOK_WALL_S: Final = 0.05
 WINDOW_S: Final = 0.05
 
 
+def clock_folder() -> Path:
+    """Return where clocks are kept: in memory, where that can be had."""
+    shm = Path("/dev/shm")  # nosec B108: the name in it is made by mkstemp
+    return shm if os.access(shm, os.W_OK) else Path(tempfile.gettempdir())
+
+
 class SharedClock(WorldClock):
     """The clock of an emulated cell, in a file that drivers map; `tick` moves it, `close` ends it.
 
@@ -83,9 +89,8 @@ class SharedClock(WorldClock):
 
     def __init__(self, speed: float = 1.0, folder: Path | None = None) -> None:
         super().__init__(speed)
-        shm = Path("/dev/shm")
-        folder = folder or (shm if os.access(shm, os.W_OK) else Path(tempfile.gettempdir()))
-        self._fd, name = tempfile.mkstemp(prefix=f"{CLOCK_PREFIX}{os.getpid()}-", dir=folder)
+        prefix = f"{CLOCK_PREFIX}{os.getpid()}-"
+        self._fd, name = tempfile.mkstemp(prefix=prefix, dir=folder or clock_folder())
         self.path = Path(name)
         os.ftruncate(self._fd, _FILE_BYTES)
         self._map = mmap.mmap(self._fd, _FILE_BYTES)

@@ -12,7 +12,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from emulators.clock import CLOCK_PREFIX, is_kept
+from emulators.clock import CLOCK_PREFIX, clock_folder, is_kept
 
 log = logging.getLogger(__name__)
 
@@ -68,6 +68,12 @@ def _sweep(folder: Path) -> None:
                 if clock.name.startswith(CLOCK_PREFIX):  # no entry can take another file away
                     clock.unlink(missing_ok=True)
                 entry.unlink(missing_ok=True)
+    for clock in clock_folder().glob(f"{CLOCK_PREFIX}*"):
+        with suppress(OSError, ValueError):
+            pid = int(clock.name.removeprefix(CLOCK_PREFIX).partition("-")[0])
+            is_ours = clock.lstat().st_uid == os.getuid()
+            if is_ours and not Path(f"/proc/{pid}").exists() and not is_kept(clock):
+                clock.unlink(missing_ok=True)  # of one that was killed before it was registered
 
 
 def _write(entry: Path, text: str) -> bool:

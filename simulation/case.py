@@ -144,7 +144,7 @@ def run_case(case: Case, folder: Path | None = None) -> Ended:
 
 def _memory() -> Path | None:
     """Return a folder in memory, where there is one: the journal syncs often."""
-    shm = Path("/dev/shm")
+    shm = Path("/dev/shm")  # nosec B108: the folder in it is made by mkdtemp
     return shm if shm.is_dir() else None
 
 

@@ -9,7 +9,7 @@ from ._pattern import ClockPattern, read_clock_pattern
 from .device import Clock, Faults, PictureSource, V4l2Device
 from .kernel import DEFAULT_CONTROLS, CameraConfig, ControlSpec, Kind, Picture, PixelFormat
 from .server import CameraServer
-from .wires import FuseMount, SocketCamera, can_mount
+from .wires import FuseMount, SocketCamera, can_mount, unmount
 
 __all__ = [
     "DEFAULT_CONTROLS",
@@ -28,4 +28,5 @@ __all__ = [
     "V4l2Device",
     "can_mount",
     "read_clock_pattern",
+    "unmount",
 ]

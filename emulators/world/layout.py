@@ -13,10 +13,13 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 from ruamel.yaml import YAML
+from ruamel.yaml.events import AliasEvent, CollectionEndEvent, CollectionStartEvent
 
 Array = NDArray[np.float64]
 
 MM_PER_M: Final = 1000.0
+_TEXT_BYTES_MAX: Final = 1_000_000
+_DEPTH_MAX: Final = 20
 RING_WIDTH_MM: Final = 8.0  # of a ring's light, unless the cell file says otherwise
 SPOT_DIAMETER_MM: Final = 40.0
 
@@ -188,7 +191,7 @@ def read_layout(path: Path) -> Layout:
     LayoutError : the file cannot be read, or an entry is missing or of the wrong kind
     """
     try:
-        raw = YAML(typ="safe", pure=True).load(path.read_text(encoding="utf-8"))
+        raw = _load(path)
     except OSError as error:
         raise LayoutError(f"{path}: {error.strerror}") from error
     except Exception as error:
@@ -206,6 +209,27 @@ def read_layout(path: Path) -> Layout:
         raise LayoutError(f"{path}: entry {error} is missing") from error
     except (TypeError, ValueError) as error:
         raise LayoutError(f"{path}: {error}") from error
+
+
+def _load(path: Path) -> Any:  # noqa: ANN401  (of a file)
+    """Return what a YAML file holds; a small text must not unfold into gigabytes.
+
+    Raises
+    ------
+    ValueError : it is larger or nested deeper than any cell file, or has aliases
+    """
+    with path.open("rb") as file:
+        data = file.read(_TEXT_BYTES_MAX + 1)
+    if len(data) > _TEXT_BYTES_MAX:
+        raise ValueError(f"more than {_TEXT_BYTES_MAX} bytes")
+    text, depth = data.decode("utf-8"), 0
+    for event in YAML(typ="safe", pure=True).parse(text):
+        if isinstance(event, AliasEvent):
+            raise ValueError("aliases are not read")
+        depth += isinstance(event, CollectionStartEvent) - isinstance(event, CollectionEndEvent)
+        if depth > _DEPTH_MAX:
+            raise ValueError(f"nested deeper than {_DEPTH_MAX}")
+    return YAML(typ="safe", pure=True).load(text)
 
 
 def _layout(raw: dict[str, Any]) -> Layout:

@@ -18,7 +18,7 @@ def as_trace(name: str) -> list[WireExchange]:
 
 async def test_the_driver_exchanges_the_worked_sessions_byte_for_byte() -> None:
     before = open_fds()
-    found = await run_sessions()
+    found = await run_sessions(line="socket")
     assert open_fds() == before
     assert [one.name for one in found] == list(SESSIONS)
     unexplained = {

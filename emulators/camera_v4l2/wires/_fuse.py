@@ -267,10 +267,11 @@ class FuseMount:
         )  # fmt: skip
 
     def _attr(self, node: _Node | None) -> bytes:
-        node_id, size, mode = _ROOT, 0, 0o40755
+        node_id, size, mode = _ROOT, 0, 0o40700
         if node is not None:
-            node_id, size, mode = node.node_id, _NODE_BYTES, 0o100666
-        return wire.ATTR.pack(node_id, size, 0, 0, 0, 0, 0, 0, 0, mode, 1, 0, 0, 0, 4096, 0)
+            node_id, size, mode = node.node_id, _NODE_BYTES, 0o100600
+        owner = os.getuid(), os.getgid()
+        return wire.ATTR.pack(node_id, size, 0, 0, 0, 0, 0, 0, 0, mode, 1, *owner, 0, 4096, 0)
 
     def _lookup(self, body: bytes) -> bytes:
         node = self._names.get(os.fsdecode(body.rstrip(b"\0")))

@@ -79,13 +79,14 @@ class Notice(IntEnum):
 
 
 def mount(device_fd: int, directory: Path) -> None:
-    """Mount an open `/dev/fuse` on a directory.
+    """Mount an open `/dev/fuse` on a directory, for this user alone.
 
     Raises
     ------
     OSError : the kernel refused, with EPERM without the right to mount
     """
-    options = f"fd={device_fd},rootmode=40000,user_id=0,group_id=0,allow_other".encode()
+    owner = f"user_id={os.getuid()},group_id={os.getgid()}"
+    options = f"fd={device_fd},rootmode=40700,{owner}".encode()
     target = os.fsencode(directory)
     if _LIBC.mount(b"v4l2cam", target, b"fuse.v4l2cam", _MS_NOSUID_NODEV, options):
         number = ctypes.get_errno()

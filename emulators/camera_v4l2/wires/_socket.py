@@ -16,6 +16,8 @@ from pathlib import Path
 from struct import Struct
 from typing import Final
 
+from emulators.owned import bind_owned
+
 from ..device import V4l2Device
 from ..kernel import BUFFERS_MAX, SLOT_BYTES, Refused, abi
 from ..kernel.abi import Poll
@@ -52,9 +54,9 @@ class SocketCamera:
         self._acceptor = threading.Thread(target=self._accept, name=str(path), daemon=True)
 
     def open(self) -> None:
-        """Listen; a socket file that a predecessor left there is replaced."""
+        """Listen, for this user alone; a socket that a predecessor left there is replaced."""
         self.path.unlink(missing_ok=True)
-        self._listener.bind(str(self.path))
+        bind_owned(self._listener, self.path)
         self._listener.listen()
         self._memory_fd = os.memfd_create(self.path.name, os.MFD_CLOEXEC)
         os.ftruncate(self._memory_fd, BUFFERS_MAX * SLOT_BYTES)

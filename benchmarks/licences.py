@@ -1,0 +1,159 @@
+"""Licences of all that cellctl needs, from the metadata of what is installed.
+
+``python benchmarks/licences.py > docs/licences.md``: every package that the program, its extra
+`step` and its tests need, directly or through another, with its licence and who needs it. A licence
+that is not allowed is an error; `tests/unit/test_licences.py` holds the page against what is
+installed.
+"""
+
+import sys
+from collections.abc import Iterator
+from importlib.metadata import Distribution, PackageNotFoundError, distribution, distributions
+
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+
+PROJECT = "cellctl"
+EXTRAS = ("step", "test")
+ALLOWED = frozenset(
+    {
+        *("0BSD", "Apache-2.0", "BSD-2-Clause", "BSD-3-Clause", "CC0-1.0", "ISC", "MIT"),
+        *("MPL-2.0", "PSF-2.0", "Zlib"),
+    }
+)
+# as the classifiers of PyPI and older metadata have it
+SPDX = {
+    "Apache 2.0": "Apache-2.0",
+    "Apache Software License": "Apache-2.0",
+    "BSD": "BSD-3-Clause",
+    "BSD License": "BSD-3-Clause",
+    "BSD 2-Clause License": "BSD-2-Clause",
+    "ISC License (ISCL)": "ISC",
+    "MIT License": "MIT",
+    "Mozilla Public License 2.0 (MPL 2.0)": "MPL-2.0",
+    "PSFL": "PSF-2.0",
+    "Python Software Foundation License": "PSF-2.0",
+    "zlib": "Zlib",
+    "zlib/libpng License": "Zlib",
+}
+# metadata that names none; read in the package's own licence file
+READ = {"embreex": "BSD-2-Clause", "atheris": "Apache-2.0", "manifold3d": "Apache-2.0"}
+BUNDLED = {
+    "cadquery-ocp-novtk": "OpenCASCADE, LGPL-2.1-only WITH OCCT-exception-1.0",
+    "opencv-python-headless": "FFmpeg, LGPL-2.1-or-later, as a library of its own",
+}
+
+
+def licence_of(package: Distribution) -> str:
+    """Return the SPDX expression of an installed package's licence.
+
+    Raises
+    ------
+    ValueError : its metadata names none that is known here
+    """
+    meta = package.metadata
+    name = canonicalize_name(meta["Name"])
+    if expression := meta.get("License-Expression"):
+        return str(expression)
+    if name in READ:
+        return READ[name]
+    stated = [
+        one.split("::")[-1].strip()
+        for one in meta.get_all("Classifier", [])
+        if one.startswith("License ::")
+    ]
+    lines = (meta.get("License") or "").strip().splitlines()
+    for text in (*lines[:1], *stated):
+        if text in ALLOWED:
+            return text
+        if text in SPDX:
+            return SPDX[text]
+    raise ValueError(f"{name}: no licence is known of `{lines[:1]}`, {stated}")
+
+
+def is_allowed(expression: str) -> bool:
+    """Return whether all of an expression's licences are allowed; of an OR, one is enough."""
+    text = expression.replace("(", " ").replace(")", " ")
+    return all(
+        any(word.strip() in ALLOWED for word in either.split(" OR "))
+        for either in text.split(" AND ")
+    )
+
+
+def needed(extras: tuple[str, ...] = EXTRAS) -> dict[str, set[str]]:
+    """Return every package that the project needs, and by whom each is needed."""
+    found: dict[str, set[str]] = {}
+    open_ends = [(PROJECT, frozenset(extras))]
+    seen: set[tuple[str, frozenset[str]]] = set()
+    while open_ends:
+        name, wanted = open_ends.pop()
+        if (name, wanted) in seen:
+            continue
+        seen.add((name, wanted))
+        for one in _requirements(name, wanted):
+            child = canonicalize_name(one.name)
+            if child != PROJECT:
+                found.setdefault(child, set()).add(name)
+            open_ends.append((child, frozenset(one.extras)))
+    return found
+
+
+def _requirements(name: str, extras: frozenset[str]) -> Iterator[Requirement]:
+    try:
+        texts = distribution(name).requires or []
+    except PackageNotFoundError:
+        return
+    for text in texts:
+        one = Requirement(text)
+        if one.marker is None or any(
+            one.marker.evaluate({"extra": extra}) for extra in (*extras, "")
+        ):
+            yield one
+
+
+def page() -> str:
+    """Return docs/licences.md.
+
+    Raises
+    ------
+    ValueError : a licence is unknown, or not allowed
+    """
+    lines = [
+        "# Licences of what cellctl needs",
+        "",
+        "cellctl itself is under Apache-2.0. Made by `python benchmarks/licences.py` from the",
+        "metadata of what is installed; a test holds it against that, and every licence against",
+        "those allowed: " + ", ".join(sorted(ALLOWED)) + ". Tools that only",
+        "developers install are checked, too, where they are installed.",
+        "",
+        "| package | licence | needed by | holds as well |",
+        "|---|---|---|---|",
+    ]
+    for name, parents in sorted(needed().items()):
+        try:
+            licence = licence_of(distribution(name))
+        except PackageNotFoundError:
+            continue  # of another platform
+        if not is_allowed(licence):
+            raise ValueError(f"{name}: {licence} is not allowed")
+        by = ", ".join(sorted(parents))
+        lines.append(f"| {name} | {licence} | {by} | {BUNDLED.get(name, '')} |")
+    return "\n".join(lines) + "\n"
+
+
+def not_allowed() -> dict[str, str]:
+    """Return the packages of this environment whose licence is unknown or not allowed."""
+    wrong: dict[str, str] = {}
+    for package in distributions():
+        try:
+            licence = licence_of(package)
+        except ValueError as error:
+            wrong[package.metadata["Name"]] = str(error)
+            continue
+        if not is_allowed(licence):
+            wrong[package.metadata["Name"]] = licence
+    return wrong
+
+
+if __name__ == "__main__":
+    sys.stdout.write(page())
