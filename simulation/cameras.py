@@ -58,7 +58,7 @@ class TruthCamera:
         self._last: TruthFrame | None = None
         self.is_paused = False
         self.model = "no camera: truth with noise"
-        self.shape = (SIZE_PX, SIZE_PX)
+        self.shape = SIZE_PX[::-1]
 
     async def connect(self) -> None:
         """Open it.

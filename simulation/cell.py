@@ -261,6 +261,8 @@ class Controller:
         return self._order.run_id
 
     def _utc(self) -> datetime:
+        if not self.process.is_alive:
+            raise OSError("the controller was killed")  # its journal takes no row without a date
         self.row_count += 1  # the date is asked for once a row
         return BEGAN + timedelta(seconds=self.cell.loop.time())
 

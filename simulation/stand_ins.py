@@ -37,7 +37,7 @@ SEEN_COS: Final = float(np.cos(np.radians(75.0)))  # as flat as inspection compa
 SLIPPED_MM, SLIPPED_RAD = 4.0, 0.12  # inspection's own limits (`inspecting.InspectionLimits`)
 FOUND_MM, FOUND_RAD = 16.0, 0.55  # as far as the search for a slipped part goes
 MEASURED_MM, MEASURED_RAD = 0.15, 0.002  # how well a view measures the pose in the gripper
-SIZE_PX: Final = 64
+SIZE_PX: Final = (1280, 1024)  # of both cameras: stored pictures are checked against it
 
 
 def stamped_picture(T_world_part: Array | None, custody: str, *, is_dark: bool = False) -> Grey:
@@ -51,7 +51,7 @@ def stamped_picture(T_world_part: Array | None, custody: str, *, is_dark: bool =
     """
     T = np.eye(4) if T_world_part is None else T_world_part
     numbers = np.concatenate([T.ravel(), [float(HOLDERS.index(custody)), float(is_dark)]])
-    image = np.full((SIZE_PX, SIZE_PX), 0 if is_dark else 255, np.uint8)
+    image = np.full(SIZE_PX[::-1], 0 if is_dark else 255, np.uint8)
     image.ravel()[:HEADER_BYTES] = np.frombuffer(numbers.tobytes(), np.uint8)
     return image
 

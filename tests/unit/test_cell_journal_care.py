@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import os
 import random
 import shutil
@@ -22,6 +23,7 @@ from controller.cell.journal import (
     first_flaw,
     open_cell_journal,
     read_rows,
+    rows,
 )
 from controller.config import load_cell
 
@@ -98,6 +100,41 @@ def test_a_whole_journal_is_continued(path: Path) -> None:
 
 def test_a_journal_that_has_not_begun_is_whole(tmp_path: Path) -> None:
     assert first_flaw(tmp_path / "journal.sqlite") is None
+
+
+@pytest.mark.parametrize("content", ["no byte", "no row"])
+def test_a_journal_that_was_cut_off_before_its_first_row_is_whole(
+    tmp_path: Path, content: str
+) -> None:
+    path = tmp_path / "journal.sqlite"
+    if content == "no byte":
+        path.touch()
+    else:
+        Journal(path, "killed").close()
+    assert first_flaw(path) is None
+    opened = open_cell_journal(path, "run-2")
+    assert opened.notice == ""
+    assert opened.journal.record("event", "run_began") == 1
+    opened.journal.close()
+
+
+async def test_the_head_may_be_missing_until_a_row_is_secured(tmp_path: Path) -> None:
+    path = tmp_path / "journal.sqlite"
+    journal = Journal(path, "killed")
+    journal.write(rows.PathBegun(effect_class=rows.EffectClass.ABSOLUTE, waypoints=()))
+    assert first_flaw(path) is None
+    await journal.write_secured(rows.CustodyChanged(name="in_arm"))
+    assert first_flaw(path) is None
+    head(path).unlink()
+    assert first_flaw(path) == "its head is missing"
+    journal.close()
+
+
+def test_that_a_journal_was_set_aside_is_on_the_disk(path: Path) -> None:
+    path.write_bytes(b"")
+    opened = open_cell_journal(path, "run-2")
+    assert json.loads(head(path).read_text())["seq"] == 1
+    opened.journal.close()
 
 
 @pytest.mark.parametrize("what", DAMAGE)

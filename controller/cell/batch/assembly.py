@@ -131,7 +131,7 @@ def assemble(
     budgets = Budgets(faults.demote_after, faults.window)
     record = BatchRecord(journal, progress, on_progress, budgets)
     gate = Gate(Permits(journal), clock)
-    motion = Motion(arm, io, clock, gate, layout, record.note)
+    motion = Motion(arm, io, clock, gate, layout, record.note, record.note_secured)
     steps = PlanSteps(record, motion, clock, gate)
     policy = fault_policy(faults)
     retries = Retries(record, policy, clock)

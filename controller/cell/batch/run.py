@@ -108,7 +108,8 @@ async def run_batch(
     try:
         where = resolve(order.cell, order.emulated.get("devices", {}))
         began = who_and_what(order, where)
-        journal.write(began)
+        # on the disk, so that a power cut leaves a journal with a beginning and a head
+        await journal.write_secured(began)
         journal.write(rows.FilesStored(await asyncio.to_thread(_keep_inputs, order)))
         known, left = await asyncio.to_thread(_left_by_runs, journal, began)
         for notice in left:

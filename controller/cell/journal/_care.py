@@ -15,7 +15,7 @@ from ._head import SUFFIX, Head, HeadError, read_head
 from ._migrations import MIGRATIONS
 from ._reader import first_broken_row
 from ._writer import Journal, last_row, require_known_version
-from .rows import JournalSetAside
+from .rows import JournalSetAside, Once
 from .stamps import HOST_STAMPS, Stamps
 
 _COLUMNS: Final = (
@@ -59,7 +59,8 @@ def open_cell_journal(path: Path, run: str, stamps: Stamps = HOST_STAMPS) -> Cel
     except OSError as error:
         raise JournalError(f"journal {path}: {error}; nothing moves without it") from error
     journal = Journal(path, run, stamps)
-    journal.write(JournalSetAside(why=flaw, file=kept.name))
+    # lost in a power cut, it would leave a new journal that knows of no part
+    journal.write_synced(JournalSetAside(why=flaw, file=kept.name))
     notice = (
         f"The journal {path} cannot be trusted: {flaw}. It is kept as {kept.name}, and a new one "
         "begins. What it knew of parts in the grippers is unknown now."
@@ -70,8 +71,9 @@ def open_cell_journal(path: Path, run: str, stamps: Stamps = HOST_STAMPS) -> Cel
 def first_flaw(path: Path) -> str | None:
     """Return what is wrong with a journal that was damaged, cut, emptied or changed; None if whole.
 
-    A journal that has not begun is whole. Rows cut off the end are noticed up to the row that the
-    head names; a loss of later rows, written after the last secured row, may go unnoticed.
+    A journal that has not begun is whole, and so is one without rows that no head names. Rows cut
+    off the end are noticed up to the row that the head names; a loss of later rows, written after
+    the last secured row, may go unnoticed.
 
     Raises
     ------
@@ -89,7 +91,7 @@ def first_flaw(path: Path) -> str | None:
             f"journal {path}: is not a file; nothing moves without one. Move it away"
         )
     if path.stat().st_size == 0:
-        return "the file is empty"
+        return None if head is None else "the file is empty"
     try:
         return _flaw_inside(path, head)
     except sqlite3.Error as error:
@@ -119,7 +121,7 @@ def _flaw_inside(path: Path, head: Head | None) -> str | None:
             return f"the file is damaged ({state.splitlines()[-1]})"
         last = last_row(db)
         if last is None:
-            return "it has no row"
+            return None if head is None else "it has no row"
         try:
             broken = first_broken_row(path)
         except JournalError as error:
@@ -134,8 +136,11 @@ def _flaw_inside(path: Path, head: Head | None) -> str | None:
 def _flaw_at_the_end(db: sqlite3.Connection, head: Head | None, last: Head) -> str | None:
     if head is None:
         (version,) = db.execute("PRAGMA user_version").fetchone()
+        names = ", ".join("?" for _ in Once)
         (secured,) = db.execute(
-            "SELECT EXISTS (SELECT 1 FROM journal WHERE kind IN ('custody', 'intent'))"
+            "SELECT EXISTS (SELECT 1 FROM journal WHERE kind = 'custody' OR "
+            f"(kind = 'intent' AND name IN ({names})))",
+            tuple(Once),
         ).fetchone()
         # a journal without a version was written before there were heads
         return "its head is missing" if version and secured else None

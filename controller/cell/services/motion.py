@@ -6,7 +6,7 @@ between two waypoints. Afterwards it goes on to the same waypoint: that is free 
 stopped between them.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Awaitable, Callable, Iterable
 from functools import partial
 
 import numpy as np
@@ -53,6 +53,7 @@ class Motion:
     gate : holds a pause, and requires the permit to move
     layout : has the arm's kinematics and timing, to preview a motion
     note : takes the rows of the journal
+    secure : takes a row and returns once it is on the disk
     """
 
     def __init__(
@@ -63,6 +64,7 @@ class Motion:
         gate: Gate,
         layout: CellLayout,
         note: Callable[[Body], object] = lambda row: None,
+        secure: Callable[[Body], Awaitable[object]] | None = None,
     ) -> None:
         self._arm = arm
         self._io = io
@@ -70,6 +72,7 @@ class Motion:
         self._gate = gate
         self._layout = layout
         self._note = note
+        self._secure = secure
         # waypoints since the arm last stood free of everything: moving back along them is free too
         self._trail: list[FloatArray] = []
 
@@ -129,7 +132,7 @@ class Motion:
         DeviceError : the arm does not get there
         """
         check_interlocks(self._io)
-        self._note(PathBegun(effect_class=EffectClass.ABSOLUTE, waypoints=rounded(path)))
+        await self._begin(path)
         self._forecast(path)
         for number, q in enumerate(path):
             self._trail.append(q)
@@ -161,6 +164,14 @@ class Motion:
             self._trail[-1] = q
             left_mm = round(float(np.linalg.norm(left)), 1)
             self._note(TouchedDown(left_mm=left_mm, error=str(error)))
+
+    async def _begin(self, path: Iterable[FloatArray], *, is_back: bool = False) -> None:
+        """Journal a path before its first byte: a start after a power cut finds the arm on it."""
+        row = PathBegun(effect_class=EffectClass.ABSOLUTE, waypoints=rounded(path), is_back=is_back)
+        if self._secure is None:
+            self._note(row)
+        else:
+            await self._secure(row)
 
     def mark_free(self) -> None:
         """Mark that the arm stands free of everything: moving back ends here from now on."""
@@ -198,9 +209,7 @@ class Motion:
         path = [self._trail[-2 - i] for i in range(count)]
         del self._trail[-count:]
         check_interlocks(self._io)
-        self._note(
-            PathBegun(effect_class=EffectClass.ABSOLUTE, waypoints=rounded(path), is_back=True)
-        )
+        await self._begin(path, is_back=True)
         self._forecast(tuple(path))
         for number, q in enumerate(path):
             await self._move(q, first_speed if number == 0 else 1.0)

@@ -128,6 +128,10 @@ class BatchRecord:
         """Write a row on the part at hand."""
         self._journal.write(row, self.part.number)
 
+    async def note_secured(self, row: Body) -> None:
+        """Write a row on the part at hand; on the disk when this returns."""
+        await self._journal.write_secured(row, self.part.number)
+
     def note_file(self, file: str, digest: str) -> None:
         """Write a row on a file of the run's folder, with the SHA-256 of what was written."""
         self.note(rows.FilesStored({file: digest}))
