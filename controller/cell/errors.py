@@ -8,7 +8,16 @@ class CellError(Exception):
 
 
 class InterlockError(CellError):
-    """An interlock is not healthy: emergency stop, door or supply."""
+    """An interlock rule does not hold: emergency stop, door, supply, or one of the cell file.
+
+    Attributes
+    ----------
+    code : of the rule's alarm
+    """
+
+    def __init__(self, message: str, code: str = "interlock") -> None:
+        super().__init__(message)
+        self.code = code
 
 
 class NoPermitError(CellError):

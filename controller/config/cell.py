@@ -13,6 +13,7 @@ from controller.arrays import FloatArray
 from .errors import ConfigError
 from .faults import FaultsSection
 from .file_kinds import is_recipe
+from .interlock_rules import InterlockRules
 from .yaml_models import Section, WrongKeyError, load_yaml
 
 Number = Annotated[float, Field(ge=-50_000, le=50_000)]  # no cell is 50 m wide
@@ -518,6 +519,7 @@ class Cell(Section):
     chute: ChuteSection | None = None
     trays: TraysSection
     interlocks: InterlocksSection = InterlocksSection()
+    interlock_rules: InterlockRules = Field(default_factory=dict)
     accuracy: AccuracySection = AccuracySection()
     faults: FaultsSection = FaultsSection()
     detection: DetectionSection = DetectionSection()

@@ -27,9 +27,11 @@ from controller.cell.machine import Effect, Event, PartFault
 from controller.cell.services import (
     Disambiguation,
     Gate,
+    Interlocks,
     Motion,
     Permits,
     Recoveries,
+    Retries,
     fault_policy,
 )
 from controller.cell.services.records import BatchRecord, grasp_of
@@ -111,7 +113,18 @@ def motion_of(arm: Any, inputs: Any = None, note: Any = lambda row: None) -> Mot
     clock = CellClock(1000.0)
     permits = Permits(ANY(write=lambda row: None))
     permits.issue("start")
-    return Motion(arm, inputs or io(), clock, Gate(permits, clock), LAYOUT, note)
+    interlocks = interlocks_of(inputs or io(), clock)
+    return Motion(arm, interlocks, clock, Gate(permits, clock), LAYOUT, note)
+
+
+def interlocks_of(inputs: Any, clock: CellClock) -> Interlocks:
+    async def status() -> Any:
+        return ANY(opening_mm=85.0, is_moving=False, has_contact=False)
+
+    fixed: Any = ANY(status=status, max_opening_mm=85.0)
+    record: Any = ANY()
+    retries = Retries(record, fault_policy(FaultsSection()), clock)
+    return Interlocks(inputs, fixed, LAYOUT, lambda: Custody.ON_TABLE, retries)
 
 
 async def test_the_way_back_is_the_way_in_backwards_as_far_as_the_arm_stood_free() -> None:
@@ -240,7 +253,7 @@ async def test_a_part_goes_into_the_tray_its_verdict_names(
     part.verdict = PartVerdict(verdict, ("because",), (), 1.0, ())
     steps: Any = ANY(begin=lambda step: 0.0, end=lambda *_, **__: None)
     gripper: Any = Gripper(record)
-    assert await PlaceAction(steps, motion_of(arm), gripper, record, ANY()).run() is Event.PLACED
+    assert await PlaceAction(steps, motion_of(arm), gripper, record).run() is Event.PLACED
     assert (part.tray, part.custody) == (tray, Custody.PLACED)
     assert arm.been == [trays[tray], 0]
     # it is looked at before it is let go, not after

@@ -12,7 +12,7 @@ from controller.cell.alarms import ALARMS, BY_CODE, Severity, alarm_of, code_of,
 from controller.cell.alarms.catalogue import class_code
 from controller.cell.alarms.page import page
 from controller.cell.batch import Outcome
-from controller.cell.devices.interlocks import REQUIRED_SIGNALS
+from controller.cell.devices.interlocks import BUILT_IN_RULES
 from controller.cell.errors import PartFaultError, PartProblemError, PolicyAbortError
 from controller.cell.machine import PartFault
 from drivers.errors import ArmStalledError, ReplyTimeoutError
@@ -85,8 +85,8 @@ def literal_codes() -> set[str]:
 
 
 def raised() -> set[str]:
-    signals = {name.removesuffix("_ok") for name in REQUIRED_SIGNALS}
-    return error_codes() | literal_codes() | {fault.value for fault in PartFault} | signals
+    rules = {rule.code for rule in BUILT_IN_RULES}
+    return error_codes() | literal_codes() | {fault.value for fault in PartFault} | rules
 
 
 def test_every_code_that_is_raised_has_an_alarm() -> None:

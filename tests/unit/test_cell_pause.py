@@ -85,7 +85,11 @@ class Bench:
         self.signal = Signal.OK
         io: Any = ANY(signal=lambda name: self.signal)
         self.gate = Gate(Permits(self.journal), clock)
-        self.motion = Motion(self.arm, io, clock, self.gate, LAYOUT)  # type: ignore[arg-type]
+
+        async def admit(path: object) -> None: ...
+
+        interlocks: Any = ANY(admit_path=admit)
+        self.motion = Motion(self.arm, interlocks, clock, self.gate, LAYOUT)  # type: ignore[arg-type]
         self.record = BatchRecord(self.journal, Progress(), lambda: None)
         self.checks: list[str] = []
         self.is_held = True

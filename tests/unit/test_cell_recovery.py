@@ -218,7 +218,10 @@ class PaperFixture:
         return Hold.HELD if self.cell.has in ("fixture", "both") else Hold.LOST
 
     async def status(self) -> Any:
-        return SimpleNamespace(opening_mm=self.cell.fixture_mm)
+        has_contact = self.cell.has in ("fixture", "both")
+        return SimpleNamespace(
+            opening_mm=self.cell.fixture_mm, has_contact=has_contact, is_moving=False
+        )
 
     async def open_to(self, opening_mm: float) -> None:
         if self.cell.has == "fixture":

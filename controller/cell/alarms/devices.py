@@ -34,6 +34,12 @@ DEVICES: Final = (
         "do what the message names; check cable and power of the I/O block",
     ),
     Alarm(
+        205, "hand_off_blocked", _ABORT, _FIXED,
+        "the arm was to come near the fixed gripper, which holds something that is not the part",
+        "what the fixed gripper holds",
+        "look what it holds; take it out with `cellctl recover --open fixed`",
+    ),
+    Alarm(
         210, "release_refused", _ABORT, "both grippers",
         "a gripper was to open that alone is known to hold the part",
         "whether the other gripper has the part",

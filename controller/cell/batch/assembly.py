@@ -38,6 +38,7 @@ from ..actions import (
 from ..compute import Compute
 from ..devices import Devices
 from ..devices.in_use import counted
+from ..devices.interlocks import rules_of
 from ..devices.stopping import Stopping
 from ..journal import Journal
 from ..machine import Budgets, Effect
@@ -49,6 +50,7 @@ from ..services import (
     Grippers,
     HeldPose,
     Imaging,
+    Interlocks,
     Motion,
     PartFile,
     Permits,
@@ -131,11 +133,13 @@ def assemble(
     budgets = Budgets(faults.demote_after, faults.window)
     record = BatchRecord(journal, progress, on_progress, budgets)
     gate = Gate(Permits(journal), clock)
-    motion = Motion(arm, io, clock, gate, layout, record.note, record.note_secured)
-    steps = PlanSteps(record, motion, clock, gate)
     policy = fault_policy(faults)
     retries = Retries(record, policy, clock)
-    grippers = Grippers(arm, gripper, io, record, recipe, gate, retries)
+    rules = rules_of(cell.interlock_rules)
+    interlocks = Interlocks(io, gripper, layout, lambda: record.part.custody, retries, rules)
+    motion = Motion(arm, interlocks, clock, gate, layout, record.note, record.note_secured)
+    steps = PlanSteps(record, motion, clock, gate)
+    grippers = Grippers(arm, gripper, io, record, recipe, gate, interlocks, retries)
     imaging = Imaging(lights, cameras, quick, folder, record.note_file, retries)
     recoveries = Recoveries(record, policy, clock)
     views = Views(record, compute, layout)
@@ -171,9 +175,9 @@ def assemble(
             PartFile(cell, layout, recipe, folder),
         ),
         Effect.HAND_OFF: HandOffAction(steps, motion, grippers, record, layout),
-        Effect.SET_DOWN: SetDownAction(steps, motion, grippers, record, layout),
+        Effect.SET_DOWN: SetDownAction(steps, motion, grippers, record),
         Effect.WITHDRAW: WithdrawAction(compute, motion, grippers, recoveries, record),
-        Effect.PLACE: PlaceAction(steps, motion, grippers, record, layout),
+        Effect.PLACE: PlaceAction(steps, motion, grippers, record),
         Effect.COMPLETE: CompleteAction(record, imaging),
         Effect.HOLD: HoldAction(stopping, views),
         Effect.CONSULT: ConsultAction(operator, record),
@@ -185,7 +189,7 @@ def assemble(
     }
     actions = Actions(by_effect, recoveries)
     watchers = (
-        InterlockWatcher(io),
+        InterlockWatcher(io, interlocks),
         FixedGripperWatcher(gripper, grippers, recoveries, record, clock),
         DiskWatcher(folder, clock),
         ArmWatcher(arm, arm_in_use, cell.detection.arm_beat_s, clock),

@@ -8,13 +8,13 @@ from typing import Protocol
 
 from drivers.clock import CellClock
 from drivers.errors import DeviceError
-from drivers.kinds import FixedGripper, Hold, IoBlock, Signal
+from drivers.kinds import FixedGripper, Hold, IoBlock
 
 from ..custody import Custody
-from ..devices.interlocks import REQUIRED_SIGNALS
+from ..devices.interlocks import Truth
 from ..errors import PartProblemError, PolicyAbortError
 from ..machine import Event
-from ..services import Grippers, Recoveries
+from ..services import Grippers, Interlocks, Recoveries
 from ..services.records import BatchRecord
 
 LOSS_POLL_S = 0.5
@@ -41,20 +41,28 @@ class Watcher(Protocol):
 
 
 class InterlockWatcher:
-    """Turns an interlock that is not healthy into a fault, at once."""
+    """Turns an interlock rule that holds no more into a fault, at once.
 
-    def __init__(self, io: IoBlock) -> None:
+    Parameters
+    ----------
+    io : reports changes of its signals
+    interlocks : the rules
+    """
+
+    def __init__(self, io: IoBlock, interlocks: Interlocks) -> None:
         self._io = io
+        self._interlocks = interlocks
 
     async def run(self, report: Report) -> None:
         """Watch until cancelled."""
         with self._io.watch() as changes:
             async for change in changes:
-                if change.name in REQUIRED_SIGNALS and change.signal is not Signal.OK:
-                    advice = REQUIRED_SIGNALS[change.name]
-                    if change.signal is Signal.UNKNOWN:
-                        advice = "the I/O block gives no fresh reading; check its cable and power"
-                    report(Event.FAULT, f"{change.name}: {advice}", change.name.removesuffix("_ok"))
+                # a change may be over again by now, and stops the cell all the same
+                violation = self._interlocks.violation(
+                    {change.name: Truth.of_signal(change.signal)}
+                )
+                if violation is not None:
+                    report(Event.FAULT, violation.message, violation.rule.code)
 
 
 class DiskWatcher:

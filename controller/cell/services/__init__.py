@@ -7,6 +7,7 @@ what comes next; actions and the table do.
 from .gate import Gate, NextMotion, Permit, Permits
 from .grippers import Grippers
 from .imaging import CameraName, Imaging
+from .interlocks import Interlocks
 from .motion import Motion
 from .preparation import Preparation
 from .recoveries import Recoveries, fault_policy, faults_section
@@ -23,6 +24,7 @@ __all__ = [
     "Grippers",
     "HeldPose",
     "Imaging",
+    "Interlocks",
     "Motion",
     "NextMotion",
     "PartFile",

@@ -5,7 +5,7 @@ release, never within one.
 """
 
 from collections.abc import AsyncIterator
-from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from contextlib import asynccontextmanager
 
 from controller.cell.custody import Custody
 from controller.cell.custody.release_guard import LOST_MM, NOTHING_MM, ReleaseGuard
@@ -17,6 +17,7 @@ from controller.planning import JointPath
 from drivers.kinds import Arm, FixedGripper, GraspReading, Hold, IoBlock
 
 from .gate import Gate, NextMotion
+from .interlocks import Interlocks
 from .motion import rounded
 from .records import BatchRecord
 from .retries import Retries
@@ -31,6 +32,7 @@ class Grippers:
     record : has the custody of the part
     recipe : has the force, and the tolerance of an opening
     gate : holds a pause, and requires the permit to move
+    interlocks : admit each motion of jaws
     retries : what is done about a reading that does not come
     """
 
@@ -42,9 +44,11 @@ class Grippers:
         record: BatchRecord,
         recipe: Recipe,
         gate: Gate,
+        interlocks: Interlocks,
         retries: Retries,
     ) -> None:
         self._gate = gate
+        self._interlocks = interlocks
         self._retries = retries
         self._arm = arm
         self._fixed = fixed
@@ -262,11 +266,14 @@ class Grippers:
         """Whether the light barrier of the fixed gripper sees something between its jaws."""
         return self._guard.is_something_in_fixed
 
-    def _moving(self, words: str) -> AbstractAsyncContextManager[None]:
+    @asynccontextmanager
+    async def _moving(self, words: str) -> AsyncIterator[None]:
         async def preview() -> NextMotion:
             return NextMotion(words)
 
-        return self._gate.moving(preview, is_arm=False)
+        async with self._gate.moving(preview, is_arm=False):
+            self._interlocks.admit_jaws()
+            yield
 
     @asynccontextmanager
     async def _once(self, intent: Intent, words: str) -> AsyncIterator[None]:

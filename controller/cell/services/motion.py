@@ -12,7 +12,6 @@ from functools import partial
 import numpy as np
 
 from controller.arrays import FloatArray
-from controller.cell.devices.interlocks import check_interlocks
 from controller.cell.journal import Body
 from controller.cell.journal.rows import EffectClass, Joints, PathBegun, StoodFree, TouchedDown
 from controller.cell.machine import SafePoint
@@ -22,9 +21,10 @@ from controller.planning.model import CellLayout
 from controller.planning.motion import move_seconds, segment_seconds, tcp_pose
 from drivers.clock import CellClock
 from drivers.errors import ArmStalledError, MotionStoppedError
-from drivers.kinds import Arm, IoBlock
+from drivers.kinds import Arm
 
 from .gate import Gate, NextMotion
+from .interlocks import Interlocks
 
 # How long the arm vibrates after it stops.
 RINGING_S = 0.3
@@ -48,7 +48,7 @@ class Motion:
     Parameters
     ----------
     arm : the device
-    io : where the interlocks are read, before each path
+    interlocks : admit each path
     clock : of the cell
     gate : holds a pause, and requires the permit to move
     layout : has the arm's kinematics and timing, to preview a motion
@@ -59,7 +59,7 @@ class Motion:
     def __init__(
         self,
         arm: Arm,
-        io: IoBlock,
+        interlocks: Interlocks,
         clock: CellClock,
         gate: Gate,
         layout: CellLayout,
@@ -67,7 +67,7 @@ class Motion:
         secure: Callable[[Body], Awaitable[object]] | None = None,
     ) -> None:
         self._arm = arm
-        self._io = io
+        self._interlocks = interlocks
         self._clock = clock
         self._gate = gate
         self._layout = layout
@@ -127,30 +127,25 @@ class Motion:
 
         Raises
         ------
-        InterlockError : a safety copy is not healthy
+        InterlockError : an interlock rule does not hold
         NoPermitError : nothing may move
         DeviceError : the arm does not get there
         """
-        check_interlocks(self._io)
+        await self._interlocks.admit_path(path)
         await self._begin(path)
         self._forecast(path)
         for number, q in enumerate(path):
             self._trail.append(q)
             await self._move(q, first_speed if number == 0 else 1.0)
 
-    async def lower(self, path: JointPath, layout: CellLayout) -> None:
+    async def lower(self, path: JointPath) -> None:
         """Lower the part along a joint path, each waypoint (6,); end early where it touches down.
 
         A part that has slipped in the jaws hangs lower than planned and meets tray or table first.
 
-        Parameters
-        ----------
-        path : to where the part is to be let go
-        layout : gives the height that is left
-
         Raises
         ------
-        InterlockError : a safety copy is not healthy
+        InterlockError : an interlock rule does not hold
         ArmStalledError : it met something further above than a part slips
         DeviceError : the arm does not get there
         """
@@ -158,7 +153,7 @@ class Motion:
             await self.follow(path)
         except ArmStalledError as error:
             q = await self._arm.read_q()
-            left = tcp_pose(layout, path[-1])[:3, 3] - tcp_pose(layout, q)[:3, 3]
+            left = tcp_pose(self._layout, path[-1])[:3, 3] - tcp_pose(self._layout, q)[:3, 3]
             if np.linalg.norm(left) > TOUCH_MM:
                 raise
             self._trail[-1] = q
@@ -202,13 +197,13 @@ class Motion:
 
         Raises
         ------
-        InterlockError : a safety copy is not healthy
+        InterlockError : an interlock rule does not hold
         NoPermitError : nothing may move
         DeviceError : the arm does not get there
         """
         path = [self._trail[-2 - i] for i in range(count)]
         del self._trail[-count:]
-        check_interlocks(self._io)
+        await self._interlocks.admit_path(tuple(path))
         await self._begin(path, is_back=True)
         self._forecast(tuple(path))
         for number, q in enumerate(path):

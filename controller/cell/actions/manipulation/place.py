@@ -8,7 +8,6 @@ from controller.cell.machine import Event, SafePoint
 from controller.cell.services import Grippers, Motion, PlanSteps
 from controller.cell.services.records import BatchRecord
 from controller.inspection import Verdict
-from controller.planning.model import CellLayout
 
 TRAYS = {Verdict.PASS: "accept", Verdict.FAIL: "reject"}
 # The tray of every other verdict.
@@ -22,14 +21,12 @@ class PlaceAction:
     Attributes
     ----------
     steps, motion, grippers, record : services
-    layout : of the cell
     """
 
     steps: PlanSteps
     motion: Motion
     grippers: Grippers
     record: BatchRecord
-    layout: CellLayout
 
     async def run(self) -> Event:
         """Move over the tray, release, park the arm; return ``PLACED``.
@@ -50,7 +47,7 @@ class PlaceAction:
         await self.motion.follow(step.motion)
         await self.grippers.press_and_require_hold()
         self.motion.reach(SafePoint.BEFORE_PLACING)
-        await self.motion.lower(step.motion_down, self.layout)
+        await self.motion.lower(step.motion_down)
         await self.grippers.press_and_require_hold()
         intent = Intent(name=Once.SORT, tray=tray)
         await self.grippers.let_go(intent, step.open_mm, step.motion_up)

@@ -8,7 +8,6 @@ from controller.cell.machine import Event, SafePoint
 from controller.cell.services import Grippers, Motion, PlanSteps
 from controller.cell.services.records import BatchRecord
 from controller.planning import SetDown
-from controller.planning.model import CellLayout
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -18,14 +17,12 @@ class SetDownAction:
     Attributes
     ----------
     steps, motion, grippers, record : services
-    layout : of the cell
     """
 
     steps: PlanSteps
     motion: Motion
     grippers: Grippers
     record: BatchRecord
-    layout: CellLayout
 
     async def run(self) -> Event:
         """Move to the table, release, rise; return ``SET_DOWN``.
@@ -40,7 +37,7 @@ class SetDownAction:
         await self.motion.follow(step.motion)
         await self.grippers.press_and_require_hold()
         self.motion.reach(SafePoint.BEFORE_SETTING_DOWN)
-        await self.motion.lower(step.motion_down, self.layout)
+        await self.motion.lower(step.motion_down)
         await self.grippers.press_and_require_hold()
         intent = Intent(name=Once.SET_DOWN, pose_index=step.pose_index)
         await self.grippers.let_go(intent, step.open_mm, step.motion_up)

@@ -3,20 +3,18 @@
 The emergency stop itself is hard-wired. The checks here can only stop the work early.
 """
 
+from collections.abc import Sequence
 from contextlib import suppress
+from typing import Final
 
 from drivers.clock import CellClock
 from drivers.kinds import IoBlock, Signal
 
-from ..errors import InterlockError
+from ...errors import InterlockError
+from .logic import Truth
+from .rules import BUILT_IN_RULES, REQUIRED_SIGNALS, Check, Facts, Rule, first_violation
 
-GUARD = "guard_closed"
-REQUIRED_SIGNALS = {
-    "estop_ok": "the emergency stop is pressed, or its chain is open; release and reset it",
-    GUARD: "the door is open; close it",
-    "supply_ok": "the 24 V supply is missing; check the fuse",
-}
-FIRST_READINGS_S = 1.0  # time in which an input is read twice [cell s]
+FIRST_READINGS_S: Final = 1.0  # time in which an input is read twice [cell s]
 
 
 async def settled_signal(io: IoBlock, name: str, clock: CellClock) -> Signal:
@@ -35,12 +33,15 @@ async def settled_signal(io: IoBlock, name: str, clock: CellClock) -> Signal:
     return io.signal(name)
 
 
-def check_interlocks(io: IoBlock, *, is_person_inside: bool = False) -> None:
-    """Check that every safety copy is known to be healthy.
+def check_interlocks(
+    io: IoBlock, rules: Sequence[Rule] = BUILT_IN_RULES, *, is_person_inside: bool = False
+) -> None:
+    """Check that every safety copy is known to be healthy, where nothing moves yet.
 
     Parameters
     ----------
     io : the I/O block that reads the safety copies
+    rules : of the cell
     is_person_inside : a person holds the part by hand, so the door may be open
 
     Raises
@@ -48,14 +49,12 @@ def check_interlocks(io: IoBlock, *, is_person_inside: bool = False) -> None:
     InterlockError : a safety copy is not healthy, or has no fresh reading; the message names it
         and says what to do
     """
-    for name, advice in REQUIRED_SIGNALS.items():
-        if is_person_inside and name == GUARD:
-            continue
-        signal = io.signal(name)
-        if signal is Signal.NOT_OK:
-            raise InterlockError(f"{name}: {advice}")
-        if signal is Signal.UNKNOWN:
-            raise InterlockError(
-                f"{name}: the I/O block has no fresh reading, which counts as not healthy; "
-                "check its cable and power"
-            )
+    facts: Facts = {
+        **{name: Truth.of_signal(io.signal(name)) for name in REQUIRED_SIGNALS},
+        "always": Truth.TRUE,
+        "moves_arm": Truth.FALSE,
+        "person_inside": Truth.of(is_person_inside),
+    }
+    violation = first_violation(rules, Check.RECOVER if is_person_inside else Check.DURING, facts)
+    if violation is not None:
+        raise InterlockError(violation.message, violation.rule.code)

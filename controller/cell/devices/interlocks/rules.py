@@ -1,0 +1,152 @@
+"""The interlock rules: what every cell requires, what its file adds, and the first one violated."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Final
+
+from controller.config.conditions import Condition, read_condition
+from controller.config.interlock_rules import FACTS, InterlockRuleSection
+
+from .logic import Truth, truth_of
+
+Facts = Mapping[str, Truth]
+GUARD: Final = "guard_closed"
+
+
+class Check(StrEnum):
+    """When a rule is checked."""
+
+    ADMIT = "admit"
+    """Before a motion of the arm or of jaws."""
+    DURING = "during"
+    """While anything may move."""
+    RECOVER = "recover"
+    """Before a gripper is opened for a person who holds the part."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rule:
+    """While `when` is true, or may be, `require` must be true.
+
+    Attributes
+    ----------
+    name : for messages
+    when, require : conditions over the facts
+    checks : when it is checked
+    admits_unknown : a requirement that is neither known to be true nor false is let pass
+    words : what happened, and what to do
+    code : of its alarm
+    """
+
+    name: str
+    when: Condition
+    require: Condition
+    checks: frozenset[Check]
+    words: str
+    code: str
+    admits_unknown: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Violation:
+    """A rule that does not hold.
+
+    Attributes
+    ----------
+    rule : which
+    value : of its requirement: false, or unknown
+    unknown : facts of the requirement that are not known
+    """
+
+    rule: Rule
+    value: Truth
+    unknown: tuple[str, ...]
+
+    @property
+    def message(self) -> str:
+        """What happened, and what to do, for the operator."""
+        name = next(iter(sorted(self.rule.require.names())), self.rule.name)
+        if self.value is Truth.FALSE:
+            return f"{name if name in REQUIRED_SIGNALS else self.rule.name}: {self.rule.words}"
+        missing = " and ".join(self.unknown)
+        return (
+            f"{missing}: the I/O block has no fresh reading, which counts as not healthy; "
+            "check its cable and power"
+        )
+
+
+def _rule(
+    name: str, require: str, words: str, *, when: str = "always", checks: Iterable[Check] = Check
+) -> Rule:
+    return Rule(
+        name=name,
+        when=read_condition(when, FACTS),
+        require=read_condition(require, FACTS),
+        checks=frozenset(checks),
+        words=words,
+        code=name,
+    )
+
+
+BUILT_IN_RULES: Final = (
+    _rule(
+        "estop",
+        "estop_ok",
+        "the emergency stop is pressed, or its chain is open; release and reset it",
+    ),
+    _rule("guard_closed", GUARD, "the door is open; close it", when="!person_inside"),
+    _rule("supply", "supply_ok", "the 24 V supply is missing; check the fuse"),
+    _rule(
+        "hand_off_blocked",
+        "fixed_gripper_free | custody_in_fixed | custody_in_both | custody_lost",
+        "the fixed gripper stands on something that is not the part; look what it holds",
+        when="moves_arm & near_hand_off",
+        checks=(Check.ADMIT,),
+    ),
+)
+# What to do about each safety copy that every motion requires.
+REQUIRED_SIGNALS: Final[Mapping[str, str]] = {
+    name: rule.words
+    for rule in BUILT_IN_RULES
+    if Check.DURING in rule.checks
+    for name in rule.require.names()
+}
+
+
+def rules_of(sections: Mapping[str, InterlockRuleSection]) -> tuple[Rule, ...]:
+    """Return the rules of a cell: those that every cell has, then those of its file."""
+    own = (
+        Rule(
+            name=name,
+            when=read_condition(section.when, FACTS),
+            require=read_condition(section.require, FACTS),
+            checks=frozenset(map(Check, section.check)),
+            words=section.words,
+            code="interlock",
+            admits_unknown=section.on_unknown == "admit",
+        )
+        for name, section in sections.items()
+    )
+    return (*BUILT_IN_RULES, *own)
+
+
+def first_violation(rules: Iterable[Rule], check: Check, facts: Facts) -> Violation | None:
+    """Return the first rule that does not hold; None if all do.
+
+    Parameters
+    ----------
+    rules : of the cell
+    check : which of them are checked now
+    facts : what is known; a fact that is not given is unknown
+    """
+    for rule in rules:
+        if check not in rule.checks or truth_of(rule.when, facts) is Truth.FALSE:
+            continue
+        value = truth_of(rule.require, facts)
+        if value is Truth.TRUE or (value is Truth.UNKNOWN and rule.admits_unknown):
+            continue
+        names = sorted(rule.require.names())
+        unknown = tuple(n for n in names if facts.get(n, Truth.UNKNOWN) is Truth.UNKNOWN)
+        return Violation(rule, value, unknown)
+    return None
