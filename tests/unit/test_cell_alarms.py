@@ -70,7 +70,8 @@ def literal_codes() -> set[str]:
             if isinstance(node, ast.Call):
                 name = ast.unparse(node.func).rpartition(".")[2]
                 at = CODE_AT.get(name)
-                given = [k.value for k in node.keywords if k.arg == "code"]
+                # a question has a code of its own: it is no alarm
+                given = [k.value for k in node.keywords if k.arg == "code" and name != "Question"]
                 if at is not None and len(node.args) > at:
                     given.append(node.args[at])
                 found |= {str(ast.literal_eval(one)) for one in given if is_code(one)}

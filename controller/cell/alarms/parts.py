@@ -121,6 +121,12 @@ PARTS: Final = (
         "look at both grippers, take the part out, then answer once more",
     ),
     Alarm(
+        422, "recovery_contradicted", _HOLD, "both grippers",
+        "going on with a part that was left, a gripper that should hold it does not",
+        "which gripper has the part",
+        "look at both grippers; take the part out with `cellctl recover`",
+    ),
+    Alarm(
         420, "part_may_be_held", _REFUSED, "both grippers",
         "a gripper holds a part, or may hold one, that an earlier run left",
         "whether and how the gripper named holds it",

@@ -4,15 +4,14 @@ An action gets its services in its constructor and uses their public names only.
 what comes next; actions and the table do.
 """
 
+from .faults import Recoveries, Retries, fault_policy, faults_section
 from .gate import Gate, NextMotion, Permit, Permits
 from .grippers import Grippers
 from .imaging import CameraName, Imaging
 from .interlocks import Interlocks
 from .motion import Motion
 from .preparation import Preparation
-from .recoveries import Recoveries, fault_policy, faults_section
 from .resuming import Resumption, hold_of, verdict_of
-from .retries import Retries
 from .steps import PlanSteps
 from .views import INPUTS, Disambiguation, HeldPose, PartFile, StoredViews, Views, plain_name
 

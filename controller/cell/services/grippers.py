@@ -16,11 +16,11 @@ from controller.config import Recipe
 from controller.planning import JointPath
 from drivers.kinds import Arm, FixedGripper, GraspReading, Hold, IoBlock
 
+from .faults import Retries
 from .gate import Gate, NextMotion
 from .interlocks import Interlocks
 from .motion import rounded
 from .records import BatchRecord
-from .retries import Retries
 
 
 class Grippers:

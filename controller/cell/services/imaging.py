@@ -14,7 +14,7 @@ from controller.arrays import Grey
 from drivers.errors import LinkError
 from drivers.kinds import Camera, Frame, LampUnit
 
-from .retries import Retries
+from .faults import Retries
 
 log = logging.getLogger(__name__)
 

@@ -22,7 +22,7 @@ from controller.planning.model import CellLayout
 from controller.planning.motion import tcp_pose
 from drivers.kinds import FixedGripper, IoBlock
 
-from .retries import Retries
+from .faults import Retries
 
 # A TCP this near to the fixed gripper's may bring part, jaws or fingers between its jaws.
 NEAR_MM: Final = 250.0

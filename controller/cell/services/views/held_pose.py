@@ -15,9 +15,9 @@ from controller.planning import shown_pose
 from controller.planning.model import CellLayout
 from controller.planning.motion import tcp_pose
 
+from ..faults import Recoveries
 from ..imaging import Imaging
 from ..motion import Motion
-from ..recoveries import Recoveries
 from .holder import holder_boxes
 from .views import Views
 

@@ -20,7 +20,7 @@ from controller.cell.machine import (
 from controller.config import Cell, FaultsSection, Recipe
 from drivers.clock import CellClock
 
-from .records import BatchRecord
+from ..records import BatchRecord
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,7 @@ from controller.cell.machine import Act, FaultPolicy, next_rung
 from drivers.clock import CellClock
 from drivers.errors import DeviceError, FaultError, LinkError, RefusedError
 
-from .records import BatchRecord
+from ..records import BatchRecord
 
 Answer = TypeVar("Answer")
 DeviceClass = Literal["camera", "lights", "gripper"]
