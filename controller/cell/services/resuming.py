@@ -54,7 +54,7 @@ class Resumption:
         return Event.START if self.accepted is None else Event.RECOVER
 
     async def take_over(self) -> Proposal:
-        """Take the part over, journal it, judge its views again; return the proposal. Nothing moves.
+        """Take the part over, journal it, judge its views again; return what was proposed.
 
         Raises
         ------
