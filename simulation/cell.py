@@ -48,6 +48,8 @@ TAKES_S: Final = {  # cell time that the worker takes for a question, from and t
     "inspect": (0.5, 3.0),
     "judge": (0.5, 3.0),
 }
+# Reading the inputs is a third of all that a simulated cell does; half as often will do here.
+TIMING: Final = "\ntiming: {io_poll_s: 0.08, io_stale_s: 0.4}\n"
 BEGAN: Final = datetime(2030, 1, 1, tzinfo=UTC)  # of every simulation, so that rows repeat
 PLACES: Final = ((360.0, 0.0, 0.5), (330.0, 40.0, -1.0), (390.0, -45.0, 2.2))  # x, y [mm], theta
 
@@ -150,7 +152,7 @@ class SimulatedCell:
         for name, address in where.items():
             head, _, rest = text.partition(f"  {name}:")
             text = f"{head}  {name}:{rest.replace('address: emulated', f'address: {address}', 1)}"
-        return text
+        return text + TIMING
 
     # --- the world ------------------------------------------------------------------------------
 

@@ -54,13 +54,13 @@ class SimulatedProcess:
         self.name = name
         self.is_alive = True
         self.step_count = 0
-        self.tasks: dict[int, asyncio.Task[Any]] = {}
 
 
 class _Task(asyncio.Task[Result]):
     """A task with a number, by which the ready ones are put in order before they are shuffled."""
 
     number: int
+    owner: SimulatedProcess | None
 
 
 class SimulatedLoop(asyncio.BaseEventLoop):
@@ -85,7 +85,7 @@ class SimulatedLoop(asyncio.BaseEventLoop):
         self._now_s = START_S
         self._rng = random.Random(f"loop {seed}")
         self._task_count = 0
-        self._dead: list[SimulatedProcess] = []
+        self._killed: list[asyncio.Task[Any]] = []
         self.step_count = 0
         self.after_step: Callable[[SimulatedProcess | None], None] | None = None
         self.ports = Ports(self, random.Random(f"wires {seed}"))
@@ -110,7 +110,8 @@ class SimulatedLoop(asyncio.BaseEventLoop):
     def kill(self, process: SimulatedProcess) -> None:
         """End a process where it stands; its ends of all wires are cut."""
         process.is_alive = False
-        self._dead.append(process)
+        # held, or the garbage collector would run the `finally` of what is killed
+        self._killed += [t for t in asyncio.all_tasks(self) if getattr(t, "owner", None) is process]
         self.ports.cut(process)
 
     def owner(self) -> SimulatedProcess | None:
@@ -125,12 +126,9 @@ class SimulatedLoop(asyncio.BaseEventLoop):
     ) -> asyncio.Task[Result]:
         task: _Task[Result] = _Task(work, loop=loop, context=context)
         self._task_count += 1
-        number = task.number = self._task_count
+        task.number = self._task_count
         owner = _owner.get() if context is None else context.get(_owner)
-        if owner is not None:
-            # held, or the garbage collector would run the `finally` of a killed process
-            owner.tasks[number] = task
-            task.add_done_callback(lambda _: owner.tasks.pop(number, None))
+        task.owner = owner
         return task
 
     def _keep_error(self, loop: asyncio.AbstractEventLoop, what: dict[str, Any]) -> None:
@@ -253,21 +251,17 @@ class SimulatedLoop(asyncio.BaseEventLoop):
 
         Their `finally` blocks run now, on wires that are cut, and can do nothing.
         """
-        killed = [task for process in self._dead for task in process.tasks.values()]
         hook, sys.unraisablehook = sys.unraisablehook, lambda _: None
         level = logging.root.manager.disable
         logging.disable(logging.CRITICAL)
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
-                for task in {*asyncio.all_tasks(self), *killed}:
+                for task in {*asyncio.all_tasks(self), *self._killed}:
                     _close(task)
-                for process in self._dead:
-                    process.tasks.clear()
-                self._dead.clear()
                 self._ready.clear()
                 self._scheduled.clear()
-                killed.clear()
+                self._killed.clear()
                 gc.collect()
         finally:
             logging.disable(level)

@@ -325,7 +325,6 @@ class ArmTransport:
             raise UnpluggedError("arm: the line is closed")
         if not self._buffer:
             if timeout_wall_s <= 0:
-                await asyncio.sleep(0)  # as the real line, which lets the loop deliver first
                 return self._taken()
             try:
                 async with asyncio.timeout(timeout_wall_s):
