@@ -6,7 +6,6 @@ inspected as a recipe says, `lines.py` turns what came out into JSON. Nothing he
 
 from .judging import Judging, compiled_part, judge_views, read_pictures
 from .lines import in_unit, json_lines, lines_digest
-from .pictures import read_grey
 from .view_set import build_pose, build_view_set, grasp_numbers, repeated_sets
 
 __all__ = [
@@ -19,7 +18,6 @@ __all__ = [
     "json_lines",
     "judge_views",
     "lines_digest",
-    "read_grey",
     "read_pictures",
     "repeated_sets",
 ]

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from controller.arrays import Grey
@@ -19,7 +20,6 @@ from controller.config.view_set import unpacked
 from controller.inspection import ViewResult
 from controller.planning import shown_pose
 from controller.planning.model import CellLayout
-from controller.stored import read_grey
 
 from .holder import holder_boxes
 
@@ -74,9 +74,8 @@ class StoredViews:
             part = self.record.part
             part.files[row.view] = row.pictures
             part.planned[row.view] = unpacked(row.planned, row.sample_count)
-            camera = self.layout.inspection if row.hold is not None else self.layout.overhead
             pictures = {
-                lamp: await asyncio.to_thread(read_grey, self.folder / file, camera.size_px)
+                lamp: await asyncio.to_thread(_read, self.folder / file)
                 for lamp, file in row.pictures.items()
             }
             shown = self._held(taken, left, holds, pictures)
@@ -159,6 +158,14 @@ class StoredViews:
             T_part_tcp=None,
             task=asyncio.ensure_future(counted()),
         )
+
+
+def _read(path: Path) -> Grey:
+    """Return a picture that this program wrote; its digest has been checked."""
+    image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    if image is None:
+        raise OSError(0, "was written as a picture and cannot be read as one", str(path))
+    return np.asarray(image, dtype=np.uint8)
 
 
 def _copy(source: Path, target: Path, files: tuple[str, ...]) -> dict[str, str]:
