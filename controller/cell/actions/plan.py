@@ -22,7 +22,7 @@ from controller.planning import (
     Start,
 )
 
-from ..services import HeldPose, Motion, Preparation, Views
+from ..services import HeldPose, Motion, Preparation, Views, park_interrupted
 from ..services.records import BatchRecord, merged, plan_row
 
 log = logging.getLogger(__name__)
@@ -66,7 +66,14 @@ class PlanAction:
             await self.preparation.wait()
             plan = await self._plan(start)
         except NoPlanError as error:
-            return self._keep_plan(error, start, before)
+            if not part.interrupted or part.parked is not None or before is not None:
+                return self._keep_plan(error, start, before)
+            # nothing was planned from here before, so there is no plan to go on with
+            park_interrupted(self.record, f"from where it left the part: {error}")
+            try:
+                plan = await self._plan(start)
+            except NoPlanError as none:
+                return self._keep_plan(none, start, before)
         is_more = (
             part.parked is None
             and part.recoveries

@@ -13,7 +13,7 @@ from controller.cell.recovery import FIRST_SPEED, Leaves, Opens, Proposal, arm_o
 from controller.planning.model import CellLayout
 from drivers.kinds import FixedGripper
 
-from ..services import Grippers, Motion, Resumption, hold_of, verdict_of
+from ..services import Grippers, Motion, Resumption, hold_of, park_interrupted, verdict_of
 from ..services.records import BatchRecord
 
 # The fixed gripper stands wide open when it is within this of its widest opening.
@@ -134,6 +134,9 @@ class RecoverAction:
 
     async def _go_on(self, proposal: Proposal) -> Event:
         part, left = self.record.part, proposal.left
+        is_held = proposal.custody in (Custody.IN_ARM, Custody.IN_FIXED)
+        if is_held and left.is_ambiguous and part.parked is None:
+            park_interrupted(self.record, "no view had decided yet which part or pose it is")
         match proposal.custody:
             case Custody.IN_ARM:
                 await self.grippers.press_and_require_hold()

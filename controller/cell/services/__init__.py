@@ -11,7 +11,7 @@ from .imaging import CameraName, Imaging
 from .interlocks import Interlocks
 from .motion import Motion
 from .preparation import Preparation
-from .resuming import Resumption, hold_of, verdict_of
+from .resuming import Resumption, hold_of, park_interrupted, verdict_of
 from .steps import PlanSteps
 from .views import INPUTS, Disambiguation, HeldPose, PartFile, StoredViews, Views, plain_name
 
@@ -39,6 +39,7 @@ __all__ = [
     "fault_policy",
     "faults_section",
     "hold_of",
+    "park_interrupted",
     "plain_name",
     "verdict_of",
 ]

@@ -10,7 +10,7 @@ import numpy as np
 
 from controller.cell.custody import Custody
 from controller.cell.journal import rows
-from controller.cell.machine import Act, Event, PartFault, Recovery
+from controller.cell.machine import PARKING, Act, Event, PartFault, Recovery
 from controller.cell.recovery import Interrupted, Proposal
 from controller.inspection import PartVerdict, Verdict
 from controller.recognition import Alternative, Sighting
@@ -95,6 +95,26 @@ class Resumption:
         await record.set_custody(left.custody, detail)
         if left.intent is not None:
             await record.repeat_intent(left.intent)
+
+
+def park_interrupted(record: BatchRecord, reason: str) -> None:
+    """Send a part that can no longer be inspected to the quarantine tray, INDETERMINATE."""
+    part = record.part
+    why = f"run {part.interrupted} was interrupted while it had the part; {reason}"
+    part.parked = Recovery(PartFault.SEEN_TOO_LITTLE, why, Act.PARK)
+    part.recoveries.append(part.parked)
+    _, words = PARKING
+    record.note(
+        rows.RecoveryBegun(
+            fault=part.parked.fault.value,
+            reason=why,
+            action=words,
+            number=len(part.recoveries),
+            custody=part.custody.key,
+            act=Act.PARK.value,
+        )
+    )
+    record.show(f"{why}; {words}", remaining_s=None)
 
 
 def _part(left: Interrupted) -> PartRecord:

@@ -51,18 +51,24 @@ def judged_part(
     return JudgedPart(header, fold.report(is_cut_off=False), folder)
 
 
+def _serial(record: RunRecord, part: PartReport) -> str:
+    if part.resumed is not None:
+        return part.resumed.serial
+    index = part.number - 1
+    return record.serials[index] if index < len(record.serials) else ""
+
+
 def _header(record: RunRecord, part: PartReport) -> Header:
     recipe, cell = record.recipe, record.cell
     cad = str(recipe.get("part", ""))
     files = list(record.files.items())
     # in the order in which a run begins: recipe, cell, part, other parts
     at = dict(zip(("recipe", "cell"), files, strict=False))
-    index = part.number - 1
     return Header(
         part=record.recipe_name,
         number=part.number,
-        serial=record.serials[index] if index < len(record.serials) else "",
-        lot=record.lot,
+        serial=_serial(record, part),
+        lot=record.lot if part.resumed is None else part.resumed.lot,
         operator=record.operator,
         recipe=Path(at["recipe"][0]).name if "recipe" in at else record.recipe_name,
         recipe_sha256=at["recipe"][1] if "recipe" in at else "",

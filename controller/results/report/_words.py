@@ -83,6 +83,11 @@ def cautions(record: RunRecord) -> list[str]:
         number = f" (alarm {alarm_of(record.outcome.code).number})" if record.outcome.code else ""
         found.append(_sentence(f"{message}{number}"))
     for part in record.parts:
+        if part.resumed is not None:
+            found.append(
+                f"Part {part.number} was taken over from run {part.resumed.run}, which was "
+                "interrupted; its views are judged again from their pictures"
+            )
         if part.unconfirmed:
             found.append(f"Part {part.number}: {part.unconfirmed}")
         found += [f"Part {part.number}: {message}." for message in part.grasps_missed]

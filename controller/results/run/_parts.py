@@ -55,12 +55,15 @@ class PartFold:
     tray: str | None = None
     custody: Custody = Custody.ON_TABLE
     custody_detail: str = ""
+    resumed: rows.PartResumed | None = None
     # Intents since the last change of custody, and whether an outcome followed.
     pending: dict[str, bool] = field(default_factory=dict)
 
     def take(self, row: Body | None) -> None:
         """Take one row; rows of other kinds are skipped."""
         match row:
+            case rows.PartResumed():
+                self.resumed = row
             case rows.TablePictures():
                 self.looks += 1
                 self.table_pictures = row.root
@@ -128,6 +131,7 @@ class PartFold:
             custody_detail=self.custody_detail,
             unconfirmed=_unconfirmed(ambiguity[-1], self.custody) if ambiguity else "",
             characteristics=self.characteristics,
+            resumed=self.resumed,
             start=self.start,
             end=self.end,
         )

@@ -12,6 +12,7 @@ from typing import Any, Literal
 
 from controller.cell.custody import Custody
 from controller.cell.journal import Body
+from controller.cell.journal.rows import PartResumed
 
 End = Literal["complete", "held", "stopped", "aborted", "refused", "broke_off", "cut_off"]
 Box = tuple[int, int, int, int]
@@ -311,6 +312,7 @@ class PartReport:
     steps : of the last plan, done or not
     custody : the last one in the journal
     unconfirmed : what was begun and never confirmed; where not empty, `custody` may be out of date
+    resumed : the interrupted run that the part was taken over from; None for a part of this run
     tray : the one it was placed in; None if it was not placed
     characteristics : in the order of their balloons
     start, end : times of its first and its last row
@@ -330,6 +332,7 @@ class PartReport:
     custody_detail: str
     unconfirmed: str
     characteristics: tuple[CharacteristicReport, ...] = ()
+    resumed: PartResumed | None = None
     start: datetime | None = None
     end: datetime | None = None
 
