@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from .acting import abort, ack, answer, pause, resume, status, step, stop
 from .calibrating import camera
 from .devices import doctor, emulate
 from .inspecting import inspect, replay, verify
@@ -65,6 +66,14 @@ for _command, _example in (
     (init, "cellctl init my_project"),
     (run, "cellctl run featuretype --speed 10"),
     (recover, "cellctl recover --cell cell.yaml --open arm"),
+    (status, "cellctl status"),
+    (pause, 'cellctl pause now --why "a screw fell on the table"'),
+    (resume, "cellctl resume"),
+    (step, "cellctl step"),
+    (stop, "cellctl stop"),
+    (abort, "cellctl abort"),
+    (ack, 'cellctl ack --why "the door was opened by mistake, the cell is clear"'),
+    (answer, 'cellctl answer look --why "the part lies beside the tray"'),
     (check, "cellctl check flange_xy"),
     (compile_, "cellctl compile recipes/parts/featuretype.stl --report featuretype.html"),
     (recognise, "cellctl recognise table.png --parts recipes/parts --calibration camera.json"),

@@ -34,6 +34,12 @@ CELL: Final = (
         "start again without a reader that leaves",
     ),
     Alarm(
+        105, "aborted", _ABORT, "operator",
+        "somebody aborted the run",
+        "how far a motion or a grasp came that was under way",
+        "look at the cell, start again; a part in a gripper is reported first",
+    ),
+    Alarm(
         901, "journal", _ABORT, _HOST,
         "the journal cannot be written, and nothing may move without it",
         "what was done after its last row",
@@ -92,6 +98,18 @@ CELL: Final = (
         "the controller was late for longer than `detection.loop_late_s`",
         "what happened in the cell meanwhile, until it is read",
         "close what else runs on the machine",
+    ),
+    Alarm(
+        911, "control", _REFUSED, _HOST,
+        "the control socket cannot be served, or nobody serves it",
+        _NO_REMAINDER,
+        "do what the message names",
+    ),
+    Alarm(
+        912, "not_acknowledged", _REFUSED, _HOST,
+        "an emergency stop or an open door ended the last run, and nobody has acknowledged it",
+        "what was done in the cell since",
+        "look at the cell, then `cellctl ack --why` with the reason, and start again",
     ),
     Alarm(
         920, "broke_off", _ABORT, _HOST,

@@ -12,12 +12,14 @@ from .dispatcher import WORKER_GONE, Dispatcher, Outcome
 from .order import Papers, RecoveryPolicy, RunOrder
 from .run import HOST, Outfit, RunResult, new_run_id, run_batch, who_and_what
 from .starting import GO_ON, find_proposal
+from .status import CellStatus
 
 __all__ = [
     "GO_ON",
     "HOST",
     "WORKER_GONE",
     "Batch",
+    "CellStatus",
     "Dispatcher",
     "Outcome",
     "Outfit",

@@ -35,6 +35,7 @@ from ..machine import (
 )
 from ..services import Gate
 from ..services.records import BatchRecord
+from .status import CellStatus
 from .watchers import Watcher
 
 log = logging.getLogger(__name__)
@@ -136,16 +137,38 @@ class Dispatcher:
         self._has_begun = False
         self._has_ended = False
         self._before: _Note | None = None
+        self._on_early_end: Callable[[], None] = lambda: None
 
     @property
     def state(self) -> str:
         """Present state of the cell."""
         return self._machine.state
 
-    @property
-    def message(self) -> str:
-        """What the operator has to know of the last fault or problem; empty without one."""
-        return self._message
+    async def status(self) -> CellStatus:
+        """Return how the cell stands.
+
+        Raises
+        ------
+        DeviceError : the arm of a paused cell does not report where it stands
+        """
+        state, progress = self._machine.state, self._record.progress
+        is_paused = mode_of(state) is Mode.SUSPENDED
+        can_pause = mode_of(state) in (Mode.EXECUTE, Mode.SUSPENDING)
+        alarm = alarm_of(self._code) if self._code else None
+        return CellStatus(
+            state=state,
+            label=progress.label,
+            step=progress.step,
+            step_count=progress.step_count,
+            custody=self._record.part.custody,
+            remaining_s=progress.remaining_s,
+            message=self._message,
+            alarm="" if alarm is None else f"{alarm.number} {alarm.words}",
+            point=self._gate.point,
+            wanted=self._gate.wanted,
+            pause_s={kind: self._gate.seconds_to(kind) for kind in PauseKind if can_pause},
+            first=await self._gate.next_motion() if is_paused else None,
+        )
 
     def request_stop(self, message: str = "stopped by the operator", code: str = "stop") -> None:
         """Request a stop; no gripper opens. Before `run`, nothing will be started."""
@@ -166,6 +189,9 @@ class Dispatcher:
         who, why : the person, and the reason given
         message, code : for the operator, where the command ends the run
         """
+        if not self._has_begun and event in (Event.STOP, Event.FAULT):
+            self._request(_Note(event, message=message, code=code, who=who, why=why))
+            return Decision("handled", self.state, self.state)
         if self._has_ended or not self._has_begun:
             when = "has come to rest" if self._has_ended else "is still connecting its devices"
             return Decision("refused", self.state, self.state, reason=f"the run {when}")
@@ -180,6 +206,11 @@ class Dispatcher:
             self._inbox.put_nowait(note)
         elif self._before is None:
             self._before = note
+            self._on_early_end()
+
+    def on_early_end(self, call: Callable[[], None]) -> None:
+        """Have something called where the run is ended before it has begun to move anything."""
+        self._on_early_end = call
 
     def _report(self, event: Event, message: str = "", code: str = "") -> None:
         self._inbox.put_nowait(_Note(event, message=message, code=code))
@@ -274,6 +305,8 @@ class Dispatcher:
         if decision.answer != "handled":
             log.debug("%s in %s: %s", note.event.value, decision.source, decision.reason)
             return
+        if decision.permits:  # what there was is over
+            self._message = self._code = self._step = ""
         if note.message:
             self._message, self._code = note.message, note.code
             self._step = step

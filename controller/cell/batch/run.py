@@ -29,7 +29,7 @@ from ..journal import (
     open_cell_journal,
     rows,
 )
-from ..operator import NOBODY, Operator
+from ..operator import NOBODY, Journaled, Operator, require_acknowledged
 from ..services import INPUTS
 from ..services.records import PartRecord, Progress
 from .assembly import assemble
@@ -106,6 +106,7 @@ async def run_batch(
     if opened.notice:
         on_notice(opened.notice)
     try:
+        decider = Journaled(operator, journal)
         where = resolve(order.cell, order.emulated.get("devices", {}))
         began = who_and_what(order, where)
         # on the disk, so that a power cut leaves a journal with a beginning and a head
@@ -138,7 +139,7 @@ async def run_batch(
             order.folder,
             progress,
             show,
-            operator,
+            decider,
         )
         dispatcher = batch.dispatcher
         on_dispatcher(dispatcher)
@@ -149,7 +150,9 @@ async def run_batch(
                     show()
                     who = await devices.connect()
                     journal.write(rows.Connected(who))
-                    found = await start(order, devices, journal, known, began, layout, operator)
+                    found = await _barred(order, journal, decider) or await start(
+                        order, devices, journal, known, began, layout, decider
+                    )
                     if isinstance(found, Outcome):
                         outcome = found
                     else:
@@ -219,6 +222,16 @@ def _gone_with_its_emulator(found: Sequence[Row], here: CellIdentity, run: str) 
         for one in fold_custody(found, last)
         if one.gripper in last.emulated and not here.shares(one.gripper, last)
     ]
+
+
+async def _barred(order: RunOrder, journal: Journal, operator: Operator) -> Outcome | None:
+    """Return the outcome of a start after a stop that nobody has acknowledged, else None."""
+    latch = await require_acknowledged(journal, order.cell.name, operator)
+    if latch is None:
+        return None
+    outcome = Outcome("refused", latch.words, code="not_acknowledged", where="Nothing has moved.")
+    journal.write(rows.AtRest(state=outcome.end, message=outcome.message, code=outcome.code))
+    return outcome
 
 
 def who_and_what(order: RunOrder, where: Mapping[str, dict[str, Any]]) -> rows.RunBegan:

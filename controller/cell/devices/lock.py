@@ -9,8 +9,11 @@ a lock file is used only for the message.
 import fcntl
 import json
 import os
+import pwd
+import socket
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from hashlib import sha256
 from pathlib import Path
@@ -26,6 +29,49 @@ LOCK_NAME: Final = "cell.lock"
 
 class CellBusyError(CellError):
     """Another controller has the cell: nothing was moved, nothing was written."""
+
+
+@dataclass(frozen=True, slots=True)
+class Holder:
+    """Who has a cell.
+
+    Attributes
+    ----------
+    run : its name, or that of another command
+    user : whose process it is
+    host : the computer it is on
+    pid : its process
+    since : when it took the lock, UTC
+    control : its control socket; empty where it serves none
+    """
+
+    run: str
+    user: str
+    host: str
+    pid: int
+    since: str
+    control: str = ""
+
+    @classmethod
+    def this_process(cls, run: str, control: str = "") -> "Holder":
+        """Return this process as the holder, from now on.
+
+        Parameters
+        ----------
+        run : its name
+        control : its control socket
+        """
+        try:
+            user = pwd.getpwuid(os.getuid()).pw_name
+        except KeyError:  # a container may have no name for its user
+            user = f"uid {os.getuid()}"
+        now = datetime.now(UTC).isoformat(timespec="seconds")
+        return cls(run, user, socket.gethostname(), os.getpid(), now, control)
+
+    def __str__(self) -> str:
+        return (
+            f"run {self.run} of {self.user} (process {self.pid} on {self.host}, since {self.since})"
+        )
 
 
 def state_dir() -> Path:
@@ -58,14 +104,17 @@ def require_free_cell(runs_dir: Path, cell: Cell) -> None:
 
 
 @contextmanager
-def hold_cell(runs_dir: Path, cell: Cell, run_id: str) -> Iterator[None]:
-    """Hold a cell's locks, or raise an error that names who has them.
+def hold_cell(
+    runs_dir: Path, cell: Cell, run_id: str, control: Path | None = None
+) -> Iterator[Holder]:
+    """Take a cell's locks and yield their holder, or raise an error that names the present one.
 
     Parameters
     ----------
     runs_dir : folder of the runs, which has one of the locks
     cell : its grippers' addresses name the other locks
     run_id : this run, named in the message to a run that is refused
+    control : where this run will serve its control socket
 
     Raises
     ------
@@ -73,13 +122,34 @@ def hold_cell(runs_dir: Path, cell: Cell, run_id: str) -> Iterator[None]:
     JournalError : a folder for locks cannot be written
     """
     with ExitStack() as held:
+        holder = Holder.this_process(run_id, "" if control is None else str(control))
         for path in lock_paths(runs_dir, cell):
-            held.enter_context(_hold(path, run_id))
-        yield
+            held.enter_context(_hold(path, holder))
+        yield holder
+
+
+def read_holder(path: Path) -> Holder | None:
+    """Return the holder of a lock file; None where there is none, or it has crashed.
+
+    Parameters
+    ----------
+    path : the lock file; it need not exist
+    """
+    try:
+        fd = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    except FileNotFoundError:
+        return None
+    try:
+        fcntl.flock(fd, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return _holder(fd)
+    finally:
+        os.close(fd)
+    return None
 
 
 @contextmanager
-def _hold(path: Path, run_id: str) -> Iterator[None]:
+def _hold(path: Path, holder: Holder) -> Iterator[None]:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         # Not inherited by child processes (PEP 446): the lock must not outlive this process.
@@ -90,10 +160,8 @@ def _hold(path: Path, run_id: str) -> Iterator[None]:
         ) from error
     try:
         _lock(fd, fcntl.LOCK_EX, path)
-        now = datetime.now(UTC).isoformat(timespec="seconds")
-        text = json.dumps({"run": run_id, "pid": os.getpid(), "since": now})
         os.ftruncate(fd, 0)
-        os.pwrite(fd, text.encode(), 0)
+        os.pwrite(fd, json.dumps(asdict(holder)).encode(), 0)
         try:
             yield
         finally:
@@ -107,14 +175,15 @@ def _lock(fd: int, how: int, path: Path) -> None:
         fcntl.flock(fd, how | fcntl.LOCK_NB)
     except BlockingIOError as error:
         raise CellBusyError(
-            f"the cell is busy: {_holder(fd)} has it. Nothing has moved. Wait until that run has "
-            f"ended, or stop it with Ctrl-C (lock: {path})"
+            f"the cell is busy: {_holder(fd) or 'another process'} has it. Nothing has moved. Wait "
+            f"until that run has ended, or stop it with `cellctl stop` (lock: {path})"
         ) from error
 
 
-def _holder(fd: int) -> str:
+def _holder(fd: int) -> Holder | None:
     try:
         body = json.loads(os.pread(fd, 4096, 0))
-        return f"run {body['run']} (process {body['pid']}, since {body['since']})"
+        texts = {name: str(body[name]) for name in ("run", "user", "host", "since")}
+        return Holder(pid=int(body["pid"]), control=str(body.get("control", "")), **texts)
     except (ValueError, KeyError, TypeError):
-        return "another process"  # it took the lock a moment ago and has not written its name yet
+        return None  # it took the lock a moment ago and has not written its name yet

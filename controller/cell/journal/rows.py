@@ -178,6 +178,20 @@ class FirstMotion(Body):
     seconds: float = 0.0
 
 
+class Acknowledged(Body):
+    """A person has seen what stopped the cell and looked at it: the next start is no longer barred.
+
+    `run` and `code` are of the fault that was acknowledged.
+    """
+
+    kind = "event"
+    row_name = "acknowledged"
+    run: str
+    code: str
+    who: str
+    why: str = ""
+
+
 class Overtaken(Body):
     """What an action reported after a stop had overtaken it."""
 
@@ -805,13 +819,17 @@ class PartInspected(Body):
 
 
 class QuestionRaised(Body):
-    """A question to the operator; nothing moves until it is answered."""
+    """A question to the operator; nothing moves until it is answered.
+
+    `choices` are what may be typed, `preview` is what moves first after each that moves something.
+    """
 
     kind = "event"
     row_name = "question_raised"
     code: str
     text: str
     choices: tuple[str, ...]
+    preview: Mapping[str, str] = {}
 
 
 class QuestionAnswered(Body):
@@ -840,7 +858,7 @@ ROWS: Final[Mapping[tuple[str, str], type[Body]]] = {
     (model.kind, model.row_name): model
     for model in (
         RunBegan, Connected, EmulatedCellEnded, PermitIssued, PermitWithdrawn,
-        FirstMotion, Overtaken, AtRest, RunBrokeOff, RunEnded,
+        FirstMotion, Acknowledged, Overtaken, AtRest, RunBrokeOff, RunEnded,
         JournalSetAside, JournalNotReadable, Homed, StepDone, GraspMissed, PartDone, Stopped,
         StopNotConfirmed, Openings, TablePictures, Sightings, ViewPicturesTaken, ViewJudged,
         PartMeasured, PartFindings, FilesStored, PartInspected,

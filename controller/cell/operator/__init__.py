@@ -1,9 +1,29 @@
 """Decisions of people: questions with their choices, answers with who gave them and why.
 
 `Operator` is whoever can decide; `Nobody` is a cell that runs unattended. Every answer is a
-decision in the journal.
+decision in the journal. `Desk` keeps the one open question and takes the first answer, whichever
+door it comes through; `questions.py` has what is asked about parts, `latch.py` which fault a person
+has to acknowledge before the next start.
 """
 
+from .desk import Desk, OpenQuestion
+from .journaled import Journaled
+from .latch import LATCHING, Latch, acknowledge, fold_latch, require_acknowledged
 from .question import NOBODY, Answer, Choice, Nobody, Operator, Question
 
-__all__ = ["NOBODY", "Answer", "Choice", "Nobody", "Operator", "Question"]
+__all__ = [
+    "LATCHING",
+    "NOBODY",
+    "Answer",
+    "Choice",
+    "Desk",
+    "Journaled",
+    "Latch",
+    "Nobody",
+    "OpenQuestion",
+    "Operator",
+    "Question",
+    "acknowledge",
+    "fold_latch",
+    "require_acknowledged",
+]

@@ -88,6 +88,14 @@ def run(
             help="temperature of the parts as you measured it, for the report",
         ),
     ] = None,
+    wait: Annotated[
+        bool,
+        typer.Option(
+            "--wait",
+            help="wait for an answer where a person has to decide, also without a terminal "
+            "(`cellctl answer`)",
+        ),
+    ] = False,
     runs: RunsOption = Path("runs"),
     json: JsonOption = False,
     verbose: Annotated[
@@ -123,6 +131,7 @@ def run(
         is_part_removed=part_removed,
         is_recovery_automatic=auto_recover,
         papers=Papers(operator, lot, tuple(serial or ()), part_temperature),
+        waits=wait,
         as_json=json,
     )
     raise typer.Exit(run_recipe(options))

@@ -24,10 +24,11 @@ from controller.cell.batch import (
 )
 from controller.cell.compute import Job, context, load_parts, worker_pool
 from controller.cell.compute.checking import check_plans, check_sizes
+from controller.cell.control import socket_path
 from controller.cell.devices.clocks import FoundClock, find_clock
 from controller.cell.devices.emulator import emulated_cell, emulator_args, emulator_command
 from controller.cell.devices.lock import hold_cell, require_free_cell
-from controller.cell.operator import NOBODY, Operator
+from controller.cell.operator import Operator
 from controller.config import Cell, ConfigError, load_cell, load_recipe
 from controller.results import ResultsError, load_run, write_html
 from controller.setup.drivers import require_drivers
@@ -36,6 +37,7 @@ from ..inputs.checks import MIN_FREE_BYTES, check_control, check_writable_folder
 from ..inputs.part_files import emulated_orientation
 from ..planning.recipe_check import warn_of
 from ..terminal.output import warn
+from .door import OperatorDoor
 from .ends import Ends
 from .report_file import note_report
 from .run_output import display, print_result
@@ -66,6 +68,7 @@ class RunOptions:
     is_recovery_automatic : a part that an earlier run left goes on where that is proven safe
     operator : decides on that in advance, None for whoever is there
     papers : who runs it, and which parts
+    waits : wait for an answer where a person has to decide, also without a terminal
     as_json : print one JSON object a line instead of the live display
     """
 
@@ -85,6 +88,7 @@ class RunOptions:
     papers: Papers
     as_json: bool
     operator: Operator | None = None
+    waits: bool = False
 
 
 def run_recipe(options: RunOptions) -> int:
@@ -122,7 +126,11 @@ def run_recipe(options: RunOptions) -> int:
     fed = ("--feed", str(part_count - 1)) if part_count > 1 and parts else ()
     more = (*emulator_args(orientation, options.at, options.control), *fed)
     command = emulator_command(cell_file, parts, speed=options.speed, seed=seed, more=more)
-    with Ends().heard() as ends, hold_cell(runs_dir, cell, run_id), worker_pool() as pool:
+    with (
+        Ends().heard() as ends,
+        hold_cell(runs_dir, cell, run_id, socket_path(runs_dir)) as holder,
+        worker_pool() as pool,
+    ):
         # the worker reads the CAD while the emulated cell comes up
         pool.submit(context, job)
         cell_beside: Any = (
@@ -145,8 +153,10 @@ def run_recipe(options: RunOptions) -> int:
                 papers=options.papers,
                 recovery=_recovery_policy(options),
             )
-            operator = options.operator or NOBODY
-            result = _run(order, pool, ends, operator, as_json=as_json)
+            door = OperatorDoor(
+                runs_dir, holder, options.operator, waits=options.waits, as_json=as_json
+            )
+            result = _run(order, pool, ends, door, as_json=as_json)
         return _report(result, runs_dir, run_id, as_json=as_json)
 
 
@@ -154,7 +164,7 @@ def _recovery_policy(options: RunOptions) -> RecoveryPolicy:
     """Return what a start does with a part in a gripper: nobody answers without a terminal."""
     if options.is_recovery_automatic:
         return "auto"
-    if options.operator is not None:
+    if options.operator is not None or options.waits:
         return "ask"
     return "ask" if sys.stdin.isatty() else "refuse"
 
@@ -184,12 +194,12 @@ def _warn_of_emulation(emulated: Sequence[str], clock: FoundClock, speed: float,
 
 
 def _run(
-    order: RunOrder, pool: ProcessPoolExecutor, ends: Ends, operator: Operator, *, as_json: bool
+    order: RunOrder, pool: ProcessPoolExecutor, ends: Ends, door: OperatorDoor, *, as_json: bool
 ) -> RunResult:
     """Run to the end, shown as it goes; a run that breaks off leaves a report all the same."""
     with display(as_json=as_json) as on_progress:
         try:
-            return asyncio.run(_drive(order, pool, ends, on_progress, operator))
+            return asyncio.run(_drive(order, pool, ends, door, on_progress))
         except BaseException as error:
             _report_if_any(order.runs_dir, order.run_id)
             if isinstance(error, asyncio.CancelledError):  # a second Ctrl-C
@@ -256,15 +266,17 @@ async def _drive(
     order: RunOrder,
     pool: ProcessPoolExecutor,
     ends: Ends,
+    door: OperatorDoor,
     on_progress: Callable[[Progress], None],
-    operator: Operator,
 ) -> RunResult:
     with ExitStack() as stack:
 
         def on_dispatcher(dispatcher: Dispatcher) -> None:
             stack.enter_context(ends.stopping(dispatcher, order.emulated.get("pid")))
+            door.attach(dispatcher)
 
-        return await run_batch(order, pool, on_progress, on_dispatcher, warn, operator=operator)
+        async with door.open():
+            return await run_batch(order, pool, on_progress, on_dispatcher, warn, operator=door)
 
 
 def quiet_logs(*, verbose: bool) -> None:

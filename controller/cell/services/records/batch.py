@@ -47,6 +47,11 @@ class BatchRecord:
         self.problem: tuple[str, str] = ("", "")
 
     @property
+    def progress(self) -> Progress:
+        """What the operator sees."""
+        return self._progress
+
+    @property
     def finished(self) -> tuple[PartRecord, ...]:
         """The parts that are done, in order."""
         return tuple(self._finished)

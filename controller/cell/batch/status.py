@@ -1,0 +1,41 @@
+"""How a running cell stands, for whoever looks at it from outside."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from ..custody import Custody
+from ..machine import PauseKind, SafePoint
+from ..services import NextMotion
+
+
+@dataclass(frozen=True, slots=True)
+class CellStatus:
+    """The cell at a moment.
+
+    Attributes
+    ----------
+    state : of the machine
+    label : what is being done, for people
+    step, step_count : of the plan, from 1; 0 without one
+    custody : which gripper, tray or table has the part
+    remaining_s : of the plan [cell s]; None where nobody knows
+    message : of the last fault or problem
+    alarm : its number and words; empty without one
+    point : the safe point at which the cell stands
+    wanted : the pause that is wanted and not reached yet
+    pause_s : how long each kind of pause takes to begin, at most [cell s]
+    first : what moves first when the pause ends; None where nothing is paused
+    """
+
+    state: str
+    label: str
+    step: int
+    step_count: int
+    custody: Custody
+    remaining_s: float | None
+    message: str
+    alarm: str
+    point: SafePoint | None
+    wanted: PauseKind | None
+    pause_s: Mapping[PauseKind, float | None]
+    first: NextMotion | None

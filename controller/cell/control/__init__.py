@@ -1,0 +1,36 @@
+"""The control socket: how another terminal or program acts on a running cell.
+
+HTTP over a unix socket of the same user. `words.py` has what goes over it, `client.py` asks,
+`place.py` says where the socket stands, `peer.py` who is at the other end; `serving` is the run's
+end. It reads and acts through the dispatcher alone.
+"""
+
+from .client import NoRunError, RunningCell, facts
+from .place import ControlError, make_folder, socket_path
+from .words import (
+    AckOrder,
+    AnswerOrder,
+    DecisionReply,
+    Order,
+    PauseOrder,
+    QuestionReply,
+    ResumeOrder,
+    StatusReply,
+)
+
+__all__ = [
+    "AckOrder",
+    "AnswerOrder",
+    "ControlError",
+    "DecisionReply",
+    "NoRunError",
+    "Order",
+    "PauseOrder",
+    "QuestionReply",
+    "ResumeOrder",
+    "RunningCell",
+    "StatusReply",
+    "facts",
+    "make_folder",
+    "socket_path",
+]

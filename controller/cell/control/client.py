@@ -1,0 +1,126 @@
+"""Speaks to a running cell through its control socket; blocking, for commands."""
+
+import http.client
+import json
+import os
+import socket
+from pathlib import Path
+from typing import Any, Final, TypeVar
+
+from pydantic import BaseModel, ValidationError
+
+from ..devices.lock import LOCK_NAME, read_holder
+from .peer import peer_of
+from .place import ControlError
+from .words import DecisionReply, ErrorReply, StatusReply
+
+REPLY_LIMIT_WALL_S: Final = 30.0
+MAX_REPLY_BYTES: Final = 1_000_000
+
+SomeReply = TypeVar("SomeReply", bound=BaseModel)
+
+
+class NoRunError(ControlError):
+    """No run has this cell."""
+
+
+class _UnixConnection(http.client.HTTPConnection):
+    """HTTP over a unix socket whose other end is the same user."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__("localhost", timeout=REPLY_LIMIT_WALL_S)
+        self._path = path
+
+    def connect(self) -> None:
+        """Connect, and check who listens."""
+        self.sock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        self.sock.settimeout(REPLY_LIMIT_WALL_S)
+        self.sock.connect(str(self._path))
+        if peer_of(self.sock).uid != os.getuid():
+            raise ControlError(f"{self._path}: another user listens there; nothing was sent")
+
+
+class RunningCell:
+    """A running cell, seen from another process.
+
+    Parameters
+    ----------
+    runs_dir : folder of the runs, by whose lock the cell is found
+    """
+
+    def __init__(self, runs_dir: Path) -> None:
+        self._runs_dir = runs_dir
+
+    def status(self) -> StatusReply:
+        """Return how the cell stands.
+
+        Raises
+        ------
+        NoRunError : no run has this cell
+        ControlError : it does not answer, or not with what it must
+        """
+        status, body = self._ask("GET", "/status", None)
+        if status != 200:
+            raise ControlError(_reply_of(ErrorReply, body).error)
+        return _reply_of(StatusReply, body)
+
+    def order(self, name: str, body: BaseModel) -> DecisionReply:
+        """Give an order; return what the cell made of it.
+
+        Parameters
+        ----------
+        name : of its endpoint
+        body : who, why and what else it has
+
+        Raises
+        ------
+        NoRunError : no run has this cell
+        ControlError : it does not answer, or not with what it must
+        """
+        status, reply = self._ask("POST", f"/{name}", body.model_dump_json(exclude_none=True))
+        if status not in (200, 409):
+            raise ControlError(_reply_of(ErrorReply, reply).error)
+        return _reply_of(DecisionReply, reply)
+
+    def _ask(self, method: str, path: str, body: str | None) -> tuple[int, bytes]:
+        place = self._place()
+        connection = _UnixConnection(place)
+        try:
+            connection.request(method, path, body, {"Content-Type": "application/json"})
+            reply = connection.getresponse()
+            return reply.status, reply.read(MAX_REPLY_BYTES)
+        except (FileNotFoundError, ConnectionRefusedError) as error:
+            raise ControlError(
+                f"{place}: nobody listens there yet, or any more: the run is starting or ending"
+            ) from error
+        except (OSError, http.client.HTTPException) as error:
+            raise ControlError(
+                f"{place}: the run does not answer ({error or type(error).__name__}); is its "
+                "process stopped, or the machine overloaded?"
+            ) from error
+        finally:
+            connection.close()
+
+    def _place(self) -> Path:
+        """Return the control socket of the run that holds the cell's lock, as the lock names it."""
+        holder = read_holder(self._runs_dir / LOCK_NAME)
+        if holder is None:
+            raise NoRunError(
+                f"no run at this cell: nobody holds {self._runs_dir / LOCK_NAME}. Start one with "
+                "`cellctl run`, or name its folder with --runs"
+            )
+        if not holder.control:
+            raise ControlError(f"{holder} has the cell; it is no run, and cannot be acted on")
+        return Path(holder.control)
+
+
+def _reply_of(model: type[SomeReply], body: bytes) -> SomeReply:
+    try:
+        return model.model_validate(json.loads(body))
+    except (ValueError, ValidationError) as error:
+        raise ControlError("the run's answer makes no sense; is it another version?") from error
+
+
+def facts(reply: BaseModel) -> dict[str, Any]:
+    """Return a reply as JSON."""
+    return reply.model_dump(mode="json")

@@ -1,0 +1,256 @@
+"""The endpoints: what a request becomes at the dispatcher, and what its answer says. No wire.
+
+Each endpoint is data (`ENDPOINTS`); the server, the OpenAPI description and its test read the same.
+"""
+
+from collections.abc import Awaitable, Callable, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+from pydantic import BaseModel
+
+from controller.cell.batch import CellStatus, Dispatcher
+from controller.cell.devices.lock import Holder
+from controller.cell.machine import PAUSE_EVENTS, Decision, Event, PauseKind
+from controller.cell.operator import Answer, Desk
+
+from .. import words
+from ..peer import Peer
+
+
+@dataclass(frozen=True, slots=True)
+class Reply:
+    """An answer: its HTTP status and its body."""
+
+    status: int
+    body: BaseModel
+
+
+@dataclass(frozen=True, slots=True)
+class Endpoint:
+    """One thing that may be asked of a running cell.
+
+    Attributes
+    ----------
+    method, path : of the request
+    summary : what it does
+    takes : model of the request's body, None where it has none
+    returns : model of the answer's body where the request was taken
+    call : does it
+    """
+
+    method: str
+    path: str
+    summary: str
+    takes: type[BaseModel] | None
+    returns: type[BaseModel]
+    call: Callable[["Control", Peer, BaseModel], Awaitable[Reply]]
+
+
+class Control:
+    """A running cell, as its control socket shows it.
+
+    Parameters
+    ----------
+    run : its name
+    holder : who has the cell's lock
+    desk : has the open question
+    """
+
+    def __init__(self, run: str, holder: Holder, desk: Desk) -> None:
+        self._run = run
+        self._holder = holder
+        self._desk = desk
+        self._dispatcher: Dispatcher | None = None
+
+    def attach(self, dispatcher: Dispatcher) -> None:
+        """Let orders through to a dispatcher; before, the run is only starting."""
+        self._dispatcher = dispatcher
+
+    async def status(self, peer: Peer, body: BaseModel) -> Reply:
+        """Return how the cell stands."""
+        found = await self._status()
+        open_ = self._desk.open
+        question = None
+        if open_ is not None:
+            first = dict(open_.question.preview)
+            question = words.QuestionReply(
+                number=open_.number,
+                code=open_.question.code,
+                text=open_.question.text,
+                choices=tuple(
+                    words.ChoiceReply(key=c.key, words=c.words, first=first.get(c.key, ""))
+                    for c in open_.question.choices
+                ),
+            )
+        first_motion = None
+        if found is not None and found.first is not None:
+            one = found.first
+            first_motion = words.MotionReply(
+                words=one.words, tcp_mm=one.tcp_mm, turn_deg=one.turn_deg, seconds=one.seconds
+            )
+        holder = self._holder
+        return Reply(
+            200,
+            words.StatusReply(
+                run=self._run,
+                state="starting" if found is None else found.state,
+                label="" if found is None else found.label,
+                step=0 if found is None else found.step,
+                step_count=0 if found is None else found.step_count,
+                custody="no part known" if found is None else found.custody.value,
+                seconds_left=None if found is None else found.remaining_s,
+                message="" if found is None else found.message,
+                safe_point=None if found is None or found.point is None else found.point.value,
+                pausing=None if found is None or found.wanted is None else found.wanted.value,
+                pause_seconds={}
+                if found is None
+                else {
+                    kind.value: None if s is None else round(s, 1)
+                    for kind, s in found.pause_s.items()
+                },
+                first_motion=first_motion,
+                question=question,
+                alarms=() if found is None or not found.alarm else (found.alarm,),
+                holder=words.HolderReply(
+                    run=holder.run,
+                    user=holder.user,
+                    host=holder.host,
+                    pid=holder.pid,
+                    since=holder.since,
+                ),
+            ),
+        )
+
+    async def pause(self, peer: Peer, body: BaseModel) -> Reply:
+        """Pause after this step, at the next safe point, or now; return the decision."""
+        assert isinstance(body, words.PauseOrder)
+        return await self._order(PAUSE_EVENTS[PauseKind(body.kind)], peer, body)
+
+    async def resume(self, peer: Peer, body: BaseModel) -> Reply:
+        """Go on, if what moves first is still what was shown; return the decision."""
+        assert isinstance(body, words.ResumeOrder)
+        if body.first is not None:
+            found = await self._status()
+            now = "" if found is None or found.first is None else found.first.words
+            if now != body.first:
+                reason = f"something else moves first by now: {now or 'nothing is known'}"
+                return _refused(self._state, reason)
+        return await self._order(Event.RESUME, peer, body)
+
+    async def step(self, peer: Peer, body: BaseModel) -> Reply:
+        """Do one step of the plan, then pause; return the decision."""
+        assert isinstance(body, words.Order)
+        return await self._order(Event.STEP, peer, body)
+
+    async def stop(self, peer: Peer, body: BaseModel) -> Reply:
+        """Stop every device on a ramp and end the run; nothing is released; return the decision."""
+        assert isinstance(body, words.Order)
+        return await self._order(
+            Event.STOP,
+            peer,
+            body,
+            f"stopped by {_who(peer, body)}{_because(body)}",
+            code="stop",
+        )
+
+    async def abort(self, peer: Peer, body: BaseModel) -> Reply:
+        """Stop every device at once and end the run; nothing is released; return the decision."""
+        assert isinstance(body, words.Order)
+        return await self._order(
+            Event.FAULT,
+            peer,
+            body,
+            f"aborted by {_who(peer, body)}{_because(body)}",
+            code="aborted",
+        )
+
+    async def ack(self, peer: Peer, body: BaseModel) -> Reply:
+        """Acknowledge the emergency stop or open door that bars this start; return the decision."""
+        assert isinstance(body, words.AckOrder)
+        open_ = self._desk.open
+        if open_ is None or "ack" not in {choice.key for choice in open_.question.choices}:
+            return _refused(self._state, "nothing waits to be acknowledged")
+        return self._answer(peer, "ack", open_.number, body)
+
+    async def answer(self, peer: Peer, body: BaseModel) -> Reply:
+        """Answer the open question; the first answer counts; return the decision."""
+        assert isinstance(body, words.AnswerOrder)
+        return self._answer(peer, body.key, body.number, body)
+
+    async def recover(self, peer: Peer, body: BaseModel) -> Reply:
+        """Answer a question about what an earlier run left in a gripper; return the decision."""
+        assert isinstance(body, words.AnswerOrder)
+        open_ = self._desk.open
+        if open_ is None or open_.question.code != RECOVERY_CODE:
+            return _refused(self._state, "no question about a recovery is open")
+        return self._answer(peer, body.key, body.number, body)
+
+    @property
+    def _state(self) -> str:
+        return "starting" if self._dispatcher is None else self._dispatcher.state
+
+    async def _status(self) -> CellStatus | None:
+        return None if self._dispatcher is None else await self._dispatcher.status()
+
+    def _answer(self, peer: Peer, key: str, number: int | None, body: words.Order) -> Reply:
+        refusal = self._desk.answer(number, Answer(key, _who(peer, body), body.why))
+        if refusal:
+            return _refused(self._state, refusal)
+        return Reply(200, words.DecisionReply(decision="handled", state=self._state))
+
+    async def _order(
+        self, event: Event, peer: Peer, body: words.Order, message: str = "", code: str = ""
+    ) -> Reply:
+        if self._dispatcher is None:
+            return _refused("starting", "the run is starting: no device is connected yet")
+        decision = await self._dispatcher.command(event, _who(peer, body), body.why, message, code)
+        return _decided(decision)
+
+
+# Of the question whether a start goes on with the part that an earlier run left.
+RECOVERY_CODE: Final = "part_left"
+
+
+def _who(peer: Peer, body: words.Order) -> str:
+    return f"{body.who} ({peer.name})" if body.who else peer.name
+
+
+def _because(body: words.Order) -> str:
+    return f": {body.why}" if body.why else ""
+
+
+def _decided(decision: Decision) -> Reply:
+    reply = words.DecisionReply(
+        decision=decision.answer, state=decision.target, reason=decision.reason
+    )
+    return Reply(409 if decision.answer == "refused" else 200, reply)
+
+
+def _refused(state: str, reason: str) -> Reply:
+    return Reply(409, words.DecisionReply(decision="refused", state=state, reason=reason))
+
+
+def _listed() -> tuple[Endpoint, ...]:
+    decision = words.DecisionReply
+    rows: tuple[tuple[str, str, type[BaseModel] | None, type[BaseModel]], ...] = (
+        ("GET", "status", None, words.StatusReply),
+        ("POST", "pause", words.PauseOrder, decision),
+        ("POST", "resume", words.ResumeOrder, decision),
+        ("POST", "step", words.Order, decision),
+        ("POST", "stop", words.Order, decision),
+        ("POST", "abort", words.Order, decision),
+        ("POST", "ack", words.AckOrder, decision),
+        ("POST", "answer", words.AnswerOrder, decision),
+        ("POST", "recover", words.AnswerOrder, decision),
+    )
+    found = []
+    for method, name, takes, returns in rows:
+        call = getattr(Control, name)
+        summary = str(call.__doc__).strip().removesuffix("; return the decision.")
+        found.append(Endpoint(method, f"/{name}", summary, takes, returns, call))
+    return tuple(found)
+
+
+ENDPOINTS: Final = _listed()
+BY_PATH: Final[Mapping[str, Endpoint]] = {endpoint.path: endpoint for endpoint in ENDPOINTS}

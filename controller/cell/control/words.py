@@ -1,0 +1,114 @@
+"""What the control socket takes and returns: one model for each body. No I/O."""
+
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+Short = Field(default="", max_length=200)
+Reason = Field(default="", max_length=1000)
+
+
+class _Body(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Order(_Body):
+    """An order; `who` adds to the user's name, which the kernel gives."""
+
+    who: str = Short
+    why: str = Reason
+
+
+class PauseOrder(Order):
+    """When to pause: after this step, at the next safe point, now."""
+
+    kind: Literal["step", "safe", "now"] = "safe"
+
+
+class ResumeOrder(Order):
+    """What moves first, as it was shown; if something else would move by now, nothing does."""
+
+    first: str | None = Field(default=None, max_length=1000)
+
+
+class AckOrder(Order):
+    """An acknowledgement states why the cell may go on."""
+
+    why: str = Field(min_length=1, max_length=1000)
+
+
+class AnswerOrder(Order):
+    """An answer; `number` is that of the question that was seen, by default the open one."""
+
+    key: str = Field(min_length=1, max_length=40)
+    number: int | None = Field(default=None, ge=1)
+
+
+class DecisionReply(_Body):
+    """What the cell made of an order; `reason` is why it was ignored or refused."""
+
+    decision: Literal["handled", "ignored", "refused"]
+    state: str
+    reason: str = ""
+
+
+class MotionReply(_Body):
+    """What moves first when a pause ends: the TCP by so much, in about so many cell seconds."""
+
+    words: str
+    tcp_mm: float
+    turn_deg: float
+    seconds: float
+
+
+class ChoiceReply(_Body):
+    """An answer that may be given; `first` is what moves first then, empty where nothing does."""
+
+    key: str
+    words: str
+    first: str = ""
+
+
+class QuestionReply(_Body):
+    """A question that waits for its answer."""
+
+    number: int
+    code: str
+    text: str
+    choices: tuple[ChoiceReply, ...]
+
+
+class HolderReply(_Body):
+    """Who has the cell's lock."""
+
+    run: str
+    user: str
+    host: str
+    pid: int
+    since: str
+
+
+class StatusReply(_Body):
+    """How the cell stands; durations are cell seconds, null where nobody knows."""
+
+    run: str
+    state: str
+    label: str
+    step: int
+    step_count: int
+    custody: str
+    seconds_left: float | None
+    message: str
+    safe_point: str | None
+    pausing: Literal["step", "safe", "now"] | None
+    pause_seconds: dict[Literal["step", "safe", "now"], float | None]
+    first_motion: MotionReply | None
+    question: QuestionReply | None
+    alarms: tuple[str, ...]
+    holder: HolderReply
+
+
+class ErrorReply(_Body):
+    """Why a request was not taken."""
+
+    error: str

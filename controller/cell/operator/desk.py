@@ -1,0 +1,82 @@
+"""Where questions are put and answered: one at a time, by whoever answers first."""
+
+import asyncio
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from .question import Answer, Question
+
+
+@dataclass(frozen=True, slots=True)
+class OpenQuestion:
+    """A question that nobody has answered yet; `number` counts from 1 in a run."""
+
+    number: int
+    question: Question
+
+
+class Desk:
+    """An operator who may answer from several places.
+
+    Parameters
+    ----------
+    is_attended : somebody is there, or will come; otherwise no question is raised
+    on_change : called with the open question, and with None once it is answered
+    """
+
+    def __init__(
+        self,
+        *,
+        is_attended: bool,
+        on_change: Callable[[OpenQuestion | None], None] = lambda question: None,
+    ) -> None:
+        self._is_attended = is_attended
+        self._on_change = on_change
+        self._number = 0
+        self._open: tuple[OpenQuestion, asyncio.Future[Answer | None]] | None = None
+
+    @property
+    def open(self) -> OpenQuestion | None:
+        """The question that waits for its answer."""
+        return None if self._open is None else self._open[0]
+
+    async def decide(self, question: Question) -> Answer | None:
+        """Return the answer once there is one; None at once where nobody is there."""
+        if not self._is_attended:
+            return None
+        self._number += 1
+        raised = OpenQuestion(self._number, question)
+        answered: asyncio.Future[Answer | None] = asyncio.get_running_loop().create_future()
+        self._open = raised, answered
+        self._on_change(raised)
+        try:
+            answer = await answered
+        finally:
+            self._open = None
+            self._on_change(None)
+        return answer
+
+    def leave(self) -> None:
+        """Have nobody there from now on: an open question ends without an answer."""
+        self._is_attended = False
+        if self._open is not None and not self._open[1].done():
+            self._open[1].set_result(None)
+
+    def answer(self, number: int | None, answer: Answer) -> str:
+        """Give an answer; return why it does not count, empty where it does.
+
+        Parameters
+        ----------
+        number : of the question that was seen; None for the one that is open
+        answer : one of its choices, who gives it and why
+        """
+        if self._open is None or self._open[1].done():
+            return "there is no question to answer"
+        raised, answered = self._open
+        if number not in (None, raised.number):
+            return f"question {number} is not open any more; question {raised.number} is"
+        keys = [choice.key for choice in raised.question.choices]
+        if answer.key not in keys:
+            return f"`{answer.key}` is no answer to question {raised.number}: {', '.join(keys)}"
+        answered.set_result(answer)
+        return ""

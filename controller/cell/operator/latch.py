@@ -1,0 +1,117 @@
+"""Emergency stop and door are latched: the next start is barred until a person acknowledges them.
+
+The latch is no state of a process. It follows from the journal, so that it outlives a kill.
+"""
+
+import asyncio
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from ..journal import Journal, is_of, read_rows_of_kinds
+from ..journal.rows import Acknowledged, RunBegan
+from .question import Choice, Operator, Question
+
+# Codes of the faults that a person has to acknowledge.
+LATCHING: Final = frozenset({"estop", "guard_closed"})
+ACK: Final = "ack"  # what is typed to acknowledge
+FAULT: Final = "fault"  # the event, as the journal names it
+
+
+@dataclass(frozen=True, slots=True)
+class Latch:
+    """A fault that nobody has acknowledged.
+
+    Attributes
+    ----------
+    run : in which it happened
+    code, message : what happened
+    since : when, UTC
+    """
+
+    run: str
+    code: str
+    message: str
+    since: str
+
+    @property
+    def words(self) -> str:
+        """A sentence for the operator: what happened, and what to do."""
+        return (
+            f"run {self.run} was stopped at {self.since} and nobody has acknowledged it: "
+            f"{self.message}. Look at the cell, then state why it may start again: "
+            'cellctl ack --why "..."'
+        )
+
+
+def fold_latch(path: Path, cell_name: str) -> Latch | None:
+    """Return the last latching fault of a cell that nobody has acknowledged; None without one.
+
+    A cell that was emulated by its run ended with it, and its emergency stop, too.
+
+    Parameters
+    ----------
+    path : the cell's journal; it need not exist
+    cell_name : as the cell file has it
+
+    Raises
+    ------
+    JournalError : it cannot be read
+    """
+    if not path.exists():
+        return None
+    latch: Latch | None = None
+    others: set[str] = set()
+    for row in read_rows_of_kinds(path, (), (RunBegan.row_name, FAULT, Acknowledged.row_name)):
+        if is_of(row, RunBegan):
+            is_gone = "io" in row.body.get("emulated_devices", ()) and "pid" in row.body.get(
+                "emulator", {}
+            )
+            if is_gone or row.body.get("cell", {}).get("name") != cell_name:
+                others.add(row.run)
+        elif is_of(row, Acknowledged):
+            latch = None if latch is not None and row.body.get("run") == latch.run else latch
+        elif row.run not in others and row.body.get("code") in LATCHING:
+            message = str(row.body.get("message", ""))
+            latch = Latch(row.run, str(row.body["code"]), message, row.t_utc)
+    return latch
+
+
+async def require_acknowledged(
+    journal: Journal, cell_name: str, operator: Operator
+) -> Latch | None:
+    """Return the latch that bars a start; None where there is none, or somebody acknowledges it.
+
+    Parameters
+    ----------
+    journal : of the cell; gets the acknowledgement
+    cell_name : as the cell file has it
+    operator : may acknowledge it now
+
+    Raises
+    ------
+    JournalError : the journal cannot be read or written
+    """
+    latch = await asyncio.to_thread(fold_latch, journal.path, cell_name)
+    if latch is None:
+        return None
+    choices = (
+        Choice(ACK, "I have looked at the cell, and it may start"),
+        Choice("stop", "end here; nothing has moved"),
+    )
+    answer = await operator.decide(Question("not_acknowledged", latch.words, choices))
+    if answer is None or answer.key != ACK:
+        return latch
+    journal.write(acknowledge(latch, answer.who, answer.why))
+    return None
+
+
+def acknowledge(latch: Latch, who: str, why: str) -> Acknowledged:
+    """Return the row that takes a latch away.
+
+    Parameters
+    ----------
+    latch : what is acknowledged
+    who, why : the person, and the reason given
+    """
+    return Acknowledged(run=latch.run, code=latch.code, who=who, why=why)

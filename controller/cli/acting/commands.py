@@ -1,0 +1,129 @@
+"""Arguments and help of the commands that act on a running cell."""
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ..options import CellOption, JsonOption, RunsOption
+
+WhoOption = Annotated[
+    str,
+    typer.Option("--who", metavar="NAME", help="who you are, beside your user's name; journaled"),
+]
+WhyOption = Annotated[
+    str, typer.Option("--why", metavar="TEXT", help="the reason; the journal keeps it")
+]
+RUNS = Path("runs")
+
+
+class Kind(StrEnum):
+    """When a pause begins."""
+
+    STEP = "step"
+    SAFE = "safe"
+    NOW = "now"
+
+
+def status(runs: RunsOption = RUNS, json: JsonOption = False) -> None:
+    """Show how a running cell stands, and what it waits for."""
+    from .orders import show_status
+
+    raise typer.Exit(show_status(runs, as_json=json))
+
+
+def pause(
+    kind: Annotated[
+        Kind,
+        typer.Argument(help="when: after this step, at the next safe point, or now"),
+    ] = Kind.SAFE,
+    who: WhoOption = "",
+    why: WhyOption = "",
+    runs: RunsOption = RUNS,
+    json: JsonOption = False,
+) -> None:
+    """Pause a running cell; it keeps what it holds and goes on later from there."""
+    from .orders import pause_cell
+
+    raise typer.Exit(pause_cell(runs, kind.value, who, why, as_json=json))
+
+
+def resume(
+    yes: Annotated[
+        bool, typer.Option("--yes", help="go on without asking whether the first motion is right")
+    ] = False,
+    who: WhoOption = "",
+    why: WhyOption = "",
+    runs: RunsOption = RUNS,
+    json: JsonOption = False,
+) -> None:
+    """Go on after a pause; prints what moves first."""
+    from .orders import resume_cell
+
+    raise typer.Exit(resume_cell(runs, who, why, is_confirmed=yes, as_json=json))
+
+
+def step(
+    who: WhoOption = "", why: WhyOption = "", runs: RunsOption = RUNS, json: JsonOption = False
+) -> None:
+    """Have a running cell do one step of its plan, then pause."""
+    from .orders import order_plainly
+
+    raise typer.Exit(order_plainly(runs, "step", who, why, as_json=json))
+
+
+def stop(
+    who: WhoOption = "", why: WhyOption = "", runs: RunsOption = RUNS, json: JsonOption = False
+) -> None:
+    """Stop every device on a ramp and end the run; nothing is released."""
+    from .orders import order_plainly
+
+    raise typer.Exit(order_plainly(runs, "stop", who, why, as_json=json))
+
+
+def abort(
+    who: WhoOption = "", why: WhyOption = "", runs: RunsOption = RUNS, json: JsonOption = False
+) -> None:
+    """Stop every device at once and end the run; nothing is released."""
+    from .orders import order_plainly
+
+    raise typer.Exit(order_plainly(runs, "abort", who, why, as_json=json))
+
+
+def ack(
+    why: Annotated[
+        str,
+        typer.Option("--why", metavar="TEXT", help="the reason; the journal keeps it"),
+    ],
+    who: WhoOption = "",
+    cell: CellOption = None,
+    runs: RunsOption = RUNS,
+    json: JsonOption = False,
+) -> None:
+    """Acknowledge an emergency stop or an open door: the next start is no longer barred."""
+    from ..inputs.part_files import cell_of_this_folder
+    from .acknowledgement import acknowledge_stop
+
+    raise typer.Exit(acknowledge_stop(cell or cell_of_this_folder(), runs, who, why, as_json=json))
+
+
+def answer(
+    key: Annotated[
+        str, typer.Argument(metavar="ANSWER", help="one of the answers that `status` lists")
+    ],
+    number: Annotated[
+        int | None,
+        typer.Option(
+            "--number", metavar="N", min=1, help="number of the question that you have read"
+        ),
+    ] = None,
+    who: WhoOption = "",
+    why: WhyOption = "",
+    runs: RunsOption = RUNS,
+    json: JsonOption = False,
+) -> None:
+    """Answer the question of a running cell; the first answer counts."""
+    from .orders import answer_question
+
+    raise typer.Exit(answer_question(runs, key, number, who, why, as_json=json))

@@ -1,0 +1,121 @@
+"""How people reach a run: its control socket, and the terminal that it was started from."""
+
+import asyncio
+import sys
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+from controller.cell.batch import Dispatcher
+from controller.cell.control import make_folder
+from controller.cell.control.serving import Control, handle_for, serving
+from controller.cell.devices.lock import Holder
+from controller.cell.operator import Answer, Desk, OpenQuestion, Operator, Question
+
+from ..terminal.output import emit, warn
+
+
+class OperatorDoor:
+    """The control socket and the terminal of one run.
+
+    Parameters
+    ----------
+    runs_dir : folder of all runs; the socket is found by its lock
+    holder : this process, as the lock names it
+    in_advance : decides before anybody is asked; None where nothing was decided in advance
+    waits : wait for an answer also where there is no terminal
+    as_json : print questions as JSON lines
+
+    Attributes
+    ----------
+    desk : where questions are put
+    """
+
+    def __init__(
+        self,
+        runs_dir: Path,
+        holder: Holder,
+        in_advance: Operator | None = None,
+        *,
+        waits: bool,
+        as_json: bool,
+    ) -> None:
+        self._in_advance = in_advance
+        self._runs_dir = runs_dir
+        self._holder = holder
+        self._as_json = as_json
+        self._has_terminal = sys.stdin.isatty() and sys.stderr.isatty() and not as_json
+        self.desk = Desk(is_attended=waits or self._has_terminal, on_change=self._show)
+        self._control = Control(holder.run, holder, self.desk)
+
+    async def decide(self, question: Question) -> Answer | None:
+        """Return the answer given in advance, or else that of whoever is there."""
+        if self._in_advance is not None:
+            answer = await self._in_advance.decide(question)
+            if answer is not None:
+                return answer
+        return await self.desk.decide(question)
+
+    def attach(self, dispatcher: Dispatcher) -> None:
+        """Let orders through to the dispatcher of the run."""
+        self._control.attach(dispatcher)
+        dispatcher.on_early_end(self.desk.leave)
+
+    @asynccontextmanager
+    async def open(self) -> AsyncIterator[None]:
+        """Serve the control socket and hear the terminal while the block runs.
+
+        Raises
+        ------
+        ControlError : the socket cannot be served
+        """
+        make_folder()
+        path = Path(self._holder.control)
+        loop = asyncio.get_running_loop()
+        async with serving(path, handle_for(self._control)):
+            if self._has_terminal:
+                loop.add_reader(sys.stdin.fileno(), self._hear)
+            try:
+                yield
+            finally:
+                if self._has_terminal:
+                    loop.remove_reader(sys.stdin.fileno())
+
+    def _show(self, raised: OpenQuestion | None) -> None:
+        if raised is None:
+            return
+        question = raised.question
+        if self._as_json:
+            choices = {choice.key: choice.words for choice in question.choices}
+            emit(
+                {
+                    "event": "question",
+                    "number": raised.number,
+                    "code": question.code,
+                    "text": question.text,
+                    "choices": choices,
+                    "preview": dict(question.preview),
+                }
+            )
+            return
+        first = dict(question.preview)
+        warn(f"question {raised.number}: {question.text}")
+        for choice in question.choices:
+            more = f" (first: {first[choice.key]})" if choice.key in first else ""
+            warn(f"  {choice.key:6} {choice.words}{more}")
+        here = "type an answer and a reason, or " if self._has_terminal else ""
+        warn(f"{here}cellctl answer ANSWER --runs {self._runs_dir} from another terminal")
+
+    def _hear(self) -> None:
+        """Take a line typed at the terminal: an answer, and behind it the reason."""
+        line = sys.stdin.readline()
+        if not line:  # the terminal is gone; `ends.py` notices that, too
+            asyncio.get_running_loop().remove_reader(sys.stdin.fileno())
+            return
+        key, _, why = line.strip().partition(" ")
+        if not key:
+            return
+        who = f"{self._holder.user} at the terminal"
+        refusal = self.desk.answer(None, Answer(key, who, why.strip()[:1000]))
+        if refusal:
+            warn(refusal)
