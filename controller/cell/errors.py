@@ -28,6 +28,10 @@ class ReleaseRefusedError(CellError):
     """A gripper was to open that alone holds the part: a bug, caught in time."""
 
 
+class LeaseError(CellError):
+    """A device or space is asked for out of order, or never given back: a bug, caught in time."""
+
+
 class PolicyAbortError(CellError):
     """The fault policy of cell or recipe has the cell abort.
 

@@ -28,6 +28,7 @@ from controller.cell.services import (
     Disambiguation,
     Gate,
     Interlocks,
+    Leases,
     Motion,
     Permits,
     Recoveries,
@@ -64,6 +65,10 @@ def record(journal: Journal) -> BatchRecord:
 def recoveries_of(record: BatchRecord, **faults: Any) -> Recoveries:
     section = FaultsSection.model_validate(faults)
     return Recoveries(record, fault_policy(section), CellClock(1000.0))
+
+
+def leases_of(record: BatchRecord) -> Leases:
+    return Leases(record.note, CellClock(1000.0))
 
 
 def test_a_state_begins_without_the_label_of_the_one_before(journal: Journal) -> None:
@@ -299,14 +304,16 @@ async def test_an_abort_writes_down_which_device_confirmed_it(
 
 def test_an_effect_without_an_action_is_known_before_anything_moves(record: BatchRecord) -> None:
     with pytest.raises(ValueError, match="no action for abort_motion"):
-        Actions(dict.fromkeys(list(Effect)[:2], ANY()), recoveries_of(record))
+        Actions(dict.fromkeys(list(Effect)[:2], ANY()), recoveries_of(record), leases_of(record))
 
 
 async def test_a_part_fault_leads_where_its_recovery_action_says(record: BatchRecord) -> None:
     async def fail() -> Event:
         raise PartFaultError(PartFault.GRASP_MISSED, "on nothing")
 
-    actions = Actions(dict.fromkeys(Effect, ANY(run=fail)), recoveries_of(record))
+    actions = Actions(
+        dict.fromkeys(Effect, ANY(run=fail)), recoveries_of(record), leases_of(record)
+    )
     events = [await actions.perform(Effect.GRASP) for _ in range(2)]
     assert events == [Event.GRASP_MISSED] * 2
     with pytest.raises(PartProblemError, match="waits for you"):

@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from typing import Protocol
 
 from controller.cell.errors import PartFaultError
-from controller.cell.machine import Effect, Event
+from controller.cell.machine import NEEDS, Effect, Event
 
-from ..services import Recoveries
+from ..services import Leases, Recoveries
 
 
 class Action(Protocol):
@@ -31,21 +31,25 @@ class Actions:
     ValueError : an effect has none
     """
 
-    def __init__(self, by_effect: Mapping[Effect, Action], recoveries: Recoveries) -> None:
+    def __init__(
+        self, by_effect: Mapping[Effect, Action], recoveries: Recoveries, leases: Leases
+    ) -> None:
         if missing := set(Effect) - set(by_effect):
             raise ValueError(f"no action for {', '.join(sorted(missing))}")
         self._by_effect = by_effect
         self._recoveries = recoveries
+        self._leases = leases
 
     async def perform(self, effect: Effect) -> Event:
-        """Run one effect to its end; return its event, or the event of the recovery action.
+        """Run one effect to its end, with what it needs; return its event, or that of a recovery.
 
         Raises
         ------
         PartProblemError : a person has to look at the part
         """
         try:
-            return await self._by_effect[effect].run()
+            async with self._leases.hold(effect.value, NEEDS[effect]):
+                return await self._by_effect[effect].run()
         except PartFaultError as error:
             action = self._recoveries.book(error)
         await self._recoveries.wait(action)

@@ -112,6 +112,12 @@ CELL: Final = (
         "look at the cell, then `cellctl ack --why` with the reason, and start again",
     ),
     Alarm(
+        913, "lease", _ABORT, _HOST,
+        "a device or space was asked for out of order, or never given back: a bug, caught",
+        _NO_REMAINDER,
+        "look at the cell, start again; send the journal with your report",
+    ),
+    Alarm(
         920, "broke_off", _ABORT, _HOST,
         "an error kept the run from coming to rest",
         "where the arm is, and what the grippers hold",

@@ -51,6 +51,7 @@ from ..services import (
     HeldPose,
     Imaging,
     Interlocks,
+    Leases,
     Motion,
     PartFile,
     Permits,
@@ -187,7 +188,7 @@ def assemble(
         Effect.ABORT_MOTION: AbortMotionAction(stopping, views, journal),
         Effect.CLEAR_FAULT: ClearFaultAction(io),
     }
-    actions = Actions(by_effect, recoveries)
+    actions = Actions(by_effect, recoveries, Leases(record.note, clock))
     watchers = (
         InterlockWatcher(io, interlocks),
         FixedGripperWatcher(gripper, grippers, recoveries, record, clock),

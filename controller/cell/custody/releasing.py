@@ -20,6 +20,7 @@ from ..errors import CellError
 from ..journal import JOURNAL_NAME, Journal, Once, open_cell_journal, rows
 from .fold import CellIdentity, Custody, GripperName, Held, fold_custody
 from .known_journals import note_journal, rows_of_all_journals
+from .left_leases import LeftLease, left_leases
 from .openings import Opening, read_openings
 from .start_check import openings_row
 
@@ -44,11 +45,13 @@ class Standing:
     known : from the journals of all runs
     openings : from the grippers themselves
     notice : what was wrong with the journal; empty if nothing was
+    leases : what the last run had when its controller died
     """
 
     known: tuple[Held, ...]
     openings: tuple[Opening, Opening]
     notice: str
+    leases: tuple[LeftLease, ...] = ()
 
 
 class ReleaseVisit:
@@ -125,7 +128,7 @@ class ReleaseVisit:
         known = fold_custody(found, CellIdentity.of(self._began))
         openings = await read_openings(self._devices)
         self._journal.write(openings_row(openings))
-        return Standing(known, openings, self._notice)
+        return Standing(known, openings, self._notice, left_leases(found))
 
     async def open(self, gripper: GripperName, known: Sequence[Held]) -> Custody:
         """Open one gripper while a person holds the part; return the custody that follows.

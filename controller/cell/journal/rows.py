@@ -684,6 +684,24 @@ class SourceDemoted(Body):
     alarm: int = 0
 
 
+class LeaseTaken(Body):
+    """An action has devices and spaces to itself from now on."""
+
+    kind = "decision"
+    row_name = "lease_taken"
+    by: str
+    resources: tuple[str, ...]
+
+
+class LeaseReturned(Body):
+    """An action has given back what it had."""
+
+    kind = "decision"
+    row_name = "lease_returned"
+    by: str
+    resources: tuple[str, ...]
+
+
 class LoopLate(Body):
     """The controller's event loop was late: the longest delay, and all of it, within a time.
 
@@ -863,7 +881,7 @@ ROWS: Final[Mapping[tuple[str, str], type[Body]]] = {
         StopNotConfirmed, Openings, TablePictures, Sightings, ViewPicturesTaken, ViewJudged,
         PartMeasured, PartFindings, FilesStored, PartInspected,
         PlanMade, PlanKept, RecoveryBegun, AmbiguityResolved, PartJudged, StartRefused,
-        SourceDemoted, DeviceRetried, TouchedDown, LoopLate,
+        SourceDemoted, DeviceRetried, TouchedDown, LoopLate, LeaseTaken, LeaseReturned,
         QuestionRaised, QuestionAnswered, PathBegun, StoodFree, PositionsTakenOver, HoldNoted,
         GraspAvoided, RecoveryProposed, PartResumed,
     )

@@ -24,6 +24,7 @@ from .recovery import (
     is_held_otherwise,
     next_rung,
 )
+from .resources import NEEDS, Resource
 from .table import (
     COMMANDS,
     ENTRY,
@@ -60,6 +61,7 @@ __all__ = [
     "GRASP",
     "IGNORED",
     "LEARNT",
+    "NEEDS",
     "PARKING",
     "PAUSES",
     "PAUSE_EFFECTS",
@@ -89,6 +91,7 @@ __all__ = [
     "PartFault",
     "PauseKind",
     "Recovery",
+    "Resource",
     "Rung",
     "SafePoint",
     "Transition",

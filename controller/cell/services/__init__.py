@@ -9,6 +9,7 @@ from .gate import Gate, NextMotion, Permit, Permits
 from .grippers import Grippers
 from .imaging import CameraName, Imaging
 from .interlocks import Interlocks
+from .leases import Leases
 from .motion import Motion
 from .preparation import Preparation
 from .resuming import Resumption, hold_of, park_interrupted, verdict_of
@@ -24,6 +25,7 @@ __all__ = [
     "HeldPose",
     "Imaging",
     "Interlocks",
+    "Leases",
     "Motion",
     "NextMotion",
     "PartFile",

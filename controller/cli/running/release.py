@@ -108,6 +108,8 @@ def _report(standing: Standing, found: Proposal | str | None) -> None:
         print_line(f"journal: the {one.gripper.value} may hold a part: {known_words(one)}")
     if not standing.known:
         print_line("journal: no gripper holds a part")
+    for lease in standing.leases:
+        print_line(f"lease: {lease.words}")
     for opening in standing.openings:
         print_line(f"{opening.gripper.value}: {opening.occupancy.value}; {opening.reason}")
     names = sorted(OPTION[gripper] for gripper in _may_hold(standing))
@@ -187,6 +189,10 @@ def _json(
         "openings": [
             {"gripper": one.gripper.value, "finding": one.occupancy.value, "reason": one.reason}
             for one in standing.openings
+        ],
+        "leases": [
+            {"resources": list(one.resources), "by": one.by, "run": one.run, "since": one.since}
+            for one in standing.leases
         ],
         "notice": standing.notice,
         "proposal": _proposal_json(found),
