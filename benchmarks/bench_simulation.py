@@ -141,6 +141,12 @@ def run_one(work: tuple[str, Case]) -> Ran:
     if outcome in ("held", "stopped", "aborted") and fault:
         is_named = names_it(FAULTS[fault], ended.messages[-1])
         outcome = f"{outcome}, named" if is_named else f"{outcome}, wrong message"
+    if outcome == "complete" and fault:
+        of_it = [one for one in ended.caused if one.startswith(fault)]
+        if not of_it:
+            outcome = "not reached"  # the state, in a run without further faults
+        elif "not now" in of_it[0]:
+            outcome = "not now"  # nothing held that could be lost
     scene = f"{case.scene.recipe}/{case.scene.pose_index}/{case.scene.place}"
     return Ran(
         key, key.split("/")[0], case.seed, scene, outcome, ended.ends, ended.messages[-1],

@@ -23,8 +23,8 @@ from .loop import NothingLeftError, SimulatedLoop, SimulatedProcess
 from .power import cut_power
 
 MAX_CELL_S: Final = 2400.0  # a case that is not done by then hangs
-PART_STEPS: Final = 110_000  # of a controller that works on one part
-PART_ROWS: Final = 96  # that a run of one part writes
+PART_STEPS: Final = 115_000  # of a controller that works on one part
+PART_ROWS: Final = 140  # that a run of one part writes
 NEAR_STEPS: Final = 300  # that a controller makes until the devices have heard of a row
 DEAD_S: Final = (0.3, 12.0)  # from a kill to the next start
 REST_S: Final = 4.0  # after the last end, until the world is looked at

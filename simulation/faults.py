@@ -161,6 +161,10 @@ class Cause:
 
     def _carry_out(self, order: Order) -> None:
         values = dict(order)
+        if values["do"] in ("lose_part", "slip"):
+            gripper = values.get("gripper", "arm")
+            if self.cell.truth()["parts"][0]["custody"] not in (gripper, "both"):
+                raise ValueError(f"the {gripper} gripper holds nothing")
         self.cell.befall(values.pop("do"), **values)
 
     async def _undo(self, fault: Fault) -> None:
