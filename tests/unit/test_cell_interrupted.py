@@ -262,3 +262,24 @@ def test_a_gripper_opens_only_beside_one_that_holds_or_where_the_part_may_stay(
         assert arm_holds
     if opens == "arm":
         assert fixed_holds or at in (3, 13)  # at the table, over its tray
+
+
+@pytest.mark.parametrize(
+    ("last", "at", "places"),
+    [("parked", 0, ()), ("goes to the part", 1.5, (1, 0)), ("comes down", 3, (2, 1, 0)),
+     ("expects grasp 1", 3, (2, 1, 0))],
+)  # fmt: skip
+def test_with_the_part_on_the_table_only_the_arm_goes_back(
+    last: str, at: float, places: Sequence[float]
+) -> None:
+    found = proposed(last, ARM_OPEN | FIXED_OPEN, at)
+    assert found.is_arm_alone
+    assert found.custody is Custody.ON_TABLE
+    assert found.leaving is not None
+    assert [w[0] for w in found.leaving.waypoints] == list(places)
+    assert proposed(last, ARM_OPEN | FIXED_ON, at).person  # something is in the fixed gripper
+
+
+def test_a_part_that_was_taken_off_the_table_goes_on_itself() -> None:
+    assert not proposed("closes", ARM_OPEN | FIXED_OPEN, 3).is_arm_alone
+    assert not proposed("lifted", ARM_ON | FIXED_OPEN, 2).is_arm_alone

@@ -140,13 +140,13 @@ class RecoverAction:
         match proposal.custody:
             case Custody.IN_ARM:
                 await self.grippers.press_and_require_hold()
-                if (await self.fixed.status()).opening_mm < self.fixed.max_opening_mm - WIDE_MM:
-                    await self.grippers.open_fixed()
+                await self._open_fixed_wide()
                 return Event.PLAN_VOID
             case Custody.IN_FIXED:
                 await self.grippers.require_fixed_holds()
                 return Event.PLAN_VOID
             case Custody.ON_TABLE:
+                await self._open_fixed_wide()
                 return Event.PART_DROPPED
             case Custody.PLACED:
                 assert left.verdict is not None, "what is over its tray was judged"
@@ -162,3 +162,8 @@ class RecoverAction:
         raise PartFaultError(
             PartFault.DROPPED, "after the crash no gripper holds the part any more"
         )
+
+    async def _open_fixed_wide(self) -> None:
+        """Open the fixed gripper, which holds nothing: paths are planned past its open jaws."""
+        if (await self.fixed.status()).opening_mm < self.fixed.max_opening_mm - WIDE_MM:
+            await self.grippers.open_fixed()

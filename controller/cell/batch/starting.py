@@ -8,11 +8,12 @@ from collections.abc import Sequence
 
 from controller.planning.model import CellLayout
 
-from ..custody import Held, where_it_is
-from ..custody.openings import presses_on_something, read_openings
+from ..custody import CellIdentity, Custody, GripperName, Held, where_it_is
+from ..custody.openings import Occupancy, Opening, presses_on_something, read_openings
 from ..custody.start_check import PartMayBeHeldError, openings_row, require_empty_grippers
 from ..devices import Devices
-from ..journal import Journal, read_rows, rows
+from ..journal import Journal, read_rows, read_rows_of_kinds, rows
+from ..machine import Event
 from ..operator import Choice, Operator, Question
 from ..recovery import (
     Interrupted,
@@ -68,6 +69,12 @@ async def start(
         else:
             why = found
     openings = await read_openings(devices)
+    if not known and order.recovery == "auto" and not _may_hold(openings):
+        alone = await _arm_alone(devices, journal, began, layout)
+        if alone is not None:
+            await journal.write_secured(await _decided(order, operator, alone))
+            journal.write(openings_row(openings))
+            return alone
     try:
         await require_empty_grippers(
             known,
@@ -80,6 +87,39 @@ async def start(
     except PartMayBeHeldError as error:
         return _refusal(error, journal)
     return None
+
+
+def _may_hold(openings: Sequence[Opening]) -> bool:
+    held = (Occupancy.HOLDS, Occupancy.MAY_HOLD)
+    return any(one.occupancy in held for one in openings)
+
+
+async def _arm_alone(
+    devices: Devices, journal: Journal, began: rows.RunBegan, layout: CellLayout
+) -> Proposal | None:
+    """Return how the arm of a killed run, whose part is on the table, goes back; None if it homes.
+
+    Homing sweeps the whole reach from wherever the arm stands, past all that stands there.
+    """
+    found = [
+        row for row in read_rows_of_kinds(journal.path, ("intent",), (Event.RESET.value,))
+        if row.run != journal.run
+    ]  # fmt: skip
+    # the last run that was reset may have moved the arm, also by homing it
+    run = found[-1].run if found else ""
+    part = next((row.part for row in reversed(found) if row.run == run and row.part), None)
+    if part is None:
+        return None
+    left = fold_interrupted(read_rows(journal.path, run), run, part)
+    if left is None or left.has_ended or left.custody is not Custody.ON_TABLE:
+        return None
+    here = CellIdentity.of(began)
+    if left.intent is not None or not here.shares(GripperName.ARM, CellIdentity.of(left.began)):
+        return None
+    if not same_cell(left.began.cell, began.cell):
+        return None
+    proposal = propose(left, await read_world(devices, left), layout)
+    return proposal if proposal.is_proven else None
 
 
 async def find_proposal(

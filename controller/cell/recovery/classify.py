@@ -148,7 +148,15 @@ def _lost(left: Interrupted, world: World) -> Case:
     )
 
 
+def _on_table(left: Interrupted, world: World) -> Case:
+    """Return that only the arm has to go back; the part is looked for as at every start."""
+    if world.does_fixed_touch:
+        return _contradiction(left, "the fixed gripper reports that it holds something")
+    return Case(Custody.ON_TABLE)
+
+
 _CUSTODIES: Final[Mapping[Custody, Rule]] = {
+    Custody.ON_TABLE: _on_table,
     Custody.IN_ARM: _in_arm,
     Custody.IN_BOTH: _in_both,
     Custody.IN_FIXED: _in_fixed,

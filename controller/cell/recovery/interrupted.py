@@ -44,6 +44,7 @@ class Interrupted:
     verdict : if the part was judged
     resumed : if that run had taken the part over from one before it
     is_homed : positions meant something in that run
+    has_ended : it came to its end by itself, so that it was not killed
     """
 
     run: str
@@ -73,6 +74,7 @@ class Interrupted:
     verdict: rows.PartJudged | None = None
     resumed: rows.PartResumed | None = None
     is_homed: bool = False
+    has_ended: bool = False
 
     @property
     def serial(self) -> str:
@@ -149,7 +151,7 @@ def fold_interrupted(found: Iterable[Row], run: str, part: int) -> Interrupted |
     ValueError : a row is not as this version writes it
     """
     known: Interrupted | None = None
-    is_homed = False
+    is_homed = has_ended = False
     for one in found:
         if one.run != run:
             continue
@@ -158,13 +160,15 @@ def fold_interrupted(found: Iterable[Row], run: str, part: int) -> Interrupted |
             known = Interrupted(run, part, row)
         elif isinstance(row, rows.Homed | rows.PositionsTakenOver):
             is_homed = True
+        elif isinstance(row, rows.RunEnded | rows.RunBrokeOff):
+            has_ended = True
         elif known is not None and row is not None:
             if one.part == part:
                 known.take(row)
             else:
                 known.trail.take(row)
     if known is not None:
-        known.is_homed = is_homed
+        known.is_homed, known.has_ended = is_homed, has_ended
     return known
 
 

@@ -62,6 +62,11 @@ class Proposal:
         return self.case.evidence
 
     @property
+    def is_arm_alone(self) -> bool:
+        """Whether only the arm goes on: a part on the table may be another one by now."""
+        return self.left.custody is Custody.ON_TABLE and self.left.intent is None
+
+    @property
     def intents(self) -> tuple[str, ...]:
         """The unresolved intent, and whether it was done."""
         if self.left.intent is None or self.case.done is None:

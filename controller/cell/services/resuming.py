@@ -47,7 +47,8 @@ class Resumption:
         """
         self.accepted, self.source = proposal, source
         # so that a stop before anything else already states where the part is
-        self.record.part = _part(proposal.left)
+        if not proposal.is_arm_alone:
+            self.record.part = _part(proposal.left)
 
     def first(self) -> Event:
         """Return what the ready cell begins with."""
@@ -64,6 +65,9 @@ class Resumption:
         if proposal is None:
             raise ValueError("no part was accepted to go on with")
         left, record = proposal.left, self.record
+        if proposal.is_arm_alone:
+            self._restore_trail(proposal)
+            return proposal
         record.note(rows.PartResumed(run=left.run, serial=left.serial, lot=left.lot))
         missing = await self.stored_views.take_over(left, self.source)
         for row in (*left.recoveries, *map(_avoided, left.avoid)):
