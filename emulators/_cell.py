@@ -26,6 +26,7 @@ from emulators.modbus import (
     TcpListener,
     TcpServer,
 )
+from emulators.reaping import reap
 from emulators.umi_scara import ArmModel, ArmServer, ArmWire, Axis
 from emulators.world import (
     MAX_REST_OFF_RAD,
@@ -167,7 +168,7 @@ class Cell:
         jaws = _FixedJaws(self.gripper)
         self.world = World(self.layout, self.solids, self.arm, jaws, self._obstruct, seed)
         self._drop_parts(options)
-        self.desk = PictureDesk(build_scene(self.layout, self.solids), self, seed)
+        self.desk = PictureDesk(build_scene(self.layout, self.solids), self, seed, reap)
         self._shared_clock = SharedClock(options.speed) if clock is None else None
         self.clock: WorldClock = self._shared_clock or clock or WorldClock()
         self.cameras: dict[str, V4l2Device] = {}

@@ -1,7 +1,7 @@
 """What an emulator leaves on the machine: its owner's alone, and gone when the emulator is.
 
-Its folder is locked for as long as the process lives, however it ends. The next emulator that
-starts takes away the folders of those that were killed, and unmounts what they had mounted there.
+Its folder is locked for as long as the process lives, however it ends. What one that was killed has
+left, its picture process takes away when it is hung up on, or else the next emulator that starts.
 """
 
 import contextlib
@@ -38,14 +38,14 @@ def bind_owned(listener: socket.socket, path: Path) -> None:
 
 @contextlib.contextmanager
 def owned_folder(unmount: Callable[[Path], None]) -> Iterator[Path]:
-    """Give a folder to a block and take it away after it; first clear what the killed have left.
+    """Yield a folder, taken away after the block; first clear what the killed have left.
 
     Parameters
     ----------
     unmount : takes away what may be mounted on a folder; nothing there is fine
     """
     base = Path(tempfile.gettempdir())
-    _sweep(base, unmount)
+    sweep(unmount)
     folder = Path(tempfile.mkdtemp(prefix=FOLDER_PREFIX, dir=base))  # mode 0700
     lock = os.open(folder / _LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
     try:
@@ -56,8 +56,14 @@ def owned_folder(unmount: Callable[[Path], None]) -> Iterator[Path]:
         os.close(lock)
 
 
-def _sweep(base: Path, unmount: Callable[[Path], None]) -> None:
-    for folder in base.glob(f"{FOLDER_PREFIX}*"):
+def sweep(unmount: Callable[[Path], None]) -> None:
+    """Take away the folders of emulators that were killed.
+
+    Parameters
+    ----------
+    unmount : takes away what may be mounted on a folder; nothing there is fine
+    """
+    for folder in Path(tempfile.gettempdir()).glob(f"{FOLDER_PREFIX}*"):
         try:
             found = folder.lstat()
             if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid():

@@ -40,7 +40,7 @@ def registered(announcement: Mapping[str, Any]) -> Iterator[None]:
         log.warning("%s is somebody else's: addresses given by hand find no clock", folder)
         yield
         return
-    _sweep(folder)
+    sweep(folder)
     while not _write(entry, text):
         pass
     try:
@@ -59,7 +59,7 @@ def _is_ours(folder: Path) -> bool:
             return folder.stat().st_uid == os.getuid()
 
 
-def _sweep(folder: Path) -> None:
+def sweep(folder: Path) -> None:
     """Take away what emulators that were killed have left: their entries and their clocks."""
     for entry in folder.glob("*.json"):
         with suppress(OSError, ValueError, KeyError, TypeError):

@@ -16,6 +16,7 @@ import subprocess
 import sys
 import tempfile
 import textwrap
+import time
 import zlib
 from collections.abc import Iterator
 from pathlib import Path
@@ -133,12 +134,13 @@ class Emulator:
             env=os.environ | {"TMPDIR": str(folder)},
             stdout=subprocess.PIPE,
             text=True,
+            start_new_session=True,
         )
         assert self.process.stdout is not None
         self.ready = json.loads(self.process.stdout.readline())
 
-    def end(self, by: signal.Signals = signal.SIGTERM) -> None:
-        self.process.send_signal(by)
+    def end(self, by: signal.Signals = signal.SIGTERM, *, with_children: bool = False) -> None:
+        (os.killpg if with_children else os.kill)(self.process.pid, by)
         self.process.wait(600)
         assert self.process.stdout is not None
         self.process.stdout.close()
@@ -188,7 +190,7 @@ def test_what_an_emulator_opens_is_its_owners_alone_and_gone_after_a_kill(
             folder.chmod(0o755)  # the socket's own permissions, not its folder's
             assert refused_to_others(str(control))
     finally:
-        emulator.end(signal.SIGKILL)
+        emulator.end(signal.SIGKILL, with_children=True)
     assert home.exists()  # nobody could take it away
     again = Emulator(folder, "--camera-transport", "socket")
     try:
@@ -199,6 +201,19 @@ def test_what_an_emulator_opens_is_its_owners_alone_and_gone_after_a_kill(
     finally:
         again.end()
     assert list(folder.glob(f"{FOLDER_PREFIX}*")) == []
+
+
+def test_what_is_left_of_a_killed_emulator_its_picture_process_takes_away(folder: Path) -> None:
+    emulator = Emulator(folder)
+    (home,) = folder.glob(f"{FOLDER_PREFIX}*")
+    clock = Path(emulator.ready["clock"])
+    assert clock.exists()
+    emulator.end(signal.SIGKILL)
+    until = time.monotonic() + 600  # a guard against a hang, no measure
+    while home.exists() or clock.exists():
+        assert time.monotonic() < until
+        time.sleep(0.01)
+    assert str(home) not in Path("/proc/mounts").read_text()
 
 
 def test_the_folder_of_an_emulator_that_lives_is_left_alone(

@@ -51,6 +51,10 @@ class _Wish:
     slot: int = -1
 
 
+def nothing_is_left() -> None:
+    """Take nothing away: what a desk by itself leaves behind."""
+
+
 class PictureDesk:
     """Takes orders for pictures from cameras and has the picture process fill them.
 
@@ -59,14 +63,22 @@ class PictureDesk:
     scene : cameras, lamps and surfaces, sent to the worker once
     world : gives the poses of what moves and the levels of the lamps
     seed : decides the noise of every picture
+    reap : called in the picture process once this one is gone; sent there, so a plain function
 
     Raises
     ------
     RuntimeError : from `note`, when the worker has died
     """
 
-    def __init__(self, scene: Scene, world: WorldState, seed: int = 0) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        world: WorldState,
+        seed: int = 0,
+        reap: Callable[[], None] = nothing_is_left,
+    ) -> None:
         self._scene, self._world, self._seed = scene, world, seed
+        self._reap = reap
         largest = max(camera.width_px * camera.height_px for camera in scene.cameras)
         self._slot_bytes = 2 * largest
         self._numbers = itertools.count(1)
@@ -99,7 +111,7 @@ class PictureDesk:
         self._connection, far = context.Pipe()
         self._process = context.Process(
             target=work,
-            args=(far, self._memory.name, self._slot_bytes, self._scene),
+            args=(far, self._memory.name, self._slot_bytes, self._scene, self._reap),
             name="pictures",
             daemon=True,
         )

@@ -6,7 +6,7 @@ its own process.
 """
 
 import signal
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from multiprocessing.shared_memory import SharedMemory
@@ -96,7 +96,13 @@ class PictureMaker:
         return develop(self.radiance(order.camera, order.poses, order.levels), order.exposure)
 
 
-def work(connection: Connection, memory_name: str, slot_bytes: int, scene: Scene) -> None:
+def work(
+    connection: Connection,
+    memory_name: str,
+    slot_bytes: int,
+    scene: Scene,
+    reap: Callable[[], None],
+) -> None:
     """Make pictures until the other end hangs up; the picture process's main function.
 
     Parameters
@@ -104,6 +110,7 @@ def work(connection: Connection, memory_name: str, slot_bytes: int, scene: Scene
     connection : orders come in, word of finished pictures goes out
     memory_name, slot_bytes : shared memory for pictures, and the room for each
     scene : what all cameras look at
+    reap : called when the other end has hung up, which it does when it is killed
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends this by hanging up
     cv2.setNumThreads(1)
@@ -122,6 +129,6 @@ def work(connection: Connection, memory_name: str, slot_bytes: int, scene: Scene
             del place
             connection.send(("picture", order.number, picture.shape, picture.dtype.str))
     except (EOFError, OSError):
-        pass
+        reap()
     finally:
         memory.close()
