@@ -156,6 +156,7 @@ class Dispatcher:
         can_pause = mode_of(state) in (Mode.EXECUTE, Mode.SUSPENDING)
         alarm = alarm_of(self._code) if self._code else None
         return CellStatus(
+            at_s=self._gate.now_s,
             state=state,
             label=progress.label,
             step=progress.step,
@@ -313,7 +314,12 @@ class Dispatcher:
         if note.event is Event.PART_PROBLEM:
             self._record.problem = (note.code, note.message)
         state = decision.target.removeprefix("execute_")
-        self._record.show_state(state, is_at_work=work_of(decision.target) is not None)
+        work = work_of(decision.target)
+        self._record.show_state(
+            state,
+            is_at_work=work is not None,
+            is_same_work=work is not None and work == work_of(decision.source),
+        )
         await self._end_overtaken(note, decision)
         for effect in decision.effects:
             task = asyncio.create_task(self._act(effect), name=f"effect {effect.value}")

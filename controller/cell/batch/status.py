@@ -14,6 +14,7 @@ class CellStatus:
 
     Attributes
     ----------
+    at_s : the cell's clock [cell s]
     state : of the machine
     label : what is being done, for people
     step, step_count : of the plan, from 1; 0 without one
@@ -27,6 +28,7 @@ class CellStatus:
     first : what moves first when the pause ends; None where nothing is paused
     """
 
+    at_s: float
     state: str
     label: str
     step: int

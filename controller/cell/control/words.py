@@ -89,9 +89,13 @@ class HolderReply(_Body):
 
 
 class StatusReply(_Body):
-    """How the cell stands; durations are cell seconds, null where nobody knows."""
+    """How the cell stands; durations are cell seconds, null where nobody knows.
+
+    `at_s` is the cell's clock; only differences of it mean something.
+    """
 
     run: str
+    at_s: float | None
     state: str
     label: str
     step: int

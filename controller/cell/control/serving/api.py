@@ -94,6 +94,7 @@ class Control:
             200,
             words.StatusReply(
                 run=self._run,
+                at_s=None if found is None else round(found.at_s, 3),
                 state="starting" if found is None else found.state,
                 label="" if found is None else found.label,
                 step=0 if found is None else found.step,

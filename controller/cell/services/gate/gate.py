@@ -193,6 +193,11 @@ class Gate:
         """The safe point at which the cell stands, None anywhere else."""
         return self._point
 
+    @property
+    def now_s(self) -> float:
+        """The cell's clock [cell s]."""
+        return self._clock.now_s()
+
     async def changed(self) -> None:
         """Wait until something about the gate has changed."""
         await self._next_change()

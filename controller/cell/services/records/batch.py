@@ -114,15 +114,18 @@ class BatchRecord:
             setattr(self._progress, name, value)
         self._on_progress()
 
-    def show_state(self, state: str, *, is_at_work: bool = True) -> None:
+    def show_state(
+        self, state: str, *, is_at_work: bool = True, is_same_work: bool = False
+    ) -> None:
         """Show the operator which state the cell has entered; its label is shown by its action.
 
         Parameters
         ----------
         state : its name
         is_at_work : whether the plan goes on in it; otherwise how long it takes is not shown
+        is_same_work : what is being done stays the same, only paused or resumed
         """
-        if state != self._progress.state:
+        if state != self._progress.state and not is_same_work:
             self._progress.label = ""
         if not is_at_work:
             self._progress.remaining_s = None
