@@ -30,10 +30,21 @@ MOTORS: Final[Mapping[str, tuple[str, ...]]] = {  # of the world, by the control
     "arm": ("arm", "arm gripper"),
     "gripper": ("fixed gripper",),
 }
+UNDONE: Final = "undone"  # detail of an intent to open again what it had closed
 EXCUSED_S: Final = 1.0  # from an order that lets a part go to the world's event of it
 LETS_GO: Final[Mapping[str, frozenset[str]]] = {
-    "arm": frozenset({Once.RELEASE_ARM, Once.SET_DOWN, Once.SORT, Once.OPEN_ARM_GRIPPER}),
-    "fixture": frozenset({Once.RELEASE_FIXED, Once.OPEN_FIXED_GRIPPER}),
+    "arm": frozenset(
+        {
+            Once.RELEASE_ARM,
+            Once.SET_DOWN,
+            Once.SORT,
+            Once.OPEN_ARM_GRIPPER,
+            f"{Once.RECEIVE.value} {UNDONE}",
+        }
+    ),
+    "fixture": frozenset(
+        {Once.RELEASE_FIXED, Once.OPEN_FIXED_GRIPPER, f"{Once.HAND_OFF.value} {UNDONE}"}
+    ),
 }
 TAKES: Final[Mapping[str, frozenset[str]]] = {
     "arm": frozenset({Once.GRASP, Once.RECEIVE}),
@@ -188,7 +199,11 @@ class Watch:
 
     def check_once(self, found: Sequence[Row]) -> None:
         """Check that no gripper took hold or let go more often than it was meant to."""
-        meant = [row.name for row in found if row.kind == "intent"]
+        meant = [
+            f"{row.name} {UNDONE}" if row.body.get("detail") == UNDONE else row.name
+            for row in found
+            if row.kind == "intent"
+        ]
         world = self.cell.cell.world
         for gripper in ("arm", "fixture"):
             for what, names in (("released", LETS_GO[gripper]), ("gripped", TAKES[gripper])):
