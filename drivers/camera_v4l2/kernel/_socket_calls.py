@@ -24,6 +24,7 @@ _REPLY: Final = struct.Struct("<iI")
 _MAP: Final = struct.Struct("<QQ")
 _IOCTL_KIND, _MMAP_KIND, _EVENTS_KIND = 1, 2, 3
 _MAX_REPLY_BYTES: Final = 1 << 14  # an ioctl's size field has 14 bits
+_MAX_ERRNO: Final = 4095  # the kernel's, include/linux/err.h
 _EVENT_GULP_BYTES: Final = 4096
 HANG_WALL_S: Final = 120.0  # the peer is an emulator: slow is not silent, only a hang is meant
 
@@ -157,6 +158,8 @@ class SocketCalls:
             result, size = _REPLY.unpack(_receive(line.socket, _REPLY.size, fds))
             if size > _MAX_REPLY_BYTES:
                 raise OSError(errno.EPROTO, f"a reply of {size} bytes")
+            if not -_MAX_ERRNO <= result <= 0:
+                raise OSError(errno.EPROTO, f"{result} is neither 0 nor an error's number")
             answer = _receive(line.socket, size, fds)
             is_whole = True
         except TimeoutError as error:
