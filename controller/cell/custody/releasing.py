@@ -81,7 +81,7 @@ class ReleaseVisit:
         self._devices = Devices.build(self._cell, where, self._clock)
         try:
             began = self._who_and_what(where)
-            self._journal.write(began)
+            await self._journal.write_secured(began)
             note_journal(self._journal.path, began)
             self._began = began
             self._journal.write(rows.Connected(await self._devices.connect_grippers()))
