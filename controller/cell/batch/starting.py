@@ -29,6 +29,7 @@ from .order import RunOrder
 
 GO_ON, REFUSE = "go_on", "refuse"
 BY_OPTION = "--auto-recover"
+BY_START = "the start"
 
 
 async def start(
@@ -69,10 +70,11 @@ async def start(
         else:
             why = found
     openings = await read_openings(devices)
-    if not known and order.recovery == "auto" and not _may_hold(openings):
+    if not known and not _may_hold(openings):
         alone = await _arm_alone(devices, journal, began, layout)
         if alone is not None:
-            await journal.write_secured(await _decided(order, operator, alone))
+            # no gripper holds anything, and a start may move the arm: it would home it otherwise
+            await journal.write_secured(_row(alone, "accepted", BY_START, "proven safe"))
             journal.write(openings_row(openings))
             return alone
     try:
@@ -190,6 +192,10 @@ async def _decided(
         else:
             decision = "accepted" if answer.key == GO_ON else "refused"
             who, why = answer.who, answer.why
+    return _row(proposal, decision, who, why)
+
+
+def _row(proposal: Proposal, decision: str, who: str, why: str) -> rows.RecoveryProposed:
     return rows.RecoveryProposed(
         run=proposal.left.run,
         custody=proposal.case.now.key,

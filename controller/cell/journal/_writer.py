@@ -81,7 +81,10 @@ class Journal:
         return await self.secure(row.kind, name_of(row), row.as_json(), part)
 
     def write_synced(self, row: Body) -> int:
-        """Do what `write_secured` does, in this thread: not on the event loop."""
+        """Append a row as `write_secured` does, in this thread; return its number.
+
+        Not for the event loop, which it holds until the row is on the disk.
+        """
         return self._write(row.kind, name_of(row), row.as_json(), None, full=True)
 
     def record(
