@@ -76,7 +76,10 @@ def _chute(section: ChuteSection | None) -> dict[str, Box]:
     for name, plate in section.plates.items():
         edges = np.array([plate.along, plate.across], dtype=float)
         lengths_mm = np.linalg.norm(edges, axis=1)
-        x, y = edges / lengths_mm[:, None]
+        x, across = edges / lengths_mm[:, None]
+        # the file's edges are at right angles to its own digits only
+        y = across - (across @ x) * x
+        y /= np.linalg.norm(y)
         half_mm = np.array([*lengths_mm, plate.thickness_mm]) / 2
         T = np.eye(4)
         T[:3, :3] = np.column_stack([x, y, np.cross(x, y)])
