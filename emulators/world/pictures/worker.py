@@ -5,12 +5,14 @@ lit, and the last picture of each camera if nothing in it moved. A test may run 
 its own process.
 """
 
+import os
 import signal
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from multiprocessing.shared_memory import SharedMemory
-from typing import Any
+from typing import Any, Final
 
 import cv2
 import numpy as np
@@ -22,6 +24,8 @@ from .picture import Changes, Eye
 from .sensor import Exposure, blurred, develop
 
 Picture = NDArray[np.uint8] | NDArray[np.uint16]
+END_WALL_S: Final = 30.0  # within which a parent that hung up has ended, on a busy machine too
+END_LOOK_WALL_S: Final = 0.01
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -113,6 +117,7 @@ def work(
     reap : called when the other end has hung up, which it does when it is killed
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends this by hanging up
+    parent = os.getppid()
     cv2.setNumThreads(1)
     memory = SharedMemory(memory_name)
     maker = PictureMaker(scene)
@@ -129,6 +134,15 @@ def work(
             del place
             connection.send(("picture", order.number, picture.shape, picture.dtype.str))
     except (EOFError, OSError):
+        _await_end(parent)
         reap()
     finally:
         memory.close()
+
+
+def _await_end(parent: int) -> None:
+    """Wait until the parent has ended: a kernel hangs up before it lets go of locks and mounts."""
+    for _ in range(round(END_WALL_S / END_LOOK_WALL_S)):
+        if os.getppid() != parent:
+            return
+        time.sleep(END_LOOK_WALL_S)

@@ -1,0 +1,179 @@
+"""From the event of an opened door to the halt on every wire, with vision and planning busy.
+
+    python benchmarks/bench_estop.py [--presses 100] [--busy 2] [--json]
+
+An emulated cell at real time on its real wires. The run's own dispatcher homes arm and fixed
+gripper; at a random moment the door is opened over the emulator's control port, and the interlock
+stops the cell as an emergency stop does (both are inputs of one I/O block, watched alike; the door
+leaves the emulated arm its power, so that a hundred presses take minutes). Meanwhile the worker
+prepares plans, and --busy processes compute.
+
+The event is its row in the journal. The halt is, on the arm's line, the answered dead stop of each
+board, so that the time of the bytes on the wire at 9600 baud is in it; on a Modbus line, the first
+frame sent that writes. From the door itself to the event passes the poll of the I/O block, too.
+"""
+
+import argparse
+import asyncio
+import json
+import logging
+import multiprocessing
+import random
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from runs_stand_ins import World
+
+from controller.cell.batch import assemble
+from controller.cell.compute import Compute, Job, context, make_pool
+from controller.cell.devices import Devices, resolve
+from controller.cell.devices.clocks import find_clock
+from controller.cell.devices.emulator import emulated_cell, emulator_command
+from controller.cell.journal import Journal, read_rows
+from controller.cell.services.records import Progress
+from controller.setup.layout import build_layout
+from drivers.kinds import Signal
+
+ROOT = Path(__file__).parents[1]
+RECIPE, CELL = ROOT / "recipes/holder.yaml", ROOT / "recipes/cells/emulated.yaml"
+DEAD_STOP = "24 ->"  # umi_rtx.md 2.3
+WRITES = (5, 6, 15, 16)
+FUNCTION_AT = 7  # in a Modbus TCP frame, behind its header
+REST_S = 1.5
+
+
+class Wires(logging.Handler):
+    """Notes what goes over the wires, and when."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.DEBUG)
+        self.seen: list[tuple[float, str, str]] = []
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self.seen.append((time.monotonic(), record.name, record.getMessage()))
+
+    def halts_ms(self, after_s: float, gripper: str, lights: str) -> dict[str, float | None]:
+        """Return for each wire how long after an instant its halt was out [ms]."""
+        later = [(t, name, text) for t, name, text in self.seen if t >= after_s]
+        arm = [t for t, name, text in later if name.endswith("arm") and text.startswith(DEAD_STOP)]
+        found: dict[str, float | None] = {
+            "arm, first board": arm[0] if arm else None,
+            "arm, second board": arm[1] if len(arm) > 1 else None,
+        }
+        for wire, address in (("fixed gripper", gripper), ("lamps", lights)):
+            sent = [t for t, _, text in later if f"{address} > " in text and _writes(text)]
+            found[wire] = sent[0] if sent else None
+        return {k: None if t is None else 1e3 * (t - after_s) for k, t in found.items()}
+
+
+def _writes(text: str) -> bool:
+    frame = bytes.fromhex(text.split(" > ")[1])
+    return len(frame) > FUNCTION_AT and frame[FUNCTION_AT] in WRITES
+
+
+def burn() -> None:
+    """Compute until ended."""
+    a = np.random.default_rng(1).normal(size=(300, 300))
+    while True:
+        a = np.tanh(a @ a.T / 300.0)
+
+
+async def press_doors(
+    args: argparse.Namespace, ready: dict[str, Any], control: Path, folder: Path
+) -> list[dict[str, float | None]]:
+    """Home, open the door, let the cell stop, close the door: as often as asked for."""
+    rng, world = random.Random(args.seed), World(control)
+    job = Job(RECIPE, CELL)
+    about = context(job)
+    cell = about.cell
+    clock = find_clock(cell, ready).open()
+    where = resolve(cell, ready["devices"])
+    devices = Devices.build(cell, where, clock)
+    addresses = [str(where[name]["address"]) for name in ("gripper", "lights")]
+    wires, path = Wires(), folder / "journal.sqlite"
+    for name in ("cellctl.wire.arm", "cellctl.wire.modbus"):
+        log = logging.getLogger(name)
+        log.setLevel(logging.DEBUG)
+        log.propagate = False
+        log.addHandler(wires)
+    found = []
+    with make_pool() as pool:
+        async with clock.attending():
+            try:
+                await devices.connect()
+                for number in range(args.presses):
+                    run = f"press-{number:04d}"
+                    journal = Journal(path, run)
+                    batch = assemble(
+                        Compute(job, pool), about.recipe, cell, build_layout(cell), devices,
+                        clock, journal, folder, Progress(), lambda: None,
+                    )  # fmt: skip
+                    await devices.io.wait_for("guard_closed", Signal.OK)
+                    wires.seen.clear()
+                    running = asyncio.create_task(batch.dispatcher.run(1))
+                    await clock.sleep(rng.uniform(0.3, 4.0))
+                    await world("door", closed=False)
+                    outcome = await running
+                    await world("door", closed=True)
+                    journal.close()
+                    faults = [r for r in read_rows(path, run) if r.name == "fault"]
+                    assert outcome.code == "guard_closed", outcome
+                    found.append(wires.halts_ms(faults[0].t_mono_s, *addresses))
+                    await clock.sleep(REST_S)
+            finally:
+                await devices.aclose()
+                await world.aclose()
+    clock.close()
+    return found
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--presses", type=int, default=100)
+    parser.add_argument("--busy", type=int, default=2, help="processes that compute meanwhile")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--json", action="store_true")
+    args = parser.parse_args()
+    burners = [multiprocessing.Process(target=burn, daemon=True) for _ in range(args.busy)]
+    for burner in burners:
+        burner.start()
+    try:
+        with tempfile.TemporaryDirectory() as scratch:
+            folder = Path(scratch)
+            control = folder / "control.sock"
+            command = emulator_command(
+                CELL, [ROOT / "recipes/parts/holder.stl"], speed=1.0, seed=args.seed,
+                more=("--empty", "--control", str(control), "--camera-transport", "socket"),
+            )  # fmt: skip
+            with emulated_cell(command, folder / "emulator.log") as ready:
+                found = asyncio.run(press_doors(args, ready, control, folder))
+    finally:
+        for burner in burners:
+            burner.kill()
+    table = {}
+    for wire in found[0]:
+        ms = np.array([one[wire] for one in found if one[wire] is not None], dtype=float)
+        table[wire] = {
+            "presses": len(found),
+            "halted": len(ms),
+            **{
+                f"p{q}_ms": round(float(np.quantile(ms, q / 100)), 2) if len(ms) else None
+                for q in (50, 99, 100)
+            },
+        }
+    if args.json:
+        print(json.dumps({"bench": "estop", "wires": table, "busy": args.busy}))
+        return 0
+    print(f"{'wire':18} {'presses':>7} {'halted':>7} {'p50 ms':>8} {'p99':>8} {'max':>8}")
+    for wire, one in table.items():
+        print(f"{wire:18} {one['presses']:7} {one['halted']:7} {one['p50_ms'] or 0:8.2f} "
+              f"{one['p99_ms'] or 0:8.2f} {one['p100_ms'] or 0:8.2f}")  # fmt: skip
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
