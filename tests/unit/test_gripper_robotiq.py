@@ -13,7 +13,6 @@ from dataclasses import dataclass, field
 import pytest
 from modbus_fakes import Bus, Map, golden, rtu_on_pty, rtu_over_tcp, tcp_gateway, until, words
 
-from drivers.attendance import Attendance
 from drivers.clock import CellClock
 from drivers.errors import (
     FaultError,
@@ -544,11 +543,11 @@ async def test_fault_09_after_an_idle_second_does_not_stand_in_the_way() -> None
 
 
 async def test_what_the_host_missed_before_a_move_is_no_part_of_its_deadline() -> None:
-    class Late(Attendance):
-        def lost_wall_s(self) -> float:
-            return 60.0
+    class Late(CellClock):
+        def attended_s(self) -> float:
+            return super().attended_s() - 60.0 * self.speed
 
-    clock = CellClock(speed=20.0, min_timeout_wall_s=1.0, _attendance=Late())
+    clock = Late(speed=20.0, min_timeout_wall_s=1.0)
     async with link_to(Bus({9: Robotiq().answer}), clock=clock) as link, Gripper(link) as gripper:
         assert (await gripper.open_to(20.0)).opening_mm == pytest.approx(20.0, abs=0.5)
 
