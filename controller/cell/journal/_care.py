@@ -136,12 +136,10 @@ def _flaw_inside(path: Path, head: Head | None) -> str | None:
 def _flaw_at_the_end(db: sqlite3.Connection, head: Head | None, last: Head) -> str | None:
     if head is None:
         (version,) = db.execute("PRAGMA user_version").fetchone()
-        names = ", ".join("?" for _ in Once)
-        (secured,) = db.execute(
-            "SELECT EXISTS (SELECT 1 FROM journal WHERE kind = 'custody' OR "
-            f"(kind = 'intent' AND name IN ({names})))",
-            tuple(Once),
-        ).fetchone()
+        found = db.execute(
+            "SELECT DISTINCT kind, name FROM journal WHERE kind IN ('custody', 'intent')"
+        )
+        secured = any(kind == "custody" or name in set(Once) for kind, name in found)
         # a journal without a version was written before there were heads
         return "its head is missing" if version and secured else None
     if head.seq > last.seq:
