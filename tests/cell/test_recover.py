@@ -29,7 +29,9 @@ def recover(world: KillWorld, runs: Path, *more: str) -> tuple[int, dict[str, An
         ],
         cwd=ROOT, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False,
     )  # fmt: skip
-    return done.returncode, json.loads(done.stdout) if done.stdout else {"error": done.stderr}
+    if not done.stdout:
+        return done.returncode, {"error": done.stderr}
+    return done.returncode, json.loads(done.stdout.splitlines()[-1])
 
 
 @pytest.mark.slow
