@@ -1,10 +1,13 @@
 """Leases that a run took and never gave back, since its controller died: folded from its rows."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
+from pathlib import Path
 
-from ..journal import Row, is_of, rows
+from ..journal import Row, is_of, read_rows_of_kinds, rows
+from .fold import CellIdentity, GripperName
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +36,32 @@ class LeftLease:
         )
 
 
-def left_leases(found: Sequence[Row]) -> tuple[LeftLease, ...]:
+def read_left_leases(path: Path, here: CellIdentity) -> tuple[LeftLease, ...]:
+    """Return what the last controller of a cell had when it died, by the cell's journal.
+
+    Parameters
+    ----------
+    path : the journal; it may have runs of other cells too, which may be going on
+    here : the cell, which this process has to itself
+
+    Raises
+    ------
+    JournalError : the journal cannot be read
+    """
+    elsewhere: set[str] = set()
+    mine: list[Row] = []
+    for row in read_rows_of_kinds(path, ("lease",), (rows.RunBegan.row_name,)):
+        if is_of(row, rows.RunBegan):
+            with suppress(ValueError):  # a run whose first row is unreadable may be of this cell
+                cell = CellIdentity.of(rows.RunBegan.model_validate(row.body))
+                if not any(here.shares(gripper, cell) for gripper in GripperName):
+                    elsewhere.add(row.run)
+        elif row.run not in elsewhere:
+            mine.append(row)
+    return left_leases(mine)
+
+
+def left_leases(found: Iterable[Row]) -> tuple[LeftLease, ...]:
     """Return the leases that the newest run with any lease has not given back.
 
     Parameters

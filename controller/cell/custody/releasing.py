@@ -20,7 +20,7 @@ from ..errors import CellError
 from ..journal import JOURNAL_NAME, Journal, Once, open_cell_journal, rows
 from .fold import CellIdentity, Custody, GripperName, Held, fold_custody
 from .known_journals import note_journal, rows_of_all_journals
-from .left_leases import LeftLease, left_leases
+from .left_leases import LeftLease, read_left_leases
 from .openings import Opening, read_openings
 from .start_check import openings_row
 
@@ -124,11 +124,11 @@ class ReleaseVisit:
 
     async def look(self) -> Standing:
         """Return what the grippers may hold; nothing moves."""
-        found = rows_of_all_journals(self._journal.path, self._began)
-        known = fold_custody(found, CellIdentity.of(self._began))
+        here = CellIdentity.of(self._began)
+        known = fold_custody(rows_of_all_journals(self._journal.path, self._began), here)
         openings = await read_openings(self._devices)
         self._journal.write(openings_row(openings))
-        return Standing(known, openings, self._notice, left_leases(found))
+        return Standing(known, openings, self._notice, read_left_leases(self._journal.path, here))
 
     async def open(self, gripper: GripperName, known: Sequence[Held]) -> Custody:
         """Open one gripper while a person holds the part; return the custody that follows.

@@ -2,10 +2,19 @@
 
 import hashlib
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final, Literal
 
-RowKind = Literal["event", "intent", "outcome", "observation", "decision", "custody", "config"]
+RowKind = Literal[
+    "event", "intent", "outcome", "observation", "decision", "custody", "lease", "config"
+]
+# Rows of these names were once written with another kind. They are read as rows of the kind that
+# they have now; what stands in the file stays, since the hashes are of it.
+EARLIER_KINDS: Final[Mapping[str, tuple[RowKind, RowKind]]] = {
+    "lease_taken": ("decision", "lease"),
+    "lease_returned": ("decision", "lease"),
+}
 
 SCHEMA: Final = """
 CREATE TABLE IF NOT EXISTS journal (
@@ -50,6 +59,12 @@ class Row:
     kind: str
     name: str
     body: dict[str, Any]
+
+
+def kind_of(kind: str, name: str) -> str:
+    """Return the kind that a row written with ``kind`` has now."""
+    was, now = EARLIER_KINDS.get(name, (kind, kind))
+    return now if kind == was else kind
 
 
 def digest_of(prev: str, *fields: object) -> str:

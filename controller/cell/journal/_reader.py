@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ._form import GENESIS, JournalError, Row, RowKind, digest_of
+from ._form import EARLIER_KINDS, GENESIS, JournalError, Row, RowKind, digest_of, kind_of
 from ._writer import require_known_version
 
 
@@ -47,7 +47,12 @@ def read_rows_of_kinds(
     JournalError : no journal there, or one of another version
     """
     where = f" WHERE kind IN ({_marks(kinds)}) OR (kind = 'event' AND name IN ({_marks(events)}))"
-    yield from _rows(path, where, (*kinds, *events))
+    values = [*kinds, *events]
+    for name, (was, now) in EARLIER_KINDS.items():
+        if now in kinds:
+            where += " OR (kind = ? AND name = ?)"
+            values += [was, name]
+    yield from _rows(path, where, values)
 
 
 def _marks(values: Sequence[str]) -> str:
@@ -61,7 +66,8 @@ def _rows(path: Path, where: str, values: Sequence[str]) -> Iterator[Row]:
         query = "SELECT seq, t_utc, t_mono, run, part, kind, name, body FROM journal"
         rows = db.execute(f"{query}{where} ORDER BY seq", tuple(values))
         for seq, t_utc, t_mono, run_id, part, kind, name, body in rows:
-            yield Row(seq, t_utc, t_mono, run_id, part, kind, name, json.loads(body))
+            now = kind_of(kind, name)
+            yield Row(seq, t_utc, t_mono, run_id, part, now, name, json.loads(body))
     except (sqlite3.Error, ValueError) as error:  # no database, or a body that is no JSON
         raise JournalError(f"journal {path}: {error}; it is damaged or not a journal") from error
     finally:

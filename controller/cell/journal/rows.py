@@ -687,7 +687,7 @@ class SourceDemoted(Body):
 class LeaseTaken(Body):
     """An action has devices and spaces to itself from now on."""
 
-    kind = "decision"
+    kind = "lease"
     row_name = "lease_taken"
     by: str
     resources: tuple[str, ...]
@@ -696,7 +696,7 @@ class LeaseTaken(Body):
 class LeaseReturned(Body):
     """An action has given back what it had."""
 
-    kind = "decision"
+    kind = "lease"
     row_name = "lease_returned"
     by: str
     resources: tuple[str, ...]
