@@ -28,7 +28,7 @@ KEPT_BYTES = 1500
 INPUT_BYTES_MAX = 4096
 MEMORY_MB = 1000
 HANG_S = 10
-OURS = ["controller", "drivers", "emulators", "pymodbus"]
+OURS = ["controller", "drivers", "emulators", "pymodbus", "h11"]
 PARTS = ROOT / "recipes" / "parts"
 SEEDS = {  # whole files that a target begins with
     "recipe": [*(ROOT / "recipes").glob("*.yaml")],

@@ -18,6 +18,7 @@ from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
 
+from control_targets import control_replies, control_requests
 from pymodbus.exceptions import ModbusException
 from pymodbus.pdu import ModbusPDU
 
@@ -366,6 +367,8 @@ TARGETS: dict[str, Target] = {
     "modbus_rtu": modbus_rtu,
     "emulated_modbus": emulated_modbus,
     "control_port": control_port,
+    "control_requests": control_requests,
+    "control_replies": control_replies,
     "v4l2_device": v4l2_device,
     "v4l2_structs": v4l2_structs,
     "camera_socket": camera_socket,

@@ -273,6 +273,17 @@ async def test_bytes_that_are_no_request_move_nothing(
     assert dispatcher.taken == []
 
 
+async def test_an_answer_to_head_has_no_body(place: Path) -> None:
+    dispatcher = Dispatching()
+    async with serving(place, handle_for(control_of(dispatcher))):
+        reader, writer = await asyncio.open_unix_connection(str(place))
+        writer.write(request("HEAD", "/stop", b"{}"))
+        head, _, body = (await reader.read()).partition(b"\r\n\r\n")
+        writer.close()
+    assert head.startswith(b"HTTP/1.1 405")
+    assert (body, dispatcher.taken) == (b"", [])
+
+
 async def test_somebody_who_sends_nothing_is_sent_away(
     place: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

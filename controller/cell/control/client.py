@@ -1,7 +1,6 @@
 """Speaks to a running cell through its control socket; blocking, for commands."""
 
 import http.client
-import json
 import os
 import socket
 from pathlib import Path
@@ -116,8 +115,8 @@ class RunningCell:
 
 def _reply_of(model: type[SomeReply], body: bytes) -> SomeReply:
     try:
-        return model.model_validate(json.loads(body))
-    except (ValueError, ValidationError) as error:
+        return model.model_validate_json(body)
+    except ValidationError as error:
         raise ControlError("the run's answer makes no sense; is it another version?") from error
 
 

@@ -7,7 +7,7 @@
 from .api import ENDPOINTS, Control, Endpoint
 from .openapi import DOCUMENT_PATH, document, document_bytes
 from .routes import handle_for
-from .server import MAX_BODY_BYTES, MAX_CONNECTION_COUNT, MAX_HEADER_BYTES, serving
+from .server import MAX_BODY_BYTES, MAX_CONNECTION_COUNT, MAX_HEADER_BYTES, Door, serving
 
 __all__ = [
     "DOCUMENT_PATH",
@@ -16,6 +16,7 @@ __all__ = [
     "MAX_CONNECTION_COUNT",
     "MAX_HEADER_BYTES",
     "Control",
+    "Door",
     "Endpoint",
     "document",
     "document_bytes",

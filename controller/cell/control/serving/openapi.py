@@ -5,6 +5,7 @@ that file is out of date.
 """
 
 import json
+from functools import cache
 from typing import Any, Final
 
 from pydantic import BaseModel
@@ -22,8 +23,11 @@ _ERRORS: Final = {
     "405": "another method",
     "408": "the request did not arrive in time",
     "413": "the body is too large",
+    "417": "the body waits for a go-ahead",
     "422": "a field is wrong",
+    "431": "the header is too large",
     "500": "internal error",
+    "501": "another transfer coding than chunked",
     "503": "a device does not answer, or there are too many connections",
 }
 
@@ -48,6 +52,7 @@ def document() -> dict[str, Any]:
     }
 
 
+@cache
 def document_bytes() -> bytes:
     """Return the description as it is served and stored."""
     return (json.dumps(document(), indent=1, ensure_ascii=False) + "\n").encode()

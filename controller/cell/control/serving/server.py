@@ -42,7 +42,7 @@ class _Request:
 
 
 class _BadRequestError(Exception):
-    """A request that is not taken: its HTTP status, and why."""
+    """A request that is not taken: its HTTP status, and why; without, the answer has no body."""
 
     def __init__(self, status: int, why: str) -> None:
         super().__init__(why)
@@ -67,7 +67,7 @@ async def serving(path: Path, handle: Handle) -> AsyncIterator[None]:
     ------
     ControlError : the socket cannot be made
     """
-    door = _Door(handle)
+    door = Door(handle)
     try:
         listening = _listen(path)
     except OSError as error:
@@ -105,8 +105,13 @@ def _remove(path: Path) -> None:
         path.unlink()
 
 
-class _Door:
-    """The connections of one socket."""
+class Door:
+    """The connections of one socket.
+
+    Parameters
+    ----------
+    handle : takes peer, method, path and body, returns HTTP status and body (JSON)
+    """
 
     def __init__(self, handle: Handle) -> None:
         self._handle = handle
@@ -149,7 +154,7 @@ class _Door:
                 raise _BadRequestError(503, "too many connections to this cell")
             status, body = await self._answer(peer, request)
         except _BadRequestError as bad:
-            status, body = bad.status, error_body(str(bad))
+            status, body = bad.status, error_body(str(bad)) if str(bad) else b""
         except h11.RemoteProtocolError as error:
             status, body = error.error_status_hint, error_body(f"this is no HTTP request: {error}")
         except TimeoutError:
@@ -183,6 +188,8 @@ async def _read(wire: h11.Connection, reader: asyncio.StreamReader) -> _Request:
             wire.receive_data(await reader.read(CHUNK_BYTES))
         elif isinstance(event, h11.Request):
             request = event
+            if request.method == b"HEAD":  # an answer to it must not have a body
+                raise _BadRequestError(405, "")
         elif isinstance(event, h11.Data):
             body += event.data
             if len(body) > MAX_BODY_BYTES:
