@@ -22,17 +22,20 @@ from typing import Any
 
 import numpy as np
 
+from controller.cell.custody import read_folded
 from controller.cell.journal import (
     Journal,
     Row,
     first_flaw,
     open_cell_journal,
     read_rows,
-    read_rows_of_kinds,
 )
 
 RUN_ROWS = 240  # of one inspected part
 VIEWS = 14
+PATHS = 29  # of the arm
+WAYPOINTS = [[round(0.1 * axis + 0.001 * i, 6) for axis in range(6)] for i in range(2)]
+CELL = {"name": "bench", "figures": list(range(1500))}  # as long as a cell file
 OUTLINE = [[400 + i, 300 + i // 2] for i in range(250)]
 
 
@@ -44,9 +47,19 @@ def fill(path: Path, row_count: int) -> None:
     for i in range(row_count):
         journal.run = f"run-{i // RUN_ROWS}"
         kind, name, body = "outcome", "step", {"label": "view", "seconds": 2.5}
-        if i % RUN_ROWS < VIEWS:
+        place = i % RUN_ROWS
+        if place == 0:
+            kind, name, body = "event", "run_began", {"cell": CELL}
+        elif place == 1:
+            kind, name, body = "event", "reset", {"answer": "handled", "from": "a", "to": "b"}
+        elif place == RUN_ROWS - 1:
+            kind, name, body = "event", "run_ended", {"end": "complete"}
+        elif place < 2 + PATHS:
+            body = {"effect_class": "absolute", "waypoints": WAYPOINTS}
+            kind, name = "intent", "follow_path"
+        elif place < 2 + PATHS + VIEWS:
             kind, name, body = "observation", "view", {"outline_px": OUTLINE}
-        elif i % RUN_ROWS < VIEWS + 8:
+        elif place < 2 + PATHS + VIEWS + 8:
             kind, name, body = "custody", "in_arm", {"detail": "jaws at 20.0 mm"}
         journal._append(kind, name, json.dumps(body), 1)
     db.execute("COMMIT")
@@ -60,7 +73,7 @@ def measure(row_count: int, folder: Path) -> dict[str, float]:
     started = time.perf_counter()
     assert first_flaw(path) is None
     checked = time.perf_counter()
-    list(read_rows_of_kinds(path, ("custody", "intent"), ()))
+    list(read_folded(path))
     read = time.perf_counter()
     open_cell_journal(path, "next").journal.close()
     opened = time.perf_counter()

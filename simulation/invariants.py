@@ -8,15 +8,15 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from controller.cell.custody import CellIdentity, Custody, fold_custody
+from controller.cell.custody import CellIdentity, Custody, fold_custody, read_folded
 from controller.cell.journal import (
     JournalError,
     Once,
     Row,
     first_flaw,
     is_of,
+    is_once,
     read_rows,
-    read_rows_of_kinds,
     rows,
 )
 
@@ -221,7 +221,7 @@ class Watch:
         for row in found:
             if row.kind == "custody":
                 custody, since = Custody.of_key(row.name), row.seq
-            elif row.kind == "intent" and row.seq > since:
+            elif is_once(row) and row.seq > since:
                 custody = Custody.UNKNOWN
         if custody is Custody.UNKNOWN:
             return
@@ -239,10 +239,9 @@ class Watch:
         if not began:
             return
         here = CellIdentity.of(rows.RunBegan.model_validate(began[-1].body))
-        found = read_rows_of_kinds(path, ("custody", "intent"), (rows.RunBegan.row_name,))
         held = {
             {"arm gripper": "arm", "fixed gripper": "fixture"}[one.gripper.value]
-            for one in fold_custody(found, here)
+            for one in fold_custody(read_folded(path), here)
         }
         custody = self.cell.truth()["parts"][0]["custody"]
         truly = {"both": {"arm", "fixture"}, "arm": {"arm"}, "fixture": {"fixture"}}.get(custody)

@@ -11,17 +11,16 @@ from typing import Any
 import pytest
 
 from controller.cell.custody import (
-    FOLDED_EVENTS,
-    FOLDED_KINDS,
     CellIdentity,
     Custody,
     GripperName,
     Held,
     fold_custody,
+    read_folded,
 )
 from controller.cell.custody.openings import Occupancy, Opening, judge_arm, judge_fixed
 from controller.cell.custody.start_check import PartMayBeHeldError, require_empty_grippers
-from controller.cell.journal import Journal, Row, read_rows, read_rows_of_kinds
+from controller.cell.journal import Journal, Row, read_rows
 from controller.cell.journal.rows import RunBegan
 from drivers.gripper_modbus import ActivationState, Counts, GripperStatus, ObjectState
 from drivers.io_modbus import Signal
@@ -354,12 +353,13 @@ def test_both_grippers_are_named_once(tmp_path: Path) -> None:
 def test_the_journal_gives_what_is_folded_and_no_more(tmp_path: Path) -> None:
     journal = Journal(tmp_path / "journal.sqlite", "run-1")
     for kind, name in (
-        ("event", "run_began"), ("event", "start"), ("intent", "grip"), ("outcome", "grip"),
+        ("event", "run_began"), ("event", "start"), ("intent", "follow_path"), ("intent", "grip"),
+        ("outcome", "grip"),
         ("custody", "in_arm"), ("event", "journal_set_aside"),
     ):  # fmt: skip
         journal.record(kind, name)  # type: ignore[arg-type]  # words of a table
     journal.close()
-    rows = read_rows_of_kinds(tmp_path / "journal.sqlite", FOLDED_KINDS, FOLDED_EVENTS)
+    rows = read_folded(tmp_path / "journal.sqlite")
     assert [row.name for row in rows] == ["run_began", "grip", "in_arm", "journal_set_aside"]
 
 

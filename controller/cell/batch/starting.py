@@ -103,17 +103,14 @@ async def _arm_alone(
 
     Homing sweeps the whole reach from wherever the arm stands, past all that stands there.
     """
-    found = [
-        row for row in read_rows_of_kinds(journal.path, ("intent",), (Event.RESET.value,))
-        if row.run != journal.run
-    ]  # fmt: skip
-    # the last run that was reset may have moved the arm, also by homing it
-    run = found[-1].run if found else ""
-    part = next((row.part for row in reversed(found) if row.run == run and row.part), None)
-    if part is None:
+    run = _last_to_move(journal)
+    if run is None:
         return None
-    left = fold_interrupted(read_rows(journal.path, run), run, part)
-    if left is None or left.has_ended or left.custody is not Custody.ON_TABLE:
+    found = list(read_rows(journal.path, run))
+    # joint paths count: the run may have been killed on its way to the first grasp
+    part = next((row.part for row in reversed(found) if row.kind == "intent" and row.part), None)
+    left = None if part is None else fold_interrupted(found, run, part)
+    if left is None or left.custody is not Custody.ON_TABLE:
         return None
     here = CellIdentity.of(began)
     if left.intent is not None or not here.shares(GripperName.ARM, CellIdentity.of(left.began)):
@@ -122,6 +119,21 @@ async def _arm_alone(
         return None
     proposal = propose(left, await read_world(devices, left), layout)
     return proposal if proposal.is_proven else None
+
+
+def _last_to_move(journal: Journal) -> str | None:
+    """Return the last other run that may have moved the arm, homing included, if it was killed."""
+    ends = (rows.RunEnded.row_name, rows.RunBrokeOff.row_name)
+    run, has_ended = None, False
+    # nothing moves before a reset
+    for row in read_rows_of_kinds(journal.path, (), (Event.RESET.value, *ends)):
+        if row.run == journal.run:
+            continue
+        if row.name == Event.RESET.value:
+            run, has_ended = row.run, False
+        elif row.run == run:
+            has_ended = True
+    return None if has_ended else run
 
 
 async def find_proposal(

@@ -7,23 +7,21 @@ jaws in a run.
 """
 
 from .fold import (
-    FOLDED_EVENTS,
-    FOLDED_KINDS,
     CellIdentity,
     Custody,
     GripperName,
     Held,
     fold_custody,
+    read_folded,
     where_it_is,
 )
 
 __all__ = [
-    "FOLDED_EVENTS",
-    "FOLDED_KINDS",
     "CellIdentity",
     "Custody",
     "GripperName",
     "Held",
     "fold_custody",
+    "read_folded",
     "where_it_is",
 ]

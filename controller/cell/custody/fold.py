@@ -4,14 +4,14 @@ Custody belongs to the cell, not to the run. `fold_custody` reads it from the ro
 that a start knows what the run before left in a gripper, however that run ended.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from enum import StrEnum
+from pathlib import Path
 from typing import Final
 
-from ..journal import Once, Row, RowKind, is_of, rows
-from ..journal.rows import EffectClass
+from ..journal import Once, Row, RowKind, is_of, is_once, read_rows_of_kinds, rows
 
 
 class Custody(StrEnum):
@@ -68,10 +68,12 @@ TOUCHED: Final[Mapping[str, frozenset[GripperName]]] = {
     Once.OPEN_ARM_GRIPPER: frozenset({GripperName.ARM}),
     Once.OPEN_FIXED_GRIPPER: frozenset({GripperName.FIXED}),
 }
-# The kinds of rows that `fold_custody` reads.
+# The kinds of rows that `fold_custody` reads, without the names of those that change nothing of
+# custody and are most of a journal, and the events.
 FOLDED_KINDS: Final[tuple[RowKind, ...]] = ("custody", "intent")
-_UNTRUSTED: Final = "the journal before this one cannot be trusted"
+NOT_FOLDED: Final = (rows.PathBegun.row_name,)
 FOLDED_EVENTS: Final = (rows.RunBegan.row_name, rows.JournalSetAside.row_name)
+_UNTRUSTED: Final = "the journal before this one cannot be trusted"
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,6 +138,16 @@ class Held:
     detail: str
 
 
+def read_folded(path: Path) -> Iterator[Row]:
+    """Yield the rows of a journal that `fold_custody` needs, in order.
+
+    Raises
+    ------
+    JournalError : no journal there, or one of another version
+    """
+    yield from read_rows_of_kinds(path, FOLDED_KINDS, FOLDED_EVENTS, without=NOT_FOLDED)
+
+
 def fold_custody(found: Iterable[Row], here: CellIdentity) -> tuple[Held, ...]:
     """Return which of a cell's grippers may hold a part, from the rows of all its runs.
 
@@ -144,7 +156,7 @@ def fold_custody(found: Iterable[Row], here: CellIdentity) -> tuple[Held, ...]:
 
     Parameters
     ----------
-    found : of `FOLDED_KINDS` and `FOLDED_EVENTS`, of all runs, in order
+    found : as `read_folded` yields them, of all runs, in order
     here : the cell whose grippers are in question
     """
     cells: dict[str, CellIdentity] = {}
@@ -171,15 +183,10 @@ def fold_custody(found: Iterable[Row], here: CellIdentity) -> tuple[Held, ...]:
                 if gripper in MAY_HOLD[custody]:
                     detail = str(row.body.get("detail", ""))
                     held[gripper] = _held(gripper, custody, row, detail)
-            elif _is_once(row) and gripper in TOUCHED.get(row.name, BOTH):
+            elif is_once(row) and gripper in TOUCHED.get(row.name, BOTH):
                 why = f"cut off while it did: {row.name.replace('_', ' ')}"
                 held[gripper] = _held(gripper, Custody.UNKNOWN, row, why)
     return tuple(held[gripper] for gripper in GripperName if gripper in held)
-
-
-def _is_once(row: Row) -> bool:
-    """Return whether a row is the intent of something that is never repeated blindly."""
-    return row.kind == "intent" and row.body.get("effect_class", EffectClass.ONCE) == "once"
 
 
 def _held(gripper: GripperName, custody: Custody, row: Row, detail: str) -> Held:

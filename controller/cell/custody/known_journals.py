@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import Final
 
 from ..devices.lock import state_dir
-from ..journal import JournalError, Row, first_flaw, read_rows_of_kinds
+from ..journal import JournalError, Row, first_flaw
 from ..journal.rows import JournalNotReadable, RunBegan
-from .fold import FOLDED_EVENTS, FOLDED_KINDS, CellIdentity
+from .fold import CellIdentity, read_folded
 
 FOLDER: Final = "journals"
 
@@ -91,7 +91,7 @@ def rows_of_all_journals(own: Path, began: RunBegan) -> list[Row]:
     ------
     JournalError : the own journal cannot be read
     """
-    rows = list(read_rows_of_kinds(own, FOLDED_KINDS, FOLDED_EVENTS))
+    rows = list(read_folded(own))
     if not _outlives_the_run(began):
         return rows
     others = [row for entry in _others(own, began) for row in _rows_of(entry)]
@@ -120,7 +120,7 @@ def _rows_of(entry: _Entry) -> list[Row]:
     try:
         flaw = first_flaw(entry.journal) if entry.journal.exists() else "it is gone"
         if flaw is None:
-            return list(read_rows_of_kinds(entry.journal, FOLDED_KINDS, FOLDED_EVENTS))
+            return list(read_folded(entry.journal))
     except (JournalError, OSError) as error:
         flaw = str(error)
     row = JournalNotReadable(why=f"its journal knew of this cell, but {flaw}")

@@ -11,7 +11,7 @@ from ._form import JOURNAL_NAME, JournalError, Row, RowKind
 from ._migrations import SCHEMA_VERSION
 from ._reader import BrokenRow, broken_rows, first_broken_row, read_rows, read_rows_of_kinds
 from ._writer import Journal
-from .rows import Body, Once, is_of, read_row
+from .rows import Body, Once, is_of, is_once, read_row
 from .stamps import HOST_STAMPS, Stamps
 
 __all__ = [
@@ -31,6 +31,7 @@ __all__ = [
     "first_broken_row",
     "first_flaw",
     "is_of",
+    "is_once",
     "open_cell_journal",
     "read_row",
     "read_rows",

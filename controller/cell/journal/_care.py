@@ -13,9 +13,9 @@ from typing import Final
 from ._form import JournalError
 from ._head import SUFFIX, Head, HeadError, read_head
 from ._migrations import MIGRATIONS
-from ._reader import first_broken_row
+from ._reader import first_broken_row, read_rows_of_kinds
 from ._writer import Journal, last_row, require_known_version
-from .rows import JournalSetAside, Once
+from .rows import JournalSetAside, PathBegun, is_once
 from .stamps import HOST_STAMPS, Stamps
 
 _COLUMNS: Final = (
@@ -128,24 +128,28 @@ def _flaw_inside(path: Path, head: Head | None) -> str | None:
             return str(error)
         if broken is not None:
             return f"row {broken} was changed, or rows before it were removed"
-        return _flaw_at_the_end(db, head, last) or _flaw_of_the_table(db)
+        return _flaw_at_the_end(db, path, head, last) or _flaw_of_the_table(db)
     finally:
         db.close()
 
 
-def _flaw_at_the_end(db: sqlite3.Connection, head: Head | None, last: Head) -> str | None:
+def _flaw_at_the_end(
+    db: sqlite3.Connection, path: Path, head: Head | None, last: Head
+) -> str | None:
     if head is None:
         (version,) = db.execute("PRAGMA user_version").fetchone()
-        found = db.execute(
-            "SELECT DISTINCT kind, name FROM journal WHERE kind IN ('custody', 'intent')"
-        )
-        secured = any(kind == "custody" or name in set(Once) for kind, name in found)
         # a journal without a version was written before there were heads
-        return "its head is missing" if version and secured else None
+        return "its head is missing" if version and _has_secured(path) else None
     if head.seq > last.seq:
         return f"it ends with row {last.seq}, its head names row {head.seq}: rows were cut off"
     (found,) = db.execute("SELECT hash FROM journal WHERE seq = ?", (head.seq,)).fetchone()
     return None if found == head.hash else f"row {head.seq} is not the one its head names"
+
+
+def _has_secured(path: Path) -> bool:
+    """Return whether a journal has a row that is written only together with a head."""
+    found = read_rows_of_kinds(path, ("custody", "intent"), (), without=(PathBegun.row_name,))
+    return any(row.kind == "custody" or is_once(row) for row in found)
 
 
 def _flaw_of_the_table(db: sqlite3.Connection) -> str | None:

@@ -32,7 +32,7 @@ def read_rows(path: Path, run: str | None = None) -> Iterator[Row]:
 
 
 def read_rows_of_kinds(
-    path: Path, kinds: Sequence[RowKind], events: Sequence[str]
+    path: Path, kinds: Sequence[RowKind], events: Sequence[str], without: Sequence[str] = ()
 ) -> Iterator[Row]:
     """Yield the rows of some kinds, and the events of some names, of all runs, in order.
 
@@ -41,13 +41,17 @@ def read_rows_of_kinds(
     path : the journal
     kinds : kinds of rows
     events : names of events; "event" itself need not be among `kinds`
+    without : names of rows of `kinds` that are left out; their bodies are not read
 
     Raises
     ------
     JournalError : no journal there, or one of another version
     """
-    where = f" WHERE kind IN ({_marks(kinds)}) OR (kind = 'event' AND name IN ({_marks(events)}))"
-    values = [*kinds, *events]
+    where = (
+        f" WHERE (kind IN ({_marks(kinds)}) AND name NOT IN ({_marks(without)}))"
+        f" OR (kind = 'event' AND name IN ({_marks(events)}))"
+    )
+    values = [*kinds, *without, *events]
     for name, (was, now) in EARLIER_KINDS.items():
         if now in kinds:
             where += " OR (kind = ? AND name = ?)"

@@ -923,6 +923,14 @@ def name_of(body: Body) -> str:
     return body.name if isinstance(body, NamedBody) else body.row_name
 
 
+def is_once(row: Row) -> bool:
+    """Return whether a row is the intent of something that is never repeated without looking.
+
+    An intent without a class is of one: it was written before there were classes.
+    """
+    return row.kind == "intent" and row.body.get("effect_class", EffectClass.ONCE) == "once"
+
+
 def is_of(row: Row, model: type[Body]) -> bool:
     """Return whether a row of the journal is of a given model with a name of its own."""
     return (row.kind, row.name) == (model.kind, model.row_name)
