@@ -11,7 +11,7 @@ JITTER_WALL_S: Final = 0.005  # a timer of a healthy loop is no later than this
 
 
 class Attendance:
-    """Measures the delay of the event loop by a beat that is due every 20 ms.
+    """Measures the delay of the event loop by a beat that is due every so often.
 
     Time between a beat's due instant and the beat itself is lost: nothing that arrived meanwhile
     could be read.
@@ -19,10 +19,16 @@ class Attendance:
     Parameters
     ----------
     monotonic : reads the clock that the event loop's timers keep [s]
+    beat_wall_s : from one beat to the next; a loop that can never be late needs hardly any
     """
 
-    def __init__(self, monotonic: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self,
+        monotonic: Callable[[], float] = time.monotonic,
+        beat_wall_s: float = BEAT_WALL_S,
+    ) -> None:
         self._monotonic = monotonic
+        self._beat_wall_s = beat_wall_s
         self._lost_wall_s = 0.0
         self._due_wall_s: float | None = None
         self.longest_wall_s = 0.0
@@ -39,7 +45,7 @@ class Attendance:
     @asynccontextmanager
     async def beating(self) -> AsyncIterator[None]:
         """Measure while the block runs."""
-        self._due_wall_s = self._monotonic() + BEAT_WALL_S
+        self._due_wall_s = self._monotonic() + self._beat_wall_s
         task = asyncio.create_task(self._beat(), name="loop delay")
         try:
             yield
@@ -50,8 +56,8 @@ class Attendance:
 
     async def _beat(self) -> None:
         while True:
-            await asyncio.sleep(BEAT_WALL_S)
+            await asyncio.sleep(self._beat_wall_s)
             late_wall_s = self._late_wall_s()
             self._lost_wall_s += late_wall_s
             self.longest_wall_s = max(self.longest_wall_s, late_wall_s)
-            self._due_wall_s = self._monotonic() + BEAT_WALL_S
+            self._due_wall_s = self._monotonic() + self._beat_wall_s

@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any, Final, TypeVar
 
 from ._shared_time import SharedTime
-from .attendance import Attendance
+from .attendance import BEAT_WALL_S, Attendance
 from .patience import IN_TRANSIT_WALL_S, Patience
 
 _Future = TypeVar("_Future", bound="asyncio.Future[Any]")
@@ -44,18 +44,21 @@ class CellClock:
         device shares the host without sharing a clock [s]
     shared : the clock of an emulated cell; None: the wall clock, times ``speed``
     monotonic : reads the wall clock [s]; where the event loop has a time of its own, that one
+    beat_wall_s : how often a loop is looked at for being late, while somebody attends
     """
 
     speed: float = 1.0
     min_timeout_wall_s: float = 0.0
     shared: SharedTime | None = None
     monotonic: Callable[[], float] = field(default=time.monotonic, repr=False, compare=False)
+    beat_wall_s: float = field(default=BEAT_WALL_S, repr=False, compare=False)
     _attendance: Attendance = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         if not self.speed > 0:
             raise ValueError(f"speed must be positive, not {self.speed}")
-        object.__setattr__(self, "_attendance", Attendance(self.monotonic))  # frozen otherwise
+        attendance = Attendance(self.monotonic, self.beat_wall_s)
+        object.__setattr__(self, "_attendance", attendance)  # frozen otherwise
 
     @classmethod
     def of_emulator(cls, path: Path) -> "CellClock":

@@ -50,6 +50,7 @@ TAKES_S: Final = {  # cell time that the worker takes for a question, from and t
 }
 # Reading the inputs is a third of all that a simulated cell does; half as often will do here.
 TIMING: Final = "\ntiming: {io_poll_s: 0.08, io_stale_s: 0.4}\n"
+BEAT_S: Final = 2.0  # a loop on virtual time is never late: every timer is run at its instant
 BEGAN: Final = datetime(2030, 1, 1, tzinfo=UTC)  # of every simulation, so that rows repeat
 PLACES: Final = ((360.0, 0.0, 0.5), (330.0, 40.0, -1.0), (390.0, -45.0, 2.2))  # x, y [mm], theta
 
@@ -239,7 +240,7 @@ class Controller:
         self.row_count = -1  # the run's name takes the date once
         self._options = options
         self.task: asyncio.Task[RunResult]
-        clock = FoundClock(monotonic=cell.loop.time)
+        clock = FoundClock(monotonic=cell.loop.time, beat_wall_s=BEAT_S)
         stamps = self._stamps = Stamps(self._utc, cell.loop.time)
         self._order = replace(
             RunOrder(

@@ -138,20 +138,21 @@ class SimulatedLoop(asyncio.BaseEventLoop):
 
     def _run_once(self) -> None:
         """Run all that is ready now; if nothing is, let time pass first."""
-        timers, ready = self._scheduled, self._ready
         self._purge()
+        timers, ready = self._scheduled, self._ready
         if not ready and not self._stopping:
             if not timers:
                 raise NothingLeftError(f"nothing is left to do at {self._now_s:.3f} s")
-            self._now_s = max(self._now_s, timers[0].when())
-        while timers and timers[0].when() <= self._now_s:
+            self._now_s = max(self._now_s, timers[0]._when)
+        now_s = self._now_s
+        while timers and timers[0]._when <= now_s:
             timer = heapq.heappop(timers)
             timer._scheduled = False
             ready.append(timer)
         batch: list[Any] = list(ready)
         ready.clear()
-        for handle in self._shuffled(batch):
-            if handle.cancelled():
+        for handle in batch if len(batch) == 1 else self._shuffled(batch):
+            if handle._cancelled:
                 continue
             owner = handle._context.get(_owner)
             if owner is not None:
@@ -182,7 +183,7 @@ class SimulatedLoop(asyncio.BaseEventLoop):
 
     def _purge(self) -> None:
         timers = self._scheduled
-        while timers and timers[0].cancelled():
+        while timers and timers[0]._cancelled:
             heapq.heappop(timers)._scheduled = False
         if len(timers) > PURGE_COUNT and sum(t.cancelled() for t in timers) > len(timers) // 2:
             left = [timer for timer in timers if not timer.cancelled()]

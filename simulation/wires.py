@@ -288,6 +288,11 @@ class ArmLine:
         self._schedule()
 
 
+def _wake(waiter: "asyncio.Future[None]") -> None:
+    if not waiter.done():
+        waiter.set_result(None)
+
+
 class ArmTransport:
     """The host's end of the arm's line, as `drivers.umi_scara.Transport`."""
 
@@ -295,13 +300,14 @@ class ArmTransport:
         self._line = line
         self.owner = owner
         self._buffer = bytearray()
-        self._arrived = asyncio.Event()
+        self._waiter: asyncio.Future[None] | None = None
         self._is_closed = False
 
     def arrive(self, data: bytes) -> None:
         """Take in bytes of the arm."""
         self._buffer += data
-        self._arrived.set()
+        if self._waiter is not None:
+            _wake(self._waiter)
 
     def write(self, data: bytes) -> None:
         """Send all bytes.
@@ -323,20 +329,17 @@ class ArmTransport:
         """
         if self._is_closed:
             raise UnpluggedError("arm: the line is closed")
-        if not self._buffer:
-            if timeout_wall_s <= 0:
-                return self._taken()
+        if not self._buffer and timeout_wall_s > 0:
+            loop = asyncio.get_running_loop()
+            self._waiter = waiter = loop.create_future()
+            timer = loop.call_later(timeout_wall_s, _wake, waiter)
             try:
-                async with asyncio.timeout(timeout_wall_s):
-                    await self._arrived.wait()
-            except TimeoutError:
-                return b""
-        return self._taken()
-
-    def _taken(self) -> bytes:
+                await waiter
+            finally:
+                timer.cancel()
+                self._waiter = None
         data = bytes(self._buffer)
         self._buffer.clear()
-        self._arrived.clear()
         return data
 
     async def aclose(self) -> None:

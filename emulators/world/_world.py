@@ -66,6 +66,8 @@ class World:
         self._owed_s = 0.0
         self._awake = False
         self._jaw_moved = False
+        # the part's pose and the opening of the last feeling between the fixed jaws, and its answer
+        self._felt_before: tuple[Array | None, float, bool] = (None, 0.0, False)
         joints = arm.joints()
         self._joints = values_of(joints)
         self._links = forward(layout.arm, joints)
@@ -518,11 +520,13 @@ class World:
         for part in self.parts:
             if part.state == AWAY or not part.is_within(centre_mm, gripper.opening_mm):
                 continue
-            T_tcp_part = relative(self.fixed_gripper.T_world_tcp, part.T_world_part)
-            felt = self.fixed_gripper.pads.feel(
-                part.scene, T_tcp_part, self.fixed_gripper.opening_mm
-            )
-            if np.isfinite(felt.upper_mm).any():
+            T, opening_mm, is_between = self._felt_before
+            if part.T_world_part is not T or gripper.opening_mm != opening_mm:
+                T_tcp_part = relative(gripper.T_world_tcp, part.T_world_part)
+                felt = gripper.pads.feel(part.scene, T_tcp_part, gripper.opening_mm)
+                is_between = bool(np.isfinite(felt.upper_mm).any())
+                self._felt_before = part.T_world_part, gripper.opening_mm, is_between
+            if is_between:
                 return True
         return False
 

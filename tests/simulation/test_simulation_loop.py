@@ -152,3 +152,18 @@ def test_a_killed_process_does_nothing_more_and_its_peer_sees_the_line_close() -
 
     with a_loop() as loop:
         assert loop.run_until_complete(story(loop)) == ([], b"hello")
+
+
+def test_a_timer_among_many_cancelled_ones_goes_off_once() -> None:
+    went_off: list[float] = []
+
+    async def story(loop: SimulatedLoop) -> None:
+        for number in range(1000):
+            loop.call_later(HOUR_S + number, went_off.append, -1.0).cancel()
+        for number in range(5):
+            loop.call_later(0.1 * number, went_off.append, float(number))
+        await asyncio.sleep(1.0)
+
+    with a_loop() as loop:
+        loop.run_until_complete(story(loop))
+    assert went_off == [0.0, 1.0, 2.0, 3.0, 4.0]

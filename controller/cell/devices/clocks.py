@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from controller.config import Cell, ConfigError
+from drivers.attendance import BEAT_WALL_S
 from drivers.clock import CellClock
 from drivers.errors import LinkError
 
@@ -35,12 +36,14 @@ class FoundClock:
     speed : cell seconds per second, as requested
     is_mixed : some devices are emulated and some are not
     monotonic : reads the wall clock [s], as the event loop's timers do
+    beat_wall_s : how often the loop is looked at for being late
     """
 
     path: Path | None = None
     speed: float = 1.0
     is_mixed: bool = False
     monotonic: Callable[[], float] = time.monotonic
+    beat_wall_s: float = BEAT_WALL_S
 
     def open(self) -> CellClock:
         """Return the clock; `CellClock.close` it afterwards.
@@ -54,6 +57,7 @@ class FoundClock:
         return CellClock(
             min_timeout_wall_s=MIXED_TIMEOUT_WALL_S if self.is_mixed else 0.0,
             monotonic=self.monotonic,
+            beat_wall_s=self.beat_wall_s,
         )
 
 

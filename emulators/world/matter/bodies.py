@@ -27,6 +27,8 @@ class Bodies:
 
     def __init__(self) -> None:
         self._client = pybullet.connect(pybullet.DIRECT)
+        # where boxes are due: most are moved many times before pybullet is asked about them
+        self._due: dict[int, tuple[Array, Array]] = {}
         if self._client < 0:
             raise RuntimeError("pybullet has no free client")
         c = self._client
@@ -67,20 +69,27 @@ class Bodies:
         )
         body = int(pybullet.createMultiBody(0.0, shape, physicsClientId=self._client))
         self._rub(body)
-        self.place_box(body, box, T_world_frame)
+        self.place_box(body, box.centre_mm, T_world_frame)
+        self._reset_due()
         return body
 
-    def place_box(self, body: int, box: Box, T_world_frame: Array) -> None:
+    def place_box(self, body: int, centre_mm: Array, T_world_frame: Array) -> None:
         """Put a box into a frame.
 
         Parameters
         ----------
         body : pybullet's number of the box
-        box : its centre in the frame [mm]
-        T_world_frame : (4, 4) the frame [mm]
+        centre_mm : (3,) its centre in the frame
+        T_world_frame : (4, 4) the frame [mm]; not changed afterwards
         """
-        centre = T_world_frame[:3, :3] @ box.centre_mm + T_world_frame[:3, 3]
-        self._reset(body, centre, T_world_frame[:3, :3])
+        self._due[body] = (centre_mm, T_world_frame)
+
+    def _reset_due(self, *bodies: int) -> None:
+        """Put these boxes where they are due; all of them if none is named."""
+        for body in bodies or tuple(self._due):
+            if (due := self._due.pop(body, None)) is not None:
+                centre_mm, T = due
+                self._reset(body, T[:3, :3] @ centre_mm + T[:3, 3], T[:3, :3])
 
     def add_part(self, solid: Solid) -> tuple[int, int]:
         """Add a part twice, far away; return the body that falls and the one that is carried."""
@@ -163,6 +172,7 @@ class Bodies:
 
     def step(self) -> None:
         """Let one `STEP_S` pass."""
+        self._reset_due()
         pybullet.stepSimulation(physicsClientId=self._client)
 
     def deepest(
@@ -178,6 +188,7 @@ class Bodies:
         one, other : pybullet's numbers of the bodies
         within_mm : how far apart they may be to be looked at
         """
+        self._reset_due(one, other)
         contacts = pybullet.getClosestPoints(
             one, other, within_mm / MM_PER_M, physicsClientId=self._client
         )

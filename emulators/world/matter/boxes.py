@@ -3,12 +3,15 @@
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..layout import Array, Box, Layout
 from .bodies import Bodies
 from .collide import BOX_MM, PIECE_MM, PUSH_MM, BoxSet, Touch
 from .grasp import Gripper
 from .parts import AWAY, FALLING, HELD, Part
+
+Mask = NDArray[np.bool_]
 
 _NEAR_MM = 2.0  # a finger this near wakes a part at rest
 _TABLE_MM = 0.3
@@ -48,7 +51,9 @@ class CellBoxes:
         moving += [("arm gripper", box) for box in arm.gripper.boxes]
         self._fixed_names = [box.name for box, _ in fixed]
         self._fixed_bodies = [bodies.add_box(box, T) for box, T in fixed]
-        self._moving = [(frame, box, bodies.add_box(box, links[frame])) for frame, box in moving]
+        self._moving = [
+            (frame, box.centre_mm, bodies.add_box(box, links[frame])) for frame, box in moving
+        ]
         for gripper in (arm_gripper, fixed_gripper):
             one, two = (
                 bodies.add_box(box, gripper.T_world_finger(side))
@@ -59,38 +64,43 @@ class CellBoxes:
         self._fixed_bodies += list(fixed_gripper.finger_bodies)
         self._fixed_boxes = BoxSet([box for box, _ in fixed] + list(fixed_gripper.finger_boxes))
         self._fixed_frames = [T for _, T in fixed]
-        self._moving_names = [box.name for _, box, _ in self._moving]
+        self._finger_centres = {
+            gripper.name: [box.centre_mm for box in gripper.finger_boxes]
+            for gripper in (arm_gripper, fixed_gripper)
+        }
+        self._moving_names = [box.name for _, box in moving]
         self._moving_names += [box.name for box in arm_gripper.finger_boxes]
-        self._moving_boxes = BoxSet(
-            [box for _, box, _ in self._moving] + list(arm_gripper.finger_boxes)
-        )
+        self._moving_boxes = BoxSet([box for _, box in moving] + list(arm_gripper.finger_boxes))
         self.follow_arm(links)
         self.place_fixed_fingers()
-        self._note_fingers()
+        self._fingers_before = [arm_gripper.T_world_finger(side)[:3, 3] for side in (0, 1)]
         self._entered: dict[tuple[int, int], Array] = {}
 
     def follow_arm(self, links: Mapping[str, Array]) -> None:
         """Put the arm's boxes where its links are, its fingers where its jaws are."""
         self._links = links
-        for frame, box, body in self._moving:
-            self._bodies.place_box(body, box, links[frame])
+        for frame, centre_mm, body in self._moving:
+            self._bodies.place_box(body, centre_mm, links[frame])
         self._place_fingers(self._arm_gripper)
 
     def place_fixed_fingers(self) -> None:
         """Put the fixed gripper's fingers where its jaws are."""
         self._place_fingers(self._fixed_gripper)
+        gripper = self._fixed_gripper
+        fingers = [gripper.T_world_finger(0), gripper.T_world_finger(1)]
+        self._fixed_bounds = self._fixed_boxes.bounds(self._fixed_frames + fingers)
 
     def _place_fingers(self, gripper: Gripper) -> None:
-        for side, box in enumerate(gripper.finger_boxes):
+        for side, centre_mm in enumerate(self._finger_centres[gripper.name]):
             body = gripper.finger_bodies[side]
-            self._bodies.place_box(body, box, gripper.T_world_finger(side))
+            self._bodies.place_box(body, centre_mm, gripper.T_world_finger(side))
 
     def touches(self, parts: Sequence[Part], wake: Callable[[], None]) -> list[Touch]:
         """Return what the arm and what it holds overlap with; wake the parts that it comes near."""
         frames = [self._links[frame] for frame, _, _ in self._moving]
-        frames += [self._arm_gripper.T_world_finger(0), self._arm_gripper.T_world_finger(1)]
-        low, high = self._moving_boxes.bounds(frames)
-        fixed = self._fixed_bounds()
+        fingers = [self._arm_gripper.T_world_finger(0), self._arm_gripper.T_world_finger(1)]
+        low, high = self._moving_boxes.bounds(frames + fingers)
+        fixed = self._fixed_bounds
         held = None if self._arm_gripper.hold is None else parts[self._arm_gripper.hold.part]
         touches = self._of_boxes(low, high, fixed)
         if held is not None:
@@ -100,15 +110,8 @@ class CellBoxes:
                 touches += self._near_part(part, low, high, wake)
                 if held is not None and part.state != HELD:
                     touches += self._held_on_part(held, part, wake)
-        self._note_fingers()
+        self._fingers_before = [T[:3, 3] for T in fingers]
         return touches
-
-    def _note_fingers(self) -> None:
-        self._fingers_before = [self._arm_gripper.T_world_finger(side)[:3, 3] for side in (0, 1)]
-
-    def _fixed_bounds(self) -> tuple[Array, Array]:
-        fingers = [self._fixed_gripper.T_world_finger(0), self._fixed_gripper.T_world_finger(1)]
-        return self._fixed_boxes.bounds(self._fixed_frames + fingers)
 
     def _moving_body(self, index: int) -> tuple[int, str]:
         if index < len(self._moving):
@@ -232,9 +235,11 @@ def _shrunk(box: Box, by_mm: float) -> Box:
     return Box(box.name, box.low_mm + by_mm, box.high_mm - by_mm)
 
 
-def _overlap(low: Array, high: Array, other_low: Array, other_high: Array) -> Array:
+def _overlap(low: Array, high: Array, other_low: Array, other_high: Array) -> Mask:
     """Return which boxes' bounds overlap, (n, m) bool."""
-    overlaps: Array = np.all(
-        (low[:, None] < other_high[None]) & (high[:, None] > other_low[None]), axis=2
-    )
+    overlaps = low[:, None, 0] < other_high[:, 0]
+    overlaps &= high[:, None, 0] > other_low[:, 0]
+    for axis in (1, 2):
+        overlaps &= low[:, None, axis] < other_high[:, axis]
+        overlaps &= high[:, None, axis] > other_low[:, axis]
     return overlaps

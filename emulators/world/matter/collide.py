@@ -52,13 +52,16 @@ class BoxSet:
     def __init__(self, boxes: Sequence[Box]) -> None:
         lows = np.array([box.low_mm for box in boxes]).reshape(-1, 3)
         highs = np.array([box.high_mm for box in boxes]).reshape(-1, 3)
-        self._centres, self._halves = (lows + highs) / 2.0, (highs - lows) / 2.0
+        ones = np.ones((len(boxes), 1))
+        # columns, (n, 4, 1) and (n, 3, 1)
+        self._centres = np.hstack([(lows + highs) / 2.0, ones])[..., None]
+        self._halves = ((highs - lows) / 2.0)[..., None]
 
     def bounds(self, frames: Sequence[Array]) -> tuple[Array, Array]:
         """Return the bounds of the boxes in their frames, two (n, 3) [mm]."""
-        T = np.array(frames).reshape(-1, 4, 4)
-        centres = np.einsum("nij,nj->ni", T[:, :3, :3], self._centres) + T[:, :3, 3]
-        reach = np.einsum("nij,nj->ni", np.abs(T[:, :3, :3]), self._halves)
+        T = np.array(frames)[:, :3]
+        centres = (T @ self._centres)[..., 0]
+        reach = (np.abs(T[:, :, :3]) @ self._halves)[..., 0]
         return centres - reach, centres + reach
 
 
