@@ -22,15 +22,14 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, field
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
 
+from benchmarks.case_workers import Failed, Workers  # noqa: E402  (path set above)
 from simulation.case import Case, Ended, Kill, run_case  # noqa: E402  (path set above)
 from simulation.cell import PLACES, Scene  # noqa: E402
 from simulation.faults import FAULTS, names_it  # noqa: E402
@@ -147,10 +146,9 @@ def run_one(work: tuple[str, Case]) -> Ran:
             outcome = "not reached"  # the state, in a run without further faults
         elif "not now" in of_it[0]:
             outcome = "not now"  # nothing held that could be lost
-    scene = f"{case.scene.recipe}/{case.scene.pose_index}/{case.scene.place}"
     return Ran(
-        key, key.split("/")[0], case.seed, scene, outcome, ended.ends, ended.messages[-1],
-        ended.violations, ended.killed_in, ended.custody_at_kill, ended.truth["custody"],
+        key, key.split("/")[0], case.seed, name_of(case.scene), outcome, ended.ends,
+        ended.messages[-1], ended.violations, ended.killed_in, ended.custody_at_kill, ended.truth["custody"],
         ended.truth["tray"], ended.caused, ended.recoveries, ended.verdict, fault, state,
         ended.cell_s, round(cpu_s, 2),
     )  # fmt: skip
@@ -185,16 +183,24 @@ def run_all(cases: Sequence[tuple[str, Case]], args: argparse.Namespace) -> list
         if not args.json:
             print(line_of(ran), flush=True)
 
-    if args.jobs > 1:
-        with ProcessPoolExecutor(args.jobs, get_context("spawn")) as pool:
-            for ran in pool.map(run_one, left):
-                keep(ran)
-    else:
-        for work in left:
-            if time.monotonic() > until_s:
-                break
-            keep(run_one(work))
+    workers: Workers[tuple[str, Case], Ran] = Workers(run_one, args.jobs, args.budget)
+    for (key, case), result in workers.results(left, until_s):
+        keep(no_end(key, case, result) if isinstance(result, Failed) else result)
     return rans
+
+
+def no_end(key: str, case: Case, failed: Failed) -> Ran:
+    """Return the line of a case that came to no end by itself."""
+    fault, state = case.fault or ("", "")
+    return Ran(
+        key, key.split("/")[0], case.seed, name_of(case.scene), failed.outcome, [failed.outcome],
+        failed.message, [], "", "", "", None, [], [], "", fault, state, cpu_s=failed.cpu_s,
+    )  # fmt: skip
+
+
+def name_of(scene: Scene) -> str:
+    """Return a scene in one word."""
+    return f"{scene.recipe}/{scene.pose_index}/{scene.place}"
 
 
 def line_of(ran: Ran) -> str:
@@ -294,6 +300,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--first", type=int, default=1, help="first seed")
     parser.add_argument("--only", help="the case of this key or seed alone")
     parser.add_argument("--jobs", type=int, default=1, help="processes")
+    parser.add_argument(
+        "--budget", type=float, default=240.0, help="CPU s after which a case counts as hung"
+    )
     parser.add_argument("--minutes", type=float, default=1e6, help="begin no case after so long")
     parser.add_argument("--out", type=Path, help="JSON lines; goes on where the file ends")
     parser.add_argument("--json", action="store_true")
