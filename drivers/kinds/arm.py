@@ -95,6 +95,37 @@ class Arm(Protocol):
         """
         ...
 
+    async def read_kept_q(self, between: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the joints (n,) as far as an earlier controller's homing proves them, else NaN.
+
+        Parameters
+        ----------
+        between : (m, n) joints between which the arm was last sent
+        """
+        ...
+
+    async def home_keeping_jaws(
+        self, q_estimate: NDArray[np.float64], opening_mm: float | None
+    ) -> float:
+        """Press the jaws, and find the references of all joints; no jaw opens.
+
+        Where it takes the joints, `homing_sweep` of the arm's model tells.
+
+        Parameters
+        ----------
+        q_estimate : (n,) about where it stands
+        opening_mm : at which the jaws pressed on what they hold, None for empty jaws
+
+        Returns
+        -------
+        the opening at which they press now [mm]; smaller if nothing is between them any more
+
+        Raises
+        ------
+        PositionLostError : the jaws were moved meanwhile; nothing has moved
+        """
+        ...
+
     async def move_joints(self, q: NDArray[np.float64], *, speed_share: float = 1.0) -> None:
         """Move to joints (n,), all arriving together; return when the arm is there.
 

@@ -25,6 +25,7 @@ from .motion import (
     Axes,
     AxisStalledError,
     Homing,
+    KeepingHoming,
     MoveWatch,
     axes_in_turn,
     forecast_s,
@@ -32,6 +33,7 @@ from .motion import (
     start,
     synchronised_speeds,
     verify_arrival,
+    without_gripper,
 )
 from .protocol import constants as c
 from .protocol.constants import ADDRESSES, Axis, Drive, Ip, Parameter, StatusBits
@@ -254,13 +256,7 @@ class UmiScara:
         identity = self.identity
         if identity is None or identity.was_restarted:
             raise PositionLostError("arm: an IP has restarted: its positions are lost; home it")
-        rows = kinematics.q_to_counts(np.atleast_2d(np.asarray(between, dtype=np.float64)))
-        ends = {
-            axis: (int(low), int(high))
-            for axis, low, high in zip(
-                COUNTS_ORDER, rows.min(axis=0), rows.max(axis=0), strict=True
-            )
-        }
+        ends = _ends(between)
         counts = await self.axes.read_actuals(Axis)
         why = judge_kept_counters(ends, counts)
         if not why:
@@ -276,6 +272,80 @@ class UmiScara:
         }
         self.positions.note_taken_over(again, grasps=bool(bits & StatusBits.STALLED))
         log.info("arm: positions taken over at %s", again)
+
+    async def read_kept_q(self, between: ArrayLike) -> NDArray[np.float64]:
+        """Return the joints (6,) as far as an earlier session's labels prove them, NaN elsewhere.
+
+        One IP may have restarted and the other not. Nothing moves, and nothing is taken over.
+
+        Parameters
+        ----------
+        between : (n, 6) joints between which the arm was last sent, in `kinematics.Q_ORDER`
+
+        Raises
+        ------
+        PositionLostError : an IP has restarted since `connect`
+        """
+        self._session.require_connected()
+        identity = self.identity
+        assert identity is not None, "it is connected"
+        ends = _ends(between)
+        counts = await self.axes.read_actuals(Axis)
+        again = await self.axes.read_actuals(Axis)
+        kept = [
+            ip
+            for ip in Ip
+            if ip not in identity.restarted_ips
+            and not judge_kept_counters(ends, counts, [ip])
+            and not judge_kept_counters(ends, again, [ip])
+        ]
+        q = kinematics.counts_to_q([again[axis] for axis in COUNTS_ORDER])
+        lost = [axis for axis in COUNTS_ORDER if ADDRESSES[axis].ip not in kept]
+        q[kinematics.joints_moved_by(lost)] = np.nan
+        return q
+
+    async def home_keeping_jaws(self, q_estimate: ArrayLike, opening_mm: float | None) -> float:
+        """Press the jaws, then home all other axes (§4.7); no jaw opens. Return the opening [mm].
+
+        Begins with zed on its way up. How far the jaws have closed meanwhile, from the opening at
+        which they were known to press, shows whether something is still between them.
+
+        Parameters
+        ----------
+        q_estimate : (6,) joints about which the arm stands, in `kinematics.Q_ORDER`
+        opening_mm : at which the jaws pressed on what they hold; None for empty jaws
+
+        Raises
+        ------
+        PositionLostError : the jaws were moved since they were last known; nothing has moved
+        PowerOffError : motor power is off
+        HomingError : an axis found no stop in time
+        AxisStalledError : an axis stalled or stopped short between two stops
+        MotionStoppedError : `stop` was called
+        """
+        row = np.asarray(q_estimate, dtype=np.float64)
+        if row.shape != (6,):
+            raise ValueError(f"joints are six numbers, not {row}")
+        guess = dict(zip(COUNTS_ORDER, kinematics.q_to_counts(row).tolist(), strict=True))
+        law = self._config.gripper
+        known = None if opening_mm is None else law.counts(opening_mm)
+        homing = self._config.homing
+        async with self._session.motion(needs_home=False) as guard:
+            self.positions.begin_homing()
+            nominal, force = self._config.nominal_counts_per_s, self._config.gripper_force
+            jaws = await KeepingHoming(self.axes, homing, nominal, force, guard).run(guess, known)
+            self.positions.dead_bands = {
+                axis: await self.axes.read_twice(axis, Parameter.DEAD_BAND)
+                for axis in axes_in_turn(self.axes)
+            }
+            park = without_gripper(homing.park_counts)
+            await self._arrive(park)
+            guard()
+            self.positions.note_homed(park | {Axis.GRIPPER: jaws})
+            self.positions.note_leaving([Axis.GRIPPER])  # its target is beyond where it presses
+            self.positions.grasps = True
+        log.info("arm homed with its jaws pressed at %d counts", jaws)
+        return law.opening_mm(jaws)
 
     async def read_counts(self) -> dict[Axis, int]:
         """Return the true position of all seven motors [counts], in the order of Axis.
@@ -581,3 +651,12 @@ class UmiScara:
             await self.axes.pause()
         await self._session.halt_quietly()
         raise AxisStalledError(Axis.GRIPPER, c.GRASP_COUNTS, counts, why)
+
+
+def _ends(between: ArrayLike) -> dict[Axis, tuple[int, int]]:
+    """Return the range of each axis [counts] over joints (n, 6)."""
+    rows = kinematics.q_to_counts(np.atleast_2d(np.asarray(between, dtype=np.float64)))
+    return {
+        axis: (int(low), int(high))
+        for axis, low, high in zip(COUNTS_ORDER, rows.min(axis=0), rows.max(axis=0), strict=True)
+    }

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -245,6 +245,10 @@ class SixAxis:
     def retreats(self, q: Floats, count: int) -> Floats:
         share = np.linspace(0.0, 1.0, count)[:, None]
         return q[:, None] + share * (self._drawn_up(q) - q)[:, None]
+
+    def homing_sweep(self, low: Floats, high: Floats) -> Sequence[Any]:
+        """It keeps its references and homes by none."""
+        return ()
 
     def describe(self, q: Floats) -> str:
         return "(" + ", ".join(f"{v:.0f}" for v in np.degrees(q)) + ")"

@@ -16,7 +16,7 @@ from controller.arrays import BoolArray, FloatArray, IntArray
 
 from ..geometry import SolidBox
 
-__all__ = ["JOINT_COUNT", "ArmLink", "ArmModel", "TimingModel"]
+__all__ = ["JOINT_COUNT", "ArmLink", "ArmModel", "HomingPhase", "TimingModel"]
 
 JOINT_COUNT = 6
 
@@ -81,6 +81,26 @@ class TimingModel(Protocol):
 
     def stray(self, step: FloatArray) -> FloatArray:
         """Return more than the joints (6,) are ever off the joint line in a move by `step` (6,)."""
+
+
+class HomingPhase(Protocol):
+    """One phase of homing, as all the joints that it may pass: ``join @ angles`` within bounds."""
+
+    @property
+    def what(self) -> str:
+        """The phase in words."""
+
+    @property
+    def low(self) -> FloatArray:
+        """Least of the independent angles (6,) [rad, mm]."""
+
+    @property
+    def high(self) -> FloatArray:
+        """Most of them (6,)."""
+
+    @property
+    def join(self) -> FloatArray:
+        """From these angles to the joints, (6, 6)."""
 
 
 class ArmModel(Protocol):
@@ -176,6 +196,16 @@ class ArmModel(Protocol):
 
     def retreats(self, q: FloatArray, count: int) -> FloatArray:
         """Return how the arm gets out of the crowd from (n, 6): (n, count, 6), from there on."""
+
+    def homing_sweep(self, low: FloatArray, high: FloatArray) -> Sequence[HomingPhase]:
+        """Return where homing that opens no jaw takes the joints, phase by phase.
+
+        Empty for an arm that has no such homing.
+
+        Parameters
+        ----------
+        low, high : (6,) bounds of the joints at its beginning
+        """
 
     def describe(self, q: FloatArray) -> str:
         """Return one q (6,) for people, in degrees and mm."""

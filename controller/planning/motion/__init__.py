@@ -5,12 +5,15 @@ from ._kinematics import inverse_rows, link_boxes, passed_limit, shown_pose, tcp
 from ._lines import fewest_waypoints, same_branch
 from ._paths import connect, path_free
 from .scene import Scene
+from .sweep import SWEEP_MARGIN_MM, Swept, prove_sweep
 from .timing import move_seconds, segment_seconds, segment_tube, travel_seconds
 
 __all__ = [
+    "SWEEP_MARGIN_MM",
     "PartShape",
     "PlacedShape",
     "Scene",
+    "Swept",
     "connect",
     "fewest_waypoints",
     "inverse_rows",
@@ -18,6 +21,7 @@ __all__ = [
     "move_seconds",
     "passed_limit",
     "path_free",
+    "prove_sweep",
     "same_branch",
     "segment_seconds",
     "segment_tube",

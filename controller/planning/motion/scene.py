@@ -121,6 +121,7 @@ class Scene:
         table_margin_mm: float | FloatArray | None = None,
         arm_gripper: GripperBoxes | None = None,
         part: tuple[PartShape, FloatArray] | None = None,
+        self_margin_mm: float | FloatArray = SELF_MARGIN_MM,
     ) -> IntArray:
         """Return per configuration (n, 6) the index of a contact in `names`, -1 if free.
 
@@ -132,6 +133,7 @@ class Scene:
             poses (n, m, 4, 4) and half edges (n, m, 3), the arm gripper's body first
         part : replaces `carried_mesh` by triangles at a pose of its own per row, in the TCP frame
             (n, 4, 4); the box that bounds them is added to `arm_gripper`
+        self_margin_mm : one for all, or (n,), between parts of the arm and what it holds
         """
         n = len(q)
         if n == 0:
@@ -140,8 +142,9 @@ class Scene:
         floor = np.broadcast_to(
             margin if table_margin_mm is None else np.asarray(table_margin_mm, np.float64), (n,)
         )
+        own = np.broadcast_to(np.asarray(self_margin_mm, dtype=np.float64), (n,))
         moving = self._moving(q, arm_gripper, part)
-        row, body, name = self._touching(moving, margin, floor)
+        row, body, name = self._touching(moving, margin, floor, own)
         # the part is the last of what moves; any other contact between boxes is a contact
         still = len(self._still().names)
         loose = np.zeros(len(row), dtype=bool)
@@ -154,7 +157,7 @@ class Scene:
         np.minimum.at(found, row[~loose], name[~loose])
         loose &= found[row] == _NONE
         if loose.any():
-            exact = _Exact(self._still(), self.standing_meshes, moving, margin, floor)
+            exact = _Exact(self._still(), self.standing_meshes, moving, margin, floor, own)
             order = np.lexsort((body[loose], name[loose], row[loose]))
             for k in np.flatnonzero(loose)[order]:
                 if found[row[k]] == _NONE and exact.stands(int(row[k]), int(body[k]), int(name[k])):
@@ -214,7 +217,7 @@ class Scene:
         )
 
     def _touching(
-        self, moving: _Moving, margin: FloatArray, floor: FloatArray
+        self, moving: _Moving, margin: FloatArray, floor: FloatArray, own: FloatArray
     ) -> tuple[IntArray, IntArray, IntArray]:
         """Return what touches, all of it as boxes: rows, moving bodies, indices in `names`."""
         still = self._still()
@@ -251,12 +254,12 @@ class Scene:
         near = np.ones((len(centre), len(one)), dtype=bool)
         for axis in range(3):
             gap = np.abs(centre[:, one, axis] - centre[:, other, axis])
-            near &= gap <= around[:, one, axis] + around[:, other, axis] + 2 * SELF_MARGIN_MM
+            near &= gap <= around[:, one, axis] + around[:, other, axis] + 2 * own[:, None]
         row, pair = np.nonzero(near)
         i, j = one[pair], other[pair]
         hits = overlap_turned(
             R[row, i],
-            half[row, i] + SELF_MARGIN_MM,
+            half[row, i] + own[row, None],
             R[row, j],
             half[row, j],
             centre[row, j] - centre[row, i],
@@ -363,8 +366,9 @@ class _Exact:
         moving: _Moving,
         margin: FloatArray,
         floor: FloatArray,
+        own: FloatArray,
     ) -> None:
-        self._moving, self._margin, self._floor = moving, margin, floor
+        self._moving, self._margin, self._floor, self._own = moving, margin, floor, own
         self._part = None if moving.shape is None else Triangles(moving.shape)
         self._still = still
         self._standing = []
@@ -403,5 +407,5 @@ class _Exact:
 
     def _touches_link(self, part: Triangles, row: int, link: int) -> bool:
         moving = self._moving
-        half = moving.halves[row, link] + SELF_MARGIN_MM
+        half = moving.halves[row, link] + float(self._own[row])
         return part.touch(moving.turns[row, link], moving.centres[row, link], half)

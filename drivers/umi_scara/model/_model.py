@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _detours, kinematics
+from ._homing_sweep import HomingPhase, homing_sweep
 from ._timing import UmiTiming
 from .kinematics import ArmGeometry
 
@@ -196,6 +197,10 @@ class UmiModel:
     def retreats(self, q: Floats, count: int) -> Floats:
         """Return joints (n, 6) on their way straight up: (n, count, 6)."""
         return _detours.lifts(q, count)
+
+    def homing_sweep(self, low: Floats, high: Floats) -> Sequence[HomingPhase]:
+        """Return where homing that keeps the jaws shut takes the joints from within bounds (6,)."""
+        return homing_sweep(low, high)
 
     def describe(self, q: Floats) -> str:
         """Return one q (6,) in degrees and mm."""

@@ -7,6 +7,7 @@ angle, pitch and roll in rad, zed in mm (0 at the top stop, negative downwards).
 Everything is vectorised over leading dimensions. Sections (§) are those of umi_rtx.md.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
@@ -27,6 +28,7 @@ __all__ = [
     "forward",
     "inverse",
     "inverse_legal",
+    "joints_moved_by",
     "limit_report",
     "link_frames",
     "q_to_counts",
@@ -130,6 +132,12 @@ def q_to_counts(q: ArrayLike) -> NDArray[np.int64]:
 def counts_to_q(counts: ArrayLike) -> Floats:
     """Return the joints (..., 6) of counts (..., 6) in COUNTS_ORDER (§6.3)."""
     return np.asarray(counts, dtype=np.float64) @ _Q_PER_COUNT
+
+
+def joints_moved_by(axes: Iterable[c.Axis]) -> list[int]:
+    """Return the joints, as indices in `Q_ORDER`, that motors have a part in (§5.3)."""
+    moved = [COUNTS_ORDER.index(axis) for axis in axes]
+    return np.flatnonzero((_COUNTS_PER_Q[:, moved] != 0).any(axis=1)).tolist()
 
 
 # ---- limits ------------------------------------------------------------------------------------

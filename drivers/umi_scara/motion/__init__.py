@@ -7,7 +7,8 @@ from drivers.errors import MotionStoppedError
 
 from ._axes import Axes
 from ._counters import judge_counters, judge_kept_counters
-from ._homing import Homing, HomingConfig, HomingError
+from ._homing import Homing
+from ._keeping import KeepingHoming, without_gripper
 from ._moves import (
     AxisStalledError,
     MoveWatch,
@@ -18,6 +19,7 @@ from ._moves import (
     verify_arrival,
 )
 from ._positions import Positions, axes_in_turn
+from ._stops import HomingConfig, HomingError
 
 __all__ = [
     "Axes",
@@ -25,6 +27,7 @@ __all__ = [
     "Homing",
     "HomingConfig",
     "HomingError",
+    "KeepingHoming",
     "MotionStoppedError",
     "MoveWatch",
     "Positions",
@@ -36,4 +39,5 @@ __all__ = [
     "start",
     "synchronised_speeds",
     "verify_arrival",
+    "without_gripper",
 ]

@@ -5,7 +5,7 @@ from other commands. The arm has no other memory of where it is, so the counters
 only witnesses: an axis that rested far from zero and still reads so excludes it.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 from ..protocol.constants import ADDRESSES, Axis, Ip
 
@@ -42,7 +42,9 @@ def judge_counters(
     return ""
 
 
-def judge_kept_counters(between: Mapping[Axis, tuple[int, int]], counts: Mapping[Axis, int]) -> str:
+def judge_kept_counters(
+    between: Mapping[Axis, tuple[int, int]], counts: Mapping[Axis, int], ips: Iterable[Ip] = Ip
+) -> str:
     """Return why counters of an earlier session cannot be trusted, or "" if they can.
 
     A restart makes all counters of an IP zero (umi_rtx.md 1.5, 9.23), and a GO of somebody else
@@ -53,14 +55,18 @@ def judge_kept_counters(between: Mapping[Axis, tuple[int, int]], counts: Mapping
     ----------
     between : range that each axis was last sent to [counts]; axes that are left out prove nothing
     counts : what all axes read at rest [counts]
+    ips : whose counters are in question
     """
+    boards = set(ips)
     for axis, (low, high) in between.items():
+        if ADDRESSES[axis].ip not in boards:
+            continue
         if not low - _SLACK_COUNTS <= counts[axis] <= high + _SLACK_COUNTS:
             return (
                 f"{axis.name.lower()} reads {counts[axis]} counts, it was sent between {low} and "
                 f"{high}"
             )
-    for ip in Ip:
+    for ip in sorted(boards):
         of_ip = {axis: ends for axis, ends in between.items() if ADDRESSES[axis].ip is ip}
         is_far = any(abs(counts[axis]) > _SLACK_COUNTS for axis in of_ip)
         is_zero = all(max(map(abs, ends)) <= _SLACK_COUNTS for ends in of_ip.values())

@@ -199,7 +199,8 @@ ZED_COUNTS_PER_MM: Final = 3.750
 # ---- ranges [counts] (§5.2) ---------------------------------------------------------------------
 SHOULDER_RANGE: Final = (-2630, 2630)
 ELBOW_RANGE: Final = (-2630, 2206)
-ZED_RANGE: Final = (-3303, -20)  # software; the stops are at -3554 and 0
+ZED_RANGE: Final = (-3303, -20)  # software
+ZED_STOPS: Final = (-3554, 0)
 YAW_LESS_ELBOW_RANGE: Final = (-1071, 1071)  # of yaw - elbow / 3
 YAW_ELBOW_RATIO: Final = Fraction(1, 3)  # §5.2, §5.4: the yaw belt runs over the elbow axis
 WRIST_SUM_RANGE: Final = (-2642, 108)  # of W1 + W2: pitch
@@ -216,6 +217,10 @@ STOP_COUNTS: Final = {  # §4.2, column UvA: satisfies the combined limits exact
     Axis.WRIST2: 459,
     Axis.GRIPPER: 0,
 }
+HOMING_CREEP_COUNTS: Final = 440  # §4.1 step 3: by which the elbow swings the gripper clear
+# Homing that keeps the jaws shut (§4.7): where the shoulder stands while the elbow goes to its
+# forward stop, so that the hand stays on the side away from the column
+KEEPING_SHOULDER_COUNTS: Final = -1110
 PARK_COUNTS: Final = {axis: -18 if axis is Axis.ZED else 0 for axis in Axis}  # §4.1 step 7
 GRASP_COUNTS: Final = -500  # §5.5: iLab's target beyond closed
 

@@ -1,0 +1,114 @@
+"""Whether all that a motion without known ends may pass is free of contact.
+
+A phase is a box in joint space, proven as a whole: a piece of it is free if the arm, at its middle,
+has more clearance than any of its points travels to the piece's border; else the piece is halved
+across the joint that moves it most. So no configuration between is missed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from controller.arrays import FloatArray
+
+from ..model.arm import HomingPhase
+from ._kinematics import tcp_pose
+from .scene import SELF_MARGIN_MM, Scene
+
+SWEEP_MARGIN_MM = 10.0  # an estimate of the place of a part in jaws that had no power is in it
+MAX_PIECES = 60_000  # of one phase; more are not proven
+# Pieces smaller than this count as contact where they are not free [mm of travel].
+FINEST_MM = 8.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Swept:
+    """What a proof of swept space has found.
+
+    Attributes
+    ----------
+    phase : in which something comes too close; empty if all is free
+    touches : name of what comes too close
+    tcp_mm : (3,) where the TCP is there, in the world
+    pieces : of joint space that were looked at
+    """
+
+    phase: str = ""
+    touches: str = ""
+    tcp_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    pieces: int = 0
+
+    @property
+    def is_free(self) -> bool:
+        """Whether all of it keeps the margin."""
+        return not self.phase
+
+
+def prove_sweep(
+    scene: Scene, phases: Sequence[HomingPhase], margin_mm: float = SWEEP_MARGIN_MM
+) -> Swept:
+    """Return whether each configuration of phases keeps the margin, or the first that does not.
+
+    Parameters
+    ----------
+    scene : what the arm carries, and may not touch
+    phases : in order
+    margin_mm : to everything but the arm itself, which keeps `SELF_MARGIN_MM`
+    """
+    pieces = 0
+    for phase in phases:
+        found = _prove(scene, phase, margin_mm)
+        pieces += found.pieces
+        if not found.is_free:
+            return Swept(found.phase, found.touches, found.tcp_mm, pieces)
+    return Swept(pieces=pieces)
+
+
+def _prove(scene: Scene, phase: HomingPhase, margin_mm: float) -> Swept:
+    low, high, names = phase.low[None], phase.high[None], scene.names()
+    far = scene.reach_mm()
+    count = 0
+    while len(low):
+        count += len(low)
+        middle, half = (low + high) / 2, (high - low) / 2
+        q = middle @ phase.join.T
+        travel = half * _radii(scene, phase, q, half, far)
+        bound = travel.sum(axis=1)
+        own = SELF_MARGIN_MM + bound
+        tight = np.flatnonzero(scene.contacts(q, margin_mm + bound, None, None, None, own) >= 0)
+        if len(tight) == 0:
+            return Swept(pieces=count)
+        # at its middle each piece has to be free, or it is no use to cut it
+        hits = scene.contacts(q[tight], margin_mm)
+        fine = (hits < 0) & (bound[tight] < FINEST_MM)
+        bad = np.flatnonzero((hits >= 0) | fine)
+        if len(bad) or count > MAX_PIECES:
+            k = int(bad[0]) if len(bad) else 0
+            hit = int(hits[k])
+            if hit < 0:
+                one = tight[k : k + 1]
+                wide = margin_mm + bound[one], SELF_MARGIN_MM + bound[one]
+                hit = int(scene.contacts(q[one], wide[0], None, None, None, wide[1])[0])
+            x, y, z = tcp_pose(scene.layout, q[tight[k]])[:3, 3]
+            return Swept(phase.what, names[hit], (float(x), float(y), float(z)), count)
+        rows = np.arange(len(tight))
+        across = travel[tight].argmax(axis=1)
+        cut = middle[tight, across]
+        low_1, high_1 = low[tight].copy(), high[tight].copy()
+        high_1[rows, across] = cut
+        low_2, high_2 = low[tight].copy(), high[tight].copy()
+        low_2[rows, across] = cut
+        low, high = np.concatenate([low_1, low_2]), np.concatenate([high_1, high_2])
+    return Swept(pieces=count)
+
+
+def _radii(
+    scene: Scene, phase: HomingPhase, q: FloatArray, half: FloatArray, far: tuple[float, float]
+) -> FloatArray:
+    """Return how far any point moves with each independent angle (n, 6) [mm per rad or mm]."""
+    ends = phase.low @ phase.join.T, phase.high @ phase.join.T
+    radii = scene.layout.arm.radii_mm(*ends, *far)
+    return np.broadcast_to(np.abs(phase.join).T @ radii, q.shape)
