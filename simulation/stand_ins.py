@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from controller import inspection as inspecting
 from controller.cache import digest_of
 from controller.cell.compute import Compute, Holder, Job, context
+from controller.cell.devices.lamps import STATION_PANEL, TABLE_PANEL
 from controller.config.view_set import load_view_set
 from controller.imaging import Camera, inverse_pose, transform
 from controller.planning import Look, NoPlanError, Plan, Present, Start
@@ -314,7 +315,7 @@ class StandIns(Compute):
         file = load_view_set(set_path)
         for view in file.views:
             is_held = view.camera is None
-            picture = view.pictures["station_backlight" if is_held else "table_backlight"]
+            picture = view.pictures[STATION_PANEL if is_held else TABLE_PANEL]
             stored = cv2.imread(str(set_path.parent / picture), cv2.IMREAD_GRAYSCALE)
             T, custody = read_truth(np.asarray(stored, dtype=np.uint8))
             boxes = tuple(

@@ -17,6 +17,7 @@ from controller import planning
 from controller import recognition as recognising
 from controller.arrays import BoolArray, FloatArray, Grey
 from controller.cad.compiled import load_part
+from controller.cell.devices.lamps import STATION_PANEL
 from controller.config.view_set import load_view_set
 from controller.imaging import inverse_pose
 from controller.planning import (
@@ -213,7 +214,7 @@ def inspect(
         camera=c.inspection,
         T_world_part=T_world_part,
         holder=holder,
-        panel_mm=panel_corners(c.cell, "station_backlight"),
+        panel_mm=panel_corners(c.cell, STATION_PANEL),
         lamps=build_lamps(c.cell, tuple(lit)),
         limits=inspection_limits(c.recipe),
         is_hold_measured=is_hold_measured,
@@ -274,7 +275,7 @@ def find_hold(
         camera=c.inspection,
         T_world_part=T_world_part,
         holder=holder,
-        panel_mm=panel_corners(c.cell, "station_backlight"),
+        panel_mm=panel_corners(c.cell, STATION_PANEL),
         lamps=(),
         limits=inspection_limits(c.recipe),
     )

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from controller.cell.custody import Custody
 from controller.cell.custody.release_guard import NOTHING_MM
-from controller.cell.devices.lamps import TABLE_LAMPS
+from controller.cell.devices.lamps import TABLE_LAMPS, TABLE_PANEL
 from controller.cell.errors import PartFaultError
 from controller.cell.journal.rows import GraspMissed, Once
 from controller.cell.machine import GRASP, Event, PartFault, SafePoint
@@ -70,7 +70,7 @@ class GraspAction:
             # only the ring: things around the table cast shadows in the side lamp's light, and no
             # prediction has them
             lit = {lamp: part.pictures[lamp] for lamp in TABLE_LAMPS[:1]}
-            self.views.judge_on_table(view, look, part.pictures["table_backlight"], lit)
+            self.views.judge_on_table(view, look, part.pictures[TABLE_PANEL], lit)
             self.steps.end(look, started_s, view=view)
 
     async def _check_opening(self, step: Pick, opening_mm: float) -> None:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from controller.arrays import Grey
-from controller.cell.devices.lamps import TABLE_LAMPS
+from controller.cell.devices.lamps import TABLE_LAMPS, TABLE_PANEL
 from controller.cell.errors import CellError
 from controller.cell.journal.rows import TablePictures
 from controller.cell.machine import Event
@@ -43,9 +43,9 @@ class AcquireAction:
         self.record.show("taking pictures of the table", step=0, step_count=0, remaining_s=None)
         part = self.record.part
         try:
-            glowing = await self.imaging.shoot("overhead", {"table_backlight": 1.0})
+            glowing = await self.imaging.shoot("overhead", {TABLE_PANEL: 1.0})
             _require_glow(glowing)
-            part.pictures = {"table_backlight": glowing}
+            part.pictures = {TABLE_PANEL: glowing}
             for lamp in TABLE_LAMPS:
                 part.pictures[lamp] = await self.imaging.shoot("overhead", {lamp: 1.0})
         finally:

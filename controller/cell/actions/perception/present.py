@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from controller.cell.devices.lamps import STATION_LAMPS
+from controller.cell.devices.lamps import STATION_LAMPS, STATION_PANEL
 from controller.cell.machine import VIEW, Event, SafePoint
 from controller.cell.services import (
     Disambiguation,
@@ -79,14 +79,14 @@ class PresentAction:
         await self.motion.ring_down()
         await self.gate.wait(_look)
         view = self.views.name(step)
-        backlit = await self.imaging.shoot("inspection", {"station_backlight": 1.0})
+        backlit = await self.imaging.shoot("inspection", {STATION_PANEL: 1.0})
         lit = {
             lamp: await self.imaging.shoot("inspection", {lamp: 1.0}) for lamp in lamps_for(step)
         }
         q = await self.motion.read_q()
         files = {
             lamp: await self.imaging.save(self.record.part.number, f"{view}_{lamp}", image)
-            for lamp, image in {"station_backlight": backlit, **lit}.items()
+            for lamp, image in {STATION_PANEL: backlit, **lit}.items()
         }
         self.views.record_pictures(step, files, q)
         if step.ambiguity is not None:

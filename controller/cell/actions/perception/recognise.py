@@ -7,7 +7,7 @@ import numpy as np
 from controller.cad.compiled import part_name
 from controller.cell.compute import Compute
 from controller.cell.custody import Custody
-from controller.cell.devices.lamps import TABLE_LAMPS
+from controller.cell.devices.lamps import TABLE_LAMPS, TABLE_PANEL
 from controller.cell.errors import PartFaultError, PartProblemError
 from controller.cell.machine import Event, PartFault
 from controller.cell.services.records import BatchRecord, sightings_row
@@ -41,7 +41,7 @@ class RecogniseAction:
         self.record.show("recognising")
         part = self.record.part
         lit = {lamp: part.pictures[lamp] for lamp in TABLE_LAMPS}
-        sightings = await self.compute.recognise(part.pictures["table_backlight"], lit)
+        sightings = await self.compute.recognise(part.pictures[TABLE_PANEL], lit)
         self.record.note(sightings_row(sightings))
         part.sighting = s = self._choose(sightings)
         part.alternatives = s.ambiguous_with

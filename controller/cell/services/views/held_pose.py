@@ -7,6 +7,7 @@ import numpy as np
 from controller import inspection as inspecting
 from controller.arrays import FloatArray
 from controller.cell.compute import Compute
+from controller.cell.devices.lamps import STATION_PANEL
 from controller.cell.errors import PartFaultError
 from controller.cell.machine import GRASP, PartFault, is_held_otherwise
 from controller.cell.services.records import BatchRecord, PartInGripper, Shown
@@ -64,7 +65,7 @@ class HeldPose:
         if (np.abs(q - shown.q) > SAME_CONFIGURATION).any():
             return
         await self.motion.ring_down()
-        backlit = await self.imaging.shoot("inspection", {"station_backlight": 1.0})
+        backlit = await self.imaging.shoot("inspection", {STATION_PANEL: 1.0})
         expected = shown_pose(self.layout, q, hold.T_part_tcp)
         holder = holder_boxes(self.layout, q, hold.opening_mm)
         found = await self.compute.find_hold(expected, hold.T_part_tcp, holder, backlit)

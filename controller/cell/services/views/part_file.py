@@ -13,6 +13,7 @@ from typing import Final
 import numpy as np
 
 from controller.arrays import FloatArray
+from controller.cell.devices.lamps import STATION_PANEL, TABLE_PANEL
 from controller.cell.services.records import PartRecord, Shown
 from controller.config import Cell, Recipe
 from controller.config.view_set import SCHEMA, SetBox, SetCamera, SetView, ViewSetFile, packed
@@ -24,13 +25,11 @@ from controller.planning.motion import tcp_pose
 from controller.setup.optics import light_of, table_light
 
 INPUTS: Final = "inputs"  # folder of a run for the files it was started with
-STATION_PANEL: Final = "station_backlight"
-TABLE_PANEL: Final = "table_backlight"
 SAME_HOLD: Final = 1e-6  # of a hold and the pose it was learned from: what products of poses round
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class StoredViews:
+class WrittenViews:
     """The file of a part's views.
 
     Attributes
@@ -58,7 +57,7 @@ class PartFile:
     recipe: Recipe
     folder: Path
 
-    def write(self, part: PartRecord) -> StoredViews:
+    def write(self, part: PartRecord) -> WrittenViews:
         """Write the views of a part that were judged; return the file.
 
         Raises
@@ -70,7 +69,7 @@ class PartFile:
         data = (body + "\n").encode()
         name = f"part{part.number:03d}.views.json"
         (self.folder / name).write_bytes(data)
-        return StoredViews(name, hashlib.sha256(data).hexdigest())
+        return WrittenViews(name, hashlib.sha256(data).hexdigest())
 
     def _file(self, part: PartRecord, judged: Sequence[tuple[Shown, int]]) -> ViewSetFile:
         masks = [mask for mask in part.planned.values() if len(mask)]

@@ -4,7 +4,7 @@ import asyncio
 import hashlib
 import shutil
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -12,19 +12,14 @@ import numpy as np
 
 from controller.arrays import Grey
 from controller.cell.compute import Compute
-from controller.cell.devices.lamps import TABLE_LAMPS
+from controller.cell.devices.lamps import STATION_PANEL, TABLE_LAMPS, TABLE_PANEL
 from controller.cell.journal.rows import FilesStored, TablePictures
 from controller.cell.recovery import Interrupted, TakenView
 from controller.cell.services.records import BatchRecord, PartInGripper, Shown, grasp_of
 from controller.config.view_set import unpacked
-from controller.inspection import ViewResult
-from controller.planning import shown_pose
 from controller.planning.model import CellLayout
 
-from .holder import holder_boxes
-
-STATION_PANEL = "station_backlight"
-TABLE_PANEL = "table_backlight"
+from .judging import judge_held, judge_on_table
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,35 +97,23 @@ class StoredViews:
             return None
         known = left.arm_hold or left.expected_hold
         assert known is not None, "a held part has had a hold"
-        q, T_part_tcp = np.array(row.q), np.array(row.hold.T_part_tcp)
-        hold = holds.setdefault(
-            row.hold.number,
-            PartInGripper(
-                grasp_of(known.grasp),
-                T_part_tcp,
-                row.hold.opening_mm,
-                is_measured=row.hold.is_measured,
-                number=row.hold.number,
-            ),
+        by_then = PartInGripper(
+            grasp_of(known.grasp),
+            np.array(row.hold.T_part_tcp),
+            row.hold.opening_mm,
+            is_measured=row.hold.is_measured,
+            number=row.hold.number,
         )
-        expected = shown_pose(self.layout, q, T_part_tcp)
-        holder = holder_boxes(self.layout, q, row.hold.opening_mm)
         lit = {lamp: image for lamp, image in pictures.items() if lamp != STATION_PANEL}
-        backlit = pictures[STATION_PANEL]
-        inspected = self.compute.inspect(
-            row.view, expected, holder, backlit, lit, row.hold.is_measured
-        )
-        return Shown(
-            view=row.view,
-            hold=hold,
-            q=q,
-            expected=expected,
-            holder=holder,
-            backlit=backlit,
-            lamps=tuple(lit),
-            is_hold_measured=row.hold.is_measured,
-            T_part_tcp=T_part_tcp,
-            task=asyncio.ensure_future(inspected),
+        return judge_held(
+            self.compute,
+            self.layout,
+            row.view,
+            holds.setdefault(by_then.number, replace(by_then)),
+            np.array(row.q),
+            pictures[STATION_PANEL],
+            lit,
+            by_then,
         )
 
     def _on_table(self, taken: TakenView, pictures: Mapping[str, Grey]) -> Shown:
@@ -138,26 +121,10 @@ class StoredViews:
         assert sighting is not None, "a view of the table follows a sighting"
         assert sighting.T_world_part is not None
         T = np.array(sighting.T_world_part)
-        seen = self.record.part.planned[row.view]
         # as in the run that took them: only the ring's light is judged on the table
-        lit = {lamp: pictures[lamp] for lamp in tuple(TABLE_LAMPS[:1]) if lamp in pictures}
-        backlit = pictures[TABLE_PANEL]
-
-        async def counted() -> ViewResult:
-            return (await self.compute.inspect_on_table(row.view, T, backlit, lit)).within(seen)
-
-        return Shown(
-            view=row.view,
-            hold=None,
-            q=np.zeros(6),
-            expected=T,
-            holder=(),
-            backlit=backlit,
-            lamps=tuple(lit),
-            is_hold_measured=True,
-            T_part_tcp=None,
-            task=asyncio.ensure_future(counted()),
-        )
+        lit = {lamp: pictures[lamp] for lamp in TABLE_LAMPS[:1] if lamp in pictures}
+        planned = self.record.part.planned[row.view]
+        return judge_on_table(self.compute, row.view, T, planned, pictures[TABLE_PANEL], lit)
 
 
 def _read(path: Path) -> Grey:

@@ -4,8 +4,6 @@ import asyncio
 import logging
 from collections.abc import Mapping
 
-import numpy as np
-
 from controller import inspection as inspecting
 from controller.arrays import FloatArray, Grey
 from controller.cell.compute import Compute
@@ -19,10 +17,10 @@ from controller.cell.services.records import (
     view_row,
 )
 from controller.config.view_set import packed
-from controller.planning import Look, Present, shown_pose
+from controller.planning import Look, Present
 from controller.planning.model import CellLayout
 
-from .holder import holder_boxes
+from .judging import judge_held, judge_on_table
 
 log = logging.getLogger(__name__)
 
@@ -95,23 +93,7 @@ class Views:
         q : (6,) where the arm stood
         backlit, lit : pictures before the backlight panel, and by lamp
         """
-        expected = shown_pose(self._layout, q, hold.T_part_tcp)
-        holder = holder_boxes(self._layout, q, hold.opening_mm)
-        task = asyncio.ensure_future(
-            self._compute.inspect(view, expected, holder, backlit, lit, hold.is_measured)
-        )
-        self._last_held = Shown(
-            view=view,
-            hold=hold,
-            q=q,
-            expected=expected,
-            holder=holder,
-            backlit=backlit,
-            lamps=tuple(lit),
-            is_hold_measured=hold.is_measured,
-            T_part_tcp=hold.T_part_tcp,
-            task=task,
-        )
+        self._last_held = judge_held(self._compute, self._layout, view, hold, q, backlit, lit)
         self._record.part.pending.append(self._last_held)
 
     def judge_on_table(self, view: str, step: Look, backlit: Grey, lit: Mapping[str, Grey]) -> None:
@@ -129,25 +111,8 @@ class Views:
         assert sighting is not None
         T = sighting.T_world_part
         assert T is not None
-
-        async def counted() -> inspecting.ViewResult:
-            return (await self._compute.inspect_on_table(view, T, backlit, lit)).within(step.seen)
-
-        task = asyncio.ensure_future(counted())
-        self._record.part.pending.append(
-            Shown(
-                view=view,
-                hold=None,
-                q=np.zeros(6),
-                expected=T,
-                holder=(),
-                backlit=backlit,
-                lamps=tuple(lit),
-                is_hold_measured=True,
-                T_part_tcp=None,
-                task=task,
-            )
-        )
+        shown = judge_on_table(self._compute, view, T, step.seen, backlit, lit)
+        self._record.part.pending.append(shown)
 
     async def take_next(self) -> tuple[Shown, inspecting.ViewResult] | None:
         """Wait for the oldest view still being judged; return it, None if there is none."""

@@ -1,0 +1,92 @@
+"""Begins to judge the pictures of a view, whether they were just taken or are stored."""
+
+import asyncio
+from collections.abc import Mapping
+
+import numpy as np
+
+from controller.arrays import BoolArray, FloatArray, Grey
+from controller.cell.compute import Compute
+from controller.cell.services.records import PartInGripper, Shown
+from controller.inspection import ViewResult
+from controller.planning import shown_pose
+from controller.planning.model import CellLayout
+
+from .holder import holder_boxes
+
+
+def judge_held(
+    compute: Compute,
+    layout: CellLayout,
+    view: str,
+    hold: PartInGripper,
+    q: FloatArray,
+    backlit: Grey,
+    lit: Mapping[str, Grey],
+    by_then: PartInGripper | None = None,
+) -> Shown:
+    """Begin to judge a view of the held part; return it.
+
+    Parameters
+    ----------
+    compute : judges it
+    layout : where camera, arm and fixed gripper stand
+    view : its name
+    hold : in which it was taken; learns from the result
+    q : (6,) where the arm stood
+    backlit, lit : pictures before the backlight panel, and by lamp
+    by_then : how the part was held as far as was known then, None for what `hold` knows
+    """
+    known = hold if by_then is None else by_then
+    expected = shown_pose(layout, q, known.T_part_tcp)
+    holder = holder_boxes(layout, q, known.opening_mm)
+    inspected = compute.inspect(view, expected, holder, backlit, lit, known.is_measured)
+    return Shown(
+        view=view,
+        hold=hold,
+        q=q,
+        expected=expected,
+        holder=holder,
+        backlit=backlit,
+        lamps=tuple(lit),
+        is_hold_measured=known.is_measured,
+        T_part_tcp=known.T_part_tcp,
+        task=asyncio.ensure_future(inspected),
+    )
+
+
+def judge_on_table(
+    compute: Compute,
+    view: str,
+    T_world_part: FloatArray,
+    planned: BoolArray,
+    backlit: Grey,
+    lit: Mapping[str, Grey],
+) -> Shown:
+    """Begin to judge pictures of the table as a view of the part at rest on it; return it.
+
+    Parameters
+    ----------
+    compute : judges it
+    view : its name
+    T_world_part : (4, 4) where the part was recognised
+    planned : (n,) the samples that count: those that the plan has this view resolve
+    backlit, lit : pictures of the light table, and by lamp
+    """
+
+    async def counted() -> ViewResult:
+        found = await compute.inspect_on_table(view, T_world_part, backlit, lit)
+        return found.within(planned)
+
+    return Shown(
+        view=view,
+        hold=None,
+        q=np.zeros(6),
+        expected=T_world_part,
+        holder=(),
+        backlit=backlit,
+        lamps=tuple(lit),
+        is_hold_measured=True,
+        T_part_tcp=None,
+        task=asyncio.ensure_future(counted()),
+    )
