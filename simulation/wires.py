@@ -191,11 +191,6 @@ class Ports:
         """Return how long bytes are on their way [s]."""
         return self._rng.uniform(MIN_LATENCY_S, MAX_LATENCY_S)
 
-    @property
-    def end_count(self) -> int:
-        """How many ends are open."""
-        return len(self._ends)
-
     def listen(
         self, factory: Factory, host: str, port: int, *, is_unix: bool = False
     ) -> asyncio.AbstractServer:

@@ -7,7 +7,6 @@ from .alarm import Alarm, Severity
 _RECOVERED, _HOLD, _REFUSED = Severity.RECOVERED, Severity.HOLD, Severity.REFUSED
 _ARM, _FIXED = "arm gripper", "fixed gripper"
 _TABLE = "overhead camera"
-_EMPTY_TABLE = "nothing: no gripper has the part"
 
 PARTS: Final = (
     Alarm(

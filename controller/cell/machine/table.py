@@ -124,11 +124,6 @@ def state_of(work: str, mode: Mode = Mode.EXECUTE) -> str:
     return f"{mode}{SEPARATOR}{work}"
 
 
-def state_of_stage(name: str) -> str:
-    """Return the state in which a stage of a part is worked on."""
-    return state_of(name)
-
-
 _WORK_STATES: Final = {state_of(work, mode): (mode, work) for mode in Mode for work in WORK}
 
 
@@ -179,7 +174,6 @@ def effects_between(source: str, target: str) -> tuple[Effect, ...]:
     return tuple(found)
 
 
-_IN_EXECUTE: Final = tuple(state_of(name) for name in STAGES)
 _WORKING: Final = tuple(state_of(work) for work in WORK)
 _SUSPENDING: Final = tuple(state_of(work, Mode.SUSPENDING) for work in WORK)
 _UNSUSPENDING: Final = tuple(state_of(work, Mode.UNSUSPENDING) for work in WORK)
