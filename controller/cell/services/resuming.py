@@ -103,22 +103,9 @@ class Resumption:
 
 def park_interrupted(record: BatchRecord, reason: str) -> None:
     """Send a part that can no longer be inspected to the quarantine tray, INDETERMINATE."""
-    part = record.part
-    why = f"run {part.interrupted} was interrupted while it had the part; {reason}"
-    part.parked = Recovery(PartFault.SEEN_TOO_LITTLE, why, Act.PARK)
-    part.recoveries.append(part.parked)
+    why = f"run {record.part.interrupted} was interrupted while it had the part; {reason}"
     _, words = PARKING
-    record.note(
-        rows.RecoveryBegun(
-            fault=part.parked.fault.value,
-            reason=why,
-            action=words,
-            number=len(part.recoveries),
-            custody=part.custody.key,
-            act=Act.PARK.value,
-        )
-    )
-    record.show(f"{why}; {words}", remaining_s=None)
+    record.begin_recovery(Recovery(PartFault.SEEN_TOO_LITTLE, why, Act.PARK), words)
 
 
 def _part(left: Interrupted) -> PartRecord:

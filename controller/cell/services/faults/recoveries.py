@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from controller.cell.alarms import alarm_of
 from controller.cell.errors import PartFaultError, PartProblemError, PolicyAbortError
-from controller.cell.journal.rows import RecoveryBegun, SourceDemoted
+from controller.cell.journal.rows import SourceDemoted
 from controller.cell.machine import (
     BACK,
     GRASP,
@@ -101,26 +101,11 @@ class Recoveries:
                 raise PolicyAbortError(f"{ended}; its policy ends in a stop)", error.code)
             raise PartProblemError(error.code, f"{ended} and now waits for you)") from error
         self._is_drop_booked = error.fault is PartFault.DROPPED
+        event, words = PARKING if rung.act is Act.PARK else BACK[error.fault]
         recovery = Recovery(error.fault, str(error), rung.act)
-        part.recoveries.append(recovery)
-        if rung.act is Act.PARK:
-            part.parked = recovery
         if rung.act in (Act.REGRASP, Act.PARK) and error.source.startswith(GRASP):
             self._record.avoid(error.source.removeprefix(GRASP))
-        event, words = PARKING if rung.act is Act.PARK else BACK[error.fault]
-        self._record.note(
-            RecoveryBegun(
-                fault=error.fault.value,
-                reason=str(error),
-                action=words,
-                number=len(part.recoveries),
-                custody=part.custody.key,
-                act=rung.act.value,
-                source=error.source,
-                alarm=alarm_of(error.code).number,
-            )
-        )
-        self._record.show(f"{error}; {words}", remaining_s=None)
+        self._record.begin_recovery(recovery, words, error.source, error.code)
         return RecoveryAction(event, words, rung.delay_s)
 
     async def wait(self, action: RecoveryAction) -> None:

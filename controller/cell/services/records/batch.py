@@ -7,9 +7,10 @@ never repeated before the jaws have been checked (cell-facts.md 2).
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 
+from controller.cell.alarms import alarm_of
 from controller.cell.custody import Custody
 from controller.cell.journal import Body, Journal, rows
-from controller.cell.machine import Budgets
+from controller.cell.machine import Act, Budgets, Recovery
 from controller.planning import Grasp
 
 from .holds import arm_hold_row, fixed_hold_row
@@ -105,6 +106,36 @@ class BatchRecord:
         """Plan a grasp that has failed no more for this part."""
         self.part.avoid.add(grasp_id)
         self.note(rows.GraspAvoided(grasp=grasp_id))
+
+    def begin_recovery(
+        self, recovery: Recovery, words: str, source: str = "", code: str = ""
+    ) -> None:
+        """Keep, journal and show a recovery of the part at hand.
+
+        Parameters
+        ----------
+        recovery : the fault, and what is done about it
+        words : what is done, for the operator
+        source : the grasp or view that failed, as budgets name it; empty for none
+        code : of the fault's alarm; empty where nothing is wrong with the cell
+        """
+        part = self.part
+        part.recoveries.append(recovery)
+        if recovery.act is Act.PARK:
+            part.parked = recovery
+        self.note(
+            rows.RecoveryBegun(
+                fault=recovery.fault.value,
+                reason=recovery.reason,
+                action=words,
+                number=len(part.recoveries),
+                custody=part.custody.key,
+                act=recovery.act.value,
+                source=source,
+                alarm=alarm_of(code).number if code else 0,
+            )
+        )
+        self.show(f"{recovery.reason}; {words}", remaining_s=None)
 
     def show(self, label: str, **more: object) -> None:
         """Show the operator what the cell does now; ``more`` are fields of `Progress`."""
