@@ -35,7 +35,7 @@ from ..services.records import PartRecord, Progress
 from .assembly import assemble
 from .dispatcher import Dispatcher, Outcome
 from .order import RunOrder
-from .starting import start
+from .starting import refuse, start
 
 
 @dataclass(frozen=True, slots=True)
@@ -229,9 +229,7 @@ async def _barred(order: RunOrder, journal: Journal, operator: Operator) -> Outc
     latch = await require_acknowledged(journal, order.cell.name, operator)
     if latch is None:
         return None
-    outcome = Outcome("refused", latch.words, code="not_acknowledged", where="Nothing has moved.")
-    journal.write(rows.AtRest(state=outcome.end, message=outcome.message, code=outcome.code))
-    return outcome
+    return refuse(journal, latch.words, code="not_acknowledged", where="Nothing has moved.")
 
 
 def who_and_what(order: RunOrder, where: Mapping[str, dict[str, Any]]) -> rows.RunBegan:

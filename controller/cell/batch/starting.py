@@ -87,7 +87,8 @@ async def start(
             why=why,
         )
     except PartMayBeHeldError as error:
-        return _refusal(error, journal)
+        where = where_it_is(error.custody)
+        return refuse(journal, str(error), "part_may_be_held", where, error.custody)
     return None
 
 
@@ -246,16 +247,20 @@ def _why_refused(order: RunOrder, proposal: Proposal) -> str:
     return "it was not accepted to go on"
 
 
-def _refusal(error: PartMayBeHeldError, journal: Journal) -> Outcome:
-    where = where_it_is(error.custody)
-    outcome = Outcome("refused", str(error), "part_may_be_held", where)
+def refuse(
+    journal: Journal, message: str, code: str, where: str, custody: Custody | None = None
+) -> Outcome:
+    """Journal that a start is refused; return the outcome.
+
+    Parameters
+    ----------
+    journal : of the cell
+    message, code : why
+    where : the part is, or what has not moved, as a sentence
+    custody : which gripper may have a part; None where nobody has looked
+    """
+    key = "" if custody is None else custody.key.upper()
     journal.write(
-        rows.AtRest(
-            state=outcome.end,
-            message=outcome.message,
-            code=outcome.code,
-            custody=error.custody.key.upper(),
-            where=where,
-        )
+        rows.AtRest(state="refused", message=message, code=code, custody=key, where=where)
     )
-    return outcome
+    return Outcome("refused", message, code, where)
