@@ -8,6 +8,9 @@ end. It reads and acts through the dispatcher alone.
 from .client import NoRunError, RunningCell, facts
 from .place import ControlError, make_folder, socket_path
 from .words import (
+    MAX_KEY,
+    MAX_WHO,
+    MAX_WHY,
     AckOrder,
     AnswerOrder,
     DecisionReply,
@@ -19,6 +22,9 @@ from .words import (
 )
 
 __all__ = [
+    "MAX_KEY",
+    "MAX_WHO",
+    "MAX_WHY",
     "AckOrder",
     "AnswerOrder",
     "ControlError",

@@ -1,11 +1,16 @@
 """What the control socket takes and returns: one model for each body. No I/O."""
 
-from typing import Literal
+from typing import Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-Short = Field(default="", max_length=200)
-Reason = Field(default="", max_length=1000)
+# characters at most
+MAX_WHO: Final = 200
+MAX_WHY: Final = 1000
+MAX_KEY: Final = 40
+
+Short = Field(default="", max_length=MAX_WHO)
+Reason = Field(default="", max_length=MAX_WHY)
 
 
 class _Body(BaseModel):
@@ -34,13 +39,13 @@ class ResumeOrder(Order):
 class AckOrder(Order):
     """An acknowledgement states why the cell may go on."""
 
-    why: str = Field(min_length=1, max_length=1000)
+    why: str = Field(min_length=1, max_length=MAX_WHY)
 
 
 class AnswerOrder(Order):
     """An answer; `number` is that of the question that was seen, by default the open one."""
 
-    key: str = Field(min_length=1, max_length=40)
+    key: str = Field(min_length=1, max_length=MAX_KEY)
     number: int | None = Field(default=None, ge=1)
 
 

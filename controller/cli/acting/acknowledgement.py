@@ -3,14 +3,14 @@
 from datetime import UTC, datetime
 from pathlib import Path
 
-from controller.cell.control import AckOrder, NoRunError, RunningCell
+from controller.cell.control import MAX_WHO, MAX_WHY, AckOrder, NoRunError, RunningCell
 from controller.cell.devices.lock import hold_cell
 from controller.cell.journal import JOURNAL_NAME, open_cell_journal
 from controller.cell.operator import acknowledge, fold_latch
 from controller.config import ConfigError, load_cell
 
 from ..terminal.output import emit, print_line, warn
-from .orders import MAX_WHO, MAX_WHY, print_decision
+from .orders import print_decision
 
 
 def acknowledge_stop(cell_file: Path, runs_dir: Path, who: str, why: str, *, as_json: bool) -> int:

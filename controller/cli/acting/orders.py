@@ -4,6 +4,9 @@ import sys
 from pathlib import Path
 
 from controller.cell.control import (
+    MAX_KEY,
+    MAX_WHO,
+    MAX_WHY,
     AnswerOrder,
     DecisionReply,
     Order,
@@ -17,9 +20,6 @@ from controller.cell.machine import PAUSE_WORDS, PauseKind
 from controller.config import ConfigError
 
 from ..terminal.output import emit, print_line, warn
-
-# As the fields of the control socket have them.
-MAX_WHO, MAX_WHY, MAX_KEY = 200, 1000, 40
 
 
 def show_status(runs_dir: Path, *, as_json: bool) -> int:

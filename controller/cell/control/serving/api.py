@@ -10,9 +10,11 @@ from typing import Final
 from pydantic import BaseModel
 
 from controller.cell.batch import CellStatus, Dispatcher
+from controller.cell.custody import Custody
 from controller.cell.devices.lock import Holder
 from controller.cell.machine import PAUSE_EVENTS, Decision, Event, PauseKind
 from controller.cell.operator import Answer, Desk
+from controller.cell.services import NextMotion
 
 from .. import words
 from ..peer import Peer
@@ -70,57 +72,49 @@ class Control:
     async def status(self, peer: Peer, body: BaseModel) -> Reply:
         """Return how the cell stands."""
         found = await self._status()
-        open_ = self._desk.open
-        question = None
-        if open_ is not None:
-            first = dict(open_.question.preview)
-            question = words.QuestionReply(
-                number=open_.number,
-                code=open_.question.code,
-                text=open_.question.text,
-                choices=tuple(
-                    words.ChoiceReply(key=c.key, words=c.words, first=first.get(c.key, ""))
-                    for c in open_.question.choices
-                ),
-            )
-        first_motion = None
-        if found is not None and found.first is not None:
-            one = found.first
-            first_motion = words.MotionReply(
-                words=one.words, tcp_mm=one.tcp_mm, turn_deg=one.turn_deg, seconds=one.seconds
-            )
-        holder = self._holder
-        return Reply(
-            200,
-            words.StatusReply(
-                run=self._run,
-                at_s=None if found is None else round(found.at_s, 3),
-                state="starting" if found is None else found.state,
-                label="" if found is None else found.label,
-                step=0 if found is None else found.step,
-                step_count=0 if found is None else found.step_count,
-                custody="no part known" if found is None else found.custody.value,
-                seconds_left=None if found is None else found.remaining_s,
-                message="" if found is None else found.message,
-                safe_point=None if found is None or found.point is None else found.point.value,
-                pausing=None if found is None or found.wanted is None else found.wanted.value,
-                pause_seconds={}
-                if found is None
-                else {
-                    kind.value: None if s is None else round(s, 1)
-                    for kind, s in found.pause_s.items()
-                },
-                first_motion=first_motion,
-                question=question,
-                alarms=() if found is None or not found.alarm else (found.alarm,),
-                holder=words.HolderReply(
-                    run=holder.run,
-                    user=holder.user,
-                    host=holder.host,
-                    pid=holder.pid,
-                    since=holder.since,
-                ),
-            ),
+        return Reply(200, self._starting() if found is None else self._standing(found))
+
+    def _starting(self) -> words.StatusReply:
+        """Return the status of a run that has no device yet."""
+        return words.StatusReply(
+            run=self._run,
+            at_s=None,
+            state="starting",
+            label="",
+            step=0,
+            step_count=0,
+            custody=Custody.NONE.value,
+            seconds_left=None,
+            message="",
+            safe_point=None,
+            pausing=None,
+            pause_seconds={},
+            first_motion=None,
+            question=_question(self._desk),
+            alarms=(),
+            holder=_holder(self._holder),
+        )
+
+    def _standing(self, found: CellStatus) -> words.StatusReply:
+        return words.StatusReply(
+            run=self._run,
+            at_s=round(found.at_s, 3),
+            state=found.state,
+            label=found.label,
+            step=found.step,
+            step_count=found.step_count,
+            custody=found.custody.value,
+            seconds_left=found.remaining_s,
+            message=found.message,
+            safe_point=None if found.point is None else found.point.value,
+            pausing=None if found.wanted is None else found.wanted.value,
+            pause_seconds={
+                kind.value: None if s is None else round(s, 1) for kind, s in found.pause_s.items()
+            },
+            first_motion=_motion(found.first),
+            question=_question(self._desk),
+            alarms=(found.alarm,) if found.alarm else (),
+            holder=_holder(self._holder),
         )
 
     async def pause(self, peer: Peer, body: BaseModel) -> Reply:
@@ -219,6 +213,36 @@ def _who(peer: Peer, body: words.Order) -> str:
 
 def _because(body: words.Order) -> str:
     return f": {body.why}" if body.why else ""
+
+
+def _motion(first: NextMotion | None) -> words.MotionReply | None:
+    if first is None:
+        return None
+    return words.MotionReply(
+        words=first.words, tcp_mm=first.tcp_mm, turn_deg=first.turn_deg, seconds=first.seconds
+    )
+
+
+def _question(desk: Desk) -> words.QuestionReply | None:
+    open_ = desk.open
+    if open_ is None:
+        return None
+    first = dict(open_.question.preview)
+    return words.QuestionReply(
+        number=open_.number,
+        code=open_.question.code,
+        text=open_.question.text,
+        choices=tuple(
+            words.ChoiceReply(key=c.key, words=c.words, first=first.get(c.key, ""))
+            for c in open_.question.choices
+        ),
+    )
+
+
+def _holder(holder: Holder) -> words.HolderReply:
+    return words.HolderReply(
+        run=holder.run, user=holder.user, host=holder.host, pid=holder.pid, since=holder.since
+    )
 
 
 def _decided(decision: Decision) -> Reply:
