@@ -286,6 +286,27 @@ async def test_what_moves_first_is_known_and_written_before_it_moves(bench: Benc
     assert names.index("resume") < names.index("first_motion") < names.index("resumed")
 
 
+async def test_what_moves_first_shows_as_soon_as_it_is_known(bench: Bench) -> None:
+    computed = asyncio.Event()
+
+    async def plan() -> Event:
+        await computed.wait()
+        return Event.PLANNED
+
+    bench.works[Effect.PLAN] = plan
+    await bench.start(lambda: walk(bench))
+    await bench.send(Event.PAUSE_NOW)
+    status = await bench.dispatcher.status()
+    assert (status.state, status.first) == ("suspended_planning", None)
+    computed.set()
+    await settle()
+    status = await bench.dispatcher.status()
+    assert status.state == "suspended_grasping"
+    assert status.first is not None
+    assert status.first.goal == tuple(round(float(v), 4) for v in at(1))
+    assert bench.arm.orders == []
+
+
 async def test_an_open_door_before_a_resume_moves_nothing(bench: Bench) -> None:
     await bench.start(lambda: walk(bench))
     await bench.send(Event.PAUSE_NOW)

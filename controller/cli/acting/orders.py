@@ -21,6 +21,9 @@ from controller.config import ConfigError
 
 from ..terminal.output import emit, print_line, warn
 
+# Of a cell that was paused while it computes: what comes first shows once it is known.
+NOT_KNOWN_YET = "not known yet: the cell still computes what comes next"
+
 
 def show_status(runs_dir: Path, *, as_json: bool) -> int:
     """Print how a running cell stands; return 0.
@@ -65,7 +68,7 @@ def status_lines(found: StatusReply) -> list[str]:
         lines.append(f"  pausing  {words}, {_within(found.pause_seconds.get(found.pausing))}")
     elif found.state.startswith("suspended"):
         first = found.first_motion
-        lines.append(f"  resume   {'not known yet' if first is None else first.words}")
+        lines.append(f"  resume   {NOT_KNOWN_YET if first is None else first.words}")
     elif found.question is None:
         lines += [
             f"  pause    {kind.value:5}{PAUSE_WORDS[kind]}: "
@@ -127,10 +130,10 @@ def resume_cell(runs_dir: Path, who: str, why: str, *, is_confirmed: bool, as_js
     """
     _check(who, why)
     cell = RunningCell(runs_dir)
-    first = cell.status().first_motion
-    words = None if first is None else first.words
-    if words is not None and not as_json:
-        warn(f"first: {words}")
+    found = cell.status()
+    words = None if found.first_motion is None else found.first_motion.words
+    if found.state.startswith("suspended") and not as_json:
+        warn(f"first: {words or NOT_KNOWN_YET}")
         if not is_confirmed and sys.stdin.isatty():
             warn("Type `yes` if that is right:")
             if sys.stdin.readline().strip() != "yes":
