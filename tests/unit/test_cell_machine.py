@@ -580,7 +580,7 @@ OUTCOMES = {
     "inspect": "inspected hand_off_due set_down_due all_seen plan_void",
     "hand_off": "handed_off plan_void", "set_down": "set_down", "withdraw": "withdrawn batch_done",
     "place": "placed", "complete": "part_done batch_done", "hold": "hold_done",
-    "consult": "unattended look_again part_taken_out stop", "stop_motion": "stop_done",
+    "consult": "unattended look_again part_taken_out reset stop", "stop_motion": "stop_done",
     "abort_motion": "abort_done", "clear_fault": "clear_done", "suspend": "paused",
     "unsuspend": "resumed step_begun",
 }  # fmt: skip

@@ -3,6 +3,7 @@
 import asyncio
 from dataclasses import dataclass
 
+from controller.cell.custody.openings import Occupancy
 from controller.cell.devices.interlocks import check_interlocks
 from controller.cell.errors import PartProblemError
 from controller.cell.journal import Journal
@@ -47,9 +48,11 @@ class HomeAction:
         self.preparation.begin()
         self.record.show("homing the arm; it sweeps its whole reach")
         await self.imaging.all_dark()
-        if await self.grippers.does_fixed_hold():
+        found = await self.grippers.read_fixed()
+        if found.occupancy is Occupancy.HOLDS:
             raise PartProblemError(
-                "fixture_not_empty", "the fixed gripper holds something; take it out first"
+                "fixture_not_empty",
+                f"the fixed gripper holds something: {found.reason}; take it out first",
             )
         async with asyncio.TaskGroup() as both:
             both.create_task(self._ready_fixed_gripper())

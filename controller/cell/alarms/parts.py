@@ -111,7 +111,7 @@ PARTS: Final = (
         417, "fixture_not_empty", _HOLD, _FIXED,
         "the fixed gripper holds something before the arm is homed",
         "what it is",
-        "take it out with `cellctl recover --open fixed`",
+        "take it out by hand and answer; or end the run, then `cellctl recover --open fixed`",
     ),
     Alarm(
         418, "still_held", _HOLD, "both grippers",

@@ -256,7 +256,7 @@ TABLE: Final[tuple[tuple[Event, tuple[str, ...], str], ...]] = (
     # the fixed gripper, and one may slip out of it until the batch is complete.
     (Event.PART_PROBLEM, ("resetting", *_ANY_WORK), "holding"),
     (Event.HOLD_DONE, ("holding",), "held"),
-    # What the question of a cell on hold may be answered with.
+    # What the question of a cell on hold may be answered with; where nothing is homed yet, a reset.
     (Event.UNATTENDED, ("held",), "held"),
     (Event.LOOK_AGAIN, ("held",), state_of("withdrawing")),
     (Event.PART_TAKEN_OUT, ("held",), state_of("withdrawing")),

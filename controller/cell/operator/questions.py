@@ -12,6 +12,9 @@ LOOK: Final = "look"
 OUT: Final = "out"
 STOP: Final = "stop"
 
+# The problem of a cell that has not been homed: to look again there is to reset it again.
+NOT_EMPTY: Final = "fixture_not_empty"
+
 _STOP: Final = Choice(STOP, "end the run; nothing is released")
 _OUT: Final = Choice(
     OUT, "I took the part out of the cell: check that both grippers are empty, then the next part"
@@ -32,6 +35,11 @@ _FIRST: Final[Mapping[str, str]] = {
     "pictures",
     OUT: "the arm gripper presses, to check that it is empty; then the arm parks",
 }
+# The same of a cell that has not been homed.
+_FIRST_UNHOMED: Final[Mapping[str, str]] = {
+    LOOK: "nothing while the fixed gripper holds something; else the arm homes, which sweeps its "
+    "whole reach, and both grippers open",
+}
 
 
 def question_for(code: str, message: str, custody: str) -> Question:
@@ -47,9 +55,9 @@ def question_for(code: str, message: str, custody: str) -> Question:
     if code in _ON_TABLE:
         text = f"{message}."
         choices = (Choice(LOOK, _ON_TABLE[code]), _AWAY, _STOP)
-    elif code == "fixture_not_empty":
+    elif code == NOT_EMPTY:
         text = f"{message}. The cell has not been homed."
-        choices = (_STOP,)
+        choices = (Choice(LOOK, "I took it out: look at the fixed gripper again"), _STOP)
     else:
         text = f"{message}. {_ASKS} (by the journal: {custody})"
         choices = (
@@ -57,9 +65,10 @@ def question_for(code: str, message: str, custody: str) -> Question:
             _OUT,
             _STOP,
         )
+    first = _FIRST_UNHOMED if code == NOT_EMPTY else _FIRST
     return Question(
         code=code,
         text=text,
         choices=choices,
-        preview=tuple((one.key, _FIRST[one.key]) for one in choices if one.key in _FIRST),
+        preview=tuple((one.key, first[one.key]) for one in choices if one.key in first),
     )

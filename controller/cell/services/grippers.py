@@ -8,13 +8,14 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
 from controller.cell.custody import Custody
+from controller.cell.custody.openings import Opening, judge_fixed
 from controller.cell.custody.release_guard import LOST_MM, NOTHING_MM, ReleaseGuard
 from controller.cell.errors import PartFaultError, PartProblemError
 from controller.cell.journal.rows import Intent, Once
 from controller.cell.machine import GRASP, PartFault
 from controller.config import Recipe
 from controller.planning import JointPath
-from drivers.kinds import Arm, FixedGripper, GraspReading, Hold, IoBlock
+from drivers.kinds import Arm, FixedGripper, GraspReading, Hold, IoBlock, Signal
 
 from .faults import Retries
 from .gate import Gate, NextMotion
@@ -235,6 +236,15 @@ class Grippers:
         """Return whether the fixed gripper itself confirms that it holds something."""
         found = await self._retries.run("gripper", "fixed gripper", self._fixed.hold)
         return found is Hold.HELD
+
+    async def read_fixed(self) -> Opening:
+        """Return whether the fixed gripper holds something, by its reading and light barrier now.
+
+        Unlike `does_fixed_hold`, it needs no grasp that this run has seen.
+        """
+        status = await self._retries.run("gripper", "fixed gripper", self._fixed.status)
+        barrier = Signal.OK if self.is_something_in_fixed else Signal.NOT_OK
+        return judge_fixed(status, barrier, self._fixed.max_opening_mm)
 
     async def require_fixed_holds(self) -> None:
         """Check that the fixed gripper, which alone has the part, still holds it.

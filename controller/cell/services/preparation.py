@@ -13,8 +13,10 @@ class Preparation:
         self._task: asyncio.Future[float] | None = None
 
     def begin(self) -> None:
-        """Begin in the worker process; returns at once."""
-        self._task = asyncio.ensure_future(self._compute.prepare())
+        """Begin in the worker process, unless it has begun and not failed; returns at once."""
+        task = self._task
+        if task is None or (task.done() and (task.cancelled() or task.exception() is not None)):
+            self._task = asyncio.ensure_future(self._compute.prepare())
 
     async def wait(self) -> None:
         """Wait until it is done, if it was begun; raise what it raised."""
