@@ -3,7 +3,7 @@
 Rows are chained by hash, so that a changed row is noticed. A head beside the file (`_head.py`)
 names the last row known to be on the disk, so that rows cut off the end are noticed.
 `open_cell_journal` checks both before a run may write. ADR 16 lists what it can and cannot notice.
-`rows.py` defines what each row says.
+`rows` defines what each row says.
 """
 
 from ._care import CellJournal, first_flaw, open_cell_journal

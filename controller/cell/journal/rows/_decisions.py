@@ -1,0 +1,216 @@
+"""What is decided: plans, recoveries, verdicts, answers, refusals."""
+
+from collections.abc import Mapping
+
+from pydantic import Field
+
+from ._body import Body, Fields
+
+
+class FirstMotion(Body):
+    """What moves first after a pause, as it was shown: joints [rad, mm] or openings [mm]."""
+
+    kind = "decision"
+    row_name = "first_motion"
+    words: str
+    origin: tuple[float, ...] = ()
+    goal: tuple[float, ...] = ()
+    tcp_mm: float = 0.0
+    turn_deg: float = 0.0
+    seconds: float = 0.0
+
+
+class UnseenFields(Fields):
+    """What the plan cannot show of a surface: its share of all surface, and the reason."""
+
+    face: int
+    area_fraction: float
+    reason: str
+
+
+class PlanMade(Body):
+    """A plan; times are cell seconds."""
+
+    kind = "decision"
+    row_name = "plan"
+    steps: tuple[str, ...]
+    seconds: tuple[float, ...]
+    forecast_s: float
+    covered_fraction: float
+    reachable_fraction: float
+    unseen: tuple[UnseenFields, ...] = ()
+
+
+class PlanKept(Body):
+    """There is no new plan: the cell goes on with the plan it has."""
+
+    kind = "decision"
+    row_name = "plan_kept"
+    reason: str
+
+
+class RecoveryBegun(Body):
+    """A part fault, and the recovery action that the cell takes."""
+
+    kind = "decision"
+    row_name = "recovery"
+    fault: str = Field(alias="trouble")
+    reason: str
+    action: str = Field(alias="remedy")
+    number: int = 0
+    custody: str = ""
+    act: str = ""
+    source: str = ""
+    alarm: int = 0
+
+
+class SourceDemoted(Body):
+    """A grasp or view has failed so often that the rest of the batch avoids it."""
+
+    kind = "decision"
+    row_name = "demoted"
+    source: str
+    failures: int
+    uses: int
+    reason: str = ""
+    alarm: int = 0
+
+
+class DeviceRetried(Body):
+    """A picture, a lamp or a reading did not come; it is tried again after a while [cell s]."""
+
+    kind = "decision"
+    row_name = "device_retried"
+    device: str
+    error: str
+    number: int
+    delay_s: float = 0.0
+    alarm: int = 0
+
+
+class GraspAvoided(Body):
+    """A grasp has failed, and is planned no more for this part."""
+
+    kind = "decision"
+    row_name = "grasp_avoided"
+    grasp: str
+
+
+class RecoveryProposed(Body):
+    """What a start makes of a part that an earlier run left, and what was decided.
+
+    `custody` is where the part is by the evidence, `decision` is `refused` or `accepted`, `person`
+    is why the cell cannot go on.
+    """
+
+    kind = "decision"
+    row_name = "recovery_proposed"
+    run: str
+    custody: str = ""
+    evidence: tuple[str, ...]
+    intents: tuple[str, ...] = ()
+    steps: tuple[str, ...] = ()
+    first_motion: str = ""
+    is_proven: bool = False
+    person: str = ""
+    decision: str = ""
+    who: str = ""
+    why: str = ""
+
+
+class PartResumed(Body):
+    """The part of an interrupted run goes on in this one."""
+
+    kind = "decision"
+    row_name = "part_resumed"
+    run: str
+    serial: str = ""
+    lot: str = ""
+
+
+class AmbiguityResolved(Body):
+    """Which hypotheses are left after a view."""
+
+    kind = "decision"
+    row_name = "doubt_settled"
+    between: tuple[str, ...]
+    left: tuple[str, ...]
+    light: str
+
+
+class ConfirmedFinding(Fields):
+    """A finding that shows in more than one picture."""
+
+    view: str
+    kind: str
+    lamp: str
+    faces: tuple[int, ...]
+
+
+class FaceJudged(Fields):
+    """What is known of one surface; all shares are of its own area, 0..1."""
+
+    face: int
+    label: str
+    area_mm2: float
+    compared_fraction: float = Field(alias="seen_fraction")
+    by_check: Mapping[str, float] = Field(default_factory=dict)
+    rest: Mapping[str, float] = Field(default_factory=dict)
+    verdict: str
+    views: tuple[str, ...]
+    reason: str
+
+
+class DetectionFields(Fields):
+    """A kind of defect: the size asked for, and on which share it would have been found."""
+
+    kind: str
+    size_mm: float
+    share: float
+    half_mm: float | None = None
+    is_asked: bool = False
+    open_faces: tuple[int, ...] = ()
+
+
+class PartJudged(Body):
+    """The verdict on a part."""
+
+    kind = "decision"
+    row_name = "verdict"
+    verdict: str
+    reasons: tuple[str, ...]
+    compared_fraction: float = Field(alias="covered_fraction")
+    in_sight_fraction: float | None = None
+    claim: str = ""
+    confirmed: tuple[ConfirmedFinding, ...] = ()
+    faces: tuple[FaceJudged, ...]
+    found: tuple[DetectionFields, ...] = ()
+
+
+class PartInspected(Body):
+    """What a part was judged from: the file of its views, and the SHA-256 of the lines it gave."""
+
+    kind = "decision"
+    row_name = "part_inspected"
+    views: str
+    lines_sha256: str
+
+
+class QuestionAnswered(Body):
+    """What the operator decided, who that was, and why."""
+
+    kind = "decision"
+    row_name = "question_answered"
+    code: str
+    choice: str
+    who: str
+    why: str = ""
+
+
+class StartRefused(Body):
+    """A gripper may hold a part: nothing moves."""
+
+    kind = "decision"
+    row_name = "start_refused"
+    message: str
+    part_removed: bool

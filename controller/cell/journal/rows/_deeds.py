@@ -1,0 +1,138 @@
+"""What is done: intents, outcomes, custody, leases."""
+
+from ._body import Body, EffectClass, Joints, NamedBody
+
+
+class Intent(NamedBody):
+    """Something of `Once` is about to be done.
+
+    `retreat` is the joint path (n, 6) by which the arm leaves once it is done; it is free of
+    contact then, and the way the arm came by is not.
+    """
+
+    kind = "intent"
+    effect_class: EffectClass = EffectClass.ONCE
+    expected_mm: float | None = None
+    open_mm: float | None = None
+    pose_index: int | None = None
+    tray: str | None = None
+    by: str = ""
+    detail: str = ""
+    retreat: tuple[Joints, ...] = ()
+
+
+class PathBegun(Body):
+    """The arm is about to follow a joint path (n, 6), or to go back by as many waypoints."""
+
+    kind = "intent"
+    row_name = "follow_path"
+    effect_class: EffectClass = EffectClass.ABSOLUTE
+    waypoints: tuple[Joints, ...]
+    is_back: bool = False
+
+
+class StoodFree(Body):
+    """The arm stands free of everything at these joints (6,): going back ends here from now on."""
+
+    kind = "outcome"
+    row_name = "stood_free"
+    q: Joints
+
+
+class OnceDone(NamedBody):
+    """Something of `Once` was done."""
+
+    kind = "outcome"
+
+
+class CustodyChanged(NamedBody):
+    """The row's name is the gripper, tray or table that has the part."""
+
+    kind = "custody"
+    by: str = ""
+    detail: str = ""
+    before: str = ""
+
+
+class Homed(Body):
+    """Both grippers are homed and open."""
+
+    kind = "outcome"
+    row_name = "homed"
+
+
+class PositionsTakenOver(Body):
+    """The arm's positions, labelled by an earlier run, were found to hold; it was not homed."""
+
+    kind = "outcome"
+    row_name = "positions_taken_over"
+    q: Joints
+
+
+class StepDone(Body):
+    """A step of the plan was done; times are cell seconds."""
+
+    kind = "outcome"
+    row_name = "step"
+    label: str
+    forecast_s: float | None = None
+    seconds: float | None = None
+    view: str = ""
+    passed_by: str = ""
+    tray: str = ""
+    jaw_mm: float | None = None
+    expected_mm: float | None = None
+
+
+class GraspMissed(Body):
+    """The jaws closed on nothing, or too far."""
+
+    kind = "outcome"
+    row_name = "grip_missed"
+    message: str
+
+
+class PartDone(Body):
+    """The part is booked."""
+
+    kind = "outcome"
+    row_name = "part_done"
+    verdict: str = ""
+    tray: str | None = None
+    recoveries: tuple[str, ...] = ()
+
+
+class Stopped(Body):
+    """A device confirmed a stop."""
+
+    kind = "outcome"
+    row_name = "stopped"
+    device: str
+
+
+class StopNotConfirmed(Body):
+    """A device did not confirm a stop."""
+
+    kind = "outcome"
+    row_name = "stop_not_confirmed"
+    device: str
+    error: str
+    alarm: int = 0
+
+
+class LeaseTaken(Body):
+    """An action has devices and spaces to itself from now on."""
+
+    kind = "lease"
+    row_name = "lease_taken"
+    by: str
+    resources: tuple[str, ...]
+
+
+class LeaseReturned(Body):
+    """An action has given back what it had."""
+
+    kind = "lease"
+    row_name = "lease_returned"
+    by: str
+    resources: tuple[str, ...]

@@ -1,0 +1,186 @@
+"""What happened: the run, its devices, the events of the machine, permits, questions."""
+
+from collections.abc import Mapping
+
+from pydantic import Field
+
+from ._body import Body, Fields, Json, NamedBody, Text, TextByName
+
+
+class RunBegan(Body):
+    """The first row of a run: the recipe, the cell and the options."""
+
+    kind = "event"
+    row_name = "run_began"
+    recipe: Json = Field(default_factory=dict)
+    files: Mapping[str, str] = Field(default_factory=dict)
+    cell: Json = Field(default_factory=dict)
+    devices: Mapping[str, Json] = Field(default_factory=dict)
+    emulated_devices: tuple[str, ...] = ()
+    emulator: Json = Field(default_factory=dict)
+    speed: float = 1.0
+    clock: str | None = None
+    count: int | None = None
+    software: Mapping[str, Text] = Field(default_factory=dict)
+    operator: str = ""
+    lot: str = ""
+    serials: tuple[str, ...] = ()
+    part_temperature_c: float | None = None
+
+
+class Connected(TextByName):
+    """How each device identified itself."""
+
+    kind = "event"
+    row_name = "connected"
+
+
+class EmulatedCellEnded(Body):
+    """A part of an earlier run is gone, because its emulated cell has ended."""
+
+    kind = "event"
+    row_name = "emulated_cell_ended"
+    message: str
+
+
+class AlarmFields(Fields):
+    """An alarm (docs/alarms.md): what it is about, and what is not known since.
+
+    `step` is the action it happened in, `unknown` what is not known from now on, `action` what a
+    person does about it.
+    """
+
+    number: int
+    code: str
+    device: str = ""
+    step: str = ""
+    unknown: str = ""
+    action: str = ""
+
+
+class CellEvent(NamedBody):
+    """An event, and what the state machine did with it; the row's name is the event's."""
+
+    kind = "event"
+    answer: str
+    source: str = Field(alias="from")
+    target: str = Field(alias="to")
+    message: str = ""
+    code: str = ""
+    reason: str = ""
+    alarm: AlarmFields | None = None
+    who: str = ""
+    why: str = ""
+
+
+class PermitIssued(Body):
+    """From here on the cell may move; `by` is the event that permits it."""
+
+    kind = "event"
+    row_name = "permit_issued"
+    number: int
+    by: str
+
+
+class PermitWithdrawn(Body):
+    """From here on nothing may move; `by` is the event that forbids it."""
+
+    kind = "event"
+    row_name = "permit_withdrawn"
+    number: int
+    by: str
+
+
+class Acknowledged(Body):
+    """A person has seen what stopped the cell and looked at it: the next start is no longer barred.
+
+    `run` and `code` are of the fault that was acknowledged.
+    """
+
+    kind = "event"
+    row_name = "acknowledged"
+    run: str
+    code: str
+    who: str
+    why: str = ""
+
+
+class Overtaken(Body):
+    """What an action reported after a stop had overtaken it."""
+
+    kind = "event"
+    row_name = "overtaken"
+    effect: str
+    message: str
+
+
+class AtRest(Body):
+    """The state that the run came to rest in."""
+
+    kind = "event"
+    row_name = "at_rest"
+    state: str
+    message: str = ""
+    code: str = ""
+    custody: str = ""
+    where: str = ""
+    alarm: AlarmFields | None = None
+
+
+class RunBrokeOff(Body):
+    """An error that kept the run from coming to rest."""
+
+    kind = "event"
+    row_name = "run_broke_off"
+    error: str = ""
+    where: str = ""
+
+
+class SpeedReached(Fields):
+    """Cell seconds per second, requested and reached; how long this process was late [s]."""
+
+    asked: float | None = None
+    reached: float | None = None
+    missed_s: float | None = None
+
+
+class RunEnded(Body):
+    """The last row of a run."""
+
+    kind = "event"
+    row_name = "run_ended"
+    end: str
+    message: str = ""
+    parts: int = 0
+    speed: SpeedReached = SpeedReached()
+
+
+class JournalSetAside(Body):
+    """A damaged journal got another name, and this one began."""
+
+    kind = "event"
+    row_name = "journal_set_aside"
+    why: str
+    file: str = ""
+
+
+class JournalNotReadable(Body):
+    """A journal in another folder recorded the cell and is gone or damaged."""
+
+    kind = "event"
+    row_name = "journal_not_readable"
+    why: str
+
+
+class QuestionRaised(Body):
+    """A question to the operator; nothing moves until it is answered.
+
+    `choices` are what may be typed, `preview` is what moves first after each that moves something.
+    """
+
+    kind = "event"
+    row_name = "question_raised"
+    code: str
+    text: str
+    choices: tuple[str, ...]
+    preview: Mapping[str, str] = Field(default_factory=dict)

@@ -1,0 +1,131 @@
+"""Which model a row is of, by its kind and name."""
+
+from collections.abc import Mapping
+from typing import Final
+
+from .._form import Row
+from ._body import Body, EffectClass, Json, NamedBody
+from ._decisions import (
+    AmbiguityResolved,
+    DeviceRetried,
+    FirstMotion,
+    GraspAvoided,
+    PartInspected,
+    PartJudged,
+    PartResumed,
+    PlanKept,
+    PlanMade,
+    QuestionAnswered,
+    RecoveryBegun,
+    RecoveryProposed,
+    SourceDemoted,
+    StartRefused,
+)
+from ._deeds import (
+    CustodyChanged,
+    GraspMissed,
+    Homed,
+    Intent,
+    LeaseReturned,
+    LeaseTaken,
+    OnceDone,
+    PartDone,
+    PathBegun,
+    PositionsTakenOver,
+    StepDone,
+    StoodFree,
+    StopNotConfirmed,
+    Stopped,
+)
+from ._events import (
+    Acknowledged,
+    AtRest,
+    CellEvent,
+    Connected,
+    EmulatedCellEnded,
+    JournalNotReadable,
+    JournalSetAside,
+    Overtaken,
+    PermitIssued,
+    PermitWithdrawn,
+    QuestionRaised,
+    RunBegan,
+    RunBrokeOff,
+    RunEnded,
+)
+from ._observations import (
+    FilesStored,
+    HoldNoted,
+    LoopLate,
+    Openings,
+    PartFindings,
+    PartMeasured,
+    Sightings,
+    TablePictures,
+    TouchedDown,
+    ViewJudged,
+    ViewPicturesTaken,
+)
+
+ROWS: Final[Mapping[tuple[str, str], type[Body]]] = {
+    (model.kind, model.row_name): model
+    for model in (
+        RunBegan, Connected, EmulatedCellEnded, PermitIssued, PermitWithdrawn,
+        FirstMotion, Acknowledged, Overtaken, AtRest, RunBrokeOff, RunEnded,
+        JournalSetAside, JournalNotReadable, Homed, StepDone, GraspMissed, PartDone, Stopped,
+        StopNotConfirmed, Openings, TablePictures, Sightings, ViewPicturesTaken, ViewJudged,
+        PartMeasured, PartFindings, FilesStored, PartInspected,
+        PlanMade, PlanKept, RecoveryBegun, AmbiguityResolved, PartJudged, StartRefused,
+        SourceDemoted, DeviceRetried, TouchedDown, LoopLate, LeaseTaken, LeaseReturned,
+        QuestionRaised, QuestionAnswered, PathBegun, StoodFree, PositionsTakenOver, HoldNoted,
+        GraspAvoided, RecoveryProposed, PartResumed,
+    )
+}  # fmt: skip
+# By kind: the model of every name that has no model of its own.
+GROUPS: Final[Mapping[str, type[NamedBody]]] = {
+    "event": CellEvent,
+    "intent": Intent,
+    "outcome": OnceDone,
+    "custody": CustodyChanged,
+}
+
+
+def read_row(kind: str, name: str, body: Json) -> Body | None:
+    """Return the body of a row as its model; None for a row without a known model.
+
+    Parameters
+    ----------
+    kind, name : of the row
+    body : as the journal keeps it
+
+    Raises
+    ------
+    ValueError : the body is not as this version writes it
+    """
+    model = ROWS.get((kind, name))
+    if model is not None:
+        read: Body = model.model_validate(body)
+        return read
+    group = GROUPS.get(kind)
+    if group is None:
+        return None
+    named: Body = group.model_validate({**body, "name": name})
+    return named
+
+
+def name_of(body: Body) -> str:
+    """Return the name of the row to which a body belongs."""
+    return body.name if isinstance(body, NamedBody) else body.row_name
+
+
+def is_once(row: Row) -> bool:
+    """Return whether a row is the intent of something that is never repeated without looking.
+
+    An intent without a class is of one: it was written before there were classes.
+    """
+    return row.kind == "intent" and row.body.get("effect_class", EffectClass.ONCE) == "once"
+
+
+def is_of(row: Row, model: type[Body]) -> bool:
+    """Return whether a row of the journal is of a given model with a name of its own."""
+    return (row.kind, row.name) == (model.kind, model.row_name)

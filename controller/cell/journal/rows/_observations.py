@@ -1,0 +1,265 @@
+"""What is seen: openings, holds, pictures, sightings, views, characteristics, findings."""
+
+from collections.abc import Mapping
+from typing import Literal
+
+from pydantic import Field
+
+from ._body import Body, Box, Fields, Matrix, TextByName
+
+
+class TouchedDown(Body):
+    """A part that was lowered met tray or table so far above its planned place."""
+
+    kind = "observation"
+    row_name = "touched_down"
+    left_mm: float
+    error: str = ""
+
+
+class Openings(TextByName):
+    """What each gripper reports: whether it holds something, and by which reading."""
+
+    kind = "observation"
+    row_name = "openings"
+
+
+class GraspFields(Fields):
+    """A grasp, as planned; see `controller.planning.Grasp`."""
+
+    id: str
+    T_part_tcp: Matrix
+    opening_mm: float
+    pre_open_mm: float
+    contact_mm2: float
+    load: float
+    score: float
+    holder: str
+    margin: float = 1.0
+    is_inner: bool = False
+    on_table: bool = False
+
+
+class HoldNoted(Body):
+    """How a gripper holds the part, or will hold it once it has closed (`is_expected`).
+
+    `T_part_tcp` is as measured where `is_measured`, else as planned; `number` counts the grasps of
+    the arm gripper on this part.
+    """
+
+    kind = "observation"
+    row_name = "hold"
+    gripper: Literal["arm", "fixed"]
+    grasp: GraspFields
+    T_part_tcp: Matrix
+    opening_mm: float
+    is_measured: bool = False
+    is_expected: bool = False
+    number: int = 0
+
+
+class FilesStored(TextByName):
+    """Files of the run's folder, with the SHA-256 of what was written."""
+
+    kind = "observation"
+    row_name = "files_stored"
+
+
+class TablePictures(TextByName):
+    """The pictures of the table, file by lamp."""
+
+    kind = "observation"
+    row_name = "table_pictures"
+
+
+class OtherHypothesis(Fields):
+    """Another part or pose that an object on the table may be."""
+
+    part: str
+    pose_index: int
+    theta_deg: float
+    T_world_part: Matrix | None = None
+
+
+class SightingFields(Fields):
+    """An object on the table."""
+
+    part: str | None
+    pose_index: int
+    R: tuple[tuple[float, ...], ...] | None = Field(default=None, alias="stable_pose_R")
+    x_mm: float
+    y_mm: float
+    theta_deg: float
+    score: float
+    sigma_mm: float | None = None
+    sigma_deg: float | None = None
+    residual_px: float | None = None
+    ambiguous_with: tuple[OtherHypothesis, ...] = ()
+    box_px: Box
+    reason: str = ""
+    T_world_part: Matrix | None = None
+
+
+class Sightings(Body):
+    """What was recognised on the table."""
+
+    kind = "observation"
+    row_name = "sightings"
+    sightings: tuple[SightingFields, ...]
+
+
+class ViewHold(Fields):
+    """How the part was held in a view: as known by then, in which grasp of the arm gripper."""
+
+    number: int
+    T_part_tcp: Matrix
+    opening_mm: float
+    is_measured: bool
+
+
+class ViewPicturesTaken(Body):
+    """The pictures of a view, file by lamp, and the arm's joint values (6,).
+
+    With what the view needs to be judged again: how the part was held, None for a part on the
+    table, and which samples it was planned to show, as `controller.config.view_set.packed` has it.
+    """
+
+    kind = "observation"
+    row_name = "view_pictures"
+    view: str
+    pictures: Mapping[str, str]
+    q: tuple[float, ...] = ()
+    hold: ViewHold | None = None
+    planned: str = ""
+    sample_count: int = 0
+
+
+class CheckMade(Fields):
+    """A comparison of a view with the CAD; `reason` is why it was not made."""
+
+    check: str
+    reason: str
+    compared_samples: int
+    size_mm: float
+    length_mm: float
+    misfit: float | None = None
+
+
+class FindingFields(Fields):
+    """A place where picture and CAD differ."""
+
+    kind: str
+    lamp: str
+    area_mm2: float
+    size_mm: float
+    at_px: tuple[float, float]
+    box_px: Box
+    p_part_mm: tuple[float, ...]
+    faces: tuple[int, ...]
+
+
+class ViewJudged(Body):
+    """The result of inspecting a view."""
+
+    kind = "observation"
+    row_name = "view"
+    view: str
+    evaluated: bool
+    reason: str = ""
+    T_world_part: tuple[tuple[float, ...], ...] = ()
+    shift_mm: float | None = None
+    turn_deg: float | None = None
+    residual_px: float | None = None
+    compared_samples: int = Field(default=0, alias="seen_samples")
+    in_sight_samples: int = 0
+    checks: tuple[CheckMade, ...] = ()
+    outline_px: tuple[tuple[int, int], ...] = ()
+    findings: tuple[FindingFields, ...] = ()
+
+
+class LookFields(Fields):
+    """What one picture shows of a characteristic, with the edge points and the shape fitted."""
+
+    view: str
+    lamp: str
+    measured: float | None = None
+    u: float | None = None
+    reason: str = ""
+    budget: Mapping[str, float] = Field(default_factory=dict)
+    points_px: tuple[tuple[float, float], ...] = ()
+    accepted: tuple[int, ...] = ()
+    shape_px: tuple[tuple[float, float], ...] = ()
+
+
+class CharacteristicFields(Fields):
+    """A characteristic with its result; values in `unit`, which is mm or deg.
+
+    `anchors_mm` are the places it is measured at, CAD frame: one of a hole, two of a distance;
+    `axis` is the axis of a hole or boss, or the direction of a distance.
+    """
+
+    id: str
+    balloon: int
+    kind: str
+    label: str
+    unit: str = "mm"
+    nominal: float
+    lower: float
+    upper: float
+    source: str
+    faces: tuple[int, ...] = ()
+    is_critical: bool = False
+    measured: float | None = None
+    U: float | None = None
+    verdict: str
+    views: tuple[str, ...] = ()
+    reason: str = ""
+    anchors_mm: tuple[tuple[float, float, float], ...] = ()
+    axis: tuple[float, float, float] | None = None
+    rim_radius_mm: float | None = None
+    is_hole: bool | None = None
+    looks: tuple[LookFields, ...] = ()
+
+
+class PartMeasured(Body):
+    """The characteristics of a part, by all its views."""
+
+    kind = "observation"
+    row_name = "characteristics"
+    characteristics: tuple[CharacteristicFields, ...]
+
+
+class PartFindingFields(Fields):
+    """A finding of a part, by all its views; `box_px`, `outline_px` are in the picture named."""
+
+    kind: str
+    view: str
+    lamp: str
+    p_part_mm: tuple[float, ...]
+    size_mm: float
+    faces: tuple[int, ...]
+    verdict: str
+    box_px: Box | None = None
+    outline_px: tuple[tuple[float, float], ...] = ()
+
+
+class PartFindings(Body):
+    """The findings of a part, by all its views."""
+
+    kind = "observation"
+    row_name = "findings"
+    findings: tuple[PartFindingFields, ...]
+
+
+class LoopLate(Body):
+    """The controller's event loop was late: the longest delay, and all of it, within a time.
+
+    `longest_s` and `missed_s` are seconds of the wall, `within_s` is cell seconds.
+    """
+
+    kind = "observation"
+    row_name = "loop_late"
+    longest_s: float
+    missed_s: float
+    within_s: float
+    alarm: int = 0
