@@ -14,6 +14,7 @@ from umi_fakes import FakeArm, FakeClock, as_text, once, only_asks, shows
 from drivers.errors import (
     BadReplyError,
     LinkError,
+    MotionStoppedError,
     PositionLostError,
     RefusedError,
     ReplyTimeoutError,
@@ -390,6 +391,79 @@ async def test_a_stop_overtakes_everything_that_waits() -> None:
     assert stops(bench) == [1, 0]
     assert [data for _, data in bench.arm.heard].index(DEAD_STOP) == 1
     await asyncio.gather(*waiting)
+
+
+async def test_the_second_board_has_its_stop_two_requests_after_the_first() -> None:
+    bench = await Bench().opened()
+    await bench.link.halt(DEAD_STOP)
+    asked = [data for _, data in bench.arm.heard]
+    assert asked[:4] == [DEAD_STOP, b"\x29", DEAD_STOP, b"\x38"]
+    first, last = (
+        [at_s for at_s, data in bench.arm.writes if data == DEAD_STOP][i] for i in (0, 1)
+    )
+    # 1.2: requests start 8 ms apart; nothing but the hand-over lies between the stops
+    assert last - first == pytest.approx(2 * LinkConfig().spacing_s)
+
+
+@pytest.mark.parametrize("requests", [1, 2, 3])
+async def test_a_stop_does_not_wait_for_the_frames_that_a_reading_has_left(requests: int) -> None:
+    bench = await Bench().opened()
+    # a reading of the other board: hand-over, who has it, two frames
+    reading = asyncio.create_task(
+        bench.link.exchange(Ip.WRIST, b"\x62\x00\x00", b"\x6a", repeats=True)
+    )
+    for _ in range(requests):
+        await bench.arm.spoken.wait()
+        bench.arm.spoken.clear()
+    before = len(bench.arm.heard)
+    await bench.link.halt(DEAD_STOP)
+    asked = [data for _, data in bench.arm.heard[before:]]
+    assert asked.index(DEAD_STOP) <= 1  # a hand-over is proven first
+    assert stops(bench) in ([0, 1], [1, 0])
+    await reading
+    assert bench.arm.heard[-2:] == [(0, b"\x62\x00\x00"), (0, b"\x6a")]
+
+
+async def test_a_command_of_two_frames_is_not_cut_in_half_by_a_stop() -> None:
+    bench = await Bench().opened()
+    writing = asyncio.create_task(bench.link.exchange(Ip.ARM, b"\x72\x10\x00", b"\x7a\x00\x00"))
+    await bench.arm.spoken.wait()
+    await bench.link.halt(DEAD_STOP)
+    await writing
+    asked = [data for _, data in bench.arm.heard]
+    assert asked[:3] == [b"\x72\x10\x00", b"\x7a\x00\x00", DEAD_STOP]
+
+
+async def test_a_motion_that_gave_way_to_a_stop_does_not_begin_after_it() -> None:
+    bench = await Bench().opened()
+    stopped: list[bool] = []
+
+    def guard() -> None:
+        if stopped:
+            raise MotionStoppedError("stopped")
+
+    going = asyncio.create_task(bench.link.exchange(Ip.WRIST, b"\xac", guard=guard))
+    await bench.arm.spoken.wait()
+    stopped.append(True)
+    await bench.link.halt(DEAD_STOP)
+    with pytest.raises(MotionStoppedError):
+        await going
+    assert b"\xac" not in [data for _, data in bench.arm.heard]
+
+
+async def test_a_hand_over_that_does_not_take_place_is_found_after_the_stops() -> None:
+    bench = await Bench().opened()
+    lost = []
+
+    def mangle(request: bytes) -> bytes:
+        if request == b"\x29" and not lost:
+            lost.append(request)
+            return b"\x28"  # one bit off: acknowledged, and nobody else listens
+        return request
+
+    bench.arm.mangle = mangle
+    await bench.link.halt(DEAD_STOP)
+    assert set(stops(bench)) == {0, 1}
 
 
 @pytest.mark.parametrize("restarted", [0, 1])

@@ -9,6 +9,7 @@ Sections (§) are those of umi_rtx.md.
 
 import logging
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Final
 
 from drivers.clock import CellClock
@@ -41,6 +42,10 @@ _DEAD_STOP_LIMIT_S: Final = 0.1  # by then a stopped board shows that it stands 
 _RAMP_LIMIT_S: Final = 0.6  # 7: a ramp takes 0.25 s
 
 Guard = Callable[[], None]
+
+
+class _StopFirstError(Exception):
+    """A stop waits for the line; what was to be sent has had no effect and begins anew."""
 
 
 def _heals(error: DeviceError) -> bool:
@@ -115,9 +120,12 @@ class Link:
         PositionLostError : an IP has restarted (§1.5)
         LinkError : the line could not be brought back in step
         """
-        async with self._turns.take():
-            self._wire.listen_anew()
-            return await run_to_end(self._exchange_all(ip, frames, repeats, guard, proves))
+        while True:
+            async with self._turns.take():
+                self._wire.listen_anew()
+                work = self._exchange_all(ip, frames, repeats, guard, proves, gives_way=True)
+                with suppress(_StopFirstError):
+                    return await run_to_end(work)
 
     async def halt(self, request: bytes, *, verifies: bool = True) -> None:
         """Send a stop to BOTH IPs, ahead of all that waits, whatever state they are in (§2.3).
@@ -158,13 +166,15 @@ class Link:
                 await self._wire.drain()
         raise last
 
-    async def _select(self, ip: Ip) -> None:
+    async def _select(self, ip: Ip, *, gives_way: bool = False) -> None:
         """Make `ip` listen; a hand-over is not repeated before checking which IP listens (§1.7)."""
         if self._wire.listening is None:
             await self._resync()
         for _ in range(_ATTEMPT_COUNT):
             if self._wire.listening is ip:
                 return
+            if gives_way:
+                self._give_way()
             await self._hand_over(to=ip)
         raise BadReplyError(f"arm: IP{ip:d} does not take the line")
 
@@ -295,15 +305,19 @@ class Link:
         repeats: bool,
         guard: Guard | None,
         proves: bool = False,
+        *,
+        gives_way: bool = False,
     ) -> tuple[Reply, ...]:
         for _ in range(_ATTEMPT_COUNT):
             try:
                 await self._settle()
-                await self._select(ip)
+                await self._select(ip, gives_way=gives_way)
                 if proves:
                     await self._prove(ip)
-                replies = []
+                replies: list[Reply] = []
                 for frame in frames:
+                    if gives_way and (repeats or not replies):
+                        self._give_way()
                     if guard is not None:
                         guard()
                     replies.append(await self._wire.exchange(frame))
@@ -326,6 +340,11 @@ class Link:
                 last = error
         raise last
 
+    def _give_way(self) -> None:
+        """Raise _StopFirstError if a stop waits: called where nothing is half done."""
+        if self._turns.is_stop_waiting:
+            raise _StopFirstError
+
     async def _settle(self) -> None:
         """Make sure that no late reply to an earlier request is left on the line."""
         if not await self._wire.is_clean():
@@ -339,7 +358,8 @@ class Link:
     async def _halt(self, request: bytes, verifies: bool) -> None:
         first = self._wire.listening if self._wire.listening is not None else Ip.ARM
         failures: list[DeviceError] = []
-        for ip in (first, first.other):
+        is_proven = await self._strike(request)
+        for ip in () if is_proven else (first, first.other):
             try:
                 await self._halt_one(ip, request)
             except SilentLineError:
@@ -355,6 +375,35 @@ class Link:
         failures.sort(key=lambda error: not isinstance(error, PositionLostError))
         if failures:
             raise failures[0]
+
+    async def _strike(self, request: bytes) -> bool:
+        """Send a stop, hand over, send it again; return whether that is proven to reach both IPs.
+
+        Who listens is found out only afterwards: each question before a stop takes 9 ms, and a stop
+        harms neither IP (ADR 15). Whatever goes wrong here, both have to be stopped one by one.
+        """
+        before, self._wire.listening = self._wire.listening, None
+        toggle = encode_simple(Simple.TOGGLE_ONCE)
+        try:
+            if not await self._wire.is_clean():
+                return False
+            for blind in (request, toggle, request):
+                await self._wire.exchange(blind)
+            who = await self._who()
+            if before is None:
+                return False
+            if who is before:
+                await self._wire.stop_stray(toggle, b"\x00")
+        except SilentLineError:
+            await self._halt_blindly(request)
+            raise
+        except DeviceError as error:
+            if not (_heals(error) or isinstance(error, PositionLostError)):
+                raise
+            log.warning("a stop of both boards: %s; now one by one", error)
+            return False
+        self._wire.listening = who
+        return True
 
     async def _halt_one(self, ip: Ip, request: bytes) -> None:
         lost: PositionLostError | None = None

@@ -41,6 +41,11 @@ class Turns:
         self._calm = asyncio.Event()
         self._calm.set()
 
+    @property
+    def is_stop_waiting(self) -> bool:
+        """Whether an urgent caller has the line, or waits for it."""
+        return self._urgent_count > 0
+
     @asynccontextmanager
     async def take(self, *, urgent: bool = False) -> AsyncIterator[None]:
         """Hold the line for the length of the block."""
