@@ -146,12 +146,29 @@ def run_one(work: tuple[str, Case]) -> Ran:
             outcome = "not reached"  # the state, in a run without further faults
         elif "not now" in of_it[0]:
             outcome = "not now"  # nothing held that could be lost
+    extra = {"holds": len(ended.holds), "failed_holds": sum(one.was_hit for one in ended.holds)}
     return Ran(
-        key, key.split("/")[0], case.seed, name_of(case.scene), outcome, ended.ends,
-        ended.messages[-1], ended.violations, ended.killed_in, ended.custody_at_kill, ended.truth["custody"],
-        ended.truth["tray"], ended.caused, ended.recoveries, ended.verdict, fault, state,
-        ended.cell_s, round(cpu_s, 2),
-    )  # fmt: skip
+        key=key,
+        kind=key.split("/")[0],
+        seed=case.seed,
+        scene=name_of(case.scene),
+        outcome=outcome,
+        ends=ended.ends,
+        message=ended.messages[-1],
+        violations=ended.violations,
+        killed_in=ended.killed_in,
+        custody_at_kill=ended.custody_at_kill,
+        custody=ended.truth["custody"],
+        tray=ended.truth["tray"],
+        caused=ended.caused,
+        recoveries=ended.recoveries,
+        verdict=ended.verdict,
+        fault=fault,
+        state=state,
+        cell_s=ended.cell_s,
+        cpu_s=round(cpu_s, 2),
+        extra=extra,
+    )
 
 
 def load(path: Path | None) -> list[Ran]:
@@ -226,6 +243,8 @@ def summary(rans: Sequence[Ran]) -> dict[str, Any]:
         "outcomes": dict(Counter(ran.outcome for ran in rans).most_common()),
         "ended_in_a_tray": sum(ran.ends[-1] == "complete" and bool(ran.tray) for ran in rans),
         "violations": dict(rules),
+        "holds": round(sum(ran.extra.get("holds", 0) for ran in rans)),
+        "failed_holds": round(sum(ran.extra.get("failed_holds", 0) for ran in rans)),
         "cpu_s_median": cpu[len(cpu) // 2] if cpu else 0.0,
         "cpu_s_worst": cpu[-1] if cpu else 0.0,
     }
@@ -238,6 +257,9 @@ def print_summary(kind: str, rans: Sequence[Ran]) -> None:
     for outcome, count in found["outcomes"].items():
         print(f"  {outcome:28} {count:5}  {100 * count / max(1, found['cases']):5.1f} %")
     print(f"  violations: {found['violations'] or 'none'}")
+    if kind == "run" and found["holds"]:
+        share = 100 * found["failed_holds"] / found["holds"]
+        print(f"  holds: {found['holds']}, {found['failed_holds']} failed: {share:.1f} %")
     print(f"  CPU s a case: median {found['cpu_s_median']}, worst {found['cpu_s_worst']}")
     if kind == "fault":
         short = {state: state[:5] for state in STATES}

@@ -11,6 +11,7 @@ import tempfile
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Any, Final
 
@@ -18,6 +19,7 @@ from controller.cell.journal import Row, read_rows, rows
 
 from .cell import Controller, Scene, SimulatedCell
 from .faults import FAULTS, Cause
+from .holds import Hold, Holds, Lengths
 from .invariants import Watch
 from .loop import NothingLeftError, SimulatedLoop, SimulatedProcess
 from .power import cut_power
@@ -27,6 +29,7 @@ PART_STEPS: Final = 115_000  # of a controller that works on one part
 PART_ROWS: Final = 140  # that a run of one part writes
 NEAR_STEPS: Final = 300  # that a controller makes until the devices have heard of a row
 DEAD_S: Final = (0.3, 12.0)  # from a kill to the next start
+LENGTHS_SEED: Final = 1  # of the run without faults that shows how long holds are
 REST_S: Final = 4.0  # after the last end, until the world is looked at
 
 
@@ -66,7 +69,7 @@ class Case:
     starts : of controllers, at most
     fault : name in `FAULTS`, with the state that it befalls; None for none
     before : a fault that comes earlier, with its state, so that the state of `fault` is reached
-    fault_rate : share of holds that fail by chance
+    fault_rate : share of holds that fail by chance (`holds`)
     """
 
     seed: int
@@ -94,6 +97,7 @@ class Ended:
     caused : the faults that befell the cell
     recoveries : part faults that controllers recovered from
     verdict : of the part, empty without one
+    holds : in order, with what was drawn for them
     cell_s : how long it took
     steps : of the loop
     digest : of the journal
@@ -109,6 +113,7 @@ class Ended:
     caused: list[str] = field(default_factory=list)
     recoveries: list[str] = field(default_factory=list)
     verdict: str = ""
+    holds: list[Hold] = field(default_factory=list)
     cell_s: float = 0.0
     steps: int = 0
     digest: str = ""
@@ -148,6 +153,18 @@ def _memory() -> Path | None:
     return shm if shm.is_dir() else None
 
 
+@cache
+def hold_lengths(scene: Scene) -> Lengths:
+    """Return how long each kind of hold lasts in a run of a scene without faults [s]."""
+    where = Path(tempfile.mkdtemp(prefix="cellctl-simulation-", dir=_memory()))
+    try:
+        run = _Run(Case(LENGTHS_SEED, scene), where / "cell")
+        run.run()
+        return run.holds.lengths_seen()
+    finally:
+        shutil.rmtree(where, ignore_errors=True)
+
+
 class _Run:
     def __init__(self, case: Case, folder: Path) -> None:
         self.case = case
@@ -156,6 +173,9 @@ class _Run:
         self.cell = SimulatedCell(self.loop, case.seed, case.scene, folder)
         self.watch = Watch(self.cell)
         self.cause = Cause(self.cell, self.watch, random.Random(f"faults {case.seed}"))
+        lengths = hold_lengths(case.scene) if case.fault_rate else {}
+        luck = random.Random(f"holds {case.seed}")
+        self.holds = Holds(self.cause, case.fault_rate, luck, lengths)
         self.ended = Ended(case)
         self.lost_from: int | None = None
 
@@ -169,7 +189,7 @@ class _Run:
             ended.cell_s = round(self.cell.now_s(), 3)
             ended.steps = loop.step_count
             ended.truth = self.cell.truth()["parts"][0]
-            ended.caused = self.cause.caused
+            ended.caused, ended.holds = self.cause.caused, self.holds.made
             ended.violations = [str(one) for one in self.watch.violations]
             ended.violations += [f"loop: {one.get('message')}: {one.get('exception')!r}"
                                  for one in loop.errors]  # fmt: skip
@@ -184,8 +204,7 @@ class _Run:
     async def _story(self) -> None:
         async with asyncio.timeout(MAX_CELL_S), self.cell:
             self.cell.after_slice = self.watch.look
-            if self.case.fault_rate:
-                self.cause.by_chance(self.case.fault_rate)
+            self.holds.begin()
             await self._start(self.case.kill)
             while self.ended.ends[-1] == "killed" and len(self.ended.ends) < self.case.starts:
                 await asyncio.sleep(self.rng.uniform(*DEAD_S))

@@ -1,4 +1,4 @@
-"""What befalls a simulated cell: named faults, each at a state of the cell, and faults by chance.
+"""What befalls a simulated cell: named faults, each at a state of the cell.
 
 A fault is one or more verbs of docs/emulator-faults.md, with the words by which the operator has to
 recognise it if the cell does not recover by itself.
@@ -17,9 +17,6 @@ from .invariants import Watch
 Order = Mapping[str, Any]
 
 SOON_S: Final = 1.5  # after a state was entered, at the latest, its fault befalls the cell
-LATEST_IN_HOLD_S: Final = 30.0  # from a grasp to a fault of this hold
-SLIP_MM: Final = (2.0, 8.0)
-SLIP_DEG: Final = 9.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +49,7 @@ _GRIPPER = "gripper"
 _LAMPS = "lamp|light|dimmer|relay|dark|output module"
 _IO = "I/O|interlock|io|emergency|door"
 _CAMERA = "camera|picture|frame|dark"
-_PART = "part|slip|gripper|grasp|seen|table"
+PART: Final = "part|slip|gripper|grasp|seen|table"
 
 FAULTS: Final[Mapping[str, Fault]] = {
     fault.name: fault
@@ -60,17 +57,17 @@ FAULTS: Final[Mapping[str, Fault]] = {
         Fault("estop", ({"do": "estop"},), "emergency stop|E-stop|estop"),
         Fault("door", ({"do": "door"},), "door|guard"),
         Fault("24 V lost", ({"do": "supply"},), "24 V|supply|lamp|light|power|air"),
-        Fault("drop from the arm", ({"do": "lose_part", "gripper": "arm"},), _PART,
+        Fault("drop from the arm", ({"do": "lose_part", "gripper": "arm"},), PART,
               touches_part=True),
-        Fault("drop from the fixed gripper", ({"do": "lose_part", "gripper": "fixture"},), _PART,
+        Fault("drop from the fixed gripper", ({"do": "lose_part", "gripper": "fixture"},), PART,
               touches_part=True),
-        Fault("slip by 3 mm", ({"do": "slip", "along_mm": 3.0},), _PART, touches_part=True),
-        Fault("slip by 8 mm", ({"do": "slip", "along_mm": -8.0, "turn_deg": 6.0},), _PART,
+        Fault("slip by 3 mm", ({"do": "slip", "along_mm": 3.0},), PART, touches_part=True),
+        Fault("slip by 8 mm", ({"do": "slip", "along_mm": -8.0, "turn_deg": 6.0},), PART,
               touches_part=True),
         # the fingers of a grasp that misses go through the part
-        Fault("missed grasp", ({"do": "miss"},), _PART, touches_part=True),
-        Fault("missed hand-off", ({"do": "miss", "gripper": "fixture"},), _PART, touches_part=True),
-        Fault("part taken by a person", ({"do": "remove"},), _PART, touches_part=True),
+        Fault("missed grasp", ({"do": "miss"},), PART, touches_part=True),
+        Fault("missed hand-off", ({"do": "miss", "gripper": "fixture"},), PART, touches_part=True),
+        Fault("part taken by a person", ({"do": "remove"},), PART, touches_part=True),
         Fault("arm line mute", ({"do": "arm_line", "mute": True},), _ARM),
         Fault("arm line cut", ({"do": "arm_line", "unplugged": True},), _ARM),
         Fault("arm line late", ({"do": "arm_line", "reply_delay_s": 0.08},), _ARM,
@@ -104,18 +101,18 @@ FAULTS: Final[Mapping[str, Fault]] = {
         Fault("relays mute", (_line("relays", is_mute=True),), _LAMPS),
         Fault("lamps without power", ({"do": "power", "device": "dimmer"},), _LAMPS),
         Fault("station lamp dead", ({"do": "lamp", "name": "station_backlight", "dead": True},),
-              f"{_LAMPS}|{_PART}"),
+              f"{_LAMPS}|{PART}"),
         Fault("table lamp dead", ({"do": "lamp", "name": "table_backlight", "dead": True},),
-              f"{_LAMPS}|{_PART}"),
+              f"{_LAMPS}|{PART}"),
         Fault("I/O silent", (_line("io", is_deaf=True),), _IO),
         Fault("I/O line cut", ({"do": "cut", "line": "io"},), _IO),
         Fault("I/O without power", ({"do": "power", "device": "io"},), _IO),
         Fault("camera unplugged", ({"do": "unplug", "camera": "inspection"},), _CAMERA),
         Fault("table camera unplugged", ({"do": "unplug", "camera": "overhead"},), _CAMERA),
         Fault("camera frozen", ({"do": "camera", "camera": "inspection", "is_frozen": True},),
-              f"{_CAMERA}|{_PART}"),
+              f"{_CAMERA}|{PART}"),
         Fault("camera dark", ({"do": "camera", "camera": "inspection", "is_dark": True},),
-              f"{_CAMERA}|{_PART}"),
+              f"{_CAMERA}|{PART}"),
         Fault("camera stalled", ({"do": "camera", "camera": "inspection", "is_stalled": True},),
               _CAMERA),
         Fault("late frame",
@@ -157,7 +154,7 @@ class Cause:
             return
         self.caused.append(f"{fault.name} at {world.time_s:.1f} s")
         if fault.undone:
-            self._spawn(self._undo(fault))
+            self.spawn(self._undo(fault))
 
     def _carry_out(self, order: Order) -> None:
         values = dict(order)
@@ -172,7 +169,8 @@ class Cause:
         for order in fault.undone:
             self._carry_out(order)
 
-    def _spawn(self, work: Any) -> None:  # noqa: ANN401  (a coroutine)
+    def spawn(self, work: Any) -> None:  # noqa: ANN401  (a coroutine)
+        """Let work of the simulation run beside the cell."""
         task = self.cell.loop.spawn(self.cell.process, work)
         self.tasks.add(task)
         task.add_done_callback(self.tasks.discard)
@@ -204,51 +202,10 @@ class Cause:
         def entered(now: str) -> None:
             if now == state:
                 controller.on_state = lambda _: None
-                self._spawn(self._after(delay_s, befall))
+                self.spawn(self._after(delay_s, befall))
 
         controller.on_state = entered
 
     async def _after(self, delay_s: float, what: Callable[[], None]) -> None:
         await asyncio.sleep(delay_s)
         what()
-
-    # --- by chance ------------------------------------------------------------------------------
-
-    def by_chance(self, rate: float) -> None:
-        """Let some of all holds fail: a grasp that misses, a drop or a slip, equally often.
-
-        Parameters
-        ----------
-        rate : share of holds, of either gripper
-        """
-        self._maybe_miss(rate)
-
-        def on_event(event: Any) -> None:  # noqa: ANN401  (of the emulated world)
-            if event.what == "released" and event.by == "arm":
-                self._maybe_miss(rate)
-            elif event.what == "gripped" and self.rng.random() < rate * 2 / 3:
-                delay_s = self.rng.uniform(0.0, LATEST_IN_HOLD_S)
-                self._spawn(self._after(delay_s, lambda: self._lose_or_slip(event.by)))
-
-        self.watch.on_event = on_event
-
-    def _maybe_miss(self, rate: float) -> None:
-        if self.rng.random() < rate / 3:
-            self.now(FAULTS["missed grasp"])
-
-    def _lose_or_slip(self, gripper: str) -> None:
-        custody = self.cell.truth()["parts"][0]["custody"]
-        if custody != gripper:
-            return  # that hold is over
-        orders: tuple[Order, ...]
-        if self.rng.random() < 0.5:
-            name, orders = f"drop from {gripper}", ({"do": "lose_part", "gripper": gripper},)
-        else:
-            along_mm = self.rng.uniform(*SLIP_MM) * self.rng.choice((-1, 1))
-            along_mm *= 0.5 if gripper == "fixture" else 1.0
-            turn_deg = self.rng.uniform(-SLIP_DEG, SLIP_DEG)
-            name = f"slip in {gripper} {along_mm:+.1f} mm {turn_deg:+.0f} deg"
-            orders = (
-                {"do": "slip", "gripper": gripper, "along_mm": along_mm, "turn_deg": turn_deg},
-            )
-        self.now(Fault(name, orders, _PART, touches_part=True))

@@ -4,7 +4,7 @@ A step is an order of the control port with one of
 
     at_s       instant, or [earliest, latest] to draw it from, after the script was given [world s]
     every_s    again and again, so far apart [world s]
-    when       an event of the world: gripped, released, fell_out, torn, lies, taken
+    when       an event of the world: gripped, missed, released, fell_out, torn, lies, taken
 
 and, if need be, ``probability`` (1: each time), ``by`` (of an event: the gripper), ``after_s`` (how
 long after the event, or [least, most]), ``times`` (how often at most). Every step draws from a
@@ -16,7 +16,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-_WORLD_EVENTS: Final = frozenset({"gripped", "released", "fell_out", "torn", "lies", "taken"})
+_WORLD_EVENTS: Final = frozenset(
+    {"gripped", "missed", "released", "fell_out", "torn", "lies", "taken"}
+)
 _OCCASIONS: Final = ("at_s", "every_s", "when")
 _OPTIONS: Final = ("probability", "by", "after_s", "times")
 _STEPS_MAX: Final = 10_000

@@ -38,7 +38,9 @@ class JawBody(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Something happened to a part: ``gripped``, ``released``, ``fell_out``, ``torn``, ``lies``.
+    """Something happened to a part.
+
+    That is ``gripped``, ``missed``, ``released``, ``fell_out``, ``taken``, ``torn`` or ``lies``.
 
     Attributes
     ----------

@@ -183,6 +183,7 @@ class World:
                 continue
             if gripper.misses:
                 gripper.misses, gripper.must_open = False, True
+                self._note("missed", part, gripper)
                 return
             held = part.state == HELD
             if bears(felt, gripper.opening_mm, is_held=held):
