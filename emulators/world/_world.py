@@ -162,7 +162,9 @@ class World:
             elif gripper.hold.is_seated and not was_seated:
                 self._note("gripped", part, gripper)
         elif gripper.must_open:
-            gripper.must_open = not gripper.opening_mm > gripper.before_mm
+            if gripper.opening_mm > gripper.before_mm:
+                # what had stopped one finger stops it no more
+                gripper.must_open, gripper.limit_mm = False, None
         elif gripper.is_closing:
             self._feel(gripper)
         limit = gripper.limit_mm

@@ -528,6 +528,15 @@ def test_a_part_far_off_the_middle_stops_one_finger_and_is_not_held(bench: Bench
     assert custody(bench.world, 0) == "arm"
 
 
+def test_jaws_that_a_part_had_stopped_close_once_it_is_gone(bench: Bench) -> None:
+    bring_to_fixed_gripper(bench, off_mm=8.0)
+    bench.fixed_gripper(0.0)
+    bench.fixed_gripper(85.0)
+    bench.go(0.5, zed_mm=bench.arm.at.zed_mm + 120.0)
+    bench.fixed_gripper(0.0)
+    assert bench.jaws.opening_mm == 0.0
+
+
 # --- running into things -------------------------------------------------------------------------
 
 
