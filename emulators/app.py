@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 
 from emulators._cell import Cell as Cell
 from emulators._cell import CellOptions
-from emulators._control import ControlPort
 from emulators.camera_v4l2 import unmount
+from emulators.control_port import ControlPort
 from emulators.owned import owned_folder
 from emulators.register import registered
 from emulators.world import LayoutError

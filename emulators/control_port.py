@@ -9,9 +9,13 @@ import contextlib
 import json
 import socket
 from pathlib import Path
+from typing import Final
 
 from emulators.faults import Verbs
 from emulators.owned import bind_owned
+
+LINE_BYTES: Final = 4 << 20  # a script of the most steps fits in it
+TOO_LONG: Final = {"ok": False, "error": f"a line has {LINE_BYTES >> 20} MiB at most"}
 
 
 class ControlPort:
@@ -30,7 +34,7 @@ class ControlPort:
         except OSError:
             listener.close()
             raise
-        self._server = await asyncio.start_unix_server(self._serve, sock=listener)
+        self._server = await asyncio.start_unix_server(self._serve, sock=listener, limit=LINE_BYTES)
 
     async def aclose(self) -> None:
         """Close the socket and delete it."""
@@ -47,11 +51,27 @@ class ControlPort:
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         self._clients.add(writer)
         try:
-            while line := await reader.readline():
-                writer.write(json.dumps(self._verbs.obey(line)).encode() + b"\n")
+            while (line := await _line(reader)) != b"":
+                answer = TOO_LONG if line is None else self._verbs.obey(line)
+                writer.write(json.dumps(answer).encode() + b"\n")
                 await writer.drain()
         except ConnectionError:
             pass
         finally:
             self._clients.discard(writer)
             writer.close()
+
+
+async def _line(reader: asyncio.StreamReader) -> bytes | None:
+    """Return the next line, b"" at the end, None for one that is too long."""
+    is_long = False
+    while True:
+        try:
+            line = await reader.readuntil(b"\n")
+        except asyncio.LimitOverrunError as error:
+            await reader.readexactly(error.consumed)
+            is_long = True
+        except asyncio.IncompleteReadError as error:
+            return error.partial
+        else:
+            return None if is_long else line
