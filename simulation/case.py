@@ -15,7 +15,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Final
 
-from controller.cell.journal import Row, read_rows, rows
+from controller.cell.journal import Row, is_of, read_rows, rows
 
 from .cell import Controller, Scene, SimulatedCell
 from .faults import FAULTS, Cause
@@ -299,13 +299,20 @@ class _Run:
             self.watch.check_custody(list(read_rows(self.cell.journal_path)))
 
     def _read_journal(self) -> None:
-        if not self.cell.journal_path.exists():
-            return
-        for row in read_rows(self.cell.journal_path):
-            if row.name == rows.RecoveryBegun.row_name:
-                self.ended.recoveries.append(str(row.body.get("fault", "")))
-            elif row.name == rows.PartJudged.row_name:
-                self.ended.verdict = str(row.body["verdict"])
+        if self.cell.journal_path.exists():
+            found = recoveries_and_verdict(self.cell.journal_path)
+            self.ended.recoveries, self.ended.verdict = found
+
+
+def recoveries_and_verdict(journal: Path) -> tuple[list[str], str]:
+    """Return the part faults that controllers recovered from, and the last verdict, "" for none."""
+    faults, verdict = [], ""
+    for row in read_rows(journal):
+        if is_of(row, rows.RecoveryBegun):
+            faults.append(rows.RecoveryBegun.model_validate(row.body).fault)
+        elif is_of(row, rows.PartJudged):
+            verdict = rows.PartJudged.model_validate(row.body).verdict
+    return faults, verdict
 
 
 def journal_digest(path: Path) -> str:

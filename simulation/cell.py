@@ -41,6 +41,7 @@ Array = NDArray[np.float64]
 
 ROOT: Final = Path(__file__).parents[1]
 CELL_FILE: Final = ROOT / "recipes" / "cells" / "emulated.yaml"
+STATE_HOME: Final = "XDG_STATE_HOME"  # where a controller notes its journal
 TAKES_S: Final = {  # cell time that the worker takes for a question, from and to [s]
     "prepare": (0.5, 3.0),
     "plan": (0.3, 4.0),
@@ -103,6 +104,7 @@ class SimulatedCell:
         self.controller_count = 0
         self._rng = np.random.default_rng([seed, 1])
         self._made: list[Controller] = []
+        self._state_home = os.environ.get(STATE_HOME)
 
     @property
     def journal_path(self) -> Path:
@@ -123,6 +125,10 @@ class SimulatedCell:
 
     def close(self) -> None:
         """Give back what the world holds; nothing of it can be read any more."""
+        if self._state_home is None:
+            os.environ.pop(STATE_HOME, None)
+        else:
+            os.environ[STATE_HOME] = self._state_home
         self.cell.world.close()
 
     async def _start(self) -> None:
@@ -272,7 +278,7 @@ class Controller:
     def start(self) -> "asyncio.Task[RunResult]":
         """Start it; return the batch."""
         # notes of journals are the cell's: a simulated cell is nobody else's
-        os.environ["XDG_STATE_HOME"] = str(self.cell.folder / "state")
+        os.environ[STATE_HOME] = str(self.cell.folder / "state")
         outfit = Outfit(compute=self._compute, devices=self._devices, stamps=self._stamps)
         work = run_batch(
             self._order,

@@ -47,7 +47,7 @@ def _line(device: str, **faults: Any) -> Order:  # noqa: ANN401
 _ARM = "arm|position|line|motor"
 _GRIPPER = "gripper"
 _LAMPS = "lamp|light|dimmer|relay|dark|output module"
-_IO = "I/O|interlock|io|emergency|door"
+_IO = r"I/O|interlock|\bio\b|emergency|door"
 _CAMERA = "camera|picture|frame|dark"
 PART: Final = "part|slip|gripper|grasp|seen|table"
 
@@ -56,7 +56,7 @@ FAULTS: Final[Mapping[str, Fault]] = {
     for fault in (
         Fault("estop", ({"do": "estop"},), "emergency stop|E-stop|estop"),
         Fault("door", ({"do": "door"},), "door|guard"),
-        Fault("24 V lost", ({"do": "supply"},), "24 V|supply|lamp|light|power|air"),
+        Fault("24 V lost", ({"do": "supply"},), r"24 V|supply|lamp|light|power|\bair\b"),
         Fault("drop from the arm", ({"do": "lose_part", "gripper": "arm"},), PART,
               touches_part=True),
         Fault("drop from the fixed gripper", ({"do": "lose_part", "gripper": "fixture"},), PART,

@@ -25,13 +25,14 @@ from .cell import SimulatedCell
 FREE_FALL_MM: Final = 12.0  # let go this high above the table, a part falls
 PUT_DOWN_MM: Final = 1.0  # pressed on the table by less, a held part is being put down
 STOPPED_S: Final = 0.3  # of the world, in which what a stop found moving comes to rest
-# Which intents let one gripper go, and which let it take hold.
-MOTORS: Final[Mapping[str, tuple[str, ...]]] = {  # of the world, by the controller's device
+# Motors of the world, by the controller's device.
+MOTORS: Final[Mapping[str, tuple[str, ...]]] = {
     "arm": ("arm", "arm gripper"),
     "gripper": ("fixed gripper",),
 }
 UNDONE: Final = "undone"  # detail of an intent to open again what it had closed
 EXCUSED_S: Final = 1.0  # from an order that lets a part go to the world's event of it
+# Which intents let one gripper go, and which let it take hold.
 LETS_GO: Final[Mapping[str, frozenset[str]]] = {
     "arm": frozenset(
         {

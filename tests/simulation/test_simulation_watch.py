@@ -1,6 +1,7 @@
 """The watch over a simulated cell notices what must not happen: each rule is broken on purpose."""
 
 import asyncio
+import os
 import random
 from collections.abc import Callable
 from pathlib import Path
@@ -8,9 +9,10 @@ from pathlib import Path
 import pytest
 
 from controller.cell.journal import Journal, first_flaw, read_rows
-from controller.cell.journal.rows import CustodyChanged, Overtaken
+from controller.cell.journal.rows import CustodyChanged, Overtaken, PartJudged, RecoveryBegun
+from simulation.case import recoveries_and_verdict
 from simulation.cell import Scene, SimulatedCell
-from simulation.faults import FAULTS, Cause
+from simulation.faults import FAULTS, Cause, names_it
 from simulation.invariants import Watch
 from simulation.loop import SimulatedLoop
 from simulation.power import cut_power
@@ -36,6 +38,33 @@ def rules_broken(folder: Path, breaking: Callable[[SimulatedCell, Watch], None])
         cell.close()
         loop.bury()
         loop.close()
+
+
+def test_what_controllers_recovered_from_is_read_by_its_name(tmp_path: Path) -> None:
+    journal = Journal(tmp_path / "journal.sqlite", "run")
+    for number, fault in enumerate(("part_lost", "grip_missed"), 1):
+        journal.write(RecoveryBegun(fault=fault, reason="r", action="a", number=number), 1)
+    journal.write(
+        PartJudged(verdict="pass", reasons=(), compared_fraction=1.0, faces=(), found=()), 1
+    )
+    journal.close()
+    found = recoveries_and_verdict(journal.path)
+    assert found == (["part_lost", "grip_missed"], "pass")
+
+
+def test_a_message_about_something_else_names_no_fault_of_the_inputs() -> None:
+    for fault in ("I/O silent", "I/O line cut", "I/O without power"):
+        assert names_it(FAULTS[fault], "I/O block (unit 1): no answer")
+        assert not names_it(FAULTS[fault], "the arm's position is not known after its motion")
+    assert not names_it(FAULTS["24 V lost"], "repair the chair")
+
+
+def test_a_simulated_cell_leaves_the_environment_as_it_was(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", "/somewhere")
+    rules_broken(tmp_path, lambda cell, watch: cell.controller().start().cancel())
+    assert os.environ["XDG_STATE_HOME"] == "/somewhere"
 
 
 def test_a_cell_in_which_nothing_happens_breaks_no_rule(tmp_path: Path) -> None:
