@@ -151,6 +151,7 @@ def test_an_error_has_the_code_of_its_class_or_of_the_nearest_above(
         ("camera /dev/video0: no frame exposed after 3 s", "camera"),
         ("I/O block (unit 1 at x): refused", "I/O block"),
         ("something else", "device"),
+        ("an alarm: nobody warmed it up", "device"),
     ],
 )
 def test_a_device_is_named_by_its_message_where_any_device_may_be_meant(

@@ -48,4 +48,4 @@ def device_named(alarm: Alarm, message: str) -> str:
     if alarm.device != "device":
         return alarm.device
     head = message.partition(":")[0] or message
-    return next((name for name in NAMES if name in head), alarm.device)
+    return next((n for n in NAMES if re.search(rf"\b{n}\b", head)), alarm.device)

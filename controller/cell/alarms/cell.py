@@ -6,31 +6,31 @@ from .alarm import Alarm, Severity
 
 _STOP, _ABORT, _REFUSED = Severity.STOP, Severity.ABORT, Severity.REFUSED
 _HOST = "controller"
-_NO_REMAINDER = "nothing"
+_NOTHING = "nothing"
 
 CELL: Final = (
     Alarm(
         101, "stop", _STOP, "operator",
         "somebody stopped the run",
-        _NO_REMAINDER,
+        _NOTHING,
         "start again; a part in a gripper is reported first",
     ),
     Alarm(
         102, "terminal_gone", _STOP, _HOST,
         "the terminal was closed, or its connection broke",
-        _NO_REMAINDER,
+        _NOTHING,
         "start again, in `tmux` or as a service",
     ),
     Alarm(
         103, "parent_gone", _STOP, _HOST,
         "the process that started the run died",
-        _NO_REMAINDER,
+        _NOTHING,
         "start again; to outlive its parent, run it as a service",
     ),
     Alarm(
         104, "output_gone", _STOP, _HOST,
         "nobody reads the run's output any more",
-        _NO_REMAINDER,
+        _NOTHING,
         "start again without a reader that leaves",
     ),
     Alarm(
@@ -48,13 +48,13 @@ CELL: Final = (
     Alarm(
         902, "file", _ABORT, _HOST,
         "a file of the run cannot be read or written",
-        _NO_REMAINDER,
+        _NOTHING,
         "make room on the disk, check the folder's permissions, start again",
     ),
     Alarm(
         903, "worker_gone", _ABORT, _HOST,
         "the worker process has died: it was killed, or memory ran out",
-        _NO_REMAINDER,
+        _NOTHING,
         "close what else uses the memory, start again",
     ),
     Alarm(
@@ -78,19 +78,19 @@ CELL: Final = (
     Alarm(
         907, "cell_busy", _REFUSED, _HOST,
         "another controller has the cell",
-        _NO_REMAINDER,
+        _NOTHING,
         "wait until that run has ended, or stop it",
     ),
     Alarm(
         908, "disk_full", _STOP, _HOST,
         "the disk is nearly full",
-        _NO_REMAINDER,
+        _NOTHING,
         "make room on the disk, start again",
     ),
     Alarm(
         909, "no_permit", _ABORT, _HOST,
         "something was to move that nobody had permitted: a bug, caught in time",
-        _NO_REMAINDER,
+        _NOTHING,
         "look at the cell, start again; send the journal with your report",
     ),
     Alarm(
@@ -102,7 +102,7 @@ CELL: Final = (
     Alarm(
         911, "control", _REFUSED, _HOST,
         "the control socket cannot be served, or nobody serves it",
-        _NO_REMAINDER,
+        _NOTHING,
         "do what the message names",
     ),
     Alarm(
@@ -114,7 +114,7 @@ CELL: Final = (
     Alarm(
         913, "lease", _ABORT, _HOST,
         "a device or space was asked for out of order, or never given back: a bug, caught",
-        _NO_REMAINDER,
+        _NOTHING,
         "look at the cell, start again; send the journal with your report",
     ),
     Alarm(

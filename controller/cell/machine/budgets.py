@@ -5,7 +5,6 @@ last uses. Plain counting, no device.
 """
 
 from collections import deque
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 GRASP = "grasp "
@@ -43,11 +42,6 @@ class Budgets:
         self._window = window
         self._uses: dict[str, deque[bool]] = {}
         self._demoted: dict[str, Demotion] = {}
-
-    @property
-    def demoted(self) -> Mapping[str, Demotion]:
-        """The sources that are avoided, by name."""
-        return dict(self._demoted)
 
     @property
     def grasps(self) -> frozenset[str]:

@@ -7,7 +7,7 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 
 from controller.cell.batch import Dispatcher
-from controller.cell.control import make_folder
+from controller.cell.control import MAX_WHY, make_folder
 from controller.cell.control.serving import Control, handle_for, serving
 from controller.cell.devices.lock import Holder
 from controller.cell.operator import Answer, Desk, OpenQuestion, Operator, Question
@@ -116,6 +116,6 @@ class OperatorDoor:
         if not key:
             return
         who = f"{self._holder.user} at the terminal"
-        refusal = self.desk.answer(None, Answer(key, who, why.strip()[:1000]))
+        refusal = self.desk.answer(None, Answer(key, who, why.strip()[:MAX_WHY]))
         if refusal:
             warn(refusal)

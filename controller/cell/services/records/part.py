@@ -9,7 +9,7 @@ import numpy as np
 from controller import inspection as inspecting
 from controller.arrays import BoolArray, FloatArray, Grey
 from controller.cell.custody import Custody
-from controller.cell.machine import PartFault, Recovery
+from controller.cell.machine import Recovery
 from controller.planning import Grasp, Look, Plan, Present
 from controller.recognition import Alternative, Sighting
 
@@ -129,10 +129,6 @@ class PartRecord:
         if plan is None:
             return None
         return merged([s.seen for s in plan.steps if isinstance(s, Present | Look)])
-
-    def has_had(self, fault: PartFault) -> bool:
-        """Return whether the part has had a fault before."""
-        return any(one.fault is fault for one in self.recoveries)
 
 
 def merged(masks: Sequence[BoolArray]) -> BoolArray | None:
