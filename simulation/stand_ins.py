@@ -6,7 +6,6 @@ real one, done in this process. Nothing of this is part of the product.
 """
 
 import asyncio
-import re
 from collections.abc import Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass
@@ -22,6 +21,7 @@ from controller import inspection as inspecting
 from controller.cache import digest_of
 from controller.cell.compute import Compute, Holder, Job, context
 from controller.cell.devices.lamps import STATION_PANEL, TABLE_PANEL
+from controller.cell.services import plain_name
 from controller.config.view_set import load_view_set
 from controller.imaging import Camera, inverse_pose, transform
 from controller.planning import Look, NoPlanError, Plan, Present, Start
@@ -249,7 +249,7 @@ class StandIns(Compute):
             reason = f"part lies {shift:.1f} mm, {np.degrees(turn):.1f} degrees off: it slipped"
         else:
             seen = await asyncio.to_thread(self._in_sight, T, holder, self._context.inspection)
-            planned = self._promised.get(planned_name(view_id), np.zeros(count, dtype=bool))
+            planned = self._promised.get(plain_name(view_id), np.zeros(count, dtype=bool))
             self.views.append(
                 Seen(view_id, seen, planned, not is_hold_measured, self.has_recovered)
             )
@@ -277,7 +277,7 @@ class StandIns(Compute):
         seen = np.zeros(count, dtype=bool)
         if is_there:
             seen = await asyncio.to_thread(self._in_sight, T, (), self._context.overhead)
-            planned = self._promised.get(planned_name(view_id), np.zeros(count, dtype=bool))
+            planned = self._promised.get(plain_name(view_id), np.zeros(count, dtype=bool))
             self.views.append(Seen(view_id, seen & planned, planned, True, self.has_recovered))
         return inspecting.ViewResult(
             view_id=view_id,
@@ -370,11 +370,6 @@ class StandIns(Compute):
 
 MAX_PLANS: Final = 400
 _plans: dict[str, Plan | str] = {}  # by start: a plan, or why there is none
-
-
-def planned_name(view_id: str) -> str:
-    """Return a view's name in its plan: views of later plans end in that plan's number."""
-    return re.sub(r"~\d+$", "", view_id)
 
 
 def _rotation(axis: Array, angle_rad: float) -> Array:

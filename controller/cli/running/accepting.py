@@ -15,11 +15,10 @@ from controller.cell.devices import resolve
 from controller.cell.devices.clocks import find_clock
 from controller.cell.journal import JOURNAL_NAME, is_of, read_rows, rows
 from controller.cell.operator import Answer, Question
+from controller.cell.services import INPUTS
 from controller.config import Cell, ConfigError, load_cell
 
 from .recipe_run import RunOptions, run_recipe
-
-INPUTS = "inputs"  # of a run: what it was started with
 
 
 @dataclass(frozen=True, slots=True)

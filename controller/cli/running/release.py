@@ -141,7 +141,8 @@ def _report_proposal(found: Proposal | str | None) -> None:
     print_line(f"The cell would go on with the part ({sure}):")
     for number, step in enumerate(found.steps, 1):
         print_line(f"  {number}. {step}")
-    print_line("To go on: cellctl recover --accept, or cellctl run RECIPE --auto-recover")
+    alone = ", or cellctl run RECIPE --auto-recover" if found.is_proven else ""
+    print_line(f"To go on: cellctl recover --accept{alone}")
 
 
 def _is_held_by_hand(gripper: GripperName) -> bool:
