@@ -102,8 +102,9 @@ class _Reader:
         if not token or token in "&|)":
             raise ValueError(f"the name of a fact is missing in {self._text!r}")
         if token not in self._known:
-            near = get_close_matches(token, sorted(self._known), 1)
-            hint = f"did you mean `{near[0]}`?" if near else f"there are {', '.join(self._known)}"
+            known = sorted(self._known)
+            near = get_close_matches(token, known, 1)
+            hint = f"did you mean `{near[0]}`?" if near else f"there are {', '.join(known)}"
             raise ValueError(f"unknown fact `{token}`; {hint}")
         return Condition("fact", token)
 
