@@ -620,6 +620,19 @@ def test_a_further_plan_that_promises_next_to_nothing_is_not_driven(tmp_path: Pa
     assert run.compute.shown == ["v1", "v2"]
 
 
+def test_a_part_taken_over_without_a_plan_is_driven_even_a_plan_that_promises_nothing(
+    tmp_path: Path,
+) -> None:
+    """The interrupted run had planned again for what was not seen: its old plan is gone."""
+    run = PaperRun(tmp_path, plan(pick(), show("v1", 10, 0)))
+    part = run.record.part
+    part.recoveries = [Recovery(PartFault.SEEN_TOO_LITTLE, "too little in sight", Act.OTHER_VIEW)]
+    part.in_sight = mask(0, 1, 2)
+    run.run()
+    run.was_well()
+    assert run.compute.shown == ["v1"]
+
+
 # --- decisions ----------------------------------------------------------------------------------
 
 

@@ -74,8 +74,9 @@ class PlanAction:
                 plan = await self._plan(start)
             except NoPlanError as none:
                 return self._keep_plan(none, start, before)
-        is_more = (
-            part.parked is None
+        is_more = (  # a part taken over from an interrupted run has no old plan to finish
+            before is not None
+            and part.parked is None
             and part.recoveries
             and part.recoveries[-1].fault is PartFault.SEEN_TOO_LITTLE
         )
