@@ -317,6 +317,7 @@ class UmiScara:
 
         Raises
         ------
+        ValueError : joints are not six numbers
         PositionLostError : the jaws were moved since they were last known; nothing has moved
         PowerOffError : motor power is off
         HomingError : an axis found no stop in time
