@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from controller.cell.journal import JOURNAL_NAME, read_rows
 from simulation.case import Case, Ended, Kill, run_case
 from simulation.cell import Scene
 
@@ -19,11 +20,19 @@ KILLED = (
 )
 
 
-def test_a_part_goes_from_the_table_to_its_tray() -> None:
-    ended = run_case(Case(1, PART))
+def test_a_part_goes_from_the_table_to_its_tray_in_about_the_time_forecast(tmp_path: Path) -> None:
+    ended = run_case(Case(1, PART), tmp_path / "cell")
     assert ended.ends == ["complete"]
     assert ended.truth["tray"] == "accept"
     assert ended.violations == []
+    rows = list(read_rows(tmp_path / "cell" / JOURNAL_NAME))
+    (plan,) = (row for row in rows if row.name == "plan")
+    (placed,) = (row for row in rows if row.kind == "event" and row.name == "placed")
+    # what an action does and the planner does not know of shows here
+    assert placed.t_mono_s - plan.t_mono_s == pytest.approx(plan.body["forecast_s"], rel=0.1)
+    for row in rows:
+        if row.name == "step":
+            assert row.body["seconds"] == pytest.approx(row.body["forecast_s"], abs=1.5), row.body
 
 
 @pytest.mark.parametrize("case", KILLED, ids=lambda case: f"seed {case.seed}")

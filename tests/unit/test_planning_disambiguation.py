@@ -301,7 +301,7 @@ def test_views_offered_hold_every_candidate_free_of_contact_before_the_camera() 
     pair = [held("plain"), held("longer")]
     q, seconds = offered_views(pair, LAYOUT, OPENING_MM, LAYOUT.park_q, 24)
     assert len(q) > 10
-    assert (seconds >= LAYOUT.cell_times.look_s).all()
+    assert (seconds >= LAYOUT.cell_times.look_s(lit_count=1)).all()
     for c in pair:
         half = np.ptp(c.solid.mesh.vertices, axis=0) / 2
         carried = Box(np.eye(4), half).placed(c.T_tcp_part)

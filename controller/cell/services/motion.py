@@ -26,8 +26,6 @@ from drivers.kinds import Arm
 from .gate import Gate, NextMotion
 from .interlocks import Interlocks
 
-# How long the arm vibrates after it stops.
-RINGING_S = 0.3
 # A part that met the tray so far above its place has slipped in the jaws; one that met something
 # higher up may stand on anything. To let it fall so far harms nothing.
 TOUCH_MM = 10.0
@@ -211,7 +209,7 @@ class Motion:
 
     async def ring_down(self) -> None:
         """Wait until the stopped arm stands still enough for a picture."""
-        await self._clock.sleep(RINGING_S)
+        await self._clock.sleep(self._layout.cell_times.ringing_s)
 
     async def read_q(self) -> FloatArray:
         """Return where the arm stands: its joints (6,)."""

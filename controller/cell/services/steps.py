@@ -105,7 +105,7 @@ class PlanSteps:
         self.record.note(
             StepDone(
                 label=step.label,
-                forecast_s=round(step.seconds, 2),
+                forecast_s=round(step.seconds - step.wait_s, 2),
                 seconds=round(self.clock.now_s() - started_s, 2),
                 **more,
             )

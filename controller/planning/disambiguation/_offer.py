@@ -11,7 +11,7 @@ from controller.cad import Solid, sample_surface
 from controller.imaging import inverse_pose
 
 from ..geometry import Box
-from ..model import CellLayout, HeldHypothesis
+from ..model import CellLayout, HeldHypothesis, lit_count
 from ..motion import Scene, segment_seconds
 from ..views import candidate_directions, hold_up, reachable_views
 
@@ -64,7 +64,9 @@ def offered_views(
     rows, of_view = rows[free], of_view[free]
     _, nearest = np.unique(of_view, return_index=True)
     q = rows[nearest]
-    return q, segment_seconds(layout, q_from, q) + layout.cell_times.look_s
+    return q, segment_seconds(layout, q_from, q) + layout.cell_times.look_s(
+        lit_count(is_square=False)
+    )
 
 
 def _box_of(solid: Solid) -> Box:

@@ -24,6 +24,7 @@ from .plan import (
     SetDown,
     Step,
     Unseen,
+    lit_count,
 )
 from .prepared import HandOff, PlanOptions, PreparedPart, Rest
 from .starts import InArm, InFixedGripper, OnTable, Start
@@ -74,4 +75,5 @@ __all__ = [
     "Tray",
     "Unseen",
     "VisibilityTable",
+    "lit_count",
 ]

@@ -75,37 +75,71 @@ class Tray:
 class CellTimes:
     """The fixed times of a cycle; how long moves take, the arm's own timing model says.
 
-    Grasps and releases are medians of what runs of the emulated cell journalled.
+    Medians of what the actions' verbs take on the cell's clock. What each kind of step needs of
+    them stands below, as the actions have it.
 
     Attributes
     ----------
-    grasp_s, release_s : the arm's jaws close until they stall, width read back; they open
-    fixed_grasp_s, fixed_release_s : the same of the fixed gripper
-    look_s : a view of three pictures: lamps, exposure after the change, download. An emulated
-        cell's time waits for its pictures to be drawn
+    open_s, release_s : the arm's jaws open, before a grasp and out of one
+    grasp_s, press_s : they close until they stall, width read back; they press on what they hold
+    fixed_open_s, fixed_grasp_s, fixed_release_s : the same of the fixed gripper
+    read_s : the joints are read back
+    ringing_s : how long the arm vibrates after it stops; no picture is taken before
+    picture_s : lamps, exposure after the change, download
+    judge_s : from the pictures of a view to its result, where the cell waits for it
+    verdict_s : from the last result to the verdict
+    relook_s : pictures of the table, recognition and a new plan after a set-down
     """
 
-    grasp_s: float = 1.6
-    release_s: float = 1.3
-    fixed_grasp_s: float = 0.7
+    open_s: float = 0.7
+    release_s: float = 0.6
+    grasp_s: float = 0.75
+    press_s: float = 0.3
+    fixed_open_s: float = 0.35
+    fixed_grasp_s: float = 0.15
     fixed_release_s: float = 0.2
-    look_s: float = 3.2
-    relook_s: float = 12.0  # pictures of the table, recognition and a new plan after a set-down
+    read_s: float = 0.25
+    ringing_s: float = 0.3
+    picture_s: float = 0.4
+    judge_s: float = 2.0
+    verdict_s: float = 2.0
+    relook_s: float = 12.0
+
+    @property
+    def pick_s(self) -> float:
+        """The time the jaws take to get the part off the table, and to prove that they hold it."""
+        return self.open_s + self.grasp_s + self.press_s
+
+    def look_s(self, lit_count: int) -> float:
+        """Return the time of a view: the grasp is proven, the backlit picture and others taken.
+
+        Parameters
+        ----------
+        lit_count : pictures beside the backlit one
+        """
+        return self.press_s + self.ringing_s + (1 + lit_count) * self.picture_s + self.read_s
 
     @property
     def give_step_s(self) -> float:
         """The time both jaws take to give the part to the fixed gripper."""
-        return self.fixed_grasp_s + self.release_s
+        return self.fixed_open_s + self.press_s + self.fixed_grasp_s + self.read_s + self.release_s
 
     @property
     def receive_s(self) -> float:
         """The time both jaws take to give it back to the arm gripper."""
-        return self.grasp_s + self.fixed_release_s
+        return (
+            self.open_s + self.grasp_s + self.fixed_release_s + self.fixed_open_s + 2 * self.press_s
+        )
 
     @property
     def hand_off_s(self) -> float:
         """The time the jaws take for a regrasp over the fixed gripper."""
         return self.give_step_s + self.receive_s
+
+    @property
+    def put_s(self) -> float:
+        """The time the jaws take to let go on the table or over a tray: proven above and below."""
+        return 2 * self.press_s + self.release_s
 
 
 @dataclass(frozen=True, slots=True, eq=False)

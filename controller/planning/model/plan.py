@@ -18,11 +18,27 @@ from .hypotheses import HeldHypothesis, Light
 JointPath = tuple[FloatArray, ...]
 
 
+def lit_count(*, is_square: bool) -> int:
+    """Return how many pictures a view has beside the backlit one, each under another lamp.
+
+    On a plane seen squarely, the side lamp's shadows reveal pockets and steps. In slanting views
+    they fall mostly where the prediction is not trusted.
+    """
+    return 2 if is_square else 1
+
+
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Step:
-    """One thing the cell does; `seconds` is the forecast, `label` is for people."""
+    """One thing the cell does.
+
+    Attributes
+    ----------
+    seconds : forecast [cell s], `wait_s` of it until what was shown is judged
+    label : for people
+    """
 
     seconds: float
+    wait_s: float = 0.0
     label: str
 
 

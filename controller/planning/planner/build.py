@@ -33,6 +33,7 @@ from ..model import (
     SetDown,
     Step,
     Tray,
+    lit_count,
 )
 from ..motion import Scene, connect, fewest_waypoints, move_seconds, segment_seconds, shown_pose
 from ..regrasps import PickPath, PlacePath, place_paths
@@ -134,7 +135,7 @@ class Builder:
             down, up = tuple(path.down[1:]), tuple(path.up[1:])
             build.steps.append(
                 Pick(
-                    seconds=self._seconds(build.q, motion_in, down, up) + layout.cell_times.grasp_s,
+                    seconds=self._seconds(build.q, motion_in, down, up) + layout.cell_times.pick_s,
                     label=f"pick with grasp {grasp.id}, {grasp.opening_mm:.1f} mm",
                     grasp=grasp,
                     motion_in=motion_in,
@@ -259,7 +260,7 @@ class Builder:
         build.steps.append(
             SetDown(
                 seconds=self._seconds(build.q, motion, down, up)
-                + cell_times.release_s
+                + cell_times.put_s
                 + cell_times.relook_s,
                 label=f"set down in pose {pose_index}",
                 grasp=grasp,
@@ -308,9 +309,13 @@ class Builder:
                     raise RefutedError(error, views=[(g, v)]) from error
                 continue
             del todo[v]
-            self._present(build, g, v, q, motion)
+            # a new grasp's first view is judged before the second, its last before what follows
+            waits = not todo or not isinstance(build.steps[-1], Present)
+            self._present(build, g, v, q, motion, waits=waits)
 
-    def _present(self, build: Build, g: int, v: int, q: FloatArray, motion: JointPath) -> None:
+    def _present(
+        self, build: Build, g: int, v: int, q: FloatArray, motion: JointPath, *, waits: bool
+    ) -> None:
         part, layout = self._part, self._layout
         grasp = part.arm_grasps[g]
         # true of every configuration kept: what the arm hides in them has been taken off
@@ -320,9 +325,13 @@ class Builder:
         label = f"show with grasp {grasp.id}"
         if face_id >= 0:
             label += f", square to {part.solid.faces[face_id].label}"
+        times = layout.cell_times
+        wait_s = times.judge_s if waits else 0.0
+        look_s = times.look_s(lit_count(is_square=face_id >= 0))
         build.steps.append(
             Present(
-                seconds=self._seconds(build.q, motion) + layout.cell_times.look_s,
+                seconds=self._seconds(build.q, motion) + look_s + wait_s,
+                wait_s=wait_s,
                 label=label,
                 view_id=f"{grasp.id}-V{v}",
                 grasp=grasp,
@@ -407,8 +416,10 @@ class Builder:
         empty = Scene(layout, grasp.pre_open_mm, layout.fixed_open_mm)
         home = connect(path.up[-1], layout.park_q, empty, f"{name}: path home", self._seed, search)
         down, up = tuple(path.down[1:]), tuple(path.up[1:])
+        times = layout.cell_times
         place = Place(
-            seconds=self._seconds(start, motion, down, up) + layout.cell_times.release_s,
+            seconds=self._seconds(start, motion, down, up) + times.put_s + times.verdict_s,
+            wait_s=times.verdict_s,
             label=f"place in tray {tray}",
             tray=tray,
             grasp=grasp,

@@ -13,7 +13,7 @@ import numpy as np
 
 from controller.arrays import BoolArray, FloatArray, IntArray
 
-from ..model import CellLayout, Grasp, HandOff, PreparedPart
+from ..model import CellLayout, Grasp, HandOff, PreparedPart, lit_count
 from ..motion import move_seconds, segment_seconds
 from ..regrasps import PickPath
 from ..search import Problem
@@ -63,6 +63,11 @@ class EdgeCosts:
     site_s: FloatArray
 
 
+def view_seconds(layout: CellLayout) -> float:
+    """Return what a view costs where it is not known yet which [s]."""
+    return layout.cell_times.look_s(lit_count(is_square=False)) + TRAVEL_S
+
+
 def risk_s(grasp: Grasp) -> float:
     """Return what the chance that a grasp fails is worth [s]."""
     return RECOVERY_S * (1.0 - MIN_SURE) * (1.0 - grasp.score)
@@ -99,7 +104,7 @@ def first_seconds(
             move_seconds(layout, [q, *w.down]) + move_seconds(layout, [*w.up, part.home_q[g]])
             for w in paths
         ]
-        seconds[g] = min(drives) + layout.cell_times.grasp_s + risk_s(part.arm_grasps[g])
+        seconds[g] = min(drives) + layout.cell_times.pick_s + risk_s(part.arm_grasps[g])
     return seconds
 
 
@@ -158,7 +163,7 @@ def regrasp_seconds(part: PreparedPart, layout: CellLayout, site: RegraspSite) -
         # either gripper closes once and lets go once
         fixed = cell_times.hand_off_s + risk_s(part.fixed_grasps[site.fixed_grasp_index])
     else:
-        fixed = cell_times.release_s + cell_times.relook_s + cell_times.grasp_s
+        fixed = cell_times.put_s + cell_times.relook_s + cell_times.pick_s
     total = (reach + straight)[:, None] + between + (straight + reach + own)[None] + fixed
     np.fill_diagonal(total, np.inf)
     seconds[np.ix_(members, members)] = total
@@ -198,7 +203,7 @@ def make_edge_costs(
     site_s = np.stack(table) if table else np.full((0, len(part.home_q), len(part.home_q)), np.inf)
     regrasp_s = site_s.min(axis=0, initial=np.inf)
     regrasp_s[~usable], regrasp_s[:, ~usable] = np.inf, np.inf
-    cost = layout.cell_times.look_s + TRAVEL_S
+    cost = view_seconds(layout)
     problem = Problem(
         shows=shows,
         weights=np.concatenate([part.weights, np.zeros(len(faces))]),

@@ -45,6 +45,7 @@ from ..model import (
     PreparedPart,
     Present,
     Step,
+    lit_count,
 )
 from ..motion import Scene, connect, move_seconds, segment_seconds, shown_pose
 from ..regrasps import PickPath, pick_paths
@@ -282,8 +283,12 @@ def _up_to_deciding_view(
     eye = inverse_pose(T_world_part) @ np.append(layout.inspection.position_mm, 1.0)
     towards = eye[:3] - part.solid.centroid_mm
     names = ", ".join(sorted({o.name for o in others}))
+    times = layout.cell_times
     view = Present(
-        seconds=move_seconds(layout, [build.q, *motion]) + layout.cell_times.look_s,
+        seconds=move_seconds(layout, [build.q, *motion])
+        + times.look_s(lit_count(is_square=False))
+        + times.judge_s,
+        wait_s=times.judge_s,
         label=f"show with grasp {grasp.id}: {part.solid.name} or {names}?",
         view_id=f"{grasp.id}-D{first.view}",
         grasp=grasp,

@@ -34,7 +34,7 @@ from ..regrasps import PickPath
 from ..search import COARSE, FULL, Problem, Solution, refuted, solve
 from .beginning import Beginning, from_arm, from_fixed_gripper, from_table
 from .build import Build, Builder, RefutedError, check_trays_in_reach
-from .costs import EdgeCosts, RegraspSite, make_edge_costs, worthwhile
+from .costs import EdgeCosts, RegraspSite, make_edge_costs, view_seconds, worthwhile
 from .prepare import prepare_part, with_grasps, with_rests
 from .why import nothing_shown, unseen_pieces
 
@@ -339,7 +339,7 @@ def _scope(task: _Task, costs: EdgeCosts) -> str:
     gain = part.options.least_gain
     left_out = f"; views that add less than {gain:.2%} of the surface are left out" if gain else ""
     return (
-        f"regrasp time, regrasp risk and {task.layout.cell_times.look_s:.1f} s per view over "
+        f"regrasp time, regrasp risk and {view_seconds(task.layout):.1f} s per view over "
         f"{len(part.arm_grasps)} arm grasps, {fixed} fixed-gripper grasps, {set_down_count} poses "
         f"on the table, {len(part.directions.vectors)} directions{left_out}"
     )

@@ -16,6 +16,7 @@ from controller.cell.services import (
 )
 from controller.cell.services.records import BatchRecord, PartInGripper
 from controller.planning import Present
+from controller.planning.model import lit_count
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,9 +101,5 @@ async def _look() -> NextMotion:
 
 
 def lamps_for(step: Present) -> tuple[str, ...]:
-    """Return the lamps a view is lit with.
-
-    On a plane seen squarely, the side lamp's shadows reveal pockets and steps. In slanting views
-    they fall mostly where the prediction is not trusted.
-    """
-    return STATION_LAMPS if step.square_to >= 0 else STATION_LAMPS[:1]
+    """Return the lamps a view is lit with."""
+    return STATION_LAMPS[: lit_count(is_square=step.square_to >= 0)]

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from controller.arrays import BoolArray, FloatArray
-from controller.planning.model import CellLayout, HandOff
+from controller.planning.model import CellLayout, HandOff, lit_count
 from controller.planning.motion import move_seconds
 
 from .._family import FamilyMember
@@ -108,7 +108,7 @@ def _tour(
     while left:
         steps = [move_seconds(layout, np.stack([at, q[v]])) for v in left]
         k = int(np.argmin(steps))
-        seconds += steps[k] + layout.cell_times.look_s
+        seconds += steps[k] + layout.cell_times.look_s(lit_count(is_square=False))
         at = q[left.pop(k)]
     return seconds, at
 
@@ -143,7 +143,7 @@ def _regrasp(
     if by_table:
         # Down, away, a picture from overhead, and up again: the arm moves to park and back.
         set_down = 2 * move_seconds(layout, np.stack([start, layout.park_q])) + SET_DOWN_S
-        set_down += cell_times.release_s + cell_times.grasp_s + cell_times.relook_s
+        set_down += cell_times.put_s + cell_times.pick_s + cell_times.relook_s
         if set_down < best:
             return set_down, layout.park_q
     return (float(best) if np.isfinite(best) else float("nan")), end
