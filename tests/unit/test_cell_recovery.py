@@ -41,6 +41,7 @@ from controller.cell.machine import (
     decide,
 )
 from controller.cell.services import fault_policy
+from controller.cell.services.records import Shown
 from controller.config import FaultsSection, load_cell, load_recipe
 from controller.config.view_set import load_view_set
 from controller.imaging import inverse_pose
@@ -624,13 +625,29 @@ def test_a_part_taken_over_without_a_plan_is_driven_even_a_plan_that_promises_no
     tmp_path: Path,
 ) -> None:
     """The interrupted run had planned again for what was not seen: its old plan is gone."""
-    run = PaperRun(tmp_path, plan(pick(), show("v1", 10, 0)))
-    part = run.record.part
-    part.recoveries = [Recovery(PartFault.SEEN_TOO_LITTLE, "too little in sight", Act.OTHER_VIEW)]
-    part.in_sight = mask(0, 1, 2)
+    run = PaperRun(tmp_path, plan(pick(), show("v1", 10, 8)))
+    recognise = run.compute.recognise
+
+    async def seen_before() -> ViewResult:
+        return await run.compute.inspect_on_table("v0", EYE, None, None)
+
+    async def take_over(glowing: Any, lit: Any) -> tuple[Sighting, ...]:
+        part = run.record.part
+        part.recoveries = [Recovery(PartFault.SEEN_TOO_LITTLE, "too little", Act.OTHER_VIEW)]
+        part.files["v0"] = {"table_backlight": "pictures/v0.png"}
+        part.pending.append(
+            Shown(
+                view="v0", hold=None, q=q(0), expected=EYE, holder=(),
+                backlit=np.zeros((4, 4), np.uint8), lamps=(),
+                is_hold_measured=False, T_part_tcp=None, task=asyncio.create_task(seen_before()),
+            )
+        )  # fmt: skip
+        return await recognise(glowing, lit)
+
+    run.compute.recognise = take_over  # type: ignore[method-assign]
     run.run()
     run.was_well()
-    assert run.compute.shown == ["v1"]
+    assert run.compute.shown == ["v0", "v1"]
 
 
 # --- decisions ----------------------------------------------------------------------------------
