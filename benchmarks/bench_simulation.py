@@ -7,11 +7,14 @@ can be run again:
     python benchmarks/bench_simulation.py --kills 2000 --out kills.jsonl     goes on where it ends
     python benchmarks/bench_simulation.py --runs 1000 --fault-rate 0.05
     python benchmarks/bench_simulation.py --faults
-    python benchmarks/bench_simulation.py --soak 500
+    python benchmarks/bench_simulation.py --soak 500     in one process: memory, objects, tasks
     python benchmarks/bench_simulation.py --kills 40 --only 12     seed 12 alone
 """
 
 import argparse
+import asyncio
+import contextlib
+import gc
 import json
 import logging
 import os
@@ -19,6 +22,7 @@ import random
 import resource
 import sys
 import tempfile
+import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -271,35 +275,57 @@ def print_summary(kind: str, rans: Sequence[Ran]) -> None:
 
 
 def soak(count: int, args: argparse.Namespace) -> dict[str, Any]:
-    """Work through many parts in one process; return what memory and descriptors do."""
+    """Work through many parts in one process; return what memory, descriptors and tasks do."""
     marks: list[dict[str, float]] = []
     rans = []
+    until_s = time.monotonic() + args.minutes * 60.0
     for number, work in enumerate(run_cases(count, args.first, args.fault_rate)):
+        is_last = number == count - 1 or time.monotonic() > until_s
         rans.append(run_one(work))
-        if number % max(1, count // 20) == 0 or number == count - 1:
+        if number % max(1, count // 20) == 0 or is_last:
+            gc.collect()
             marks.append(
                 {
                     "parts": number + 1,
                     "resident_mb": round(resident_mb(), 1),
+                    "objects": len(gc.get_objects()),
+                    "tasks": sum(isinstance(one, asyncio.Task) for one in gc.get_objects()),
+                    "threads": threading.active_count(),
+                    "processes": len(children()),
                     "descriptors": len(list(Path("/proc/self/fd").iterdir())),
                     "files_in_memory": sum(1 for _ in Path("/dev/shm").glob("cellctl-sim*")),
                 }
             )
             if not args.json:
                 print(marks[-1], flush=True)
-    half = [mark for mark in marks if mark["parts"] >= count / 4]
-    growth = 0.0
-    if len(half) > 1:
-        parts = half[-1]["parts"] - half[0]["parts"]
-        growth = (half[-1]["resident_mb"] / half[0]["resident_mb"] - 1) / parts * 100
+        if is_last:
+            break
+    # caches fill up at first: every scene comes once within the first quarter of a long soak
+    later = [mark for mark in marks if mark["parts"] >= len(rans) / 4]
+    growth: dict[str, float] = {}
+    for what in ("resident_mb", "objects"):
+        parts = later[-1]["parts"] - later[0]["parts"]
+        rise = later[-1][what] / later[0][what] - 1.0
+        growth[what] = round(100.0 * rise / parts * 100.0, 3) if parts else 0.0
     return {
         "parts": len(rans),
         "outcomes": dict(Counter(ran.outcome for ran in rans)),
-        "memory_growth_per_100_parts": round(growth, 4),
-        "descriptors_first_last": [half[0]["descriptors"], half[-1]["descriptors"]],
+        "growth_percent_per_100_parts": growth,
+        "first_and_last": {name: [later[0][name], later[-1][name]] for name in marks[0]},
         "peak_mb": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, 1),
         "marks": marks,
     }
+
+
+def children() -> list[str]:
+    """Return the processes that this one has started and that still are."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        with contextlib.suppress(OSError):  # it has ended meanwhile
+            parent = path.read_text(encoding="utf-8", errors="replace").rpartition(")")[2].split()
+            if parent[1] == str(os.getpid()):
+                found.append(path.parent.name)
+    return found
 
 
 def resident_mb() -> float:

@@ -155,7 +155,7 @@ class StandIns(Compute):
         """Return the planner's plan; of one start it is made once."""
         await self._take("plan")
         key = digest_of(str(self.job.recipe_path), start, seen, tuple(sorted(avoid)))
-        found = _plans.get(key)
+        found = _plans.pop(key, None)
         if found is None:
             try:
                 found = await super().plan(start, seen, avoid, candidates)
@@ -163,7 +163,7 @@ class StandIns(Compute):
                 found = str(error)
             if len(_plans) >= MAX_PLANS:
                 _plans.pop(next(iter(_plans)))
-            _plans[key] = found
+        _plans[key] = found  # the one used last comes last
         if isinstance(found, str):
             raise NoPlanError(found)
         looks = [s for s in found.steps if isinstance(s, Present | Look)]
@@ -368,7 +368,7 @@ class StandIns(Compute):
         return seen
 
 
-MAX_PLANS: Final = 400
+MAX_PLANS: Final = 64  # a few of each scene; more would look like a leak in a soak
 _plans: dict[str, Plan | str] = {}  # by start: a plan, or why there is none
 
 

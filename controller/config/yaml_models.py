@@ -44,7 +44,8 @@ def _scalar(text: str) -> Any:  # noqa: ANN401 - a YAML value is any value
     if str(tag) in NO_VALUES:
         return text
     try:
-        return yaml.constructor.construct_object(ScalarNode(tag, text))
+        # a document of its own: the constructor keeps every node of one until its end
+        return yaml.constructor.construct_document(ScalarNode(tag, text))
     except ValueError as error:  # ruamel leaves the check of a date to `datetime`
         raise ValueError(f"{text!r:.40} is not a date ({error})") from error
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -365,3 +366,17 @@ def test_a_part_in_a_folder_that_is_not_there_is_told(folder: Path) -> None:
 def test_another_part_that_is_not_there_is_told_too(folder: Path) -> None:
     (message,) = wrong_recipe(folder, "count: 3", "others: [gone.stl]")
     assert "gone.stl" in message
+
+
+def test_a_file_that_was_read_leaves_nothing_behind(folder: Path) -> None:
+    path = folder / "block.yaml"
+    path.write_text(RECIPE_TEXT, encoding="utf-8")
+
+    def node_count() -> int:
+        gc.collect()
+        return sum(type(one).__module__ == "ruamel.yaml.nodes" for one in gc.get_objects())
+
+    load_recipe(path)
+    before = node_count()
+    load_recipe(path)
+    assert node_count() == before
