@@ -310,7 +310,7 @@ class Builder:
                 continue
             del todo[v]
             # a new grasp's first view is judged before the second, its last before what follows
-            waits = not todo or not isinstance(build.steps[-1], Present)
+            waits = not todo or not build.steps or not isinstance(build.steps[-1], Present)
             self._present(build, g, v, q, motion, waits=waits)
 
     def _present(
