@@ -40,7 +40,7 @@ sys.path[:0] = [{root!r}, {fuzz!r}]
 import atheris
 with atheris.instrument_imports(include={ours!r}):
     import fuzz_targets
-target = fuzz_targets.TARGETS[{name!r}]
+    target = fuzz_targets.load({name!r})
 atheris.Setup(sys.argv, target)
 atheris.Fuzz()
 """

@@ -15,10 +15,10 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from functools import cache
+from importlib import import_module
 from pathlib import Path
 from types import SimpleNamespace
 
-from control_targets import control_replies, control_requests
 from pymodbus.exceptions import ModbusException
 from pymodbus.pdu import ModbusPDU
 
@@ -360,6 +360,24 @@ def picture(data: bytes) -> None:
         read_picture(_file("picture.png", data), PICTURE_PX)
 
 
+def _apart(module: str, name: str) -> Target:
+    """Return a target of another module, which is imported once it is needed: it takes long."""
+
+    def feed(data: bytes) -> None:
+        getattr(import_module(module), name)(data)
+
+    feed.__doc__ = f"Feed {name} of {module}."
+    return feed
+
+
+def load(name: str) -> Target:
+    """Return a target with all that it needs imported."""
+    if name in APART:
+        import_module(APART[name])
+    return TARGETS[name]
+
+
+APART = dict.fromkeys(("control_requests", "control_replies"), "control_targets")
 TARGETS: dict[str, Target] = {
     "arm_reply": arm_reply,
     "arm_line": arm_line,
@@ -367,8 +385,8 @@ TARGETS: dict[str, Target] = {
     "modbus_rtu": modbus_rtu,
     "emulated_modbus": emulated_modbus,
     "control_port": control_port,
-    "control_requests": control_requests,
-    "control_replies": control_replies,
+    "control_requests": _apart("control_targets", "control_requests"),
+    "control_replies": _apart("control_targets", "control_replies"),
     "v4l2_device": v4l2_device,
     "v4l2_structs": v4l2_structs,
     "camera_socket": camera_socket,
