@@ -129,6 +129,8 @@ def outcome_of(ended: Ended) -> str:
         if ended.truth["tray"] != "accept":
             return "parked"
         return "recovered" if ended.recoveries or len(ended.ends) > 1 else "complete"
+    if last == "held no_part" and len(ended.ends) > 1 and ended.truth["tray"] == "accept":
+        return "recovered"  # it had been sorted before the kill: the next start waits for another
     return last.split()[0]
 
 
@@ -245,7 +247,7 @@ def summary(rans: Sequence[Ran]) -> dict[str, Any]:
     return {
         "cases": len(rans),
         "outcomes": dict(Counter(ran.outcome for ran in rans).most_common()),
-        "ended_in_a_tray": sum(ran.ends[-1] == "complete" and bool(ran.tray) for ran in rans),
+        "ended_in_a_tray": sum(bool(ran.tray) for ran in rans),
         "violations": dict(rules),
         "holds": round(sum(ran.extra.get("holds", 0) for ran in rans)),
         "failed_holds": round(sum(ran.extra.get("failed_holds", 0) for ran in rans)),
