@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from controller.cell.journal import Row, is_of, read_rows, rows
+from controller.cell.operator import Answer, Question
 
 from .cell import Controller, Scene, SimulatedCell
 from .faults import FAULTS, Cause
@@ -70,6 +71,8 @@ class Case:
     fault : name in `FAULTS`, with the state that it befalls; None for none
     before : a fault that comes earlier, with its state, so that the state of `fault` is reached
     fault_rate : share of holds that fail by chance (`holds`)
+    again : after a run that stopped with the part in a gripper a person looks, starts anew, and
+        accepts what the start proposes
     """
 
     seed: int
@@ -80,6 +83,7 @@ class Case:
     fault: tuple[str, str] | None = None
     before: tuple[str, str] | None = None
     fault_rate: float = 0.0
+    again: bool = False
 
 
 @dataclass(slots=True)
@@ -165,6 +169,16 @@ def hold_lengths(scene: Scene) -> Lengths:
         shutil.rmtree(where, ignore_errors=True)
 
 
+class Accepting:
+    """A person who looks, and has the cell go on as it proposes."""
+
+    async def decide(self, question: Question) -> Answer | None:
+        """Accept what a start proposes; answer nothing else."""
+        if question.code != "part_left":
+            return None
+        return Answer(question.choices[0].key, "a person", "it is as it says")
+
+
 class _Run:
     def __init__(self, case: Case, folder: Path) -> None:
         self.case = case
@@ -206,7 +220,9 @@ class _Run:
             self.cell.after_slice = self.watch.look
             self.holds.begin()
             await self._start(self.case.kill)
-            while self.ended.ends[-1] == "killed" and len(self.ended.ends) < self.case.starts:
+            if self.case.again:
+                self.cell.operator = Accepting()
+            while self._starts_again() and len(self.ended.ends) < self.case.starts:
                 await asyncio.sleep(self.rng.uniform(*DEAD_S))
                 self._check()
                 await self._start(None)
@@ -215,8 +231,17 @@ class _Run:
             self._check()
             self._check_rest()
 
+    def _starts_again(self) -> bool:
+        end = self.ended.ends[-1]
+        if end == "killed" or not self.case.again:
+            return end == "killed"
+        is_held = self.cell.truth()["parts"][0]["custody"] not in ("free", "away")
+        return is_held and not end.startswith("refused")
+
     async def _start(self, kill: Kill | None) -> None:
         options = {} if not self.ended.ends else {"recovery": self.case.recovery}
+        if self.case.again and options:
+            options = {"recovery": "ask"}
         controller = self.cell.controller(**options)
         self.watch.permitted()
         self._arm_faults(controller)

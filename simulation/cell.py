@@ -22,6 +22,7 @@ from controller.cell.devices import Devices
 from controller.cell.devices.build import DeviceBuilder
 from controller.cell.devices.clocks import FoundClock
 from controller.cell.journal import JOURNAL_NAME, Stamps
+from controller.cell.operator import NOBODY, Operator
 from controller.config import Cell as CellFile
 from controller.config import load_cell, load_recipe
 from controller.planning import resting_pose
@@ -86,6 +87,7 @@ class SimulatedCell:
     ----------
     cell : the emulated cell
     after_slice : called after each slice of the world
+    operator : decides what controllers cannot
     """
 
     def __init__(self, loop: SimulatedLoop, seed: int, scene: Scene, folder: Path) -> None:
@@ -102,6 +104,7 @@ class SimulatedCell:
         self.process = SimulatedProcess("cell")
         self.after_slice: Callable[[], None] = lambda: None
         self.controller_count = 0
+        self.operator: Operator = NOBODY
         self._rng = np.random.default_rng([seed, 1])
         self._made: list[Controller] = []
         self._state_home = os.environ.get(STATE_HOME)
@@ -287,6 +290,7 @@ class Controller:
             self._on_dispatcher,
             self.notices.append,
             outfit,
+            self.cell.operator,
         )
         self.task = self.cell.loop.spawn(self.process, work)
         return self.task

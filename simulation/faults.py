@@ -17,6 +17,12 @@ from .invariants import Watch
 Order = Mapping[str, Any]
 
 SOON_S: Final = 1.5  # after a state was entered, at the latest, its fault befalls the cell
+# in place of a state: the arm stands, and the part is in its gripper, or in the fixed one
+STANDING: Final = "standing with the part"
+BESIDE: Final = "standing beside the part"
+HOLDER_THEN: Final = {STANDING: "arm", BESIDE: "fixture"}
+STAND_S: Final = 0.4  # so long still, the arm stands
+MOST_STANDS: Final = 4  # before the one that a fault befalls
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,6 +86,9 @@ FAULTS: Final[Mapping[str, Fault]] = {
               ({"do": "byte", "device": "arm", "harm": "flipped", "direction": "to", "bit": 2},),
               _ARM),
         Fault("arm board restart", ({"do": "arm_ip", "ip": 0, "what": "restart"},), _ARM),
+        Fault("motor board restart", ({"do": "arm_ip", "ip": 1, "what": "restart"},), _ARM),
+        Fault("arm without power for 3 s", ({"do": "power", "device": "arm"},), _ARM,
+              ({"do": "power", "device": "arm", "on": True},), 3.0),
         Fault("arm board dead", ({"do": "arm_ip", "ip": 1, "what": "kill"},), _ARM),
         Fault("joint stall", ({"do": "arm_jam", "axis": "shoulder"},), "stall|stuck|met|moves|arm"),
         Fault("encoder jump", ({"do": "arm_jump", "axis": "elbow", "counts": 40},),
@@ -189,10 +198,13 @@ class Cause:
         Parameters
         ----------
         controller : whose state counts
-        state : as the operator sees it
+        state : as the operator sees it; or one of `HOLDER_THEN`
         fault : what befalls the cell
         then : called right afterwards
         """
+        if state in HOLDER_THEN:
+            self.spawn(self._while_standing(HOLDER_THEN[state], fault, then))
+            return
         delay_s = self.rng.uniform(0.0, SOON_S)
 
         def befall() -> None:
@@ -205,6 +217,25 @@ class Cause:
                 self.spawn(self._after(delay_s, befall))
 
         controller.on_state = entered
+
+    async def _while_standing(self, holder: str, fault: Fault, then: Callable[[], None]) -> None:
+        """Let a fault befall a cell whose arm stands, with the part in a gripper."""
+        world, left = self.cell.cell.world, self.rng.randint(0, MOST_STANDS)
+        if holder != "arm":
+            left = 0  # it stands there once or twice
+        since: float | None = None
+        while True:
+            await asyncio.sleep(STAND_S / 4)
+            is_held = self.cell.truth()["parts"][0]["custody"] == holder
+            moved_s = world.last_motion_s["arm"]
+            if not is_held or world.time_s - moved_s < STAND_S or moved_s == since:
+                continue
+            since = moved_s
+            if left == 0:
+                break
+            left -= 1
+        self.now(fault)
+        then()
 
     async def _after(self, delay_s: float, what: Callable[[], None]) -> None:
         await asyncio.sleep(delay_s)

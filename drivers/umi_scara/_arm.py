@@ -30,10 +30,10 @@ from .motion import (
     axes_in_turn,
     forecast_s,
     judge_kept_counters,
+    keeping_park,
     start,
     synchronised_speeds,
     verify_arrival,
-    without_gripper,
 )
 from .protocol import constants as c
 from .protocol.constants import ADDRESSES, Axis, Drive, Ip, Parameter, StatusBits
@@ -323,6 +323,7 @@ class UmiScara:
         HomingError : an axis found no stop in time
         AxisStalledError : an axis stalled or stopped short between two stops
         MotionStoppedError : `stop` was called
+        ValueError : not six finite numbers
         """
         row = np.asarray(q_estimate, dtype=np.float64)
         if row.shape != (6,):
@@ -339,7 +340,7 @@ class UmiScara:
                 axis: await self.axes.read_twice(axis, Parameter.DEAD_BAND)
                 for axis in axes_in_turn(self.axes)
             }
-            park = without_gripper(homing.park_counts)
+            park = keeping_park(homing.park_counts)
             await self._arrive(park)
             guard()
             self.positions.note_homed(park | {Axis.GRIPPER: jaws})

@@ -7,9 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from controller.cell.journal import JOURNAL_NAME, read_rows
+from controller.cell.journal import JOURNAL_NAME, read_rows, rows
 from simulation.case import Case, Ended, Kill, run_case
 from simulation.cell import Scene
+from simulation.faults import STANDING
 
 PART = Scene("holder")
 
@@ -41,6 +42,30 @@ def test_after_a_kill_no_part_is_dropped_and_nothing_is_done_twice(case: Case) -
     assert ended.ends[0] == "killed"
     assert ended.violations == []
     assert kept(ended)
+
+
+# Seeds with a board of the arm that loses its memory, or an arm without power, while the arm stands
+# with the part; then a person looks, starts anew, and accepts that the arm homes with it.
+POSITIONS_LOST = (
+    Case(5, PART, fault=("arm board restart", STANDING), again=True),
+    Case(2, PART, fault=("motor board restart", STANDING), again=True),
+    Case(7, Scene("holder", 1), fault=("arm without power for 3 s", STANDING), again=True),
+)
+
+
+@pytest.mark.parametrize("case", POSITIONS_LOST, ids=lambda case: case.fault[0])
+def test_after_a_lost_position_the_arm_homes_with_the_part_and_brings_it_to_its_tray(
+    case: Case, tmp_path: Path
+) -> None:
+    ended = run_case(case, tmp_path / "cell")
+    assert ended.ends[0].startswith("aborted")
+    assert ended.ends[1:] == ["complete"]
+    assert ended.violations == []
+    assert ended.truth["tray"] == "accept"
+    names = [row.name for row in read_rows(tmp_path / "cell" / JOURNAL_NAME)]
+    assert names.count(rows.HomingBegun.row_name) == 1
+    assert names.count(rows.HomedWithPart.row_name) == 1
+    assert names.count(rows.Homed.row_name) == 1  # the first run's, with nothing in the jaws
 
 
 def kept(ended: Ended) -> bool:

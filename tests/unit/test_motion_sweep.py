@@ -82,7 +82,7 @@ def test_the_sweep_begins_where_the_arm_may_stand(joint: int) -> None:
 
 
 def test_a_sweep_ends_at_the_park_of_homing() -> None:
-    park = kinematics.counts_to_q([0, 0, -18, 0, 0, 0])  # umi_rtx.md 4.1, step 7
+    park = kinematics.counts_to_q([0, 0, -38, 0, 0, 0])  # umi_rtx.md 4.7, step 8
     last = phases()[-1]
     angles = np.linalg.solve(last.join, park)
     assert (last.low - 1e-9 <= angles).all()

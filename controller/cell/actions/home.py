@@ -77,10 +77,12 @@ class ReadyAction:
     Attributes
     ----------
     io : the interlocks, which have to be healthy
+    resumption : whether the arm still has to home, with a part
     motion, imaging, preparation, record, journal : services
     """
 
     io: IoBlock
+    resumption: Resumption
     motion: Motion
     imaging: Imaging
     preparation: Preparation
@@ -98,6 +100,8 @@ class ReadyAction:
         self.preparation.begin()
         self.record.show("getting ready; nothing is homed, since a gripper may hold a part")
         await self.imaging.all_dark()
+        if self.resumption.homes:
+            return Event.RESET_DONE  # power comes once the part has been taken over
         await self.motion.enable_power()
         (q,) = rounded([await self.motion.read_q()])
         self.journal.write(PositionsTakenOver(q=q))

@@ -7,13 +7,14 @@ from controller.cell.compute import Compute
 from controller.cell.custody import Custody
 from controller.cell.errors import PartFaultError, PartProblemError
 from controller.cell.journal import Once
-from controller.cell.journal.rows import Intent
+from controller.cell.journal.rows import HomingBegun, Intent
 from controller.cell.machine import Event, PartFault
-from controller.cell.recovery import FIRST_SPEED, Leaves, Opens, Proposal, arm_open_mm
+from controller.cell.recovery import FIRST_SPEED, Homing, Leaves, Opens, Proposal, arm_open_mm
 from controller.planning.model import CellLayout
 from drivers.kinds import FixedGripper
 
 from ..services import Grippers, Motion, Resumption, hold_of, park_interrupted, verdict_of
+from ..services.motion import rounded
 from ..services.records import BatchRecord
 
 # The fixed gripper stands wide open when it is within this of its widest opening.
@@ -55,12 +56,23 @@ class RecoverAction:
         case = proposal.case
         if case.holds_as_expected:
             await self._take_expected_hold(proposal)
+        if proposal.homing is not None:
+            return await self._home(proposal, proposal.homing)
         if case.opens is not Opens.NONE or proposal.left.intent is not None:
             await self._set_custody(proposal)
         if proposal.custody is Custody.IN_ARM:
             await self._press(case.custody)
         await self._open(proposal)
         await self._leave(proposal)
+        return await self._go_on(proposal)
+
+    async def _home(self, proposal: Proposal, homing: Homing) -> Event:
+        """Home with what the grippers have, and confirm that it is still there."""
+        self.record.show("homing with the part in a gripper; no jaw opens")
+        bounds = homing.bounds
+        low, high = rounded([bounds.low, bounds.high])
+        row = HomingBegun(low=low, high=high, opening_mm=bounds.arm_opening_mm)
+        await self.motion.home_with_part(row, bounds.q_estimate)
         return await self._go_on(proposal)
 
     async def _set_custody(self, proposal: Proposal) -> None:

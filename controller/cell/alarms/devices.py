@@ -103,7 +103,8 @@ DEVICES: Final = (
         309, "position_lost", _ABORT, "device",
         "the device restarted: every position it had is void",
         "where its axes or jaws are, and what they hold",
-        "look what it holds and take that out; the next start references it again",
+        "`cellctl recover` shows whether the arm can home with what it holds, and what to look at; "
+        "else take that out. With empty grippers the next start references it again",
     ),
     Alarm(
         310, "stalled", _ABORT, "device",

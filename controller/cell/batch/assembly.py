@@ -153,7 +153,7 @@ def assemble(
     by_effect: dict[Effect, Action] = {
         Effect.HOME: ResetAction(
             HomeAction(io, layout, motion, grippers, imaging, preparation, record, journal),
-            ReadyAction(io, motion, imaging, preparation, record, journal),
+            ReadyAction(io, resumption, motion, imaging, preparation, record, journal),
             resumption,
         ),
         Effect.RECOVER: RecoverAction(

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from controller.config import Cell, Recipe
+from controller.planning.motion import Swept
 from controller.setup.layout import build_layout
 from controller.setup.software import software_versions
 from drivers.clock import CellClock
@@ -30,6 +31,7 @@ from ..journal import (
     rows,
 )
 from ..operator import NOBODY, Journaled, Operator, require_acknowledged
+from ..recovery import Bounds, Interrupted, Sweep
 from ..services import INPUTS
 from ..services.records import PartRecord, Progress
 from .assembly import assemble
@@ -128,8 +130,9 @@ async def run_batch(
             on_progress(progress)
 
         layout = build_layout(order.cell)
+        compute = outfit.compute(Job(order.recipe_path, order.cell_path), pool)
         batch = assemble(
-            outfit.compute(Job(order.recipe_path, order.cell_path), pool),
+            compute,
             order.recipe,
             order.cell,
             layout,
@@ -151,7 +154,7 @@ async def run_batch(
                     who = await devices.connect()
                     journal.write(rows.Connected(who))
                     found = await _barred(order, journal, decider) or await start(
-                        order, devices, journal, known, began, layout, decider
+                        order, devices, journal, known, began, layout, decider, sweep_by(compute)
                     )
                     if isinstance(found, Outcome):
                         outcome = found
@@ -185,6 +188,15 @@ async def run_batch(
         return RunResult(outcome, parts, speed)
     finally:
         await asyncio.to_thread(journal.close)
+
+
+def sweep_by(compute: Compute) -> Sweep:
+    """Return what has the compute service prove the space that homing with a part sweeps."""
+
+    async def sweep(_: Interrupted, bounds: Bounds) -> Swept:
+        return await compute.homing_swept(*bounds.arguments)
+
+    return sweep
 
 
 def _keep_inputs(order: RunOrder) -> dict[str, str]:

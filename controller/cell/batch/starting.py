@@ -18,8 +18,11 @@ from ..operator import Choice, Operator, Question
 from ..recovery import (
     Interrupted,
     Proposal,
+    Sweep,
+    classify,
     fold_interrupted,
     listed,
+    lost_bounds,
     propose,
     read_world,
     same_cell,
@@ -40,6 +43,7 @@ async def start(
     began: rows.RunBegan,
     layout: CellLayout,
     operator: Operator,
+    sweep: Sweep,
 ) -> Outcome | Proposal | None:
     """Return None if the grippers are empty, what to begin with, or the outcome of a refusal.
 
@@ -52,6 +56,7 @@ async def start(
     began : the first row of this run
     layout : for the preview of the first motion
     operator : decides, if the order has them asked
+    sweep : proves the space that homing with the part would sweep
 
     Raises
     ------
@@ -59,7 +64,7 @@ async def start(
     """
     why = ""
     if known and order.recovery != "refuse" and not order.is_part_removed:
-        found = await find_proposal(devices, journal, known, began, layout)
+        found = await find_proposal(devices, journal, known, began, layout, sweep)
         if isinstance(found, Proposal):
             row = await _decided(order, operator, found)
             await journal.write_secured(row)
@@ -143,6 +148,7 @@ async def find_proposal(
     known: Sequence[Held],
     began: rows.RunBegan,
     layout: CellLayout,
+    sweep: Sweep,
     *,
     has_recipe: bool = True,
 ) -> Proposal | str:
@@ -155,6 +161,7 @@ async def find_proposal(
     known : grippers that may hold a part, by the journals of all runs
     began : the first row of this run
     layout : for the preview of the first motion
+    sweep : proves the space that homing with the part would sweep
     has_recipe : this run has a recipe, which must be that of the part
 
     Raises
@@ -172,7 +179,11 @@ async def find_proposal(
         return f"run {run} is in the journal of another folder of runs; start with that one"
     if why := _why_not_here(left, began, has_recipe=has_recipe):
         return why
-    return propose(left, await read_world(devices, left), layout)
+    world = await read_world(devices, left)
+    swept = None
+    if classify(left, world).homes:
+        swept = await sweep(left, lost_bounds(left, world, layout))
+    return propose(left, world, layout, swept)
 
 
 def _why_not_here(left: Interrupted, began: rows.RunBegan, *, has_recipe: bool) -> str:
@@ -197,7 +208,7 @@ async def _decided(
     if not proposal.person and order.recovery == "auto":
         who = BY_OPTION
         decision = "accepted" if proposal.is_proven else "refused"
-        why = "proven safe" if proposal.is_proven else "the way out is not proven to end free"
+        why = "proven safe" if proposal.is_proven else _why_not_alone(proposal)
     elif not proposal.person:
         answer = await operator.decide(_question(proposal))
         if answer is None:
@@ -206,6 +217,15 @@ async def _decided(
             decision = "accepted" if answer.key == GO_ON else "refused"
             who, why = answer.who, answer.why
     return _row(proposal, decision, who, why)
+
+
+def _why_not_alone(proposal: Proposal) -> str:
+    if proposal.homing is not None:
+        return (
+            "the arm has to home with the part in a gripper, and a person has to see that it "
+            "stands where the run has left it"
+        )
+    return "the way out is not proven to end free"
 
 
 def _row(proposal: Proposal, decision: str, who: str, why: str) -> rows.RecoveryProposed:
@@ -230,6 +250,7 @@ def _question(proposal: Proposal) -> Question:
         text=(
             f"Run {proposal.left.run} has left a part. Evidence:\n{listed(proposal.evidence)}\n"
             f"The cell would:\n{listed(proposal.steps)}"
+            + (f"\n{proposal.look}" if proposal.look else "")
         ),
         choices=(
             Choice(GO_ON, "go on with the part as listed"),
@@ -243,6 +264,8 @@ def _why_refused(order: RunOrder, proposal: Proposal) -> str:
     if proposal.person:
         return proposal.person
     if order.recovery == "auto":
+        if proposal.homing is not None:
+            return f"{_why_not_alone(proposal)}; decide with `cellctl recover --accept`"
         return "what the cell would do is not proven safe"
     return "it was not accepted to go on"
 

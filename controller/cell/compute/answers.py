@@ -30,7 +30,7 @@ from controller.planning import (
     Start,
     TableHypothesis,
 )
-from controller.planning.motion import Scene, connect
+from controller.planning.motion import Scene, Swept, connect, prove_sweep
 from controller.setup.optics import build_lamps, panel_corners, table_corners
 from controller.stored import Judging, judge_views, read_pictures
 
@@ -167,13 +167,56 @@ def path_home(
     NoMotionError : no path is free of contact
     """
     c = context(job)
-    carried = None
-    if T_part_tcp is not None:
-        low, high = c.solid.mesh.bounds
-        box = Box.from_bounds(*np.column_stack([low, high]).ravel())
-        carried = box.placed(inverse_pose(T_part_tcp))
+    carried = None if T_part_tcp is None else _part_box(job, inverse_pose(T_part_tcp))
     scene = Scene(c.layout, arm_opening_mm, fixed_opening_mm, carried)
     return connect(q, c.layout.park_q, scene, f"{c.solid.name}: path home")
+
+
+def homing_swept(
+    job: Job,
+    low: FloatArray,
+    high: FloatArray,
+    arm_opening_mm: float | None,
+    T_part_tcp: FloatArray | None,
+    fixed_opening_mm: float,
+    T_part_fixed: FloatArray | None,
+) -> Swept:
+    """Return whether homing that opens no jaw touches nothing on all its way.
+
+    Parameters
+    ----------
+    job : which recipe on which cell
+    low, high : (6,) bounds of where the arm stands
+    arm_opening_mm : of the arm gripper on the part; None for an empty one, however wide
+    T_part_tcp : (4, 4) of a part in the arm gripper, or None
+    fixed_opening_mm : of the fixed gripper
+    T_part_fixed : (4, 4) T_part_tcp of a part in the fixed gripper, or None
+    """
+    layout = context(job).layout
+    phases = layout.arm.homing_sweep(low, high)
+    if not phases:
+        return Swept(phase="it homes", touches="everything: this arm has no homing with a part")
+    carried = None if T_part_tcp is None else _part_box(job, inverse_pose(T_part_tcp))
+    standing: tuple[Box, ...] = ()
+    if T_part_fixed is not None:
+        T_world_part = layout.T_world_fixed_tcp @ inverse_pose(T_part_fixed)
+        standing = (_part_box(job, T_world_part),)
+    # an empty gripper may stand at any opening: its fingers reach furthest when it is wide open,
+    # and stand between when it is shut
+    openings = (layout.arm_gripper.max_mm, 0.0) if arm_opening_mm is None else (arm_opening_mm,)
+    swept = Swept()
+    for opening_mm in openings:
+        scene = Scene(layout, opening_mm, fixed_opening_mm, carried, standing)
+        swept = prove_sweep(scene, phases)
+        if not swept.is_free:
+            break
+    return swept
+
+
+def _part_box(job: Job, T: FloatArray) -> Box:
+    """Return the box that bounds the part, placed by T (4, 4)."""
+    low, high = context(job).solid.mesh.bounds
+    return Box.from_bounds(*np.column_stack([low, high]).ravel()).placed(T)
 
 
 def surface_share(job: Job, samples: BoolArray) -> float:

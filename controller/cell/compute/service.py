@@ -49,6 +49,7 @@ class Compute:
     plan_to_trays = Question(answers.plan_to_trays)
     identify = Question(answers.identify)
     path_home = Question(answers.path_home)
+    homing_swept = Question(answers.homing_swept)
     inspect = Question(answers.inspect)
     inspect_on_table = Question(answers.inspect_on_table)
     find_hold = Question(answers.find_hold)

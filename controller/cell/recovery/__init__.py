@@ -1,11 +1,13 @@
 """Going on after a crash: what may be so, what is so, and what may be done about it.
 
 `interrupted.py` and `trail.py` fold the journal of the run that was interrupted, `world.py` asks
-the devices without moving any, `classify.py` decides what is so, `propose.py` what the cell may do.
+the devices without moving any, `classify.py` decides what is so, `propose.py` what the cell may do,
+`homing.py` whether an arm without positions may home with the part.
 Nothing here moves anything; `controller.cell.actions.recover` does what was accepted.
 """
 
 from .classify import Case, Leaves, Opens, classify
+from .homing import Bounds, Homing, Sweep, lost_bounds, why_not_home
 from .interrupted import Interrupted, TakenView, fold_interrupted, same_cell
 from .propose import FIRST_SPEED, Proposal, arm_open_mm, listed, propose
 from .trail import Leaving, Trail
@@ -13,13 +15,16 @@ from .world import Jaws, World, read_world
 
 __all__ = [
     "FIRST_SPEED",
+    "Bounds",
     "Case",
+    "Homing",
     "Interrupted",
     "Jaws",
     "Leaves",
     "Leaving",
     "Opens",
     "Proposal",
+    "Sweep",
     "TakenView",
     "Trail",
     "World",
@@ -27,7 +32,9 @@ __all__ = [
     "classify",
     "fold_interrupted",
     "listed",
+    "lost_bounds",
     "propose",
     "read_world",
     "same_cell",
+    "why_not_home",
 ]

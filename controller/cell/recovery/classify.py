@@ -14,6 +14,7 @@ from drivers.kinds import Signal
 
 from ..custody import Custody
 from ..journal import Once, rows
+from .homing import why_not_home
 from .interrupted import Interrupted
 from .world import Jaws, World, judge_jaws
 
@@ -50,6 +51,7 @@ class Case:
     evidence : sentences
     person : why a person has to look; empty if the cell can go on
     was : where the journal had the part last
+    homes : the arm has to home first, with what its gripper holds
     """
 
     custody: Custody
@@ -60,6 +62,7 @@ class Case:
     evidence: tuple[str, ...] = ()
     person: str = ""
     was: Custody = Custody.UNKNOWN
+    homes: bool = False
 
     @property
     def now(self) -> Custody:
@@ -76,13 +79,18 @@ Rule = Callable[[Interrupted, World], Case]
 
 def classify(left: Interrupted, world: World) -> Case:
     """Return what is so of a part that a run has left, with the evidence."""
-    if world.q is None:
-        return Case(
-            left.custody, evidence=_evidence(left, world), person=f"the arm: {world.positions}"
-        )
     if not world.is_fixed_ready:
         why = "the fixed gripper is not active, and activating it would move its jaws"
         return Case(left.custody, evidence=_evidence(left, world), person=why)
+    if world.q is None:
+        why = why_not_home(left, world)
+        return Case(
+            left.custody,
+            evidence=_evidence(left, world),
+            person=why,
+            was=left.custody,
+            homes=not why,
+        )
     rule = _INTENTS.get(left.intent.name) if left.intent else _CUSTODIES.get(left.custody)
     if rule is None:
         what = left.intent.name.replace("_", " ") if left.intent else left.custody.value

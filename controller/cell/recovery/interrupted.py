@@ -44,6 +44,7 @@ class Interrupted:
     verdict : if the part was judged
     resumed : if that run had taken the part over from one before it
     is_homed : positions meant something in that run
+    is_homing : homing with the part had begun, and had not ended
     has_ended : it came to its end by itself, so that it was not killed
     """
 
@@ -74,6 +75,7 @@ class Interrupted:
     verdict: rows.PartJudged | None = None
     resumed: rows.PartResumed | None = None
     is_homed: bool = False
+    is_homing: bool = False
     has_ended: bool = False
 
     @property
@@ -151,15 +153,17 @@ def fold_interrupted(found: Iterable[Row], run: str, part: int) -> Interrupted |
     ValueError : a row is not as this version writes it
     """
     known: Interrupted | None = None
-    is_homed = has_ended = False
+    is_homed = is_homing = has_ended = False
     for one in found:
         if one.run != run:
             continue
         row = read_row(one.kind, one.name, one.body)
         if isinstance(row, rows.RunBegan):
             known = Interrupted(run, part, row)
-        elif isinstance(row, rows.Homed | rows.PositionsTakenOver):
-            is_homed = True
+        elif isinstance(row, rows.Homed | rows.PositionsTakenOver | rows.HomedWithPart):
+            is_homed, is_homing = True, False
+        elif isinstance(row, rows.HomingBegun):
+            is_homing = True
         elif isinstance(row, rows.RunEnded | rows.RunBrokeOff):
             has_ended = True
         elif known is not None and row is not None:
@@ -168,7 +172,7 @@ def fold_interrupted(found: Iterable[Row], run: str, part: int) -> Interrupted |
             else:
                 known.trail.take(row)
     if known is not None:
-        known.is_homed, known.has_ended = is_homed, has_ended
+        known.is_homed, known.is_homing, known.has_ended = is_homed, is_homing, has_ended
     return known
 
 

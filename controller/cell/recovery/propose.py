@@ -1,7 +1,7 @@
 """What the next start may do with a part that a run has left: steps, first motion, proof."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -9,11 +9,20 @@ import numpy as np
 from controller.arrays import FloatArray
 from controller.imaging import rotation_angle
 from controller.planning.model import CellLayout
-from controller.planning.motion import segment_seconds, tcp_pose
+from controller.planning.motion import Swept, segment_seconds, tcp_pose
 
 from ..custody import Custody
 from ..journal import Once
 from .classify import Case, Leaves, Opens, classify
+from .homing import (
+    FIRST_MOTION,
+    HOMING_STEPS,
+    Homing,
+    homing_evidence,
+    lost_bounds,
+    what_to_look_at,
+    why_not_free,
+)
 from .interrupted import Interrupted
 from .trail import Leaving
 from .world import World
@@ -44,6 +53,8 @@ class Proposal:
     first_motion : the first motion of the arm, in words
     is_proven : the cell may go on by itself
     person : why a person has to look instead; empty if the cell can go on
+    homing : the arm homes first, with what its gripper holds; None where it knows where it is
+    look : what a person has to see before they accept; empty where nothing
     """
 
     left: Interrupted
@@ -55,6 +66,8 @@ class Proposal:
     first_motion: str
     is_proven: bool
     person: str
+    homing: Homing | None = None
+    look: str = ""
 
     @property
     def evidence(self) -> tuple[str, ...]:
@@ -74,7 +87,9 @@ class Proposal:
         return (f"{self.left.intent.name.replace('_', ' ')}: {self.case.done}",)
 
 
-def propose(left: Interrupted, world: World, layout: CellLayout) -> Proposal:
+def propose(
+    left: Interrupted, world: World, layout: CellLayout, swept: Swept | None = None
+) -> Proposal:
     """Return what may be done with a part that a run has left.
 
     Parameters
@@ -82,8 +97,11 @@ def propose(left: Interrupted, world: World, layout: CellLayout) -> Proposal:
     left : what the journal knows
     world : what the devices say
     layout : for the preview of the first motion
+    swept : the space that homing would sweep, where that was looked at
     """
     case = classify(left, world)
+    if case.homes:
+        return _home(left, world, case, layout, swept)
     person = case.person or _why_not(left, case)
     way = None if world.q is None else _way(left, case, world.q)
     if not person and (way is None or (len(way.waypoints) == 0 and not way.is_free_at_end)):
@@ -107,6 +125,34 @@ def propose(left: Interrupted, world: World, layout: CellLayout) -> Proposal:
         first,
         is_proven=way.is_free_at_end,
         person="",
+    )
+
+
+def _home(
+    left: Interrupted, world: World, case: Case, layout: CellLayout, swept: Swept | None
+) -> Proposal:
+    """Return that the arm homes with what it has, or why it cannot."""
+    nowhere, person = np.zeros(0), why_not_free(swept)
+    if person:
+        person = f"{world.positions}; {person}"
+        return Proposal(
+            left, case, nowhere, None, case.custody, (), "", is_proven=False, person=person
+        )
+    assert swept is not None
+    homing = Homing(lost_bounds(left, world, layout), swept)
+    more = homing_evidence(homing, layout)
+    return Proposal(
+        left,
+        replace(case, evidence=(*case.evidence, *more)),
+        homing.bounds.q_estimate,
+        None,
+        case.custody,
+        (*HOMING_STEPS, THEN[case.custody]),
+        FIRST_MOTION,
+        is_proven=False,
+        person="",
+        homing=homing,
+        look=what_to_look_at(homing, layout),
     )
 
 

@@ -47,6 +47,7 @@ class Trail:
     ahead : the waypoints that it was sent along last
     is_back : those lead back over `behind`
     retreat : of the last intent, by which the arm leaves once that is done; not begun yet
+    has_arrived : at the end of the path that it was sent along last
     """
 
     behind: list[FloatArray] = field(default_factory=list)
@@ -54,6 +55,7 @@ class Trail:
     ahead: tuple[FloatArray, ...] = ()
     is_back: bool = False
     retreat: tuple[FloatArray, ...] = ()
+    has_arrived: bool = False
 
     def take(self, row: rows.Body) -> None:
         """Take one row of the journal; rows of other kinds are skipped."""
@@ -61,6 +63,7 @@ class Trail:
             case rows.StoodFree():
                 self.behind, self.is_free = [np.array(row.q)], True
                 self.ahead = self.retreat = ()
+                self.has_arrived = True
             case rows.PathBegun() if row.waypoints:
                 self._settle()
                 if self.retreat and not row.is_back:
@@ -68,6 +71,9 @@ class Trail:
                 self.retreat = ()
                 self.ahead = tuple(np.array(q) for q in row.waypoints)
                 self.is_back = row.is_back
+                self.has_arrived = False
+            case rows.PathEnded():
+                self.has_arrived = True
             case rows.Intent():
                 self._settle()
                 self.retreat = tuple(np.array(q) for q in row.retreat)
@@ -84,6 +90,11 @@ class Trail:
     def between(self) -> FloatArray:
         """The joints (n, 6) between which the arm was last sent; n may be 0."""
         return np.array([*self.behind[-1:], *self.ahead]).reshape(-1, 6)
+
+    @property
+    def standing(self) -> FloatArray:
+        """The joints (n, 6) between which the arm stands; only the last ones if it got there."""
+        return self.between[-1:] if self.has_arrived else self.between
 
     def leaving(self, q: FloatArray) -> Leaving | None:
         """Return the way by which the arm leaves, unless it is off its path.

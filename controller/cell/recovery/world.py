@@ -1,5 +1,6 @@
 """What the world says, asked without moving anything: openings, light barrier, arm counters."""
 
+from contextlib import suppress
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
@@ -40,6 +41,7 @@ class World:
     does_fixed_touch : something stopped its jaws
     is_fixed_ready : it is active and has no fault
     barrier : the light barrier between its jaws
+    q_kept : (6,) where `q` is None, the joints that counters still prove, the others NaN
     """
 
     q: FloatArray | None
@@ -50,6 +52,7 @@ class World:
     does_fixed_touch: bool
     is_fixed_ready: bool
     barrier: Signal
+    q_kept: FloatArray | None = None
 
     def arm_jaws(self, on_part_mm: float | None) -> Jaws:
         """Return how the arm gripper's jaws stand, if they hold the part at that opening."""
@@ -93,12 +96,15 @@ async def read_world(devices: Devices, left: Interrupted) -> World:
     DeviceError : a device does not answer
     """
     q, positions = None, "the interrupted run has not homed the arm"
+    q_kept = None
     between = left.trail.between
     if left.is_homed and len(between):
         try:
             await devices.arm.take_over_positions(between)
         except PositionLostError as error:
             positions = str(error)
+            with suppress(PositionLostError):
+                q_kept = await devices.arm.read_kept_q(between)
         else:
             q = await devices.arm.read_q()
             positions = "its counters read what it was last sent to, and it has not restarted"
@@ -116,4 +122,5 @@ async def read_world(devices: Devices, left: Interrupted) -> World:
         does_fixed_touch=status.has_contact,
         is_fixed_ready=status.is_activated and not status.has_fault,
         barrier=devices.io.signal("part_in_gripper"),
+        q_kept=q_kept,
     )

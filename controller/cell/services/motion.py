@@ -13,7 +13,16 @@ import numpy as np
 
 from controller.arrays import FloatArray
 from controller.cell.journal import Body
-from controller.cell.journal.rows import EffectClass, Joints, PathBegun, StoodFree, TouchedDown
+from controller.cell.journal.rows import (
+    EffectClass,
+    HomedWithPart,
+    HomingBegun,
+    Joints,
+    PathBegun,
+    PathEnded,
+    StoodFree,
+    TouchedDown,
+)
 from controller.cell.machine import SafePoint
 from controller.imaging import rotation_angle
 from controller.planning import JointPath
@@ -87,6 +96,37 @@ class Motion:
             if not self._arm.is_homed:
                 await self._arm.home()
 
+    async def home_with_part(self, row: HomingBegun, q_estimate: FloatArray) -> float:
+        """Press the arm gripper and find all references, opening no jaw; return its opening [mm].
+
+        Parameters
+        ----------
+        row : for the journal, before anything moves
+        q_estimate : (6,) where the arm stands, about
+
+        Raises
+        ------
+        NoPermitError : nothing may move
+        DeviceError : the arm finds no reference, or its jaws were moved
+        """
+        async with self._gate.moving(_homing_with_part, is_arm=True):
+            await self._keep(row)
+            await self._arm.enable_power()
+            opening_mm = await self._arm.home_keeping_jaws(q_estimate, row.opening_mm)
+        at = await self._arm.read_q()
+        (q,) = rounded([at])
+        self._note(HomedWithPart(q=q, opening_mm=round(opening_mm, 3)))
+        self._trail = [at]
+        self._note_free()
+        return opening_mm
+
+    async def _keep(self, row: Body) -> None:
+        """Journal a row before the byte that it announces."""
+        if self._secure is None:
+            self._note(row)
+        else:
+            await self._secure(row)
+
     def restore(self, trail: Iterable[FloatArray], *, is_free: bool) -> None:
         """Take over the trail of an interrupted run, and journal it as this run's own.
 
@@ -135,6 +175,7 @@ class Motion:
         for number, q in enumerate(path):
             self._trail.append(q)
             await self._move(q, first_speed if number == 0 else 1.0)
+        self._note(PathEnded())
 
     async def lower(self, path: JointPath) -> None:
         """Lower the part along a joint path, each waypoint (6,); end early where it touches down.
@@ -161,10 +202,7 @@ class Motion:
     async def _begin(self, path: Iterable[FloatArray], *, is_back: bool = False) -> None:
         """Journal a path before its first byte: a start after a power cut finds the arm on it."""
         row = PathBegun(effect_class=EffectClass.ABSOLUTE, waypoints=rounded(path), is_back=is_back)
-        if self._secure is None:
-            self._note(row)
-        else:
-            await self._secure(row)
+        await self._keep(row)
 
     def mark_free(self) -> None:
         """Mark that the arm stands free of everything: moving back ends here from now on."""
@@ -206,6 +244,7 @@ class Motion:
         self._forecast(tuple(path))
         for number, q in enumerate(path):
             await self._move(q, first_speed if number == 0 else 1.0)
+        self._note(PathEnded())
 
     async def ring_down(self) -> None:
         """Wait until the stopped arm stands still enough for a picture."""
@@ -253,3 +292,9 @@ class Motion:
 
 async def _homing() -> NextMotion:
     return NextMotion("the arm homes: it sweeps its whole reach and moves its jaws")
+
+
+async def _homing_with_part() -> NextMotion:
+    return NextMotion(
+        "the arm gripper presses, then the arm homes slowly without opening it: zed goes up first"
+    )

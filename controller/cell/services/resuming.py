@@ -50,6 +50,11 @@ class Resumption:
         if not proposal.is_arm_alone:
             self.record.part = _part(proposal.left)
 
+    @property
+    def homes(self) -> bool:
+        """Whether the arm has to home with the part before anything else."""
+        return self.accepted is not None and self.accepted.homing is not None
+
     def first(self) -> Event:
         """Return what the ready cell begins with."""
         return Event.START if self.accepted is None else Event.RECOVER
@@ -83,6 +88,9 @@ class Resumption:
 
     def _restore_trail(self, proposal: Proposal) -> None:
         q, way = proposal.q, proposal.leaving
+        if proposal.homing is not None:
+            self.motion.restore(proposal.left.trail.standing, is_free=False)
+            return
         assert way is not None, "an accepted proposal has a way"
         if way.is_back:
             self.motion.restore((*reversed(way.waypoints), q), is_free=way.is_free_at_end)

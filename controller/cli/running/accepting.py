@@ -61,7 +61,7 @@ def go_on_with_part(cell_path: Path, runs_dir: Path, why: str, *, as_json: bool)
         )
     began = _began(runs_dir, held[0].run)
     options = RunOptions(
-        recipe_path=_recipe_of(began, runs_dir / held[0].run),
+        recipe_path=recipe_of(began, runs_dir / held[0].run),
         cell_path=cell_path,
         count=1,
         speed=1.0,
@@ -106,8 +106,13 @@ def _began(runs_dir: Path, run: str) -> rows.RunBegan:
     raise ConfigError(f"run {run} is in the journal of another folder of runs: give it by --runs")
 
 
-def _recipe_of(began: rows.RunBegan, folder: Path) -> Path:
+def recipe_of(began: rows.RunBegan, folder: Path) -> Path:
     """Return the recipe file of a run, as it was: the file itself, or the run's own copy of it.
+
+    Parameters
+    ----------
+    began : the run's first row
+    folder : of the run
 
     Raises
     ------

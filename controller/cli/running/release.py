@@ -5,18 +5,22 @@ import sys
 from pathlib import Path
 
 from controller.cell.batch import find_proposal
+from controller.cell.compute import Job
+from controller.cell.compute.answers import homing_swept
 from controller.cell.custody import GripperName
 from controller.cell.custody.openings import Occupancy
 from controller.cell.custody.releasing import ReleaseVisit, Standing
 from controller.cell.custody.start_check import known_words
 from controller.cell.devices.clocks import find_clock
 from controller.cell.devices.lock import hold_cell
-from controller.cell.recovery import Proposal
+from controller.cell.recovery import Bounds, Interrupted, Proposal
 from controller.config import Cell, ConfigError, load_cell
+from controller.planning.motion import Swept
 from controller.setup.drivers import require_drivers
 from controller.setup.layout import build_layout
 
 from ..terminal.output import emit, print_line, warn
+from .accepting import recipe_of
 
 OPTION = {GripperName.ARM: "arm", GripperName.FIXED: "fixed"}
 
@@ -59,7 +63,7 @@ def recover_cell(
     async def visit() -> int:
         async with ReleaseVisit(cell, find_clock(cell, {}), runs_dir) as recovery:
             standing = await recovery.look()
-            found = await _proposal(recovery, standing, cell)
+            found = await _proposal(recovery, standing, cell, cell_path, runs_dir)
             if not as_json:
                 _report(standing, found)
             custody = None
@@ -80,16 +84,24 @@ def recover_cell(
         return asyncio.run(visit())
 
 
-async def _proposal(visit: ReleaseVisit, standing: Standing, cell: Cell) -> Proposal | str | None:
+async def _proposal(
+    visit: ReleaseVisit, standing: Standing, cell: Cell, cell_path: Path, runs_dir: Path
+) -> Proposal | str | None:
     """Return what may be done with the part, why nothing can, or None where none is held."""
     if not standing.known:
         return None
+
+    async def sweep(left: Interrupted, bounds: Bounds) -> Swept:
+        job = Job(recipe_of(left.began, runs_dir / left.run), cell_path)
+        return await asyncio.to_thread(homing_swept, job, *bounds.arguments)
+
     return await find_proposal(
         visit.devices,
         visit.journal,
         standing.known,
         visit.began,
         build_layout(cell),
+        sweep,
         has_recipe=False,
     )
 
@@ -141,6 +153,8 @@ def _report_proposal(found: Proposal | str | None) -> None:
     print_line(f"The cell would go on with the part ({sure}):")
     for number, step in enumerate(found.steps, 1):
         print_line(f"  {number}. {step}")
+    if found.look:
+        print_line(found.look)
     alone = ", or cellctl run RECIPE --auto-recover" if found.is_proven else ""
     print_line(f"To go on: cellctl recover --accept{alone}")
 
@@ -167,6 +181,7 @@ def _proposal_json(found: Proposal | str | None) -> dict[str, object] | None:
         "steps": list(found.steps),
         "first_motion": found.first_motion,
         "is_proven": found.is_proven,
+        "look": found.look,
         "person": found.person,
     }
 

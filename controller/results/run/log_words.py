@@ -32,6 +32,12 @@ def row_words(entry: LogEntry) -> str:
         case rows.PathBegun() as row:
             back = " back" if row.is_back else ""
             return f"about to move{back} along {count_of(len(row.waypoints), 'waypoint')}"
+        case rows.PathEnded():
+            return "the arm is at the end of its path"
+        case rows.HomingBegun():
+            return "about to home with the arm gripper shut"
+        case rows.HomedWithPart() as row:
+            return f"homed with the arm gripper shut, at {row.opening_mm:.1f} mm"
         case rows.StoodFree():
             return "the arm stands free of everything"
         case rows.HoldNoted() as row:

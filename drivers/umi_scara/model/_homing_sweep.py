@@ -104,7 +104,7 @@ def homing_sweep(low: Floats, high: Floats) -> tuple[HomingPhase, ...]:
     spread(_SHOULDER, _ASIDE_RAD - off[_SHOULDER], most[_SHOULDER])
     add("the shoulder goes to its stop")
     rest_at(_SHOULDER, 0.0, _SLACK[_SHOULDER])
-    spread(_ZED, c.PARK_COUNTS[c.Axis.ZED] / c.ZED_COUNTS_PER_MM - _SLACK[_ZED], most[_ZED])
+    spread(_ZED, c.KEEPING_ZED_COUNTS / c.ZED_COUNTS_PER_MM - _SLACK[_ZED], most[_ZED])
     for axis in (_PITCH, _ROLL):
         spread(axis, least[axis], max(high[axis] + _UNEVEN_RAD, _SLACK[axis]))
     add("the wrist goes to its stops")

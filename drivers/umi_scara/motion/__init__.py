@@ -8,7 +8,7 @@ from drivers.errors import MotionStoppedError
 from ._axes import Axes
 from ._counters import judge_counters, judge_kept_counters
 from ._homing import Homing
-from ._keeping import KeepingHoming, without_gripper
+from ._keeping import KeepingHoming, keeping_park
 from ._moves import (
     AxisStalledError,
     MoveWatch,
@@ -35,9 +35,9 @@ __all__ = [
     "forecast_s",
     "judge_counters",
     "judge_kept_counters",
+    "keeping_park",
     "on_ip",
     "start",
     "synchronised_speeds",
     "verify_arrival",
-    "without_gripper",
 ]

@@ -31,11 +31,16 @@ _ROLL_NEGATIVE = {Axis.WRIST1: Drive.REVERSE, Axis.WRIST2: Drive.FORWARD}
 _PITCH_DOWN = {Axis.WRIST1: Drive.REVERSE, Axis.WRIST2: Drive.REVERSE}
 
 
-def without_gripper(counts: Mapping[Axis, int]) -> dict[Axis, int]:
-    """Return counts of all axes but the gripper."""
-    kept = dict(counts)
-    kept.pop(Axis.GRIPPER, None)
-    return kept
+def keeping_park(park: Mapping[Axis, int]) -> dict[Axis, int]:
+    """Return where this homing leaves all axes but the gripper [counts].
+
+    Parameters
+    ----------
+    park : of UMI's procedure
+    """
+    places = dict(park) | {Axis.ZED: c.KEEPING_ZED_COUNTS}
+    places.pop(Axis.GRIPPER, None)
+    return places
 
 
 class KeepingHoming:
@@ -87,7 +92,7 @@ class KeepingHoming:
             if axis in estimate:
                 await self._guess(axis, estimate[axis])
         await self._find_stops()
-        await self._go(without_gripper(self._config.park_counts))
+        await self._go(keeping_park(self._config.park_counts))
         return jaws
 
     async def _find_stops(self) -> None:

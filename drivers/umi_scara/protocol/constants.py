@@ -221,6 +221,8 @@ HOMING_CREEP_COUNTS: Final = 440  # §4.1 step 3: by which the elbow swings the 
 # Homing that keeps the jaws shut (§4.7): where the shoulder stands while the elbow goes to its
 # forward stop, so that the hand stays on the side away from the column
 KEEPING_SHOULDER_COUNTS: Final = -1110
+# and where it leaves zed: below the top counts that §5.2 keeps free, so that moves may begin there
+KEEPING_ZED_COUNTS: Final = -38
 PARK_COUNTS: Final = {axis: -18 if axis is Axis.ZED else 0 for axis in Axis}  # §4.1 step 7
 GRASP_COUNTS: Final = -500  # §5.5: iLab's target beyond closed
 

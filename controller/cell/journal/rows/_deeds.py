@@ -31,6 +31,37 @@ class PathBegun(Body):
     is_back: bool = False
 
 
+class PathEnded(Body):
+    """The arm has come to the end of the path that was begun last."""
+
+    kind = "outcome"
+    row_name = "path_ended"
+
+
+class HomingBegun(Body):
+    """The arm is about to home with its jaws shut, from about these joints (6,); no jaw opens.
+
+    `low` and `high` bound where it may stand; `opening_mm` is where the jaws press on the part,
+    none if they are empty.
+    """
+
+    kind = "intent"
+    row_name = "home_with_part"
+    effect_class: EffectClass = EffectClass.ABSOLUTE
+    low: Joints
+    high: Joints
+    opening_mm: float | None = None
+
+
+class HomedWithPart(Body):
+    """The arm is homed, with its jaws pressed at this opening."""
+
+    kind = "outcome"
+    row_name = "homed_with_part"
+    q: Joints
+    opening_mm: float
+
+
 class StoodFree(Body):
     """The arm stands free of everything at these joints (6,): going back ends here from now on."""
 

@@ -1,0 +1,225 @@
+"""Homing with the part in a gripper, where the arm no longer knows where it stands.
+
+What the journal says of the arm's last path is an estimate: a person may have moved an arm without
+power. So it is never proven safe, and the operator is shown what to look at.
+"""
+
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, Final
+
+import numpy as np
+
+from controller.arrays import FloatArray
+from controller.planning.model import CellLayout
+from controller.planning.motion import SWEEP_MARGIN_MM, Swept, segment_seconds, tcp_pose
+
+from ..custody import Custody
+from .interrupted import Interrupted
+from .trail import OFF_PATH, THERE
+from .world import World
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Bounds:
+    """Where the arm stands, as far as that is known, and what the grippers have.
+
+    Attributes
+    ----------
+    low, high : (6,) bounds of the joints
+    known : (6,) bool, the joints that counters still prove
+    arm_opening_mm : of the arm gripper on the part; None if it is empty, however wide
+    T_part_tcp : (4, 4) of a part in the arm gripper, or None
+    fixed_opening_mm : of the fixed gripper
+    T_part_fixed : (4, 4) of a part in the fixed gripper, T_part_tcp of that one, or None
+    """
+
+    low: FloatArray
+    high: FloatArray
+    known: np.ndarray
+    arm_opening_mm: float | None
+    T_part_tcp: FloatArray | None
+    fixed_opening_mm: float
+    T_part_fixed: FloatArray | None
+
+    @property
+    def arguments(self) -> tuple[Any, ...]:
+        """What the compute service's `homing_swept` takes."""
+        return (
+            self.low,
+            self.high,
+            self.arm_opening_mm,
+            self.T_part_tcp,
+            self.fixed_opening_mm,
+            self.T_part_fixed,
+        )
+
+    @property
+    def q_estimate(self) -> FloatArray:
+        """The joints (6,) in the middle."""
+        return np.asarray((self.low + self.high) / 2)
+
+
+# A restarted board answers its next request so; in motion each is asked many times a second.
+NOTICED_S: Final = 0.5
+
+# Proves that homing from anywhere within bounds, with the part of a run, touches nothing.
+Sweep = Callable[[Interrupted, Bounds], Awaitable[Swept]]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Homing:
+    """Homing with the part that was found free of contact."""
+
+    bounds: Bounds
+    swept: Swept
+
+
+def lost_bounds(left: Interrupted, world: World, layout: CellLayout) -> Bounds:
+    """Return where an arm may stand whose positions are lost, and what it has.
+
+    Parameters
+    ----------
+    left : has the path that it was sent along last, which is known to exist
+    world : has the joints that are still known
+    layout : has the arm's timing
+    """
+    kept = np.full(6, np.nan) if world.q_kept is None else world.q_kept
+    known = np.isfinite(kept)
+    low, high = _along(left.trail.standing, kept, layout)
+    low, high = low - OFF_PATH, high + OFF_PATH
+    low, high = np.where(known, kept - THERE, low), np.where(known, kept + THERE, high)
+    in_arm = left.arm_hold if left.custody is Custody.IN_ARM else None
+    in_fixed = left.fixed_hold if left.custody is Custody.IN_FIXED else None
+    return Bounds(
+        low,
+        high,
+        known,
+        None if in_arm is None else in_arm.opening_mm,
+        None if in_arm is None else np.array(in_arm.T_part_tcp),
+        world.fixed_mm,
+        None if in_fixed is None else np.array(in_fixed.T_part_tcp),
+    )
+
+
+def _along(
+    points: FloatArray, kept: FloatArray, layout: CellLayout
+) -> tuple[FloatArray, FloatArray]:
+    """Return the bounds (6,) of where along waypoints (n, 6) the lost joints may stand.
+
+    All joints of a move run side by side, and arrive before the next begins. So those that are
+    known show how far the lost ones had come, which stopped by so much earlier as it may take to
+    notice.
+
+    Parameters
+    ----------
+    points : the waypoints
+    kept : (6,) joints that are known, NaN for the lost ones
+    layout : has the arm's timing
+    """
+    known = np.isfinite(kept)
+    found: list[FloatArray] = []
+    for a, b in pairwise(points):
+        share = np.array([0.0, 1.0])
+        for joint in np.flatnonzero(known):
+            way, off = b[joint] - a[joint], OFF_PATH[joint]
+            if abs(way) <= off:
+                if abs(kept[joint] - a[joint]) > 2 * off:
+                    share = np.array([1.0, 0.0])
+                continue
+            ends = np.sort((kept[joint] - a[joint] + np.array([-off, off])) / way)
+            share = np.array([max(share[0], ends[0]), min(share[1], ends[1])])
+        if share[0] <= share[1]:
+            late = NOTICED_S / max(float(segment_seconds(layout, a, b)), NOTICED_S)
+            share[0] = max(0.0, share[0] - late) if known.any() else 0.0
+            found.extend(a + share[:, None] * (b - a))
+    among = np.array(found) if found else points
+    return among.min(axis=0), among.max(axis=0)
+
+
+def why_not_home(left: Interrupted, world: World) -> str:
+    """Return why an arm without positions cannot home with what the grippers have; else empty."""
+    if left.is_homing:
+        return "homing with the part was cut off, so that nothing says where the arm stands"
+    if not left.is_homed or not len(left.trail.between):
+        return world.positions
+    if left.intent is not None:
+        doing = left.intent.name.replace("_", " ")
+        return (
+            f"{world.positions}; and it was cut off while it did: {doing}, so that only the arm "
+            "gripper's opening would show who holds the part"
+        )
+    if left.custody is Custody.IN_ARM:
+        if left.arm_hold is None:
+            return "the journal does not say how the arm gripper holds the part"
+        if not world.is_fixed_clear:
+            return "the fixed gripper is not clear, and the arm would home with the part beside it"
+        return ""
+    if left.custody is Custody.IN_FIXED:
+        if left.fixed_hold is None:
+            return "the journal does not say how the fixed gripper holds the part"
+        if not world.does_fixed_hold:
+            return "the fixed gripper does not report its hold"
+        return ""
+    return f"{world.positions}; the part is {left.custody.value}"
+
+
+def why_not_free(swept: Swept | None) -> str:
+    """Return why the space that homing sweeps is not free, or empty."""
+    if swept is None:
+        return "the space that homing sweeps was not checked"
+    if swept.is_free:
+        return ""
+    x, y, z = swept.tcp_mm
+    return (
+        f"homing is not proven free of contact: where {swept.phase}, the arm or what it holds "
+        f"would come too close to {swept.touches.replace('_', ' ')} (TCP about {x:.0f}, {y:.0f}, "
+        f"{z:.0f} mm)"
+    )
+
+
+def homing_evidence(homing: Homing, layout: CellLayout) -> tuple[str, ...]:
+    """Return what is known of the arm, what is not, and what was checked, as sentences."""
+    bounds = homing.bounds
+    x, y, z = tcp_pose(layout, bounds.q_estimate)[:3, 3]
+    off = (bounds.high - bounds.low) / 2
+    turn_deg = np.degrees(np.delete(off, 3)).max()
+    kept = "none of its axes" if not bounds.known.any() else "only some of its axes"
+    jaws = (
+        "how firmly the arm gripper holds the part is not known: its motor may have had no power"
+        if bounds.T_part_tcp is not None
+        else "the arm gripper is taken to be empty"
+    )
+    return (
+        f"arm: by the path it was sent along it is taken to stand with its TCP near ({x:.0f}, "
+        f"{y:.0f}, {z:.0f}) mm, each axis up to {turn_deg:.0f} degrees or {off[3]:.0f} mm off; its "
+        f"counters prove {kept}, and nothing proves that nobody has moved it",
+        jaws,
+        f"swept space: homing from anywhere there keeps {SWEEP_MARGIN_MM:.0f} mm from table, "
+        f"column, fixed gripper, cameras, panels and walls ({homing.swept.pieces} pieces of joint "
+        "space checked)",
+    )
+
+
+def what_to_look_at(homing: Homing, layout: CellLayout) -> str:
+    """Return what the operator has to see before they accept."""
+    x, y, z = tcp_pose(layout, homing.bounds.q_estimate)[:3, 3]
+    held = (
+        "the arm gripper holds the part, straight and between its pads; "
+        if homing.bounds.T_part_tcp is not None
+        else "nothing is between the arm gripper's jaws, and they do not reach round the part; "
+    )
+    return (
+        f"Look before you accept: the fingertips of the arm are near x {x:.0f}, y {y:.0f}, z "
+        f"{z:.0f} mm, where the run has left them, and nobody has moved the arm; {held}nothing "
+        "lies or hangs above the arm; nobody is within its reach."
+    )
+
+
+HOMING_STEPS = (
+    "the arm gripper presses: it closes, and opens nothing",
+    "the arm homes slowly, without opening a jaw: first zed goes up to its stop, then the arm "
+    "straightens, then elbow, yaw, shoulder and wrist go to their stops, and it parks",
+)
+FIRST_MOTION = "first zed goes straight up to its stop, all other axes stand still"
