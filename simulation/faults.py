@@ -17,10 +17,8 @@ from .invariants import Watch
 Order = Mapping[str, Any]
 
 SOON_S: Final = 1.5  # after a state was entered, at the latest, its fault befalls the cell
-# in place of a state: the arm stands, and the part is in its gripper, or in the fixed one
+# in place of a state: the arm stands, and the part is in its gripper
 STANDING: Final = "standing with the part"
-BESIDE: Final = "standing beside the part"
-HOLDER_THEN: Final = {STANDING: "arm", BESIDE: "fixture"}
 STAND_S: Final = 0.4  # so long still, the arm stands
 MOST_STANDS: Final = 4  # before the one that a fault befalls
 
@@ -198,12 +196,12 @@ class Cause:
         Parameters
         ----------
         controller : whose state counts
-        state : as the operator sees it; or one of `HOLDER_THEN`
+        state : as the operator sees it; or `STANDING`
         fault : what befalls the cell
         then : called right afterwards
         """
-        if state in HOLDER_THEN:
-            self.spawn(self._while_standing(HOLDER_THEN[state], fault, then))
+        if state == STANDING:
+            self.spawn(self._while_standing(fault, then))
             return
         delay_s = self.rng.uniform(0.0, SOON_S)
 
@@ -218,15 +216,13 @@ class Cause:
 
         controller.on_state = entered
 
-    async def _while_standing(self, holder: str, fault: Fault, then: Callable[[], None]) -> None:
-        """Let a fault befall a cell whose arm stands, with the part in a gripper."""
+    async def _while_standing(self, fault: Fault, then: Callable[[], None]) -> None:
+        """Let a fault befall a cell whose arm stands with the part in its gripper."""
         world, left = self.cell.cell.world, self.rng.randint(0, MOST_STANDS)
-        if holder != "arm":
-            left = 0  # it stands there once or twice
         since: float | None = None
         while True:
             await asyncio.sleep(STAND_S / 4)
-            is_held = self.cell.truth()["parts"][0]["custody"] == holder
+            is_held = self.cell.truth()["parts"][0]["custody"] == "arm"
             moved_s = world.last_motion_s["arm"]
             if not is_held or world.time_s - moved_s < STAND_S or moved_s == since:
                 continue
