@@ -3,6 +3,7 @@
 A seed that once failed is one line of `FOUND`.
 """
 
+import random
 from pathlib import Path
 
 import pytest
@@ -98,6 +99,12 @@ FOUND = (
     pytest.param(Case(9, Scene("widget", 0, 1), Kill(24, 6000), "refuse"), id="9"),
     # a plan that begins with a view, since the part is held otherwise, had no step before it
     pytest.param(Case(980201, Scene("flange_xy")), id="980201"),
+    # killed as the arm was about to leave the part to the fixed gripper, which then opened so wide
+    # that the arm's fingers met its own
+    pytest.param(
+        Case(951049, Scene("idler_riser"), Kill.drawn(random.Random("kill 951049")), "auto"),
+        id="951049",
+    ),
 )
 
 

@@ -162,6 +162,7 @@ class PaperCell:
     at_move: Callable[[int], None] = lambda number: None
     moves: list[np.ndarray] = field(default_factory=list)
     opened_on_part: list[str] = field(default_factory=list)
+    fixture_openings: list[tuple[int, float]] = field(default_factory=list)
     take_back_mm: float = WIDTH_MM
     fixture_takes: bool = True
     grasps: int = 0
@@ -231,6 +232,7 @@ class PaperFixture:
         if self.cell.has == "both":
             self.cell.has = "arm"
         self.cell.fixture_mm = opening_mm
+        self.cell.fixture_openings.append((len(self.cell.moves), opening_mm))
 
     async def close_on(self, opening_mm: float, force_n: float) -> Any:
         if self.cell.fixture_takes and self.cell.has == "arm":
@@ -528,6 +530,11 @@ def test_a_hand_off_that_fails_keeps_the_part_and_is_planned_anew(tmp_path: Path
     run.was_well()
     assert run.troubles == ["hand_off_failed", "hand_off_failed"]
     assert all(isinstance(start, InArm) for start in run.compute.starts[1:])
+    # among the arm's fingers it opens no wider than on the way in; wide once the arm has left
+    at = next(i for i, move in enumerate(run.cell.moves) if np.allclose(move, q(21)))
+    opened = [mm for count, mm in run.cell.fixture_openings if count == at + 1]
+    assert opened == [60.0]
+    assert (at + 3, 85.0) in run.cell.fixture_openings
     # the second failure rules the grip out
     assert run.compute.avoided == [frozenset(), frozenset(), frozenset({"F"})]
     # the way back is the way in, backwards, to where the view was

@@ -117,8 +117,11 @@ class RecoverAction:
                 assert left.last_intent is not None, "a retreat is that of an intent"
                 await self.grippers.open_fixed(left.last_intent.open_mm)
             case Opens.FIXED:
-                async with self.record.once(Intent(name=UNDOES[opens], detail="undone")):
-                    await self.grippers.open_fixed()
+                # no wider than on the way in: the arm's fingers are between its own
+                open_mm = None if left.hand_off is None else left.hand_off.open_mm
+                intent = Intent(name=UNDOES[opens], detail="undone", open_mm=open_mm)
+                async with self.record.once(intent):
+                    await self.grippers.open_fixed(open_mm)
                 await self.record.set_custody(Custody.IN_ARM, "the hand-off was undone")
             case Opens.ARM if is_retreat:
                 await self.grippers.require_fixed_holds()

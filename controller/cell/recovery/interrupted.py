@@ -34,6 +34,7 @@ class Interrupted:
     last_intent : the last of something that is never repeated without looking
     intent : the same, if no row on custody followed it
     has_outcome : that intent's outcome was written
+    hand_off : the last intent to close the fixed gripper on the part in the arm gripper
     arm_hold, expected_hold, fixed_hold : how the grippers hold the part, or were about to
     trail : the way the arm came
     views : in order, with the digests of their files in `digests`
@@ -57,6 +58,7 @@ class Interrupted:
     last_intent: rows.Intent | None = None
     intent: rows.Intent | None = None
     has_outcome: bool = False
+    hand_off: rows.Intent | None = None
     arm_hold: rows.HoldNoted | None = None
     expected_hold: rows.HoldNoted | None = None
     fixed_hold: rows.HoldNoted | None = None
@@ -101,6 +103,8 @@ class Interrupted:
             case rows.Intent():
                 self.intent = self.last_intent = row
                 self.has_outcome = False
+                if row.name == rows.Once.HAND_OFF:
+                    self.hand_off = row
             case rows.OnceDone() if self.intent is not None and row.name == self.intent.name:
                 self.has_outcome = True
             case rows.HoldNoted():

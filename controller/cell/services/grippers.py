@@ -160,10 +160,17 @@ class Grippers:
         async with self._once(intent, words):
             return await self._arm.grasp(self._arm_force)
 
-    async def close_fixed(self, expected_mm: float) -> GraspReading:
-        """Close the fixed gripper on the part in the arm gripper; return its reading."""
+    async def close_fixed(self, expected_mm: float, pre_open_mm: float) -> GraspReading:
+        """Close the fixed gripper on the part in the arm gripper; return its reading.
+
+        Parameters
+        ----------
+        expected_mm : the opening the plan expects
+        pre_open_mm : how wide it stands, for the journal: wider, it would meet the arm's fingers
+        """
         words = f"the fixed gripper closes on the part: {expected_mm:.0f} mm expected"
-        async with self._once(Intent(name=Once.HAND_OFF, expected_mm=expected_mm), words):
+        intent = Intent(name=Once.HAND_OFF, expected_mm=expected_mm, open_mm=pre_open_mm)
+        async with self._once(intent, words):
             return await self._fixed.close_on(expected_mm, force_n=self._force_n)
 
     async def press_and_require_hold(self) -> None:

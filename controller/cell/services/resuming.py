@@ -104,6 +104,9 @@ class Resumption:
             await record.set_custody(left.custody_before, detail)
         if left.intent is None and left.last_intent is not None and left.trail.retreat:
             await record.repeat_intent(left.last_intent)
+        is_given = (left.custody_before, left.custody) == (Custody.IN_ARM, Custody.IN_BOTH)
+        if is_given and left.hand_off is not None:
+            await record.repeat_intent(left.hand_off)  # says how wide the fixed gripper stood
         await record.set_custody(left.custody, detail)
         if left.intent is not None:
             await record.repeat_intent(left.intent)

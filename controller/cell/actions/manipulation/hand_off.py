@@ -76,7 +76,7 @@ class HandOffAction:
 
     async def _close_fixed(self, step: GiveStep) -> None:
         expected_mm = step.fixed_expected_opening_mm
-        result = await self.grippers.close_fixed(expected_mm)
+        result = await self.grippers.close_fixed(expected_mm, step.fixed_pre_open_mm)
         off_mm = abs(result.opening_mm - expected_mm)
         if not result.object_detected or off_mm > self.grippers.tolerance_mm:
             await self._keep_in_arm(
@@ -89,12 +89,14 @@ class HandOffAction:
         """Keep the part in the arm gripper and go back to where the step began."""
         hold = self.record.held()
         await self.record.set_custody(Custody.IN_ARM, "the fixed gripper did not get it")
-        await self.grippers.open_fixed()
+        # no wider than on the way in: the arm's fingers are between its own
+        await self.grippers.open_fixed(step.fixed_pre_open_mm)
         await self.grippers.press_and_require_hold()
         # the fixed gripper may have turned the part by closing on the wrong faces
         hold.is_measured = False
         self.record.note_hold()
         await self.motion.go_back(len(step.motion))
+        await self.grippers.open_fixed()
         self.motion.reach(SafePoint.LIFTED, ends_step=True)
         raise PartFaultError(
             PartFault.HAND_OFF_FAILED,
