@@ -71,8 +71,8 @@ class Case:
     fault : name in `FAULTS`, with the state that it befalls; None for none
     before : a fault that comes earlier, with its state, so that the state of `fault` is reached
     fault_rate : share of holds that fail by chance (`holds`)
-    again : after a run that stopped with the part in a gripper a person looks, starts anew, and
-        accepts what the start proposes
+    again : after a run that stopped a person looks, starts anew, and accepts what the start
+        proposes
     """
 
     seed: int
@@ -235,8 +235,7 @@ class _Run:
         end = self.ended.ends[-1]
         if end == "killed" or not self.case.again:
             return end == "killed"
-        is_held = self.cell.truth()["parts"][0]["custody"] not in ("free", "away")
-        return is_held and not end.startswith("refused")
+        return not end.startswith(("refused", "complete"))
 
     async def _start(self, kill: Kill | None) -> None:
         options = {} if not self.ended.ends else {"recovery": self.case.recovery}

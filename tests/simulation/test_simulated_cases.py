@@ -69,6 +69,14 @@ def test_after_a_lost_position_the_arm_homes_with_the_part_and_brings_it_to_its_
     assert names.count(rows.Homed.row_name) == 1  # the first run's, with nothing in the jaws
 
 
+def test_a_part_that_fell_meanwhile_is_noticed_by_the_press_and_found_on_the_table() -> None:
+    ended = run_case(Case(411, PART, fault=("motor board restart and drop", STANDING), again=True))
+    assert ended.ends[1:] == ["complete"]
+    assert ended.violations == []
+    assert "part_lost" in ended.recoveries
+    assert ended.truth["tray"] == "accept"
+
+
 def kept(ended: Ended) -> bool:
     """Whether the part is in a tray, or still where the kill left it."""
     if ended.ends[-1] == "complete":
