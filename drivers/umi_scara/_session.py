@@ -202,7 +202,7 @@ class ArmSession:
         LinkError, PositionLostError : one IP may not have got the stop; the other one has
         """
         self._stop_count += 1
-        self.positions.note_stop(is_ramp=kind is Stop.RAMP, is_free=kind is Stop.FREE)
+        self.positions.note_stop(is_free=kind is Stop.FREE)
         if kind is Stop.FREE:
             self._is_powered = False
         await run_to_end(self.axes.halt(_STOP_COMMANDS[kind]))

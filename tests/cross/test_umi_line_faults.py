@@ -6,11 +6,13 @@ a few drawn by a seed.
 
 import asyncio
 import random
+from contextlib import suppress
 
 import pytest
 from umi_bench import EMULATED
 from umi_line_faults import LineFault, Session, SessionName, faults_at, quiet, run_session
 
+from drivers.errors import DeviceError, PositionLostError
 from drivers.umi_scara import Axis
 
 
@@ -63,3 +65,29 @@ def test_a_register_that_was_hit_instead_of_the_one_meant_does_no_harm() -> None
         for place in range(60, 140, 3):
             result = run_session("moves", LineFault("to the arm", place, "flipped", bit=0))
             assert not result.is_bad, (place, result)
+
+
+def test_after_a_stop_whose_hand_over_became_define_home_no_position_is_believed() -> None:
+    """`29` and `21` differ by one bit; a board that took `21` reads zero wherever its axes are."""
+    session = Session()
+    arm, line = session.arm, session.line
+
+    async def story() -> None:
+        await arm.connect()
+        await arm.enable_power()
+        session.is_homing = True
+        await arm.home()
+        session.is_homing = False
+        line.allow({Axis.SHOULDER, Axis.WRIST1, Axis.WRIST2})
+        await arm.move_counts({Axis.SHOULDER: 500, Axis.WRIST1: -300, Axis.WRIST2: -300})
+        line.fault = LineFault("to the arm", line.counts["to the arm"] + 1, "flipped", bit=3)
+        with suppress(DeviceError):
+            await arm.stop()
+        assert line.has_struck
+        line.allow({Axis.SHOULDER, Axis.WRIST1, Axis.WRIST2})
+        with pytest.raises(PositionLostError):
+            await arm.move_counts({Axis.SHOULDER: 400, Axis.WRIST1: -200, Axis.WRIST2: -200})
+
+    with quiet():
+        asyncio.run(story())
+    assert line.true(Axis.SHOULDER) == pytest.approx(500, abs=6)

@@ -73,25 +73,25 @@ class Positions:
         self.grasps = grasps
         self.is_homed = True
 
-    def note_stop(self, *, is_ramp: bool, is_free: bool) -> None:
-        """Note a stop of all axes.
+    def note_stop(self, *, is_free: bool) -> None:
+        """Note a stop of all axes, whose second board gets it after a hand-over of the line.
+
+        One wrong bit makes define home of a hand-over (`29` and `21`) or of a ramp stop (`25`), so
+        counters are compared with what is known before they are trusted again.
 
         Parameters
         ----------
-        is_ramp : it was a ramp stop, of which one wrong bit makes define home (`25` and `21`)
         is_free : axes may be moved by hand from now on
         """
         self.distrust()
         if is_free:
             self._known.clear()
-        if is_ramp:
-            self._may_be_relabelled = True
+        self._may_be_relabelled = True
 
     def note_failure(self, error: BaseException) -> None:
         """Note what ended a motion."""
-        self.distrust()
+        self.note_stop(is_free=False)
         if isinstance(error, LineUncertainError):
-            self._may_be_relabelled = True
             self._may_be_zeroed = self._may_be_zeroed or error.may_have_zeroed
 
     def distrust(self) -> None:
