@@ -102,7 +102,7 @@ async def read_world(devices: Devices, left: Interrupted) -> World:
         try:
             await devices.arm.take_over_positions(between)
         except PositionLostError as error:
-            positions = str(error)
+            positions = str(error).removeprefix("arm: ")
             with suppress(PositionLostError):
                 q_kept = await devices.arm.read_kept_q(between)
         else:
