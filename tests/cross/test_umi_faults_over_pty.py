@@ -293,7 +293,7 @@ async def test_a_blocked_axis_is_named_and_everything_stops(homed: ArmBench, axi
     with pytest.raises(AxisStalledError, match=axis.name.lower()) as failure:
         await homed.arm.move_counts(targets)
     assert failure.value.got_counts == pytest.approx(homed.true_counts()[axis], abs=1)
-    assert homed.stopped_ips() == {0, 1}
+    assert homed.stopped_ips == {0, 1}
     still = homed.true_counts()
     await homed.pass_time(1.0)
     assert homed.true_counts() == pytest.approx(still, abs=AT_REST)

@@ -169,11 +169,11 @@ async def test_homing_that_is_cancelled_leaves_an_arm_at_rest_and_not_homed(
     await bench.arm.enable_power()
     home = asyncio.create_task(bench.arm.home())
     await bench.moving()
-    bench.trace.clear()
+    bench.forget()
     home.cancel()
     with pytest.raises(asyncio.CancelledError):
         await home
-    assert bench.stopped_ips() == {0, 1}
+    assert bench.stopped_ips == {0, 1}
     assert await is_at_rest(bench)
     assert not bench.arm.is_homed
 
@@ -244,7 +244,7 @@ async def test_axes_of_a_joint_move_arrive_together() -> None:
 
 async def test_a_move_to_where_the_arm_is_sends_no_go(homed: ArmBench) -> None:
     await homed.arm.move_counts({Axis.SHOULDER: 300})
-    homed.trace.clear()
+    homed.forget()
     await homed.arm.move_counts({Axis.SHOULDER: 300})
     assert not [x for x in homed.trace if x.request[0] in range(0xA0, 0xC0)]
 
@@ -298,11 +298,11 @@ async def test_a_pause_of_the_host_is_no_time_that_the_arm_has_lived(bench: ArmB
 async def test_a_cancelled_move_stops_the_metal_before_it_ends(homed: ArmBench) -> None:
     move = asyncio.create_task(homed.arm.move_counts({Axis.ELBOW: 2000, Axis.WRIST2: -2000}))
     await homed.moving()
-    homed.trace.clear()
+    homed.forget()
     move.cancel()
     with pytest.raises(asyncio.CancelledError):
         await move
-    assert homed.stopped_ips() == {0, 1}
+    assert homed.stopped_ips == {0, 1}
     assert await is_at_rest(homed)
     await homed.arm.move_counts({Axis.ELBOW: 0, Axis.WRIST2: 0})
     assert homed.true_counts() == pytest.approx(PARK, abs=ARRIVAL_TOLERANCE)

@@ -32,6 +32,7 @@ class ArmBench:
     Attributes
     ----------
     lived_s : how much time has passed for the arm [world s]
+    stopped_ips : IPs of the arm that have carried out a dead stop since `forget`
     """
 
     arm: UmiScara
@@ -42,9 +43,25 @@ class ArmBench:
     world: SharedClock
     trace: list[WireExchange] = field(default_factory=list)
     lived_s: float = 0.0
+    stopped_ips: set[int] = field(default_factory=set)
     on_exchange: Callable[[WireExchange], None] | None = None
     _heard: asyncio.Event = field(default_factory=asyncio.Event)
     _lived: asyncio.Event = field(default_factory=asyncio.Event)
+
+    def __post_init__(self) -> None:
+        stop = self.model.stop
+
+        def note(ip: int, ramp: bool) -> None:
+            if not ramp:
+                self.stopped_ips.add(ip)
+            stop(ip, ramp)
+
+        self.model.stop = note  # type: ignore[method-assign]
+
+    def forget(self) -> None:
+        """Forget what went over the line, and which IPs were stopped."""
+        self.trace.clear()
+        self.stopped_ips.clear()
 
     def advance(self, dt_s: float) -> None:
         """Let time pass for the arm [world s]."""
@@ -78,7 +95,7 @@ class ArmBench:
         await self.arm.connect()
         await self.arm.enable_power()
         await self.arm.home()
-        self.trace.clear()
+        self.forget()
         return self
 
     async def as_if_homed(self) -> "ArmBench":
@@ -93,7 +110,7 @@ class ArmBench:
         self.model.reference()
         self.arm.positions.is_homed = True
         self.arm.positions.dead_bands = dict.fromkeys(Axis, 2)
-        self.trace.clear()
+        self.forget()
         return self
 
     async def pass_time(self, duration_s: float) -> None:
@@ -109,10 +126,6 @@ class ArmBench:
     def true_counts(self) -> dict[Axis, float]:
         """Return where the axes truly are, which no byte tells [counts]."""
         return {axis: self.model.axes[EMULATED[axis]].position for axis in Axis}
-
-    def stopped_ips(self) -> set[int]:
-        """Return the IPs that have had their dead stop since the trace began."""
-        return {int(x.ip) for x in self.trace if x.request == b"\x24" and x.ip is not None}
 
     def refused(self) -> list[WireExchange]:
         """Return the exchanges that ended with a code that means a mistake of the host."""
