@@ -113,6 +113,9 @@ FOUND = (
         Case(951049, Scene("idler_riser"), Kill.drawn(random.Random("kill 951049")), "auto"),
         id="951049",
     ),
+    # the next start stopped one board of the arm 0.2 s after the other, in a move whose axes ran at
+    # rounded speeds: beside its path, with the part, from where it was a person's
+    pytest.param(Case(990133, Scene("idler_riser", 1, 2), Kill(61, 700), "auto"), id="990133"),
 )
 
 

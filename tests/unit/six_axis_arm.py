@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from types import SimpleNamespace
 from typing import Any, Literal
 
 import numpy as np
@@ -249,6 +250,13 @@ class SixAxis:
     def homing_sweep(self, low: Floats, high: Floats) -> Sequence[Any]:
         """It keeps its references and homes by none."""
         return ()
+
+    def move_sweep(self, q_from: Floats, q_to: Floats) -> Any:
+        """Each joint has a motor of its own."""
+        ends = np.stack([q_from, q_to])
+        return SimpleNamespace(
+            what="it moves", low=ends.min(axis=0), high=ends.max(axis=0), join=np.eye(6)
+        )
 
     def describe(self, q: Floats) -> str:
         return "(" + ", ".join(f"{v:.0f}" for v in np.degrees(q)) + ")"

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from controller.config import Cell, Recipe
-from controller.planning.motion import Swept
+from controller.planning.motion import ProvenMove, Swept
 from controller.setup.layout import build_layout
 from controller.setup.software import software_versions
 from drivers.clock import CellClock
@@ -31,7 +31,7 @@ from ..journal import (
     rows,
 )
 from ..operator import NOBODY, Journaled, Operator, require_acknowledged
-from ..recovery import Bounds, Interrupted, Sweep
+from ..recovery import Back, Beside, Bounds, Interrupted, Sweep
 from ..services import INPUTS
 from ..services.records import PartRecord, Progress
 from .assembly import assemble
@@ -154,7 +154,15 @@ async def run_batch(
                     who = await devices.connect()
                     journal.write(rows.Connected(who))
                     found = await _barred(order, journal, decider) or await start(
-                        order, devices, journal, known, began, layout, decider, sweep_by(compute)
+                        order,
+                        devices,
+                        journal,
+                        known,
+                        began,
+                        layout,
+                        decider,
+                        sweep_by(compute),
+                        back_by(compute),
                     )
                     if isinstance(found, Outcome):
                         outcome = found
@@ -197,6 +205,15 @@ def sweep_by(compute: Compute) -> Sweep:
         return await compute.homing_swept(*bounds.arguments)
 
     return sweep
+
+
+def back_by(compute: Compute) -> Back:
+    """Return what has the compute service prove that an arm beside its path goes back to it."""
+
+    async def back(_: Interrupted, beside: Beside) -> ProvenMove:
+        return await compute.proven_back(*beside.arguments)
+
+    return back
 
 
 def _keep_inputs(order: RunOrder) -> dict[str, str]:

@@ -16,9 +16,11 @@ from ..journal import Journal, read_rows, read_rows_of_kinds, rows
 from ..machine import Event
 from ..operator import Choice, Operator, Question
 from ..recovery import (
+    Back,
     Interrupted,
     Proposal,
     Sweep,
+    beside_path,
     classify,
     fold_interrupted,
     listed,
@@ -44,6 +46,7 @@ async def start(
     layout: CellLayout,
     operator: Operator,
     sweep: Sweep,
+    back: Back,
 ) -> Outcome | Proposal | None:
     """Return None if the grippers are empty, what to begin with, or the outcome of a refusal.
 
@@ -57,6 +60,7 @@ async def start(
     layout : for the preview of the first motion
     operator : decides, if the order has them asked
     sweep : proves the space that homing with the part would sweep
+    back : proves the move back to its path of an arm beside it
 
     Raises
     ------
@@ -64,7 +68,7 @@ async def start(
     """
     why = ""
     if known and order.recovery != "refuse" and not order.is_part_removed:
-        found = await find_proposal(devices, journal, known, began, layout, sweep)
+        found = await find_proposal(devices, journal, known, began, layout, sweep, back)
         if isinstance(found, Proposal):
             row = await _decided(order, operator, found)
             await journal.write_secured(row)
@@ -149,6 +153,7 @@ async def find_proposal(
     began: rows.RunBegan,
     layout: CellLayout,
     sweep: Sweep,
+    back: Back,
     *,
     has_recipe: bool = True,
 ) -> Proposal | str:
@@ -162,6 +167,7 @@ async def find_proposal(
     began : the first row of this run
     layout : for the preview of the first motion
     sweep : proves the space that homing with the part would sweep
+    back : proves the move back to its path of an arm beside it
     has_recipe : this run has a recipe, which must be that of the part
 
     Raises
@@ -180,10 +186,13 @@ async def find_proposal(
     if why := _why_not_here(left, began, has_recipe=has_recipe):
         return why
     world = await read_world(devices, left)
-    swept = None
-    if classify(left, world).homes:
+    case = classify(left, world)
+    swept = proven = None
+    if case.homes:
         swept = await sweep(left, lost_bounds(left, world, layout))
-    return propose(left, world, layout, swept)
+    elif (beside := beside_path(left, world, case)) is not None:
+        proven = await back(left, beside)
+    return propose(left, world, layout, swept, proven)
 
 
 def _why_not_here(left: Interrupted, began: rows.RunBegan, *, has_recipe: bool) -> str:

@@ -30,7 +30,14 @@ from controller.planning import (
     Start,
     TableHypothesis,
 )
-from controller.planning.motion import Scene, Swept, connect, prove_sweep
+from controller.planning.motion import (
+    ProvenMove,
+    Scene,
+    Swept,
+    connect,
+    prove_move,
+    prove_sweep,
+)
 from controller.setup.optics import build_lamps, panel_corners, table_corners
 from controller.stored import Judging, judge_views, read_pictures
 
@@ -196,11 +203,7 @@ def homing_swept(
     phases = layout.arm.homing_sweep(low, high)
     if not phases:
         return Swept(phase="it homes", touches="everything: this arm has no homing with a part")
-    carried = None if T_part_tcp is None else _part_box(job, inverse_pose(T_part_tcp))
-    standing: tuple[Box, ...] = ()
-    if T_part_fixed is not None:
-        T_world_part = layout.T_world_fixed_tcp @ inverse_pose(T_part_fixed)
-        standing = (_part_box(job, T_world_part),)
+    carried, standing = _held(job, T_part_tcp, T_part_fixed)
     # an empty gripper may stand at any opening: its fingers reach furthest when it is wide open,
     # and stand between when it is shut
     openings = (layout.arm_gripper.max_mm, 0.0) if arm_opening_mm is None else (arm_opening_mm,)
@@ -211,6 +214,43 @@ def homing_swept(
         if not swept.is_free:
             break
     return swept
+
+
+def proven_back(
+    job: Job,
+    q: FloatArray,
+    q_begin: FloatArray,
+    arm_opening_mm: float,
+    T_part_tcp: FloatArray | None,
+    fixed_opening_mm: float,
+    T_part_fixed: FloatArray | None,
+) -> ProvenMove:
+    """Return the move back to where one began, free of contact whichever axis goes first.
+
+    Parameters
+    ----------
+    job : which recipe on which cell
+    q : (6,) where the arm stands
+    q_begin : (6,) where its move began
+    arm_opening_mm, fixed_opening_mm : of the two grippers
+    T_part_tcp : (4, 4) of a part in the arm gripper, or None
+    T_part_fixed : (4, 4) T_part_tcp of a part in the fixed gripper, or None
+    """
+    layout = context(job).layout
+    carried, standing = _held(job, T_part_tcp, T_part_fixed)
+    scene = Scene(layout, arm_opening_mm, fixed_opening_mm, carried, standing)
+    return prove_move(scene, q, q_begin)
+
+
+def _held(
+    job: Job, T_part_tcp: FloatArray | None, T_part_fixed: FloatArray | None
+) -> tuple[Box | None, tuple[Box, ...]]:
+    """Return a part in the arm gripper in the TCP frame, and one in the fixed gripper's jaws."""
+    carried = None if T_part_tcp is None else _part_box(job, inverse_pose(T_part_tcp))
+    if T_part_fixed is None:
+        return carried, ()
+    T_world_part = context(job).layout.T_world_fixed_tcp @ inverse_pose(T_part_fixed)
+    return carried, (_part_box(job, T_world_part),)
 
 
 def _part_box(job: Job, T: FloatArray) -> Box:

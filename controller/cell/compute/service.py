@@ -50,6 +50,7 @@ class Compute:
     identify = Question(answers.identify)
     path_home = Question(answers.path_home)
     homing_swept = Question(answers.homing_swept)
+    proven_back = Question(answers.proven_back)
     inspect = Question(answers.inspect)
     inspect_on_table = Question(answers.inspect_on_table)
     find_hold = Question(answers.find_hold)

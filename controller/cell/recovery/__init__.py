@@ -2,10 +2,12 @@
 
 `interrupted.py` and `trail.py` fold the journal of the run that was interrupted, `world.py` asks
 the devices without moving any, `classify.py` decides what is so, `propose.py` what the cell may do,
-`homing.py` whether an arm without positions may home with the part.
+`homing.py` whether an arm without positions may home with the part, `beside.py` whether one beside
+its path may go back to it.
 Nothing here moves anything; `controller.cell.actions.recover` does what was accepted.
 """
 
+from .beside import Back, Beside, beside_path
 from .classify import Case, Leaves, Opens, classify
 from .homing import Bounds, Homing, Sweep, lost_bounds, why_not_home
 from .interrupted import Interrupted, TakenView, fold_interrupted, same_cell
@@ -15,6 +17,8 @@ from .world import Jaws, World, read_world
 
 __all__ = [
     "FIRST_SPEED",
+    "Back",
+    "Beside",
     "Bounds",
     "Case",
     "Homing",
@@ -29,6 +33,7 @@ __all__ = [
     "Trail",
     "World",
     "arm_open_mm",
+    "beside_path",
     "classify",
     "fold_interrupted",
     "listed",

@@ -9,10 +9,11 @@ import numpy as np
 from controller.arrays import FloatArray
 from controller.imaging import rotation_angle
 from controller.planning.model import CellLayout
-from controller.planning.motion import Swept, segment_seconds, tcp_pose
+from controller.planning.motion import ProvenMove, Swept, segment_seconds, tcp_pose
 
 from ..custody import Custody
 from ..journal import Once
+from .beside import back_evidence, why_not_back
 from .classify import Case, Leaves, Opens, classify
 from .homing import (
     FIRST_MOTION,
@@ -88,7 +89,11 @@ class Proposal:
 
 
 def propose(
-    left: Interrupted, world: World, layout: CellLayout, swept: Swept | None = None
+    left: Interrupted,
+    world: World,
+    layout: CellLayout,
+    swept: Swept | None = None,
+    back: ProvenMove | None = None,
 ) -> Proposal:
     """Return what may be done with a part that a run has left.
 
@@ -98,14 +103,15 @@ def propose(
     world : what the devices say
     layout : for the preview of the first motion
     swept : the space that homing would sweep, where that was looked at
+    back : the move back to its path of an arm that `beside_path` finds, where that was looked at
     """
     case = classify(left, world)
     if case.homes:
         return _home(left, world, case, layout, swept)
     person = case.person or _why_not(left, case)
-    way = None if world.q is None else _way(left, case, world.q)
+    way = None if world.q is None else _way(left, case, world.q, back)
     if not person and (way is None or (len(way.waypoints) == 0 and not way.is_free_at_end)):
-        person = "the arm stands beside the path that the journal says it was sent along"
+        person = why_not_back(back)
     if person:
         nowhere = np.zeros(0)
         return Proposal(
@@ -113,6 +119,8 @@ def propose(
         )
     assert way is not None
     assert world.q is not None
+    if back is not None:
+        case = replace(case, evidence=(*case.evidence, back_evidence(back)))
     custody = _custody_after(case)
     first = _preview(world.q, way, layout)
     return Proposal(
@@ -166,10 +174,10 @@ def arm_open_mm(left: Interrupted) -> float:
     return hold.grasp.pre_open_mm
 
 
-def _way(left: Interrupted, case: Case, q: FloatArray) -> Leaving | None:
+def _way(left: Interrupted, case: Case, q: FloatArray, back: ProvenMove | None) -> Leaving | None:
     if case.leaves is Leaves.BY_RETREAT:
         return left.trail.retreat_from(q)
-    return left.trail.leaving(q)
+    return left.trail.leaving(q, () if back is None else back.waypoints)
 
 
 def _custody_after(case: Case) -> Custody:

@@ -6,6 +6,7 @@ change (a grasp, a release) they are not: there the arm leaves by the retreat th
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from enum import Enum
 from typing import Final
 
 import numpy as np
@@ -19,6 +20,14 @@ from ..journal import rows
 OFF_PATH: Final = np.array([0.06, 0.06, 0.06, 12.0, 0.06, 0.06])
 # Closer than this, it is there [rad, mm].
 THERE: Final = np.array([0.004, 0.004, 0.004, 0.5, 0.004, 0.004])
+
+
+class _Fit(Enum):
+    """How an arm stands to a segment of its path."""
+
+    LINE = "on its line"
+    PARTLY = "some axes have gone their share of the way, the others have not set out"
+    BESIDE = "each axis stands between the two ends, on a share of its own"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,7 +105,18 @@ class Trail:
         """The joints (n, 6) between which the arm stands; only the last ones if it got there."""
         return self.between[-1:] if self.has_arrived else self.between
 
-    def leaving(self, q: FloatArray) -> Leaving | None:
+    def begin_beside(self, q: FloatArray) -> FloatArray | None:
+        """Return where the move (6,) began beside whose line the arm stands; None if none.
+
+        Parameters
+        ----------
+        q : (6,) where the arm stands
+        """
+        points = list(self.between)
+        found = _segment_of(points, q) if points else None
+        return points[found[0]] if found is not None and found[1] is _Fit.BESIDE else None
+
+    def leaving(self, q: FloatArray, proven: Sequence[FloatArray] = ()) -> Leaving | None:
         """Return the way by which the arm leaves, unless it is off its path.
 
         Back to where it stood free; or, after a change of what a gripper holds, on to the end of
@@ -105,6 +125,7 @@ class Trail:
         Parameters
         ----------
         q : (6,) where the arm stands
+        proven : waypoints (6,) from there to `begin_beside`, proven free of contact
         """
         points = list(self.between)
         if not points:
@@ -112,16 +133,19 @@ class Trail:
         found = _segment_of(points, q)
         if found is None:
             return None
-        k, is_on_line = found
+        k, fit = found
+        if fit is _Fit.BESIDE and not (proven and (np.abs(proven[-1] - points[k]) <= THERE).all()):
+            return None
+        is_on_line = fit is _Fit.LINE
         # some axes have moved and others have not: the way back to where they set out is free,
         # since it is the way they came
-        again = [] if is_on_line else [points[k]]
+        again = {_Fit.LINE: [], _Fit.PARTLY: [points[k]], _Fit.BESIDE: list(proven)}[fit]
         if self.is_back:
             rest = self.behind[: len(self.behind) - 1 - len(self.ahead)]
             way = [*again, *points[k + 1 :], *reversed(rest)]
             return Leaving(_from(q, way), self.is_free, is_back=is_on_line)
         if self.is_free:
-            way = [*reversed(points[: k + 1]), *reversed(self.behind[:-1])]
+            way = [*(again or [points[k]]), *reversed(points[:k]), *reversed(self.behind[:-1])]
             return Leaving(_from(q, way), is_free_at_end=True, is_back=True)
         way = [*again, *points[k + 1 :]]
         return Leaving(_from(q, way), bool(self.ahead), is_back=False)
@@ -135,15 +159,17 @@ class Trail:
         return Leaving(self.retreat, is_free_at_end=True, is_back=False)
 
 
-def _segment_of(points: Sequence[FloatArray], q: FloatArray) -> tuple[int, bool] | None:
-    """Return the number of the segment that q (6,) is on, and whether it is on its line.
+def _segment_of(points: Sequence[FloatArray], q: FloatArray) -> tuple[int, _Fit] | None:
+    """Return the number of the segment that q (6,) is on, and how it stands to it.
 
     Beside the line it still counts if some axes have gone their share of the way and the others
-    have not set out: a controller may be killed between the orders to two boards.
+    have not set out: a controller may be killed between the orders to two boards. Else, if each
+    axis stands between the ends of one segment: of several the nearest.
     """
     if len(points) == 1:
-        return (0, True) if (np.abs(q - points[0]) <= OFF_PATH).all() else None
+        return (0, _Fit.LINE) if (np.abs(q - points[0]) <= OFF_PATH).all() else None
     best: tuple[float, int] | None = None
+    beside: tuple[float, int] | None = None
     partly: int | None = None
     for k in range(len(points) - 1):
         along = points[k + 1] - points[k]
@@ -154,6 +180,10 @@ def _segment_of(points: Sequence[FloatArray], q: FloatArray) -> tuple[int, bool]
         # where a path crosses itself, the later segment: the arm was sent along the whole of it
         if far <= 1.0 and (best is None or far <= best[0] + 0.1):
             best = (far, k)
+        low, high = np.minimum(points[k], points[k + 1]), np.maximum(points[k], points[k + 1])
+        is_between = ((low - OFF_PATH <= q) & (q <= high + OFF_PATH)).all()
+        if is_between and (beside is None or far <= beside[0]):
+            beside = (far, k)
         has_moved = np.abs(off) > 1.0
         if has_moved.any() and length2 > 0:
             moved = scaled[has_moved]
@@ -163,8 +193,10 @@ def _segment_of(points: Sequence[FloatArray], q: FloatArray) -> tuple[int, bool]
                 if is_alike and 0.0 <= share <= 1.0 + 1.0 / float(np.abs(moved).max()):
                     partly = k
     if best is not None:
-        return best[1], True
-    return None if partly is None else (partly, False)
+        return best[1], _Fit.LINE
+    if partly is not None:
+        return partly, _Fit.PARTLY
+    return None if beside is None else (beside[1], _Fit.BESIDE)
 
 
 def _from(q: FloatArray, way: Sequence[FloatArray]) -> tuple[FloatArray, ...]:

@@ -6,16 +6,16 @@ from pathlib import Path
 
 from controller.cell.batch import find_proposal
 from controller.cell.compute import Job
-from controller.cell.compute.answers import homing_swept
+from controller.cell.compute.answers import homing_swept, proven_back
 from controller.cell.custody import GripperName
 from controller.cell.custody.openings import Occupancy
 from controller.cell.custody.releasing import ReleaseVisit, Standing
 from controller.cell.custody.start_check import known_words
 from controller.cell.devices.clocks import find_clock
 from controller.cell.devices.lock import hold_cell
-from controller.cell.recovery import Bounds, Interrupted, Proposal
+from controller.cell.recovery import Beside, Bounds, Interrupted, Proposal
 from controller.config import Cell, ConfigError, load_cell
-from controller.planning.motion import Swept
+from controller.planning.motion import ProvenMove, Swept
 from controller.setup.drivers import require_drivers
 from controller.setup.layout import build_layout
 
@@ -95,6 +95,10 @@ async def _proposal(
         job = Job(recipe_of(left.began, runs_dir / left.run), cell_path)
         return await asyncio.to_thread(homing_swept, job, *bounds.arguments)
 
+    async def back(left: Interrupted, beside: Beside) -> ProvenMove:
+        job = Job(recipe_of(left.began, runs_dir / left.run), cell_path)
+        return await asyncio.to_thread(proven_back, job, *beside.arguments)
+
     return await find_proposal(
         visit.devices,
         visit.journal,
@@ -102,6 +106,7 @@ async def _proposal(
         visit.began,
         build_layout(cell),
         sweep,
+        back,
         has_recipe=False,
     )
 

@@ -16,7 +16,7 @@ from controller.arrays import BoolArray, FloatArray, IntArray
 
 from ..geometry import SolidBox
 
-__all__ = ["JOINT_COUNT", "ArmLink", "ArmModel", "HomingPhase", "TimingModel"]
+__all__ = ["JOINT_COUNT", "ArmLink", "ArmModel", "SweepPhase", "TimingModel"]
 
 JOINT_COUNT = 6
 
@@ -83,8 +83,8 @@ class TimingModel(Protocol):
         """Return more than the joints (6,) are ever off the joint line in a move by `step` (6,)."""
 
 
-class HomingPhase(Protocol):
-    """One phase of homing, as all the joints that it may pass: ``join @ angles`` within bounds."""
+class SweepPhase(Protocol):
+    """One phase of a motion: all joints that it may pass, ``join @ angles`` within bounds."""
 
     @property
     def what(self) -> str:
@@ -197,7 +197,7 @@ class ArmModel(Protocol):
     def retreats(self, q: FloatArray, count: int) -> FloatArray:
         """Return how the arm gets out of the crowd from (n, 6): (n, count, 6), from there on."""
 
-    def homing_sweep(self, low: FloatArray, high: FloatArray) -> Sequence[HomingPhase]:
+    def homing_sweep(self, low: FloatArray, high: FloatArray) -> Sequence[SweepPhase]:
         """Return where homing that opens no jaw takes the joints, phase by phase.
 
         Empty for an arm that has no such homing.
@@ -206,6 +206,9 @@ class ArmModel(Protocol):
         ----------
         low, high : (6,) bounds of the joints at its beginning
         """
+
+    def move_sweep(self, q_from: FloatArray, q_to: FloatArray) -> SweepPhase:
+        """Return where one move (6,) to (6,) takes the joints, however its motors keep step."""
 
     def describe(self, q: FloatArray) -> str:
         """Return one q (6,) for people, in degrees and mm."""

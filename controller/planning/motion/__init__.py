@@ -5,13 +5,16 @@ from ._kinematics import inverse_rows, link_boxes, passed_limit, shown_pose, tcp
 from ._lines import fewest_waypoints, same_branch
 from ._paths import connect, path_free
 from .scene import Scene
-from .sweep import SWEEP_MARGIN_MM, Swept, prove_sweep
+from .segments import MARGIN_MM
+from .sweep import SWEEP_MARGIN_MM, ProvenMove, Swept, prove_move, prove_sweep
 from .timing import move_seconds, segment_seconds, segment_tube, travel_seconds
 
 __all__ = [
+    "MARGIN_MM",
     "SWEEP_MARGIN_MM",
     "PartShape",
     "PlacedShape",
+    "ProvenMove",
     "Scene",
     "Swept",
     "connect",
@@ -21,6 +24,7 @@ __all__ = [
     "move_seconds",
     "passed_limit",
     "path_free",
+    "prove_move",
     "prove_sweep",
     "same_branch",
     "segment_seconds",

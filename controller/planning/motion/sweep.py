@@ -9,19 +9,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
 from controller.arrays import FloatArray
 
-from ..model.arm import HomingPhase
+from ..model.arm import SweepPhase
 from ._kinematics import tcp_pose
 from .scene import SELF_MARGIN_MM, Scene
+from .segments import MARGIN_MM
 
 SWEEP_MARGIN_MM = 10.0  # an estimate of the place of a part in jaws that had no power is in it
 MAX_PIECES = 60_000  # of one phase; more are not proven
 # Pieces smaller than this count as contact where they are not free [mm of travel].
 FINEST_MM = 8.0
+_MOVE_COUNTS = (1, 4, 16)  # short moves that one may be made of
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,7 +51,7 @@ class Swept:
 
 
 def prove_sweep(
-    scene: Scene, phases: Sequence[HomingPhase], margin_mm: float = SWEEP_MARGIN_MM
+    scene: Scene, phases: Sequence[SweepPhase], margin_mm: float = SWEEP_MARGIN_MM
 ) -> Swept:
     """Return whether each configuration of phases keeps the margin, or the first that does not.
 
@@ -67,7 +70,45 @@ def prove_sweep(
     return Swept(pieces=pieces)
 
 
-def _prove(scene: Scene, phase: HomingPhase, margin_mm: float) -> Swept:
+@dataclass(frozen=True, slots=True, eq=False)
+class ProvenMove:
+    """A move as short ones, each free of contact whichever of its motors goes first.
+
+    Attributes
+    ----------
+    waypoints : (6,) from its beginning (left out) to its end; none if it is not proven
+    swept : what the proof has found
+    """
+
+    waypoints: tuple[FloatArray, ...]
+    swept: Swept
+
+
+def prove_move(
+    scene: Scene, q_from: FloatArray, q_to: FloatArray, margin_mm: float = MARGIN_MM
+) -> ProvenMove:
+    """Return a move along a joint line that is free of contact however its motors keep step.
+
+    Motors of a move run each at its own whole speed, and two boards start and stop one after the
+    other. The shorter the moves that it is made of, the less that matters.
+
+    Parameters
+    ----------
+    scene : what the arm carries, and may not touch
+    q_from, q_to : (6,) rows of joints
+    margin_mm : to everything but the arm itself, which keeps `SELF_MARGIN_MM`
+    """
+    arm, swept = scene.layout.arm, Swept()
+    for count in _MOVE_COUNTS:
+        points = q_from + np.linspace(0.0, 1.0, count + 1)[:, None] * (q_to - q_from)
+        phases = [arm.move_sweep(a, b) for a, b in pairwise(points)]
+        swept = prove_sweep(scene, phases, margin_mm)
+        if swept.is_free:
+            return ProvenMove((*points[1:-1], q_to), swept)
+    return ProvenMove((), swept)
+
+
+def _prove(scene: Scene, phase: SweepPhase, margin_mm: float) -> Swept:
     low, high, names = phase.low[None], phase.high[None], scene.names()
     far = scene.reach_mm()
     count = 0
@@ -106,7 +147,7 @@ def _prove(scene: Scene, phase: HomingPhase, margin_mm: float) -> Swept:
 
 
 def _radii(
-    scene: Scene, phase: HomingPhase, q: FloatArray, half: FloatArray, far: tuple[float, float]
+    scene: Scene, phase: SweepPhase, q: FloatArray, half: FloatArray, far: tuple[float, float]
 ) -> FloatArray:
     """Return how far any point moves with each independent angle (n, 6) [mm per rad or mm]."""
     ends = phase.low @ phase.join.T, phase.high @ phase.join.T

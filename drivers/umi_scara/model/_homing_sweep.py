@@ -19,7 +19,7 @@ from . import kinematics
 
 Floats = NDArray[np.float64]
 
-__all__ = ["HomingPhase", "homing_sweep"]
+__all__ = ["SweepPhase", "homing_sweep"]
 
 _SHOULDER, _ELBOW, _HAND, _ZED, _PITCH, _ROLL = range(6)
 # rad and mm: an axis that rests on its stop, or was stopped on its way, may be so far off
@@ -34,8 +34,8 @@ _JOIN[2, 1] = float(c.YAW_ELBOW_RATIO) * c.ELBOW_COUNTS_PER_DEG / c.YAW_COUNTS_P
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class HomingPhase:
-    """One phase of homing, as the joints that it may pass.
+class SweepPhase:
+    """One phase of a motion, as the joints that it may pass.
 
     Attributes
     ----------
@@ -50,7 +50,7 @@ class HomingPhase:
     join: Floats
 
 
-def homing_sweep(low: Floats, high: Floats) -> tuple[HomingPhase, ...]:
+def homing_sweep(low: Floats, high: Floats) -> tuple[SweepPhase, ...]:
     """Return the phases of homing from anywhere within bounds of the joints.
 
     Parameters
@@ -75,7 +75,7 @@ def homing_sweep(low: Floats, high: Floats) -> tuple[HomingPhase, ...]:
         spread(axis, place - slack, place + slack)
 
     def add(what: str) -> None:
-        phases.append(HomingPhase(what, low.copy(), high.copy(), _JOIN))
+        phases.append(SweepPhase(what, low.copy(), high.copy(), _JOIN))
 
     for axis in range(6):
         spread(axis, low[axis], high[axis])
@@ -95,7 +95,7 @@ def homing_sweep(low: Floats, high: Floats) -> tuple[HomingPhase, ...]:
     # the yaw motor stands still meanwhile: the third angle is its own
     rest_at(_HAND, 0.0, off[2])
     phases.append(
-        HomingPhase("the elbow goes to its stop", low.copy(), high.copy(), np.eye(len(low)))
+        SweepPhase("the elbow goes to its stop", low.copy(), high.copy(), np.eye(len(low)))
     )
     rest_at(_ELBOW, 0.0, _SLACK[_ELBOW])
     spread(_HAND, least[_HAND], off_hand)

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _detours, kinematics
-from ._homing_sweep import HomingPhase, homing_sweep
-from ._timing import UmiTiming
+from ._homing_sweep import SweepPhase, homing_sweep
+from ._timing import UmiTiming, move_sweep
 from .kinematics import ArmGeometry
 
 __all__ = ["LinkBox", "UmiModel"]
@@ -198,9 +198,13 @@ class UmiModel:
         """Return joints (n, 6) on their way straight up: (n, count, 6)."""
         return _detours.lifts(q, count)
 
-    def homing_sweep(self, low: Floats, high: Floats) -> Sequence[HomingPhase]:
+    def homing_sweep(self, low: Floats, high: Floats) -> Sequence[SweepPhase]:
         """Return where homing that keeps the jaws shut takes the joints from within bounds (6,)."""
         return homing_sweep(low, high)
+
+    def move_sweep(self, q_from: Floats, q_to: Floats) -> SweepPhase:
+        """Return where one move takes the joints, however its motors keep step."""
+        return move_sweep(q_from, q_to)
 
     def describe(self, q: Floats) -> str:
         """Return one q (6,) in degrees and mm."""

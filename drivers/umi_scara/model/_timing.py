@@ -13,6 +13,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from ._homing_sweep import SweepPhase
+
 __all__ = ["STILL", "UmiTiming"]
 
 Floats = NDArray[np.float64]
@@ -21,7 +23,7 @@ STILL: Final = 1e-6  # rad, mm: less than a count of any motor
 # joints = these @ motors: pitch is half the sum, roll half the difference (umi_rtx.md 5.3)
 _SPLIT: Final = np.eye(6)
 _SPLIT[4:, 4:] = [[1.0, 1.0], [1.0, -1.0]]
-_JOIN: Final = np.linalg.inv(_SPLIT)
+_JOIN: Final[Floats] = np.asarray(np.linalg.inv(_SPLIT), np.float64)
 _FULL_SPEED: Final = 100.0  # SPEED of the slowest motor; the others get a share, rounded up
 
 
@@ -140,6 +142,17 @@ class UmiTiming:
 def motor_travel(step: Floats) -> Floats:
     """Return how far the motors turn (..., 6) for changes of the joints (..., 6) [rad, mm]."""
     return np.asarray(np.asarray(step, np.float64) @ _SPLIT.T)
+
+
+def move_sweep(q_from: Floats, q_to: Floats) -> SweepPhase:
+    """Return where one move takes the joints if each motor is on a share of its own.
+
+    Parameters
+    ----------
+    q_from, q_to : (6,) ends of the move
+    """
+    ends = motor_travel(np.stack([q_from, q_to]))
+    return SweepPhase("the arm moves", ends.min(axis=0), ends.max(axis=0), _JOIN)
 
 
 def _trapezoid_s(share_s: Floats, ramp_s: float) -> Floats:

@@ -1,0 +1,119 @@
+"""An arm that stands beside its path: each of its axes stopped on a share of its own of one move.
+
+The axes of a move run each at a whole speed, rounded up, and a start that stops what a killed
+controller has left moving stops one board up to 0.2 s after the other. So the arm may stand where
+no path of the journal leads. From there it goes back to where that move began, if that is proven.
+"""
+
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from controller.arrays import FloatArray
+from controller.planning.motion import MARGIN_MM, ProvenMove
+
+from ..custody import Custody
+from .classify import Case, Leaves, Opens
+from .interrupted import Interrupted
+from .world import World
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Beside:
+    """Where the arm stands, where its move began, and what the grippers have.
+
+    Attributes
+    ----------
+    q, q_begin : (6,) joints
+    arm_opening_mm, fixed_opening_mm : as the grippers read
+    T_part_tcp : (4, 4) of a part in the arm gripper, or None
+    T_part_fixed : (4, 4) of a part in the fixed gripper, T_part_tcp of that one, or None
+    """
+
+    q: FloatArray
+    q_begin: FloatArray
+    arm_opening_mm: float
+    T_part_tcp: FloatArray | None
+    fixed_opening_mm: float
+    T_part_fixed: FloatArray | None
+
+    @property
+    def arguments(self) -> tuple[Any, ...]:
+        """What the compute service's `proven_back` takes."""
+        return (
+            self.q,
+            self.q_begin,
+            self.arm_opening_mm,
+            self.T_part_tcp,
+            self.fixed_opening_mm,
+            self.T_part_fixed,
+        )
+
+
+# Proves that the arm goes back from beside its path, with the part of a run, and touches nothing.
+Back = Callable[[Interrupted, Beside], Awaitable[ProvenMove]]
+
+
+def beside_path(left: Interrupted, world: World, case: Case) -> Beside | None:
+    """Return where the arm stands beside its path, if a proof is to decide; None if none can.
+
+    Only with the part in one gripper, and no jaw that has to open first.
+
+    Parameters
+    ----------
+    left : has the path that the arm was sent along last
+    world : where it stands, and how the grippers do
+    case : what is so
+    """
+    if case.person or case.opens is not Opens.NONE or case.leaves is not Leaves.BY_TRAIL:
+        return None
+    if world.q is None or world.arm_mm is None or left.intent is not None:
+        return None
+    begin = left.trail.begin_beside(world.q)
+    hold = {Custody.IN_ARM: left.arm_hold, Custody.IN_FIXED: left.fixed_hold}.get(case.custody)
+    if begin is None or hold is None:
+        return None
+    T_part = np.array(hold.T_part_tcp)
+    in_arm = case.custody is Custody.IN_ARM
+    return Beside(
+        world.q,
+        begin,
+        world.arm_mm,
+        T_part if in_arm else None,
+        world.fixed_mm,
+        None if in_arm else T_part,
+    )
+
+
+def why_not_back(proven: ProvenMove | None) -> str:
+    """Return why an arm beside its path cannot go back.
+
+    Parameters
+    ----------
+    proven : what the proof found; None where there was none
+    """
+    person = "the arm stands beside the path that the journal says it was sent along"
+    if proven is None:
+        return person
+    x, y, z = proven.swept.tcp_mm
+    return (
+        f"{person}, and going back to where that move began is not proven free of contact: the arm "
+        f"or what it holds would come too close to {proven.swept.touches.replace('_', ' ')} (TCP "
+        f"about {x:.0f}, {y:.0f}, {z:.0f} mm)"
+    )
+
+
+def back_evidence(proven: ProvenMove) -> str:
+    """Return what was checked, as a sentence.
+
+    Parameters
+    ----------
+    proven : free of contact
+    """
+    return (
+        "arm: its axes stopped out of step, each on a share of its own of one and the same move; "
+        f"back to where that began it keeps {MARGIN_MM:.0f} mm from everything, whichever axis "
+        f"goes first ({proven.swept.pieces} pieces of joint space checked)"
+    )
