@@ -71,8 +71,9 @@ class Case:
     fault : name in `FAULTS`, with the state that it befalls; None for none
     before : a fault that comes earlier, with its state, so that the state of `fault` is reached
     fault_rate : share of holds that fail by chance (`holds`)
-    again : after a run that stopped a person looks, starts anew, and accepts what the start
-        proposes
+    again : after a run that stopped a person looks, closes the door, resets the emergency stop,
+        and starts anew; with `recovery` "auto" the cell goes on by itself, else they accept what
+        the start proposes
     """
 
     seed: int
@@ -170,11 +171,11 @@ def hold_lengths(scene: Scene) -> Lengths:
 
 
 class Accepting:
-    """A person who looks, and has the cell go on as it proposes."""
+    """A person who looks, acknowledges a stop, and has the cell go on as it proposes."""
 
     async def decide(self, question: Question) -> Answer | None:
-        """Accept what a start proposes; answer nothing else."""
-        if question.code != "part_left":
+        """Acknowledge, and accept what a start proposes; answer nothing else."""
+        if question.code not in ("part_left", "not_acknowledged"):
             return None
         return Answer(question.choices[0].key, "a person", "it is as it says")
 
@@ -224,6 +225,8 @@ class _Run:
                 self.cell.operator = Accepting()
             while self._starts_again() and len(self.ended.ends) < self.case.starts:
                 await asyncio.sleep(self.rng.uniform(*DEAD_S))
+                if self.case.again:
+                    self._put_right()
                 self._check()
                 await self._start(None)
             await asyncio.sleep(REST_S)
@@ -237,10 +240,16 @@ class _Run:
             return end == "killed"
         return not end.startswith(("refused", "complete"))
 
+    def _put_right(self) -> None:
+        """Close the door, pull the emergency stop out and reset it, as whoever looks does."""
+        self.cell.befall("door", closed=True)
+        self.cell.befall("estop", pressed=False)
+        self.cell.befall("reset")
+
     async def _start(self, kill: Kill | None) -> None:
         options = {} if not self.ended.ends else {"recovery": self.case.recovery}
         if self.case.again and options:
-            options = {"recovery": "ask"}
+            options = {"recovery": "auto" if self.case.recovery == "auto" else "ask"}
         controller = self.cell.controller(**options)
         self.watch.permitted()
         self._arm_faults(controller)

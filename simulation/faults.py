@@ -19,6 +19,9 @@ Order = Mapping[str, Any]
 SOON_S: Final = 1.5  # after a state was entered, at the latest, its fault befalls the cell
 # in place of a state: the arm stands, and the part is in its gripper
 STANDING: Final = "standing with the part"
+# the same with the part in the fixed gripper, whether the arm stands or moves
+IN_FIXED: Final = "the part in the fixed gripper"
+FIXED_S: Final = 3.0  # after the fixed gripper has it alone, at the latest
 STAND_S: Final = 0.4  # so long still, the arm stands
 MOST_STANDS: Final = 4  # before the one that a fault befalls
 
@@ -199,12 +202,15 @@ class Cause:
         Parameters
         ----------
         controller : whose state counts
-        state : as the operator sees it; or `STANDING`
+        state : as the operator sees it; or `STANDING`, or `IN_FIXED`
         fault : what befalls the cell
         then : called right afterwards
         """
         if state == STANDING:
             self.spawn(self._while_standing(fault, then))
+            return
+        if state == IN_FIXED:
+            self.spawn(self._while_in_fixed(fault, then))
             return
         delay_s = self.rng.uniform(0.0, SOON_S)
 
@@ -233,6 +239,16 @@ class Cause:
             if left == 0:
                 break
             left -= 1
+        self.now(fault)
+        then()
+
+    async def _while_in_fixed(self, fault: Fault, then: Callable[[], None]) -> None:
+        """Let a fault befall a cell whose fixed gripper alone has the part, at any such moment."""
+        delay_s = self.rng.uniform(0.0, FIXED_S)
+        while delay_s > 0:
+            await asyncio.sleep(STAND_S / 4)
+            if self.cell.truth()["parts"][0]["custody"] == "fixture":
+                delay_s -= STAND_S / 4
         self.now(fault)
         then()
 

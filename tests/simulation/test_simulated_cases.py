@@ -11,7 +11,7 @@ import pytest
 from controller.cell.journal import JOURNAL_NAME, read_rows, rows
 from simulation.case import Case, Ended, Kill, run_case
 from simulation.cell import Scene
-from simulation.faults import STANDING
+from simulation.faults import IN_FIXED, STANDING
 
 PART = Scene("holder")
 
@@ -51,10 +51,12 @@ POSITIONS_LOST = (
     Case(5, PART, fault=("arm board restart", STANDING), again=True),
     Case(2, PART, fault=("motor board restart", STANDING), again=True),
     Case(7, Scene("holder", 1), fault=("arm without power for 3 s", STANDING), again=True),
+    # the part in the fixed gripper, which the stop leaves without a report of its hold
+    Case(990001, PART, fault=("arm board restart", IN_FIXED), again=True),
 )
 
 
-@pytest.mark.parametrize("case", POSITIONS_LOST, ids=lambda case: case.fault[0])
+@pytest.mark.parametrize("case", POSITIONS_LOST, ids=lambda case: "{} {}".format(*case.fault))
 def test_after_a_lost_position_the_arm_homes_with_the_part_and_brings_it_to_its_tray(
     case: Case, tmp_path: Path
 ) -> None:
@@ -63,10 +65,37 @@ def test_after_a_lost_position_the_arm_homes_with_the_part_and_brings_it_to_its_
     assert ended.ends[1:] == ["complete"]
     assert ended.violations == []
     assert ended.truth["tray"] == "accept"
-    names = [row.name for row in read_rows(tmp_path / "cell" / JOURNAL_NAME)]
+    found = list(read_rows(tmp_path / "cell" / JOURNAL_NAME))
+    names = [row.name for row in found]
     assert names.count(rows.HomingBegun.row_name) == 1
     assert names.count(rows.HomedWithPart.row_name) == 1
     assert names.count(rows.Homed.row_name) == 1  # the first run's, with nothing in the jaws
+    (decided,) = (row.body for row in found if row.name == rows.RecoveryProposed.row_name)
+    assert "Look before you accept" in decided["shown"]
+
+
+# Seeds with a stop while the fixed gripper alone has the part.
+STOPPED_IN_FIXED = (
+    Case(990011, PART, recovery="auto", fault=("door", IN_FIXED), again=True),
+    Case(990012, PART, recovery="auto", fault=("estop", IN_FIXED), again=True),
+)
+
+
+@pytest.mark.parametrize("case", STOPPED_IN_FIXED, ids=lambda case: case.fault[0])
+def test_after_a_stop_the_fixed_gripper_presses_and_the_part_goes_on_by_itself(
+    case: Case, tmp_path: Path
+) -> None:
+    ended = run_case(case, tmp_path / "cell")
+    assert ended.ends[0].startswith("aborted")
+    assert ended.ends[1:] == ["complete"]
+    assert ended.violations == []
+    assert ended.truth["tray"] == "accept"
+    found = read_rows(tmp_path / "cell" / JOURNAL_NAME)
+    (decided,) = (row.body for row in found if row.name == rows.RecoveryProposed.row_name)
+    assert decided["custody"] == "in_fixture"
+    assert "presses once more" in decided["steps"][0]
+    assert decided["is_proven"]
+    assert decided["shown"] == ""  # nobody was there
 
 
 def test_a_part_that_fell_meanwhile_is_noticed_by_the_press_and_found_on_the_table() -> None:

@@ -110,6 +110,8 @@ ARM_ON = {"arm_mm": ARM_MM, "is_arm_pressing": True}
 ARM_OPEN = {"arm_mm": OPEN_MM, "is_arm_pressing": False}
 ARM_SHUT = {"arm_mm": 0.5, "is_arm_pressing": True}
 FIXED_ON = {"fixed_mm": FIXED_MM, "does_fixed_touch": True, "barrier": Signal.OK}
+# stopped, it stands where it held the part and reports nothing of it; its light barrier does
+FIXED_STOPPED = {"fixed_mm": FIXED_MM, "does_fixed_touch": False, "barrier": Signal.OK}
 FIXED_OPEN = {"fixed_mm": WIDE_MM, "does_fixed_touch": False, "barrier": Signal.NOT_OK}
 # the part between wide open jaws
 FIXED_ROUND_IT = FIXED_OPEN | {"barrier": Signal.OK}
@@ -180,6 +182,35 @@ CUTS: tuple[tuple[str, dict[str, object], float, str, str, tuple[float, ...], st
      "placed", "arm", (12,), "unknown"),
     ("has let go", ARM_OPEN | FIXED_OPEN, 13, "placed", "arm", (12,), "done"),
 )  # fmt: skip
+# By hand: the same after a stop, where the fixed gripper keeps the part; it presses first.
+STOPPED: tuple[tuple[str, dict[str, object], float, str, tuple[float, ...]], ...] = (
+    ("arm opens", ARM_OPEN, 7, "arm", (8,)),
+    ("arm opens", {"arm_mm": 22.0, "is_arm_pressing": False}, 7, "arm", (8,)),
+    ("arm has opened", ARM_OPEN, 7, "arm", (8,)),
+    ("fixed has it", ARM_OPEN, 7, "arm", (8,)),
+    ("retreats", ARM_OPEN, 7.5, "", (8,)),
+    ("retreated", ARM_OPEN, 8, "", ()),
+    ("comes back", ARM_OPEN, 8.5, "", (8,)),
+    ("approaches", ARM_OPEN, 9.5, "", (9, 8)),
+    ("expects grasp 2", ARM_OPEN, 10, "", (9, 8)),
+    ("closes again", ARM_OPEN, 10, "arm", (9, 8)),
+    ("closes again", ARM_ON, 10, "arm", (9, 8)),
+    ("closes again", ARM_SHUT, 10, "arm", (9, 8)),
+    ("both again", ARM_ON, 10, "arm", (9, 8)),
+)
+# By hand: after a stop the arm gripper keeps the part; the fixed gripper is not needed.
+NOT_NEEDED: tuple[tuple[str, float, str], ...] = (
+    ("fixed closes", 7, "fixed"), ("both", 7, "fixed"), ("arm opens", 7, "fixed"),
+    ("fixed opens", 10, "fixed"),
+)  # fmt: skip
+# What else the stopped fixed gripper may look like: then nothing is to be confirmed.
+NOT_ON_PART: tuple[dict[str, object], ...] = (
+    {"barrier": Signal.NOT_OK, "fixed_mm": FIXED_MM - 2},
+    {"barrier": Signal.UNKNOWN},
+    {"fixed_mm": FIXED_MM + 2},
+    {"fixed_mm": FIXED_MM - 2},
+    {"is_fixed_ready": False},
+)
 # By hand as well: what journal and grippers say does not fit together, so that a person looks.
 CONTRADICTIONS: tuple[tuple[str, dict[str, object], float], ...] = (
     ("has it", ARM_OPEN | FIXED_OPEN, 3),
@@ -244,6 +275,44 @@ def test_where_journal_and_grippers_contradict_each_other_a_person_looks(
     assert found.person
     assert not found.is_proven
     assert found.steps == ()
+
+
+@pytest.mark.parametrize(("last", "jaws", "at", "opens", "places"), STOPPED)
+def test_a_stopped_fixed_gripper_presses_before_anything_else(
+    last: str, jaws: dict[str, object], at: float, opens: str, places: Sequence[float]
+) -> None:
+    found = proposed(last, jaws | FIXED_STOPPED, at)
+    assert found.person == ""
+    assert found.custody is Custody.IN_FIXED
+    assert found.case.is_fixed_unconfirmed
+    assert found.steps[0] == "the fixed gripper presses once more: it closes, and opens nothing"
+    assert found.preview == found.steps[0]
+    words = found.case.opens.value
+    assert (words.split()[1] if words else "") == opens
+    assert found.leaving is not None
+    assert [w[0] for w in found.leaving.waypoints] == list(places)
+    assert found.is_proven
+    reports = proposed(last, jaws | FIXED_ON, at)
+    assert not reports.case.is_fixed_unconfirmed
+    assert found.steps[1:] == reports.steps
+
+
+@pytest.mark.parametrize(("last", "at", "opens"), NOT_NEEDED)
+def test_a_fixed_gripper_that_is_to_open_presses_nothing(last: str, at: float, opens: str) -> None:
+    found = proposed(last, ARM_ON | FIXED_STOPPED, at)
+    assert found.custody is Custody.IN_ARM
+    assert found.case.opens.value.split()[1] == opens
+    assert not found.case.is_fixed_unconfirmed
+    assert found.steps[0].startswith("the arm gripper presses")
+
+
+@pytest.mark.parametrize("more", NOT_ON_PART)
+def test_a_fixed_gripper_that_does_not_stand_on_the_part_has_nothing_to_confirm(
+    more: dict[str, object],
+) -> None:
+    found = proposed("retreated", ARM_OPEN | FIXED_STOPPED | more, 8)
+    assert not found.case.is_fixed_unconfirmed
+    assert found.person or found.custody is Custody.LOST
 
 
 def test_every_moment_with_a_part_in_a_gripper_is_listed() -> None:

@@ -1,6 +1,6 @@
 """Recovering: a part that an interrupted run left in a gripper goes on from there."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 from controller.cell.compute import Compute
@@ -57,9 +57,11 @@ class RecoverAction:
         if case.holds_as_expected:
             await self._take_expected_hold(proposal)
         if proposal.homing is not None:
-            return await self._home(proposal, proposal.homing)
+            confirmed = await self._confirm_fixed(proposal)
+            return await self._home(confirmed, proposal.homing)
         if case.opens is not Opens.NONE or proposal.left.intent is not None:
             await self._set_custody(proposal)
+        proposal = await self._confirm_fixed(proposal)
         if proposal.custody is Custody.IN_ARM:
             await self._press(case.custody)
         await self._open(proposal)
@@ -91,6 +93,28 @@ class RecoverAction:
         hold.opening_mm, _ = await self.grippers.openings_mm()
         self.record.part.hold = hold
         self.record.note_hold()
+
+    async def _confirm_fixed(self, proposal: Proposal) -> Proposal:
+        """Press the fixed gripper where it reports no hold; return what follows.
+
+        Nothing has moved before. If it has lost the part, the arm leaves as it was proposed, and
+        the part is looked for.
+        """
+        hold = proposal.left.fixed_hold
+        if not proposal.case.is_fixed_unconfirmed or hold is None:
+            return proposal
+        try:
+            await self.grippers.press_fixed_and_require_hold(hold.opening_mm)
+        except PartFaultError as error:
+            if proposal.case.opens is Opens.NONE:
+                return replace(proposal, custody=Custody.LOST)
+            # the arm's fingers are round the place where the part was
+            await self.record.set_custody(Custody.UNKNOWN, str(error))
+            raise PartProblemError(
+                "recovery_contradicted",
+                f"{error}, and the arm gripper had just opened there",
+            ) from error
+        return proposal
 
     async def _press(self, custody: Custody) -> None:
         """Press the arm gripper, which closes it and opens nothing."""

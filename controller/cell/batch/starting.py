@@ -213,7 +213,7 @@ async def _decided(
     order: RunOrder, operator: Operator, proposal: Proposal
 ) -> rows.RecoveryProposed:
     """Return the proposal as a row, with what was decided, by whom and why."""
-    decision, who, why = "refused", "", proposal.person
+    decision, who, why, shown = "refused", "", proposal.person, ""
     if not proposal.person and order.recovery == "auto":
         who = BY_OPTION
         decision = "accepted" if proposal.is_proven else "refused"
@@ -225,7 +225,8 @@ async def _decided(
         else:
             decision = "accepted" if answer.key == GO_ON else "refused"
             who, why = answer.who, answer.why
-    return _row(proposal, decision, who, why)
+            shown = proposal.look  # it is in the question that they answered
+    return _row(proposal, decision, who, why, shown)
 
 
 def _why_not_alone(proposal: Proposal) -> str:
@@ -237,7 +238,9 @@ def _why_not_alone(proposal: Proposal) -> str:
     return "the way out is not proven to end free"
 
 
-def _row(proposal: Proposal, decision: str, who: str, why: str) -> rows.RecoveryProposed:
+def _row(
+    proposal: Proposal, decision: str, who: str, why: str, shown: str = ""
+) -> rows.RecoveryProposed:
     return rows.RecoveryProposed(
         run=proposal.left.run,
         custody=proposal.case.now.key,
@@ -250,6 +253,7 @@ def _row(proposal: Proposal, decision: str, who: str, why: str) -> rows.Recovery
         decision=decision,
         who=who,
         why=why,
+        shown=shown,
     )
 
 
@@ -265,7 +269,7 @@ def _question(proposal: Proposal) -> Question:
             Choice(GO_ON, "go on with the part as listed"),
             Choice(REFUSE, "move nothing; I take the part out"),
         ),
-        preview=((GO_ON, proposal.first_motion or "the arm gripper presses once more"),),
+        preview=((GO_ON, proposal.preview),),
     )
 
 

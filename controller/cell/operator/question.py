@@ -57,7 +57,10 @@ class Operator(Protocol):
     """Whoever can decide."""
 
     async def decide(self, question: Question) -> Answer | None:
-        """Return the answer, journaled as a decision; None where nobody is there to give one."""
+        """Return the answer, journaled as a decision; None where nobody is there to give one.
+
+        Whoever answers has been shown the question's text.
+        """
         ...
 
 

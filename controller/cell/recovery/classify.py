@@ -52,6 +52,7 @@ class Case:
     person : why a person has to look; empty if the cell can go on
     was : where the journal had the part last
     homes : the arm has to home first, with what its gripper holds
+    is_fixed_unconfirmed : the fixed gripper stands on the part, and has to press once more first
     """
 
     custody: Custody
@@ -63,6 +64,13 @@ class Case:
     person: str = ""
     was: Custody = Custody.UNKNOWN
     homes: bool = False
+    is_fixed_unconfirmed: bool = False
+
+    @property
+    def relies_on_fixed(self) -> bool:
+        """Whether the fixed gripper keeps the part."""
+        is_kept = self.custody is Custody.IN_BOTH and self.opens is Opens.ARM
+        return not self.person and (is_kept or self.custody is Custody.IN_FIXED)
 
     @property
     def now(self) -> Custody:
@@ -90,6 +98,7 @@ def classify(left: Interrupted, world: World) -> Case:
             person=why,
             was=left.custody,
             homes=not why,
+            is_fixed_unconfirmed=not why and _is_unconfirmed(left, world),
         )
     rule = _INTENTS.get(left.intent.name) if left.intent else _CUSTODIES.get(left.custody)
     if rule is None:
@@ -106,7 +115,17 @@ def classify(left: Interrupted, world: World) -> Case:
         evidence=_evidence(left, world),
         person=case.person,
         was=left.custody,
+        is_fixed_unconfirmed=case.relies_on_fixed and not world.does_fixed_hold,
     )
+
+
+def _is_unconfirmed(left: Interrupted, world: World) -> bool:
+    return left.custody is Custody.IN_FIXED and not world.does_fixed_hold
+
+
+def _is_fixed_on_part(left: Interrupted, world: World) -> bool:
+    """Return whether the fixed gripper reports its hold, or a press has to confirm it."""
+    return world.does_fixed_hold or world.may_fixed_hold(_mm(left.fixed_hold))
 
 
 # --- without an unresolved intent ---------------------------------------------------------------
@@ -128,7 +147,7 @@ def _in_arm(left: Interrupted, world: World) -> Case:
 def _in_both(left: Interrupted, world: World) -> Case:
     jaws = world.arm_jaws(_mm(left.arm_hold))
     if _is_receiving(left):
-        if world.does_fixed_hold:
+        if _is_fixed_on_part(left, world):
             return Case(Custody.IN_BOTH, opens=Opens.ARM)
         if jaws is Jaws.ON_PART:
             return _contradiction(left, "the fixed gripper does not report its hold any more")
@@ -138,7 +157,7 @@ def _in_both(left: Interrupted, world: World) -> Case:
 
 
 def _in_fixed(left: Interrupted, world: World) -> Case:
-    if world.does_fixed_hold:
+    if _is_fixed_on_part(left, world):
         opens = Opens.ARM if _gave(left, Once.RELEASE_ARM) else Opens.NONE
         return Case(Custody.IN_FIXED, opens=opens, leaves=_leaves(left))
     if world.is_fixed_clear:
@@ -202,7 +221,7 @@ def _release_arm(left: Interrupted, world: World) -> Case:
     jaws = world.arm_jaws(_mm(left.arm_hold))
     if jaws is Jaws.ON_PART:
         return Case(Custody.IN_BOTH, opens=Opens.FIXED, done="not done")
-    if jaws in (Jaws.WIDER, Jaws.BETWEEN) and world.does_fixed_hold:
+    if jaws in (Jaws.WIDER, Jaws.BETWEEN) and _is_fixed_on_part(left, world):
         done: Done = "done" if jaws is Jaws.WIDER else "unknown"
         return Case(Custody.IN_FIXED, opens=Opens.ARM, leaves=Leaves.BY_RETREAT, done=done)
     if world.is_fixed_clear and jaws is Jaws.WIDER:
@@ -218,7 +237,7 @@ def _receive(left: Interrupted, world: World) -> Case:
         done = "done"
     elif jaws is Jaws.WIDER:
         done = "not done"
-    if world.does_fixed_hold:
+    if _is_fixed_on_part(left, world):
         return Case(Custody.IN_BOTH, opens=Opens.ARM, done=done)
     return _contradiction(left, "the fixed gripper does not report its hold", done)
 
@@ -313,11 +332,13 @@ def _evidence(left: Interrupted, world: World) -> tuple[str, ...]:
         known = "" if hold is None else f"; on the part they stand at {hold.opening_mm:.1f} mm"
         press = "press" if world.is_arm_pressing else "do not press"
         said.append(f"arm gripper: its jaws stand at {world.arm_mm:.1f} mm and {press}{known}")
-    touch = "touch something" if world.does_fixed_touch else "touch nothing"
+    touch = "touch something" if world.does_fixed_touch else "report no contact"
     sees = {Signal.OK: "sees something", Signal.NOT_OK: "sees nothing"}.get(
         world.barrier, "gives no reading"
     )
     ready = "" if world.is_fixed_ready else "; it is not ready"
+    if left.fixed_hold is not None and left.custody in (Custody.IN_FIXED, Custody.IN_BOTH):
+        ready = f"; on the part its jaws stood at {left.fixed_hold.opening_mm:.1f} mm{ready}"
     said.append(
         f"fixed gripper: its jaws stand at {world.fixed_mm:.1f} mm and {touch}; its light barrier "
         f"{sees}{ready}"

@@ -159,7 +159,8 @@ def why_not_home(left: Interrupted, world: World) -> str:
     if left.custody is Custody.IN_FIXED:
         if left.fixed_hold is None:
             return "the journal does not say how the fixed gripper holds the part"
-        if not world.does_fixed_hold:
+        holds = world.does_fixed_hold or world.may_fixed_hold(left.fixed_hold.opening_mm)
+        if not holds:
             return "the fixed gripper does not report its hold"
         return ""
     return f"{world.positions}; the part is {left.custody.value}"

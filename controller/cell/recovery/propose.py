@@ -28,6 +28,7 @@ from .interrupted import Interrupted
 from .trail import Leaving
 from .world import World
 
+FIXED_PRESSES: Final = "the fixed gripper presses once more: it closes, and opens nothing"
 FIRST_SPEED: Final = 0.25  # share of the usual speed: the first motion after a crash
 THEN: Final = {
     Custody.IN_ARM: "plan on from the arm gripper; what was in sight stays seen, and the first "
@@ -74,6 +75,13 @@ class Proposal:
     def evidence(self) -> tuple[str, ...]:
         """What journal and devices say, sentence by sentence."""
         return self.case.evidence
+
+    @property
+    def preview(self) -> str:
+        """The first motion of anything, in words."""
+        if self.case.is_fixed_unconfirmed:
+            return FIXED_PRESSES
+        return self.first_motion or "the arm gripper presses once more"
 
     @property
     def is_arm_alone(self) -> bool:
@@ -155,7 +163,7 @@ def _home(
         homing.bounds.q_estimate,
         None,
         case.custody,
-        (*HOMING_STEPS, THEN[case.custody]),
+        (*_confirming(case), *HOMING_STEPS, THEN[case.custody]),
         FIRST_MOTION,
         is_proven=False,
         person="",
@@ -199,7 +207,7 @@ def _why_not(left: Interrupted, case: Case) -> str:
 
 
 def _steps(case: Case, custody: Custody, first: str, way: Leaving) -> list[str]:
-    steps = []
+    steps = _confirming(case)
     if case.custody in (Custody.IN_ARM, Custody.IN_BOTH) and case.opens is not Opens.ARM:
         steps.append("the arm gripper presses once more: it closes, and opens nothing")
     if case.opens is not Opens.NONE:
@@ -211,6 +219,11 @@ def _steps(case: Case, custody: Custody, first: str, way: Leaving) -> list[str]:
         steps.append(f"the arm goes {where}, {len(way.waypoints)} waypoints: {first}")
     steps.append(THEN[custody])
     return steps
+
+
+def _confirming(case: Case) -> list[str]:
+    """Return the step by which the fixed gripper confirms its hold, where it has to."""
+    return [FIXED_PRESSES] if case.is_fixed_unconfirmed else []
 
 
 def _preview(q: FloatArray, way: Leaving, layout: CellLayout) -> str:

@@ -63,6 +63,20 @@ class World:
         """Whether the fixed gripper itself reports that it holds something."""
         return self.is_fixed_ready and self.does_fixed_touch and self.fixed_mm >= NOTHING_MM
 
+    def may_fixed_hold(self, on_part_mm: float | None) -> bool:
+        """Return whether the fixed gripper stands as it does on the part, but reports no contact.
+
+        So it stands after a stop, which ends the order that its report of contact is about
+        (modbus_devices.md 2.3). Only a press shows whether it still holds the part.
+
+        Parameters
+        ----------
+        on_part_mm : where it held the part, None if that is not known
+        """
+        stands = judge_jaws(self.fixed_mm, on_part_mm) is Jaws.ON_PART
+        sees = self.barrier is Signal.OK
+        return self.is_fixed_ready and not self.does_fixed_touch and stands and sees
+
     @property
     def is_fixed_clear(self) -> bool:
         """Whether nothing is between the jaws of the fixed gripper."""

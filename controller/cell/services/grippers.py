@@ -202,6 +202,37 @@ class Grippers:
         await self._record.set_custody(Custody.LOST, f"jaws at {opening_mm:.1f} mm")
         raise PartFaultError(PartFault.DROPPED, message, source=source)
 
+    async def press_fixed_and_require_hold(self, held_mm: float) -> None:
+        """Have the fixed gripper press once more on what it has, and require its hold.
+
+        It only closes. After a stop it reports no contact, whatever is between its jaws.
+
+        Parameters
+        ----------
+        held_mm : its opening while it held the part
+
+        Raises
+        ------
+        PartFaultError : nothing is between its jaws, and it alone had the part, which is LOST
+        PartProblemError : the part is not held as it was; its custody is UNKNOWN
+        """
+        async with self._moving("the fixed gripper presses on the part, to check that it is held"):
+            status = await self._retries.run("gripper", "fixed gripper", self._fixed.status)
+            # from where the jaws stand, so that they cannot be sent wider
+            expected_mm = min(held_mm, status.opening_mm)
+            found = await self._fixed.close_on(expected_mm, force_n=self._force_n)
+        is_there = found.opening_mm >= max(held_mm - LOST_MM, NOTHING_MM)
+        if found.object_detected and is_there and await self.does_fixed_hold():
+            return
+        if not found.object_detected and self._record.part.custody is Custody.IN_FIXED:
+            raise await self.lose_from_fixed()
+        message = (
+            f"the fixed gripper, pressed once more, stands at {found.opening_mm:.1f} mm, "
+            f"{held_mm:.1f} mm while it held the part"
+        )
+        await self._record.set_custody(Custody.UNKNOWN, message)
+        raise PartProblemError("recovery_contradicted", message)
+
     async def require_held(self) -> None:
         """Check that whoever has the part by custody still holds it; nothing where nobody has it.
 

@@ -18,6 +18,7 @@ from controller.cell.operator import Answer, Question
 from controller.cell.services import INPUTS
 from controller.config import Cell, ConfigError, load_cell
 
+from ..terminal.output import warn
 from .recipe_run import RunOptions, run_recipe
 
 
@@ -33,9 +34,13 @@ class AcceptingOperator:
     why: str
 
     async def decide(self, question: Question) -> Answer | None:
-        """Return that the cell is to go on; None to every other question."""
+        """Print what is accepted, and return that the cell is to go on.
+
+        Every other question gets None.
+        """
         if GO_ON not in {choice.key for choice in question.choices}:
             return None
+        warn(question.text)
         who = f"{getpass.getuser()} on {socket.gethostname()}, with --accept"
         return Answer(GO_ON, who, self.why)
 

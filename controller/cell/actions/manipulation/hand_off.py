@@ -53,7 +53,7 @@ class HandOffAction:
         await self.grippers.open_fixed(step.fixed_pre_open_mm)
         await self.motion.follow(step.motion)
         await self.grippers.press_and_require_hold()
-        await self._close_fixed(step)
+        fixed_mm = await self._close_fixed(step)
         await record.set_custody(Custody.IN_BOTH)
         if not await self.grippers.does_fixed_hold():
             await self._keep_in_arm(step, "the fixed gripper lost the part at once")
@@ -63,7 +63,7 @@ class HandOffAction:
             step.fixed_grasp,
             T_part_tcp=inverse_pose(T_world_part) @ self.layout.T_world_fixed_tcp,
         )
-        record.note_fixed_grasp(fixed_grasp)
+        record.note_fixed_grasp(fixed_grasp, fixed_mm)
         try:
             await self.grippers.release_to_fixed(step.arm_open_mm, step.retreat)
         except ReleaseRefusedError as error:  # it let go since it was read
@@ -74,7 +74,8 @@ class HandOffAction:
         await self.motion.follow(step.retreat)
         self.steps.end(step, started_s)
 
-    async def _close_fixed(self, step: GiveStep) -> None:
+    async def _close_fixed(self, step: GiveStep) -> float:
+        """Close the fixed gripper on the part; return the opening reached [mm]."""
         expected_mm = step.fixed_expected_opening_mm
         result = await self.grippers.close_fixed(expected_mm, step.fixed_pre_open_mm)
         off_mm = abs(result.opening_mm - expected_mm)
@@ -84,6 +85,7 @@ class HandOffAction:
                 f"the fixed gripper closed to {result.opening_mm:.1f} mm, {expected_mm:.1f} mm was "
                 "expected",
             )
+        return result.opening_mm
 
     async def _keep_in_arm(self, step: GiveStep, why: str) -> NoReturn:
         """Keep the part in the arm gripper and go back to where the step began."""

@@ -100,7 +100,7 @@ class RecoveryProposed(Body):
     """What a start makes of a part that an earlier run left, and what was decided.
 
     `custody` is where the part is by the evidence, `decision` is `refused` or `accepted`, `person`
-    is why the cell cannot go on.
+    is why the cell cannot go on, `shown` is what whoever decided was shown to look at beforehand.
     """
 
     kind = "decision"
@@ -116,6 +116,7 @@ class RecoveryProposed(Body):
     decision: str = ""
     who: str = ""
     why: str = ""
+    shown: str = ""
 
 
 class PartResumed(Body):

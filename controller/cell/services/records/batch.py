@@ -98,9 +98,15 @@ class BatchRecord:
         """Journal how the arm gripper holds the part, as known now."""
         self.note(arm_hold_row(self.held()))
 
-    def note_fixed_grasp(self, grasp: Grasp) -> None:
-        """Journal how the fixed gripper holds the part, or will once the arm gripper opens."""
-        self.note(fixed_hold_row(grasp))
+    def note_fixed_grasp(self, grasp: Grasp, opening_mm: float) -> None:
+        """Journal how the fixed gripper holds the part, or will once the arm gripper opens.
+
+        Parameters
+        ----------
+        grasp : its grasp
+        opening_mm : at which its jaws stand on the part
+        """
+        self.note(fixed_hold_row(grasp, opening_mm))
 
     def avoid(self, grasp_id: str) -> None:
         """Plan a grasp that has failed no more for this part."""

@@ -31,13 +31,19 @@ def arm_hold_row(hold: PartInGripper, *, is_expected: bool = False) -> rows.Hold
     )
 
 
-def fixed_hold_row(grasp: Grasp) -> rows.HoldNoted:
-    """Return the row of the fixed gripper's grasp; its pose follows from the arm's."""
+def fixed_hold_row(grasp: Grasp, opening_mm: float) -> rows.HoldNoted:
+    """Return the row of the fixed gripper's grasp; its pose follows from the arm's.
+
+    Parameters
+    ----------
+    grasp : its grasp
+    opening_mm : at which its jaws stand on the part
+    """
     return rows.HoldNoted(
         gripper="fixed",
         grasp=_grasp_fields(grasp),
         T_part_tcp=matrix(grasp.T_part_tcp),
-        opening_mm=float(grasp.opening_mm),
+        opening_mm=float(opening_mm),
     )
 
 
