@@ -132,6 +132,31 @@ def interlocks_of(inputs: Any, clock: CellClock) -> Interlocks:
     return Interlocks(inputs, fixed, LAYOUT, lambda: Custody.ON_TABLE, retries)
 
 
+async def test_a_slow_motion_is_made_of_short_moves_on_its_line_and_the_rest_of_whole_ones() -> (
+    None
+):
+    """At 23 degrees a second the shoulder takes 2 s for 46: five moves of 0.4 s each."""
+    made: list[tuple[float, float]] = []
+
+    class Slow(Arm):
+        async def move_joints(self, q: np.ndarray, *, speed_share: float = 1.0) -> None:
+            made.append((float(np.degrees(q[0])), speed_share))
+            await super().move_joints(q)
+
+    arm = Slow()
+    arm.been.append(0.0)
+    motion = motion_of(arm)
+    await motion.follow((at(np.radians(46.0)), at(np.radians(-23.0))), 0.25)
+    places, shares = zip(*made, strict=True)
+    np.testing.assert_allclose(places, [9.2, 18.4, 27.6, 36.8, 46.0, -23.0])
+    assert shares == (0.25,) * 5 + (1.0,)
+    made.clear()
+    await motion.go_back(1, 0.25)  # 69 degrees in 3 s
+    places, shares = zip(*made, strict=True)
+    np.testing.assert_allclose(places, -23.0 + 69.0 / 8 * np.arange(1, 9))
+    assert set(shares) == {0.25}
+
+
 async def test_the_way_back_is_the_way_in_backwards_as_far_as_the_arm_stood_free() -> None:
     arm = Arm()
     motion = motion_of(arm)
