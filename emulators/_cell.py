@@ -11,6 +11,7 @@ from typing import Any, Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from emulators.as_built import as_drawn, draw_as_built
 from emulators.camera_v4l2 import CameraConfig, CameraServer, PixelFormat, V4l2Device
 from emulators.clock import SharedClock, WorldClock
 from emulators.faults import CameraPlugs, Verbs
@@ -68,6 +69,7 @@ class CellOptions:
     at : x, y [mm] and turn [rad] of the first part, None for anywhere
     feed : how often the first part is put back once it is in a tray, as if someone emptied the
         tray and brought the next part of its kind
+    as_built : seed of how the cell differs from its file; None for not at all
     """
 
     cell: Path
@@ -81,6 +83,7 @@ class CellOptions:
     lines: Literal["tcp", "rtu-pty", "rtu-tcp"] = "tcp"
     camera_transport: Literal["auto", "fuse", "socket"] = "auto"
     feed: int = 0
+    as_built: int | None = None
 
 
 class _FixedJaws:
@@ -143,18 +146,26 @@ class Cell:
 
     def __init__(self, options: CellOptions, folder: Path, clock: WorldClock | None = None) -> None:
         self.options = options
-        self.layout = read_layout(options.cell)
-        self.solids = [load_solid(path) for path in options.parts]
+        drawn, seed = read_layout(options.cell), options.as_built
+        self.as_built = as_drawn(drawn) if seed is None else draw_as_built(drawn, seed)
+        self.layout = self.as_built.layout
+        oversize_mm = self.as_built.oversize_mm
+        self.solids = [load_solid(path, oversize_mm=oversize_mm) for path in options.parts]
         self._presence_s = 0.0
         self._feed_left = options.feed
         seed = options.seed
-        self.arm = ArmModel(seed)
+        self.arm = ArmModel(seed, self.as_built.arm)
         self.arm_wire = ArmWire(self.arm)
         self.jaws = JawModel()
         self.gripper = RobotiqDevice(self.jaws, GRIPPER_UNIT)
         self.analog, self.relays = AnalogOutput8Device(ANALOG_UNIT), Relay8Device(RELAY_UNIT)
         self.lamps = {
-            name: LampModel(LampWiring(name, lamp.analog, lamp.relay), self.analog, self.relays)
+            name: LampModel(
+                LampWiring(name, lamp.analog, lamp.relay),
+                self.analog,
+                self.relays,
+                self.as_built.lamps[name],
+            )
             for name, lamp in self.layout.lamps.items()
         }
         self.signals = CellSignals()

@@ -58,6 +58,13 @@ def build_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--seed", type=int, default=0, help="seed of everything random")
     parser.add_argument("--speed", type=float, default=1.0, help="world seconds per second")
+    parser.add_argument(
+        "--as-built",
+        type=int,
+        metavar="SEED",
+        help="let the cell stand as real ones do, some mm and degrees off its file, by this seed "
+        "(default: exactly as the file has it)",
+    )
     at_rest = parser.add_mutually_exclusive_group()
     at_rest.add_argument(
         "--pose",
@@ -94,6 +101,8 @@ def options_of(args: argparse.Namespace) -> CellOptions:
     """
     if not (math.isfinite(args.speed) and args.speed > 0.0):
         raise LayoutError(f"--speed {args.speed}: a factor above 0")
+    if args.as_built is not None and args.as_built < 0:
+        raise LayoutError(f"--as-built {args.as_built}: a seed of 0 or more")
     at = None
     if args.at is not None:
         try:
@@ -114,6 +123,7 @@ def options_of(args: argparse.Namespace) -> CellOptions:
         lines=args.lines,
         camera_transport=args.camera_transport,
         feed=args.feed,
+        as_built=args.as_built,
     )
 
 

@@ -77,6 +77,17 @@ SeedOption = Annotated[
         help="seed of the emulated cell: same seed, same world",
     ),
 ]
+AsBuiltOption = Annotated[
+    int | None,
+    typer.Option(
+        "--as-built",
+        metavar="SEED",
+        min=0,
+        max=2**32 - 1,
+        help="let the emulated cell stand as real ones do, some mm and degrees off its file, by "
+        "this seed (default: exactly as the file has it)",
+    ),
+]
 EmulatedPoseOption = Annotated[
     int | None,
     typer.Option(

@@ -21,6 +21,7 @@ class PeopleAndParts:
         self.verbs: Mapping[str, Callable[..., Answer | None]] = {
             "truth": self._truth,
             "time": plant.timing,
+            "as_built": plant.as_built.truth,
             "estop": self._estop,
             "reset": self._reset,
             "door": self._door,

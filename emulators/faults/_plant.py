@@ -43,6 +43,14 @@ class CameraPlugs(Protocol):
         ...
 
 
+class Installation(Protocol):
+    """How a cell really stands."""
+
+    def truth(self) -> dict[str, Any]:
+        """Return that as plain values."""
+        ...
+
+
 class Plant(Protocol):
     """A cell that faults befall.
 
@@ -64,6 +72,11 @@ class Plant(Protocol):
     io_bus: Bus
     world: World
     camera_plugs: CameraPlugs
+
+    @property
+    def as_built(self) -> Installation:
+        """How it really stands."""
+        ...
 
     @property
     def networks(self) -> Mapping[str, Network]:

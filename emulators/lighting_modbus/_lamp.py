@@ -30,6 +30,7 @@ class LampCharacter:
 
     Attributes
     ----------
+    full_level : light of this lamp when new, as a factor on the nominal one's
     lowest_level : light at 0 mV, as a fraction; reached at this fraction of 10 V
     ramp_s : from dark to full light or back [world s]
     exponent : of light over voltage; 1 is a linear driver
@@ -37,6 +38,7 @@ class LampCharacter:
     warm_up_s : time constant of warming up and of cooling down [world s]
     """
 
+    full_level: float = 1.0
     lowest_level: float = 0.057
     ramp_s: float = 0.03
     exponent: float = 1.0
@@ -83,10 +85,12 @@ class LampModel:
 
     @property
     def level(self) -> float:
-        """The light as a fraction of the cold lamp's full light."""
+        """The light as a fraction of the cold nominal lamp's full light."""
         if self.is_dead:
             return 0.0
-        return self.strength * self._drive * (1.0 - self._character.droop_fraction * self._warmth)
+        character = self._character
+        cold = self.strength * character.full_level * self._drive
+        return cold * (1.0 - character.droop_fraction * self._warmth)
 
     def advance(self, dt_s: float) -> None:
         """Let time pass [world s]."""

@@ -4,9 +4,10 @@ A second reading of umi_rtx.md, shared with nobody; umi_rtx.md 7 is the specific
 """
 
 from ._axes import ArmJoints, Axis
+from ._errors import ArmErrors
 from ._faults import Faults
 from ._model import ArmModel
 from ._server import ArmServer
 from ._wire import ArmWire
 
-__all__ = ["ArmJoints", "ArmModel", "ArmServer", "ArmWire", "Axis", "Faults"]
+__all__ = ["ArmErrors", "ArmJoints", "ArmModel", "ArmServer", "ArmWire", "Axis", "Faults"]

@@ -22,6 +22,7 @@ from ._axes import (
     gripper_mm_to_counts,
     joints_of,
 )
+from ._errors import PERFECT, ArmErrors
 from ._motor import LAG_S, Drive, Motor
 
 MAX_STEP_S: Final = 1.0 / 240.0  # longer steps are cut, so that a test may hand in seconds
@@ -42,9 +43,11 @@ class ArmModel:
     Parameters
     ----------
     seed : of the true positions at power-up, which nobody but the world can know
+    errors : how this arm differs from its description
     """
 
-    def __init__(self, seed: int = 0) -> None:
+    def __init__(self, seed: int = 0, errors: ArmErrors = PERFECT) -> None:
+        self.errors, self._is_perfect = errors, errors == PERFECT
         self.motors: list[list[Motor]] = [
             [Motor(exists=False) for _ in range(CONTROLLER_COUNT)] for _ in range(IP_COUNT)
         ]
@@ -66,6 +69,7 @@ class ArmModel:
         self.estop_change_count: int = 0
         self._routines: list[Iterator[None] | None] = [None] * IP_COUNT
         self._decay = (0.0, 1.0)
+        self._driven: dict[Axis, float] = {}  # far sides of gears that have play [true counts]
         self._place_at_random(random.Random(seed))
         for motor in self.axes.values():
             motor.restart()
@@ -87,7 +91,10 @@ class ArmModel:
 
     def joints(self) -> ArmJoints:
         """Return where the joints truly are."""
-        return joints_of({axis: motor.position for axis, motor in self.axes.items()})
+        counts = {axis: motor.position for axis, motor in self.axes.items()}
+        if self._is_perfect:
+            return joints_of(counts)
+        return self.errors.joints(joints_of(counts | self._driven))
 
     def place(self, true_counts: dict[Axis, float]) -> None:
         """Put axes somewhere by hand, motors at rest; the counters do not notice.
@@ -101,6 +108,7 @@ class ArmModel:
             motor.origin += counts - motor.position
             motor.position = counts
             motor.rest(Drive.HOLD)
+        self._take_up_play()
 
     def push(self, axis: Axis, counts: float) -> None:
         """Push an axis by hand, as far as its stops let it; a motor with drive does not yield.
@@ -113,6 +121,7 @@ class ArmModel:
                 other.goal = other.position
             motor.goal = motor.position + counts
             self._move()
+            self._take_up_play()
 
     def jump(self, axis: Axis, counts: float) -> None:
         """Let the encoder of an axis miscount.
@@ -311,15 +320,24 @@ class ArmModel:
                 motor.goal = goal
             steps.append((motor, motor.position, is_limp))
         self._move()
+        self._take_up_play()
         for motor, before, is_limp in steps:
             motor.settle(dt_s, before, is_limp)
+
+    def _take_up_play(self) -> None:
+        """Let each gear's far side follow its motor, once the play between them is used up."""
+        for axis, play in self.errors.play_counts.items():
+            at = self.axes[axis].position
+            before = self._driven.get(axis, at)
+            self._driven[axis] = min(max(before, at - play / 2.0), at + play / 2.0)
 
     def _move(self) -> None:
         self._zed.approach_goal(*ZED_LIMITS)
         self._shoulder.approach_goal(*SHOULDER_LIMITS)
         closed, opened = GRIPPER_LIMITS
-        if self.grasp_limit_mm is not None and self.grasp_limit_mm > 0.0:
-            closed = max(closed, gripper_mm_to_counts(self.grasp_limit_mm))
+        limit_mm = (self.grasp_limit_mm or 0.0) - self.errors.jaw_zero_mm
+        if self.grasp_limit_mm and limit_mm > 0.0:
+            closed = max(closed, gripper_mm_to_counts(limit_mm))
         self._gripper.approach_goal(closed, opened)
         # Two motors that share a stop yield to each other within one step: the first moves,
         # the second moves, and what the second has freed the first may use.

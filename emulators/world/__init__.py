@@ -7,15 +7,17 @@ Lengths are mm and angles rad, but for pybullet's metres, which stay inside.
 from ._models import Event, Snapshot
 from ._world import World
 from .ground_truth import tray_of, truth
-from .layout import Layout, LayoutError, read_layout
+from .layout import CameraLayout, LampLayout, Layout, LayoutError, TrayLayout, read_layout
 from .matter.collide import Collision
 from .matter.solid import MAX_REST_OFF_RAD, Rest, Solid, load_solid
 from .pictures import Picture, PictureDesk, PictureMaker, Scene, build_scene
 
 __all__ = [
     "MAX_REST_OFF_RAD",
+    "CameraLayout",
     "Collision",
     "Event",
+    "LampLayout",
     "Layout",
     "LayoutError",
     "Picture",
@@ -25,6 +27,7 @@ __all__ = [
     "Scene",
     "Snapshot",
     "Solid",
+    "TrayLayout",
     "World",
     "build_scene",
     "load_solid",

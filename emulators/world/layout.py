@@ -22,6 +22,8 @@ _TEXT_BYTES_MAX: Final = 1_000_000
 _DEPTH_MAX: Final = 20
 RING_WIDTH_MM: Final = 8.0  # of a ring's light, unless the cell file says otherwise
 SPOT_DIAMETER_MM: Final = 40.0
+PANEL_DROP: Final = 0.10  # a panel is darker at its corners by this fraction
+BLUR_SIGMA_PX: Final = 0.6  # of the lens; a pixel's own area is in the samples already
 
 
 class LayoutError(Exception):
@@ -81,7 +83,13 @@ class Fingers:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraLayout:
-    """A camera; T_world_cam as OpenCV has it: z forwards, y down, pixel (0, 0) a pixel's centre."""
+    """A camera; T_world_cam as OpenCV has it: z forwards, y down, pixel (0, 0) a pixel's centre.
+
+    Attributes
+    ----------
+    blur_px : standard deviation of its lens' blur
+    sensitivity : of lens and sensor, as a factor on what the nominal ones give
+    """
 
     name: str
     width_px: int
@@ -93,6 +101,8 @@ class CameraLayout:
     exposure_s: float
     fps: float
     formats: tuple[str, ...]
+    blur_px: float = BLUR_SIGMA_PX
+    sensitivity: float = 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,6 +118,8 @@ class LampLayout:
     size_mm : of a panel, across and along ``up``
     radius_mm, width_mm : of a ring: to the middle of its light, and how wide that is
     diameter_mm : of a spot
+    drop : by which fraction a panel is darker at its corners
+    slope : by which fraction its light changes from its middle to its edge, across and along
     """
 
     name: str
@@ -121,6 +133,8 @@ class LampLayout:
     radius_mm: float
     width_mm: float = RING_WIDTH_MM
     diameter_mm: float = SPOT_DIAMETER_MM
+    drop: float = PANEL_DROP
+    slope: tuple[float, float] = (0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -149,7 +163,12 @@ class GripperLayout:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArmLayout:
-    """The arm: two equal links, a wrist whose three axes meet, a gripper; umi_rtx.md 6."""
+    """The arm: two links, a wrist whose three axes meet, a gripper; umi_rtx.md 6.
+
+    Attributes
+    ----------
+    tool_off_mm : of the TCP from the approach axis, along the jaws' axis and across
+    """
 
     T_world_base: Array
     upper_mm: float
@@ -162,6 +181,7 @@ class ArmLayout:
     fore: Box
     gripper: GripperLayout
     park_rad: Mapping[str, float]
+    tool_off_mm: tuple[float, float] = (0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

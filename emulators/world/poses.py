@@ -103,6 +103,8 @@ def forward(arm: ArmLayout, joints: Joints) -> dict[str, Array]:
         )
     )
     base = arm.T_world_base
+    off_y, off_z = arm.tool_off_mm
+    T_base_tcp[:3, 3] += off_y * T_base_tcp[:3, 1] + off_z * T_base_tcp[:3, 2]
     return {
         "carriage": base @ turn_z(0.0, 0.0, 0.0, z_mm),
         "upper": base @ turn_z(s, 0.0, 0.0, z_mm),

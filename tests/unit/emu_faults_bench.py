@@ -46,12 +46,15 @@ class Plugs:
 class StillCell(Cell):
     """A cell that was never started."""
 
-    def __init__(self, folder: Path, seed: int = 1) -> None:
+    def __init__(self, folder: Path, seed: int = 1, as_built: int | None = None) -> None:
         block = folder / "block.stl"
         if not block.exists():
             trimesh.creation.box(BLOCK_MM).export(block)
         at = (*AT_REST_MM, 0.0)
-        super().__init__(CellOptions(cell=CELL, parts=(block,), seed=seed, rest=0, at=at), folder)
+        options = CellOptions(
+            cell=CELL, parts=(block,), seed=seed, rest=0, at=at, as_built=as_built
+        )
+        super().__init__(options, folder)
         self._origin_s = self.world.time_s
         self.eyes = ManualClock()
         config = CameraConfig(sizes_px=((64, 48),), rates_hz=(10,))

@@ -372,7 +372,7 @@ ACTS = [
     ),
 ]
 OTHERWISE = {  # with a test of their own below
-    *("truth", "time", "script", "script_log", "gripper_fault", "arm_jump"),
+    *("truth", "time", "as_built", "script", "script_log", "gripper_fault", "arm_jump"),
 }
 
 

@@ -59,9 +59,12 @@ def emulator_command(
 
 
 def emulator_args(
-    orientation: FloatArray | None, at: str | None, control: Path | None
+    orientation: FloatArray | None,
+    at: str | None,
+    control: Path | None,
+    as_built: int | None = None,
 ) -> tuple[str, ...]:
-    """Return the emulator's options for the pose of the first part, and for causing faults.
+    """Return the emulator's options for the first part's pose, for faults, and for the cell.
 
     Parameters
     ----------
@@ -69,8 +72,9 @@ def emulator_args(
         emulator numbers stable poses in its own order, so it is given the rotation, not the index
     at : planar pose of the first part, "X,Y,THETA_DEG" [mm, degrees]; None to draw it by the seed
     control : unix socket on which tests inject faults, None for none
+    as_built : seed of how the emulated cell differs from its file, None for not at all
     """
-    more: list[str] = []
+    more: list[str] = [] if as_built is None else ["--as-built", str(as_built)]
     if orientation is not None:
         numbers = ",".join(f"{float(number):.9f}" for number in orientation.ravel())
         more += [f"--orientation={numbers}"]

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from ..options import (
+    AsBuiltOption,
     CellOption,
     ControlOption,
     EmulatedAtOption,
@@ -45,6 +46,7 @@ def emulate(
     ] = None,
     speed: SpeedOption = 1.0,
     seed: SeedOption = None,
+    as_built: AsBuiltOption = None,
     pose: EmulatedPoseOption = None,
     at: EmulatedAtOption = None,
     control: ControlOption = None,
@@ -65,6 +67,7 @@ def emulate(
         tuple(part or ()),
         speed=speed,
         seed=seed,
+        as_built=as_built,
         pose=pose,
         at=at,
         control=control,

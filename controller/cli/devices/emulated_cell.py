@@ -19,6 +19,7 @@ def serve(
     *,
     speed: float,
     seed: int | None,
+    as_built: int | None,
     pose: int | None,
     at: str | None,
     control: Path | None,
@@ -33,6 +34,7 @@ def serve(
     parts : CAD files of the parts on the emulated table
     speed : times real time
     seed : seed of the emulated world, None to draw one
+    as_built : seed of how the emulated cell differs from its file, None for not at all
     pose : stable pose of the first part by index, None to draw it by the seed
     at : planar pose of the first part, "X,Y,THETA_DEG"; None to draw it by the seed
     control : unix socket on which tests inject faults, None for none
@@ -51,7 +53,7 @@ def serve(
     ended = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda *_: ended.set())
-    more = emulator_args(orientation, at, control)
+    more = emulator_args(orientation, at, control, as_built)
     if lines is not None:
         more = (*more, "--lines", lines)
     command = emulator_command(cell_path, parts, speed=speed, seed=seed, more=more)

@@ -71,6 +71,7 @@ def go_on_with_part(cell_path: Path, runs_dir: Path, why: str, *, as_json: bool)
         count=1,
         speed=1.0,
         seed=None,
+        as_built=None,
         lay=(),
         empty=True,
         pose=None,

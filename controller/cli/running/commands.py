@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from ..options import (
+    AsBuiltOption,
     CellOption,
     ControlOption,
     EmulatedAtOption,
@@ -37,6 +38,7 @@ def run(
     ] = None,
     speed: SpeedOption = 1.0,
     seed: SeedOption = None,
+    as_built: AsBuiltOption = None,
     lay: Annotated[
         list[Path] | None,
         typer.Option(
@@ -122,6 +124,7 @@ def run(
         count=count,
         speed=speed,
         seed=seed,
+        as_built=as_built,
         lay=tuple(lay or ()),
         empty=empty,
         pose=pose,

@@ -161,8 +161,17 @@ def cache_dir() -> Path:
     return (Path(base) if base else Path.home() / ".cache") / "cellctl" / "emulators"
 
 
-def load_solid(path: Path, density_kg_per_mm3: float = ALUMINIUM_KG_PER_MM3) -> Solid:
+def load_solid(
+    path: Path, density_kg_per_mm3: float = ALUMINIUM_KG_PER_MM3, oversize_mm: float = 0.0
+) -> Solid:
     """Return the solid of a part, read from its file.
+
+    Parameters
+    ----------
+    path : of a mesh
+    density_kg_per_mm3 : of the whole part, aluminium by default
+    oversize_mm : by how much its longest edge is longer than the file has it, all else in
+        proportion
 
     Raises
     ------
@@ -181,6 +190,8 @@ def load_solid(path: Path, density_kg_per_mm3: float = ALUMINIUM_KG_PER_MM3) -> 
     mesh.merge_vertices()
     if not mesh.is_watertight:
         raise LayoutError(f"{path}: not watertight, so it has no volume and no mass")
+    if oversize_mm:
+        mesh.apply_scale(1.0 + oversize_mm / float(mesh.extents.max()))
     return solid_of(mesh, path.stem, density_kg_per_mm3)
 
 

@@ -1,5 +1,6 @@
 """The sensor behind the lens: blur, exposure, gain, shot and read noise, saturation, digits."""
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -7,12 +8,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ..layout import BLUR_SIGMA_PX
 from .geometry import Array32
 
 NOMINAL_EXPOSURE_S: Final = 0.010
 GREY_AT_UNIT: Final = 210.0  # grey above black of radiance 1 at nominal exposure and gain 1
 BLACK_GREY: Final = 4.0
-BLUR_SIGMA_PX: Final = 0.6  # of the lens; a pixel's own area is in the samples already
+_KERNEL_SIGMAS: Final = 3.0  # a lens' blur is cut off there
 ELECTRONS_PER_GREY: Final = 60.0  # at gain 1: 15 300 electrons fill 255 grey
 READ_NOISE_ELECTRONS: Final = 12.0
 
@@ -35,9 +37,16 @@ class Exposure:
     bits: int = 8
 
 
-def blurred(radiance: Array32) -> Array32:
-    """Return what the lens makes of a sharp picture."""
-    soft = cv2.GaussianBlur(radiance, (5, 5), BLUR_SIGMA_PX, borderType=cv2.BORDER_REPLICATE)
+def blurred(radiance: Array32, sigma_px: float = BLUR_SIGMA_PX) -> Array32:
+    """Return what the lens makes of a sharp picture.
+
+    Parameters
+    ----------
+    radiance : (h, w) light on each pixel
+    sigma_px : standard deviation of the blur
+    """
+    side_px = 2 * math.ceil(_KERNEL_SIGMAS * sigma_px) + 1
+    soft = cv2.GaussianBlur(radiance, (side_px, side_px), sigma_px, borderType=cv2.BORDER_REPLICATE)
     return np.asarray(soft, np.float32)
 
 

@@ -91,7 +91,9 @@ class PictureMaker:
             return last.picture
         else:  # a lamp grows brighter or droops as it warms: no ray is cast again
             changes = last.changes
-        kept = _Kept(key, changes, lit, blurred(eye.mix(changes, lit)))
+        layout = self._scene.cameras[camera]
+        sharp = eye.mix(changes, lit) * np.float32(layout.sensitivity)
+        kept = _Kept(key, changes, lit, blurred(sharp, layout.blur_px))
         self._last[camera] = kept
         return kept.picture
 

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from ...layout import Array
 from ..geometry import Array32, Scene, panel_frame
 
-PANEL_DROP: Final = 0.10  # darker at the corners by this fraction
 PANEL_SPILL: Final = 0.04  # of a louvred panel's light reaches what stands before it
 RING_STRENGTH: Final = 0.95
 SPOT_STRENGTH: Final = 1.15
@@ -149,10 +148,12 @@ class Lamps:
     def _glow(self, lamp: int, points_mm: Array32, views: Array32) -> Array32:
         T = self.panel_frames[lamp]
         local = (points_mm - T[:3, 3].astype(np.float32)) @ T[:3, :2].astype(np.float32)
-        half = np.array(self.lamps[lamp].size_mm, np.float32) / 2.0
-        off = (np.square(local / half)).sum(axis=1) / 2.0
+        layout = self.lamps[lamp]
+        share = local / (np.array(layout.size_mm, np.float32) / 2.0)
+        off = np.square(share).sum(axis=1) / 2.0
+        even = 1.0 - layout.drop * off + share @ np.array(layout.slope, np.float32)
         faces_camera = views @ T[:3, 2].astype(np.float32) < 0.0
-        glow: Array32 = ((1.0 - PANEL_DROP * off) * faces_camera).astype(np.float32)
+        glow: Array32 = (even * faces_camera).astype(np.float32)
         return glow
 
     def from_points(
