@@ -237,6 +237,21 @@ def test_one_bad_extended_control_leaves_all_as_they_were(bench: Bench) -> None:
     assert bench.client.get(v4l2.GAIN) == 0
 
 
+@pytest.mark.parametrize("is_mode_first", [True, False])
+def test_a_control_may_be_set_in_the_call_that_switches_its_automatic_off(
+    bench: Bench, is_mode_first: bool
+) -> None:
+    """As uvcvideo has it: the last value of the automatic in the call decides."""
+    pairs = [(v4l2.EXPOSURE_AUTO, 1), (v4l2.EXPOSURE, 50)]
+    wishes = Array(*(pairs if is_mode_first else pairs[::-1]))
+    assert ext(bench, v4l2.S_EXT_CTRLS, wishes) == (0, 2)
+    assert bench.client.get(v4l2.EXPOSURE) == 50
+    pairs = [(v4l2.EXPOSURE_AUTO, 3), (v4l2.EXPOSURE, 60)]
+    wishes = Array(*(pairs if is_mode_first else pairs[::-1]))
+    assert ext(bench, v4l2.S_EXT_CTRLS, wishes) == (-errno.EACCES, 2)
+    assert bench.client.get(v4l2.EXPOSURE) == 50
+
+
 def test_extended_controls_of_a_class_refuse_another_classs(bench: Bench) -> None:
     mixed = Array((v4l2.GAIN, 20), (v4l2.EXPOSURE_AUTO, 1))
     assert ext(bench, v4l2.S_EXT_CTRLS, mixed, which=0x00980000) == (-errno.EINVAL, 2)

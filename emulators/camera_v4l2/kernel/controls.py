@@ -5,7 +5,7 @@ automatic drives is refused with EACCES, a menu item that does not exist with EI
 """
 
 import errno
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -68,10 +68,20 @@ class ControlBank:
         for control in self._controls.values():
             control.history = [(0, control.value)]
 
-    def is_active(self, cid: int) -> bool:
-        """Return whether the client, not an automatic of the camera, drives a control."""
+    def is_active(self, cid: int, beside: Mapping[int, int] | None = None) -> bool:
+        """Return whether the client, not an automatic of the camera, drives a control.
+
+        Parameters
+        ----------
+        cid : the control's id
+        beside : what else the same request sets, by id; the automatic may be switched off there
+        """
         needs = self._controls[cid].spec.needs
-        return needs is None or self.value_set(needs[0], needs[1]) == needs[1]
+        if needs is None:
+            return True
+        if beside and needs[0] in beside:
+            return beside[needs[0]] == needs[1]
+        return self.value_set(needs[0], needs[1]) == needs[1]
 
     def change(
         self, cid: int, value: int, first_frame: int, handles: Iterable[Handle], by: Handle | None
@@ -162,8 +172,14 @@ class ControlBank:
             raise Refused(errno.EINVAL)
         return self._controls[cid]
 
-    def check(self, cid: int, value: int) -> int:
+    def check(self, cid: int, value: int, beside: Mapping[int, int] | None = None) -> int:
         """Return the value that a client's wish becomes, by uvcvideo's rules.
+
+        Parameters
+        ----------
+        cid : the control's id
+        value : the wish
+        beside : what else the same request sets, by id
 
         Raises
         ------
@@ -171,7 +187,7 @@ class ControlBank:
             such item of a menu
         """
         spec = self._controls[cid].spec
-        if spec.kind is Kind.CLASS or not self.is_active(cid):
+        if spec.kind is Kind.CLASS or not self.is_active(cid, beside):
             raise Refused(errno.EACCES)
         if spec.kind is Kind.MENU:
             if not spec.minimum <= value <= spec.maximum:
@@ -265,11 +281,13 @@ class ControlBank:
         size = abi.EXT_CONTROL.size
         array = bytearray(memory.fetch(pointer, count * size)) if count else bytearray()
         position, wishes = 0, []
+        # uvcvideo looks at the last value of the automatic in the same call, wherever it stands
+        beside = _wished(array) if request is abi.Request.S_EXT_CTRLS else None
         try:
             self._check_which(which, count, request)
             for position in range(count):
                 cid, room, unused, wish = abi.EXT_CONTROL.unpack_from(array, position * size)
-                value = self._ext_value(request, which, cid, wish)
+                value = self._ext_value(request, which, cid, wish, beside)
                 wishes.append((cid, value))
                 abi.EXT_CONTROL.pack_into(array, position * size, cid, room, unused, value)
         except Refused:
@@ -288,7 +306,14 @@ class ControlBank:
         if which == _WHICH_REQUEST or defaults_set or (count == 0 and of_class and not known):
             raise Refused(errno.EINVAL)
 
-    def _ext_value(self, request: abi.Request, which: int, cid: int, wish: int) -> int:
+    def _ext_value(
+        self,
+        request: abi.Request,
+        which: int,
+        cid: int,
+        wish: int,
+        beside: Mapping[int, int] | None,
+    ) -> int:
         control = self._controls.get(cid)
         of_class = which not in (0, _WHICH_DEFAULT)
         if control is None or (of_class and cid & _CLASS_MASK != which & _CLASS_MASK):
@@ -297,8 +322,7 @@ class ControlBank:
             raise Refused(errno.EACCES)
         if request is abi.Request.G_EXT_CTRLS:
             return control.spec.default if which == _WHICH_DEFAULT else control.value
-        low_half = wish & 0xFFFFFFFF
-        return self.check(cid, low_half - (1 << 32) if low_half >> 31 else low_half)
+        return self.check(cid, _signed(wish), beside)
 
     # -- events ---------------------------------------------------------------------------
 
@@ -345,3 +369,14 @@ class ControlBank:
             int(fraction * 1e9),
             cid,
         )
+
+
+def _wished(array: bytearray) -> dict[int, int]:
+    """Return the last value of each control in an array of struct v4l2_ext_control."""
+    return {cid: _signed(wish) for cid, _, _, wish in abi.EXT_CONTROL.iter_unpack(array)}
+
+
+def _signed(wish: int) -> int:
+    """Return the 32-bit value in the low half of a control's 64 bits."""
+    low_half = wish & 0xFFFFFFFF
+    return low_half - (1 << 32) if low_half >> 31 else low_half
