@@ -136,6 +136,11 @@ FOUND = (
     pytest.param(Case(9, Scene("widget", 0, 1), Kill(24, 6000), "refuse"), id="9"),
     # a plan that begins with a view, since the part is held otherwise, had no step before it
     pytest.param(Case(980201, Scene("flange_xy")), id="980201"),
+    # killed as the arm left the tray; the next start homed from there, and met the column
+    pytest.param(
+        Case(953341, Scene("idler_riser", 1), Kill.drawn(random.Random("kill 953341")), "auto"),
+        id="953341",
+    ),
     # killed as the arm was about to leave the part to the fixed gripper, which then opened so wide
     # that the arm's fingers met its own
     pytest.param(

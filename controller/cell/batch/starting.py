@@ -109,7 +109,7 @@ def _may_hold(openings: Sequence[Opening]) -> bool:
 async def _arm_alone(
     devices: Devices, journal: Journal, began: rows.RunBegan, layout: CellLayout
 ) -> Proposal | None:
-    """Return how the arm of a killed run, whose part is on the table, goes back; None if it homes.
+    """Return how the arm of a killed run, whose part no gripper has, leaves; None if it homes.
 
     Homing sweeps the whole reach from wherever the arm stands, past all that stands there.
     """
@@ -120,7 +120,7 @@ async def _arm_alone(
     # joint paths count: the run may have been killed on its way to the first grasp
     part = next((row.part for row in reversed(found) if row.kind == "intent" and row.part), None)
     left = None if part is None else fold_interrupted(found, run, part)
-    if left is None or left.custody is not Custody.ON_TABLE:
+    if left is None or left.custody not in (Custody.ON_TABLE, Custody.PLACED):
         return None
     here = CellIdentity.of(began)
     if left.intent is not None or not here.shares(GripperName.ARM, CellIdentity.of(left.began)):

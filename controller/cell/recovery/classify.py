@@ -182,12 +182,20 @@ def _on_table(left: Interrupted, world: World) -> Case:
     return Case(Custody.ON_TABLE)
 
 
+def _placed(left: Interrupted, world: World) -> Case:
+    """Return that the arm leaves the tray, where homing would meet the column; then as always."""
+    if world.does_fixed_touch:
+        return _contradiction(left, "the fixed gripper reports that it holds something")
+    return Case(Custody.ON_TABLE, leaves=_leaves(left))
+
+
 _CUSTODIES: Final[Mapping[Custody, Rule]] = {
     Custody.ON_TABLE: _on_table,
     Custody.IN_ARM: _in_arm,
     Custody.IN_BOTH: _in_both,
     Custody.IN_FIXED: _in_fixed,
     Custody.LOST: _lost,
+    Custody.PLACED: _placed,
 }
 
 # --- with one -------------------------------------------------------------------------------------
@@ -291,6 +299,7 @@ AFTER: Final[Mapping[str, Custody]] = {
     Once.GRASP: Custody.IN_ARM,
     Once.RELEASE_ARM: Custody.IN_FIXED,
     Once.RELEASE_FIXED: Custody.IN_ARM,
+    Once.SORT: Custody.PLACED,
 }
 
 

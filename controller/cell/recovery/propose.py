@@ -86,7 +86,8 @@ class Proposal:
     @property
     def is_arm_alone(self) -> bool:
         """Whether only the arm goes on: a part on the table may be another one by now."""
-        return self.left.custody is Custody.ON_TABLE and self.left.intent is None
+        done_with = (Custody.ON_TABLE, Custody.PLACED)
+        return self.left.custody in done_with and self.left.intent is None
 
     @property
     def intents(self) -> tuple[str, ...]:
