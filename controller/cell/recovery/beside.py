@@ -9,47 +9,31 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from controller.arrays import FloatArray
 from controller.planning.motion import MARGIN_MM, ProvenMove
 
-from ..custody import Custody
+from .carried import Carried, part_in_gripper
 from .classify import Case, Leaves, Opens
 from .interrupted import Interrupted
 from .world import World
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Beside:
-    """Where the arm stands, where its move began, and what the grippers have.
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Beside(Carried):
+    """Where the arm stands, where its move began, and what the grippers have, as they read.
 
     Attributes
     ----------
     q, q_begin : (6,) joints
-    arm_opening_mm, fixed_opening_mm : as the grippers read
-    T_part_tcp : (4, 4) of a part in the arm gripper, or None
-    T_part_fixed : (4, 4) of a part in the fixed gripper, T_part_tcp of that one, or None
     """
 
     q: FloatArray
     q_begin: FloatArray
-    arm_opening_mm: float
-    T_part_tcp: FloatArray | None
-    fixed_opening_mm: float
-    T_part_fixed: FloatArray | None
 
     @property
     def arguments(self) -> tuple[Any, ...]:
         """What the compute service's `proven_back` takes."""
-        return (
-            self.q,
-            self.q_begin,
-            self.arm_opening_mm,
-            self.T_part_tcp,
-            self.fixed_opening_mm,
-            self.T_part_fixed,
-        )
+        return self.q, self.q_begin, *self.carried
 
 
 # Proves that the arm goes back from beside its path, with the part of a run, and touches nothing.
@@ -72,18 +56,16 @@ def beside_path(left: Interrupted, world: World, case: Case) -> Beside | None:
     if world.q is None or world.arm_mm is None or left.intent is not None:
         return None
     begin = left.trail.begin_beside(world.q)
-    hold = {Custody.IN_ARM: left.arm_hold, Custody.IN_FIXED: left.fixed_hold}.get(case.custody)
-    if begin is None or hold is None:
+    T_part_tcp, T_part_fixed = part_in_gripper(left, case.custody)
+    if begin is None or (T_part_tcp is None and T_part_fixed is None):
         return None
-    T_part = np.array(hold.T_part_tcp)
-    in_arm = case.custody is Custody.IN_ARM
     return Beside(
-        world.q,
-        begin,
-        world.arm_mm,
-        T_part if in_arm else None,
-        world.fixed_mm,
-        None if in_arm else T_part,
+        q=world.q,
+        q_begin=begin,
+        arm_opening_mm=world.arm_mm,
+        T_part_tcp=T_part_tcp,
+        fixed_opening_mm=world.fixed_mm,
+        T_part_fixed=T_part_fixed,
     )
 
 

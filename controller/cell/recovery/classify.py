@@ -175,27 +175,23 @@ def _lost(left: Interrupted, world: World) -> Case:
     )
 
 
-def _on_table(left: Interrupted, world: World) -> Case:
-    """Return that only the arm has to go back; the part is looked for as at every start."""
-    if world.does_fixed_touch:
-        return _contradiction(left, "the fixed gripper reports that it holds something")
-    return Case(Custody.ON_TABLE)
+def _in_no_gripper(left: Interrupted, world: World) -> Case:
+    """Return that only the arm has to leave; a part is then looked for as at every start.
 
-
-def _placed(left: Interrupted, world: World) -> Case:
-    """Return that the arm leaves the tray, where homing would meet the column; then as always."""
+    Homing from low over the table, or from beside a tray, would meet the column.
+    """
     if world.does_fixed_touch:
         return _contradiction(left, "the fixed gripper reports that it holds something")
     return Case(Custody.ON_TABLE, leaves=_leaves(left))
 
 
 _CUSTODIES: Final[Mapping[Custody, Rule]] = {
-    Custody.ON_TABLE: _on_table,
+    Custody.ON_TABLE: _in_no_gripper,
     Custody.IN_ARM: _in_arm,
     Custody.IN_BOTH: _in_both,
     Custody.IN_FIXED: _in_fixed,
     Custody.LOST: _lost,
-    Custody.PLACED: _placed,
+    Custody.PLACED: _in_no_gripper,
 }
 
 # --- with one -------------------------------------------------------------------------------------

@@ -16,44 +16,30 @@ from controller.planning.model import CellLayout
 from controller.planning.motion import SWEEP_MARGIN_MM, Swept, segment_seconds, tcp_pose
 
 from ..custody import Custody
+from .carried import Carried, part_in_gripper
 from .interrupted import Interrupted
 from .trail import OFF_PATH, THERE
 from .world import World
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Bounds:
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Bounds(Carried):
     """Where the arm stands, as far as that is known, and what the grippers have.
 
     Attributes
     ----------
     low, high : (6,) bounds of the joints
     known : (6,) bool, the joints that counters still prove
-    arm_opening_mm : of the arm gripper on the part; None if it is empty, however wide
-    T_part_tcp : (4, 4) of a part in the arm gripper, or None
-    fixed_opening_mm : of the fixed gripper
-    T_part_fixed : (4, 4) of a part in the fixed gripper, T_part_tcp of that one, or None
     """
 
     low: FloatArray
     high: FloatArray
     known: np.ndarray
-    arm_opening_mm: float | None
-    T_part_tcp: FloatArray | None
-    fixed_opening_mm: float
-    T_part_fixed: FloatArray | None
 
     @property
     def arguments(self) -> tuple[Any, ...]:
         """What the compute service's `homing_swept` takes."""
-        return (
-            self.low,
-            self.high,
-            self.arm_opening_mm,
-            self.T_part_tcp,
-            self.fixed_opening_mm,
-            self.T_part_fixed,
-        )
+        return self.low, self.high, *self.carried
 
     @property
     def q_estimate(self) -> FloatArray:
@@ -90,16 +76,16 @@ def lost_bounds(left: Interrupted, world: World, layout: CellLayout) -> Bounds:
     low, high = _along(left.trail.standing, kept, layout)
     low, high = low - OFF_PATH, high + OFF_PATH
     low, high = np.where(known, kept - THERE, low), np.where(known, kept + THERE, high)
-    in_arm = left.arm_hold if left.custody is Custody.IN_ARM else None
-    in_fixed = left.fixed_hold if left.custody is Custody.IN_FIXED else None
+    T_part_tcp, T_part_fixed = part_in_gripper(left, left.custody)
+    in_arm = None if T_part_tcp is None else left.arm_hold
     return Bounds(
-        low,
-        high,
-        known,
-        None if in_arm is None else in_arm.opening_mm,
-        None if in_arm is None else np.array(in_arm.T_part_tcp),
-        world.fixed_mm,
-        None if in_fixed is None else np.array(in_fixed.T_part_tcp),
+        low=low,
+        high=high,
+        known=known,
+        arm_opening_mm=None if in_arm is None else in_arm.opening_mm,
+        T_part_tcp=T_part_tcp,
+        fixed_opening_mm=world.fixed_mm,
+        T_part_fixed=T_part_fixed,
     )
 
 
