@@ -4,87 +4,18 @@ from collections.abc import Mapping
 from typing import Final
 
 from .._form import Row
+from . import _decisions, _deeds, _events, _observations
 from ._body import Body, EffectClass, Json, NamedBody
-from ._decisions import (
-    AmbiguityResolved,
-    DeviceRetried,
-    FirstMotion,
-    GraspAvoided,
-    PartInspected,
-    PartJudged,
-    PartResumed,
-    PlanKept,
-    PlanMade,
-    QuestionAnswered,
-    RecoveryBegun,
-    RecoveryProposed,
-    SourceDemoted,
-    StartRefused,
-)
-from ._deeds import (
-    CustodyChanged,
-    GraspMissed,
-    Homed,
-    HomedWithPart,
-    HomingBegun,
-    Intent,
-    LeaseReturned,
-    LeaseTaken,
-    OnceDone,
-    PartDone,
-    PathBegun,
-    PathEnded,
-    PositionsTakenOver,
-    StepDone,
-    StoodFree,
-    StopNotConfirmed,
-    Stopped,
-)
-from ._events import (
-    Acknowledged,
-    AtRest,
-    CellEvent,
-    Connected,
-    EmulatedCellEnded,
-    JournalNotReadable,
-    JournalSetAside,
-    Overtaken,
-    PermitIssued,
-    PermitWithdrawn,
-    QuestionRaised,
-    RunBegan,
-    RunBrokeOff,
-    RunEnded,
-)
-from ._observations import (
-    FilesStored,
-    HoldNoted,
-    LoopLate,
-    Openings,
-    PartFindings,
-    PartMeasured,
-    Sightings,
-    TablePictures,
-    TouchedDown,
-    ViewJudged,
-    ViewPicturesTaken,
-)
+from ._deeds import CustodyChanged, Intent, OnceDone
+from ._events import CellEvent
 
+# Every model that has a name of its own; a base or a group has none.
 ROWS: Final[Mapping[tuple[str, str], type[Body]]] = {
     (model.kind, model.row_name): model
-    for model in (
-        RunBegan, Connected, EmulatedCellEnded, PermitIssued, PermitWithdrawn,
-        FirstMotion, Acknowledged, Overtaken, AtRest, RunBrokeOff, RunEnded,
-        JournalSetAside, JournalNotReadable, Homed, StepDone, GraspMissed, PartDone, Stopped,
-        PathEnded, HomingBegun, HomedWithPart,
-        StopNotConfirmed, Openings, TablePictures, Sightings, ViewPicturesTaken, ViewJudged,
-        PartMeasured, PartFindings, FilesStored, PartInspected,
-        PlanMade, PlanKept, RecoveryBegun, AmbiguityResolved, PartJudged, StartRefused,
-        SourceDemoted, DeviceRetried, TouchedDown, LoopLate, LeaseTaken, LeaseReturned,
-        QuestionRaised, QuestionAnswered, PathBegun, StoodFree, PositionsTakenOver, HoldNoted,
-        GraspAvoided, RecoveryProposed, PartResumed,
-    )
-}  # fmt: skip
+    for module in (_events, _deeds, _observations, _decisions)
+    for model in vars(module).values()
+    if isinstance(model, type) and issubclass(model, Body) and "row_name" in vars(model)
+}
 # By kind: the model of every name that has no model of its own.
 GROUPS: Final[Mapping[str, type[NamedBody]]] = {
     "event": CellEvent,
