@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emulators.lighting_modbus import LampCharacter
-from emulators.umi_scara import ArmErrors, Axis
+from emulators.umi_scara import COUNTS_PER_DEG, ArmErrors
 from emulators.world import CameraLayout, LampLayout, Layout, TrayLayout
 from emulators.world.poses import rotation_about
 
@@ -47,11 +47,6 @@ SLOW_RAMP_S: Final = 0.25
 PART_MM: Final = 0.1
 TABLE_TILT_DEG: Final = 0.2
 _TURNING: Final = ("shoulder_rad", "elbow_rad", "yaw_rad", "pitch_rad", "roll_rad")
-# umi_rtx.md 5.1: counts of a motor that turn its joint by a degree
-_COUNTS_PER_DEG: Final = {
-    Axis.SHOULDER: 29.221, Axis.ELBOW: 14.611, Axis.YAW: 9.740,
-    Axis.WRIST1: 13.487, Axis.WRIST2: 13.487,
-}  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -238,7 +233,7 @@ def _arm_errors(draw: _Draw) -> ArmErrors:
         zed_zero_mm=draw.within(ZED_ZERO_MM),
         jaw_zero_mm=draw.within(PAD_MM),
         play_counts={
-            axis: per_deg * draw.between(PLAY_DEG) for axis, per_deg in _COUNTS_PER_DEG.items()
+            axis: per_deg * draw.between(PLAY_DEG) for axis, per_deg in COUNTS_PER_DEG.items()
         },
         yaw_per_elbow=0.5 * draw.within(COUPLING),
         sag_mm=draw.between(SAG_MM),

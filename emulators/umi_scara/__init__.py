@@ -3,11 +3,20 @@
 A second reading of umi_rtx.md, shared with nobody; umi_rtx.md 7 is the specification.
 """
 
-from ._axes import ArmJoints, Axis
+from ._axes import COUNTS_PER_DEG, ArmJoints, Axis
 from ._errors import ArmErrors
 from ._faults import Faults
 from ._model import ArmModel
 from ._server import ArmServer
 from ._wire import ArmWire
 
-__all__ = ["ArmErrors", "ArmJoints", "ArmModel", "ArmServer", "ArmWire", "Axis", "Faults"]
+__all__ = [
+    "COUNTS_PER_DEG",
+    "ArmErrors",
+    "ArmJoints",
+    "ArmModel",
+    "ArmServer",
+    "ArmWire",
+    "Axis",
+    "Faults",
+]

@@ -73,6 +73,14 @@ ELBOW_COUNTS_PER_DEG: Final = 14.611
 YAW_COUNTS_PER_DEG: Final = 9.740
 WRIST_COUNTS_PER_DEG: Final = 13.487
 ZED_COUNTS_PER_MM: Final = 3.750
+# of the axes that turn; both wrist motors turn pitch and roll
+COUNTS_PER_DEG: Final[dict[Axis, float]] = {
+    Axis.SHOULDER: SHOULDER_COUNTS_PER_DEG,
+    Axis.ELBOW: ELBOW_COUNTS_PER_DEG,
+    Axis.YAW: YAW_COUNTS_PER_DEG,
+    Axis.WRIST1: WRIST_COUNTS_PER_DEG,
+    Axis.WRIST2: WRIST_COUNTS_PER_DEG,
+}
 
 # Jaw opening over counts, the fit of London Hackspace; umi_rtx.md 5.5
 JAW_MM_PER_COUNT: Final = 0.0584
