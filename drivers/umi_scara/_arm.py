@@ -7,6 +7,7 @@ in the codec alone. Sections (§) are those of umi_rtx.md.
 
 import logging
 from collections.abc import Callable, Iterable, Mapping
+from math import ceil
 from typing import Self
 
 import numpy as np
@@ -24,6 +25,7 @@ from .model.limits import COUNTS_ORDER, check_limits
 from .motion import (
     Axes,
     AxisStalledError,
+    GearPlay,
     Homing,
     KeepingHoming,
     MoveWatch,
@@ -84,6 +86,7 @@ class UmiScara:
         self._config = config or ArmConfig()
         self._session = ArmSession(port, self._config.link, clock, trace)
         self.positions = self._session.positions
+        self._play = GearPlay(self._config.play_counts)
 
     # ---- connection and power ------------------------------------------------------------------
     async def connect(self) -> ArmIdentity:
@@ -236,6 +239,7 @@ class UmiScara:
             await self._arrive(self._config.homing.park_counts)
             guard()
             self.positions.note_homed(self._config.homing.park_counts)
+            self._note_stops_and(self._config.homing.park_counts)
         log.info("arm homed")
 
     async def take_over_positions(self, between: ArrayLike) -> None:
@@ -256,7 +260,7 @@ class UmiScara:
         identity = self.identity
         if identity is None or identity.was_restarted:
             raise PositionLostError("arm: an IP has restarted: its positions are lost; home it")
-        ends = _ends(between)
+        ends = self._ends(between)
         counts = await self.axes.read_actuals(Axis)
         why = judge_kept_counters(ends, counts)
         if not why:
@@ -270,6 +274,7 @@ class UmiScara:
             axis: await self.axes.read_twice(axis, Parameter.DEAD_BAND)
             for axis in axes_in_turn(self.axes)
         }
+        self._play.forget()
         self.positions.note_taken_over(again, grasps=bool(bits & StatusBits.STALLED))
         log.info("arm: positions taken over at %s", again)
 
@@ -289,7 +294,7 @@ class UmiScara:
         self._session.require_connected()
         identity = self.identity
         assert identity is not None, "it is connected"
-        ends = _ends(between)
+        ends = self._ends(between)
         counts = await self.axes.read_actuals(Axis)
         again = await self.axes.read_actuals(Axis)
         kept = [
@@ -344,6 +349,7 @@ class UmiScara:
             await self._arrive(park)
             guard()
             self.positions.note_homed(park | {Axis.GRIPPER: jaws})
+            self._note_stops_and(park)
             self.positions.note_leaving([Axis.GRIPPER])  # its target is beyond where it presses
             self.positions.grasps = True
         log.info("arm homed with its jaws pressed at %d counts", jaws)
@@ -365,9 +371,14 @@ class UmiScara:
         return counts
 
     async def read_q(self) -> NDArray[np.float64]:
-        """Return the joints (6,) in `kinematics.Q_ORDER` [rad, mm]; raises as `read_counts`."""
+        """Return the joints (6,) in `kinematics.Q_ORDER` [rad, mm]; raises as `read_counts`.
+
+        The play of the gears is taken account of, where the settings have it.
+        """
         counts = await self.read_counts()
-        return kinematics.counts_to_q([counts[axis] for axis in COUNTS_ORDER])
+        return kinematics.counts_to_q(
+            [self._play.meant(axis, counts[axis]) for axis in COUNTS_ORDER]
+        )
 
     # ---- moving --------------------------------------------------------------------------------
     async def move_counts(
@@ -412,6 +423,9 @@ class UmiScara:
     ) -> None:
         """Move to joints (6,) in `kinematics.Q_ORDER` [rad, mm], all axes arriving together.
 
+        Where the settings have the play of a gear, the joint gets there: a motor that turns round
+        goes so much farther. Counts of joints are those of a motor that has come from below.
+
         Parameters
         ----------
         q : (6,) joints in `kinematics.Q_ORDER` [rad, zed in mm]
@@ -431,7 +445,12 @@ class UmiScara:
         speed = max(1, round(speed * speed_share))
         check_speeds({Axis.ELBOW: speed})
         nominal = self._config.nominal_counts_per_s
-        await self._move(targets, deadline_s, lambda far: synchronised_speeds(far, nominal, speed))
+        await self._move(
+            targets,
+            deadline_s,
+            lambda far: synchronised_speeds(far, nominal, speed),
+            takes_up_play=True,
+        )
 
     # ---- gripper -------------------------------------------------------------------------------
     async def move_gripper_mm(self, opening_mm: float) -> float:
@@ -553,6 +572,8 @@ class UmiScara:
         deadline_s: float | None,
         speeds_for: Callable[[Mapping[Axis, int]], Mapping[Axis, int]],
         forces: Mapping[Axis, int] | None = None,
+        *,
+        takes_up_play: bool = False,
     ) -> dict[Axis, int]:
         """Move as `move_counts` does, with speeds that follow from the distances [counts].
 
@@ -561,10 +582,10 @@ class UmiScara:
         """
         wanted = {axis: int(counts) for axis, counts in targets.items()}
         try:
-            return await self._move_once(wanted, deadline_s, speeds_for, forces)
+            return await self._move_once(wanted, deadline_s, speeds_for, forces, takes_up_play)
         except LineUncertainError as error:
             log.warning("the move is begun again: %s", error)
-            return await self._move_once(wanted, deadline_s, speeds_for, forces)
+            return await self._move_once(wanted, deadline_s, speeds_for, forces, takes_up_play)
 
     async def _move_once(
         self,
@@ -572,10 +593,14 @@ class UmiScara:
         deadline_s: float | None,
         speeds_for: Callable[[Mapping[Axis, int]], Mapping[Axis, int]],
         forces: Mapping[Axis, int] | None,
+        takes_up_play: bool,
     ) -> dict[Axis, int]:
         async with self._session.motion() as guard:
             await self.positions.make_sure(self.axes, guard)
             starts = await self._starts(wanted)
+            self._play.note(starts)
+            if takes_up_play:
+                wanted = self._with_play(wanted, starts)
             moved = {axis: n for axis, n in wanted.items() if self.positions.at_rest(axis) != n}
             self._check_targets(starts | moved, moved)
             if not moved:
@@ -602,7 +627,30 @@ class UmiScara:
             got = await self._arrive(moved)
             guard()
             self.positions.note_rest(moved)
+            self._play.note(moved)
         return {axis: got.get(axis, wanted[axis]) for axis in wanted}
+
+    def _with_play(self, joints: Mapping[Axis, int], motors: Mapping[Axis, int]) -> dict[Axis, int]:
+        """Return where the motors go to for joints; where a limit is near, without their play."""
+        targets = self._play.targets(joints, motors)
+        try:
+            self._check_targets({**motors, **targets}, targets)
+        except OutOfRangeError:
+            return dict(joints)
+        return targets
+
+    def _note_stops_and(self, park: Mapping[Axis, int]) -> None:
+        """Note that all motors have gone from their stops to the park."""
+        self._play.forget()
+        self._play.note(self._config.homing.stop_counts)
+        self._play.note(park)
+
+    def _ends(self, between: ArrayLike) -> dict[Axis, tuple[int, int]]:
+        """Return the range of each motor [counts] over joints (n, 6)."""
+        rows = kinematics.q_to_counts(np.atleast_2d(np.asarray(between, dtype=np.float64)))
+        ends = zip(COUNTS_ORDER, rows.min(axis=0), rows.max(axis=0), strict=True)
+        play = self._config.play_counts
+        return {axis: (int(low) - ceil(play.get(axis, 0.0)), int(high)) for axis, low, high in ends}
 
     def _speed(self, axis: Axis, new_speeds: Mapping[Axis, int]) -> int:
         known = new_speeds.get(axis) or self.axes.written(axis, Parameter.SPEED)
@@ -653,12 +701,3 @@ class UmiScara:
             await self.axes.pause()
         await self._session.halt_quietly()
         raise AxisStalledError(Axis.GRIPPER, c.GRASP_COUNTS, counts, why)
-
-
-def _ends(between: ArrayLike) -> dict[Axis, tuple[int, int]]:
-    """Return the range of each axis [counts] over joints (n, 6)."""
-    rows = kinematics.q_to_counts(np.atleast_2d(np.asarray(between, dtype=np.float64)))
-    return {
-        axis: (int(low), int(high))
-        for axis, low, high in zip(COUNTS_ORDER, rows.min(axis=0), rows.max(axis=0), strict=True)
-    }

@@ -21,6 +21,7 @@ class ArmConfig:
     nominal_counts_per_s : speed of each axis at SPEED 100 (7), for forecasts and speed ratios
     gripper_force : MAX_FORCE with which the jaws open and close in position moves (§5.6)
     grasp_speed : SPEED with which the jaws close on something (§5.6)
+    play_counts : of each motor's gears, from one flank to the other, as measured [counts]
     """
 
     link: LinkConfig = field(default_factory=LinkConfig)
@@ -33,6 +34,7 @@ class ArmConfig:
     )
     gripper_force: int = 40
     grasp_speed: int = 50
+    play_counts: Mapping[Axis, float] = field(default_factory=dict)
 
 
 def check_speeds(speeds: Mapping[Axis, int]) -> None:

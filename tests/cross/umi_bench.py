@@ -19,7 +19,7 @@ from drivers.clock import CellClock
 from drivers.errors import DeviceError
 from drivers.umi_scara import ArmConfig, Axis, UmiScara, WireExchange
 from emulators.clock import SharedClock, WorldClock
-from emulators.umi_scara import ArmModel, ArmServer, ArmWire
+from emulators.umi_scara import ArmErrors, ArmModel, ArmServer, ArmWire
 from emulators.umi_scara import Axis as EmulatedAxis
 
 EMULATED = {axis: EmulatedAxis[axis.name] for axis in Axis}
@@ -192,11 +192,12 @@ async def arm_bench(
     strict: bool = False,
     config: ArmConfig | None = None,
     line: Literal["terminal", "socket"] = "terminal",
+    errors: ArmErrors | None = None,
 ) -> AsyncIterator[ArmBench]:
     """Start an arm that was just switched on, and a driver that has not connected yet."""
     async with (
         one_clock(speed) as (world, clock),
-        _arm_bench(world, clock, seed, listening, strict, config, line) as bench,
+        _arm_bench(world, clock, seed, listening, strict, config, line, errors) as bench,
     ):
         yield bench
 
@@ -210,8 +211,9 @@ async def _arm_bench(
     strict: bool,
     config: ArmConfig | None,
     line: Literal["terminal", "socket"],
+    errors: ArmErrors | None,
 ) -> AsyncIterator[ArmBench]:
-    model = ArmModel(seed)
+    model = ArmModel(seed, errors or ArmErrors())
     wire = ArmWire(model, strict=strict, listening=listening)
     server = ArmServer(wire, world) if line == "terminal" else SocketArmServer(wire, world)
     await server.start()

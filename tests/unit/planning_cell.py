@@ -52,7 +52,7 @@ def arm_model(arm: Any) -> UmiModel:
     lengths = (arm[f"{name}_mm"] for name in ("upper", "fore", "tool", "wrist_height"))
     boxes = {k: Box.from_bounds(*v) for k, v in arm["links"].items()}
     return UmiModel.of_boxes(
-        ArmGeometry(*lengths), {k: (box.T, box.half_mm) for k, box in boxes.items()}
+        ArmGeometry(**lengths), {k: (box.T, box.half_mm) for k, box in boxes.items()}
     )
 
 

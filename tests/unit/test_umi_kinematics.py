@@ -336,3 +336,50 @@ def test_nowhere_is_outside() -> None:
     assert not kinematics.within_limits(nowhere)
     with pytest.raises(ValueError, match="no counts"):
         q_to_counts(nowhere)
+
+
+def measured() -> ArmGeometry:
+    return ArmGeometry(
+        upper_mm=253.8,
+        fore_mm=253.1,
+        tool_mm=176.6,
+        tool_off_mm=(0.45, -0.35),
+        zero_rad=(0.008, -0.007, 0.006, -0.005, 0.0085),
+        zed_zero_mm=0.4,
+        yaw_per_elbow=-0.005,
+        sag_mm=0.8,
+    )
+
+
+def test_a_measured_arm_is_a_chain_of_its_own_turns_and_shifts() -> None:
+    def rigid(axis: int, angle_rad: float, *shift_mm: float) -> NDArray[np.float64]:
+        c, s = np.cos(angle_rad), np.sin(angle_rad)
+        T = np.eye(4)
+        i, j = (axis + 1) % 3, (axis + 2) % 3
+        T[i, i] = T[j, j] = c
+        T[i, j], T[j, i] = -s, s
+        T[:3, 3] = shift_mm or (0.0, 0.0, 0.0)
+        return T
+
+    for shoulder, elbow, yaw, zed, pitch, roll in legal_q(np.random.default_rng(8), 30):
+        true_elbow = elbow - 0.007
+        sag = 0.8 * (1.0 + np.cos(true_elbow)) / 2.0
+        hand = yaw + 0.006 - 0.005 * true_elbow - true_elbow / 2.0  # against the forearm
+        T = (
+            rigid(2, shoulder + 0.008, 0.0, 0.0, 915.0 + zed + 0.4 - sag)
+            @ rigid(2, true_elbow, 253.8, 0.0, 0.0)
+            @ rigid(2, hand, 253.1, 0.0, 0.0)
+            @ rigid(1, -(pitch - 0.005))
+            @ rigid(0, roll + 0.0085)
+            @ rigid(0, 0.0, 176.6, 0.45, -0.35)
+        )
+        q = np.array([shoulder, elbow, yaw, zed, pitch, roll])
+        np.testing.assert_allclose(forward(q, measured()), T, atol=1e-9)
+
+
+def test_a_measured_arm_gets_back_to_the_joints_that_its_counters_meant() -> None:
+    q = legal_q(np.random.default_rng(9), 200)
+    index, _, found = inverse_legal(forward(q, measured()), measured())
+    for number, row in enumerate(q):
+        off = np.abs(found[index == number] - row).max(axis=1)
+        assert off.min() < 1e-6, row

@@ -5,6 +5,9 @@ angle, pitch and roll in rad, zed in mm (0 at the top stop, negative downwards).
 `arm` has its origin on the table plane under the shoulder axis, x straight ahead, y left, z up;
 `tcp` has its origin between the finger tips, x along the approach axis, and the jaws open along y.
 Everything is vectorised over leading dimensions. Sections (§) are those of umi_rtx.md.
+
+Joints are what the counters mean. Where an arm's joints truly are, its `ArmGeometry` knows, once it
+was measured: zeros, coupling and sag lie between motors and joints, where no counter sees them.
 """
 
 from collections.abc import Iterable
@@ -48,9 +51,10 @@ _GIMBAL_RAD: Final = 1e-10  # pitch closer to +-90 deg than this says nothing ab
 _ROLL_CENTRE_RAD: Final = np.deg2rad((-132.0 + 181.0) / 2)
 _ELBOW_CENTRE_RAD: Final = np.deg2rad((-180.0 + 151.0) / 2)
 
-# a first look at limits, each wider by more than a count; `within_limits` decides (§5.2)
-_ROUGH_RAD: Final = 0.01
-_ROUGH_MM: Final = 1.0
+# a first look at limits, each wider by more than a count and than the joints of an arm differ from
+# what its counters mean; `within_limits` decides (§5.2)
+_ROUGH_RAD: Final = 0.06
+_ROUGH_MM: Final = 5.0
 _WRIST_PER_RAD: Final = np.rad2deg(2 * c.WRIST_COUNTS_PER_DEG)
 _SHOULDER_RAD: Final = np.array(c.SHOULDER_RANGE) / np.rad2deg(c.SHOULDER_COUNTS_PER_DEG)
 _ELBOW_RAD: Final = np.array(c.ELBOW_RANGE) / np.rad2deg(c.ELBOW_COUNTS_PER_DEG)
@@ -78,25 +82,68 @@ _COUNTS_PER_Q[_YAW, 5] = np.rad2deg(c.YAW_COUNTS_PER_DEG)
 _Q_PER_COUNT: Final = np.linalg.inv(_COUNTS_PER_Q)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ArmGeometry:
-    """Lengths of one arm (§6.1) [mm]; tool and wrist height want measuring on the arm itself.
+    """One arm: its lengths (§6.1) [mm], and how its joints differ from what its counters mean.
+
+    All differences are 0 until they have been measured on the arm itself.
 
     Attributes
     ----------
     upper_mm, fore_mm : shoulder axis to elbow axis, elbow axis to wrist centre
-    tool_mm : wrist centre to TCP
+    tool_mm : wrist centre to TCP, along the approach axis
     wrist_height_mm : wrist centre above the table at zed 0
+    tool_off_mm : of the TCP from the approach axis, along the jaws' axis and across
+    zero_rad : of shoulder, elbow, yaw, pitch, roll: where the joint is when its counter means 0
+    zed_zero_mm : the same of zed
+    yaw_per_elbow : heading that a turn of the elbow adds to the nominal half of it
+    sag_mm : by how much the stretched arm hangs lower; less as the elbow folds, with the square of
+        the reach
     """
 
     upper_mm: float = 253.5
     fore_mm: float = 253.5
     tool_mm: float = 177.0
     wrist_height_mm: float = 915.0
+    tool_off_mm: tuple[float, float] = (0.0, 0.0)
+    zero_rad: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    zed_zero_mm: float = 0.0
+    yaw_per_elbow: float = 0.0
+    sag_mm: float = 0.0
 
     def __post_init__(self) -> None:
         if not (self.upper_mm > 0 and self.fore_mm > 0 and self.tool_mm >= 0):
             raise ValueError(f"lengths must be positive: {self}")
+
+    def from_counters(self, q: Floats) -> Floats:
+        """Return where the joints (..., 6) are that the counters mean to be at ``q``."""
+        true = q + self._zeros
+        true[..., _YAW] += self.yaw_per_elbow * true[..., _ELBOW]
+        true[..., _ZED] -= self._sag_mm(true[..., _ELBOW])
+        return true
+
+    def to_counters(self, true: Floats) -> Floats:
+        """Return what the counters mean where the joints are at ``true`` (..., 6)."""
+        q = true - self._zeros
+        q[..., _YAW] -= self.yaw_per_elbow * true[..., _ELBOW]
+        q[..., _ZED] += self._sag_mm(true[..., _ELBOW])
+        return q
+
+    @property
+    def _zeros(self) -> Floats:
+        shoulder, elbow, yaw, pitch, roll = self.zero_rad
+        return np.array([shoulder, elbow, yaw, self.zed_zero_mm, pitch, roll])
+
+    def _sag_mm(self, elbow_rad: Floats) -> Floats:
+        return np.asarray(self.sag_mm * np.cos(elbow_rad / 2.0) ** 2)
+
+    def wrist_target(self, T_arm_tcp: Floats) -> Floats:
+        """Return where a TCP in the approach axis would be, for TCP poses (..., 4, 4)."""
+        if self.tool_off_mm == (0.0, 0.0):
+            return T_arm_tcp
+        pose = T_arm_tcp.copy()
+        pose[..., :3, 3] -= pose[..., :3, 1:3] @ np.array(self.tool_off_mm)
+        return pose
 
 
 _DEFAULT: Final = ArmGeometry()
@@ -170,7 +217,7 @@ def forward(q: ArrayLike, geometry: ArmGeometry = _DEFAULT) -> Floats:
     -------
     (..., 4, 4) pose of the TCP in the arm's frame [mm]
     """
-    joints = np.asarray(q, dtype=np.float64)
+    joints = geometry.from_counters(np.asarray(q, dtype=np.float64))
     shoulder, elbow, yaw, zed, pitch, roll = np.moveaxis(joints, -1, 0)
     heading = shoulder + elbow / 2 + yaw  # the yaw belt takes back half of the elbow's turn (§5.4)
     sin_h, cos_h = np.sin(heading), np.cos(heading)
@@ -191,7 +238,8 @@ def forward(q: ArrayLike, geometry: ArmGeometry = _DEFAULT) -> Floats:
     wrist_x = geometry.upper_mm * np.cos(shoulder) + geometry.fore_mm * np.cos(fore_heading)
     wrist_y = geometry.upper_mm * np.sin(shoulder) + geometry.fore_mm * np.sin(fore_heading)
     wrist = np.stack([wrist_x, wrist_y, geometry.wrist_height_mm + zed], axis=-1)
-    T_arm_tcp[..., :3, 3] = wrist + geometry.tool_mm * T_arm_tcp[..., :3, 0]
+    tool = np.array([geometry.tool_mm, *geometry.tool_off_mm])
+    T_arm_tcp[..., :3, 3] = wrist + T_arm_tcp[..., :3, :3] @ tool
     T_arm_tcp[..., 3, 3] = 1.0
     return T_arm_tcp
 
@@ -212,7 +260,7 @@ def link_frames(q: ArrayLike, geometry: ArmGeometry = _DEFAULT) -> tuple[Floats,
     R : (n, 3, 3, 3) rotations
     origin_mm : (n, 3, 3) origins [mm]
     """
-    joints = np.asarray(q, dtype=np.float64)
+    joints = geometry.from_counters(np.asarray(q, dtype=np.float64))
     n = len(joints)
     shoulder, elbow, zed = joints[:, _SHOULDER], joints[:, _ELBOW], joints[:, _ZED]
     R = np.zeros((n, 3, 3, 3))
@@ -254,7 +302,7 @@ def inverse(
         half first
     legal : (..., B) bool, whether the branch exists and lies within_limits
     """
-    pose = np.asarray(T_arm_tcp, dtype=np.float64)
+    pose = geometry.wrist_target(np.asarray(T_arm_tcp, dtype=np.float64))
     free_headings = _headings(heading_rad)
     wrist_rad = _wrist_branches(pose[..., :3, :3], free_headings)  # (..., H, 3)
     elbow, shoulder, is_folded = _elbows(pose, geometry)  # (2, ...), elbow-positive first
@@ -263,7 +311,7 @@ def inverse(
         _row(shoulder[k][..., None], elbow[k][..., None], height[..., None], wrist_rad, is_folded)
         for k in range(2)
     ]
-    q = np.concatenate(halves, axis=-2)
+    q = geometry.to_counters(np.concatenate(halves, axis=-2))
     return q, within_limits(q)
 
 
@@ -286,7 +334,7 @@ def inverse_legal(
     index, branch : (m,) whose pose, and which of the branches that `inverse` numbers; in order
     q : (m, 6) joints
     """
-    pose = np.asarray(T_arm_tcp, dtype=np.float64)
+    pose = geometry.wrist_target(np.asarray(T_arm_tcp, dtype=np.float64))
     free_headings = _headings(heading_rad)
     slot_count = max(2, len(free_headings))
     is_locked = np.hypot(pose[:, 0, 0], pose[:, 1, 0]) < _GIMBAL_RAD
@@ -326,7 +374,9 @@ def _legal_rows(
     ok &= _roughly(wrist_yaw, _WRIST_YAW_RAD) | is_folded[:, None, None]
     index, half, slot = np.nonzero(ok)
     arm = half, index
-    q = _row(shoulder[arm], elbow[arm], height[index], wrist_rad[index, slot], is_folded[index])
+    q = geometry.to_counters(
+        _row(shoulder[arm], elbow[arm], height[index], wrist_rad[index, slot], is_folded[index])
+    )
     legal = within_limits(q)
     return index[legal], half[legal], slot[legal], q[legal]
 

@@ -18,12 +18,14 @@ from ._moves import (
     synchronised_speeds,
     verify_arrival,
 )
+from ._play import GearPlay
 from ._positions import Positions, axes_in_turn
 from ._stops import HomingConfig, HomingError
 
 __all__ = [
     "Axes",
     "AxisStalledError",
+    "GearPlay",
     "Homing",
     "HomingConfig",
     "HomingError",
