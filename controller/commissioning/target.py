@@ -1,4 +1,4 @@
-"""target.json: the calibration board, how it was placed in each picture, and the world frame."""
+"""A board's own file, and target.json: the board, how it was placed in each picture, the world."""
 
 from math import radians
 from pathlib import Path
@@ -54,14 +54,18 @@ class WorldSection(Section):
         return WorldFrame(self.image, self.origin_mm, radians(self.x_axis_angle_deg))
 
 
-class CalibrationTarget(Section):
+class BoardSection(Section):
     """A chessboard (inner_corners) or a ChArUco board (squares, marker_mm, dictionary).
 
     Attributes
     ----------
+    first_marker : id of the marker at the print's upper left; the others follow row by row
+    thickness_mm : of the plate, whose upper face bears the print
+    margin_mm : white around the print
+    bare_mm : of the plate beyond the margin at the print's lower side, to hold it by
+    back_first_marker : the same on the other face, whose print is the front's, seen from behind
+        with the same side down; None: the other face is bare
     board_frame, note : for people
-    images : how the board lies in each picture
-    world : what fixes the world frame (default: the first flat board)
     """
 
     inner_corners: tuple[Corners, Corners] | None = None
@@ -70,17 +74,21 @@ class CalibrationTarget(Section):
     marker_mm: float | None = Field(None, gt=0)
     dictionary: str | None = None
     legacy_pattern: bool = False
+    first_marker: int = Field(0, ge=0)
+    thickness_mm: float = Field(5.0, gt=0, le=100)
+    margin_mm: float = Field(10.0, ge=0, le=500)
+    bare_mm: float = Field(0.0, ge=0, le=500)
+    back_first_marker: int | None = Field(None, ge=0)
     board_frame: str = ""
     note: str = ""
-    images: tuple[PictureSection, ...] = Field(min_length=1)
-    world: WorldSection | None = None
 
     @model_validator(mode="after")
-    def _one_kind_of_board(self) -> "CalibrationTarget":
+    def _one_kind_of_board(self) -> "BoardSection":
         charuco = {
             "squares": self.squares,
             "marker_mm": self.marker_mm,
             "dictionary": self.dictionary,
+            "back_first_marker": self.back_first_marker,
         }
         if self.inner_corners is not None:
             given = [key for key, value in charuco.items() if value is not None]
@@ -90,6 +98,7 @@ class CalibrationTarget(Section):
                     f"`inner_corners` describes a chessboard and `{key}` a ChArUco board; keep one"
                 )
             return self
+        del charuco["back_first_marker"]
         lacking = [f"`{key}`" for key, value in charuco.items() if value is None]
         if len(lacking) == len(charuco):
             raise ValueError(
@@ -102,8 +111,63 @@ class CalibrationTarget(Section):
             raise ValueError(
                 f"`marker_mm` {self.marker_mm:g} must be less than `square_mm` {self.square_mm:g}"
             )
-        charuco_board(self._charuco())  # names an unknown dictionary
+        charuco_board(self._charuco(self.first_marker))  # names an unknown dictionary
+        if self.back_first_marker is not None:
+            charuco_board(self._charuco(self.back_first_marker))
         return self
+
+    def build(self) -> Target:
+        """Return the board, as its front shows it."""
+        if self.inner_corners is not None:
+            return Chessboard(self.inner_corners, self.square_mm)
+        return self._charuco(self.first_marker)
+
+    def build_back(self) -> Charuco | None:
+        """Return the board on the other face; None if that is bare."""
+        if self.back_first_marker is None:
+            return None
+        return self._charuco(self.back_first_marker)
+
+    @property
+    def print_mm(self) -> tuple[float, float]:
+        """Width and height of the print, all of its squares [mm]."""
+        if self.inner_corners is not None:
+            columns, rows = self.inner_corners[0] + 1, self.inner_corners[1] + 1
+        else:
+            columns, rows = self._charuco(self.first_marker).squares
+        return columns * self.square_mm, rows * self.square_mm
+
+    @property
+    def plate_mm(self) -> tuple[float, float, float]:
+        """Width, height and thickness of the plate [mm]."""
+        width_mm, height_mm = self.print_mm
+        both_mm = 2.0 * self.margin_mm
+        return width_mm + both_mm, height_mm + both_mm + self.bare_mm, self.thickness_mm
+
+    def _charuco(self, first_marker: int) -> Charuco:
+        if self.squares is None or self.marker_mm is None or self.dictionary is None:
+            raise ValueError("no ChArUco board")
+        return Charuco(
+            self.squares,
+            self.square_mm,
+            self.marker_mm,
+            self.dictionary,
+            self.legacy_pattern,
+            first_marker,
+        )
+
+
+class CalibrationTarget(BoardSection):
+    """A board in some pictures.
+
+    Attributes
+    ----------
+    images : how the board lies in each picture
+    world : what fixes the world frame (default: the first flat board)
+    """
+
+    images: tuple[PictureSection, ...] = Field(min_length=1)
+    world: WorldSection | None = None
 
     @model_validator(mode="after")
     def _pictures_fit_together(self) -> "CalibrationTarget":
@@ -130,19 +194,6 @@ class CalibrationTarget(Section):
             )
         return self
 
-    def build(self) -> Target:
-        """Return the board."""
-        if self.inner_corners is not None:
-            return Chessboard(self.inner_corners, self.square_mm)
-        return self._charuco()
-
-    def _charuco(self) -> Charuco:
-        if self.squares is None or self.marker_mm is None or self.dictionary is None:
-            raise ValueError("no ChArUco board")
-        return Charuco(
-            self.squares, self.square_mm, self.marker_mm, self.dictionary, self.legacy_pattern
-        )
-
     def placed(self, image: str) -> Placed:
         """Return how the board lies in a picture of `images`."""
         return Placed(next(p.placed for p in self.images if p.image == image))
@@ -161,3 +212,13 @@ def load_target(path: Path) -> CalibrationTarget:
     ConfigError : unreadable, not JSON, unknown or missing keys, or an impossible board
     """
     return load_yaml(path, CalibrationTarget)
+
+
+def load_board(path: Path) -> BoardSection:
+    """Return a board, read from a file of its own (JSON, or the same in YAML).
+
+    Raises
+    ------
+    ConfigError : unreadable, not JSON, unknown or missing keys, or an impossible board
+    """
+    return load_yaml(path, BoardSection)

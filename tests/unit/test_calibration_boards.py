@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import cv2
 import numpy as np
 import pytest
 from board_pictures import (
@@ -166,3 +169,22 @@ def test_a_part_of_a_larger_board_is_not_taken_for_a_smaller_one(
 def test_a_dictionary_with_too_few_markers_is_named() -> None:
     with pytest.raises(ValueError, match="DICT_4X4_50 has 50 markers, the board needs 70"):
         charuco_board(Charuco((14, 10), 10.0, 7.0, "DICT_4X4_50"))
+
+
+def test_a_board_with_other_markers_is_not_taken_for_this_one() -> None:
+    # OpenCV's own picture of markers 20 to 34; the board below wants 0 to 14
+    columns, rows = CHARUCO.squares
+    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
+    other = cv2.aruco.CharucoBoard((columns, rows), 14.0, 9.0, dictionary, np.arange(20, 35))
+    drawn = np.full((rows * 40 + 60, columns * 40 + 60), 200, np.uint8)
+    drawn[30:-30, 30:-30] = other.generateImage((columns * 40, rows * 40))
+    with pytest.raises(NoBoardError):
+        find_board(drawn, CHARUCO)
+    found = find_board(drawn, replace(CHARUCO, first_marker=20))
+    assert len(found.board_mm) == (columns - 1) * (rows - 1)
+
+
+def test_the_last_marker_of_a_board_must_be_in_its_dictionary() -> None:
+    charuco_board(replace(CHARUCO, first_marker=35))
+    with pytest.raises(ValueError, match="has 50 markers, the board needs 15 from 36 on"):
+        charuco_board(replace(CHARUCO, first_marker=36))

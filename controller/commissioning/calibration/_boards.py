@@ -176,9 +176,13 @@ def charuco_board(target: Charuco) -> cv2.aruco.CharucoBoard:
         raise ValueError(f"OpenCV knows no dictionary {target.dictionary}")
     dictionary = cv2.aruco.getPredefinedDictionary(number)
     asked, there = target.squares[0] * target.squares[1] // 2, len(dictionary.bytesList)
-    if asked > there:
-        raise ValueError(f"{target.dictionary} has {there} markers, the board needs {asked}")
-    board = cv2.aruco.CharucoBoard(target.squares, target.square_mm, target.marker_mm, dictionary)
+    if target.first_marker + asked > there:
+        begun = f" from {target.first_marker} on" if target.first_marker else ""
+        raise ValueError(f"{target.dictionary} has {there} markers, the board needs {asked}{begun}")
+    ids = target.first_marker + np.arange(asked, dtype=np.int32)
+    board = cv2.aruco.CharucoBoard(
+        target.squares, target.square_mm, target.marker_mm, dictionary, ids
+    )
     board.setLegacyPattern(target.legacy_pattern)
     return board
 

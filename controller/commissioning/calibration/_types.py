@@ -57,6 +57,7 @@ class Charuco:
     marker_mm: float
     dictionary: str  # OpenCV's name, such as DICT_5X5_100
     legacy_pattern: bool = False  # as drawn by OpenCV before 4.6
+    first_marker: int = 0  # id at the upper left; the others follow row by row
 
     @property
     def has_one_way_up(self) -> bool:
