@@ -1,7 +1,8 @@
 """Read recipe.yaml and cell.yaml once, check all of it, and suggest right keys for wrong ones."""
 
 from .cad_files import CAD_FORMATS, is_cad_file
-from .cell import EMULATED, Cell, load_cell
+from .calibrations import load_cell
+from .cell import EMULATED, Cell
 from .errors import ConfigError
 from .faults import FaultsSection
 from .file_kinds import is_cell_file, is_recipe

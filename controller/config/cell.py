@@ -10,11 +10,12 @@ from pydantic import AfterValidator, AliasChoices, BeforeValidator, Field, model
 
 from controller.arrays import FloatArray
 
+from .calibration_reference import CalibrationName, CalibrationReference
 from .errors import ConfigError
 from .faults import FaultsSection
 from .file_kinds import is_recipe
 from .interlock_rules import InterlockRules
-from .yaml_models import Section, WrongKeyError, load_yaml
+from .yaml_models import Section, WrongKeyError
 
 Number = Annotated[float, Field(ge=-50_000, le=50_000)]  # no cell is 50 m wide
 Vec2 = tuple[Number, Number]
@@ -27,6 +28,7 @@ MIN_HEIGHT_MM, MAX_HEIGHT_MM = 50.0, 20_000.0
 MAX_SIZE_PX = 20_000  # of a picture, each way
 IN_MM = "lengths are in millimetres; are these metres?"
 MIN_AREA_MM = 10.0  # side of an area in which parts lie
+MAX_ZERO_DEG, MAX_OFF_MM = 5.0, 20.0  # an arm that is farther off wants mending, not measuring
 
 
 def _rising(bounds: tuple[float, ...]) -> tuple[float, ...]:
@@ -184,10 +186,17 @@ class TableSection(Section):
 
 
 class CameraSection(Section):
-    """A camera: its calibration and its settings."""
+    """A camera: its calibration and its settings.
+
+    Attributes
+    ----------
+    focal_px, focal_y_px : along the rows, and along the columns if that is not the same
+    calibrated : when; the report states it
+    """
 
     size_px: Annotated[tuple[int, int], AfterValidator(_positive), AfterValidator(_of_a_camera)]
     focal_px: float = Field(ge=10, le=1_000_000)
+    focal_y_px: float | None = Field(None, ge=10, le=1_000_000)
     centre_px: Vec2
     distortion: tuple[float, float, float, float, float] = (0, 0, 0, 0, 0)
     pose: Pose
@@ -197,7 +206,7 @@ class CameraSection(Section):
     settle_frames: int = Field(3, ge=0, le=30)  # frames discarded after the stream starts
     # how far a frame's time stamp may be off; None for the driver's own figure
     margin_s: float | None = Field(None, ge=0, le=1)
-    calibrated: date | None = None  # when; the report states it
+    calibrated: date | None = None
 
     def sees(self, point_mm: FloatArray) -> bool:
         """Return whether a point (3,) of the world is in the picture, lens distortion ignored."""
@@ -302,6 +311,45 @@ class ArmSection(Section):
     fingers: FingersSection
 
 
+Zero = Annotated[float, Field(ge=-MAX_ZERO_DEG, le=MAX_ZERO_DEG)]
+Small = Annotated[float, Field(ge=-MAX_OFF_MM, le=MAX_OFF_MM)]
+
+
+class ZerosSection(Section):
+    """Where joints are when their counters mean 0, in degrees."""
+
+    shoulder: Zero = 0.0
+    elbow: Zero = 0.0
+    yaw: Zero = 0.0
+    pitch: Zero = 0.0
+    roll: Zero = 0.0
+
+
+class CorrectionsSection(Section):
+    """How one UMI RTX differs from what its counters mean; all 0 until it was measured.
+
+    Attributes
+    ----------
+    tool_off_mm : of the TCP from the approach axis, along the jaws' axis and across
+    zed_zero_mm : height of zed where its counter means 0
+    yaw_per_elbow : heading that a turn of the elbow adds to the nominal half of it
+    sag_mm : by how much the stretched arm hangs lower
+    """
+
+    tool_off_mm: tuple[Small, Small] = (0.0, 0.0)
+    zero_deg: ZerosSection = ZerosSection()
+    zed_zero_mm: Small = 0.0
+    yaw_per_elbow: float = Field(0.0, ge=-0.05, le=0.05)
+    sag_mm: Small = 0.0
+
+
+class UncertaintySection(Section):
+    """Standard uncertainty of a pose."""
+
+    position_mm: float = Field(0.0, ge=0, le=MAX_OFF_MM)
+    angle_deg: float = Field(0.0, ge=0, le=MAX_ZERO_DEG)
+
+
 class UmiSection(ArmSection):
     """A UMI RTX."""
 
@@ -311,6 +359,8 @@ class UmiSection(ArmSection):
     wrist_height_mm: Length
     park_deg: ParkSection
     links: LinksSection
+    corrections: CorrectionsSection = CorrectionsSection()
+    uncertainty: UncertaintySection = UncertaintySection()
 
 
 class OtherArmSection(ArmSection):
@@ -505,6 +555,7 @@ class Cell(Section):
 
     name: str
     devices: DevicesSection
+    calibration: dict[CalibrationName, CalibrationReference] = Field(default_factory=dict)
     clock: Path | None = None  # of the emulator whose addresses are given in `devices`
     timing: TimingSection = TimingSection()
     table: TableSection
@@ -575,14 +626,4 @@ REQUIRED_LAMPS = (
 )
 
 
-def load_cell(path: Path) -> Cell:
-    """Return the cell that a cell file describes.
-
-    Raises
-    ------
-    ConfigError : the file is wrong
-    """
-    return load_yaml(path, Cell)
-
-
-__all__ = ["EMULATED", "Cell", "ConfigError", "load_cell"]
+__all__ = ["EMULATED", "Cell", "ConfigError"]

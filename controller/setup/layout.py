@@ -1,6 +1,7 @@
 """Build the layout that planning works on from the cell file."""
 
 from collections.abc import Iterable
+from math import radians
 
 import numpy as np
 
@@ -89,8 +90,23 @@ def _chute(section: ChuteSection | None) -> dict[str, Box]:
 
 
 def _umi(section: UmiSection) -> ArmDescription[ArmModel]:
+    found, zero = section.corrections, section.corrections.zero_deg
     geometry = ArmGeometry(
-        section.upper_mm, section.fore_mm, section.tool_mm, section.wrist_height_mm
+        upper_mm=section.upper_mm,
+        fore_mm=section.fore_mm,
+        tool_mm=section.tool_mm,
+        wrist_height_mm=section.wrist_height_mm,
+        tool_off_mm=found.tool_off_mm,
+        zero_rad=(
+            radians(zero.shoulder),
+            radians(zero.elbow),
+            radians(zero.yaw),
+            radians(zero.pitch),
+            radians(zero.roll),
+        ),
+        zed_zero_mm=found.zed_zero_mm,
+        yaw_per_elbow=found.yaw_per_elbow,
+        sag_mm=found.sag_mm,
     )
     links = section.links
     boxes = {

@@ -17,7 +17,7 @@ def build_camera(camera: CameraSection) -> Camera:
     K = np.array(
         [
             [camera.focal_px, 0, camera.centre_px[0]],
-            [0, camera.focal_px, camera.centre_px[1]],
+            [0, camera.focal_y_px or camera.focal_px, camera.centre_px[1]],
             [0, 0, 1],
         ]
     )

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from controller.config.cell import load_cell
+from controller.config import load_cell
 from controller.setup.layout import build_layout
 from emulators.gripper_modbus import JawModel
 from emulators.world import Solid, World, load_solid, read_layout

@@ -49,7 +49,8 @@ def read_cell(path: Path = CELL_FILE) -> Any:
 
 
 def arm_model(arm: Any) -> UmiModel:
-    lengths = (arm[f"{name}_mm"] for name in ("upper", "fore", "tool", "wrist_height"))
+    names = ("upper_mm", "fore_mm", "tool_mm", "wrist_height_mm")
+    lengths = {name: float(arm[name]) for name in names}
     boxes = {k: Box.from_bounds(*v) for k, v in arm["links"].items()}
     return UmiModel.of_boxes(
         ArmGeometry(**lengths), {k: (box.T, box.half_mm) for k, box in boxes.items()}

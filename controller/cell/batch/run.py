@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Final
 
 from controller.config import Cell, Recipe
@@ -225,11 +226,18 @@ def _keep_inputs(order: RunOrder) -> dict[str, str]:
         (order.recipe.part.name, order.recipe.part),
         ("recipe.yaml", order.recipe_path),
         ("cell.yaml", order.cell_path),
+        *((f"calibration-{name}.json", path) for name, path in _calibrations(order)),
     ):
         data = path.read_bytes()
         (folder / name).write_bytes(data)
         digests[f"{INPUTS}/{name}"] = hashlib.sha256(data).hexdigest()
     return digests
+
+
+def _calibrations(order: RunOrder) -> list[tuple[str, Path]]:
+    """Return the calibration files that the cell file refers to, by name."""
+    folder = order.cell_path.parent
+    return [(name, folder / one.file) for name, one in order.cell.calibration.items()]
 
 
 def _left_by_runs(journal: Journal, began: rows.RunBegan) -> tuple[tuple[Held, ...], list[str]]:
@@ -271,7 +279,13 @@ def who_and_what(order: RunOrder, where: Mapping[str, dict[str, Any]]) -> rows.R
     """
     # all devices on an emulator's clock are emulated, also those whose address was given by hand
     emulated_names = where if order.clock.path is not None else order.cell.emulated_devices
-    files = (order.recipe_path, order.cell_path, order.recipe.part, *order.recipe.others)
+    files = (
+        order.recipe_path,
+        order.cell_path,
+        order.recipe.part,
+        *order.recipe.others,
+        *(path for _, path in _calibrations(order)),
+    )
     return rows.RunBegan(
         recipe=order.recipe.model_dump(mode="json", by_alias=True),
         files={str(path): hashlib.sha256(path.read_bytes()).hexdigest() for path in files},

@@ -1,0 +1,36 @@
+"""Calibrations of a cell: files of measured values that take the place of the drawing's.
+
+A cell file names each by ``calibration:``; `load_cell` puts their values where the nominal ones
+stand, so that whoever reads a `Cell` reads the cell as measured.
+"""
+
+from ._apply import load_cell
+from ._files import MODELS, read_calibration, read_calibrations, write_calibration
+from ._models import (
+    ArmCalibration,
+    Calibration,
+    CameraCalibration,
+    FixedGripperCalibration,
+    JointZeros,
+    LampCalibration,
+    LampsCalibration,
+    Residual,
+    TraysCalibration,
+)
+
+__all__ = [
+    "MODELS",
+    "ArmCalibration",
+    "Calibration",
+    "CameraCalibration",
+    "FixedGripperCalibration",
+    "JointZeros",
+    "LampCalibration",
+    "LampsCalibration",
+    "Residual",
+    "TraysCalibration",
+    "load_cell",
+    "read_calibration",
+    "read_calibrations",
+    "write_calibration",
+]

@@ -1,0 +1,113 @@
+"""Put measured values where a cell file has the drawing's."""
+
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from ..cell import Cell, UmiSection
+from ..errors import ConfigError
+from ..yaml_models import load_yaml
+from ._files import read_calibrations
+from ._models import (
+    ArmCalibration,
+    CameraCalibration,
+    FixedGripperCalibration,
+    LampsCalibration,
+    Matrix4,
+    TraysCalibration,
+    pose_of,
+)
+
+
+def load_cell(path: Path) -> Cell:
+    """Return the cell that a cell file describes, as its calibrations measured it.
+
+    Raises
+    ------
+    ConfigError : the file or a calibration is wrong, or they do not belong together
+    """
+    cell = load_yaml(path, Cell)
+    if not cell.calibration:
+        return cell
+    found = read_calibrations(path, cell.calibration)
+    tree = cell.model_dump(by_alias=True)
+    for name, calibration in found.items():
+        where = f"{path}: `calibration.{name}`"
+        if calibration.cell and calibration.cell != cell.name:
+            raise ConfigError(f"{where}: is of cell `{calibration.cell}`, this one is {cell.name}")
+        if isinstance(calibration, CameraCalibration):
+            _camera(tree["cameras"][name], calibration, where)
+        elif isinstance(calibration, ArmCalibration):
+            if not isinstance(cell.arm, UmiSection):
+                raise ConfigError(f"{where}: describes a UMI RTX; this cell has another arm")
+            _arm(tree, calibration)
+        elif isinstance(calibration, FixedGripperCalibration):
+            tree["fixture"]["pose"] = _pose(calibration.T_world_tcp)
+        elif isinstance(calibration, TraysCalibration):
+            for tray, centre in calibration.centres.items():
+                tree["trays"][tray]["centre"] = centre
+        elif isinstance(calibration, LampsCalibration):
+            _lamps(tree["lamps"], calibration, where)
+    try:
+        return Cell.model_validate(tree)
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(map(str, first["loc"])) or "cell"
+        message = first["msg"].removeprefix("Value error, ")
+        raise ConfigError(f"{path}: as calibrated, `{key}`: {message}") from error
+
+
+def _pose(rows: Matrix4) -> dict[str, Any]:
+    T = pose_of(rows)
+    return {
+        "position": tuple(T[:3, 3].tolist()),
+        "x_axis": tuple(T[:3, 0].tolist()),
+        "y_axis": tuple(T[:3, 1].tolist()),
+    }
+
+
+def _camera(section: dict[str, Any], found: CameraCalibration, where: str) -> None:
+    if tuple(section["size_px"]) != found.size_px:
+        width, height = found.size_px
+        raise ConfigError(
+            f"{where}: was measured with {width} x {height} px, the cell file has "
+            f"{section['size_px'][0]} x {section['size_px'][1]}"
+        )
+    K = found.K
+    section |= {
+        "focal_px": K[0][0],
+        "focal_y_px": K[1][1],
+        "centre_px": (K[0][2], K[1][2]),
+        "distortion": found.distortion,
+        "pose": _pose(found.T_world_cam),
+        "calibrated": found.measured.date(),
+    }
+    if found.exposure_s is not None:
+        section["exposure_s"] = found.exposure_s
+
+
+def _arm(tree: dict[str, Any], found: ArmCalibration) -> None:
+    tree["arm"] |= {
+        "pose": _pose(found.T_world_arm),
+        "upper_mm": found.upper_mm,
+        "fore_mm": found.fore_mm,
+        "tool_mm": found.tool_mm,
+        "corrections": {
+            "tool_off_mm": found.tool_off_mm,
+            "zero_deg": found.zero_deg.model_dump(),
+            "zed_zero_mm": found.zed_zero_mm,
+            "yaw_per_elbow": found.yaw_per_elbow,
+            "sag_mm": found.sag_mm,
+        },
+        "uncertainty": {"position_mm": found.u_mm, "angle_deg": found.u_deg},
+    }
+    settings = tree["devices"]["arm"]["settings"]
+    settings |= {"play_deg": dict(found.play_deg), "jaw_zero_mm": found.jaw_zero_mm}
+
+
+def _lamps(sections: dict[str, Any], found: LampsCalibration, where: str) -> None:
+    for name, lamp in found.lamps.items():
+        if name not in sections:
+            raise ConfigError(f"{where}: has a lamp `{name}`, the cell file has none of that name")
+        sections[name] |= {"analog": lamp.analog, "relay": lamp.relay}

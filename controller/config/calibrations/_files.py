@@ -1,0 +1,109 @@
+"""Read and write calibration files."""
+
+import hashlib
+import json
+import os
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Final
+
+from pydantic import ValidationError
+
+from ..calibration_reference import CalibrationName, CalibrationReference
+from ..errors import ConfigError
+from ..files import read_bytes, reason_of
+from ._models import (
+    ArmCalibration,
+    Calibration,
+    CameraCalibration,
+    FixedGripperCalibration,
+    LampsCalibration,
+    TraysCalibration,
+)
+
+MAX_BYTES: Final = 4 << 20
+MODELS: Final[Mapping[CalibrationName, type[Calibration]]] = {
+    "overhead": CameraCalibration,
+    "inspection": CameraCalibration,
+    "arm": ArmCalibration,
+    "fixed_gripper": FixedGripperCalibration,
+    "trays": TraysCalibration,
+    "lamps": LampsCalibration,
+}
+
+
+def read_calibration(path: Path, name: CalibrationName) -> Calibration:
+    """Return a calibration file.
+
+    Raises
+    ------
+    ConfigError : unreadable, not JSON, of another kind, or a value is missing or out of range
+    """
+    return _parse(path, name, read_bytes(path, MAX_BYTES, "a calibration"))
+
+
+def read_calibrations(
+    cell_path: Path, references: Mapping[CalibrationName, CalibrationReference]
+) -> dict[CalibrationName, Calibration]:
+    """Return the calibrations that a cell file refers to, by name.
+
+    Raises
+    ------
+    ConfigError : as `read_calibration`, or a file is not the one that the cell file refers to
+    """
+    found: dict[CalibrationName, Calibration] = {}
+    for name, reference in references.items():
+        path = cell_path.parent / reference.file
+        where = f"{cell_path}: `calibration.{name}`"
+        try:
+            data = read_bytes(path, MAX_BYTES, "a calibration")
+        except ConfigError as error:
+            raise ConfigError(f"{where}: {error}") from error
+        if hashlib.sha256(data).hexdigest() != reference.sha256:
+            raise ConfigError(
+                f"{where}: {path} has changed since the cell file referred to it; commission the "
+                f"cell again, or give the hash of the file that you trust"
+            )
+        found[name] = _parse(path, name, data)
+    return found
+
+
+def _parse(path: Path, name: CalibrationName, data: bytes) -> Calibration:
+    model = MODELS[name]
+    try:
+        tree = json.loads(data)
+    except (ValueError, RecursionError) as error:
+        raise ConfigError(f"{path}: is not JSON ({error!s:.120}); is it a calibration?") from error
+    kind = model.model_fields["kind"].default
+    if not isinstance(tree, dict) or tree.get("kind") != kind:
+        given = tree.get("kind") if isinstance(tree, dict) else None
+        raise ConfigError(f"{path}: holds kind {given!r:.40}, required is a calibration `{kind}`")
+    try:
+        return model.model_validate(tree)
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(map(str, first["loc"])) or "file"
+        message = first["msg"].removeprefix("Value error, ")
+        raise ConfigError(f"{path}: `{key}`: {message}") from error
+
+
+def write_calibration(path: Path, calibration: Calibration) -> str:
+    """Write a calibration file, whole or not at all; return the SHA-256 of its bytes.
+
+    Raises
+    ------
+    ConfigError : it cannot be written
+    """
+    text = json.dumps(calibration.as_json(), indent=1, ensure_ascii=False) + "\n"
+    data = text.encode()
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=path.parent, prefix=".", delete=False) as draft:
+            draft.write(data)
+            draft.flush()
+            os.fsync(draft.fileno())
+        Path(draft.name).replace(path)
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be written: {reason_of(error)}") from error
+    return hashlib.sha256(data).hexdigest()

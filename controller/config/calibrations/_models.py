@@ -1,0 +1,230 @@
+"""What a calibration file holds: mm and degrees, poses as 4 x 4 matrices, `docs/commissioning.md`.
+
+Uncertainties ``u_...`` are standard uncertainties where parts are.
+"""
+
+from collections.abc import Mapping
+from datetime import datetime
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from controller.arrays import FloatArray
+
+from ..calibration_reference import CalibrationName
+from ..yaml_models import Section, WrongKeyError
+
+Number = Annotated[float, Field(ge=-1e6, le=1e6)]
+Positive = Annotated[float, Field(gt=0, le=1e6)]
+Uncertainty = Annotated[float, Field(ge=0, le=1e3)]
+Row3 = tuple[Number, Number, Number]
+Row4 = tuple[Number, Number, Number, Number]
+Matrix3 = tuple[Row3, Row3, Row3]
+Matrix4 = tuple[Row4, Row4, Row4, Row4]
+Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+SQUARE = 1e-6  # a rotation that was written in full is square to its own digits
+
+
+def _pose(name: str, rows: Matrix4) -> FloatArray:
+    """Return a pose (4, 4); raise WrongKeyError where the numbers are none."""
+    T = np.array(rows, dtype=float)
+    R = T[:3, :3]
+    is_square = np.allclose(R @ R.T, np.eye(3), atol=SQUARE) and np.linalg.det(R) > 0
+    if not is_square or not np.array_equal(T[3], [0, 0, 0, 1]):
+        raise WrongKeyError((name,), "is not a pose: its axes are not square")
+    return T
+
+
+class Residual(Section):
+    """What the fit left over, and how much of it is allowed."""
+
+    value: Uncertainty
+    unit: Literal["px", "mm", "deg", "level"]
+    limit: Positive
+
+
+class Calibration(Section):
+    """The header of every calibration file.
+
+    Attributes
+    ----------
+    measured : when, with its offset from UTC
+    by : who
+    software : that found it
+    cell : name of the cell
+    evidence : folder with pictures and figures, from the folder of the cell file
+    valid_days, valid_runs : after which it is stale; None for never
+    residual : of the fit
+    based_on : calibrations that went into this one, by the hash of their file
+    """
+
+    schema_: Literal[1] = Field(1, alias="schema")
+    kind: str
+    measured: datetime
+    by: str = ""
+    software: str = ""
+    cell: str = ""
+    evidence: str = ""
+    valid_days: int | None = Field(None, ge=1, le=10_000)
+    valid_runs: int | None = Field(None, ge=1, le=10_000_000)
+    residual: Residual | None = None
+    based_on: Mapping[CalibrationName, Sha256] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _has_an_offset(self) -> "Calibration":
+        if self.measured.tzinfo is None:
+            raise WrongKeyError(("measured",), "lacks its offset from UTC, as in ...T08:30:00Z")
+        return self
+
+    def as_json(self) -> dict[str, Any]:
+        """Return what its file holds."""
+        return self.model_dump(mode="json", by_alias=True)
+
+
+class CameraCalibration(Calibration):
+    """A camera: its lens, and where it stands.
+
+    Attributes
+    ----------
+    K : pixels
+    distortion : OpenCV's k1 k2 p1 p2 k3
+    blur_px : standard deviation of an edge's blur
+    gain : in the driver's own steps; None where the camera has no such control
+    """
+
+    kind: Literal["camera"] = "camera"
+    size_px: tuple[Annotated[int, Field(ge=16)], Annotated[int, Field(ge=16)]]
+    K: Matrix3
+    distortion: tuple[Number, Number, Number, Number, Number]
+    T_world_cam: Matrix4
+    u_pose_mm: Uncertainty
+    u_pose_deg: Uncertainty
+    blur_px: Uncertainty = 0.0
+    exposure_s: Annotated[float, Field(gt=0, le=1)] | None = None
+    gain: Number | None = None
+
+    @model_validator(mode="after")
+    def _is_a_camera(self) -> "CameraCalibration":
+        K = self.K
+        if min(K[0][0], K[1][1]) <= 0 or K[0][1] != 0 or K[1][0] != 0 or K[2] != (0, 0, 1):
+            raise WrongKeyError(
+                ("K",), "is [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], fx and fy more than 0"
+            )
+        _pose("T_world_cam", self.T_world_cam)
+        return self
+
+
+class JointZeros(Section):
+    """Where joints are when their counters mean 0, in degrees."""
+
+    shoulder: Number = 0.0
+    elbow: Number = 0.0
+    yaw: Number = 0.0
+    pitch: Number = 0.0
+    roll: Number = 0.0
+
+
+class ArmCalibration(Calibration):
+    """A UMI RTX: where it stands, its lengths, and how it differs from what its counters mean.
+
+    Attributes
+    ----------
+    T_world_arm : of its base
+    tool_off_mm : of the TCP from the approach axis, along the jaws' axis and across
+    zero_deg : of joints that are approached with every motor from below
+    zed_zero_mm : height of zed where its counter means 0
+    yaw_per_elbow : heading that a turn of the elbow adds to the nominal half of it
+    sag_mm : by how much the stretched arm hangs lower
+    jaw_zero_mm : opening of the jaws where their counter means 0
+    play_deg : of the gears of each motor, from one flank to the other
+    repeatability_mm : of the TCP, from homing to homing
+    observable, held : parameters that the pictures decided, and those that priors did
+    """
+
+    kind: Literal["arm"] = "arm"
+    T_world_arm: Matrix4
+    upper_mm: Positive
+    fore_mm: Positive
+    tool_mm: Positive
+    tool_off_mm: tuple[Number, Number] = (0.0, 0.0)
+    zero_deg: JointZeros = JointZeros()
+    zed_zero_mm: Number = 0.0
+    yaw_per_elbow: Number = 0.0
+    sag_mm: Number = 0.0
+    jaw_zero_mm: Number = 0.0
+    play_deg: Mapping[Literal["elbow", "shoulder", "yaw", "wrist1", "wrist2"], Uncertainty] = Field(
+        default_factory=dict
+    )
+    repeatability_mm: Uncertainty = 0.0
+    u_mm: Uncertainty
+    u_deg: Uncertainty
+    observable: tuple[str, ...] = ()
+    held: tuple[str, ...] = ()
+
+    @model_validator(mode="after")
+    def _stands_somewhere(self) -> "ArmCalibration":
+        _pose("T_world_arm", self.T_world_arm)
+        return self
+
+
+class FixedGripperCalibration(Calibration):
+    """The fixed gripper: where it stands, and how far its jaws are open.
+
+    Attributes
+    ----------
+    opening_zero_mm, opening_scale : the jaws are ``zero + scale * reported`` apart
+    """
+
+    kind: Literal["fixed_gripper"] = "fixed_gripper"
+    T_world_tcp: Matrix4
+    opening_zero_mm: Number = 0.0
+    opening_scale: Positive = 1.0
+    u_mm: Uncertainty
+    u_deg: Uncertainty
+
+    @model_validator(mode="after")
+    def _stands_somewhere(self) -> "FixedGripperCalibration":
+        _pose("T_world_tcp", self.T_world_tcp)
+        return self
+
+
+class TraysCalibration(Calibration):
+    """The middles of the trays."""
+
+    kind: Literal["trays"] = "trays"
+    centres: Mapping[Literal["accept", "reject", "quarantine"], tuple[Number, Number]]
+    u_mm: Uncertainty
+
+
+class LampCalibration(Section):
+    """One lamp.
+
+    Attributes
+    ----------
+    analog, relay : its channels, as found by switching them
+    level : its light as a share of the nominal one, at the same setting
+    settle_s : from the order until its light is steady
+    uniformity : least light as a share of the most, over what it lights
+    """
+
+    analog: Annotated[int, Field(ge=0, le=7)]
+    relay: Annotated[int, Field(ge=0, le=7)]
+    level: Positive
+    settle_s: Annotated[float, Field(ge=0, le=60)]
+    uniformity: Annotated[float, Field(ge=0, le=1)] | None = None
+
+
+class LampsCalibration(Calibration):
+    """All lamps, by name."""
+
+    kind: Literal["lamps"] = "lamps"
+    lamps: Mapping[str, LampCalibration]
+
+
+def pose_of(rows: Matrix4) -> FloatArray:
+    """Return a pose (4, 4) [mm], square to the last digit."""
+    T = np.array(rows, dtype=float)
+    left, _, right = np.linalg.svd(T[:3, :3])
+    T[:3, :3] = left @ right
+    return T
