@@ -11,6 +11,7 @@ import typer
 
 from .acting import abort, ack, answer, pause, resume, status, step, stop
 from .calibrating import camera
+from .commissioning import print_target
 from .devices import doctor, emulate
 from .inspecting import inspect, replay, verify
 from .parts import compile_
@@ -86,9 +87,12 @@ for _command, _example in (
     (replay, "cellctl replay --recipe stricter.yaml"),
     (verify, "cellctl verify 20260314-092641-512-holder"),
     (doctor, "cellctl doctor --cell cell.yaml"),
+    (print_target, "cellctl print-target paddle --paper a4 -o paddle.pdf"),
 ):
     app.command(
-        name=_command.__name__.rstrip("_"), cls=PlainCommand, epilog=f"Example: {_example}"
+        name=_command.__name__.rstrip("_").replace("_", "-"),
+        cls=PlainCommand,
+        epilog=f"Example: {_example}",
     )(_command)
 calibration.command(
     name="camera",

@@ -797,6 +797,37 @@ ROWS: tuple[Row, ...] = (
         ("plan", "block.stl", "--cell", "cells/emulated.yaml", "--report", "/proc/none/x.html"),
         "/proc/none",
     ),
+    Row("board that no file has", nothing, ("print-target", "wall"), "wall: no board of this name"),
+    Row(
+        "board larger than the paper",
+        nothing,
+        ("print-target", "charuco", "--square-mm", "60"),
+        "a4 has 200 x 261 mm",
+    ),
+    Row(
+        "board of half a square",
+        nothing,
+        ("print-target", "charuco", "--squares", "12.5x9"),
+        "--squares 12.5x9: squares across and down",
+    ),
+    Row(
+        "board with more markers than its dictionary",
+        nothing,
+        ("print-target", "charuco", "--squares", "40x40", "--square-mm", "4"),
+        "DICT_4X4_250 has 250 markers",
+    ),
+    Row(
+        "board that was fitted to the page",
+        nothing,
+        ("print-target", "charuco", "--measured-mm", "170"),
+        "5.56 % off. Print it at 100 %",
+    ),
+    Row(
+        "sheet that is no PDF",
+        nothing,
+        ("print-target", "charuco", "-o", "board.png"),
+        "--output board.png: the sheet is written as PDF",
+    ),
     Row(
         "calibration that cannot be written",
         nothing,

@@ -1,8 +1,8 @@
 """A run's report: one HTML page that an inspector signs, and the same as JSON for machines."""
 
+from ..pdf import PdfError, pdf_bytes
 from ._json import SCHEMA_VERSION, report_json
 from .html import render, render_parts
-from .pdf import PdfError, pdf_bytes
 
 __all__ = [
     "SCHEMA_VERSION",

@@ -1,4 +1,4 @@
-"""The printed report as PDF, from the page that is printed: no program beside this one is needed.
+"""Pages as PDF, from the HTML that is printed: no program beside this one is needed.
 
 The engine comes with its wheel (ADR 31). It is given the page and nothing else: no file, no
 network. The same page gives the same bytes.
@@ -8,7 +8,7 @@ import io
 from datetime import datetime
 from typing import Final
 
-from ..run import ResultsError
+from .run import ResultsError
 
 # a document that embeds no font has no letters in it
 FONT_MARK: Final = b"/FontDescriptor"
@@ -18,7 +18,12 @@ class PdfError(ResultsError):
     """No PDF can be made on this machine; the message says what is missing."""
 
 
-def pdf_bytes(page: str, title: str, at: datetime) -> bytes:
+MM_PER_POINT: Final = 25.4 / 72
+
+
+def pdf_bytes(
+    page: str, title: str, at: datetime, paper_mm: tuple[float, float] | None = None
+) -> bytes:
     """Return a page as a PDF document.
 
     Parameters
@@ -26,6 +31,7 @@ def pdf_bytes(page: str, title: str, at: datetime) -> bytes:
     page : HTML that needs nothing but itself
     title : of the document
     at : when what it reports on ended; the document's date
+    paper_mm : width and height of the paper, without a margin; None for A4 with the usual margins
 
     Raises
     ------
@@ -43,12 +49,14 @@ def pdf_bytes(page: str, title: str, at: datetime) -> bytes:
 
         def fetch_url(self, url: str) -> plutoprint.ResourceData:
             if not url.startswith("data:"):
-                raise PermissionError(f"a report refers to {url[:80]}")
+                raise PermissionError(f"a page refers to {url[:80]}")
             return plutoprint.default_resource_fetcher.fetch_url(url)
 
-    book = plutoprint.Book(
-        plutoprint.PAGE_SIZE_A4, plutoprint.PAGE_MARGINS_NORMAL, plutoprint.MEDIA_TYPE_PRINT
-    )
+    size, margins = plutoprint.PAGE_SIZE_A4, plutoprint.PAGE_MARGINS_NORMAL
+    if paper_mm is not None:
+        size = plutoprint.PageSize(*(side / MM_PER_POINT for side in paper_mm))
+        margins = plutoprint.PAGE_MARGINS_NONE
+    book = plutoprint.Book(size, margins, plutoprint.MEDIA_TYPE_PRINT)
     book.custom_resource_fetcher = OwnData()
     book.load_html(page)
     date = at.isoformat(timespec="seconds")

@@ -1,0 +1,83 @@
+"""Arguments and help of `cellctl print-target`."""
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ..options import JsonOption, finite
+
+
+class Paper(StrEnum):
+    """A size of paper."""
+
+    A4 = "a4"
+    A3 = "a3"
+    LETTER = "letter"
+
+
+def print_target(
+    board: Annotated[
+        Path,
+        typer.Argument(
+            metavar="[BOARD]",
+            help="board file (JSON), or the name of a board that comes with cellctl: charuco, "
+            "chessboard or paddle (default: charuco)",
+        ),
+    ] = Path("charuco"),
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="FILE",
+            help="PDF to write, its board file beside it (default: BOARD.pdf in this folder)",
+        ),
+    ] = None,
+    paper: Annotated[
+        Paper, typer.Option("--paper", help="size of the paper (default: a4)")
+    ] = Paper.A4,
+    squares: Annotated[
+        str | None,
+        typer.Option(
+            "--squares", metavar="CxR", help="squares across and down (default: as in BOARD)"
+        ),
+    ] = None,
+    square_mm: Annotated[
+        float | None,
+        typer.Option(
+            "--square-mm",
+            metavar="MM",
+            callback=finite,
+            help="side of a square; its marker grows with it (default: as in BOARD)",
+        ),
+    ] = None,
+    measured_mm: Annotated[
+        float | None,
+        typer.Option(
+            "--measured-mm",
+            metavar="MM",
+            callback=finite,
+            help="length of all squares across as measured on the glued board; writes the board "
+            "file with the true size and no PDF",
+        ),
+    ] = None,
+    json: JsonOption = False,
+) -> None:
+    """Write a board to print, true to scale with a ruler, and its board file.
+
+    Measure the glued board, then give its true length by --measured-mm.
+    """
+    from .board_sheet import write_sheet
+
+    code = write_sheet(
+        board,
+        output,
+        paper=paper.value,
+        squares=squares,
+        square_mm=square_mm,
+        measured_mm=measured_mm,
+        as_json=json,
+    )
+    raise typer.Exit(code)
