@@ -8,7 +8,7 @@ from pydantic import ValidationError
 from ..cell import Cell, UmiSection
 from ..errors import ConfigError
 from ..yaml_models import load_yaml
-from ._files import read_calibrations
+from ._files import first_problem, read_calibrations
 from ._models import (
     ArmCalibration,
     CameraCalibration,
@@ -52,10 +52,7 @@ def load_cell(path: Path) -> Cell:
     try:
         return Cell.model_validate(tree)
     except ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(map(str, first["loc"])) or "cell"
-        message = first["msg"].removeprefix("Value error, ")
-        raise ConfigError(f"{path}: as calibrated, `{key}`: {message}") from error
+        raise ConfigError(f"{path}: as calibrated, {first_problem(error)}") from error
 
 
 def _pose(rows: Matrix4) -> dict[str, Any]:

@@ -13,6 +13,7 @@ from pydantic import ValidationError
 from ..calibration_reference import CalibrationName, CalibrationReference
 from ..errors import ConfigError
 from ..files import read_bytes, reason_of
+from ..yaml_models import WrongKeyError
 from ._models import (
     ArmCalibration,
     Calibration,
@@ -82,10 +83,17 @@ def _parse(path: Path, name: CalibrationName, data: bytes) -> Calibration:
     try:
         return model.model_validate(tree)
     except ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(map(str, first["loc"])) or "file"
-        message = first["msg"].removeprefix("Value error, ")
-        raise ConfigError(f"{path}: `{key}`: {message}") from error
+        raise ConfigError(f"{path}: {first_problem(error)}") from error
+
+
+def first_problem(error: ValidationError) -> str:
+    """Return the first problem that a model found, with the key that has it."""
+    first = error.errors()[0]
+    location, message = list(first["loc"]), first["msg"].removeprefix("Value error, ")
+    inner = first.get("ctx", {}).get("error")
+    if isinstance(inner, WrongKeyError):
+        location += inner.location
+    return f"`{'.'.join(map(str, location)) or 'file'}`: {message}"
 
 
 def write_calibration(path: Path, calibration: Calibration) -> str:
