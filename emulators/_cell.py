@@ -11,6 +11,7 @@ from typing import Any, Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from emulators.added import AddedParts
 from emulators.as_built import as_drawn, draw_as_built
 from emulators.camera_v4l2 import CameraConfig, CameraServer, PixelFormat, V4l2Device
 from emulators.clock import SharedClock, WorldClock
@@ -180,6 +181,7 @@ class Cell:
         self.world = World(self.layout, self.solids, self.arm, jaws, self._obstruct, seed)
         self._drop_parts(options)
         self.desk = PictureDesk(build_scene(self.layout, self.solids), self, seed, reap)
+        self.added = AddedParts(self.world, self.desk)
         self._shared_clock = SharedClock(options.speed) if clock is None else None
         self.clock: WorldClock = self._shared_clock or clock or WorldClock()
         self.cameras: dict[str, V4l2Device] = {}

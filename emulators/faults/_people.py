@@ -2,11 +2,12 @@
 
 import math
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from emulators.world import truth
+from emulators.world import part_pose, truth
 
 from ._plant import Plant
 
@@ -32,6 +33,9 @@ class PeopleAndParts:
             "shift": self._shift,
             "remove": self._remove,
             "put_back": self._put_back,
+            "add": self._add,
+            "board": self._board,
+            "give": self._give,
             "lose_part": self._lose_part,
             "slip": self._slip,
             "miss": self._miss,
@@ -89,6 +93,46 @@ class PeopleAndParts:
 
     def _put_back(self, part: int = 0, gripper: str = "arm") -> None:
         self._plant.world.put_back(part, _gripper_name(gripper))
+
+    def _add(self, file: str) -> Answer:
+        return self._pose_of(self._plant.added.part(Path(file)))
+
+    def _board(
+        self,
+        file: str,
+        x_mm: float | None = None,
+        y_mm: float | None = None,
+        theta_deg: float = 0.0,
+        tilt_deg: float = 0.0,
+        scale: float = 1.0,
+        seed: int | None = None,
+    ) -> Answer:
+        theta_rad, tilt_rad = math.radians(theta_deg), math.radians(tilt_deg)
+        board = self._plant.added.board(Path(file), scale)
+        self._plant.added.lay(board, (x_mm, y_mm), theta_rad, tilt_rad, seed)
+        return self._pose_of(board)
+
+    def _give(
+        self,
+        file: str | None = None,
+        part: int | None = None,
+        gripper: str = "arm",
+        axis: str = "z",
+        scale: float = 1.0,
+        seed: int | None = 0,
+    ) -> Answer:
+        if (file is None) == (part is None):
+            raise ValueError("either the `file` of a board or the number of a `part`")
+        added = self._plant.added
+        number = part if file is None else added.board(Path(file), scale)
+        if number is None:
+            raise ValueError("no part")
+        added.give(number, _gripper_name(gripper), axis, seed)
+        return self._pose_of(number)
+
+    def _pose_of(self, part: int) -> Answer:
+        T = part_pose(self._plant.world, part)
+        return {"part": part, "T_world_part": None if T is None else T.tolist()}
 
     def _lose_part(self, gripper: str = "arm") -> None:
         self._plant.world.lose_grasp(_gripper_name(gripper))

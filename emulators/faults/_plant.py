@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import Any, Protocol
 
+from emulators.added import AddedParts
 from emulators.camera_v4l2 import Faults as CameraFaults
 from emulators.gripper_modbus import JawModel, RobotiqDevice
 from emulators.io_modbus import CellSignals, E1214Device
@@ -71,6 +72,7 @@ class Plant(Protocol):
     io: E1214Device
     io_bus: Bus
     world: World
+    added: AddedParts
     camera_plugs: CameraPlugs
 
     @property

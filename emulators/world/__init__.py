@@ -6,14 +6,24 @@ Lengths are mm and angles rad, but for pybullet's metres, which stay inside.
 
 from ._models import Event, Snapshot
 from ._world import World
-from .ground_truth import tray_of, truth
+from .boards import Board, read_board
+from .ground_truth import part_pose, tray_of, truth
 from .layout import CameraLayout, LampLayout, Layout, LayoutError, TrayLayout, read_layout
 from .matter.collide import Collision
 from .matter.solid import MAX_REST_OFF_RAD, Rest, Solid, load_solid
-from .pictures import Picture, PictureDesk, PictureMaker, Scene, build_scene
+from .pictures import (
+    Picture,
+    PictureDesk,
+    PictureMaker,
+    Scene,
+    board_surface,
+    build_scene,
+    part_surface,
+)
 
 __all__ = [
     "MAX_REST_OFF_RAD",
+    "Board",
     "CameraLayout",
     "Collision",
     "Event",
@@ -29,8 +39,12 @@ __all__ = [
     "Solid",
     "TrayLayout",
     "World",
+    "board_surface",
     "build_scene",
     "load_solid",
+    "part_pose",
+    "part_surface",
+    "read_board",
     "read_layout",
     "tray_of",
     "truth",

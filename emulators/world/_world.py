@@ -18,7 +18,7 @@ from .matter.bodies import STEP_S, Bodies
 from .matter.boxes import CellBoxes
 from .matter.collide import Collision, Obstruct, Stall, values_of
 from .matter.grasp import TEAR_MM, TEAR_RAD, Gripper, apart, bears, make_gripper, relative
-from .matter.parts import AWAY, FALLING, HELD, RESTING, Part
+from .matter.parts import AWAY, FALLING, HELD, PROPPED, RESTING, Part
 from .matter.solid import Rest, Solid
 from .poses import JointValues, forward, rotation_about, turn_z
 
@@ -72,18 +72,14 @@ class World:
         self._joints = values_of(joints)
         self._links = forward(layout.arm, joints)
         self.bodies = Bodies()
-        self.parts = [
-            Part(i, solid, *self.bodies.add_part(solid)) for i, solid in enumerate(solids)
-        ]
+        self.parts: list[Part] = []
         self.arm_gripper = make_gripper("arm", layout.arm.gripper, joints.jaw_opening_mm)
         self.arm_gripper.T_world_tcp = self._links["arm gripper"]
         self.fixed_gripper = make_gripper("fixture", layout.fixed_gripper, jaws.opening_mm)
         grippers = (self.arm_gripper, self.fixed_gripper)
         self._boxes = CellBoxes(layout, self.bodies, self._links, *grippers)
-        # the arm gripper's fingers meet the exact mesh, not the fatter pieces
-        for part in self.parts:
-            for body in self.arm_gripper.finger_bodies:
-                self.bodies.pair(body, part.falling, False)
+        for solid in solids:
+            self.add(solid)
 
     def close(self) -> None:
         """Give pybullet's client back."""
@@ -167,11 +163,14 @@ class World:
                 gripper.must_open, gripper.limit_mm = False, None
         elif gripper.is_closing:
             self._feel(gripper)
-        limit = gripper.limit_mm
+        self._block_jaws(gripper)
+
+    def _block_jaws(self, gripper: Gripper) -> None:
+        """Let what is between the pads stop the jaws, or nothing."""
         if gripper is self.arm_gripper:
-            self._arm.grasp_limit_mm = limit
+            self._arm.grasp_limit_mm = gripper.limit_mm
         else:
-            self._jaws.grasp_limit_mm = limit
+            self._jaws.grasp_limit_mm = gripper.limit_mm
 
     def _feel(self, gripper: Gripper) -> None:
         """Look for a part that both pads are on."""
@@ -354,6 +353,15 @@ class World:
 
     # --- putting parts there -------------------------------------------------------------------
 
+    def add(self, solid: Solid) -> int:
+        """Take one more part, which is not in the cell yet; return its number."""
+        part = Part(len(self.parts), solid, *self.bodies.add_part(solid))
+        # the arm gripper's fingers meet the exact mesh, not the fatter pieces
+        for body in self.arm_gripper.finger_bodies:
+            self.bodies.pair(body, part.falling, False)
+        self.parts.append(part)
+        return part.index
+
     def drop(
         self,
         index: int,
@@ -390,6 +398,60 @@ class World:
         part.move(T_world_part)
         self._set_free(part)
 
+    def lay(self, index: int, T_world_part: Array, *, is_propped: bool = False) -> None:
+        """Put a part down exactly at a pose, in which it stays.
+
+        Parameters
+        ----------
+        index : number of the part
+        T_world_part : (4, 4) on the table [mm]
+        is_propped : something that is not seen holds it up; otherwise it lies on a facet
+        """
+        part = self.parts[index]
+        self._lose(part)
+        part.move(T_world_part)
+        at_rest = FALLING if self._awake else RESTING
+        part.state, part.calm_s = PROPPED if is_propped else at_rest, 0.0
+        for body in (part.falling, part.carried):
+            self.bodies.switch(body, body == part.body)
+        self.bodies.place_part(part.body, part.solid, T_world_part)
+        self.bodies.halt(part.body)
+        self._note("lies", part, None)
+
+    def give(self, index: int, name: str, T_tcp_part: Array) -> None:
+        """Let a person hold a part between open jaws until they close on it.
+
+        Parameters
+        ----------
+        index : number of the part
+        name : ``arm`` for the gripper on the arm, ``fixture`` for the fixed one
+        T_tcp_part : (4, 4) between the pads [mm]; the closing jaws ease it into its seat
+
+        Raises
+        ------
+        ValueError : the jaws hold something, stand too narrow, or there is nothing to hold there
+        """
+        gripper = self.arm_gripper if name == "arm" else self.fixed_gripper
+        if gripper.hold is not None:
+            raise ValueError(f"the {name} gripper holds part {gripper.hold.part}")
+        part, wide_mm = self.parts[index], gripper.layout.jaw_max_mm
+        if not gripper.pads.feel(part.scene, T_tcp_part, wide_mm).is_between:
+            raise ValueError(f"part {index} is not between the pads of the {name} gripper there")
+        seat = gripper.pads.seat(part.scene, T_tcp_part, wide_mm)
+        if seat.opening_mm > gripper.opening_mm:
+            raise ValueError(
+                f"the {name} gripper stands at {gripper.opening_mm:.1f} mm: part {index} needs "
+                f"{seat.opening_mm:.1f} mm"
+            )
+        self._lose(part)
+        gripper.must_open = False
+        gripper.passing.discard(index)
+        gripper.capture(index, seat, T_tcp_part, self._force_n(gripper))
+        part.move(gripper.T_world_tcp @ T_tcp_part)
+        self._take(part, gripper)
+        self.bodies.place_part(part.carried, part.solid, part.T_world_part)
+        self._block_jaws(gripper)
+
     def remove(self, index: int) -> None:
         """Take a part out of the cell."""
         part = self.parts[index]
@@ -415,10 +477,7 @@ class World:
         if gripper.hold is not None:
             gripper.must_open = True
             self._let_go(gripper, what)
-            if gripper is self.arm_gripper:
-                self._arm.grasp_limit_mm = None
-            else:
-                self._jaws.grasp_limit_mm = None
+            self._block_jaws(gripper)
 
     def put_back(self, index: int, name: str) -> None:
         """Put a part by hand back between the jaws that had it last.
@@ -447,10 +506,7 @@ class World:
         part.move(gripper.T_world_tcp @ last.seat.T_tcp_part)
         self._take(part, gripper)
         self.bodies.place_part(part.carried, part.solid, part.T_world_part)
-        if gripper is self.arm_gripper:
-            self._arm.grasp_limit_mm = gripper.limit_mm
-        else:
-            self._jaws.grasp_limit_mm = gripper.limit_mm
+        self._block_jaws(gripper)
         self._note("gripped", part, gripper)
 
     def shift(self, index: int, by_mm: tuple[float, float], turn_rad: float) -> None:

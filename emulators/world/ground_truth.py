@@ -6,7 +6,7 @@ import numpy as np
 
 from ._world import World
 from .layout import Array
-from .matter.parts import AWAY, HELD, RESTING
+from .matter.parts import AWAY, HELD, PROPPED, RESTING
 
 
 def part_pose(world: World, index: int) -> Array | None:
@@ -48,7 +48,7 @@ def truth(world: World) -> dict[str, Any]:
                 "name": part.solid.name,
                 "custody": custody(world, part.index),
                 "tray": tray_of(world, part.index),
-                "at_rest": part.state == RESTING,
+                "at_rest": part.state in (RESTING, PROPPED),
                 "T_world_part": None if T is None else T.tolist(),
             }
         )

@@ -211,7 +211,7 @@ def read_layout(path: Path) -> Layout:
     LayoutError : the file cannot be read, or an entry is missing or of the wrong kind
     """
     try:
-        raw = _load(path)
+        raw = load_plain(path)
     except OSError as error:
         raise LayoutError(f"{path}: {error.strerror}") from error
     except Exception as error:
@@ -231,12 +231,12 @@ def read_layout(path: Path) -> Layout:
         raise LayoutError(f"{path}: {error}") from error
 
 
-def _load(path: Path) -> Any:  # noqa: ANN401  (of a file)
-    """Return what a YAML file holds; a small text must not unfold into gigabytes.
+def load_plain(path: Path) -> Any:  # noqa: ANN401  (of a file)
+    """Return what a YAML or JSON file holds; a small text must not unfold into gigabytes.
 
     Raises
     ------
-    ValueError : it is larger or nested deeper than any cell file, or has aliases
+    ValueError : it is larger or nested deeper than any file of a cell, or has aliases
     """
     with path.open("rb") as file:
         data = file.read(_TEXT_BYTES_MAX + 1)

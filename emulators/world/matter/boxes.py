@@ -9,7 +9,7 @@ from ..layout import Array, Box, Layout
 from .bodies import Bodies
 from .collide import BOX_MM, PIECE_MM, PUSH_MM, BoxSet, Touch
 from .grasp import Gripper
-from .parts import AWAY, FALLING, HELD, Part
+from .parts import AWAY, FALLING, HELD, PROPPED, Part
 
 Mask = NDArray[np.bool_]
 
@@ -196,7 +196,7 @@ class CellBoxes:
             if any(part.overlaps(box, self._arm_gripper.T_world_finger(i)) for i, box in fingers):
                 return []
             self._arm_gripper.passing.discard(part.index)
-        is_held = part.state == HELD
+        is_held = part.state in (HELD, PROPPED)  # it cannot yield
         box, T = self._arm_gripper.finger_boxes[side], self._arm_gripper.T_world_finger(side)
         way = T[:3, 3] - self._fingers_before[side]
         length_mm = float(np.linalg.norm(way))
@@ -222,7 +222,7 @@ class CellBoxes:
         p_low, p_high = part.bounds_mm
         if not _overlap(low[None], high[None], p_low[None], p_high[None])[0, 0]:
             return []
-        nearest = self._bodies.deepest(held.carried, part.falling, _NEAR_MM)
+        nearest = self._bodies.deepest(held.carried, part.body, _NEAR_MM)
         if nearest is None:
             return []
         wake()

@@ -14,6 +14,7 @@ AWAY: Final = "away"
 FALLING: Final = "falling"
 RESTING: Final = "at rest"
 HELD: Final = "held"
+PROPPED: Final = "propped"  # a person has put something under it: it stays as it is
 
 _CALM_MM_PER_S: Final = 3.0
 _CALM_RAD_PER_S: Final = 0.05
@@ -53,7 +54,7 @@ class Part:
     @property
     def body(self) -> int:
         """The pybullet body that stands for it at present."""
-        return self.carried if self.state == HELD else self.falling
+        return self.carried if self.state in (HELD, PROPPED) else self.falling
 
     @property
     def centre_mm(self) -> Array:

@@ -1,7 +1,16 @@
 """What the cameras of the emulated cell see, drawn in a process of their own."""
 
 from .desk import PictureDesk
-from .geometry import Scene, build_scene
+from .geometry import Scene, board_surface, build_scene, part_surface
 from .worker import Order, Picture, PictureMaker
 
-__all__ = ["Order", "Picture", "PictureDesk", "PictureMaker", "Scene", "build_scene"]
+__all__ = [
+    "Order",
+    "Picture",
+    "PictureDesk",
+    "PictureMaker",
+    "Scene",
+    "board_surface",
+    "build_scene",
+    "part_surface",
+]

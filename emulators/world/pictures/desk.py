@@ -10,7 +10,7 @@ import multiprocessing
 import threading
 from collections import deque
 from collections.abc import Callable, Hashable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
 from multiprocessing.shared_memory import SharedMemory
 from typing import Any, Final, Protocol
@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..layout import Array
-from .geometry import Scene
+from .geometry import Scene, Surface
 from .sensor import Exposure
 from .worker import Order, Picture, work
 
@@ -140,6 +140,12 @@ class PictureDesk:
             self._memory.close()
             self._memory.unlink()
             self._memory = None
+
+    def add(self, surface: Surface) -> None:
+        """Take one more thing that moves; pictures noted from now on show it."""
+        self._scene = replace(self._scene, moving=(*self._scene.moving, surface))
+        if self._connection is not None:
+            self._connection.send(surface)
 
     def order(
         self,

@@ -20,6 +20,7 @@ from .geometry import (
     Mover,
     RayTable,
     Scene,
+    Surface,
     without_own_box,
 )
 from .light import CHUNK, Index, Lamps, Mask, Reach, chunks, fill
@@ -49,13 +50,19 @@ class Eye:
         self.lamps = Lamps(scene)
         self._reach = Reach(self.camera, self.lamps)
         self._fixed = without_own_box(scene, self.camera.T_world_cam[:3, 3])
-        self._movers = {surface.name: Mover(surface) for surface in scene.moving}
+        self._movers: dict[str, Mover] = {}
+        for surface in scene.moving:
+            self.add(surface)
         self._shape = (self.camera.height_px, self.camera.width_px)
         self.painter = Painter(self.camera, self.rays, self.lamps)
         self._layers: dict[int, Array32] = {}
         self._bodies: Mask | None = None
         self._body_materials = [i for i, one in enumerate(scene.materials) if one == PAINTED]
         self._caster = Caster(self.rays.origin_mm)
+
+    def add(self, surface: Surface) -> None:
+        """Take one more thing that moves; it is seen once a picture has its pose."""
+        self._movers[surface.name] = Mover(surface)
 
     def layer(self, lamp: int) -> Array32:
         """Return what the camera sees of the fixed things under one lamp at level 1, (h, w)."""

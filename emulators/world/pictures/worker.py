@@ -9,7 +9,7 @@ import os
 import signal
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
 from multiprocessing.shared_memory import SharedMemory
 from typing import Any, Final
@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..layout import Array
-from .geometry import Array32, Scene
+from .geometry import Array32, Scene, Surface
 from .picture import Changes, Eye
 from .sensor import Exposure, blurred, develop
 
@@ -64,6 +64,12 @@ class PictureMaker:
         self._scene = scene
         self._eyes: dict[int, Eye] = {}
         self._last: dict[int, _Kept] = {}
+
+    def add(self, surface: Surface) -> None:
+        """Take one more thing that moves."""
+        self._scene = replace(self._scene, moving=(*self._scene.moving, surface))
+        for eye in self._eyes.values():
+            eye.add(surface)
 
     def _eye(self, camera: int) -> Eye:
         if camera not in self._eyes:
@@ -113,7 +119,7 @@ def work(
 
     Parameters
     ----------
-    connection : orders come in, word of finished pictures goes out
+    connection : orders and new surfaces come in, word of finished pictures goes out
     memory_name, slot_bytes : shared memory for pictures, and the room for each
     scene : what all cameras look at
     reap : called when the other end has hung up, which it does when it is killed
@@ -127,6 +133,9 @@ def work(
         connection.send(("ready", -1, (0, 0), ""))
         while True:
             order = connection.recv()
+            if isinstance(order, Surface):
+                maker.add(order)
+                continue
             picture = maker.take(order)
             start = order.slot * slot_bytes
             place: NDArray[Any] = np.ndarray(

@@ -6,7 +6,16 @@ Knows no light: `light` does.
 from .assembly import Assembly, Mover, without_own_box
 from .edges import BLOCK_PX, Edges, any_in_blocks, fine_blocks, spread
 from .optics import Array32, RayTable, distort, project, undistort
-from .scene import PAINTED, Scene, Surface, build_scene, corner_normals, panel_frame
+from .printed import board_surface
+from .scene import (
+    PAINTED,
+    Scene,
+    Surface,
+    build_scene,
+    corner_normals,
+    panel_frame,
+    part_surface,
+)
 
 __all__ = [
     "BLOCK_PX",
@@ -19,11 +28,13 @@ __all__ = [
     "Scene",
     "Surface",
     "any_in_blocks",
+    "board_surface",
     "build_scene",
     "corner_normals",
     "distort",
     "fine_blocks",
     "panel_frame",
+    "part_surface",
     "project",
     "spread",
     "undistort",

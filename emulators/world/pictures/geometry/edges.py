@@ -1,8 +1,8 @@
 """Where in a picture light can jump: the edges of moving things, drawn as lines.
 
 Between edges a surface is smooth, so that few rays are enough for its light. Edges are where facets
-meet at an angle that shading shows, and where a curved surface turns away from the camera; hidden
-ones are drawn, too, and cost some rays.
+meet at an angle that shading shows or are of different materials, and where a curved surface turns
+away from the camera; hidden ones are drawn, too, and cost some rays.
 """
 
 from typing import Final
@@ -47,7 +47,8 @@ class Edges:
         self._pairs = np.stack((owner[pair], owner[pair + 1]), axis=1)
         self._sides = sides[pair]
         dot = np.einsum("ij,ij->i", *(self._normals[self._pairs[:, i]] for i in range(2)))
-        self._is_crease = dot < CREASE_COS + 0.01
+        one, other = (surface.material[self._pairs[:, i]] for i in range(2))
+        self._is_crease = (dot < CREASE_COS + 0.01) | (one != other)
         # an edge of one facet, or of three, is always drawn
         self._open = sides[start[count != 2]]
 

@@ -43,6 +43,9 @@ STEEL: Final = Material(albedo=0.22, gloss=0.08)
 TABLE: Final = Material(albedo=0.18)
 OPAL: Final = Material(albedo=0.20)  # a backlight panel that is off
 TRAY: Final = Material(albedo=0.30)
+PAPER: Final = Material(albedo=0.80)  # matt, as a board has to be
+INK: Final = Material(albedo=0.04)
+MATERIALS: Final = (MACHINED, PAINTED, STEEL, TABLE, OPAL, TRAY, PAPER, INK)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,7 +91,6 @@ class Scene:
 
 def build_scene(layout: Layout, solids: Sequence[Solid]) -> Scene:
     """Return the cell's scene; parts are called ``part 0`` and so on, as in a snapshot."""
-    materials = (MACHINED, PAINTED, STEEL, TABLE, OPAL, TRAY)
     lamps = tuple(layout.lamps.values())
     fixed, owner_boxes, owner = _fixed(layout, lamps)
     moving = [_boxes(name, (box,), 1) for name, box in _links(layout)]
@@ -97,7 +99,7 @@ def build_scene(layout: Layout, solids: Sequence[Solid]) -> Scene:
         for box in make_gripper(name, gripper, gripper.jaw_max_mm).finger_boxes:
             moving.append(_boxes(box.name, (box,), 2))
     for index, solid in enumerate(solids):
-        moving.append(_surface(f"part {index}", solid.vertices_mm, solid.faces, 0, smooth=True))
+        moving.append(part_surface(f"part {index}", solid))
     drop_middle = (layout.drop_low_mm + layout.drop_high_mm) / 2.0
     table_mm = np.array((drop_middle[0], drop_middle[1], 0.0))
     aims = [layout.station_mm if lamp.name.startswith("station") else table_mm for lamp in lamps]
@@ -105,12 +107,23 @@ def build_scene(layout: Layout, solids: Sequence[Solid]) -> Scene:
         cameras=tuple(layout.cameras.values()),
         lamps=lamps,
         aims_mm=np.array(aims),
-        materials=materials,
+        materials=MATERIALS,
         fixed=fixed,
         owner_boxes=owner_boxes,
         owner=owner,
         moving=tuple(moving),
     )
+
+
+def part_surface(name: str, solid: Solid) -> Surface:
+    """Return what is seen of a part.
+
+    Parameters
+    ----------
+    name : of the pose that moves it
+    solid : its exact mesh
+    """
+    return _surface(name, solid.vertices_mm, solid.faces, 0, smooth=True)
 
 
 def panel_frame(lamp: LampLayout) -> Array:
