@@ -6,7 +6,9 @@ from pydantic import Field
 
 from .yaml_models import Section
 
-CalibrationName = Literal["overhead", "inspection", "arm", "fixed_gripper", "trays", "lamps"]
+CalibrationName = Literal[
+    "overhead", "inspection", "arm", "fixed_gripper", "trays", "lamps", "verification"
+]
 
 
 class CalibrationReference(Section):

@@ -40,6 +40,8 @@ class InspectionSection(Section):
         it, and still fails the part where it is beyond its limits
     find : by kind of defect the size that has to be found for a PASS, in mm; of a kind that is not
         named the report states what would have been found
+    calibration : which a PASS needs of the cell: `any`, also that of the drawing; `current`, none
+        of its calibrations stale; `verified`, and its verification passed with them
     characteristics : limits of single characteristics, distances between further planes, and what
         is not measured; see `controller.setup.characteristics`
     """
@@ -49,6 +51,7 @@ class InspectionSection(Section):
     not_inspected: dict[FaceName, Reason] = Field(default_factory=dict)
     tolerance_class: ToleranceClass = "m"
     required: Literal["all", "stated"] = "all"
+    calibration: Literal["any", "current", "verified"] = "any"
     characteristics: Annotated[tuple[CharacteristicSection, ...], Field(max_length=500)] = ()
     smallest_defect_mm: float = Field(3.0, ge=0.5, le=50)
     find: dict[DefectKind, DefectSize] = Field(default_factory=dict)

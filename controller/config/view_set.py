@@ -164,6 +164,13 @@ class SetView(Section):
     only_planned: bool = False
 
 
+class SetCalibration(Section):
+    """What of a cell's calibrations no longer counted, in sentences; empty while all did."""
+
+    stale: Annotated[tuple[str, ...], Field(max_length=20)] = ()
+    why_not_verified: str = ""
+
+
 class ViewSetFile(Section):
     """Stored pictures of one part.
 
@@ -180,6 +187,7 @@ class ViewSetFile(Section):
     unseen : by face id, why the plan could not show all of it
     sample_count : of the surface, for `planned`
     accuracy : what measuring with this camera is uncertain by
+    calibration : what of the cell's calibrations no longer counted when the pictures were taken
     """
 
     schema_: Literal["cellctl.views/1"] = Field(alias="schema")
@@ -193,6 +201,7 @@ class ViewSetFile(Section):
     unseen: dict[int, str] = Field(default_factory=dict)
     sample_count: int | None = Field(None, ge=1)
     accuracy: AccuracySection = AccuracySection()
+    calibration: SetCalibration = SetCalibration()
 
     @model_validator(mode="after")
     def _rings_have_a_radius(self) -> "ViewSetFile":

@@ -26,6 +26,7 @@ from controller.setup.characteristics import (
 )
 from controller.setup.faces import faces_left_out
 
+from .as_calibrated import as_calibrated
 from .pictures import read_grey
 from .view_set import (
     Pictures,
@@ -122,7 +123,8 @@ def judge_views(
     except ConfigError as error:
         raise ConfigError(f"{judging.set_path}: {error}") from error
     settings = _settings(file, part, judging, planned)
-    return inspect_part(views, _characteristics(file, part, judging, views), settings)
+    found = inspect_part(views, _characteristics(file, part, judging, views), settings)
+    return as_calibrated(found, file.calibration, judging.recipe)
 
 
 def _limits(judging: Judging) -> InspectionLimits:

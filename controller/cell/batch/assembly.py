@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from controller.config import Cell, Recipe
+from controller.config.view_set import SetCalibration
 from controller.planning.model import CellLayout
 from drivers.clock import CellClock
 from drivers.kinds import Camera
@@ -107,6 +108,7 @@ def assemble(
     progress: Progress,
     on_progress: Callable[[], None],
     operator: Operator = NOBODY,
+    calibration: SetCalibration | None = None,
 ) -> Batch:
     """Return a cell that is ready for one batch; no device is moved or read.
 
@@ -121,6 +123,7 @@ def assemble(
     folder : of the run, for its pictures
     progress, on_progress : what the operator sees; called after each change of it
     operator : answers questions
+    calibration : what of the cell's calibrations no longer counts
     """
     gripper, lights, io = devices.gripper, devices.lights, devices.io
     arm, arm_in_use = counted(devices.arm, clock)
@@ -173,7 +176,7 @@ def assemble(
             held_pose,
             record,
             recoveries,
-            PartFile(cell, layout, recipe, folder),
+            PartFile(cell, layout, recipe, folder, calibration or SetCalibration()),
         ),
         Effect.HAND_OFF: HandOffAction(steps, motion, grippers, record, layout),
         Effect.SET_DOWN: SetDownAction(steps, motion, grippers, record),

@@ -2,6 +2,7 @@
 
 import asyncio
 import hashlib
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import suppress
@@ -10,13 +11,15 @@ from pathlib import Path
 from typing import Any, Final
 
 from controller.config import Cell, Recipe
+from controller.config.calibrations import read_calibrations, standing_of
+from controller.config.view_set import SetCalibration
 from controller.planning.motion import ProvenMove, Swept
 from controller.setup.layout import build_layout
 from controller.setup.software import software_versions
 from drivers.clock import CellClock
 
 from ..compute import Compute, Job
-from ..custody import CellIdentity, Held, fold_custody, where_it_is
+from ..custody import CellIdentity, Held, fold_custody, read_folded, where_it_is
 from ..custody.known_journals import note_journal, rows_of_all_journals
 from ..devices import Devices, resolve
 from ..devices.clocks import Speed
@@ -115,6 +118,7 @@ async def run_batch(
         # on the disk, so that a power cut leaves a journal with a beginning and a head
         await journal.write_secured(began)
         journal.write(rows.FilesStored(await asyncio.to_thread(_keep_inputs, order)))
+        calibration = await asyncio.to_thread(_standing, order, journal, outfit.stamps)
         known, left = await asyncio.to_thread(_left_by_runs, journal, began)
         for notice in left:
             journal.write(rows.EmulatedCellEnded(message=notice))
@@ -144,6 +148,7 @@ async def run_batch(
             progress,
             show,
             decider,
+            calibration,
         )
         dispatcher = batch.dispatcher
         on_dispatcher(dispatcher)
@@ -238,6 +243,35 @@ def _calibrations(order: RunOrder) -> list[tuple[str, Path]]:
     """Return the calibration files that the cell file refers to, by name."""
     folder = order.cell_path.parent
     return [(name, folder / one.file) for name, one in order.cell.calibration.items()]
+
+
+def _standing(order: RunOrder, journal: Journal, stamps: Stamps) -> SetCalibration:
+    """Journal whether the cell's calibrations count; return what of them does not.
+
+    Raises
+    ------
+    ConfigError : a calibration was changed since the cell file was read
+    """
+    references = order.cell.calibration
+    found = read_calibrations(order.cell_path, references)
+    counts: Counter[str] = Counter()
+    for row in read_folded(journal.path) if found else ():
+        if is_of(row, rows.RunBegan) and row.run != journal.run:
+            used = row.body.get("cell", {}).get("calibration", {})
+            counts.update(one.get("sha256", "") for one in used.values())
+    standing = standing_of(references, found, stamps.utc(), counts)
+    each = {
+        one.name: rows.CalibrationFields(measured=one.measured.isoformat(), why_stale=one.why_stale)
+        for one in standing.each
+    }
+    journal.write(
+        rows.CalibrationsStood(
+            each=each,
+            why_not_verified=standing.why_not_verified,
+            sentences=standing.sentences,
+        )
+    )
+    return SetCalibration(stale=standing.stale, why_not_verified=standing.why_not_verified)
 
 
 def _left_by_runs(journal: Journal, began: rows.RunBegan) -> tuple[tuple[Held, ...], list[str]]:

@@ -21,6 +21,7 @@ from ._models import (
     FixedGripperCalibration,
     LampsCalibration,
     TraysCalibration,
+    VerificationRecord,
 )
 
 MAX_BYTES: Final = 4 << 20
@@ -31,6 +32,7 @@ MODELS: Final[Mapping[CalibrationName, type[Calibration]]] = {
     "fixed_gripper": FixedGripperCalibration,
     "trays": TraysCalibration,
     "lamps": LampsCalibration,
+    "verification": VerificationRecord,
 }
 
 

@@ -222,6 +222,43 @@ class LampsCalibration(Calibration):
     lamps: Mapping[str, LampCalibration]
 
 
+class Figure(Section):
+    """One figure of a verification.
+
+    Attributes
+    ----------
+    value : what 95 % of the looks do not pass
+    count : of looks
+    """
+
+    value: Uncertainty
+    limit: Positive
+    unit: Literal["mm", "deg"]
+    count: Annotated[int, Field(ge=1)]
+
+    @property
+    def passes(self) -> bool:
+        """Whether it is within its limit."""
+        return self.value <= self.limit
+
+
+class VerificationRecord(Calibration):
+    """A reference part measured over the table and in the grippers, against limits.
+
+    Attributes
+    ----------
+    figures : by what was measured, such as ``pick position``
+    """
+
+    kind: Literal["verification"] = "verification"
+    figures: Mapping[str, Figure] = Field(min_length=1)
+
+    @property
+    def passed(self) -> bool:
+        """Whether every figure is within its limit."""
+        return all(one.passes for one in self.figures.values())
+
+
 def pose_of(rows: Matrix4) -> FloatArray:
     """Return a pose (4, 4) [mm], square to the last digit."""
     T = np.array(rows, dtype=float)

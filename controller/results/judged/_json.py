@@ -6,7 +6,7 @@ Lengths are mm, angles degrees, areas mm2, `*_fraction` 0..1, times ISO 8601 UTC
 | key | what |
 |---|---|
 | `schema`, `schema_version` | ``cellctl.result``, 1 |
-| `header` | `part`, `number`, `serial`, `lot`, `operator`, `recipe`, `cad`, `cell` with their `_sha256`, `calibrated`, `software`, `start`, `end`, `part_temperature_c`, `run`, `emulated_devices` |
+| `header` | `part`, `number`, `serial`, `lot`, `operator`, `recipe`, `cad`, `cell` with their `_sha256`, `calibrated`, `calibration`, `software`, `start`, `end`, `part_temperature_c`, `run`, `emulated_devices` |
 | `verdict`, `reasons` | `pass`, `fail`, `indeterminate`, `not evaluated` or `no verdict` |
 | `decision_rule` | how value and uncertainty become a verdict |
 | `covered_fraction`, `in_sight_fraction`, `claim` | of all surface; what was looked for |
@@ -46,6 +46,7 @@ def result_json(judged: JudgedPart) -> dict[str, Any]:
             "cell": header.cell or None,
             "cell_sha256": header.cell_sha256 or None,
             "calibrated": {name: date or None for name, date in header.calibrated.items()},
+            "calibration": None if header.calibration is None else list(header.calibration),
             "software": dict(header.software),
             "start": header.start.isoformat(),
             "end": header.end.isoformat(),

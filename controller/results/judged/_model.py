@@ -23,6 +23,7 @@ class Header:
     number : of the part in its run, from 1
     recipe, recipe_sha256, cad, cad_sha256, cell, cell_sha256 : files, and what was in them
     calibrated : when each camera was calibrated, by camera
+    calibration : what of the cell's calibrations did not count, in sentences; None if unknown
     software : versions by name
     start, end : UTC
     part_temperature_c : None where nobody measured it
@@ -43,6 +44,7 @@ class Header:
     cell: str = ""
     cell_sha256: str = ""
     calibrated: Mapping[str, str] = field(default_factory=dict)
+    calibration: tuple[str, ...] | None = None
     software: Mapping[str, str] = field(default_factory=dict)
     start: datetime
     end: datetime

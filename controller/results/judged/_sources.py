@@ -77,6 +77,7 @@ def _header(record: RunRecord, part: PartReport) -> Header:
         cell=record.cell_name,
         cell_sha256=at["cell"][1] if "cell" in at else "",
         calibrated=_calibrated(cell),
+        calibration=record.calibration,
         software={**record.software},
         start=part.start or record.start,
         end=part.end or record.end,

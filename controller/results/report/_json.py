@@ -9,6 +9,7 @@ are cell seconds, `wall_s` is wall seconds. Unknown is null, never a made-up num
 | `schema`, `schema_version` | ``cellctl.report``, 1 |
 | `run`, `start`, `end`, `wall_s`, `speed`, `speed_reached` | id, times, cell seconds per wall second: requested, and reached (null: cut off) |
 | `recipe`, `cell` | as they were read, whole |
+| `calibration[]` | what of the cell's calibrations did not count, in sentences; null in journals of older versions |
 | `emulated`, `emulated_devices` | true if any device was not real: not a production result |
 | `devices[]` | `name`, `address`, `emulated`, `identity` (null if it never answered) |
 | `software` | versions by name |
@@ -60,6 +61,7 @@ def report_json(record: RunRecord) -> dict[str, Any]:
         "speed_reached": record.speed_reached,
         "recipe": record.recipe,
         "cell": record.cell,
+        "calibration": None if record.calibration is None else list(record.calibration),
         "emulated": bool(record.emulated_devices),
         "emulated_devices": list(record.emulated_devices),
         "emulator": record.emulator,

@@ -78,6 +78,7 @@ def cautions(record: RunRecord) -> list[str]:
             f"rows {record.log[0].seq} to {record.log[-1].seq}): rows were changed or taken out "
             "after they were written. This report may be wrong."
         )
+    found += [_sentence(why) for why in record.calibration or ()]
     message = record.outcome.message
     if message and record.outcome.end != "complete" and message not in headline(record)[1]:
         number = f" (alarm {alarm_of(record.outcome.code).number})" if record.outcome.code else ""

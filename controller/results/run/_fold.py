@@ -45,6 +45,7 @@ def fold(run_id: str, folder: Path, found: Sequence[Row], broken: int | None) ->
     log = tuple(_entry(row, found[0].t_mono_s) for row in _of_the_run(found))
     began = _last(log, rows.RunBegan) or rows.RunBegan()
     ended = _last(log, rows.RunEnded)
+    stood = _last(log, rows.CalibrationsStood)
     at_rest, broke_off = _last(log, rows.AtRest), _last(log, rows.RunBrokeOff)
     is_cut_off = at_rest is None and broke_off is None
     parts = _parts(log, is_cut_off=is_cut_off)
@@ -74,6 +75,7 @@ def fold(run_id: str, folder: Path, found: Sequence[Row], broken: int | None) ->
         lot=began.lot,
         serials=began.serials,
         part_temperature_c=began.part_temperature_c,
+        calibration=None if stood is None else stood.sentences,
     )
 
 

@@ -408,6 +408,8 @@ class RunRecord:
     first_broken_row : number of the first journal row whose hash does not fit; None if all fit
     files : sha256 of recipe, cell file and CAD files, by path
     operator, lot, serials, part_temperature_c : as given with the order; may be empty or None
+    calibration : what of the cell's calibrations did not count; None where the journal is older
+        than they are
     """
 
     run_id: str
@@ -433,6 +435,7 @@ class RunRecord:
     lot: str = ""
     serials: tuple[str, ...] = ()
     part_temperature_c: float | None = None
+    calibration: tuple[str, ...] | None = None
 
     @property
     def recipe_name(self) -> str:

@@ -85,6 +85,8 @@ from ._events import (
 )
 from ._models import GROUPS, ROWS, is_of, is_once, name_of, read_row
 from ._observations import (
+    CalibrationFields,
+    CalibrationsStood,
     CharacteristicFields,
     CheckMade,
     FilesStored,
@@ -116,6 +118,8 @@ __all__ = [
     "AtRest",
     "Body",
     "Box",
+    "CalibrationFields",
+    "CalibrationsStood",
     "CellEvent",
     "CharacteristicFields",
     "CheckMade",

@@ -58,6 +58,26 @@ class HoldNoted(Body):
     number: int = 0
 
 
+class CalibrationFields(Fields):
+    """One calibration: when it was measured, and why it no longer counts; empty while it does."""
+
+    measured: str
+    why_stale: str = ""
+
+
+class CalibrationsStood(Body):
+    """Whether the cell's calibrations count, as the run begins.
+
+    `sentences` is what reports state of them.
+    """
+
+    kind = "observation"
+    row_name = "calibrations_stood"
+    each: Mapping[str, CalibrationFields] = Field(default_factory=dict)
+    why_not_verified: str = ""
+    sentences: tuple[str, ...] = ()
+
+
 class FilesStored(TextByName):
     """Files of the run's folder, with the SHA-256 of what was written."""
 

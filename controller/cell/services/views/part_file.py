@@ -5,7 +5,7 @@ The part is judged from this file, so that a replay of it sees the same numbers 
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from math import degrees
 from pathlib import Path
 from typing import Final
@@ -16,7 +16,15 @@ from controller.arrays import FloatArray
 from controller.cell.devices.lamps import STATION_PANEL, TABLE_PANEL
 from controller.cell.services.records import PartRecord, Shown
 from controller.config import Cell, Recipe
-from controller.config.view_set import SCHEMA, SetBox, SetCamera, SetView, ViewSetFile, packed
+from controller.config.view_set import (
+    SCHEMA,
+    SetBox,
+    SetCalibration,
+    SetCamera,
+    SetView,
+    ViewSetFile,
+    packed,
+)
 from controller.imaging import Camera, inverse_pose
 from controller.inspection import MEASURED_HOLD, PLANNED_HOLD, ViewResult, WorldBox
 from controller.planning import shown_pose
@@ -50,12 +58,14 @@ class PartFile:
     ----------
     cell, layout, recipe : of the run
     folder : of the run
+    calibration : what of the cell's calibrations no longer counts
     """
 
     cell: Cell
     layout: CellLayout
     recipe: Recipe
     folder: Path
+    calibration: SetCalibration = field(default_factory=SetCalibration)
 
     def write(self, part: PartRecord) -> WrittenViews:
         """Write the views of a part that were judged; return the file.
@@ -90,6 +100,7 @@ class PartFile:
             unseen={} if part.plan is None else {u.face_id: u.reason for u in part.plan.unseen},
             sample_count=len(masks[0]) if masks else None,
             accuracy=self.cell.accuracy,
+            calibration=self.calibration,
         )
 
     def _view(self, shown: Shown, number: int, part: PartRecord) -> SetView:

@@ -174,4 +174,5 @@ def _hashed(name: str, sha256: str) -> str:
 def _calibrated(judged: JudgedPart) -> str:
     dates = judged.header.calibrated
     known = ", ".join(f"{camera} {date}" for camera, date in dates.items() if date)
-    return known or "no date in the cell file"
+    dated = known or "no date in the cell file"
+    return "; ".join((dated, *(judged.header.calibration or ())))

@@ -1,0 +1,122 @@
+"""Whether the calibrations of a cell still count: their age, their runs, what they are based on."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+
+from ..calibration_reference import CalibrationName, CalibrationReference
+from ._models import Calibration, VerificationRecord
+
+VERIFY = "cellctl commission --step verify"
+
+
+@dataclass(frozen=True, slots=True)
+class Standing:
+    """Whether one calibration still counts.
+
+    Attributes
+    ----------
+    measured : when
+    why_stale : empty while it counts
+    """
+
+    name: CalibrationName
+    measured: datetime
+    why_stale: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrationsStanding:
+    """Whether the calibrations of a cell still count.
+
+    Attributes
+    ----------
+    each : by name; empty for a cell that stands as drawn
+    why_not_verified : empty once a verification has passed with the very calibrations of now
+    """
+
+    each: tuple[Standing, ...] = ()
+    why_not_verified: str = ""
+
+    @property
+    def stale(self) -> tuple[str, ...]:
+        """A sentence for each calibration that no longer counts."""
+        return tuple(
+            f"the calibration of {one.name.replace('_', ' ')} is stale: {one.why_stale}"
+            for one in self.each
+            if one.why_stale
+        )
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """All that a report has to state; empty where everything counts."""
+        why = self.why_not_verified
+        return (*self.stale, *((f"the cell is not verified: {why}",) if why else ()))
+
+
+def standing_of(
+    references: Mapping[CalibrationName, CalibrationReference],
+    found: Mapping[CalibrationName, Calibration],
+    now: datetime,
+    run_counts: Mapping[str, int],
+) -> CalibrationsStanding:
+    """Return whether calibrations still count.
+
+    Parameters
+    ----------
+    references, found : of one cell file, by name
+    now : with its offset from UTC
+    run_counts : runs so far by the hash of the calibration file that they used
+    """
+    each = tuple(
+        Standing(
+            name,
+            one.measured,
+            _why_stale(one, references, now, run_counts.get(references[name].sha256, 0)),
+        )
+        for name, one in found.items()
+    )
+    return CalibrationsStanding(each, _why_not_verified(references, found, each))
+
+
+def _why_stale(
+    one: Calibration,
+    references: Mapping[CalibrationName, CalibrationReference],
+    now: datetime,
+    run_count: int,
+) -> str:
+    if one.measured > now + timedelta(days=1):
+        return f"it was measured {one.measured:%Y-%m-%d}, which is yet to come; set the clock"
+    if one.valid_days is not None and now - one.measured > timedelta(days=one.valid_days):
+        return f"measured {one.measured:%Y-%m-%d}, valid for {one.valid_days} days"
+    if one.valid_runs is not None and run_count >= one.valid_runs:
+        return f"{run_count} runs have used it, it is valid for {one.valid_runs}"
+    if one.residual is not None and one.residual.value > one.residual.limit:
+        of = one.residual
+        return f"its fit leaves {of.value:g} {of.unit}, {of.limit:g} are allowed"
+    for name, digest in one.based_on.items():
+        if name not in references:
+            return f"it is based on a calibration of {name.replace('_', ' ')} that is gone"
+        if references[name].sha256 != digest:
+            return f"{name.replace('_', ' ')} was calibrated anew since"
+    return ""
+
+
+def _why_not_verified(
+    references: Mapping[CalibrationName, CalibrationReference],
+    found: Mapping[CalibrationName, Calibration],
+    each: tuple[Standing, ...],
+) -> str:
+    if not references:
+        return f"it stands as its file says, and nothing was measured ({VERIFY})"
+    record = found.get("verification")
+    if not isinstance(record, VerificationRecord):
+        return f"no verification ({VERIFY})"
+    if not record.passed:
+        return f"its verification of {record.measured:%Y-%m-%d} failed"
+    later = sorted(name for name in references if name not in (*record.based_on, "verification"))
+    if later:
+        return f"{', '.join(later)} came after its verification"
+    if why := next((one.why_stale for one in each if one.name == "verification"), ""):
+        return why
+    return ""

@@ -1,0 +1,32 @@
+"""What the state of a cell's calibrations makes of a verdict."""
+
+from dataclasses import replace
+
+from controller.config import Recipe
+from controller.config.view_set import SetCalibration
+from controller.inspection import PartInspection, Verdict
+
+
+def as_calibrated(
+    found: PartInspection, calibration: SetCalibration, recipe: Recipe | None
+) -> PartInspection:
+    """Return a verdict with what is stale; no PASS where the recipe needs what the cell lacks.
+
+    Parameters
+    ----------
+    found : the verdict of the pictures
+    calibration : what did not count when they were taken
+    recipe : with what it needs for a PASS; None for nothing
+    """
+    required = "any" if recipe is None else recipe.inspection.calibration
+    missing = list(calibration.stale) if required != "any" else []
+    if required == "verified" and calibration.why_not_verified:
+        missing.append(f"the cell is not verified: {calibration.why_not_verified}")
+    if missing and found.verdict is Verdict.PASS:
+        return replace(
+            found,
+            verdict=Verdict.INDETERMINATE,
+            reasons=(*(f"{why}; the recipe requires it" for why in missing), *found.reasons),
+        )
+    stated = tuple(why for why in calibration.stale if why not in missing)
+    return replace(found, reasons=(*found.reasons, *missing, *stated))
