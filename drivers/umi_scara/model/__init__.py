@@ -5,6 +5,7 @@ Planning requires the same of every arm, by a protocol of its own (`controller.p
 """
 
 from . import kinematics, limits
+from ._figures import UmiFigures
 from ._jaws import GripperLaw
 from ._model import LinkBox, UmiModel
 from ._timing import UmiTiming
@@ -16,6 +17,7 @@ __all__ = [
     "GripperLaw",
     "LinkBox",
     "OutOfRangeError",
+    "UmiFigures",
     "UmiModel",
     "UmiTiming",
     "kinematics",

@@ -1,0 +1,60 @@
+"""Pictures of boards on the table and in the gripper -> cameras, arm and base, with uncertainty.
+
+Arrays in, dataclasses out: a `CellPrior` of what is known, a `BoardPicture` for each picture, then
+`calibrate_cell`.
+"""
+
+from ._types import (
+    BoardPicture,
+    Bounds,
+    CameraPrior,
+    CellPrior,
+    Face,
+    Grasp,
+    KinematicsError,
+    Placing,
+    base_std,
+    clamped_std,
+    even_std,
+)
+from .arm import ArmUnknown, KinematicArm
+from .solve import CellFit, PictureFit, calibrate_cell
+from .starts import board_pose, grasps_of, held_roughly, placed_roughly, plate_faces
+from .uncertainty import (
+    PoseUncertainty,
+    aim_uncertainty_mm,
+    camera_uncertainty,
+    repeatability_mm,
+    tcp_poses,
+    tcp_uncertainty,
+)
+
+__all__ = [
+    "ArmUnknown",
+    "BoardPicture",
+    "Bounds",
+    "CameraPrior",
+    "CellFit",
+    "CellPrior",
+    "Face",
+    "Grasp",
+    "KinematicArm",
+    "KinematicsError",
+    "PictureFit",
+    "Placing",
+    "PoseUncertainty",
+    "aim_uncertainty_mm",
+    "base_std",
+    "board_pose",
+    "calibrate_cell",
+    "camera_uncertainty",
+    "clamped_std",
+    "even_std",
+    "grasps_of",
+    "held_roughly",
+    "placed_roughly",
+    "plate_faces",
+    "repeatability_mm",
+    "tcp_poses",
+    "tcp_uncertainty",
+]

@@ -1,0 +1,45 @@
+"""What commissioning has to know of an arm: where its TCP is, and what may be off.
+
+The arm's model stands beside its driver and knows nothing of this module: it fits by its shape, as
+for planning. Lengths are in mm, angles in rad; a name ends in its unit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+from controller.arrays import FloatArray
+
+
+class ArmUnknown(Protocol):
+    """One figure of an arm that no drawing gives well enough."""
+
+    @property
+    def name(self) -> str:
+        """Such as `upper_mm` or `elbow_rad`; it ends in the unit."""
+
+    @property
+    def nominal(self) -> float:
+        """The drawing's value."""
+
+    @property
+    def bound(self) -> float:
+        """How far off it may be, in either direction."""
+
+
+class KinematicArm(Protocol):
+    """An arm whose figures are to be found."""
+
+    @property
+    def unknowns(self) -> Sequence[ArmUnknown]:
+        """Its figures, in the order of `values`."""
+
+    def tcp(self, q: FloatArray, values: FloatArray) -> FloatArray:
+        """Return T_arm_tcp (n, 4, 4).
+
+        Parameters
+        ----------
+        q : (n, 6) joints, as the counters have them
+        values : (k,) of the unknowns
+        """
