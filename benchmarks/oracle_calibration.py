@@ -21,37 +21,70 @@ from controller.config.calibrations import (
     CameraCalibration,
     FixedGripperCalibration,
     JointZeros,
+    LampCalibration,
+    LampsCalibration,
     TraysCalibration,
     write_calibration,
 )
 from emulators.as_built import draw_as_built
 from emulators.umi_scara import COUNTS_PER_DEG, Axis
-from emulators.world.layout import read_layout
+from emulators.world.layout import Layout, read_layout
 
 
 def calibrations_of(cell: Path, seed: int) -> dict[str, Any]:
     """Return the calibrations by name that a measurement without error would find."""
-    truth = draw_as_built(read_layout(cell), seed).truth()
+    layout = read_layout(cell)
+    truth = draw_as_built(layout, seed).truth()
     header: dict[str, Any] = {"measured": datetime.now(UTC), "by": "the emulator's own truth"}
     found: dict[str, Any] = {
-        name: _camera(one, header, read_layout(cell).cameras[name])
+        name: _camera(one, header, layout.cameras[name], _exposure_share(truth, name))
         for name, one in truth["cameras"].items()
     }
     found["arm"] = _arm(truth["arm"], header)
     found["fixed_gripper"] = FixedGripperCalibration(
         **header, T_world_tcp=_rows(truth["fixed_gripper"]["T_world_tcp"]), u_mm=0.05, u_deg=0.05
     )
+    found["lamps"] = _lamps(truth, layout, header)
     found["trays"] = TraysCalibration(
         **header, centres={k: tuple(v) for k, v in truth["trays"].items()}, u_mm=0.05
     )
     return found
 
 
+def _lamps(truth: Mapping[str, Any], layout: Layout, header: Mapping[str, Any]) -> LampsCalibration:
+    """Return lamps dimmed to the drawing's light, as far as they are brighter."""
+    lamps = {}
+    for name, one in truth["lamps"].items():
+        camera = "overhead" if name.startswith("table") else "inspection"
+        level = one["full_level"] * truth["cameras"][camera]["sensitivity"]
+        nominal = layout.lamps[name]
+        lamps[name] = LampCalibration(
+            analog=nominal.analog,
+            relay=nominal.relay,
+            level=level,
+            drive=min(1.0, 1.0 / level / _exposure_share(truth, camera)),
+            settle_s=one["ramp_s"] + 0.02,
+        )
+    return LampsCalibration(**header, lamps=lamps)
+
+
+def _exposure_share(truth: Mapping[str, Any], camera: str) -> float:
+    """Return by how much longer a camera exposes, so that its weakest lamp is as drawn."""
+    levels = [
+        one["full_level"] * truth["cameras"][camera]["sensitivity"]
+        for name, one in truth["lamps"].items()
+        if (camera == "overhead") == name.startswith("table")
+    ]
+    return max(1.0, 1.0 / min(levels))
+
+
 def _rows(matrix: Any) -> Any:  # noqa: ANN401  (nested lists of numbers)
     return tuple(tuple(row) for row in matrix)
 
 
-def _camera(one: Mapping[str, Any], header: Mapping[str, Any], nominal: Any) -> CameraCalibration:  # noqa: ANN401
+def _camera(
+    one: Mapping[str, Any], header: Mapping[str, Any], nominal: CameraLayout, share: float
+) -> CameraCalibration:
     focal, (cx, cy) = one["focal_px"], one["centre_px"]
     return CameraCalibration(
         **header,
@@ -62,6 +95,7 @@ def _camera(one: Mapping[str, Any], header: Mapping[str, Any], nominal: Any) -> 
         u_pose_mm=0.05,
         u_pose_deg=0.01,
         blur_px=one["blur_px"],
+        exposure_s=nominal.exposure_s * share,
     )
 
 

@@ -266,10 +266,18 @@ class LightSection(Section):
 
 
 class LampSection(LightSection):
-    """A lamp: its channels, and the place and shape of its light."""
+    """A lamp: its channels, and the place and shape of its light.
+
+    Attributes
+    ----------
+    drive : share of its full dimming that it is used with
+    settle_s : until its light is steady after a change (default: the driver's own figure)
+    """
 
     analog: int = Field(ge=0, le=7)
     relay: int = Field(ge=0, le=7)
+    drive: float = Field(1.0, ge=0.05, le=1)
+    settle_s: float | None = Field(None, ge=0, le=60)
 
 
 class FingersSection(Section):

@@ -13,11 +13,15 @@ class Lamp:
     ----------
     name : what the cell calls it
     analog, relay : its channels, counted from 0
+    drive : share of its full dimming that level 1 stands for
+    settle_s : until its light is steady after a change [cell s]; None for the driver's own figure
     """
 
     name: str
     analog: int
     relay: int
+    drive: float = 1.0
+    settle_s: float | None = None
 
 
 class LampUnit(Protocol):

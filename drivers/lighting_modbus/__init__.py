@@ -6,7 +6,7 @@ returns from which instant on the light is as required.
 """
 
 from ..kinds import Driver, LampUnit, NoSettings, Site
-from ._config import LampChannel, LightsConfig
+from ._config import MAX_MV, LampChannel, LightsConfig
 from ._lights import LampState, Lights, LightsReading
 
 __all__ = ["DRIVER", "LampChannel", "LampState", "Lights", "LightsConfig", "LightsReading"]
@@ -15,7 +15,13 @@ __all__ = ["DRIVER", "LampChannel", "LampState", "Lights", "LightsConfig", "Ligh
 def _build(site: Site, _: NoSettings) -> Lights:
     # the cell counts channels from 0, the modules' print from 1
     lamps = tuple(
-        LampChannel(name=lamp.name, analog_channel=lamp.analog + 1, relay_channel=lamp.relay + 1)
+        LampChannel(
+            name=lamp.name,
+            analog_channel=lamp.analog + 1,
+            relay_channel=lamp.relay + 1,
+            full_scale_mv=round(lamp.drive * MAX_MV),
+            settle_s=lamp.settle_s,
+        )
         for lamp in site.lamps
     )
     config = LightsConfig(

@@ -23,6 +23,7 @@ class LampChannel:
     full_scale_mv : dimming voltage of level 1 [mV]
     min_on_mv : dimming voltage just above level 0; below about 1 V many LED drivers are not
         defined, modbus_devices.md 6.4 [mV]
+    settle_s : until its light is steady [cell s]; None for the unit's figure
     """
 
     name: str
@@ -30,6 +31,7 @@ class LampChannel:
     relay_channel: int
     full_scale_mv: int = MAX_MV
     min_on_mv: int = 0
+    settle_s: float | None = None
 
     def __post_init__(self) -> None:
         for what, channel in (("analog", self.analog_channel), ("relay", self.relay_channel)):

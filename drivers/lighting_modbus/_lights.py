@@ -1,7 +1,7 @@
 """The verbs of the lamps: what should be lit and how bright."""
 
 import asyncio
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Self
 
@@ -72,6 +72,12 @@ class Lights:
         self._versions: tuple[str, str] | None = None
         self._changing = asyncio.Lock()
         self._acknowledged_at_s = self._clock.now_s()
+        self._settle_s = self._slowest_s  # of the last change
+
+    @property
+    def _slowest_s(self) -> float:
+        own = self.config.settle_s
+        return max((own, *(one.settle_s for one in self.config.lamps if one.settle_s is not None)))
 
     async def __aenter__(self) -> Self:
         await self.connect()
@@ -142,6 +148,7 @@ class Lights:
             for lamp, voltage_mv in voltages_mv.items():
                 outputs_mv[lamp.analog_channel - 1] = voltage_mv
                 closed[lamp.relay_channel - 1] = wanted[lamp] > 0
+            self._note_settling(await self._analog.known(), outputs_mv, was_closed, closed)
             return await self._apply(outputs_mv, closed, was_closed, settle=settle, force=force)
 
     async def all_off(self, *, settle: bool = False) -> float:
@@ -155,6 +162,7 @@ class Lights:
                 await self._analog.write([0] * CHANNEL_COUNT, force=True)
             finally:
                 await self._relays.write([False] * CHANNEL_COUNT, force=True)
+            self._settle_s = self._slowest_s
             self._acknowledged_at_s = self._clock.now_s()
             return await self._since(settle=settle)
 
@@ -167,6 +175,24 @@ class Lights:
         return LightsReading(
             at_s, {lamp.name: _state(lamp, outputs_mv, closed) for lamp in self.config.lamps}
         )
+
+    def _note_settling(
+        self,
+        before_mv: Sequence[int],
+        outputs_mv: Sequence[int],
+        was_closed: Sequence[bool],
+        closed: Sequence[bool],
+    ) -> None:
+        """Take the time of the slowest lamp that changes; none changes, and the last one counts."""
+        own = self.config.settle_s
+        changed = [
+            own if lamp.settle_s is None else lamp.settle_s
+            for lamp in self.config.lamps
+            if before_mv[lamp.analog_channel - 1] != outputs_mv[lamp.analog_channel - 1]
+            or was_closed[lamp.relay_channel - 1] != closed[lamp.relay_channel - 1]
+        ]
+        if changed:
+            self._settle_s = max(changed)
 
     async def _apply(
         self,
@@ -202,7 +228,7 @@ class Lights:
     async def _since(self, *, settle: bool) -> float:
         if not settle:
             return self._acknowledged_at_s
-        steady_at_s = self._acknowledged_at_s + self.config.settle_s
+        steady_at_s = self._acknowledged_at_s + self._settle_s
         await self._clock.sleep(steady_at_s - self._clock.now_s())
         return steady_at_s
 

@@ -4,7 +4,7 @@ Sections (§) are those of modbus_devices.md.
 """
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +15,13 @@ from modbus_bench import ModbusBench, Transport, modbus_bench
 
 from drivers.errors import LinkError, ReplyTimeoutError, WrongDeviceError
 from drivers.lighting_modbus import LampChannel, Lights, LightsConfig
-from emulators.lighting_modbus import AnalogOutput8Device, LampModel, LampWiring, Relay8Device
+from emulators.lighting_modbus import (
+    AnalogOutput8Device,
+    LampCharacter,
+    LampModel,
+    LampWiring,
+    Relay8Device,
+)
 
 LINES: tuple[Transport, ...] = ("tcp", "rtu", "rtu-tcp")
 NAMES = ("ring", "bar", "back")
@@ -46,15 +52,25 @@ class Bench:
 
 @asynccontextmanager
 async def lights_bench(
-    transport: Transport, folder: Path, *, speed: float = 10.0
+    transport: Transport,
+    folder: Path,
+    *,
+    speed: float = 10.0,
+    characters: Mapping[str, LampCharacter] | None = None,
+    settle_s: Mapping[str, float] | None = None,
+    full_scale_mv: int = 10_000,
 ) -> AsyncIterator[Bench]:
     analog, relays = AnalogOutput8Device(1), Relay8Device(2)
     # modules print channels from 1 (driver), terminals count from 0 (emulator)
     lamps = {
-        name: LampModel(LampWiring(name, n, 7 - n), analog, relays) for n, name in enumerate(NAMES)
+        name: LampModel(LampWiring(name, n, 7 - n), analog, relays, (characters or {}).get(name))
+        for n, name in enumerate(NAMES)
     }
     config = LightsConfig(
-        lamps=tuple(LampChannel(name, n + 1, 8 - n) for n, name in enumerate(NAMES))
+        lamps=tuple(
+            LampChannel(name, n + 1, 8 - n, full_scale_mv, settle_s=(settle_s or {}).get(name))
+            for n, name in enumerate(NAMES)
+        )
     )
     async with modbus_bench(
         transport,
@@ -96,6 +112,30 @@ async def test_the_light_is_as_told_when_set_says_so(tmp_path: Path, speed: floa
             assert bench.levels() == pytest.approx(levels, abs=DAC_STEP + DROOP)
             await bench.line.pass_time(0.2)  # and it stays so
             assert bench.levels() == pytest.approx(levels, abs=DAC_STEP + DROOP)
+
+
+async def test_a_slow_lamp_gets_its_time_and_the_others_do_not_wait(tmp_path: Path) -> None:
+    slow = LampCharacter(ramp_s=0.3)
+    async with lights_bench(
+        "tcp", tmp_path, characters={"bar": slow}, settle_s={"bar": 0.35}
+    ) as bench:
+        await bench.lights.connect()
+        acknowledged_at_s = await bench.lights.set({"ring": 1.0})
+        steady_at_s = await bench.lights.set({"ring": 1.0}, settle=True)
+        assert steady_at_s - acknowledged_at_s == pytest.approx(0.05)
+        for level in (1.0, 0.0):  # its light lasts as well
+            await bench.lights.set({"bar": level}, settle=True)
+            assert bench.levels()["bar"] == pytest.approx(level, abs=DAC_STEP + DROOP)
+
+
+async def test_a_lamp_is_never_brighter_than_its_drive(tmp_path: Path) -> None:
+    async with lights_bench("tcp", tmp_path, full_scale_mv=7_000) as bench:
+        await bench.lights.connect()
+        await bench.lights.set({"ring": 1.0, "bar": 0.5}, settle=True)
+        assert bench.levels()["ring"] == pytest.approx(0.7, abs=DAC_STEP + DROOP)
+        assert bench.levels()["bar"] == pytest.approx(0.35, abs=DAC_STEP + DROOP)
+        states = (await bench.lights.read_back()).lamps
+        assert states["bar"].level == pytest.approx(0.5, abs=2 * DAC_STEP)
 
 
 async def test_dark_is_relay_open_and_zero_millivolts(bench: Bench) -> None:

@@ -145,7 +145,10 @@ class DeviceBuilder:
             poll_s=max(timing.io_poll_s, IO_POLL_WALL_S * self._clock.speed),
             stale_s=max(timing.io_stale_s, STALE_POLLS * IO_POLL_WALL_S * self._clock.speed),
         )
-        lamps = tuple(Lamp(lamp, s.analog, s.relay) for lamp, s in self._cell.lamps.items())
+        lamps = tuple(
+            Lamp(lamp, s.analog, s.relay, s.drive, s.settle_s)
+            for lamp, s in self._cell.lamps.items()
+        )
         return Site(
             name=name,
             address=section["address"],

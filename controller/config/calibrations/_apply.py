@@ -107,4 +107,9 @@ def _lamps(sections: dict[str, Any], found: LampsCalibration, where: str) -> Non
     for name, lamp in found.lamps.items():
         if name not in sections:
             raise ConfigError(f"{where}: has a lamp `{name}`, the cell file has none of that name")
-        sections[name] |= {"analog": lamp.analog, "relay": lamp.relay}
+        sections[name] |= {
+            "analog": lamp.analog,
+            "relay": lamp.relay,
+            "drive": lamp.drive,
+            "settle_s": lamp.settle_s,
+        }

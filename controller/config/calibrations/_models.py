@@ -203,7 +203,8 @@ class LampCalibration(Section):
     Attributes
     ----------
     analog, relay : its channels, as found by switching them
-    level : its light as a share of the nominal one, at the same setting
+    level : its light as a share of the nominal one, at full drive
+    drive : share of its full dimming that it is used with, so that no picture saturates
     settle_s : from the order until its light is steady
     uniformity : least light as a share of the most, over what it lights
     """
@@ -211,6 +212,7 @@ class LampCalibration(Section):
     analog: Annotated[int, Field(ge=0, le=7)]
     relay: Annotated[int, Field(ge=0, le=7)]
     level: Positive
+    drive: Annotated[float, Field(ge=0.05, le=1)] = 1.0
     settle_s: Annotated[float, Field(ge=0, le=60)]
     uniformity: Annotated[float, Field(ge=0, le=1)] | None = None
 
