@@ -28,7 +28,7 @@ from controller.config.calibrations import (
 )
 from emulators.as_built import draw_as_built
 from emulators.umi_scara import COUNTS_PER_DEG, Axis
-from emulators.world.layout import Layout, read_layout
+from emulators.world.layout import CameraLayout, Layout, read_layout
 
 
 def calibrations_of(cell: Path, seed: int) -> dict[str, Any]:
