@@ -18,6 +18,7 @@ from ._types import (
     even_std,
 )
 from .arm import ArmUnknown, KinematicArm
+from .choosing import Candidate, Choice, choose, predicted_picture
 from .solve import CellFit, PictureFit, calibrate_cell
 from .starts import board_pose, grasps_of, held_roughly, placed_roughly, plate_faces
 from .uncertainty import (
@@ -34,8 +35,10 @@ __all__ = [
     "BoardPicture",
     "Bounds",
     "CameraPrior",
+    "Candidate",
     "CellFit",
     "CellPrior",
+    "Choice",
     "Face",
     "Grasp",
     "KinematicArm",
@@ -48,12 +51,14 @@ __all__ = [
     "board_pose",
     "calibrate_cell",
     "camera_uncertainty",
+    "choose",
     "clamped_std",
     "even_std",
     "grasps_of",
     "held_roughly",
     "placed_roughly",
     "plate_faces",
+    "predicted_picture",
     "repeatability_mm",
     "tcp_poses",
     "tcp_uncertainty",
