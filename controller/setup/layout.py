@@ -66,6 +66,7 @@ def build_layout(cell: Cell) -> CellLayout:
             )
         },
         park_q=described.park_q,
+        place_u_mm=arm.uncertainty.position_mm if isinstance(arm, UmiSection) else 0.0,
     )
 
 

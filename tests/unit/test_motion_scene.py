@@ -210,3 +210,12 @@ def test_the_arm_s_own_boxes_are_where_its_scene_has_them() -> None:
             probed = replace(BARE, standing=(Box(box.T, np.full(3, 1.0)),))
             name = probed.names()[probed.contacts(row[None], 0.0)[0]]
             assert name == "the part standing there"
+
+
+def test_what_a_calibration_leaves_open_widens_every_margin_but_the_arm_s_own() -> None:
+    q = random_rows(6, 2000)
+    unsure = Scene(replace(LAYOUT, place_u_mm=3.0), 60.0, 85.0, carried_mesh=HELD)
+    # k = 2: 6 mm more to what stands in the cell, and to the table
+    found = unsure.contacts(q, 5.0, 1.5)
+    np.testing.assert_array_equal(found, EXACT.contacts(q, 11.0, 7.5))
+    assert (found != EXACT.contacts(q, 5.0, 1.5)).any()

@@ -158,6 +158,8 @@ class CellLayout:
         camera's picture is sharp (its depth of field)
     set_down_mm : (2, 2) rows x and y, low and high: where on the table parts may be put down again
     park_q : (6,) rad and mm, joints as `arm` has them
+    place_u_mm : standard uncertainty of where the arm is against all else, by its calibration;
+        every margin to what stands in the cell is wider by `clearance_mm`
     """
 
     arm: ArmModel
@@ -172,12 +174,18 @@ class CellLayout:
     overhead: Camera
     trays: Mapping[str, Tray]
     park_q: FloatArray
+    place_u_mm: float = 0.0
     cell_times: CellTimes = field(default_factory=CellTimes)
     inspection_sharp_mm: tuple[float, float] = (0.0, float("inf"))
     overhead_sharp_mm: tuple[float, float] = (0.0, float("inf"))
     set_down_mm: FloatArray = field(
         default_factory=lambda: np.array([[270.0, 450.0], [-100.0, 100.0]])
     )
+
+    @property
+    def clearance_mm(self) -> float:
+        """The expanded uncertainty (k = 2) of where the arm is against all else."""
+        return 2.0 * self.place_u_mm
 
     @property
     def fixed_open_mm(self) -> float:

@@ -128,7 +128,8 @@ class Scene:
         Parameters
         ----------
         q : (n, 6) rows of joints
-        margin_mm, table_margin_mm : one for all, or (n,); the table's is the same if None
+        margin_mm, table_margin_mm : one for all, or (n,); the table's is the same if None; the
+            layout's own uncertainty comes on top
         arm_gripper : replaces body, fingers and `carried` by boxes per row, in the TCP frame:
             poses (n, m, 4, 4) and half edges (n, m, 3), the arm gripper's body first
         part : replaces `carried_mesh` by triangles at a pose of its own per row, in the TCP frame
@@ -138,9 +139,13 @@ class Scene:
         n = len(q)
         if n == 0:
             return np.zeros(0, dtype=np.int64)
-        margin = np.broadcast_to(np.asarray(margin_mm, dtype=np.float64), (n,))
+        more_mm = self.layout.clearance_mm
+        margin = np.broadcast_to(np.asarray(margin_mm, dtype=np.float64) + more_mm, (n,))
         floor = np.broadcast_to(
-            margin if table_margin_mm is None else np.asarray(table_margin_mm, np.float64), (n,)
+            margin
+            if table_margin_mm is None
+            else np.asarray(table_margin_mm, np.float64) + more_mm,
+            (n,),
         )
         own = np.broadcast_to(np.asarray(self_margin_mm, dtype=np.float64), (n,))
         moving = self._moving(q, arm_gripper, part)
