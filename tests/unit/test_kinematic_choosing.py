@@ -45,7 +45,7 @@ def cov_of(prior: object, cell: cells.TrueCell, taken: list[Candidate]) -> np.nd
 
 def test_a_choice_beats_chance_and_states_what_the_fit_will(candidates: list[Candidate]) -> None:
     prior, cell = cells.prior(), cells.true_cell(21)
-    choice = choose(prior, candidates, CORNERS, COUNT, lying=lying(cell), noise_px=cell.noise_px)
+    choice = choose(prior, candidates, CORNERS, COUNT, on_table=lying(cell), noise_px=cell.noise_px)
     assert len(set(choice.indices)) == COUNT
     chosen = cov_of(prior, cell, [candidates[i] for i in choice.indices])
     rng = np.random.default_rng(4)
@@ -63,7 +63,7 @@ def test_a_choice_beats_chance_and_states_what_the_fit_will(candidates: list[Can
 
 def test_gains_only_fall_and_both_cameras_are_looked_at(candidates: list[Candidate]) -> None:
     cell = cells.true_cell(22)
-    choice = choose(cells.prior(), candidates, CORNERS, COUNT, lying=lying(cell))
+    choice = choose(cells.prior(), candidates, CORNERS, COUNT, on_table=lying(cell))
     assert all(b <= a + 1e-9 for a, b in zip(choice.gain, choice.gain[1:], strict=False))
     assert {candidates[i].camera for i in choice.indices} == {"overhead", "inspection"}
     assert {candidates[i].face for i in choice.indices} == {"front", "back"}

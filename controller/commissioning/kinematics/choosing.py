@@ -94,7 +94,7 @@ def choose(
     corners_mm: Mapping[str, FloatArray],
     count: int,
     *,
-    lying: Sequence[BoardPicture] = (),
+    on_table: Sequence[BoardPicture] = (),
     noise_px: float = 0.05,
 ) -> Choice:
     """Return the candidates that together determine the unknowns best.
@@ -105,13 +105,13 @@ def choose(
     candidates : that the arm can go to; those that show no board are passed over
     corners_mm : of each face, (n, 2)
     count : how many pictures
-    lying : pictures of the board on the table, which are there in any case
+    on_table : pictures of the board on the table, which are there in any case
     noise_px : standard deviation expected of a corner's u or v
     """
     layout = Layout(prior)
     x = np.zeros(layout.size)
     cov = np.eye(layout.size)  # in units of the prior's spread
-    for terms in layout.evaluate(x, lying):
+    for terms in layout.evaluate(x, on_table):
         cov = _learnt(cov, *_information(layout, terms, noise_px, np.zeros(6)))
     pictures = [
         predicted_picture(layout, x, one, corners_mm[one.face], str(i))
