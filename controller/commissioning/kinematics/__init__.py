@@ -19,6 +19,8 @@ from ._types import (
 )
 from .arm import ArmUnknown, KinematicArm
 from .choosing import Candidate, Choice, choose, predicted_picture
+from .layout import Layout
+from .play import HomingScatter, Play, StopPicture, measure_homing, measure_play
 from .solve import CellFit, PictureFit, calibrate_cell
 from .starts import board_pose, grasps_of, held_roughly, placed_roughly, plate_faces
 from .uncertainty import (
@@ -41,11 +43,15 @@ __all__ = [
     "Choice",
     "Face",
     "Grasp",
+    "HomingScatter",
     "KinematicArm",
     "KinematicsError",
+    "Layout",
     "PictureFit",
     "Placing",
+    "Play",
     "PoseUncertainty",
+    "StopPicture",
     "aim_uncertainty_mm",
     "base_std",
     "board_pose",
@@ -56,6 +62,8 @@ __all__ = [
     "even_std",
     "grasps_of",
     "held_roughly",
+    "measure_homing",
+    "measure_play",
     "placed_roughly",
     "plate_faces",
     "predicted_picture",

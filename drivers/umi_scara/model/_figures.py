@@ -5,7 +5,7 @@ heading and height depend on the elbow. Bounds are those of an arm that was set 
 (umi_rtx.md 4.2 has the factory values of the zeros, 6.1 the nominal lengths).
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import radians
 from typing import Final
@@ -60,6 +60,21 @@ class UmiFigures:
             Figure("yaw_per_elbow", arm.yaw_per_elbow, YAW_PER_ELBOW),
             Figure("sag_mm", arm.sag_mm, SAG_MM),
         )
+
+    @property
+    def motors(self) -> Mapping[str, Floats]:
+        """How the joints (6,) turn with each motor that has gears, per radian of its own scale.
+
+        Both wrist motors turn pitch and roll, half as far as they turn themselves (umi_rtx.md 5.3).
+        """
+        turns = {
+            "elbow": (0.0, 1.0, 0.0, 0.0, 0.0, 0.0),
+            "shoulder": (1.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+            "yaw": (0.0, 0.0, 1.0, 0.0, 0.0, 0.0),
+            "wrist1": (0.0, 0.0, 0.0, 0.0, 0.5, 0.5),
+            "wrist2": (0.0, 0.0, 0.0, 0.0, 0.5, -0.5),
+        }
+        return {name: np.array(joints) for name, joints in turns.items()}
 
     def geometry(self, values: Floats) -> ArmGeometry:
         """Return the arm of values (13,)."""
