@@ -90,7 +90,7 @@ class UmiScara:
 
     # ---- connection and power ------------------------------------------------------------------
     async def connect(self) -> ArmIdentity:
-        """Bring both IPs to running (§1.6, steps 1-7), nothing moves; return who answers.
+        """Bring both IPs to running (§1.6, steps 1-7), stop what moves; return who answers.
 
         Raises
         ------
@@ -523,6 +523,8 @@ class UmiScara:
         bits = await self.axes.status(Axis.GRIPPER)
         # a status has no checksum: a bit seen once counts
         bits |= await self.axes.status(Axis.GRIPPER)
+        # the stop on opening the line may have cleared it
+        bits |= self._session.jaws_found
         counts = await self.axes.read_actual_twice(Axis.GRIPPER)
         return JawReading(bool(bits & StatusBits.STALLED), self._config.gripper.opening_mm(counts))
 

@@ -26,7 +26,8 @@ from .line import (
 )
 from .model import OutOfRangeError
 from .motion import Axes, AxisStalledError, MotionStoppedError, Positions
-from .protocol.constants import Ip, Simple
+from .protocol.codec import encode_controller_status
+from .protocol.constants import ADDRESSES, Axis, Ip, Simple, StatusBits
 
 log = logging.getLogger(__name__)
 
@@ -86,6 +87,7 @@ class ArmSession:
         self._axes_or_none: Axes | None = None
         self._identity: ArmIdentity | None = None
         self._is_powered = False
+        self._jaws_found = StatusBits(0)
         self.positions = Positions(self._lose_position)
         self._stop_count = 0
         self._one_motion = asyncio.Lock()
@@ -104,12 +106,15 @@ class ArmSession:
         link = Link(self._open_transport(), self._clock, self._config, self._trace)
         axes = Axes(link, self._clock, self._lose_position)
         try:
-            restarted = await link.open()
+            gripper = ADDRESSES[Axis.GRIPPER]
+            restarted = await link.open(encode_controller_status(gripper.ctl))
+            found = link.found(gripper.ip)
             versions = {ip: await axes.version(ip) for ip in axes.ips()}
         except BaseException:
             await link.aclose()
             raise
         self._axes_or_none = axes
+        self._jaws_found = StatusBits(0) if found is None else found.bits
         rom_versions = {ip: (v.revision, v.version) for ip, v in sorted(versions.items())}
         self._identity = ArmIdentity(rom_versions, restarted)
         log.info("arm connected: ROM %s, restarted: %s", rom_versions, sorted(restarted))
@@ -132,6 +137,11 @@ class ArmSession:
     def identity(self) -> ArmIdentity | None:
         """What `connect` found; None when not connected or after a restart of an IP."""
         return self._identity
+
+    @property
+    def jaws_found(self) -> StatusBits:
+        """The gripper's status right before `connect` stopped it; empty once anything has moved."""
+        return self._jaws_found
 
     @property
     def is_powered(self) -> bool:
@@ -171,6 +181,7 @@ class ArmSession:
         self._forget_position()
 
     def _forget_position(self) -> None:
+        self._jaws_found = StatusBits(0)
         self._is_powered = False
         self._identity = None
         self.positions.forget()
@@ -233,6 +244,7 @@ class ArmSession:
                 raise PowerOffError("arm: motor power is off: enable it first")
             if needs_home:
                 self.require_homed()
+            self._jaws_found = StatusBits(0)
             try:
                 yield guard
             except OutOfRangeError:

@@ -118,6 +118,7 @@ async def test_connecting_and_enabling_power_is_the_references_cold_open() -> No
     bench = Bench()
     identity = await bench.arm.connect()
     await bench.arm.enable_power()
+    # the jaws and a stop first; a restarted board takes neither
     assert shows(as_text(bench.trace), session("cold open"))
     assert identity.rom_versions == {Ip.WRIST: (2, 3), Ip.ARM: (2, 3)}
     assert identity.was_restarted

@@ -37,9 +37,11 @@ def session(name: str) -> list[tuple[str, str]]:
 
 
 class Bench:
-    def __init__(self, *, running: bool = True, listening: int = 0) -> None:
+    def __init__(self, *, running: bool = True, listening: int | None = None) -> None:
         self.clock = FakeClock()
-        self.arm = FakeArm(self.clock, running=running, listening=listening)
+        # IP1 listens once the line is open; the stops on opening leave it to a running neighbour
+        first = int(running) if listening is None else listening
+        self.arm = FakeArm(self.clock, running=running, listening=first)
         self.trace: list[WireExchange] = []
         self.link = Link(self.arm, self.clock, LinkConfig(), self.trace.append)
 
@@ -57,17 +59,84 @@ class Bench:
 
 
 # ---- opening -----------------------------------------------------------------------------------
+# both boards get a dead stop before they are met; it hands the line over once (ADR 15)
+STOP_BOTH = [("24", "00"), ("29", "00"), ("24", "00")]
+
+
 async def test_a_cold_open_is_the_references_session() -> None:
     bench = Bench(running=False)
     assert await bench.link.open() == {Ip.WRIST, Ip.ARM}
-    assert shows(as_text(bench.trace), session("cold open")[:9])
+    assert shows(as_text(bench.trace), [("24", "0F"), *session("cold open")[:9]])
     assert bench.link.listening is Ip.ARM
 
 
 async def test_a_warm_open_is_the_references_session() -> None:
-    bench = Bench()
+    bench = Bench(listening=1)
     assert await bench.link.open() == frozenset()
-    assert shows(as_text(bench.trace), session("warm open"))
+    assert shows(as_text(bench.trace), [*STOP_BOTH, *session("warm open")])
+
+
+@pytest.mark.parametrize("listening", [0, 1])
+async def test_an_arm_that_still_moves_is_stopped_before_its_boards_are_met(listening: int) -> None:
+    bench = Bench(listening=listening)
+    for ip, ctl in ((0, 2), (1, 0), (1, 1)):
+        bench.arm.motor(ip, ctl).powered = True
+        bench.arm.motor(ip, ctl).run(8000.0, 600.0)
+    await bench.link.open()
+    sent = [data for _, data in bench.arm.writes]
+    assert sent[:3] == [b"\x24", b"\x29", b"\x24"]
+    at_s = [at_s for at_s, _ in bench.arm.writes]
+    # silence of 20 ms (§1.6 step 1), then a request every 9 ms (§1.2): one stop, two later the next
+    assert at_s[2] - 1000.0 == pytest.approx(0.020 + 2 * 0.009)
+    assert stops(bench)[:2] == [listening, 1 - listening]
+    assert not any(motor.status & 1 for board in bench.arm.boards for motor in board.motors)
+    # nothing was found moving afterwards, which would be answered by a row of stops (§2.7)
+    assert stops(bench)[2:] == []
+
+
+@pytest.mark.parametrize("listening", [0, 1])
+async def test_what_a_stop_may_clear_is_read_right_before_it(listening: int) -> None:
+    bench = Bench(listening=listening)
+    bench.arm.motor(1, 4).status = 0x0A  # the jaws press (§2.8); this arm's stop clears that
+    await bench.link.open(b"\x14")
+    assert [data for _, data in bench.arm.writes][:5] == [
+        b"\x14", b"\x24", b"\x29", b"\x14", b"\x24"
+    ]  # fmt: skip
+    arm, wrist = bench.link.found(Ip.ARM), bench.link.found(Ip.WRIST)
+    assert arm is not None
+    assert arm.bits == 0x0A
+    assert wrist is not None
+    assert wrist.bits == 0x00
+    assert bench.arm.motor(1, 4).status == 0x02
+
+
+async def test_a_board_behind_a_restarted_one_is_stopped_when_it_is_met() -> None:
+    bench = Bench(listening=0)
+    bench.arm.boards[0].restarted = True
+    elbow = bench.arm.motor(1, 0)
+    elbow.powered = True
+    elbow.run(8000.0, 600.0)
+    assert await bench.link.open() == {Ip.WRIST}
+    assert elbow.target is None
+    assert 1 in stops(bench)
+
+
+@pytest.mark.parametrize("lost", [b"\x24", b"\x29"])
+async def test_a_lost_answer_to_the_first_stops_has_both_stopped_blindly(lost: bytes) -> None:
+    bench = Bench()
+    bench.arm.mishap = once(lost, lambda reply: [])
+    elbow, wrist = bench.arm.motor(1, 0), bench.arm.motor(0, 2)
+    for motor in (elbow, wrist):
+        motor.powered = True
+        motor.run(8000.0, 600.0)
+    await bench.link.open()
+    first = [data for _, data in bench.arm.writes].index(lost) + 1
+    assert [data for _, data in bench.arm.writes[first : first + 3]] == [
+        b"\x24", b"\x29", b"\x24"
+    ]  # fmt: skip
+    assert {0, 1} <= set(stops(bench))
+    assert elbow.target is None
+    assert wrist.target is None
 
 
 async def test_opening_does_not_assume_who_listens() -> None:
@@ -97,13 +166,17 @@ async def test_silence_says_what_to_check() -> None:
         board.mute = True
     with pytest.raises(LinkError, match=r"neither IP.*check power, cable, boards"):
         await bench.link.open()
-    assert [data for _, data in bench.arm.writes] == [b"\x28", b"\x28"]  # §1.6 step 2
+    asked = [data for _, data in bench.arm.writes]
+    # a stop, the same for both blindly, then §1.6 step 2
+    assert asked == [b"\x24", b"\x24", b"\x29", b"\x24", b"\x28", b"\x28"]
 
 
-async def test_one_silent_board_is_named() -> None:
-    bench = Bench()
+async def test_one_silent_board_is_told_from_two() -> None:
+    bench = Bench(listening=0)
     bench.arm.boards[1].mute = True
-    with pytest.raises(LinkError, match=r"beside IP0.*check power, cable, boards"):
+    with pytest.raises(
+        LinkError, match=r"no IP beside the one that took .* speaks.*check power, cable, boards"
+    ):
         await bench.link.open()
 
 
@@ -125,10 +198,10 @@ async def test_a_rom_that_answers_in_text_is_refused(banner: bytes) -> None:
 
 
 async def test_what_was_on_the_line_before_is_discarded() -> None:
-    bench = Bench()
+    bench = Bench(listening=1)
     bench.arm.pending.append((bench.clock.now_s() + 0.015, b"\x0b"))
     await bench.link.open()
-    assert shows(as_text(bench.trace), session("warm open"))
+    assert shows(as_text(bench.trace), [*STOP_BOTH, *session("warm open")])
 
 
 # ---- pacing ------------------------------------------------------------------------------------

@@ -75,14 +75,23 @@ class Link:
         self._wire = Wire(transport, clock, config or LinkConfig(), trace)
         self._turns = Turns()
         self._has_given_go = False  # to the IP that is being greeted
+        self._found: list[Status] = []  # by the IPs as they were stopped on opening
+        self._found_first: Ip | None = None
 
     @property
     def listening(self) -> Ip | None:
         """The IP that hears the next request, where that is known."""
         return self._wire.listening
 
-    async def open(self) -> frozenset[Ip]:
+    async def open(self, look: bytes = b"") -> frozenset[Ip]:
         """Bring both IPs to running, non-toggle mode (§1.6, steps 1-6); return the restarted ones.
+
+        Before anything is found out, both get a dead stop: the arm may still move (§8.20).
+
+        Parameters
+        ----------
+        look : status request to both right before their stop, which may clear what it reports;
+            `found` returns the answers. Empty for none
 
         Raises
         ------
@@ -91,7 +100,17 @@ class Link:
         BadReplyError : bytes that make no sense
         """
         async with self._turns.take():
-            return await run_to_end(self._open())
+            return await run_to_end(self._open(look))
+
+    def found(self, ip: Ip) -> Status | None:
+        """Return what an IP answered on opening, before its stop; None where none did.
+
+        Where only one of them answered, it is not known which: its answer stands for either.
+        """
+        if len(self._found) < 2:
+            return self._found[0] if self._found else None
+        # the IP that was stopped last is met first, and the other one listens in the end
+        return self._found[0 if ip is self._found_first else 1]
 
     async def exchange(
         self,
@@ -206,15 +225,52 @@ class Link:
             await self._wire.stop_stray(self._wire.last_request, bytes([0x20 | who]))
 
     # ---- opening, and back in step -------------------------------------------------------------
-    async def _open(self) -> frozenset[Ip]:
+    async def _open(self, look: bytes) -> frozenset[Ip]:
         self._wire.suspect = b""
         await self._wire.drain()
-        return await self._meet_both(allow_restart=True)
+        is_first_there = await self._stop_as_found(look)
+        restarted = await self._meet_both(
+            allow_restart=True,
+            who="no IP beside the one that took the first stop" if is_first_there else "neither IP",
+        )
+        self._found_first = self._wire.listening
+        return restarted
 
-    async def _meet_both(self, *, allow_restart: bool) -> frozenset[Ip]:
-        """Meet the listening IP, hand over, meet the other one (§1.6, steps 2-6)."""
+    async def _stop_as_found(self, look: bytes) -> bool:
+        """Dead-stop both IPs before anything is known of them; return whether one handed over.
+
+        A host that was killed leaves axes moving (§8.20), and meeting both IPs takes 0.2 s. Silence
+        has put the line in step (§2.9), and a stop harms neither IP. What this does not reach is
+        found moving, and stopped, when its IP is met: a board behind a restarted one, or behind one
+        that toggles automatically.
+        """
+        stop = encode_simple(Simple.DEAD_STOP)
+        strike = (look, stop) if look else (stop,)
+        has_handed_over = False
+        self._found = []
+        try:
+            for request in (*strike, encode_simple(Simple.TOGGLE_ONCE), *strike):
+                reply = await self._wire.exchange(request)
+                if isinstance(reply, Status):
+                    self._found.append(reply)
+                has_handed_over = has_handed_over or request not in strike
+        except PositionLostError:
+            pass  # a restarted IP has no power, and does not hand the line over (§1.5)
+        except DeviceError as error:
+            if not (_heals(error) or isinstance(error, SilentLineError)):
+                raise
+            log.warning("the stop of both boards on opening: %s; now blindly", error)
+            await self._halt_blindly(stop)
+            await self._wire.drain()
+        return has_handed_over
+
+    async def _meet_both(self, *, allow_restart: bool, who: str = "neither IP") -> frozenset[Ip]:
+        """Meet the listening IP, hand over, meet the other one (§1.6, steps 2-6).
+
+        A silent line is reported as ``who`` that speaks.
+        """
         self._wire.listening = None
-        first, first_restarted = await self._meet(allow_restart, "neither IP")
+        first, first_restarted = await self._meet(allow_restart, who)
         for _ in range(2):  # a second time only if the first hand-over did not take place
             try:
                 await self._wire.exchange(encode_simple(Simple.TOGGLE_ONCE))
@@ -222,7 +278,7 @@ class Link:
                 if not _heals(error):
                     raise
                 await self._wire.drain()
-            second, second_restarted = await self._meet(allow_restart, f"the IP beside IP{first:d}")
+            second, second_restarted = await self._meet(allow_restart, f"no IP beside IP{first:d}")
             if second is not first:
                 self._wire.listening = second
                 restarted = {first: first_restarted, second: second_restarted}
