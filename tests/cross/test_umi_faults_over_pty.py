@@ -32,6 +32,7 @@ from drivers.umi_scara import (
     PowerOffError,
     WireExchange,
 )
+from drivers.umi_scara.protocol.constants import StatusBits
 from emulators.umi_scara import ArmWire
 from emulators.umi_scara import Axis as EmulatedAxis
 
@@ -265,7 +266,9 @@ async def test_automatic_toggling_left_on_is_switched_off(listening: int) -> Non
         bench.wire.run_warm(auto_toggle=True)
         await bench.arm.connect()
         assert [ip.auto_toggle for ip in bench.wire.ips] == [False, False]
-        assert {a: await bench.arm.status(a) for a in Axis} == dict.fromkeys(Axis, 0)
+        # in step: each board answers for its own motors, and all of them were stopped on opening
+        stopped = dict.fromkeys(Axis, StatusBits.STOPPED)
+        assert {a: await bench.arm.status(a) for a in Axis} == stopped
 
 
 @pytest.mark.parametrize("hands_over", [False, True])

@@ -255,9 +255,13 @@ async def _lost_power(bench: ArmBench) -> Comparison:
 
 
 async def _warm(name: str, line: LineKind, *, auto_toggle: bool) -> Comparison:
-    async with arm_bench(line=line) as bench:
+    # the stops on opening leave the line to the other board (ADR 15): IP0 is met first
+    async with arm_bench(line=line, listening=1) as bench:
         bench.wire.run_warm(auto_toggle=auto_toggle)
         await bench.arm.connect()
+        sent = [_text(x.request) for x in bench.trace[:5]]
+        assert sent == ["14", "24", "29", "14", "24"], sent
+        del bench.trace[:5]
         if name == GO_RUNNING:
             await _let_ip1_listen(bench)
             await bench.arm.axes.link.exchange(Ip.ARM, b"\x00")
