@@ -436,9 +436,11 @@ class UmiScara:
         Raises
         ------
         as `move_counts`
-        ValueError : not six finite numbers, or a SPEED outside its range
+        ValueError : not six finite numbers, or a SPEED or a share outside its range
         """
         row = np.asarray(q, dtype=np.float64)
+        if not 0.0 < speed_share <= 1.0:
+            raise ValueError(f"a share of the speed is above 0 to 1, not {speed_share}")
         if row.shape != (6,) or not np.isfinite(row).all():
             raise ValueError(f"joints are six finite numbers, not {row}")
         targets = dict(zip(COUNTS_ORDER, kinematics.q_to_counts(row).tolist(), strict=True))
@@ -489,10 +491,10 @@ class UmiScara:
         Raises
         ------
         AxisStalledError : the jaws have not come to rest against anything by the deadline
-        ValueError : the force is below 1
+        ValueError : the force is outside 1 to 100
         """
-        if force < 1:
-            raise ValueError(f"a grasp needs a force above 0, not {force}")
+        if not 1 <= force <= 100:
+            raise ValueError(f"a grasp needs a force of 1 to 100, not {force}")
         gripper = Axis.GRIPPER
         async with self._session.motion() as guard:
             await self.positions.make_sure(self.axes, guard)

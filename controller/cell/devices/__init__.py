@@ -6,6 +6,6 @@ whether anything may move. `stopping.py` stops everything. `lamps.py` names the 
 and the station.
 """
 
-from .build import DeviceBuilder, Devices, resolve
+from .build import DeviceBuilder, Devices, polling_of, resolve
 
-__all__ = ["DeviceBuilder", "Devices", "resolve"]
+__all__ = ["DeviceBuilder", "Devices", "polling_of", "resolve"]

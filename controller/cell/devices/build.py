@@ -48,6 +48,16 @@ def _modbus_address(device: str, address: str, transport: str, baudrate: int) ->
     return TcpAddress(host, int(port)) if transport == "tcp" else RtuOverTcpAddress(host, int(port))
 
 
+def polling_of(cell: Cell, clock: CellClock) -> Polling:
+    """Return how often the inputs are read, on a clock that may be faster than the wall's."""
+    timing = cell.timing
+    return Polling(
+        # a faster clock does not shorten the host's own pauses
+        poll_s=max(timing.io_poll_s, IO_POLL_WALL_S * clock.speed),
+        stale_s=max(timing.io_stale_s, STALE_POLLS * IO_POLL_WALL_S * clock.speed),
+    )
+
+
 def resolve(cell: Cell, emulated: Addresses) -> dict[str, dict[str, Any]]:
     """Return where every device is: from the cell file, or from what the emulator printed.
 
@@ -106,26 +116,26 @@ class DeviceBuilder:
 
     def arm(self) -> Arm:
         """Return the arm."""
-        return cast(Arm, self._build("arm"))
+        return cast(Arm, self.device("arm"))
 
     def gripper(self) -> FixedGripper:
         """Return the fixed gripper."""
-        return cast(FixedGripper, self._build("gripper"))
+        return cast(FixedGripper, self.device("gripper"))
 
     def lights(self) -> LampUnit:
         """Return the lamp unit."""
-        return cast(LampUnit, self._build("lights"))
+        return cast(LampUnit, self.device("lights"))
 
     def io(self) -> IoBlock:
         """Return the I/O block."""
-        return cast(IoBlock, self._build("io"))
+        return cast(IoBlock, self.device("io"))
 
     def camera(self, name: str) -> Camera:
         """Return a camera, ``overhead`` or ``inspection``."""
-        return cast(Camera, self._build(name))
+        return cast(Camera, self.device(name))
 
-    def _build(self, name: str) -> object:
-        """Return a device that is not open yet.
+    def device(self, name: str) -> object:
+        """Return a device by its name in the cell file, not open yet.
 
         Raises
         ------
@@ -139,12 +149,7 @@ class DeviceBuilder:
         return driver.build(self._site(name, kind, section), settings)
 
     def _site(self, name: str, kind: str, section: Mapping[str, Any]) -> Site:
-        timing = self._cell.timing
-        polling = Polling(
-            # a faster clock does not shorten the host's own pauses
-            poll_s=max(timing.io_poll_s, IO_POLL_WALL_S * self._clock.speed),
-            stale_s=max(timing.io_stale_s, STALE_POLLS * IO_POLL_WALL_S * self._clock.speed),
-        )
+        polling = polling_of(self._cell, self._clock)
         lamps = tuple(
             Lamp(lamp, s.analog, s.relay, s.drive, s.settle_s)
             for lamp, s in self._cell.lamps.items()

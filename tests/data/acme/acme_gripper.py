@@ -17,6 +17,7 @@ from drivers.kinds import Driver, FixedGripper, Hold, Site
 REPLY_S = 1.0
 POLL_S = 0.05
 SLIP_MM = 1.5
+MIN_FORCE_N, MAX_FORCE_N = 5.0, 100.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +62,7 @@ class AcmeGripper:
         self._settings = settings
         self._clock = clock
         self._line: tuple[asyncio.StreamReader, asyncio.StreamWriter] | None = None
+        self._is_open = False
         self._turn = asyncio.Lock()  # one request in flight
         self._gripped_mm: float | None = None
 
@@ -71,15 +73,25 @@ class AcmeGripper:
 
     async def connect(self) -> Reading:
         """Open the line; nothing moves."""
+        await self._hang_up()
+        await self._dial()
+        return await self.status()
+
+    async def aclose(self) -> None:
+        """Close the line; nothing moves."""
+        await self._hang_up()
+        self._is_open = False
+
+    async def _dial(self) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
         host, port = self._address
         try:
             self._line = await asyncio.open_connection(host, port)
         except OSError as error:
             raise LinkError(f"ACME gripper: {host}:{port}: {error.strerror or error}") from error
-        return await self.status()
+        self._is_open = True
+        return self._line
 
-    async def aclose(self) -> None:
-        """Close the line; nothing moves."""
+    async def _hang_up(self) -> None:
         if self._line is not None:
             self._line[1].close()
             self._line = None
@@ -113,14 +125,19 @@ class AcmeGripper:
 
     async def open_to(self, opening_mm: float) -> None:
         """Move the jaws to an opening."""
+        self._check(opening_mm)
         self._gripped_mm = None
         await self._ask(f"MOVE {opening_mm:.2f}")
-        status = await self._at_rest()
-        if status.has_contact:
-            raise StalledError(f"ACME gripper: met something at {status.opening_mm:.1f} mm")
+        await self._at_rest(opening_mm)
 
     async def close_on(self, opening_mm: float, *, force_n: float) -> Grasp:
         """Close on a part."""
+        self._check(opening_mm)
+        if not MIN_FORCE_N <= force_n <= MAX_FORCE_N:
+            raise ValueError(
+                f"ACME gripper: {MIN_FORCE_N:g} to {MAX_FORCE_N:g} N, not {force_n:g} N"
+            )
+        self._gripped_mm = None
         await self._ask(f"GRIP {max(0.0, opening_mm - 5.0):.2f} {force_n:.0f}")
         status = await self._at_rest()
         self._gripped_mm = status.opening_mm if status.has_contact else None
@@ -130,7 +147,13 @@ class AcmeGripper:
         """Stop the jaws where they are."""
         await self._ask("STOP")
 
-    async def _at_rest(self) -> Reading:
+    def _check(self, opening_mm: float) -> None:
+        if not 0.0 <= opening_mm <= self.max_opening_mm:
+            raise ValueError(
+                f"ACME gripper: it opens 0 to {self.max_opening_mm:g} mm, not {opening_mm:g} mm"
+            )
+
+    async def _at_rest(self, target_mm: float | None = None) -> Reading:
         try:
             async with self._clock.timeout(self._settings.move_s):
                 while (status := await self.status()).is_moving:
@@ -138,15 +161,21 @@ class AcmeGripper:
         except TimeoutError as error:
             await self.stop()
             raise StalledError("ACME gripper: did not arrive; stopped") from error
+        except asyncio.CancelledError:
+            await asyncio.shield(self.stop())
+            raise
+        if target_mm is not None and abs(status.opening_mm - target_mm) > SLIP_MM:
+            raise StalledError(f"ACME gripper: ended at {status.opening_mm:.1f} mm")
         return status
 
     async def _ask(self, request: str) -> str:
-        if self._line is None:
+        if not self._is_open:
             raise LinkError("ACME gripper: not connected")
-        reader, writer = self._line
         async with self._turn:
+            reply = b""
             try:
                 async with self._clock.timeout(REPLY_S):
+                    reader, writer = self._line or await self._dial()
                     writer.write(f"{request}\n".encode())
                     await writer.drain()
                     reply = await reader.readline()
@@ -154,6 +183,9 @@ class AcmeGripper:
                 raise ReplyTimeoutError(f"ACME gripper: no reply to `{request}`") from error
             except OSError as error:
                 raise LinkError(f"ACME gripper: {error.strerror or error}") from error
+            finally:
+                if not reply.endswith(b"\n"):  # a late reply must not be the next one's
+                    await self._hang_up()
         if not reply.endswith(b"\n"):
             raise LinkError("ACME gripper: the line was closed")
         return reply.decode("ascii", "replace").strip()

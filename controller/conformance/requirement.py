@@ -1,0 +1,303 @@
+"""What a requirement is, and what trying it on a device ends with."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+from drivers.clock import CellClock
+
+from .lines import Line
+
+ANSWER_S: Final = 3.0
+"""Contract of all kinds: a silent device is reported, and one that is back answers, by then [s]."""
+HANG_FACTOR: Final = 4.0  # what takes so many times its bound is cut off
+STEP_WAITS_S: Final = (0.0, 0.0, 0.002, 0.005, 0.01, 0.02)  # when an exchange is cancelled
+
+
+class NotMetError(Exception):
+    """A device does not do what is required of it; the message has what it did."""
+
+
+class NotTriedError(Exception):
+    """A requirement could not be tried; the message has the reason."""
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """What was measured.
+
+    Attributes
+    ----------
+    value : None where the outcome is yes or no
+    unit : of the value
+    limit : largest value allowed
+    remark : what else was seen
+    """
+
+    value: float | None = None
+    unit: str = ""
+    limit: float | None = None
+    remark: str = ""
+
+    def __str__(self) -> str:
+        words = []
+        if self.value is not None:
+            words.append(f"{self.value:.4g} {self.unit}".strip())
+            if self.limit is not None:
+                words.append(f"(at most {self.limit:.4g})")
+        return " ".join([*words, self.remark]).strip()
+
+
+@dataclass(frozen=True, slots=True)
+class Bounds:
+    """How long things may take, from the cell file [cell s].
+
+    Attributes
+    ----------
+    stop_s : from a stop until it is confirmed
+    arm_silent_s : until a silent line of the arm is known
+    stale_s : until an input that is read no more is unknown
+    poll_s : from one reading of the inputs to the next
+    frame_late_s : how much later than rate and exposure explain a frame may come
+    answer_s : until a silent device of another kind is known, or one that is back answers
+    """
+
+    stop_s: float
+    arm_silent_s: float
+    stale_s: float
+    poll_s: float
+    frame_late_s: float
+    answer_s: float = ANSWER_S
+
+
+@dataclass(slots=True)
+class Bench:
+    """A device of a cell, and what is needed to try it.
+
+    Attributes
+    ----------
+    name, kind : of the device in the cell file, and of `drivers.kinds`
+    build : returns a new driver of it, not open
+    clock : the cell's
+    bounds : how long things may take
+    line : between driver and device, where it can be disturbed
+    facts : what the cell file has about it: ``lamps``, ``inputs``, ``capture``, ``arm_model``
+    release : lets go of the lines that drivers were built on
+    device : the driver that is open now, None between two
+    answered : what `connect` returned last
+    """
+
+    name: str
+    kind: str
+    build: Callable[[], Any]
+    clock: CellClock
+    bounds: Bounds
+    line: Line
+    facts: Mapping[str, Any] = field(default_factory=dict)
+    release: Callable[[], Awaitable[None]] | None = None
+    device: Any = None
+    answered: Any = None
+
+    async def opened(self) -> Any:  # noqa: ANN401  (a device of any kind)
+        """Return the connected driver; a new one if none is open."""
+        if self.device is None:
+            await self.close()
+            device = self.build()
+            self.answered = await device.connect()
+            self.device = device
+        return self.device
+
+    async def close(self) -> None:
+        """Let go of the driver, whatever state it is in."""
+        device, self.device = self.device, None
+        closing = getattr(device, "aclose", None) or getattr(device, "close", None)
+        if closing is not None:
+            with suppress(Exception):  # it may be gone, and its driver may raise anything
+                await closing()
+        if self.release is not None:
+            await self.release()
+
+
+Trial = Callable[[Bench], Awaitable[Figure]]
+
+
+@dataclass(frozen=True, slots=True)
+class Requirement:
+    """One thing that every device of a kind must do.
+
+    Attributes
+    ----------
+    name : short, unique within a kind
+    text : the requirement, a sentence
+    trial : tries it; raises `NotMetError`, `NotTriedError` or what the driver raises
+    moves : whether metal moves
+    cuts : whether the line has to be disturbed
+    """
+
+    name: str
+    text: str
+    trial: Trial
+    moves: bool = False
+    cuts: bool = False
+
+
+def require(holds: bool, message: str) -> None:
+    """Check that something holds.
+
+    Raises
+    ------
+    NotMetError : it does not; has the message
+    """
+    if not holds:
+        raise NotMetError(message)
+
+
+@contextmanager
+def naming(when: str) -> Iterator[None]:
+    """Name when it was that a driver raised something.
+
+    Raises
+    ------
+    NotMetError : in place of whatever the driver raised within
+    """
+    try:
+        yield
+    except (NotMetError, NotTriedError):
+        raise
+    except Exception as error:
+        raise NotMetError(f"{when}: {type(error).__name__}: {error}") from error
+
+
+async def timed(bench: Bench, limit_s: float, doing: Awaitable[Any], what: str) -> float:
+    """Return how long something took [cell s].
+
+    Parameters
+    ----------
+    bench : whose clock it is
+    limit_s : how long it may take [cell s]
+    doing : what is awaited
+    what : for the message
+
+    Raises
+    ------
+    NotMetError : it took longer, by the patience of the clock
+    """
+    begun_s = bench.clock.now_s()
+    try:
+        async with bench.clock.timeout(HANG_FACTOR * limit_s):
+            await doing
+    except TimeoutError:
+        raise NotMetError(f"{what}: not done after {HANG_FACTOR * limit_s:.1f} s") from None
+    took_s = bench.clock.now_s() - begun_s
+    allowed_s = bench.clock.patience_s(limit_s)
+    require(took_s <= allowed_s, f"{what}: took {took_s:.3f} s, {limit_s:.3f} s are allowed")
+    return took_s
+
+
+async def known_silent(
+    bench: Bench, limit_s: float, reading: Callable[[], Awaitable[Any]], error: type[Exception]
+) -> float:
+    """Return after how long a reading of a silent device was given up [cell s].
+
+    Parameters
+    ----------
+    bench : with the device, whose line is silent now
+    limit_s : how long it may take [cell s]
+    reading : returns the reading's awaitable
+    error : what it must raise
+
+    Raises
+    ------
+    NotMetError : it returned something, raised something else, or took too long
+    """
+
+    async def read() -> None:
+        try:
+            found = await reading()
+        except error:
+            return
+        except TimeoutError:
+            raise
+        except Exception as other:
+            raise NotMetError(
+                f"raised {type(other).__name__} ({other}), expected {error.__name__}"
+            ) from other
+        raise NotMetError(f"returned {found!r:.80} from a line on which nothing answers")
+
+    return await timed(bench, limit_s, read(), "a silent line")
+
+
+async def require_refused(
+    bench: Bench, what: str, call: Callable[[], Awaitable[Any]], tries: int = 3
+) -> None:
+    """Check that a value out of range is refused with ValueError before anything is sent.
+
+    A driver may have a keep-alive on the same line, so a try during which bytes were sent is
+    repeated: once it must be without any.
+
+    Parameters
+    ----------
+    bench : with the device
+    what : the value, for the message
+    call : returns the awaitable of the verb
+    tries : how often a try may be disturbed
+
+    Raises
+    ------
+    NotMetError : it was taken, or refused in another form, or only after something was sent
+    """
+    for _ in range(tries):
+        before = bench.line.sent_count
+        try:
+            await call()
+        except ValueError:
+            if bench.line.sent_count == before:
+                return
+            continue
+        except Exception as error:
+            raise NotMetError(
+                f"{what}: raised {type(error).__name__} ({error}), expected ValueError"
+            ) from error
+        raise NotMetError(f"{what}: was taken")
+    raise NotMetError(f"{what}: bytes were sent before it was refused")
+
+
+async def cancel_often(
+    bench: Bench, reading: Callable[[], Awaitable[Any]], check: Callable[[], Awaitable[None]]
+) -> Figure:
+    """Cancel an exchange at several instants; return how long the next answer took at most.
+
+    Parameters
+    ----------
+    bench : with the device
+    reading : returns the awaitable that is cancelled
+    check : raises NotMetError if the device does not answer as it should
+
+    Raises
+    ------
+    NotMetError : the cancellation was swallowed, or the device does not answer afterwards
+    """
+    longest_s = 0.0
+    for turns, wait_s in enumerate(STEP_WAITS_S):
+        task: asyncio.Future[Any] = asyncio.ensure_future(reading())
+        for _ in range(turns + 1):
+            await asyncio.sleep(0)
+        await bench.clock.sleep(wait_s)
+        was_done = task.done()
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+        require(was_done or task.cancelled(), "the cancellation was swallowed")
+        took_s = await timed(bench, bench.bounds.answer_s, check(), "after a cancellation")
+        longest_s = max(longest_s, took_s)
+    return Figure(longest_s * 1e3, "ms", bench.bounds.answer_s * 1e3, "until the next answer")
+
+
+def require_model(bench: Bench) -> Figure:
+    """Check that a connected device has a name for messages; return it as a remark."""
+    model = bench.device.model
+    require(isinstance(model, str) and model.strip() != "", f"its model is {model!r}")
+    return Figure(remark=f"{model}")
