@@ -302,17 +302,40 @@ def in_sight(camera: str, rng: np.random.Generator, count: int) -> list[tuple[np
     raise AssertionError(f"{len(out)} of {count} configurations for {camera}")
 
 
+def bumped(camera: Camera, mm: float, deg: float, rng: np.random.Generator) -> Camera:
+    """Return a camera that was moved by so much, in any direction."""
+    w, v = (u / np.linalg.norm(u) for u in rng.standard_normal((2, 3)))
+    T = camera.T_world_cam
+    T = pose(turned(radians(deg) * w) @ T[:3, :3], T[:3, 3] + mm * v)
+    return replace(camera, T_world_cam=T)
+
+
 def pictures(
-    cell: TrueCell, per_camera: int = 18, seed: int = 0, grasp: str = "grasp0"
+    cell: TrueCell,
+    per_camera: int = 18,
+    seed: int = 0,
+    *,
+    bump: tuple[str, Camera] | None = None,
+    slip: tuple[str, np.ndarray] | None = None,
 ) -> list[BoardPicture]:
-    """Return pictures of the flat board, then of the paddle, in this order of time."""
+    """Return pictures of the flat board, of the plate, and of the flat board again, one a second.
+
+    Half-way through its pictures of the plate a camera may be replaced by another one, or the plate
+    slip before it.
+    """
     rng = np.random.default_rng([seed, 7])
     out = [cell.lying(f"flat{i}", *PLACED[i], taken_s=float(i)) for i in range(4)]
+    after = cell
     for camera in ("overhead", "inspection"):
-        for q, face in in_sight(camera, rng, per_camera):
+        for n, (q, face) in enumerate(in_sight(camera, rng, per_camera)):
+            if 2 * n >= per_camera and bump is not None and bump[0] == camera:
+                after = replace(cell, cameras={**cell.cameras, camera: bump[1]})
+            if 2 * n >= per_camera and slip is not None and slip[0] == camera:
+                after = replace(cell, T_tcp_body={**cell.T_tcp_body, "grasp0": slip[1]})
             q = kinematics.counts_to_q(kinematics.q_to_counts(q))
             t = float(len(out))
-            one = cell.held(f"{camera}{len(out)}", camera, face, grasp, q, t)
+            one = after.held(f"{camera}{len(out)}", camera, face, "grasp0", q, t)
             if one is not None:
                 out.append(one)
-    return out
+    last = after.lying("flat0", *PLACED[0], taken_s=float(len(out)))
+    return [*out, replace(last, name="flat0 again")]

@@ -19,6 +19,7 @@ from ._types import (
 )
 from .arm import ArmUnknown, KinematicArm
 from .choosing import Candidate, Choice, choose, predicted_picture
+from .faults import Fault, FaultLimits, find_faults
 from .layout import Layout
 from .play import HomingScatter, Play, StopPicture, measure_homing, measure_play
 from .solve import CellFit, PictureFit, calibrate_cell
@@ -42,6 +43,8 @@ __all__ = [
     "CellPrior",
     "Choice",
     "Face",
+    "Fault",
+    "FaultLimits",
     "Grasp",
     "HomingScatter",
     "KinematicArm",
@@ -60,6 +63,7 @@ __all__ = [
     "choose",
     "clamped_std",
     "even_std",
+    "find_faults",
     "grasps_of",
     "held_roughly",
     "measure_homing",

@@ -43,6 +43,7 @@ class PictureFit:
 
     Attributes
     ----------
+    is_held : whether it shows the plate in the gripper
     used_count, outlier_count : of its corners
     rms_px : of the distance of its used corners from their prediction
     own_rms_px : the same once its board may be anywhere: what the board itself does not explain
@@ -52,6 +53,7 @@ class PictureFit:
 
     name: str
     camera: str
+    is_held: bool
     used_count: int
     outlier_count: int
     rms_px: float
@@ -70,6 +72,8 @@ class CellFit:
     noise_px : standard deviation of a corner's u or v
     joint_std : (6,) of the joints from stop to stop [rad, mm]
     used : which corners of each picture were used
+    misfit : minus twice the logarithm of how likely the pictures are; less is better, by the same
+        pictures
     """
 
     layout: Layout
@@ -79,7 +83,7 @@ class CellFit:
     joint_std: FloatArray
     pictures: tuple[PictureFit, ...]
     used: tuple[BoolArray, ...]
-    cost: float
+    misfit: float
 
     @property
     def std(self) -> FloatArray:
@@ -176,12 +180,13 @@ def calibrate_cell(
             break
     terms = layout.evaluate(x, pictures)
     white = [whitening(t, u, noise_px, joint_std) for t, u in zip(terms, used, strict=True)]
-    cov, cost = _spread(layout, terms, white, x)
+    cov, misfit = _spread(layout, terms, white, x)
+    misfit += 4.0 * float(np.log(noise_px)) * sum(int(u.sum()) for u in used)
     fits = tuple(
         _picture_fit(p, t, u, noise_px, joint_std)
         for p, t, u in zip(pictures, terms, used, strict=True)
     )
-    return CellFit(layout, x, cov, noise_px, joint_std, fits, tuple(used), cost)
+    return CellFit(layout, x, cov, noise_px, joint_std, fits, tuple(used), misfit)
 
 
 def _check(prior: CellPrior, pictures: Sequence[BoardPicture]) -> None:
@@ -229,7 +234,7 @@ def _fit(
         key = y.tobytes()
         if key not in at_x:  # the solver calls for residuals and Jacobian one after the other
             at_x.clear()
-            at_x[key] = _stacked(layout, layout.evaluate(y * layout.std, pictures), white, y)
+            at_x[key] = stacked(layout, layout.evaluate(y * layout.std, pictures), white, y)
         return at_x[key]
 
     def residuals(y: FloatArray) -> FloatArray:
@@ -266,10 +271,17 @@ def _fit(
     return out
 
 
-def _stacked(
+def stacked(
     layout: Layout, terms: Sequence[PictureTerms], white: Sequence[Whitening], y: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return all residuals (n,) and their Jacobian (n, m) by x in units of its prior spread."""
+    """Return all residuals (n,) and their Jacobian (n, m) by x in units of its prior spread.
+
+    Parameters
+    ----------
+    layout : of the unknowns
+    terms, white : of all pictures
+    y : (m,) the unknowns in these units; the last m residuals are the prior's
+    """
     total = sum(len(w.weights) for w in white)
     r = np.empty(total + layout.size)
     jac = np.zeros((total + layout.size, layout.size))
@@ -288,10 +300,11 @@ def _stacked(
 def _spread(
     layout: Layout, terms: Sequence[PictureTerms], white: Sequence[Whitening], x: FloatArray
 ) -> tuple[FloatArray, float]:
-    """Return the covariance (m, m) of the unknowns, and the sum of squares."""
-    r, jac = _stacked(layout, terms, white, x / layout.std)
-    inverse = np.linalg.inv(jac.T @ jac)
-    return inverse * np.outer(layout.std, layout.std), float(r @ r)
+    """Return the covariance (m, m) of the unknowns, and the misfit but for the corners' noise."""
+    r, jac = stacked(layout, terms, white, x / layout.std)
+    normal = jac.T @ jac
+    misfit = float(r @ r) + float(np.linalg.slogdet(normal)[1]) + sum(w.log_det for w in white)
+    return np.linalg.inv(normal) * np.outer(layout.std, layout.std), misfit
 
 
 def _picture_fit(
@@ -312,6 +325,7 @@ def _picture_fit(
     return PictureFit(
         picture.name,
         picture.camera,
+        picture.q is not None,
         int(used.sum()),
         int((~used).sum()),
         rms(terms.residual_px),

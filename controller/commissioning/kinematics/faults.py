@@ -1,0 +1,328 @@
+"""What is wrong where pictures contradict each other, by its name.
+
+A gross fault makes the fit of everything bad in no particular place: lenses, zeros and joint noise
+all take their share of it. So each fault that can happen is fitted as well: prints of another size
+than their files have, a camera or a plate that moved at some time. The one that makes the pictures
+likeliest is named, if it makes them likelier by far and is larger than what a good cell has.
+
+A camera that moves between the pictures of the table and those of the plate looks like a print of
+another size, unless the last picture shows the board on the table once more.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import degrees, radians
+from typing import Final
+
+import numpy as np
+
+from controller.arrays import FloatArray
+
+from ._types import BoardPicture, CellPrior, KinematicsError
+from .layout import Layout, PictureTerms
+from .noise import whitening
+from .play import Play
+from .solve import CellFit, calibrate_cell, stacked
+
+_LIKELIER: Final = 30.0  # in the logarithm's units: odds of a million to one
+# how large faults are that happen, one standard deviation
+_LOOSE_SCALE: Final = 0.02
+_LOOSE_MOVE: Final = np.array([radians(0.5)] * 3 + [4.0] * 3)
+_LOOSE_JOINTS: Final = 3.0  # times the noise that counters leave
+_PICTURES_MIN: Final = 3  # before and after a move; fewer could be chance
+
+
+@dataclass(frozen=True, slots=True)
+class FaultLimits:
+    """What a good cell stays below, each with its reason."""
+
+    scale: float = 0.002  # of a print; a ruler shows 0.0003
+    other_board: float = 0.04  # no printer is off by so much: it is another board's file
+    moved_mm: float = 0.5  # of a camera or plate; less is found in the residuals as noise
+    moved_rad: float = radians(0.1)
+    play_rad: float = radians(0.5)  # of gears, whose sound ones have 0.1 to 0.3 degrees
+    prior_sigma: float = 2.6  # of an unknown from its drawing, where a bound is at 1.7
+    picture_ratio: float = 4.0  # of one picture from the cell, against the median of all
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """Something wrong.
+
+    Attributes
+    ----------
+    kind : board_scaled, board_file, camera_moved, plate_slipped, backlash, out_of_bounds, picture
+    subject : which board, camera, motor, unknown or picture
+    message : what, how much, which limit, what to do
+    """
+
+    kind: str
+    subject: str
+    message: str
+
+
+def find_faults(
+    prior: CellPrior,
+    pictures: Sequence[BoardPicture],
+    fit: CellFit,
+    *,
+    play: Mapping[str, Play] | None = None,
+    limits: FaultLimits = FaultLimits(),
+) -> tuple[Fault, ...]:
+    """Return what is wrong, the cause before what follows from it; nothing where all is well.
+
+    Parameters
+    ----------
+    prior, pictures, fit : what was calibrated, and how it came out
+    play : of each motor's gears, if measured
+    limits : what a good cell stays below
+    """
+    found = _backlash(play or {}, limits)
+    cause = _likeliest(prior, pictures, fit, limits)
+    if cause:
+        return (*found, *cause)
+    return (*found, *_odd_pictures(fit, limits), *_out_of_bounds(fit, limits))
+
+
+def _backlash(play: Mapping[str, Play], limits: FaultLimits) -> tuple[Fault, ...]:
+    return tuple(
+        Fault(
+            "backlash",
+            motor,
+            f"the gears of {motor} have {degrees(one.rad):.2f} deg of play, "
+            f"{degrees(limits.play_rad):.2f} deg are allowed; tighten or replace them",
+        )
+        for motor, one in play.items()
+        if one.rad - 2.0 * one.u_rad > limits.play_rad
+    )
+
+
+def _likeliest(
+    prior: CellPrior, pictures: Sequence[BoardPicture], fit: CellFit, limits: FaultLimits
+) -> tuple[Fault, ...]:
+    """Return the fault that explains the pictures far better than none, and best of all."""
+    rivals: list[tuple[float, tuple[Fault, ...]]] = []
+    for attempt in (_scaled, _camera_moved, _slipped):
+        try:
+            rivals += attempt(prior, pictures, fit, limits)
+        except KinematicsError:  # a hypothesis that fits nothing is none
+            continue
+    likely = [(misfit, faults) for misfit, faults in rivals if misfit < fit.misfit - _LIKELIER]
+    return min(likely, key=lambda one: one[0])[1] if likely else ()
+
+
+def _scaled(
+    prior: CellPrior, pictures: Sequence[BoardPicture], fit: CellFit, limits: FaultLimits
+) -> list[tuple[float, tuple[Fault, ...]]]:
+    """Return how likely the pictures are if prints may have any size, and which have a wrong one.
+
+    A whole cell that is enlarged looks the same to its cameras: what is left then is the arm, whose
+    lengths and travel are known.
+    """
+    helped = [
+        _helped(fit, pictures, [i for i, p in enumerate(pictures) if p.face == name], columns)
+        for name, columns in ((n, fit.layout.where(f"{n}.print")) for n in prior.faces)
+    ]
+    if not _is_loose(fit) and max(h.gain for h in helped) < _LIKELIER:
+        return []
+    loose = {name: replace(face, scale=_LOOSE_SCALE) for name, face in prior.faces.items()}
+    free = calibrate_cell(replace(prior, faces=loose), pictures, start=fit.x)
+    faults = []
+    for name in prior.faces:
+        scale, std = free.value(f"{name}.print.scale")
+        if abs(scale) < limits.scale + 2.0 * std:
+            continue
+        if abs(scale) > limits.other_board:
+            faults.append(
+                Fault(
+                    "board_file",
+                    name,
+                    f"the squares of {name} are {1 + scale:.3f} times as large as its file has "
+                    "them; that is another board's file",
+                )
+            )
+        else:
+            faults.append(
+                Fault(
+                    "board_scaled",
+                    name,
+                    f"the print {name} is {100 * abs(scale):.2f} % too "
+                    f"{'large' if scale > 0 else 'small'} for its file, "
+                    f"{100 * limits.scale:g} % is allowed; measure it and enter its size",
+                )
+            )
+    return [(free.misfit, tuple(faults))] if faults else []
+
+
+def _camera_moved(
+    prior: CellPrior, pictures: Sequence[BoardPicture], fit: CellFit, limits: FaultLimits
+) -> list[tuple[float, tuple[Fault, ...]]]:
+    """Return how likely the pictures are if a camera moved at the likeliest time, for each."""
+    out: list[tuple[float, tuple[Fault, ...]]] = []
+    for camera in prior.cameras:
+        columns = fit.layout.where(camera)
+        own = [i for i, p in enumerate(pictures) if p.camera == camera]
+        helped = _helped(fit, pictures, own, columns)
+        if not helped.is_worth(fit):
+            continue
+        taken_s = helped.since_s
+        moved = calibrate_cell(prior, pictures, bumped={camera: (taken_s, _LOOSE_MOVE)})
+        by = moved.x[moved.layout.where(f"{camera}.bump")]
+        fault = _moved("camera_moved", camera, by, _named(pictures, taken_s), limits)
+        if fault is not None:
+            out.append((moved.misfit, (fault,)))
+    return out
+
+
+def _slipped(
+    prior: CellPrior, pictures: Sequence[BoardPicture], fit: CellFit, limits: FaultLimits
+) -> list[tuple[float, tuple[Fault, ...]]]:
+    """Return how likely the pictures are if the plate slipped in the jaws, for each grasp."""
+    out: list[tuple[float, tuple[Fault, ...]]] = []
+    for grasp, held in prior.grasps.items():
+        columns = fit.layout.where(f"{grasp}.grasp")
+        own = [i for i, p in enumerate(pictures) if p.held_as == grasp]
+        helped = _helped(fit, pictures, own, columns)
+        if not helped.is_worth(fit):
+            continue
+        taken_s = helped.since_s
+        after = f"{grasp} later"
+        renamed = [
+            replace(p, held_as=after) if p.held_as == grasp and p.taken_s >= taken_s else p
+            for p in pictures
+        ]
+        grasps = {**prior.grasps, after: held}
+        slipped = calibrate_cell(replace(prior, grasps=grasps), renamed)
+        by = (
+            slipped.x[slipped.layout.where(f"{after}.grasp")]
+            - slipped.x[slipped.layout.where(f"{grasp}.grasp")]
+        )
+        fault = _moved("plate_slipped", grasp, by, _named(pictures, taken_s), limits)
+        if fault is not None:
+            out.append((slipped.misfit, (fault,)))
+    return out
+
+
+def _moved(
+    kind: str, subject: str, by: FloatArray, since: str, limits: FaultLimits
+) -> Fault | None:
+    """Return the fault of something that moved (6,) [rad, mm], if it is large enough."""
+    turn, shift = float(np.linalg.norm(by[:3])), float(np.linalg.norm(by[3:]))
+    if turn < limits.moved_rad and shift < limits.moved_mm:
+        return None
+    what = {
+        "camera_moved": f"the camera {subject} was moved",
+        "plate_slipped": f"the plate slipped in the jaws ({subject})",
+    }[kind]
+    return Fault(
+        kind,
+        subject,
+        f"{what} by {shift:.1f} mm and {degrees(turn):.2f} deg before picture {since}; "
+        "fasten it and take the pictures again",
+    )
+
+
+def _named(pictures: Sequence[BoardPicture], taken_s: float) -> str:
+    return min((p for p in pictures if p.taken_s >= taken_s), key=lambda p: p.taken_s).name
+
+
+@dataclass(frozen=True, slots=True)
+class _Helped:
+    """By how much other values for the later pictures would help, and since when most."""
+
+    gain: float
+    since_s: float
+
+    def is_worth(self, fit: CellFit) -> bool:
+        """Return whether a fit is worth its time."""
+        return np.isfinite(self.since_s) and (self.gain > _LIKELIER or _is_loose(fit))
+
+
+def _is_loose(fit: CellFit) -> bool:
+    """Return whether the joints seem to move as by a fault, which blunts every other test."""
+    expected = fit.layout.prior.joint_std
+    return bool((fit.joint_std > _LOOSE_JOINTS * expected).any())
+
+
+def _helped(
+    fit: CellFit, pictures: Sequence[BoardPicture], own: Sequence[int], columns: slice
+) -> _Helped:
+    """Return the time since when values of their own would help some pictures most.
+
+    The gain of every time is worked out to first order from one factorisation of the fit.
+
+    Parameters
+    ----------
+    fit, pictures : as calibrated
+    own : which pictures
+    columns : the unknowns that would change
+    """
+    layout = fit.layout
+    terms = layout.evaluate(fit.x, pictures)
+    white = [
+        whitening(t, u, fit.noise_px, fit.joint_std) for t, u in zip(terms, fit.used, strict=True)
+    ]
+    r, jac = stacked(layout, terms, white, fit.x / layout.std)
+    basis, _ = np.linalg.qr(jac)
+    ends = np.cumsum([0, *(len(w.weights) for w in white)])
+    size = columns.stop - columns.start
+    scale = _LOOSE_MOVE if size == len(_LOOSE_MOVE) else np.full(size, _LOOSE_SCALE)
+    gradient, overlap, normal = np.zeros(size), np.zeros((size, basis.shape[1])), np.eye(size)
+    best = _Helped(0.0, np.nan)
+    least = _PICTURES_MIN if size == len(_LOOSE_MOVE) else 0
+    order = sorted(own, key=lambda i: pictures[i].taken_s)
+    for rank, i in enumerate(reversed(order)):
+        rows = slice(ends[i], ends[i + 1])
+        by = white[i].apply(_columns(terms[i], columns)) * scale
+        gradient = gradient + by.T @ r[rows]
+        overlap = overlap + by.T @ basis[rows]
+        normal = normal + by.T @ by
+        if rank + 1 < least or len(order) - rank - 1 < least:
+            continue
+        gain = float(gradient @ np.linalg.solve(normal - overlap @ overlap.T, gradient))
+        if gain > best.gain:
+            best = _Helped(gain, pictures[i].taken_s)
+    return best
+
+
+def _columns(terms: PictureTerms, columns: slice) -> FloatArray:
+    """Return the derivatives (2 n, k) of one picture by some unknowns."""
+    at = [int(np.flatnonzero(terms.columns == c)[0]) for c in range(columns.start, columns.stop)]
+    out: FloatArray = terms.by_unknowns[:, :, at].reshape(-1, len(at))
+    return out
+
+
+def _odd_pictures(fit: CellFit, limits: FaultLimits) -> tuple[Fault, ...]:
+    """Return pictures far off the cell, compared with their own kind.
+
+    One picture that is far off makes the joints seem loose, and all others look too good.
+    """
+    held = [one for one in fit.pictures if one.is_held]
+    usual = float(np.median([one.off_sigma for one in held])) if held else 1.0
+    return tuple(
+        Fault(
+            "picture",
+            one.name,
+            f"{one.name} shows the board {one.off_sigma / usual:.0f} times as far from where the "
+            f"cell has it as others do, {limits.picture_ratio:g} times are allowed; take it again",
+        )
+        for one in held
+        if one.off_sigma > limits.picture_ratio * usual
+    )
+
+
+def _out_of_bounds(fit: CellFit, limits: FaultLimits) -> tuple[Fault, ...]:
+    layout: Layout = fit.layout
+    out = []
+    for name, x, std in zip(layout.names, fit.x, layout.std, strict=True):
+        off = abs(float(x)) / float(std)
+        if off > limits.prior_sigma and ".placed." not in name:
+            out.append(
+                Fault(
+                    "out_of_bounds",
+                    name,
+                    f"{name} is {float(x):+.4g} off its drawing, {off:.1f} standard deviations of "
+                    f"what a set-up leaves, {limits.prior_sigma:g} are allowed; check the drawing",
+                )
+            )
+    return tuple(out)
