@@ -71,6 +71,7 @@ class CellOptions:
     feed : how often the first part is put back once it is in a tray, as if someone emptied the
         tray and brought the next part of its kind
     as_built : seed of how the cell differs from its file; None for not at all
+    surfaces : of parts in pictures; None for machined where the cell is as built, else plain
     """
 
     cell: Path
@@ -85,6 +86,14 @@ class CellOptions:
     camera_transport: Literal["auto", "fuse", "socket"] = "auto"
     feed: int = 0
     as_built: int | None = None
+    surfaces: Literal["plain", "machined"] | None = None
+
+    @property
+    def finish_seed(self) -> int | None:
+        """What draws the marks on machined surfaces; None where they are plain."""
+        if (self.surfaces or ("plain" if self.as_built is None else "machined")) == "plain":
+            return None
+        return self.seed if self.as_built is None else self.as_built
 
 
 class _FixedJaws:
@@ -180,7 +189,8 @@ class Cell:
         jaws = _FixedJaws(self.gripper)
         self.world = World(self.layout, self.solids, self.arm, jaws, self._obstruct, seed)
         self._drop_parts(options)
-        self.desk = PictureDesk(build_scene(self.layout, self.solids), self, seed, reap)
+        scene = build_scene(self.layout, self.solids, options.finish_seed)
+        self.desk = PictureDesk(scene, self, seed, reap)
         self.added = AddedParts(self.world, self.desk)
         self._shared_clock = SharedClock(options.speed) if clock is None else None
         self.clock: WorldClock = self._shared_clock or clock or WorldClock()

@@ -65,6 +65,12 @@ def build_parser() -> argparse.ArgumentParser:
         help="let the cell stand as real ones do, some mm and degrees off its file, by this seed "
         "(default: exactly as the file has it)",
     )
+    parser.add_argument(
+        "--surfaces",
+        choices=("plain", "machined"),
+        help="how parts look: even, or with tool marks, dust, oil film and light from wall to wall "
+        "(default: machined with --as-built, else plain)",
+    )
     at_rest = parser.add_mutually_exclusive_group()
     at_rest.add_argument(
         "--pose",
@@ -124,6 +130,7 @@ def options_of(args: argparse.Namespace) -> CellOptions:
         camera_transport=args.camera_transport,
         feed=args.feed,
         as_built=args.as_built,
+        surfaces=args.surfaces,
     )
 
 

@@ -88,6 +88,23 @@ AsBuiltOption = Annotated[
         "this seed (default: exactly as the file has it)",
     ),
 ]
+
+
+class Surfaces(StrEnum):
+    """How parts look in emulated pictures."""
+
+    PLAIN = "plain"
+    MACHINED = "machined"
+
+
+SurfacesOption = Annotated[
+    Surfaces | None,
+    typer.Option(
+        "--surfaces",
+        help="how emulated parts look: even, or with tool marks, dust, oil and light from wall "
+        "to wall (default: machined with --as-built, else plain)",
+    ),
+]
 EmulatedPoseOption = Annotated[
     int | None,
     typer.Option(

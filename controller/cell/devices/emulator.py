@@ -63,6 +63,7 @@ def emulator_args(
     at: str | None,
     control: Path | None,
     as_built: int | None = None,
+    surfaces: str | None = None,
 ) -> tuple[str, ...]:
     """Return the emulator's options for the first part's pose, for faults, and for the cell.
 
@@ -73,8 +74,11 @@ def emulator_args(
     at : planar pose of the first part, "X,Y,THETA_DEG" [mm, degrees]; None to draw it by the seed
     control : unix socket on which tests inject faults, None for none
     as_built : seed of how the emulated cell differs from its file, None for not at all
+    surfaces : of the parts in pictures, "plain" or "machined"; None: as `as_built` has it
     """
     more: list[str] = [] if as_built is None else ["--as-built", str(as_built)]
+    if surfaces is not None:
+        more += ["--surfaces", surfaces]
     if orientation is not None:
         numbers = ",".join(f"{float(number):.9f}" for number in orientation.ravel())
         more += [f"--orientation={numbers}"]

@@ -15,6 +15,7 @@ from ..options import (
     JsonOption,
     SeedOption,
     SpeedOption,
+    SurfacesOption,
 )
 
 
@@ -47,6 +48,7 @@ def emulate(
     speed: SpeedOption = 1.0,
     seed: SeedOption = None,
     as_built: AsBuiltOption = None,
+    surfaces: SurfacesOption = None,
     pose: EmulatedPoseOption = None,
     at: EmulatedAtOption = None,
     control: ControlOption = None,
@@ -68,6 +70,7 @@ def emulate(
         speed=speed,
         seed=seed,
         as_built=as_built,
+        surfaces=surfaces and surfaces.value,
         pose=pose,
         at=at,
         control=control,

@@ -20,6 +20,7 @@ def serve(
     speed: float,
     seed: int | None,
     as_built: int | None,
+    surfaces: str | None,
     pose: int | None,
     at: str | None,
     control: Path | None,
@@ -35,6 +36,7 @@ def serve(
     speed : times real time
     seed : seed of the emulated world, None to draw one
     as_built : seed of how the emulated cell differs from its file, None for not at all
+    surfaces : of the parts, "plain" or "machined"; None: as `as_built` has it
     pose : stable pose of the first part by index, None to draw it by the seed
     at : planar pose of the first part, "X,Y,THETA_DEG"; None to draw it by the seed
     control : unix socket on which tests inject faults, None for none
@@ -53,7 +55,7 @@ def serve(
     ended = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda *_: ended.set())
-    more = emulator_args(orientation, at, control, as_built)
+    more = emulator_args(orientation, at, control, as_built, surfaces)
     if lines is not None:
         more = (*more, "--lines", lines)
     command = emulator_command(cell_path, parts, speed=speed, seed=seed, more=more)

@@ -72,6 +72,7 @@ def go_on_with_part(cell_path: Path, runs_dir: Path, why: str, *, as_json: bool)
         speed=1.0,
         seed=None,
         as_built=None,
+        surfaces=None,
         lay=(),
         empty=True,
         pose=None,

@@ -18,6 +18,7 @@ from ..options import (
     RunsOption,
     SeedOption,
     SpeedOption,
+    SurfacesOption,
 )
 
 MAX_PART_COUNT = 100_000  # in one run; the limit of a recipe, too
@@ -39,6 +40,7 @@ def run(
     speed: SpeedOption = 1.0,
     seed: SeedOption = None,
     as_built: AsBuiltOption = None,
+    surfaces: SurfacesOption = None,
     lay: Annotated[
         list[Path] | None,
         typer.Option(
@@ -125,6 +127,7 @@ def run(
         speed=speed,
         seed=seed,
         as_built=as_built,
+        surfaces=surfaces and surfaces.value,
         lay=tuple(lay or ()),
         empty=empty,
         pose=pose,

@@ -59,6 +59,7 @@ class RunOptions:
     speed : of the emulated cell, times real time
     seed : seed of the emulated cell, None to draw one
     as_built : seed of how the emulated cell differs from its file, None for not at all
+    surfaces : of emulated parts, "plain" or "machined"; None: as `as_built` has it
     lay : CAD files of the parts on the emulated table; empty for the recipe's part
     empty : leave the emulated table empty
     pose : stable pose of the first emulated part by index, None to draw it by the seed
@@ -79,6 +80,7 @@ class RunOptions:
     speed: float
     seed: int | None
     as_built: int | None
+    surfaces: str | None
     lay: tuple[Path, ...]
     empty: bool
     pose: int | None
@@ -126,7 +128,9 @@ def run_recipe(options: RunOptions) -> int:
     parts = tuple(_for_emulator(path, part, folder) for path, part in on_table if emulated)
     part_count = options.count or recipe.count
     fed = ("--feed", str(part_count - 1)) if part_count > 1 and parts else ()
-    placed = emulator_args(orientation, options.at, options.control, options.as_built)
+    placed = emulator_args(
+        orientation, options.at, options.control, options.as_built, options.surfaces
+    )
     more = (*placed, *fed)
     command = emulator_command(cell_file, parts, speed=options.speed, seed=seed, more=more)
     with (

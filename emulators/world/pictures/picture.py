@@ -6,6 +6,7 @@ picture, only the pixels that moving things or their shadows may touch are paint
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -26,6 +27,9 @@ from .geometry import (
 from .light import CHUNK, Index, Lamps, Mask, Reach, chunks, fill
 from .painter import Painter
 
+if TYPE_CHECKING:  # loads scipy, which plain pictures do without
+    from . import machined
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Changes:
@@ -42,9 +46,18 @@ class Changes:
 
 
 class Eye:
-    """One camera: its rays, what it sees of what stands still, and the picture it gets."""
+    """One camera: its rays, what it sees of what stands still, and the picture it gets.
 
-    def __init__(self, scene: Scene, number: int) -> None:
+    Parameters
+    ----------
+    scene : that it looks at
+    number : of the camera in the scene
+    parts : kept of machined parts, by all cameras of the scene together
+    """
+
+    def __init__(
+        self, scene: Scene, number: int, parts: "dict[str, machined.MachinedPart] | None" = None
+    ) -> None:
         self.camera = scene.cameras[number]
         self.rays = RayTable(self.camera)
         self.lamps = Lamps(scene)
@@ -55,6 +68,12 @@ class Eye:
             self.add(surface)
         self._shape = (self.camera.height_px, self.camera.width_px)
         self.painter = Painter(self.camera, self.rays, self.lamps)
+        self._finish: machined.Finish | None = None
+        if scene.finish_seed is not None:
+            from .machined import Finish
+
+            kept = {} if parts is None else parts
+            self._finish = Finish(scene.finish_seed, self.camera, self.rays, self.lamps, kept)
         self._layers: dict[int, Array32] = {}
         self._bodies: Mask | None = None
         self._body_materials = [i for i, one in enumerate(scene.materials) if one == PAINTED]
@@ -104,6 +123,8 @@ class Eye:
         assembly = Assembly(self._fixed, in_play)
         before = {lamp: self.layer(lamp).copy() for lamp in lit}
         layers = self.painter.paint(assembly, in_play, wanted, before)
+        if self._finish is not None:
+            self._finish.apply(assembly, in_play, wanted, layers)
         return Changes(pixels, {lamp: layer.reshape(-1)[pixels] for lamp, layer in layers.items()})
 
     def mix(self, changes: Changes, levels: Mapping[int, float]) -> Array32:

@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
 from multiprocessing.shared_memory import SharedMemory
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import cv2
 import numpy as np
@@ -22,6 +22,9 @@ from ..layout import Array
 from .geometry import Array32, Scene, Surface
 from .picture import Changes, Eye
 from .sensor import Exposure, blurred, develop
+
+if TYPE_CHECKING:
+    from .machined import MachinedPart
 
 Picture = NDArray[np.uint8] | NDArray[np.uint16]
 END_WALL_S: Final = 30.0  # within which a parent that hung up has ended, on a busy machine too
@@ -64,6 +67,7 @@ class PictureMaker:
         self._scene = scene
         self._eyes: dict[int, Eye] = {}
         self._last: dict[int, _Kept] = {}
+        self._parts: dict[str, MachinedPart] = {}
 
     def add(self, surface: Surface) -> None:
         """Take one more thing that moves."""
@@ -73,7 +77,7 @@ class PictureMaker:
 
     def _eye(self, camera: int) -> Eye:
         if camera not in self._eyes:
-            self._eyes[camera] = Eye(self._scene, camera)
+            self._eyes[camera] = Eye(self._scene, camera, self._parts)
         return self._eyes[camera]
 
     def radiance(

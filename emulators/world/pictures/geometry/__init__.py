@@ -8,6 +8,7 @@ from .edges import BLOCK_PX, Edges, any_in_blocks, fine_blocks, spread
 from .optics import Array32, RayTable, distort, project, undistort
 from .printed import board_surface
 from .scene import (
+    MACHINED_PART,
     PAINTED,
     Scene,
     Surface,
@@ -19,6 +20,7 @@ from .scene import (
 
 __all__ = [
     "BLOCK_PX",
+    "MACHINED_PART",
     "PAINTED",
     "Array32",
     "Assembly",

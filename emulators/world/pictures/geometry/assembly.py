@@ -57,6 +57,9 @@ class Assembly:
         self.material = np.concatenate([surface.material for surface in surfaces])
         self.panel = np.concatenate([surface.panel for surface in surfaces])
         self.fixed_count = sum(len(surface.faces) for surface in still)
+        counts = [len(surface.faces) for surface in surfaces]
+        # of each moving thing, the number of its first triangle
+        self.first_faces = np.cumsum([0, *counts])[len(still) : -1].tolist()
 
     @property
     def moving_scene(self) -> Any:  # noqa: ANN401  (embree has no types)

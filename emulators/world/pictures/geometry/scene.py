@@ -45,6 +45,7 @@ OPAL: Final = Material(albedo=0.20)  # a backlight panel that is off
 TRAY: Final = Material(albedo=0.30)
 PAPER: Final = Material(albedo=0.80)  # matt, as a board has to be
 INK: Final = Material(albedo=0.04)
+MACHINED_PART: Final = 0  # of MATERIALS: what parts are made of
 MATERIALS: Final = (MACHINED, PAINTED, STEEL, TABLE, OPAL, TRAY, PAPER, INK)
 
 
@@ -77,6 +78,7 @@ class Scene:
     ----------
     fixed : what stands still; ``owner`` names the layout box of each of its triangles
     aims_mm : (lamps, 3) what each lamp points at
+    finish_seed : of the marks on machined parts; None: their surfaces are plain
     """
 
     cameras: tuple[CameraLayout, ...]
@@ -87,10 +89,18 @@ class Scene:
     owner_boxes: tuple[Box, ...]
     owner: NDArray[np.int16]
     moving: tuple[Surface, ...]
+    finish_seed: int | None = None
 
 
-def build_scene(layout: Layout, solids: Sequence[Solid]) -> Scene:
-    """Return the cell's scene; parts are called ``part 0`` and so on, as in a snapshot."""
+def build_scene(layout: Layout, solids: Sequence[Solid], finish_seed: int | None = None) -> Scene:
+    """Return the cell's scene; parts are called ``part 0`` and so on, as in a snapshot.
+
+    Parameters
+    ----------
+    layout : of the cell
+    solids : of the parts
+    finish_seed : of the marks on machined parts; None: their surfaces are plain
+    """
     lamps = tuple(layout.lamps.values())
     fixed, owner_boxes, owner = _fixed(layout, lamps)
     moving = [_boxes(name, (box,), 1) for name, box in _links(layout)]
@@ -112,6 +122,7 @@ def build_scene(layout: Layout, solids: Sequence[Solid]) -> Scene:
         owner_boxes=owner_boxes,
         owner=owner,
         moving=tuple(moving),
+        finish_seed=finish_seed,
     )
 
 
@@ -123,7 +134,7 @@ def part_surface(name: str, solid: Solid) -> Surface:
     name : of the pose that moves it
     solid : its exact mesh
     """
-    return _surface(name, solid.vertices_mm, solid.faces, 0, smooth=True)
+    return _surface(name, solid.vertices_mm, solid.faces, MACHINED_PART, smooth=True)
 
 
 def panel_frame(lamp: LampLayout) -> Array:

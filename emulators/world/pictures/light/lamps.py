@@ -177,6 +177,30 @@ class Lamps:
         -------
         (n, k)
         """
+        reflectance = self.reflectance(material)
+        return self.of_points(lamp, sources_mm, points_mm, normals, views, reflectance)
+
+    def reflectance(self, material: NDArray[np.int16]) -> tuple[Array32, Array32, Array32]:
+        """Return albedo, gloss and shine of materials, (n,) each."""
+        return self._albedo[material], self._gloss[material], self._shine[material]
+
+    def of_points(
+        self,
+        lamp: int,
+        sources_mm: Array32 | None,
+        points_mm: Array32,
+        normals: Array32,
+        views: Array32,
+        reflectance: tuple[Array32, Array32, Array32],
+    ) -> Array32:
+        """Return the same as `from_points` of surfaces whose material is of no list.
+
+        Parameters
+        ----------
+        lamp, sources_mm, points_mm, normals, views : as `from_points` has them
+        reflectance : albedo, gloss and shine, (n,) each; see `Material`
+        """
+        albedo, gloss, shine = reflectance
         layout = self.lamps[lamp]
         aim = self._aims[lamp] - layout.centre_mm
         reach_mm = float(np.linalg.norm(aim))
@@ -195,8 +219,7 @@ class Lamps:
         between = np.einsum("ikj,ij->ik", to_lamp, to_eye) * inverse
         facing = cosine + np.einsum("ij,ij->i", normals, to_eye)[:, None]
         mirror = np.maximum(facing, 0.0) / np.sqrt(np.maximum(2.0 + 2.0 * between, 1e-6))
-        gloss = self._gloss[material][:, None] * mirror ** self._shine[material][:, None]
-        light: Array32 = self._albedo[material][:, None] * cosine + gloss
+        light: Array32 = albedo[:, None] * cosine + gloss[:, None] * mirror ** shine[:, None]
         light *= beam
         light[cosine <= 0.0] = 0.0
         return light
