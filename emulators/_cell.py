@@ -344,6 +344,7 @@ class Cell:
             "event": "ready",
             "speed": self.options.speed,
             "seed": self.options.seed,
+            "as_drawn": self.options.as_built is None,
             "devices": {
                 "arm": str(self.arm_server.path),
                 "gripper": {**self._where(self.gripper_line), "unit": GRIPPER_UNIT},

@@ -65,11 +65,20 @@ HOST: Final = Outfit()
 
 @dataclass(frozen=True, slots=True)
 class RunResult:
-    """How the run ended, what became of each part, how fast the cell's time ran."""
+    """How the run ended.
+
+    Attributes
+    ----------
+    parts : and what became of each
+    speed : of the cell's time
+    why_not_verified : why nobody knows that the cell stands as it is taken to; empty if it is
+        verified, or emulated as drawn
+    """
 
     outcome: Outcome
     parts: tuple[PartRecord, ...]
     speed: Speed
+    why_not_verified: str = ""
 
 
 def new_run_id(recipe: Recipe, stamps: Stamps = HOST_STAMPS) -> str:
@@ -199,7 +208,9 @@ async def run_batch(
         )
         with suppress(JournalError):  # the outcome says so; the operator is told either way
             journal.write(ended)
-        return RunResult(outcome, parts, speed)
+        is_as_drawn = order.emulated.get("as_drawn", False) and not order.cell.calibration
+        why = "" if is_as_drawn else calibration.why_not_verified
+        return RunResult(outcome, parts, speed, why)
     finally:
         await asyncio.to_thread(journal.close)
 

@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from rich.live import Live
@@ -14,6 +14,10 @@ from controller.cell.alarms import device_named
 from controller.cell.batch import PartRecord, Progress, RunResult
 
 from ..terminal.output import emit, print_line, stderr, warn
+
+# alarms (docs/alarms.md) that a wrong calibration raises: stalls, and what is not where it should
+# be
+MAY_BE_CALIBRATION: Final = frozenset({310, 320, *range(401, 417)})
 
 
 @contextmanager
@@ -100,6 +104,7 @@ def print_result(result: RunResult, run_id: str, report: Path | None, *, as_json
                 "message": result.outcome.message,
                 "where": result.outcome.where,
                 "alarm": _alarm_json(result),
+                "calibration": calibration_note(result),
                 "parts": [part_json(part) for part in result.parts],
                 "speed": result.speed.as_json(),
                 "report": None if report is None else str(report),
@@ -121,10 +126,28 @@ def print_result(result: RunResult, run_id: str, report: Path | None, *, as_json
         if (alarm := result.outcome.alarm) is not None:
             warn(f"alarm {alarm.number} ({alarm.code}). Unknown now: {alarm.unknown}.")
             warn(f"What to do: {alarm.action}.")
+        if note := calibration_note(result):
+            warn(note)
     print_line(f"speed: {result.speed}")
     if report is not None:
         print_line(f"report: {report}")
     return 0 if good else 1
+
+
+def calibration_note(result: RunResult) -> str:
+    """Return that a run may have ended for want of a calibration; empty if it cannot have.
+
+    Parameters
+    ----------
+    result : of the run
+    """
+    alarm = result.outcome.alarm
+    if alarm is None or alarm.number not in MAY_BE_CALIBRATION or not result.why_not_verified:
+        return ""
+    return (
+        f"The cell is not verified: {result.why_not_verified}. Cameras or arm that stand otherwise "
+        "than its file has them look just like this: calibrate it with `cellctl commission`."
+    )
 
 
 def _alarm_json(result: RunResult) -> dict[str, Any] | None:
