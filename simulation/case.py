@@ -31,6 +31,7 @@ PART_ROWS: Final = 140  # that a run of one part writes
 NEAR_STEPS: Final = 300  # that a controller makes until the devices have heard of a row
 DEAD_S: Final = (0.3, 12.0)  # from a kill to the next start
 LENGTHS_SEED: Final = 1  # of the run without faults that shows how long holds are
+LOOK_S: Final = 0.4  # of a person who lets each motion begin
 REST_S: Final = 4.0  # after the last end, until the world is looked at
 
 
@@ -74,6 +75,7 @@ class Case:
     again : after a run that stopped a person looks, closes the door, resets the emergency stop,
         and starts anew; with `recovery` "auto" the cell goes on by itself, else they accept what
         the start proposes
+    is_stepwise : a person lets each motion begin, after a look at it
     """
 
     seed: int
@@ -85,6 +87,7 @@ class Case:
     before: tuple[str, str] | None = None
     fault_rate: float = 0.0
     again: bool = False
+    is_stepwise: bool = False
 
 
 @dataclass(slots=True)
@@ -180,6 +183,17 @@ class Accepting:
         return Answer(question.choices[0].key, "a person", "it is as it says")
 
 
+class Stepping:
+    """A person who lets each motion begin after a look at it."""
+
+    async def decide(self, question: Question) -> Answer | None:
+        """Let a motion begin; answer nothing else."""
+        if question.code != "next_motion":
+            return None
+        await asyncio.sleep(LOOK_S)
+        return Answer(question.choices[0].key, "a person")
+
+
 class _Run:
     def __init__(self, case: Case, folder: Path) -> None:
         self.case = case
@@ -247,9 +261,11 @@ class _Run:
         self.cell.befall("reset")
 
     async def _start(self, kill: Kill | None) -> None:
-        options = {} if not self.ended.ends else {"recovery": self.case.recovery}
+        options: dict[str, Any] = {} if not self.ended.ends else {"recovery": self.case.recovery}
         if self.case.again and options:
             options = {"recovery": "auto" if self.case.recovery == "auto" else "ask"}
+        if self.case.is_stepwise:
+            options["is_stepwise"], self.cell.operator = True, Stepping()
         controller = self.cell.controller(**options)
         self.watch.permitted()
         self._arm_faults(controller)

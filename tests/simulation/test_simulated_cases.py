@@ -37,6 +37,20 @@ def test_a_part_goes_from_the_table_to_its_tray_in_about_the_time_forecast(tmp_p
             assert row.body["seconds"] == pytest.approx(row.body["forecast_s"], abs=1.5), row.body
 
 
+def test_a_part_goes_to_its_tray_with_a_persons_word_for_every_motion(tmp_path: Path) -> None:
+    ended = run_case(Case(3, PART, is_stepwise=True), tmp_path / "cell")
+    assert ended.ends == ["complete"]
+    assert ended.truth["tray"] == "accept"
+    assert ended.violations == []
+    journal = list(read_rows(tmp_path / "cell" / JOURNAL_NAME))
+    words = [row for row in journal if row.name == "question_answered"]
+    paths = [row.body["waypoints"] for row in journal if row.name == "path_begun"]
+    deeds = [row for row in journal if row.name in ("grasp", "release") and row.kind == "intent"]
+    assert deeds
+    # one for each waypoint, one for homing, and those of the jaws
+    assert len(words) >= sum(map(len, paths)) + 1 + len(deeds)
+
+
 @pytest.mark.parametrize("case", KILLED, ids=lambda case: f"seed {case.seed}")
 def test_after_a_kill_no_part_is_dropped_and_nothing_is_done_twice(case: Case) -> None:
     ended = run_case(case)

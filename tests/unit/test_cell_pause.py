@@ -17,7 +17,8 @@ from controller.cell.custody import Custody
 from controller.cell.errors import InterlockError, NoPermitError, PartFaultError
 from controller.cell.journal import Journal, read_rows
 from controller.cell.machine import Effect, Event, PartFault, PauseKind, SafePoint
-from controller.cell.services import Gate, Motion, NextMotion, Permits
+from controller.cell.operator import Answer, Desk, Journaled
+from controller.cell.services import Approval, Gate, Motion, NextMotion, Permits
 from controller.cell.services.gate import JAWS_S, STOP_RAMP_S
 from controller.cell.services.records import BatchRecord, Progress
 from controller.config import load_cell
@@ -84,7 +85,7 @@ class Bench:
         self.arm = Arm()
         self.signal = Signal.OK
         io: Any = ANY(signal=lambda name: self.signal)
-        self.gate = Gate(Permits(self.journal), clock)
+        self.gate = Gate(Permits(self.journal), clock, self.approval())
 
         async def admit(path: object) -> None: ...
 
@@ -114,6 +115,10 @@ class Bench:
             actions, self.record, stopping, (), self.journal, self.gate
         )  # fmt: skip
         self.running: asyncio.Task[Outcome] | None = None
+
+    def approval(self) -> Approval | None:
+        """Return who lets each motion begin."""
+        return None
 
     def _end(self, event: Event) -> Callable[[], Awaitable[Event]]:
         async def run() -> Event:
@@ -435,3 +440,75 @@ async def test_interlocks_are_checked_before_the_hold(bench: Bench) -> None:
         await bench.unsuspend.run()
     assert bench.checks == []
     assert bench.record.part.custody is Custody.ON_TABLE
+
+
+# ---- motion by motion (`cellctl run --step`) ---------------------------------------------------
+class Stepwise(Bench):
+    """A cell whose every motion a person at a desk lets begin."""
+
+    def approval(self) -> Approval | None:
+        self.desk = Desk(is_attended=True)
+        return Approval(Journaled(self.desk, self.journal))
+
+    async def go(self) -> str:
+        refusal = self.desk.answer(None, Answer("go", "uid 1000"))
+        await settle()
+        return refusal
+
+
+@pytest.fixture
+async def stepwise(tmp_path: Path) -> AsyncIterator[Stepwise]:
+    made = Stepwise(tmp_path)
+    yield made
+    if made.running is not None and not made.running.done():
+        await made.end()
+    made.journal.close()
+
+
+async def test_each_motion_is_shown_and_begins_with_a_persons_answer(stepwise: Stepwise) -> None:
+    await stepwise.start(lambda: walk(stepwise))
+    for number in (1, 2, 3, 4):
+        raised = stepwise.desk.open
+        assert raised is not None
+        assert raised.number == number
+        expected = await stepwise.motion._preview(at(number))
+        assert raised.question.text == f"next: {expected.words}"
+        assert stepwise.arm.orders == list(range(1, number))
+        assert await stepwise.go() == ""
+        assert stepwise.arm.orders == list(range(1, number + 1))
+        assert stepwise.desk.open is None
+        await stepwise.arrive()
+    assert stepwise.names.count("question_answered") == 4
+
+
+async def test_a_pause_while_a_motion_is_shown_has_it_shown_anew(stepwise: Stepwise) -> None:
+    await stepwise.start(lambda: walk(stepwise))
+    assert await stepwise.send(Event.PAUSE_NOW) == "handled"
+    assert stepwise.dispatcher.state == "suspended_grasping"
+    await stepwise.go()
+    assert stepwise.arm.orders == []  # a pause holds what has been let begin
+    assert await stepwise.send(Event.RESUME) == "handled"
+    assert stepwise.arm.orders == []
+    raised = stepwise.desk.open
+    assert raised is not None
+    assert raised.number == 2
+    await stepwise.go()
+    assert stepwise.arm.orders == [1]
+
+
+async def test_a_stop_ends_a_motion_that_nobody_has_let_begin(stepwise: Stepwise) -> None:
+    await stepwise.start(lambda: walk(stepwise))
+    outcome = await stepwise.end()
+    assert outcome.end == "stopped"
+    assert stepwise.arm.orders == []
+    assert stepwise.desk.open is None
+    assert await stepwise.go() == "there is no question to answer"
+
+
+async def test_nothing_moves_stepwise_where_nobody_is_there(stepwise: Stepwise) -> None:
+    stepwise.desk.leave()
+    await stepwise.start(lambda: walk(stepwise))
+    assert stepwise.arm.orders == []
+    assert stepwise.running is not None
+    outcome = await stepwise.running
+    assert "nobody is there to let each motion begin" in outcome.message

@@ -745,6 +745,7 @@ ROWS: tuple[Row, ...] = (
         "--at 900,0,0: is off the table",
     ),
     Row("pose below 0", nothing, (*RUN, "--pose", "-1"), "--pose"),
+    Row("stepwise without a person", nothing, (*RUN, "--step", "--json"), "--step: a person has"),
     Row(
         "no such pose",
         nothing,

@@ -45,6 +45,7 @@ from ..journal import Journal
 from ..machine import Budgets, Effect
 from ..operator import NOBODY, Operator
 from ..services import (
+    Approval,
     CameraName,
     Disambiguation,
     Gate,
@@ -109,6 +110,8 @@ def assemble(
     on_progress: Callable[[], None],
     operator: Operator = NOBODY,
     calibration: SetCalibration | None = None,
+    *,
+    is_stepwise: bool = False,
 ) -> Batch:
     """Return a cell that is ready for one batch; no device is moved or read.
 
@@ -123,6 +126,7 @@ def assemble(
     folder : of the run, for its pictures
     progress, on_progress : what the operator sees; called after each change of it
     operator : answers questions
+    is_stepwise : the operator lets each motion begin
     calibration : what of the cell's calibrations no longer counts
     """
     gripper, lights, io = devices.gripper, devices.lights, devices.io
@@ -136,7 +140,7 @@ def assemble(
     faults = faults_section(cell, recipe)
     budgets = Budgets(faults.demote_after, faults.window)
     record = BatchRecord(journal, progress, on_progress, budgets)
-    gate = Gate(Permits(journal), clock)
+    gate = Gate(Permits(journal), clock, Approval(operator) if is_stepwise else None)
     policy = fault_policy(faults)
     retries = Retries(record, policy, clock)
     rules = rules_of(cell.interlock_rules)

@@ -44,6 +44,7 @@ class RunOrder:
     is_part_removed : the operator states that no gripper holds anything
     papers : who runs it, and which parts, for the report
     recovery : what to do with a part that an earlier run left in a gripper
+    is_stepwise : the operator lets each motion begin
     """
 
     recipe_path: Path
@@ -59,6 +60,7 @@ class RunOrder:
     is_part_removed: bool = False
     papers: Papers = NO_PAPERS
     recovery: RecoveryPolicy = "refuse"
+    is_stepwise: bool = False
 
     @property
     def folder(self) -> Path:

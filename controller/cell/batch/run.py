@@ -158,6 +158,7 @@ async def run_batch(
             show,
             decider,
             calibration,
+            is_stepwise=order.is_stepwise,
         )
         dispatcher = batch.dispatcher
         on_dispatcher(dispatcher)

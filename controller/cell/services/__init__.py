@@ -5,7 +5,7 @@ what comes next; actions and the table do.
 """
 
 from .faults import Recoveries, Retries, fault_policy, faults_section
-from .gate import Gate, NextMotion, Permit, Permits
+from .gate import Approval, Gate, NextMotion, Permit, Permits
 from .grippers import Grippers
 from .imaging import CameraName, Imaging
 from .interlocks import Interlocks
@@ -18,6 +18,7 @@ from .views import INPUTS, Disambiguation, HeldPose, PartFile, StoredViews, View
 
 __all__ = [
     "INPUTS",
+    "Approval",
     "CameraName",
     "Disambiguation",
     "Gate",

@@ -100,6 +100,14 @@ def run(
             "(`cellctl answer`)",
         ),
     ] = False,
+    step: Annotated[
+        bool,
+        typer.Option(
+            "--step",
+            help="show each motion before it begins, and let it begin by Enter, or by "
+            "`cellctl answer go` from another terminal",
+        ),
+    ] = False,
     runs: RunsOption = Path("runs"),
     json: JsonOption = False,
     verbose: Annotated[
@@ -138,6 +146,7 @@ def run(
         is_recovery_automatic=auto_recover,
         papers=Papers(operator, lot, tuple(serial or ()), part_temperature),
         waits=wait,
+        is_stepwise=step,
         as_json=json,
     )
     raise typer.Exit(run_recipe(options))

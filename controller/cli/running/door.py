@@ -103,18 +103,25 @@ class OperatorDoor:
         for choice in question.choices:
             more = f" (first: {first[choice.key]})" if choice.key in first else ""
             warn(f"  {choice.key:6} {choice.words}{more}")
-        here = "type an answer and a reason, or " if self._has_terminal else ""
+        enter = "Enter, or " if len(question.choices) == 1 else ""
+        here = f"{enter}type an answer and a reason, or " if self._has_terminal else ""
         warn(f"{here}cellctl answer ANSWER --runs {self._runs_dir} from another terminal")
 
     def _hear(self) -> None:
-        """Take a line typed at the terminal: an answer, and behind it the reason."""
+        """Take a line typed at the terminal: an answer, and behind it the reason.
+
+        An empty line is the answer to a question that has only one.
+        """
         line = sys.stdin.readline()
         if not line:  # the terminal is gone; `ends.py` notices that, too
             asyncio.get_running_loop().remove_reader(sys.stdin.fileno())
             return
         key, _, why = line.strip().partition(" ")
         if not key:
-            return
+            raised = self.desk.open
+            if raised is None or len(raised.question.choices) != 1:
+                return
+            key = raised.question.choices[0].key
         who = f"{self._holder.user} at the terminal"
         refusal = self.desk.answer(None, Answer(key, who, why.strip()[:MAX_WHY]))
         if refusal:

@@ -71,6 +71,7 @@ class RunOptions:
     operator : decides on that in advance, None for whoever is there
     papers : who runs it, and which parts
     waits : wait for an answer where a person has to decide, also without a terminal
+    is_stepwise : a person lets each motion begin
     as_json : print one JSON object a line instead of the live display
     """
 
@@ -93,6 +94,7 @@ class RunOptions:
     as_json: bool
     operator: Operator | None = None
     waits: bool = False
+    is_stepwise: bool = False
 
 
 def run_recipe(options: RunOptions) -> int:
@@ -159,6 +161,7 @@ def run_recipe(options: RunOptions) -> int:
                 is_part_removed=options.is_part_removed,
                 papers=options.papers,
                 recovery=_recovery_policy(options),
+                is_stepwise=options.is_stepwise,
             )
             door = OperatorDoor(
                 runs_dir, holder, options.operator, waits=options.waits, as_json=as_json
@@ -181,6 +184,12 @@ def _check_options(options: RunOptions, cell: Cell) -> FoundClock:
     check_writable_folder(options.runs_dir, "--runs", MIN_FREE_BYTES)
     require_free_cell(options.runs_dir, cell)
     check_control(options.control)
+    has_terminal = sys.stdin.isatty() and sys.stderr.isatty() and not options.as_json
+    if options.is_stepwise and not options.waits and not has_terminal:
+        raise ConfigError(
+            "--step: a person has to let each motion begin, and there is no terminal; add --wait, "
+            "and let it begin by `cellctl answer go` from another one"
+        )
     if options.at is not None:
         parse_place(options.at, cell)
     clock = find_clock(cell, {})

@@ -44,6 +44,8 @@ class NextMotion:
 
 
 Preview = Callable[[], Awaitable[NextMotion]]
+# returns once a motion may begin, as far as people are concerned
+Approve = Callable[[NextMotion], Awaitable[None]]
 
 
 class Gate:
@@ -53,10 +55,12 @@ class Gate:
     ----------
     permits : required of whatever passes
     clock : of the cell
+    approve : awaited before each motion; None where motions need nobody's word
     """
 
-    def __init__(self, permits: Permits, clock: CellClock) -> None:
+    def __init__(self, permits: Permits, clock: CellClock, approve: Approve | None = None) -> None:
         self.permits = permits
+        self._approve = approve
         self._clock = clock
         self._wanted: PauseKind | None = None
         self._is_closed = False
@@ -85,7 +89,7 @@ class Gate:
         ------
         NoPermitError : nothing may move
         """
-        await self.wait(preview)
+        await self._until_approved(preview)
         self.permits.require()
         if not self._is_check.get():
             self._point, self._ends_step = None, False
@@ -102,6 +106,20 @@ class Gate:
             else:
                 self._jaws_count -= 1
             self._change()
+
+    async def _until_approved(self, preview: Preview) -> None:
+        """Wait until the gate is open and the motion approved; a pause since then asks anew."""
+        while True:
+            await self.wait(preview)
+            if self._approve is None or self._is_check.get():
+                return
+            self._waiting.append(preview)
+            try:
+                await self._approve(await preview())
+            finally:
+                self._waiting.remove(preview)
+            if not self._blocks():
+                return
 
     async def wait(self, preview: Preview) -> None:
         """Wait until the gate is open; to look is no motion, so it requires no permit.

@@ -1,0 +1,40 @@
+"""A person lets each motion begin, having read what it is: `cellctl run --step`."""
+
+import asyncio
+from typing import Final
+
+from controller.cell.errors import NoPermitError
+from controller.cell.operator import Choice, Operator, Question
+
+from .gate import NextMotion
+
+GO: Final = "go"
+NEXT_MOTION: Final = "next_motion"
+
+
+class Approval:
+    """Puts each motion to the operator, one after another.
+
+    Parameters
+    ----------
+    operator : decides; question and answer are in the journal
+    """
+
+    def __init__(self, operator: Operator) -> None:
+        self._operator = operator
+        self._one_question = asyncio.Lock()
+
+    async def __call__(self, motion: NextMotion) -> None:
+        """Return once a person lets a motion begin.
+
+        Raises
+        ------
+        NoPermitError : nobody is there to decide
+        """
+        question = Question(
+            NEXT_MOTION, f"next: {motion.words}", (Choice(GO, "let this motion begin"),)
+        )
+        async with self._one_question:
+            answer = await self._operator.decide(question)
+        if answer is None:
+            raise NoPermitError("nothing may move: nobody is there to let each motion begin")
