@@ -4,15 +4,19 @@ import asyncio
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import pytest
 from modbus_fakes import Bus, Map, golden, rtu_on_pty, rtu_over_tcp, tcp_gateway
 
+from controller.cell.devices import DeviceBuilder, resolve
+from controller.config import load_cell
 from drivers.clock import CellClock
 from drivers.errors import LinkError, ReplyTimeoutError, WrongDeviceError
 from drivers.lighting_modbus import LampChannel, Lights, LightsConfig
 from drivers.modbus_link import ModbusLink, RtuAddress, RtuOverTcpAddress, TcpAddress
 
+ROOT = Path(__file__).parents[2]
 FAST = CellClock(speed=20.0, min_timeout_wall_s=1.0)  # no busy host looks like a silent module
 IMPATIENT = CellClock(speed=20.0, min_timeout_wall_s=0.12)  # where a time-out is what is tested
 CONFIG = LightsConfig(
@@ -350,3 +354,28 @@ async def test_two_modules_with_one_id_on_one_line_are_refused() -> None:
     with pytest.raises(ValueError, match="both modules have slave id 1"):
         Lights(link, LightsConfig(CONFIG.lamps, analog_unit=1, relay_unit=1))
     await link.aclose()
+
+
+@pytest.mark.parametrize("lamp", ["table_backlight", "station_side"])
+async def test_a_channel_of_the_cell_file_is_one_less_than_the_number_printed(lamp: str) -> None:
+    """On the wire: channel 1 to 8, as printed, are registers and coils 0 to 7 (6.1, 6.2)."""
+    text = (ROOT / "recipes/cells/emulated.yaml").read_text(encoding="utf-8")
+    cell = load_cell(ROOT / "recipes/cells/emulated.yaml")
+    assert "one less than the number printed on the module" in text.partition("\nlamps:")[2][:120]
+    rig = Rig()
+    async with tcp_gateway(rig.bus) as port:
+        names = type(cell.devices).model_fields
+        offered = {"host": "127.0.0.1", "port": port, "address": "not used", "transport": "tcp"}
+        where = resolve(cell, dict.fromkeys(names, offered))
+        builder = DeviceBuilder(cell, where, FAST)
+        lights = builder.lights()
+        try:
+            await lights.connect()
+            await lights.set({lamp: 1.0})
+            outputs_mv, closed = rig.outputs_mv, rig.closed
+        finally:
+            for link in builder.links:
+                await link.aclose()
+    number = {"table_backlight": 1, "station_side": 6}[lamp]  # as printed
+    assert [i for i, mv in enumerate(outputs_mv, 1) if mv] == [number]
+    assert closed == [number]
