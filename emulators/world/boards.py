@@ -71,7 +71,7 @@ class Board:
         import trimesh
 
         mesh = trimesh.creation.box(bounds=(self.low_mm, self.high_mm))
-        return solid_of(mesh, self.name, PLATE_KG_PER_MM3)
+        return solid_of(mesh, self.name, PLATE_KG_PER_MM3, is_convex=True)
 
     def pose_on_table(
         self, x_mm: float, y_mm: float, theta_rad: float, tilt_rad: float = 0.0

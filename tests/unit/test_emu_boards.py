@@ -11,6 +11,7 @@ from emu_faults_bench import ROOT, StillCell
 
 from emulators.umi_scara import Axis
 from emulators.world import PictureMaker
+from emulators.world.matter.solid import read_pieces
 
 BOARDS = ROOT / "recipes" / "boards"
 RING = 1
@@ -151,6 +152,13 @@ def test_a_person_holds_the_paddle_each_time_a_little_otherwise(cell: StillCell)
     assert len(set(turns)) == 4
     assert np.abs(turns).max() <= 3.0
     assert np.abs(np.array(places) - (3.0, 0.0)).max() < 3.0
+
+
+def test_a_plate_is_one_convex_piece_exactly_as_large_as_it_is(cell: StillCell) -> None:
+    part = cell.world.parts[cell.verbs.do("board", file=board("paddle"))["part"]]
+    (corners_m,) = read_pieces(part.solid.pieces_path)
+    # the body's axes are the plate's, in some order
+    assert sorted(1e3 * np.ptp(corners_m, axis=0)) == pytest.approx([10.0, 90.0, 120.0])
 
 
 def test_jaws_that_are_too_narrow_take_no_paddle(cell: StillCell) -> None:

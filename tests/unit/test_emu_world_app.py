@@ -19,7 +19,15 @@ import pytest
 import trimesh
 
 from emulators.app import main
-from emulators.world import Picture, PictureDesk, build_scene, load_solid, read_layout
+from emulators.world import (
+    Picture,
+    PictureDesk,
+    board_surface,
+    build_scene,
+    load_solid,
+    read_board,
+    read_layout,
+)
 from emulators.world.layout import Array
 
 ROOT = Path(__file__).parents[2]
@@ -337,3 +345,35 @@ def test_pictures_come_from_another_process_when_their_time_has_come(part: Path)
         desk.close()
     with pytest.raises(RuntimeError, match="died"):
         desk.note(10.0)
+
+
+def test_a_board_that_is_brought_later_is_in_the_pictures_from_then_on() -> None:
+    world = StillWorld()
+    world.light = {1: 1.0}  # the ring
+    desk = PictureDesk(build_scene(read_layout(CELL), []), world, seed=1)
+    board = read_board(ROOT / "recipes" / "boards" / "chessboard.json")
+    arrived: list[Picture] = []
+    is_there = threading.Event()
+
+    def deliver(_: Any, picture: Picture) -> None:
+        arrived.append(picture)
+        is_there.set()
+
+    def take(at_s: float) -> Picture:
+        is_there.clear()
+        desk.order(0, at_s, 0.010, 1.0, 8, deliver)
+        desk.note(at_s)
+        assert is_there.wait(30.0)
+        return arrived[-1]
+
+    try:
+        desk.start()
+        before = take(1.0)
+        desk.add(board_surface("part 0", board))  # the world already has its pose
+        after = take(2.0)
+    finally:
+        desk.close()
+    # the board's origin is at (360, 0), its squares up and to the right of it: white and black
+    assert before.max() < 70
+    assert (after > 120).sum() > 10_000
+    assert (after < 25).sum() > 10_000

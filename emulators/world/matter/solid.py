@@ -196,7 +196,11 @@ def load_solid(
 
 
 def solid_of(
-    mesh: "trimesh.Trimesh", name: str, density_kg_per_mm3: float = ALUMINIUM_KG_PER_MM3
+    mesh: "trimesh.Trimesh",
+    name: str,
+    density_kg_per_mm3: float = ALUMINIUM_KG_PER_MM3,
+    *,
+    is_convex: bool = False,
 ) -> Solid:
     """Return the body of a watertight mesh [mm].
 
@@ -205,6 +209,7 @@ def solid_of(
     mesh : watertight, in the CAD frame [mm]; turned inside out in place if its volume is negative
     name : what the world calls the part
     density_kg_per_mm3 : of the whole part, aluminium by default
+    is_convex : it is one convex piece as it is, which need not be searched for
     """
     if mesh.volume < 0.0:
         mesh.invert()
@@ -225,7 +230,7 @@ def solid_of(
         centre_mm=centre_mm,
         T_part_body=T_part_body,
         inertia_kg_m2=moments * density_kg_per_mm3 / MM_PER_M**2,
-        pieces_path=_pieces(mesh, T_part_body),
+        pieces_path=_pieces(mesh, T_part_body, is_convex=is_convex),
         rests=_rests(hull, centre_mm),
     )
 
@@ -310,31 +315,35 @@ def _solid_angle(triangles_mm: Array) -> float:
 # --- convex pieces ---------------------------------------------------------------------------
 
 
-def _pieces(mesh: "trimesh.Trimesh", T_part_body: Array) -> Path:
-    from trimesh.exchange.obj import export_obj
-
+def _pieces(mesh: "trimesh.Trimesh", T_part_body: Array, *, is_convex: bool) -> Path:
     digest = hashlib.sha256()
     digest.update(np.ascontiguousarray(mesh.vertices, dtype=np.float64).tobytes())
     digest.update(np.ascontiguousarray(mesh.faces, dtype=np.int64).tobytes())
     settings = (_decompose.RESOLUTION, _decompose.CONCAVITY, _decompose.GAMMA, _SNAP_VOXELS)
-    digest.update(repr(("pieces 2", settings)).encode())
+    digest.update(repr(("one piece",) if is_convex else ("pieces 2", settings)).encode())
     path = cache_dir() / f"pieces-{digest.hexdigest()[:32]}.obj"
     if path.exists():
         return path
     path.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=path.parent) as folder:
-        raw = Path(folder) / "pieces.obj"
-        mesh_path = Path(folder) / "mesh.obj"
-        mesh_path.write_text(export_obj(mesh, include_normals=False))
-        arguments = (str(mesh_path), str(raw), str(Path(folder) / "log.txt"))
-        command = (sys.executable, "-m", _decompose.__name__, *arguments)
-        log.info("decomposing a part of %d triangles into convex pieces", len(mesh.faces))
-        subprocess.run(command, check=True, capture_output=True, timeout=_DECOMPOSE_TIMEOUT_S)
-        pieces = [_snap(mesh, piece) for piece in read_pieces(raw)]
+        pieces = [np.array(mesh.vertices)] if is_convex else _decomposed(mesh, Path(folder))
         finished = Path(folder) / "finished.obj"
         _write_pieces(finished, [transform(invert(T_part_body), p) / MM_PER_M for p in pieces])
         finished.replace(path)  # a second process that decomposes the same part does no harm
     return path
+
+
+def _decomposed(mesh: "trimesh.Trimesh", folder: Path) -> list[Array]:
+    """Return the corners of the convex pieces of a mesh, (n, 3) each; files go to a folder."""
+    from trimesh.exchange.obj import export_obj
+
+    raw, mesh_path = folder / "pieces.obj", folder / "mesh.obj"
+    mesh_path.write_text(export_obj(mesh, include_normals=False))
+    arguments = (str(mesh_path), str(raw), str(folder / "log.txt"))
+    command = (sys.executable, "-m", _decompose.__name__, *arguments)
+    log.info("decomposing a part of %d triangles into convex pieces", len(mesh.faces))
+    subprocess.run(command, check=True, capture_output=True, timeout=_DECOMPOSE_TIMEOUT_S)
+    return [_snap(mesh, piece) for piece in read_pieces(raw)]
 
 
 def read_pieces(path: Path) -> list[Array]:
