@@ -16,7 +16,9 @@ from emulators.as_built import as_drawn, draw_as_built
 from emulators.camera_v4l2 import CameraConfig, CameraServer, PixelFormat, V4l2Device
 from emulators.clock import SharedClock, WorldClock
 from emulators.faults import CameraPlugs, Verbs
-from emulators.gripper_modbus import JawModel, RobotiqDevice
+from emulators.gripper_modbus import RobotiqDevice
+from emulators.gripper_onrobot import RgDevice
+from emulators.grippers import make_fixed_gripper
 from emulators.io_modbus import CellSignals, E1214Device
 from emulators.lighting_modbus import AnalogOutput8Device, LampModel, LampWiring, Relay8Device
 from emulators.modbus import (
@@ -47,7 +49,6 @@ log = logging.getLogger(__name__)
 
 STEP_S: Final = 1.0 / 240.0
 SLICE_STEPS: Final = 4  # the world's longest step
-GRIPPER_UNIT: Final = 9
 ANALOG_UNIT: Final = 1
 RELAY_UNIT: Final = 2
 IO_UNIT: Final = 1
@@ -56,7 +57,7 @@ LIGHTS_BAUD: Final = 9_600  # what the light modules leave the factory with
 PICTURE_S: Final = 0.1  # from exposure to buffer, a camera takes no longer
 _PRESENCE_S: Final = 0.05  # how often the fixed gripper's light barrier is looked at
 
-Line = TcpGateway | RtuOverTcpServer | RtuPtyServer
+Line = TcpGateway | RtuOverTcpServer | RtuPtyServer | TcpServer
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,7 +100,7 @@ class CellOptions:
 class _FixedJaws:
     """The fixed gripper for the world: its firmware moves the jaws."""
 
-    def __init__(self, device: RobotiqDevice) -> None:
+    def __init__(self, device: RobotiqDevice | RgDevice) -> None:
         self._device = device
 
     @property
@@ -166,8 +167,8 @@ class Cell:
         seed = options.seed
         self.arm = ArmModel(seed, self.as_built.arm)
         self.arm_wire = ArmWire(self.arm)
-        self.jaws = JawModel()
-        self.gripper = RobotiqDevice(self.jaws, GRIPPER_UNIT)
+        self._fixed = make_fixed_gripper(self.layout.drivers.get("gripper"))
+        self.jaws, self.gripper = self._fixed.jaws, self._fixed.device
         self.analog, self.relays = AnalogOutput8Device(ANALOG_UNIT), Relay8Device(RELAY_UNIT)
         self.lamps = {
             name: LampModel(
@@ -180,7 +181,7 @@ class Cell:
         }
         self.signals = CellSignals()
         self.io = E1214Device(self.signals, IO_UNIT)
-        self.gripper_bus = Bus([self.gripper])
+        self.gripper_bus = Bus(self._fixed.on_line)
         self.lights_bus = Bus([self.analog, self.relays])
         self.io_bus = Bus([self.io])
         self.networks: dict[str, TcpListener] = {}
@@ -275,7 +276,11 @@ class Cell:
 
     async def _start_lines(self) -> None:
         self._origin_s = self.world.time_s
-        self.gripper_line = self._line(self.gripper_bus, GRIPPER_BAUD)
+        self.gripper_line: Line = (
+            TcpServer(self.gripper_bus, self.clock)
+            if self._fixed.has_network
+            else self._line(self.gripper_bus, GRIPPER_BAUD)
+        )
         self.lights_line = self._line(self.lights_bus, LIGHTS_BAUD)
         self.io_line = TcpServer(self.io_bus, self.clock)
         lines = {"gripper": self.gripper_line, "lights": self.lights_line, "io": self.io_line}
@@ -347,7 +352,7 @@ class Cell:
             "as_drawn": self.options.as_built is None,
             "devices": {
                 "arm": str(self.arm_server.path),
-                "gripper": {**self._where(self.gripper_line), "unit": GRIPPER_UNIT},
+                "gripper": {**self._where(self.gripper_line), "unit": self.gripper.unit},
                 "lights": {**lights, "analog_unit": ANALOG_UNIT, "relay_unit": RELAY_UNIT},
                 "io": {"transport": "tcp", "host": host, "port": port, "unit": IO_UNIT},
                 **self._camera_server.addresses,
@@ -363,7 +368,7 @@ class Cell:
         if isinstance(line, RtuPtyServer):
             return {"transport": "rtu-pty", "path": line.path}
         host, port = line.address
-        transport = "tcp" if isinstance(line, TcpGateway) else "rtu-tcp"
+        transport = "rtu-tcp" if isinstance(line, RtuOverTcpServer) else "tcp"
         return {"transport": transport, "host": host, "port": port}
 
     # --- time -----------------------------------------------------------------------------------

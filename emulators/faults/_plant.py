@@ -5,7 +5,7 @@ from typing import Any, Protocol
 
 from emulators.added import AddedParts
 from emulators.camera_v4l2 import Faults as CameraFaults
-from emulators.gripper_modbus import JawModel, RobotiqDevice
+from emulators.gripper_modbus import JawModel
 from emulators.io_modbus import CellSignals, E1214Device
 from emulators.lighting_modbus import AnalogOutput8Device, LampModel, Relay8Device
 from emulators.modbus import Bus
@@ -44,6 +44,21 @@ class CameraPlugs(Protocol):
         ...
 
 
+class GripperController(Protocol):
+    """The firmware of the fixed gripper, whichever it is."""
+
+    unit: int
+
+    @property
+    def is_powered(self) -> bool:
+        """Whether its supply is on."""
+        ...
+
+    def raise_fault(self, fault: int) -> None:
+        """Let a fault happen, by the gripper's own number for it."""
+        ...
+
+
 class Installation(Protocol):
     """How a cell really stands."""
 
@@ -63,7 +78,6 @@ class Plant(Protocol):
     arm: ArmModel
     arm_wire: ArmWire
     jaws: JawModel
-    gripper: RobotiqDevice
     gripper_bus: Bus
     analog: AnalogOutput8Device
     relays: Relay8Device
@@ -74,6 +88,11 @@ class Plant(Protocol):
     world: World
     added: AddedParts
     camera_plugs: CameraPlugs
+
+    @property
+    def gripper(self) -> GripperController:
+        """Of the fixed gripper."""
+        ...
 
     @property
     def as_built(self) -> Installation:

@@ -36,6 +36,7 @@ class JawModel:
     closing_current_ma, opening_current_ma : current of free motion, as in the manual's printed
         status frames (modbus_devices.md 2.7)
     current_ma_per_n : current while the force is building up
+    stroke_mm : how far they open
     """
 
     opening_mm: float = STROKE_MM
@@ -51,6 +52,7 @@ class JawModel:
     closing_current_ma: float = 100.0
     opening_current_ma: float = 160.0
     current_ma_per_n: float = 3.0
+    stroke_mm: float = STROKE_MM
 
     @property
     def touches_while_closing(self) -> bool:
@@ -92,7 +94,7 @@ class JawModel:
         speed_mm_per_s : speed of the opening, both jaws together
         force_limit_n : the force at which they stop pressing harder
         """
-        self.target_mm = min(max(target_mm, 0.0), STROKE_MM)
+        self.target_mm = min(max(target_mm, 0.0), self.stroke_mm)
         self.speed_mm_per_s = speed_mm_per_s
         self.force_limit_n = force_limit_n
         self.is_driven = True

@@ -8,7 +8,15 @@ from ._models import Event, Snapshot
 from ._world import World
 from .boards import Board, read_board
 from .ground_truth import part_pose, tray_of, truth
-from .layout import CameraLayout, LampLayout, Layout, LayoutError, TrayLayout, read_layout
+from .layout import (
+    CameraLayout,
+    DriverChoice,
+    LampLayout,
+    Layout,
+    LayoutError,
+    TrayLayout,
+    read_layout,
+)
 from .matter.collide import Collision
 from .matter.solid import MAX_REST_OFF_RAD, Rest, Solid, load_solid
 from .pictures import (
@@ -26,6 +34,7 @@ __all__ = [
     "Board",
     "CameraLayout",
     "Collision",
+    "DriverChoice",
     "Event",
     "LampLayout",
     "Layout",

@@ -6,7 +6,7 @@ mm; `matter/bodies.py` turns them into pybullet's metres.
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
@@ -184,6 +184,20 @@ class ArmLayout:
     tool_off_mm: tuple[float, float] = (0.0, 0.0)
 
 
+@dataclass(frozen=True, slots=True)
+class DriverChoice:
+    """What the cell file says of the driver of an emulated device.
+
+    Attributes
+    ----------
+    driver : its name, empty for the usual one
+    settings : of the driver
+    """
+
+    driver: str = ""
+    settings: Mapping[str, Any] = field(default_factory=dict)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Layout:
     """The cell, in mm and rad, world frame: table plane z = 0, origin under the shoulder axis."""
@@ -201,6 +215,7 @@ class Layout:
     chute: tuple[PlacedBox, ...]
     trays: tuple[TrayLayout, ...]
     inputs: Mapping[str, int]
+    drivers: Mapping[str, DriverChoice]
 
 
 def read_layout(path: Path) -> Layout:
@@ -276,7 +291,17 @@ def _layout(raw: dict[str, Any]) -> Layout:
             for name, one in raw["trays"].items()
         ),
         inputs={name: int(channel) for name, channel in raw["interlocks"].items()},
+        drivers=_drivers(raw.get("devices") or {}),
     )
+
+
+def _drivers(devices: dict[str, Any]) -> dict[str, DriverChoice]:
+    """Return which drivers are to meet an emulated device; of real ones nothing is known here."""
+    return {
+        name: DriverChoice(str(one.get("driver") or ""), one.get("settings") or {})
+        for name, one in devices.items()
+        if one.get("address") == "emulated"
+    }
 
 
 def _renamed(raw: dict[str, Any], name: str, old: str) -> Any:  # noqa: ANN401  (a value of the file)

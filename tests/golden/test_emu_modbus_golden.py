@@ -14,12 +14,13 @@ from typing import Any
 import pytest
 
 from emulators.gripper_modbus import Fault, JawModel, JawScale, RobotiqConfig, RobotiqDevice
+from emulators.gripper_onrobot import ComputeBoxDevice, RgDevice
 from emulators.io_modbus import E1214Device
 from emulators.lighting_modbus import AnalogOutput8Device, Relay8Device
 from emulators.modbus import Bus, MbapReader, ModbusDevice, RtuReader, encode_mbap, encode_rtu
 
 FRAMES = tomllib.loads((Path(__file__).parent / "modbus_devices.toml").read_text())["frame"]
-EMULATED = {"robotiq", "waveshare_analog", "waveshare_relay", "moxa_e1214"}
+EMULATED = {"robotiq", "onrobot_rg", "waveshare_analog", "waveshare_relay", "moxa_e1214"}
 STEP_S = 1 / 240
 
 # Sent by the test itself to bring a gripper into a state; bytes of 2.2.
@@ -199,6 +200,38 @@ def test_the_gripper_answers_as_its_manual_prints(frame: dict[str, Any]) -> None
     # FC06 of §2.7 is printed without its reply, which the standard makes an echo
     expected = raw(frame["reply"]) if "reply" in frame else request
     assert ask_rtu(device, request) == expected
+
+
+# --- the gripper behind a box ---------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("frame", frames("onrobot_rg"))
+def test_the_gripper_behind_a_box_answers_as_the_page_has_it(frame: dict[str, Any]) -> None:
+    jaws = JawModel(opening_mm=110.0, target_mm=110.0, stroke_mm=110.0)
+    device = RgDevice(jaws)
+    bus = Bus([device, ComputeBoxDevice(device)])
+
+    def ask(request: bytes) -> bytes:
+        [got] = MbapReader().feed(request)
+        reply = bus.request(got.unit, got.pdu, 0.0)
+        assert reply is not None
+        return encode_mbap(got.transaction, reply.unit, reply.pdu)
+
+    if frame["name"].startswith("status_"):
+        [close] = [f for f in FRAMES if f["name"] == "close_40_n"]
+        ask(raw(close["request"]))
+        jaws.grasp_limit_mm = 100.0
+        for _ in range(1 if frame["name"] == "status_busy" else 240):
+            device.advance(STEP_S)
+    # nothing is at 0x0300; writes of one register are echoed, of three with address and count
+    request = raw(frame.get("request", "00 09 00 00 00 06 41 03 03 00 00 01"))
+    echo = request[:12] if request[7] == 0x06 else raw("00 02 00 00 00 06 41 10 00 00 00 03")
+    assert ask(request) == (raw(frame["reply"]) if "reply" in frame else echo)
+    if frame["name"] == "go_to_80_mm":
+        assert (jaws.target_mm, jaws.force_limit_n) == (80.0, 40.0)
+    if frame["name"] == "power_cycle":
+        [status] = MbapReader().feed(raw("00 04 00 00 00 06 41 03 01 0C 00 01"))
+        assert bus.request(status.unit, status.pdu, 0.0) is None
 
 
 # --- lamps ----------------------------------------------------------------------------------------

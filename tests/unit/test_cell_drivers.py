@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import six_axis_arm
 from acme_device import acme_device
+from installed_here import register
 
 from controller.cell.batch import Dispatcher
 from controller.cell.custody.openings import Occupancy, judge_fixed
@@ -37,6 +38,12 @@ from drivers.kinds import Driver, Hold, Signal
 ACME = Path(__file__).resolve().parents[1] / "data" / "acme"
 OWN_GRIPPER = "gripper:     {address: emulated, transport: tcp, unit: 9}"
 CellFile = Callable[[str], Path]
+
+
+@pytest.fixture(autouse=True)
+def installed(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Install this checkout as it is now."""
+    monkeypatch.syspath_prepend(str(register(tmp_path_factory.mktemp("installed"))))
 
 
 @pytest.fixture
@@ -112,14 +119,15 @@ async def test_a_gripper_that_is_not_there_is_a_link_error(cell_file: CellFile) 
 
 @pytest.mark.usefixtures("acme")
 def test_an_unknown_driver_is_answered_with_those_installed(cell_file: CellFile) -> None:
-    assert set(installed_drivers("gripper")) == {"acme", "robotiq_2f"}
+    own = {"acme", "onrobot_rg", "robotiq_2f"}
+    assert set(installed_drivers("gripper")) == own
     path = cell_file("{driver: akme, address: here}")
     line = path.read_text().splitlines().index("  gripper: {driver: akme, address: here}") + 1
     with pytest.raises(ConfigError) as raised:
         require_drivers(path, load_cell(path))
     assert str(raised.value) == (
         f"{path}:{line}: no gripper driver `akme` is installed; did you mean `acme`? "
-        "(installed: acme, robotiq_2f)"
+        "(installed: acme, onrobot_rg, robotiq_2f)"
     )
 
 
