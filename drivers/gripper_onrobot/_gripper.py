@@ -192,7 +192,7 @@ class RgGripper:
             await self._clock.sleep(HOLD_POLL_S)
 
     async def activate(self) -> RgReading:
-        """Make it ready to move if a safety switch was triggered, else do nothing; return a reading.
+        """Make it ready to move if a safety switch was triggered; return a reading.
 
         Then its power is switched off and on, which it needs (§3.3).
 
