@@ -45,6 +45,16 @@ class AddedParts:
     def __init__(self, world: World, desk: PictureDesk) -> None:
         self._world, self._desk = world, desk
         self._boards: dict[int, Board] = {}
+        self._paths: dict[int, Path] = {}
+        self._scales: dict[Path, float] = {}
+
+    def misprint(self, path: Path, scale: float) -> None:
+        """Let a board's print be enlarged, whenever it is brought from now on."""
+        self._scales[path] = scale
+
+    def boards_of(self, path: Path) -> tuple[int, ...]:
+        """Return the numbers of the boards that were brought by a file."""
+        return tuple(index for index, known in self._paths.items() if known == path)
 
     def part(self, path: Path) -> int:
         """Take a part by its CAD file; return its number. It is not in the cell yet.
@@ -61,27 +71,27 @@ class AddedParts:
         self._desk.add(part_surface(f"part {index}", solid))
         return index
 
-    def board(self, path: Path, scale: float = 1.0) -> int:
+    def board(self, path: Path, scale: float | None = None) -> int:
         """Return the number of a board, which is taken if it is new.
 
         Parameters
         ----------
         path : the board's own file
-        scale : of its print, as a printer that enlarges
+        scale : of its print, as a printer that enlarges; None: as its misprint, if it has one
 
         Raises
         ------
         ValueError : the file cannot be used
         """
         try:
-            board = read_board(path, scale)
+            board = read_board(path, self._scales.get(path, 1.0) if scale is None else scale)
         except LayoutError as error:
             raise ValueError(str(error)) from error
         for index, known in self._boards.items():
             if known.key == board.key:
                 return index
         index = self._world.add(board.solid())
-        self._boards[index] = board
+        self._boards[index], self._paths[index] = board, path
         self._desk.add(board_surface(f"part {index}", board))
         return index
 

@@ -35,6 +35,7 @@ class PeopleAndParts:
             "put_back": self._put_back,
             "add": self._add,
             "board": self._board,
+            "misprint": self._misprint,
             "give": self._give,
             "lose_part": self._lose_part,
             "slip": self._slip,
@@ -88,8 +89,13 @@ class PeopleAndParts:
     ) -> None:
         self._plant.world.shift(part, (x_mm, y_mm), math.radians(turn_deg))
 
-    def _remove(self, part: int = 0) -> None:
-        self._plant.world.remove(part)
+    def _remove(self, part: int = 0, file: str | None = None) -> None:
+        numbers = (part,) if file is None else self._plant.added.boards_of(Path(file))
+        for number in numbers:
+            self._plant.world.remove(number)
+
+    def _misprint(self, file: str, scale: float) -> None:
+        self._plant.added.misprint(Path(file), scale)
 
     def _put_back(self, part: int = 0, gripper: str = "arm") -> None:
         self._plant.world.put_back(part, _gripper_name(gripper))
@@ -104,7 +110,7 @@ class PeopleAndParts:
         y_mm: float | None = None,
         theta_deg: float = 0.0,
         tilt_deg: float = 0.0,
-        scale: float = 1.0,
+        scale: float | None = None,
         seed: int | None = None,
     ) -> Answer:
         theta_rad, tilt_rad = math.radians(theta_deg), math.radians(tilt_deg)
@@ -118,7 +124,7 @@ class PeopleAndParts:
         part: int | None = None,
         gripper: str = "arm",
         axis: str = "z",
-        scale: float = 1.0,
+        scale: float | None = None,
         seed: int | None = 0,
     ) -> Answer:
         if (file is None) == (part is None):

@@ -99,6 +99,17 @@ def test_the_same_board_brought_again_is_the_same_body(cell: StillCell) -> None:
     assert cell.verbs.do("board", file=board("charuco"), scale=1.01)["part"] == first + 1
 
 
+def test_a_misprint_is_larger_whoever_brings_it_and_is_taken_by_its_file(cell: StillCell) -> None:
+    right = cell.verbs.do("board", file=board("charuco"))["part"]
+    cell.verbs.do("misprint", file=board("charuco"), scale=1.01)
+    wrong = cell.verbs.do("board", file=board("charuco"))["part"]
+    assert wrong != right
+    assert cell.verbs.do("board", file=board("charuco"), scale=1.01)["part"] == wrong
+    assert cell.verbs.do("board", file=board("charuco"), scale=1.0)["part"] == right
+    cell.verbs.do("remove", file=board("charuco"))
+    assert custody(cell, right) == custody(cell, wrong) == "away"
+
+
 def test_a_propped_board_stands_on_its_lower_edge_and_stays(cell: StillCell) -> None:
     part = cell.verbs.do("board", file=board("chessboard"), tilt_deg=20)["part"]
     T = pose(cell, part)
