@@ -359,13 +359,20 @@ class UncertaintySection(Section):
 
 
 class UmiSection(ArmSection):
-    """A UMI RTX."""
+    """A UMI RTX.
+
+    Attributes
+    ----------
+    park_zed_mm : zed where the arm waits, below the noisy last counts under its top stop
+        (umi_rtx.md 5.2)
+    """
 
     upper_mm: Length
     fore_mm: Length
     tool_mm: Length
     wrist_height_mm: Length
     park_deg: ParkSection
+    park_zed_mm: float = Field(-10.0, ge=-850, le=-5.5)
     links: LinksSection
     corrections: CorrectionsSection = CorrectionsSection()
     uncertainty: UncertaintySection = UncertaintySection()

@@ -16,8 +16,6 @@ from drivers.umi_scara import ArmGeometry, UmiModel
 from .drivers import describe_arm
 from .optics import build_camera
 
-PARK_ZED_MM = -10.0  # below the noisy last counts under the top stop (umi_rtx.md 5.2)
-
 
 def build_layout(cell: Cell) -> CellLayout:
     """Return the layout that planning works on [mm, rad].
@@ -124,7 +122,7 @@ def _umi(section: UmiSection) -> ArmDescription[ArmModel]:
         np.array(
             [
                 *np.radians([park.shoulder, park.elbow, park.yaw]),
-                PARK_ZED_MM,
+                section.park_zed_mm,
                 *np.radians([park.pitch, park.roll]),
             ]
         ),

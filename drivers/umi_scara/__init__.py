@@ -72,6 +72,17 @@ __all__ = [
 
 MAX_PLAY_DEG: Final = 2.0  # more than that is a broken gear
 MAX_JAW_ZERO_MM: Final = 5.0
+# settings, the least and the most of each; SPEED and MAX_FORCE as drivers have used them
+_LIMITS: Final = (
+    ("jaw_speed", 1, c.MAX_SPEED),
+    ("jaw_force", 1, 60),
+    ("homing_zed_speed", 1, 100),
+    ("homing_zed_force", 1, 60),
+    ("homing_zed_s", 1, 300),
+    ("homing_s", 1, 300),
+    ("arrival_counts", 0, 20),
+    ("arrival_s", 0, 10),
+)
 _COUNTS_PER_DEG: Final = {
     "elbow": c.ELBOW_COUNTS_PER_DEG,
     "shoulder": c.SHOULDER_COUNTS_PER_DEG,
@@ -90,12 +101,31 @@ class UmiSettings:
     play_deg : of the gears of `elbow`, `shoulder`, `yaw`, `wrist1`, `wrist2`, from one flank to the
         other, in degrees of the motor's own scale (umi_rtx.md 5.1)
     jaw_zero_mm : opening of the jaws where their counter means 0
+    jaw_speed, jaw_force : SPEED with which the jaws close on something, MAX_FORCE with which they
+        move in empty air (umi_rtx.md 5.6; the arm gives neither a unit)
+    homing_zed_speed, homing_zed_force : SPEED and MAX_FORCE on the way up (umi_rtx.md 3.3)
+    homing_zed_s, homing_s : how long zed, and any other axis, may take to its stop, as
+        umi_rtx.md 4.6 has it [cell s]
+    arrival_counts : an axis has arrived within so many counts beyond its own dead band
+    arrival_s : how long an axis at rest may take to come so near [cell s]
     """
 
     play_deg: Mapping[str, float] = field(default_factory=dict)
     jaw_zero_mm: float = 0.0
+    jaw_speed: int = 50
+    jaw_force: int = 40
+    homing_zed_speed: int = 30
+    homing_zed_force: int = 30
+    homing_zed_s: float = 60.0
+    homing_s: float = 30.0
+    arrival_counts: int = 2
+    arrival_s: float = 0.5
 
     def __post_init__(self) -> None:
+        for name, low, high in _LIMITS:
+            value = getattr(self, name)
+            if not low <= value <= high:  # not a number, too
+                raise ValueError(f"{name}: {low:g} to {high:g}, not {value:g}")
         for name, play in self.play_deg.items():
             if name not in _COUNTS_PER_DEG:
                 raise ValueError(f"play_deg: {name!r} is none of {', '.join(_COUNTS_PER_DEG)}")
@@ -113,14 +143,32 @@ class UmiSettings:
             Axis[name.upper()]: play * _COUNTS_PER_DEG[name] for name, play in self.play_deg.items()
         }
 
+    def config(self, silence_s: float) -> ArmConfig:
+        """Return them as the arm takes them.
+
+        Parameters
+        ----------
+        silence_s : a line on which no byte has come back for so long is silent [cell s]
+        """
+        return ArmConfig(
+            link=LinkConfig(silence_s=silence_s),
+            homing=HomingConfig(
+                zed_speed=self.homing_zed_speed,
+                zed_force=self.homing_zed_force,
+                zed_timeout_s=self.homing_zed_s,
+                timeout_s=self.homing_s,
+            ),
+            gripper=GripperLaw(offset_mm=self.jaw_zero_mm),
+            play_counts=self.play_counts,
+            gripper_force=self.jaw_force,
+            grasp_speed=self.jaw_speed,
+            arrival_slack_counts=self.arrival_counts,
+            settle_s=self.arrival_s,
+        )
+
 
 def _build(site: Site, settings: UmiSettings) -> UmiScara:
-    config = ArmConfig(
-        link=LinkConfig(silence_s=site.silence_s),
-        gripper=GripperLaw(offset_mm=settings.jaw_zero_mm),
-        play_counts=settings.play_counts,
-    )
-    return UmiScara(site.address, config=config, clock=site.clock)
+    return UmiScara(site.address, config=settings.config(site.silence_s), clock=site.clock)
 
 
 DRIVER: Driver[Arm, UmiSettings] = Driver(UmiSettings, _build)

@@ -4,12 +4,16 @@ Sections (§) are those of umi_rtx.md.
 """
 
 import asyncio
+import dataclasses
 import tomllib
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from ruamel.yaml import YAML
 from umi_fakes import FakeArm, FakeClock, as_text, contains, once, only_asks, shows
 
 from drivers.errors import LinkError, PositionLostError, RefusedError
@@ -27,6 +31,7 @@ from drivers.umi_scara import (
     PowerOffError,
     Stop,
     UmiScara,
+    UmiSettings,
     WireExchange,
     kinematics,
     synchronised_speeds,
@@ -65,6 +70,9 @@ def without_repeated_polls(trace: list[tuple[str, str]]) -> list[tuple[str, str]
                 continue
         kept.append((request, reply))
     return kept
+
+
+ROOT = Path(__file__).parents[2]
 
 
 class Bench:
@@ -761,3 +769,40 @@ async def test_read_q_is_the_forward_side_of_move_joints() -> None:
     # half a count of each motor (§5.1): 0.017 to 0.05 deg, and 0.13 mm of zed
     assert np.abs(got - q)[[0, 1, 2, 4, 5]].max() < np.deg2rad(0.08)
     assert abs(got[3] - q[3]) < 0.14
+
+
+# ---- settings of one installation --------------------------------------------------------------
+async def test_homing_and_jaws_push_as_the_cell_file_says() -> None:
+    settings = UmiSettings(homing_zed_speed=25, homing_zed_force=22, jaw_speed=45)
+    bench = Bench(config=settings.config(silence_s=0.5))
+    await bench.homed()
+    await bench.arm.open_jaws()
+    bench.wire.motor(1, 4).low = 600
+    await bench.arm.grasp(force=30)
+    sent = list(pairwise(data for _, data in bench.wire.writes))
+    # a deferred write names the parameter, then ctl and value (umi_rtx.md 2.5): zed is ctl 2
+    assert (b"\x70\x04\x00", b"\x7a\x19\x00") in sent
+    assert (b"\x70\x0a\x00", b"\x7a\x16\x00") in sent
+    assert (b"\x70\x04\x00", b"\x7c\x2d\x00") in sent  # the gripper is ctl 4
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"jaw_force": 90}, "jaw_force: 1 to 60, not 90"),
+        ({"homing_zed_speed": 0}, "homing_zed_speed: 1 to 100, not 0"),
+        ({"homing_s": float("nan")}, "homing_s: 1 to 300, not nan"),
+        ({"arrival_counts": -1}, "arrival_counts: 0 to 20, not -1"),
+    ],
+)
+def test_settings_no_arm_has_been_run_with_are_refused(given: dict[str, Any], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        UmiSettings(**given)
+
+
+def test_the_commented_cell_file_shows_the_arms_settings_with_their_defaults() -> None:
+    for name in ("emulated", "metrology"):
+        text = (ROOT / f"recipes/cells/{name}.yaml").read_text(encoding="utf-8")
+        (line,) = [one for one in text.splitlines() if one.startswith("  # arm: {address:")]
+        shown = YAML(typ="safe").load(line.lstrip(" #"))["arm"]["settings"]
+        assert shown == dataclasses.asdict(UmiSettings())
