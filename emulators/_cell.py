@@ -19,7 +19,8 @@ from emulators.faults import CameraPlugs, Verbs
 from emulators.gripper_modbus import RobotiqDevice
 from emulators.gripper_onrobot import RgDevice
 from emulators.grippers import make_fixed_gripper
-from emulators.io_modbus import CellSignals, E1214Device
+from emulators.io_blocks import make_io_block
+from emulators.io_modbus import CellSignals
 from emulators.lighting_modbus import AnalogOutput8Device, LampModel, LampWiring, Relay8Device
 from emulators.modbus import (
     Bus,
@@ -180,7 +181,7 @@ class Cell:
             for name, lamp in self.layout.lamps.items()
         }
         self.signals = CellSignals()
-        self.io = E1214Device(self.signals, IO_UNIT)
+        self.io = make_io_block(self.layout.drivers.get("io"), self.signals, IO_UNIT)
         self.gripper_bus = Bus(self._fixed.on_line)
         self.lights_bus = Bus([self.analog, self.relays])
         self.io_bus = Bus([self.io])

@@ -1,4 +1,4 @@
-"""The cell's digital inputs and outputs over a Moxa ioLogik E1214 (Modbus TCP).
+"""The cell's digital inputs and outputs over a Moxa ioLogik E1214 or E1212 (Modbus TCP).
 
 Healthy is 1, and what is not freshly known is never OK. Not responsible for safety: that is
 hard-wired, and what arrives here is a copy of it.
@@ -6,6 +6,8 @@ hard-wired, and what arrives here is a copy of it.
 
 from ..kinds import Change, Driver, IoBlock, NoSettings, Signal, Site
 from ._config import (
+    E1212_COUNT,
+    E1214_COUNT,
     PLANNED_INPUTS,
     PLANNED_OUTPUTS,
     Debounce,
@@ -18,6 +20,7 @@ from .signals import Snapshot
 
 __all__ = [
     "DRIVER",
+    "E1212_DRIVER",
     "PLANNED_INPUTS",
     "PLANNED_OUTPUTS",
     "CellIo",
@@ -32,12 +35,23 @@ __all__ = [
 ]
 
 
-def _build(site: Site, _: NoSettings) -> CellIo:
+def _build(site: Site, model: str, channel_count: int) -> CellIo:
     polling = site.polling
     if polling is None:
         raise ValueError(f"{site.name}: the polling period of the I/O block is missing")
-    config = IoConfig(unit=site.section["unit"], poll_s=polling.poll_s, stale_s=polling.stale_s)
+    config = IoConfig(
+        unit=site.section["unit"],
+        model=model,
+        channel_count=channel_count,
+        poll_s=polling.poll_s,
+        stale_s=polling.stale_s,
+    )
     return CellIo(site.open_link(), config)
 
 
-DRIVER: Driver[IoBlock, NoSettings] = Driver(NoSettings, _build)
+DRIVER: Driver[IoBlock, NoSettings] = Driver(
+    NoSettings, lambda site, _: _build(site, "E1214", E1214_COUNT)
+)
+E1212_DRIVER: Driver[IoBlock, NoSettings] = Driver(
+    NoSettings, lambda site, _: _build(site, "E1212", E1212_COUNT)
+)

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Final
 
-INPUT_COUNT: Final = 6  # modbus_devices.md 7.1
-RELAY_COUNT: Final = 6
+E1214_COUNT: Final = 6  # inputs, and relays: modbus_devices.md 7.1
+E1212_COUNT: Final = 8  # inputs, and lines that are outputs: modbus_devices.md 7.2
 
 
 class Debounce(Enum):
@@ -29,9 +29,6 @@ class InputChannel:
     channel: int
     debounce: Debounce = Debounce.RISING
 
-    def __post_init__(self) -> None:
-        _check(self.name, self.channel, INPUT_COUNT)
-
 
 @dataclass(frozen=True, slots=True)
 class OutputChannel:
@@ -39,9 +36,6 @@ class OutputChannel:
 
     name: str
     channel: int
-
-    def __post_init__(self) -> None:
-        _check(self.name, self.channel, RELAY_COUNT)
 
 
 PLANNED_INPUTS: Final = (  # the channel plan of modbus_devices.md 7.4
@@ -70,6 +64,7 @@ class IoConfig:
     ----------
     unit : unit id
     model : text that the block's own model name must contain
+    channel_count : inputs of the block, and as many outputs
     inputs, outputs : named channels, numbered from 0 as on the block
     poll_s : from one reading of the inputs to the next, 20 to 50 ms [cell s]
     stale_s : a reading older than this counts as unknown [cell s]
@@ -77,6 +72,7 @@ class IoConfig:
 
     unit: int = 1
     model: str = "E1214"
+    channel_count: int = E1214_COUNT
     inputs: tuple[InputChannel, ...] = PLANNED_INPUTS
     outputs: tuple[OutputChannel, ...] = PLANNED_OUTPUTS
     poll_s: float = 0.04
@@ -84,6 +80,8 @@ class IoConfig:
 
     def __post_init__(self) -> None:
         for channels in (self.inputs, self.outputs):
+            for one in channels:
+                _check(one.name, one.channel, self.channel_count)
             if len({channel.name for channel in channels}) != len(channels):
                 raise ValueError("two channels have the same name")
             if len({channel.channel for channel in channels}) != len(channels):

@@ -15,7 +15,7 @@ from typing import Final, Self
 from ..errors import DeviceError, RefusedError, WrongDeviceError
 from ..kinds import Change, Signal
 from ..modbus_link import FunctionCode, ModbusLink, Request
-from ._config import INPUT_COUNT, RELAY_COUNT, IoConfig
+from ._config import IoConfig
 from .signals import Believer, Snapshot
 
 log = logging.getLogger(__name__)
@@ -80,6 +80,7 @@ class CellIo:
         self.config = config or IoConfig()
         self.name = name
         self._clock = link.clock
+        self._count = self.config.channel_count
         self._unit = link.unit(
             self.config.unit,
             name,
@@ -217,7 +218,7 @@ class CellIo:
         async with self._switching:
             known = self._relays
             if known is None:
-                known = await self._unit.read_coils(FIRST_RELAY, RELAY_COUNT)
+                known = await self._unit.read_coils(FIRST_RELAY, self._count)
             wanted = list(known)
             for name, is_closed in outputs.items():
                 wanted[self._relay_of[name]] = is_closed
@@ -231,7 +232,7 @@ class CellIo:
     async def read_outputs(self) -> dict[str, bool]:
         """Return which relays are closed, by name, as the block reads them back."""
         async with self._switching:
-            self._relays = await self._unit.read_coils(FIRST_RELAY, RELAY_COUNT)
+            self._relays = await self._unit.read_coils(FIRST_RELAY, self._count)
             return {name: self._relays[channel] for name, channel in self._relay_of.items()}
 
     async def has_watchdog_tripped(self) -> bool:
@@ -262,7 +263,7 @@ class CellIo:
 
     async def _read_once(self) -> None:
         at_s, attended_at_s = self._clock.now_s(), self._clock.attended_s()
-        reading = asyncio.ensure_future(self._unit.read_discrete_inputs(FIRST_INPUT, INPUT_COUNT))
+        reading = asyncio.ensure_future(self._unit.read_discrete_inputs(FIRST_INPUT, self._count))
         try:
             # A silent block holds this up for longer than a reading may be old.
             fresh_for_s = max(0.0, self._attended_at_s + self._stale_s - attended_at_s)

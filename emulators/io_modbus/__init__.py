@@ -1,7 +1,7 @@
-"""Cell I/O that is not there: a Moxa ioLogik E1214 and the contacts and lights wired to it."""
+"""Cell I/O that is not there: a Moxa ioLogik E1214 or E1212, and what is wired to it."""
 
 from ._e1214 import E1214Device, StackLight
-from ._map import E1214Config
+from ._map import E1212, E1214Config
 from ._signals import CellSignals
 
-__all__ = ["CellSignals", "E1214Config", "E1214Device", "StackLight"]
+__all__ = ["E1212", "CellSignals", "E1214Config", "E1214Device", "StackLight"]

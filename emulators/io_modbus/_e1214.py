@@ -1,5 +1,7 @@
 """Moxa ioLogik E1214: six inputs and six relays on Modbus TCP, with the factory's register map.
 
+With another configuration it is the E1212 beside it, which has eight of each (§7.2).
+
 Sources: modbus_devices.md 7.1 (map), §7.4 (what is wired where in this cell). Peer-to-peer I/O and
 the web console are not emulated; their status bits read 0.
 
@@ -55,7 +57,7 @@ class E1214Device:
         self._boot()
 
     def _boot(self) -> None:
-        self._state = BlockState()
+        self._state = BlockState(len(self._config.safe_state))
         self._sampled: tuple[bool, ...] = ()
         self._points = build_map(self._state, self.inputs, self._config)
 
@@ -85,7 +87,7 @@ class E1214Device:
         )
 
     def inputs(self) -> tuple[bool, ...]:
-        """Return the six inputs as the block sees them, in the order of 7.4."""
+        """Return the inputs as the block sees them, in the order of 7.4; the others read 0."""
         signals = self.signals
         contacts = (
             signals.is_estop_chain_ok,
@@ -94,6 +96,7 @@ class E1214Device:
             signals.is_part_between_jaws,
             signals.is_24v_ok,
             signals.is_operator_acknowledging,
+            *(False,) * (self._state.channel_count - 6),
         )
         if not self.broken_wires:
             return contacts

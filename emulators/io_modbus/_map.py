@@ -18,7 +18,6 @@ from emulators.modbus import COIL_ON, Point, PointMap, coil
 from ._state import CHANNEL_COUNT, BlockState, EdgeCounter, RelayChannel
 
 _FUNCTIONS: Final = frozenset({0x01, 0x02, 0x03, 0x04, 0x05, 0x06, 0x0F, 0x10})
-_MODEL: Final = "E1214"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,12 +27,14 @@ class E1214Config:
     Attributes
     ----------
     watchdog_s : host-connection watchdog [world s]; None: off, as delivered
-    safe_state : relays when the watchdog bites
+    model : as it names itself
+    safe_state : relays when the watchdog bites; one for each channel that the block has
     stack_red, stack_amber, stack_green : relays of the stack light; §7.4
     mac, ip, firmware, build, device_name : as read back at 5024 to 5040
     """
 
     watchdog_s: float | None = None
+    model: str = "E1214"
     safe_state: tuple[bool, ...] = (False,) * CHANNEL_COUNT
     stack_red: int = 3
     stack_amber: int = 4
@@ -43,6 +44,9 @@ class E1214Config:
     firmware: int = 0x0302_0000
     build: int = 0x2212_0100
     device_name: str = "cell-io"
+
+
+E1212: Final = E1214Config(model="E1212", safe_state=(False,) * 8)  # §7.2
 
 
 Inputs = Callable[[], tuple[bool, ...]]
@@ -72,11 +76,11 @@ def build_map(state: BlockState, inputs: Inputs, config: E1214Config) -> PointMa
         coils |= _counter_coils(n, counter)
         discretes |= _input_bits(n, inputs, counter)
         words |= _input_count(n, counter)
-    for n in range(CHANNEL_COUNT):
+    for n in range(state.channel_count):
         coils[4128 + n] = _command(lambda: None)
         discretes[4096 + n] = discretes[4112 + n] = Point(lambda: 0)
     words |= _long(5020, lambda: int(state.uptime_s))
-    words |= _block(5000, _text(_MODEL, 10))
+    words |= _block(5000, _text(config.model, 10))
     words |= _block(5024, config.mac)
     words |= _block(5027, config.ip)
     words |= _block(5029, config.firmware.to_bytes(4, "big"))

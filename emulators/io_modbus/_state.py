@@ -117,19 +117,21 @@ class BlockState:
 
     Attributes
     ----------
+    channel_count : inputs, and as many relays
     uptime_s, idle_s : since power-up and since the last request [world s]
     has_watchdog_bitten : the alarm flag, until it is cleared
     """
 
-    relays: tuple[RelayChannel, ...] = field(
-        default_factory=lambda: tuple(RelayChannel() for _ in range(CHANNEL_COUNT))
-    )
-    counters: tuple[EdgeCounter, ...] = field(
-        default_factory=lambda: tuple(EdgeCounter() for _ in range(CHANNEL_COUNT))
-    )
+    channel_count: int = CHANNEL_COUNT
+    relays: tuple[RelayChannel, ...] = field(init=False)
+    counters: tuple[EdgeCounter, ...] = field(init=False)
     uptime_s: float = 0.0
     idle_s: float = 0.0
     has_watchdog_bitten: bool = False
+
+    def __post_init__(self) -> None:
+        self.relays = tuple(RelayChannel() for _ in range(self.channel_count))
+        self.counters = tuple(EdgeCounter() for _ in range(self.channel_count))
 
     def clear_watchdog(self, _: int = 0) -> None:
         """Take the alarm flag down."""

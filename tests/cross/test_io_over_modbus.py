@@ -13,9 +13,9 @@ from cross_bench import nothing_is_left, open_fds, until
 from modbus_bench import ModbusBench, modbus_bench
 
 from drivers.errors import LinkError, WrongDeviceError
-from drivers.io_modbus import CellIo, Change, IoConfig, Signal
+from drivers.io_modbus import CellIo, Change, IoConfig, OutputChannel, Signal
 from emulators.gripper_modbus import RobotiqDevice
-from emulators.io_modbus import CellSignals, E1214Config, E1214Device, StackLight
+from emulators.io_modbus import E1212, CellSignals, E1214Config, E1214Device, StackLight
 
 # modbus_devices.md 7.4: the channel plan, and what each contact shows of a sound, empty cell
 SOUND = {
@@ -194,3 +194,23 @@ async def test_a_gripper_at_the_address_is_no_io_block(tmp_path: Path) -> None:
     async with modbus_bench("block", [device], [device], tmp_path) as line:
         with pytest.raises((WrongDeviceError, LinkError)):
             await CellIo(line.link).connect()
+
+
+async def test_a_block_with_eight_channels_is_read_and_switched_by_its_own_count(
+    tmp_path: Path,
+) -> None:
+    signals = CellSignals()
+    device = E1214Device(signals, 1, E1212)
+    outputs = (OutputChannel("first", 0), OutputChannel("last", 7))
+    config = IoConfig(model="E1212", channel_count=8, outputs=outputs)
+    async with modbus_bench("block", [device], [device], tmp_path) as line:
+        async with CellIo(line.link, config) as io:
+            await until(lambda: io.signal("estop_ok") is Signal.OK)
+            signals.press_estop()
+            await until(lambda: io.signal("estop_ok") is Signal.NOT_OK)
+            await io.set_outputs({"last": True})
+            assert device.is_closed(7)
+            assert await io.read_outputs() == {"first": False, "last": True}
+        other = CellIo(line.link, IoConfig())
+        with pytest.raises(WrongDeviceError, match="expected a Moxa E1214, found 'E1212'"):
+            await other.connect()

@@ -1,4 +1,4 @@
-"""Which gripper the emulated cell has is what the cell file's driver speaks to."""
+"""Which gripper and I/O block the emulated cell has is what the cell file's drivers speak to."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ import pytest
 from emulators.gripper_modbus import RobotiqDevice
 from emulators.gripper_onrobot import RgDevice
 from emulators.grippers import make_fixed_gripper
+from emulators.io_blocks import make_io_block
+from emulators.io_modbus import CellSignals
 from emulators.world import DriverChoice, LayoutError, read_layout
 
 CELL = Path(__file__).resolve().parents[2] / "recipes" / "cells" / "emulated.yaml"
@@ -51,3 +53,16 @@ def test_a_driver_that_cannot_be_emulated_is_named() -> None:
 def test_settings_that_no_gripper_has_are_named() -> None:
     with pytest.raises(LayoutError, match=r"devices\.gripper\.settings"):
         make_fixed_gripper(DriverChoice("onrobot_rg", {"model": "rg9"}))
+
+
+@pytest.mark.parametrize(("driver", "count"), [("", 6), ("moxa_e1214", 6), ("moxa_e1212", 8)])
+def test_the_io_block_has_as_many_channels_as_its_model(driver: str, count: int) -> None:
+    block = make_io_block(DriverChoice(driver), CellSignals(), 1)
+    assert len(block.inputs()) == count
+    assert block.inputs()[:2] == (True, True)  # the safety chain and the door
+    assert not any(block.inputs()[6:])
+
+
+def test_an_io_block_that_cannot_be_emulated_is_named() -> None:
+    with pytest.raises(LayoutError, match=r"devices\.io\.driver `acme` cannot be emulated"):
+        make_io_block(DriverChoice("acme"), CellSignals(), 1)

@@ -367,7 +367,9 @@ def test_a_safety_copy_is_ok_only_while_the_last_two_readings_were(
 
 def test_a_configuration_that_cannot_be_is_refused() -> None:
     with pytest.raises(ValueError, match=r"0\.\.5"):
-        InputChannel("estop_ok", 6)
+        IoConfig(inputs=(InputChannel("estop_ok", 6),))
+    with pytest.raises(ValueError, match=r"0\.\.7"):
+        IoConfig(channel_count=8, outputs=(OutputChannel("lamp", 8),))
     with pytest.raises(ValueError, match="same channel"):
         IoConfig(outputs=(OutputChannel("a", 0), OutputChannel("b", 0)))
     with pytest.raises(ValueError, match="same name"):
