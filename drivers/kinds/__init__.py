@@ -6,8 +6,9 @@ those of `drivers.errors`, its instants and durations are seconds of `drivers.cl
 """
 
 from .arm import Arm, ArmIdentity, JawReading, Stop
-from .camera import Camera, Capture, Frame
+from .camera import Camera, Capture, Frame, TimedFrame
 from .driver import GROUP, ArmDescription, ArmDriver, Driver, NoSettings, Site
+from .first_contact import Confirm, FirstContact, MotorTry
 from .gripper import FixedGripper, GraspReading, GripperReading, Hold
 from .io_block import Change, Changes, IoBlock, Polling, Signal
 from .lights import Lamp, LampUnit
@@ -22,7 +23,9 @@ __all__ = [
     "Capture",
     "Change",
     "Changes",
+    "Confirm",
     "Driver",
+    "FirstContact",
     "FixedGripper",
     "Frame",
     "GraspReading",
@@ -32,9 +35,11 @@ __all__ = [
     "JawReading",
     "Lamp",
     "LampUnit",
+    "MotorTry",
     "NoSettings",
     "Polling",
     "Signal",
     "Site",
     "Stop",
+    "TimedFrame",
 ]

@@ -1,7 +1,7 @@
 """A camera: frames of which it is known when their light was gathered."""
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +43,21 @@ class Frame(Protocol):
     @property
     def white(self) -> int:
         """The largest value a pixel can have."""
+        ...
+
+
+@runtime_checkable
+class TimedFrame(Frame, Protocol):
+    """A picture of which it is known when its light was gathered; not every camera has that."""
+
+    @property
+    def earliest_light_s(self) -> float:
+        """No light before this instant of the cell's clock is in it [s]."""
+        ...
+
+    @property
+    def timestamp_s(self) -> float:
+        """The camera's own stamp [cell s]."""
         ...
 
 

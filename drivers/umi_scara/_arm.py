@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from drivers.clock import REAL_TIME, CellClock
 from drivers.errors import PositionLostError
-from drivers.kinds import JawReading, Stop
+from drivers.kinds import Confirm, JawReading, MotorTry, Stop
 
 from ._config import ArmConfig, check_speeds
 from ._session import ArmIdentity, ArmSession
@@ -33,8 +33,10 @@ from .motion import (
     forecast_s,
     judge_kept_counters,
     keeping_park,
+    read_registers,
     start,
     synchronised_speeds,
+    try_motor,
     verify_arrival,
 )
 from .protocol import constants as c
@@ -229,9 +231,12 @@ class UmiScara:
         AxisStalledError : an axis stalled or stopped short on the way to the park
         MotionStoppedError : `stop` was called
         """
+        await self._home(None)
+
+    async def _home(self, confirm: Confirm | None) -> None:
         async with self._session.motion(needs_home=False) as guard:
             self.positions.begin_homing()
-            await Homing(self.axes, self._config.homing, guard).run()
+            await Homing(self.axes, self._config.homing, guard, confirm).run()
             self.positions.dead_bands = {
                 axis: await self.axes.read_twice(axis, Parameter.DEAD_BAND)
                 for axis in axes_in_turn(self.axes)
@@ -241,6 +246,36 @@ class UmiScara:
             self.positions.note_homed(self._config.homing.park_counts)
             self._note_stops_and(self._config.homing.park_counts)
         log.info("arm homed")
+
+    # ---- the first motions ever (§10) -----------------------------------------------------------
+    @property
+    def motors(self) -> tuple[str, ...]:
+        """The names of all motors."""
+        return tuple(axis.name.lower() for axis in Axis)
+
+    async def read_registers(self) -> dict[str, dict[str, int]]:
+        """Return the parameters of each motor by name (§10, step 4); nothing moves."""
+        return await read_registers(self.axes)
+
+    async def try_motor(self, motor: str) -> MotorTry:
+        """Move one motor by 50 counts and back; return how it went (§10, step 7).
+
+        Raises
+        ------
+        ValueError : the arm is homed: its counters would be lost
+        PowerOffError : motor power is off
+        HomingError : the motor does not come to rest
+        """
+        if self.is_homed:
+            raise ValueError("the arm is homed; a try would set its counters to zero")
+        async with self._session.motion(needs_home=False) as guard:
+            self.positions.begin_homing()
+            homing = Homing(self.axes, self._config.homing, guard)
+            return await try_motor(self.axes, homing, Axis[motor.upper()], guard)
+
+    async def home_in_turn(self, confirm: Confirm) -> None:
+        """Home as `home` does, after ``confirm`` has returned for each axis; raises as `home`."""
+        await self._home(confirm)
 
     async def take_over_positions(self, between: ArrayLike) -> None:
         """Take it that an earlier session's labels hold, if the counters prove it; nothing moves.

@@ -7,6 +7,7 @@ from drivers.errors import MotionStoppedError
 
 from ._axes import Axes
 from ._counters import judge_counters, judge_kept_counters
+from ._first_contact import read_registers, try_motor
 from ._homing import Homing
 from ._keeping import KeepingHoming, keeping_park
 from ._moves import (
@@ -39,7 +40,9 @@ __all__ = [
     "judge_kept_counters",
     "keeping_park",
     "on_ip",
+    "read_registers",
     "start",
     "synchronised_speeds",
+    "try_motor",
     "verify_arrival",
 ]

@@ -6,6 +6,8 @@ labelled. `21` zeroes all counters of an IP, so a homed axis stands still until 
 Sections (§) are those of umi_rtx.md.
 """
 
+from drivers.kinds import Confirm
+
 from ..line import Guard
 from ..protocol import constants as c
 from ..protocol.constants import ADDRESSES, Axis, Drive, Ip, Parameter, Simple, StatusBits
@@ -25,12 +27,16 @@ class Homing:
     axes : the motors
     config : where the stops are, where to park, speed, force and patience
     guard : called before every request; raises when the run must not go on
+    confirm : awaited with what moves next, before it does; None to home in one go
     """
 
-    def __init__(self, axes: Axes, config: HomingConfig, guard: Guard) -> None:
+    def __init__(
+        self, axes: Axes, config: HomingConfig, guard: Guard, confirm: Confirm | None = None
+    ) -> None:
         self._axes = axes
         self._config = config
         self._guard = guard
+        self._confirm = confirm
         self._stops = Stops(axes, config, guard)
 
     async def run(self) -> None:
@@ -41,18 +47,32 @@ class Homing:
         HomingError : an axis did not find its stop in time, or fell behind on the way
         AxisStalledError : an axis stalled on the way to the park
         """
-        await self._stops.ensure_modes()
-        await self._clear()
-        await self._home_zed()
-        await self._home_gripper()
-        await self._home_wrist()
-        await self._home_shoulder()
-        await self._home_elbow_and_yaw()
+        await self.prepare()
+        for what, home in (
+            ("zed goes up to its stop", self._home_zed),
+            ("the jaws close", self._home_gripper),
+            ("the elbow turns a little, then the wrist turns to its stops", self._home_wrist),
+            ("the shoulder turns to its stop", self._home_shoulder),
+            ("elbow and yaw turn to their stops", self._home_elbow_and_yaw),
+        ):
+            await self._confirmed(what)
+            await home()
         await self._label()
+        await self._confirmed("all joints go from their stops to the park")
         park = self._config.park_counts
         await start(self._axes, park, {}, self._guard, in_turn=True)
         watch = MoveWatch(self._axes, park, self._config.zed_timeout_s, self._guard)
         await watch.until_rest(in_turn=True)
+
+    async def prepare(self) -> None:
+        """Set modes and targets such that a go sent by mistake moves nothing; nothing moves."""
+        await self._stops.ensure_modes()
+        await self._clear()
+
+    async def _confirmed(self, what: str) -> None:
+        if self._confirm is not None:
+            await self._confirm(what)
+            self._guard()
 
     async def _clear(self) -> None:
         """Set every target to where its axis stands: a go sent by mistake moves nothing.

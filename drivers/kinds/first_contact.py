@@ -1,0 +1,54 @@
+"""What an arm may offer for its first motions ever: registers, one motor at a time, homing in turn.
+
+Not every make has it. Commissioning uses it where it is there, and homes in one go elsewhere.
+"""
+
+from collections.abc import Awaitable, Callable, Mapping
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+Confirm = Callable[[str], Awaitable[None]]
+
+
+@dataclass(frozen=True, slots=True)
+class MotorTry:
+    """How one motor followed a small order.
+
+    Attributes
+    ----------
+    motor : its name
+    ordered_counts, went_counts : how far it was to go, and went
+    back_counts : how far from where it began it ended, after the order to go back
+    seconds : from the order to its rest, there
+    """
+
+    motor: str
+    ordered_counts: int
+    went_counts: int
+    back_counts: int
+    seconds: float
+
+
+@runtime_checkable
+class FirstContact(Protocol):
+    """An arm whose motors can be looked at and tried one by one.
+
+    Attributes
+    ----------
+    motors : their names
+    """
+
+    @property
+    def motors(self) -> tuple[str, ...]: ...  # noqa: D102  (an attribute)
+
+    async def read_registers(self) -> Mapping[str, Mapping[str, int]]:
+        """Return the registers of each motor by name; nothing moves."""
+        ...
+
+    async def try_motor(self, motor: str) -> MotorTry:
+        """Move one motor a little and back, before homing; return how it went."""
+        ...
+
+    async def home_in_turn(self, confirm: Confirm) -> None:
+        """Home as `Arm.home` does; ``confirm`` is awaited with what moves next, before it does."""
+        ...
