@@ -272,12 +272,15 @@ class LampSection(LightSection):
     ----------
     drive : share of its full dimming that it is used with
     settle_s : until its light is steady after a change (default: the driver's own figure)
+    full_grey : by design, the mean grey level (of 255) over the dark one that the lamp alone makes
+        at its full setting in the picture of the camera that sees most of it
     """
 
     analog: int = Field(ge=0, le=7)
     relay: int = Field(ge=0, le=7)
     drive: float = Field(1.0, ge=0.05, le=1)
     settle_s: float | None = Field(None, ge=0, le=60)
+    full_grey: float | None = Field(None, gt=0, le=255)
 
 
 class FingersSection(Section):

@@ -798,6 +798,39 @@ ROWS: tuple[Row, ...] = (
         ("plan", "block.stl", "--cell", "cells/emulated.yaml", "--report", "/proc/none/x.html"),
         "/proc/none",
     ),
+    Row(
+        "step of commissioning that there is not",
+        nothing,
+        ("commission", "--cell", CELL_FILE, "--yes", "--step", "lamp"),
+        "--step lamp: there are devices, light",
+    ),
+    Row(
+        "step of commissioning before those that it needs",
+        nothing,
+        ("commission", "--cell", CELL_FILE, "--yes", "--step", "light"),
+        "it needs `devices`, which is not done",
+    ),
+    Row(
+        "--yes for a person at real devices",
+        write(
+            CELL_FILE,
+            CELL_TEXT.replace("arm:         {address: emulated}", "arm: {address: /dev/x}"),
+        ),
+        ("commission", "--cell", CELL_FILE, "--yes"),
+        "--yes answers for a person, and this cell has real devices",
+    ),
+    Row(
+        "record of a step that is damaged",
+        write("out/steps/light.json", "{"),
+        ("commission", "--cell", CELL_FILE, "--out", "out", "--status"),
+        "out/steps/light.json: is no record of commissioning",
+    ),
+    Row(
+        "commissioning into a file",
+        write("out", "x"),
+        ("commission", "--cell", CELL_FILE, "--out", "out", "--status"),
+        "--out out: is a file",
+    ),
     Row("board that no file has", nothing, ("print-target", "wall"), "wall: no board of this name"),
     Row(
         "board larger than the paper",

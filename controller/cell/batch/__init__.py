@@ -13,14 +13,20 @@ from .order import Papers, RecoveryPolicy, RunOrder
 from .run import HOST, Outfit, RunResult, new_run_id, run_batch, who_and_what
 from .starting import GO_ON, find_proposal
 from .status import CellStatus
+from .supervision import ArmWatcher, ModbusWatcher
+from .watchers import DiskWatcher, InterlockWatcher
 
 __all__ = [
     "GO_ON",
     "HOST",
     "WORKER_GONE",
+    "ArmWatcher",
     "Batch",
     "CellStatus",
+    "DiskWatcher",
     "Dispatcher",
+    "InterlockWatcher",
+    "ModbusWatcher",
     "Outcome",
     "Outfit",
     "Papers",

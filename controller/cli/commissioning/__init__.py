@@ -1,5 +1,5 @@
-"""`print-target`: boards to print; what commissioning a cell needs of the command line."""
+"""`commission` finds out how the cell really stands; `print-target` writes the boards for it."""
 
-from .commands import print_target
+from .commands import commission, print_target
 
-__all__ = ["print_target"]
+__all__ = ["commission", "print_target"]

@@ -1,4 +1,4 @@
-"""Arguments and help of `cellctl print-target`."""
+"""Arguments and help of `cellctl commission` and `print-target`."""
 
 from enum import StrEnum
 from pathlib import Path
@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from ..options import JsonOption, finite
+from ..options import AsBuiltOption, ControlOption, JsonOption, SeedOption, SpeedOption, finite
 
 
 class Paper(StrEnum):
@@ -79,5 +79,63 @@ def print_target(
         square_mm=square_mm,
         measured_mm=measured_mm,
         as_json=json,
+    )
+    raise typer.Exit(code)
+
+
+def commission(
+    cell: Annotated[
+        Path,
+        typer.Option("--cell", metavar="FILE", help="cell file as drawn (YAML); it is not changed"),
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            metavar="FOLDER",
+            help="folder of what is found: cell file, calibrations, evidence (default: "
+            "commissioning/NAME of the cell)",
+        ),
+    ] = None,
+    step: Annotated[
+        str | None,
+        typer.Option("--step", metavar="NAME", help="repeat one step (default: all that are due)"),
+    ] = None,
+    status: Annotated[
+        bool, typer.Option("--status", help="print which steps are done; nothing moves")
+    ] = False,
+    yes: Annotated[
+        bool,
+        typer.Option("--yes", help="answer for the person, on an emulated cell alone"),
+    ] = False,
+    operator: Annotated[
+        str, typer.Option("--operator", metavar="NAME", help="who commissions (default: the user)")
+    ] = "",
+    as_built: AsBuiltOption = None,
+    seed: SeedOption = None,
+    speed: SpeedOption = 1.0,
+    control: ControlOption = None,
+    json: JsonOption = False,
+) -> None:
+    """Find out how the cell really stands: step by step, each with its own evidence.
+
+    What is done stays; the next start goes on with what is not.
+    """
+    from .guided import GuidedOptions, guide
+
+    code = guide(
+        GuidedOptions(
+            cell_path=cell,
+            out=out,
+            step=step,
+            answers=yes,
+            operator=operator,
+            as_built=as_built,
+            seed=seed,
+            speed=speed,
+            control=control,
+            as_json=json,
+        ),
+        status_only=status,
     )
     raise typer.Exit(code)

@@ -31,7 +31,7 @@ def examine(cell_path: Path, *, as_json: bool) -> int:
     """Check machine and devices; return 1 if a check failed."""
     cell = load_cell(cell_path)
     require_drivers(cell_path, cell)
-    checks = [*_machine(), *_permissions(cell)]
+    checks = machine_checks(cell)
     emulator: Any = (
         emulated_cell(emulator_command(cell_path, (), speed=1.0, seed=1))
         if cell.emulated_devices
@@ -59,6 +59,11 @@ def examine(cell_path: Path, *, as_json: bool) -> int:
 
 def _check(name: str, found: str, *, ok: bool, remedy: str = "") -> Check:
     return {"check": name, "ok": ok, "found": found, "remedy": remedy}
+
+
+def machine_checks(cell: Cell) -> list[Check]:
+    """Return what was found of this computer: versions, room, permissions. Opens no device."""
+    return [*_machine(), *_permissions(cell)]
 
 
 def _machine() -> list[Check]:

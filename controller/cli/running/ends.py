@@ -12,9 +12,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from multiprocessing import active_children
 from types import FrameType
-from typing import Final
+from typing import Final, Protocol
 
-from controller.cell.batch import WORKER_GONE, Dispatcher
+from controller.cell.batch import WORKER_GONE
 
 from ..terminal.output import is_output_gone, warn
 
@@ -29,6 +29,18 @@ ENDS: Final = {
 }
 # these would suspend a run in the background when it uses the terminal
 UNHEARD: Final = (signal.SIGTTIN, signal.SIGTTOU)
+
+
+class Stoppable(Protocol):
+    """What an end stops."""
+
+    def request_stop(self, message: str, code: str) -> None:
+        """Come to rest, metal first."""
+        ...
+
+    def request_abort(self, message: str, code: str) -> None:
+        """Come to rest at once, whatever does not answer any more."""
+        ...
 
 
 class Ends:
@@ -68,14 +80,14 @@ class Ends:
         self._on_end(signal.Signals(number))
 
     @contextmanager
-    def stopping(self, dispatcher: Dispatcher, emulator: int | None) -> Iterator[None]:
-        """Turn every end into a stop of this dispatcher; a second Ctrl-C no longer waits for it.
+    def stopping(self, work: Stoppable, emulator: int | None) -> Iterator[None]:
+        """Turn every end into a stop of this work; a second Ctrl-C no longer waits for it.
 
         Enter it inside a task: the second Ctrl-C cancels that task.
 
         Parameters
         ----------
-        dispatcher : of the batch to stop
+        work : the batch, or whatever else is to stop
         emulator : process id of the emulated cell, None if this command has started none
         """
         loop, task = asyncio.get_running_loop(), asyncio.current_task()
@@ -86,7 +98,7 @@ class Ends:
             asked.append(number)
             if len(asked) == 1:
                 warn("stopping: the arm halts, nothing is released (Ctrl-C again: give up)")
-                dispatcher.request_stop(*ENDS[number])
+                work.request_stop(*ENDS[number])
             elif number in (signal.SIGINT, signal.SIGTERM):
                 task.cancel()
 
@@ -94,29 +106,29 @@ class Ends:
             loop.call_soon_threadsafe(stop, number)
 
         self._on_end = on_end
-        watch = asyncio.create_task(self._watch(dispatcher, emulator), name="ends")
+        watch = asyncio.create_task(self._watch(work, emulator), name="ends")
         try:
             yield
         finally:
             self._is_over = True
             watch.cancel()
 
-    async def _watch(self, dispatcher: Dispatcher, emulator: int | None) -> None:
+    async def _watch(self, work: Stoppable, emulator: int | None) -> None:
         """Watch for the ends that no signal announces."""
         workers = {child.pid for child in active_children()}
         while True:
             await asyncio.sleep(LOOK_WALL_S)
             if not self._is_detached and os.getppid() != self._parent:
-                dispatcher.request_stop("the process that started this run is gone", "parent_gone")
+                work.request_stop("the process that started this run is gone", "parent_gone")
                 return
             if is_output_gone():
-                dispatcher.request_stop("nobody reads the run's output any more", "output_gone")
+                work.request_stop("nobody reads the run's output any more", "output_gone")
                 return
             if not workers <= {child.pid for child in active_children()}:
-                dispatcher.request_abort(WORKER_GONE, "worker_gone")
+                work.request_abort(WORKER_GONE, "worker_gone")
                 return
             if emulator is not None and _has_ended(emulator):
-                dispatcher.request_abort("the emulated cell has ended", "emulator_gone")
+                work.request_abort("the emulated cell has ended", "emulator_gone")
                 return
 
 

@@ -1,0 +1,177 @@
+"""What a step works with: devices, services, the person, its evidence, and what may move."""
+
+from collections.abc import Awaitable, Callable, Mapping
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from typing import Any, Final
+
+from controller.arrays import FloatArray
+from controller.config import Cell
+from controller.config.calibration_reference import CalibrationName
+from controller.planning import NoMotionError
+from controller.planning.geometry import Box
+from controller.planning.model import CellLayout
+from controller.planning.motion import Scene, connect
+from controller.setup.software import software_versions
+from drivers.clock import CellClock
+from drivers.kinds import Arm
+
+from ..devices import Devices
+from ..devices.interlocks import check_interlocks
+from ..services import Gate, Imaging, Interlocks, Motion, NextMotion
+from .errors import StepFailedError
+from .evidence import Evidence
+from .person import Person
+
+PERMIT: Final = "commission"
+# A cell that nobody has measured: 3 mm and 0.5 degrees of the base, 0.5 degrees of each joint and
+# 0.5 mm of the tool come to some 15 mm at the TCP of the stretched arm.
+UNCALIBRATED_MM: Final = 20.0
+SLOW: Final = 0.25  # of the usual speed
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Bench:
+    """What a step works with.
+
+    Attributes
+    ----------
+    cell : as commissioned so far
+    layout : the cell as planning sees it
+    devices : connected and halted
+    arm : that of the devices; it knows whether it is being used
+    clock : of the cell
+    motion, imaging, gate, interlocks : services
+    person : answers and lends a hand
+    evidence : keeps what is found
+    emulated : names of the devices that are
+    by : who commissions
+    based_on : hashes of the calibrations that the step uses
+    """
+
+    cell: Cell
+    layout: CellLayout
+    devices: Devices
+    arm: Arm
+    clock: CellClock
+    motion: Motion
+    imaging: Imaging
+    gate: Gate
+    interlocks: Interlocks
+    person: Person
+    evidence: Evidence
+    emulated: frozenset[str]
+    by: str
+    based_on: Mapping[CalibrationName, str]
+
+    async def permit_motion(self, what: str) -> None:
+        """Have a person agree to motion, then permit it.
+
+        Raises
+        ------
+        DeclinedError : they do not
+        InterlockError : a safety copy is not healthy
+        """
+        check_interlocks(self.devices.io)
+        await self.person.confirm(
+            "may_move",
+            f"{what} The cell has to be clear of people and loose things, and somebody has to "
+            "stand at the emergency stop. Is it so?",
+        )
+        check_interlocks(self.devices.io)
+        self.gate.permits.issue(PERMIT)
+
+    async def home_and_park(self) -> None:
+        """Home the arm, open its jaws half, and park it out of both cameras' sight.
+
+        Raises
+        ------
+        NoPermitError : nothing may move
+        DeviceError : it does not
+        """
+        self.evidence.show("homing the arm; it sweeps its whole reach")
+        await self.motion.home()
+        await self.park()
+
+    async def park(self) -> None:
+        """Open the homed arm's jaws half and move it to its park, from where homing leaves it."""
+        opening_mm = self.layout.arm_gripper.max_mm * 0.5
+        await self.move_jaws(
+            f"the arm gripper opens to {opening_mm:.0f} mm",
+            lambda: self.arm.move_gripper_mm(opening_mm),
+        )
+        await self.motion.start_from(self.layout.park_q)
+
+    async def move_jaws(self, what: str, verb: Callable[[], Awaitable[object]]) -> None:
+        """Carry out a verb that moves jaws.
+
+        Parameters
+        ----------
+        what : for whoever decides
+        verb : moves them
+
+        Raises
+        ------
+        InterlockError, NoPermitError, DeviceError : it may not, or does not
+        """
+
+        async def preview() -> NextMotion:
+            return NextMotion(what)
+
+        self.interlocks.admit_jaws()
+        async with self.gate.moving(preview, is_arm=False):
+            await verb()
+
+    async def go(self, q: FloatArray, what: str, *, speed: float = SLOW) -> None:
+        """Move the arm to a configuration (6,) by a path proven free with the extra clearance.
+
+        Parameters
+        ----------
+        q : where to
+        what : it goes there for, as a message begins
+        speed : as a share of the usual one
+
+        Raises
+        ------
+        StepFailedError : no such path is proven free
+        """
+        here = await self.arm.read_q()
+        try:
+            path = connect(here, q, self.scene(), what)
+        except NoMotionError as error:
+            raise StepFailedError(str(error)) from error
+        for waypoint in path:
+            await self.motion.follow((waypoint,), first_speed=speed)
+
+    def scene(self) -> Scene:
+        """Return the empty cell, all that stands in it thicker by what nobody has measured yet."""
+        layout = with_clearance(self.layout, UNCALIBRATED_MM)
+        return Scene(layout, layout.arm_gripper.max_mm, layout.fixed_open_mm)
+
+    def header(self, **more: Any) -> dict[str, Any]:  # noqa: ANN401  (fields of a calibration)
+        """Return the header of a calibration that this step writes."""
+        return {
+            "measured": datetime.now(UTC).replace(microsecond=0),
+            "by": self.by,
+            "software": f"cellctl {software_versions()['cellctl']}",
+            "cell": self.cell.name,
+            "evidence": f"evidence/{self.evidence.folder.name}",
+            "based_on": dict(self.based_on),
+            **more,
+        }
+
+
+def with_clearance(layout: CellLayout, by_mm: float) -> CellLayout:
+    """Return a layout in which everything that stands is thicker by so much to all sides."""
+
+    def grown(box: Box) -> Box:
+        return Box(box.T, box.half_mm + by_mm)
+
+    fixed = layout.fixed_gripper
+    if fixed is not None:
+        fixed = replace(fixed, body=tuple(grown(box) for box in fixed.body))
+    return replace(
+        layout,
+        obstacles={name: grown(box) for name, box in layout.obstacles.items()},
+        fixed_gripper=fixed,
+    )

@@ -1,0 +1,88 @@
+"""What a step of commissioning measures and sees, kept as it comes."""
+
+import asyncio
+import hashlib
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+
+from controller.arrays import Grey
+from controller.commissioning.procedure import Figure, GivenAnswer, Picture
+
+
+class Evidence:
+    """Figures, findings, pictures and answers of one run of a step.
+
+    Parameters
+    ----------
+    folder : of this run's evidence; it exists
+    show : takes a line for whoever watches
+    """
+
+    def __init__(self, folder: Path, show: Callable[[str], None]) -> None:
+        self.folder = folder
+        self.show = show
+        self.figures: list[Figure] = []
+        self.findings: list[str] = []
+        self.pictures: list[Picture] = []
+        self.answers: list[GivenAnswer] = []
+
+    def measure(
+        self,
+        name: str,
+        value: float,
+        unit: str = "",
+        *,
+        uncertainty: float | None = None,
+        low: float | None = None,
+        high: float | None = None,
+    ) -> Figure:
+        """Keep and show a measured value; return it.
+
+        Parameters
+        ----------
+        name : what it is of
+        value, unit : measured
+        uncertainty : standard uncertainty; None where nobody worked it out
+        low, high : limits, None for none
+        """
+        figure = Figure(
+            name=name,
+            value=float(value),
+            unit=unit,
+            uncertainty=uncertainty,
+            low=low,
+            high=high,
+        )
+        self.figures.append(figure)
+        self.show(("" if figure.is_within else "NOT ALLOWED: ") + figure.words)
+        return figure
+
+    def find(self, text: str) -> None:
+        """Keep and show what has no figure."""
+        self.findings.append(text)
+        self.show(text)
+
+    async def keep(self, name: str, picture: Grey, caption: str) -> None:
+        """Keep a picture.
+
+        Parameters
+        ----------
+        name : of its file, without suffix
+        picture : (height, width)
+        caption : what it shows
+
+        Raises
+        ------
+        OSError : it cannot be written
+        """
+        path = self.folder / f"{name}.png"
+        digest = await asyncio.to_thread(_write, path, picture)
+        self.pictures.append(Picture(file=path.name, caption=caption, sha256=digest))
+
+
+def _write(path: Path, picture: Grey) -> str:
+    data = cv2.imencode(".png", picture, [cv2.IMWRITE_PNG_COMPRESSION, 1])[1].tobytes()
+    path.write_bytes(data)
+    return hashlib.sha256(data).hexdigest()

@@ -1,0 +1,208 @@
+"""Runs the steps of a commissioning in their order, and keeps what each one leaves."""
+
+import asyncio
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Final
+
+from controller.commissioning.procedure import (
+    Folder,
+    Outcome,
+    Standing,
+    Status,
+    StepRecord,
+    cell_digest,
+    standings,
+)
+from controller.config import Cell, ConfigError, load_yaml
+from controller.config.calibration_reference import CalibrationName
+
+from ..devices import Devices
+from ..devices.clocks import FoundClock
+from ..operator import Operator
+from .evidence import Evidence
+from .person import EmulatedPerson
+from .steps import STEPS, Step, step_plans
+from .visit import Build, Visit, VisitOrder
+
+STEP_NAMES: Final = tuple(step.name for step in STEPS)
+
+
+@dataclass(frozen=True, slots=True)
+class CommissionOrder:
+    """What to commission.
+
+    Attributes
+    ----------
+    cell_path : the nominal cell file
+    folder : what is kept
+    by : who commissions
+    """
+
+    cell_path: Path
+    folder: Folder
+    by: str
+
+    def nominal(self) -> Cell:
+        """Return the cell as drawn, without calibrations.
+
+        Raises
+        ------
+        ConfigError : the cell file is wrong
+        """
+        return load_yaml(self.cell_path, Cell)
+
+    def standings(self, now: datetime) -> tuple[Standing, ...]:
+        """Return what holds of each step.
+
+        Raises
+        ------
+        ConfigError : the cell file or a record is wrong
+        """
+        return standings(
+            step_plans(),
+            self.folder.read_records(STEP_NAMES),
+            now,
+            cell_digest(self.nominal()),
+            self.hashes(),
+        )
+
+    def hashes(self) -> dict[CalibrationName, str]:
+        """Return the hash of each calibration that there is."""
+        return {name: one.sha256 for name, one in self.folder.references().items()}
+
+
+class Session:
+    """A commissioning under way; whatever would end it stops it instead.
+
+    Parameters
+    ----------
+    order : what to commission
+    emulated : what the emulator reported of itself; empty without one
+    clock : of the cell
+    operator : answers for a person
+    helper : does errands in an emulated cell; None where a person does
+    show : takes a line for whoever watches
+    build : returns the drivers, given cell, addresses and clock
+    """
+
+    def __init__(
+        self,
+        order: CommissionOrder,
+        emulated: Mapping[str, Any],
+        clock: FoundClock,
+        operator: Operator,
+        helper: EmulatedPerson | None,
+        show: Callable[[str], None],
+        build: Build = Devices.build,
+    ) -> None:
+        self._order = order
+        self._emulated = emulated
+        self._clock = clock
+        self._operator = operator
+        self._helper = helper
+        self._show = show
+        self._build = build
+        self._visit: Visit | None = None
+        self._end: tuple[str, str] | None = None
+
+    def request_stop(self, message: str, code: str) -> None:
+        """Stop the step at hand; none begins after it."""
+        self._end = self._end or (message, code)
+        if self._visit is not None:
+            self._visit.stop(message, code)
+
+    def request_abort(self, message: str, code: str) -> None:
+        """Do the same; a step has nothing to hold on to."""
+        self.request_stop(message, code)
+
+    async def run(
+        self, steps: Sequence[str], on_step: Callable[[StepRecord], None]
+    ) -> tuple[StepRecord, ...]:
+        """Run steps until one does not pass; return their records.
+
+        Parameters
+        ----------
+        steps : their names, in order
+        on_step : called with each record once it is kept
+
+        Raises
+        ------
+        ConfigError : a file is wrong or cannot be written
+        """
+        by_name = {step.name: step for step in STEPS}
+        done: list[StepRecord] = []
+        for name in steps:
+            if self._end is not None:
+                break
+            record = await self._run_step(by_name[name])
+            done.append(record)
+            on_step(record)
+            if record.outcome is not Outcome.PASSED:
+                break
+        return tuple(done)
+
+    async def _run_step(self, step: Step) -> StepRecord:
+        order = self._order
+        nominal = order.nominal()
+        cell = await asyncio.to_thread(order.folder.load_for, order.cell_path, step.makes)
+        now = datetime.now(UTC)
+        place = order.folder.begin_evidence(step.name, now)
+        hashes = order.hashes()
+        visit = Visit(
+            VisitOrder(
+                step=step,
+                cell=cell,
+                digest=cell_digest(nominal),
+                emulated=self._emulated,
+                clock=self._clock,
+                folder=order.folder.path,
+                run_id=place.name,
+                by=order.by,
+                based_on={name: hashes[name] for name in step.uses if name in hashes},
+            ),
+            self._operator,
+            self._helper,
+            Evidence(place, self._show),
+            self._build,
+        )
+        self._visit = visit
+        self._show(f"step {step.name}: {step.title}")
+        try:
+            record = await visit.run()
+        finally:
+            self._visit = None
+        if record.outcome is Outcome.PASSED:
+            made = order.folder.keep(order.cell_path, visit.made)
+            record = record.model_copy(update={"made": made})
+        order.folder.write_record(record)
+        return record
+
+
+def due(standings: Sequence[Standing], only: str | None) -> tuple[str, ...]:
+    """Return the steps to run.
+
+    Parameters
+    ----------
+    standings : of all steps, in order
+    only : a step to repeat; None for all that are not done
+
+    Raises
+    ------
+    ConfigError : no such step, or one that it needs is not done
+    """
+    if only is None:
+        return tuple(one.step for one in standings if one.status is not Status.DONE)
+    by_name = {step.name: step for step in STEPS}
+    if only not in by_name:
+        raise ConfigError(f"--step {only:.40}: there are {', '.join(by_name)}")
+    status = {one.step: one for one in standings}
+    for need in by_name[only].needs:
+        if status[need].status is not Status.DONE:
+            raise ConfigError(
+                f"--step {only}: it needs `{need}`, which is {status[need].status.value} "
+                f"({status[need].reason}); leave --step out, or do {need} first"
+            )
+    return (only,)

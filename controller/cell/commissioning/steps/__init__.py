@@ -1,0 +1,20 @@
+"""The steps of commissioning, each a module that knows nothing of the others."""
+
+from typing import Final
+
+from controller.commissioning.procedure import StepPlan
+
+from .devices import DevicesStep
+from .light import LightStep
+from .step import Step
+
+# Each after those that it needs.
+STEPS: Final[tuple[Step, ...]] = (DevicesStep(), LightStep())
+
+
+def step_plans() -> tuple[StepPlan, ...]:
+    """Return the order and the age of all steps."""
+    return tuple(StepPlan(step.name, step.needs, step.valid_days) for step in STEPS)
+
+
+__all__ = ["STEPS", "Step", "step_plans"]

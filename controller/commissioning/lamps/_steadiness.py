@@ -1,0 +1,43 @@
+"""From when on a lamp is steady, by pictures taken at different times after it was switched."""
+
+from typing import Final
+
+import numpy as np
+
+from controller.arrays import FloatArray
+
+STEADY_SHARE: Final = 0.02  # of the final light; less is lost in what LEDs lose as they warm up
+MIN_SAMPLES: Final = 6
+FINAL_SHARE: Final = 0.25  # so many of the last samples give the final light
+
+
+class TooFewSamplesError(ValueError):
+    """Too few pictures to say when the light was steady."""
+
+
+def seconds_to_steady(delay_s: FloatArray, light: FloatArray) -> float:
+    """Return the delay from which on all samples are within 2 % of the final light [s].
+
+    Parameters
+    ----------
+    delay_s : (n,) from the order to the beginning of each exposure [s]
+    light : (n,) mean grey level over the dark one
+
+    Raises
+    ------
+    TooFewSamplesError : there are too few, or the last of them still changes
+    """
+    if len(delay_s) < MIN_SAMPLES:
+        raise TooFewSamplesError(f"{len(delay_s)} pictures are too few to find a settling time")
+    order = np.argsort(delay_s, kind="stable")
+    delay_s, light = delay_s[order], light[order]
+    last = light[-max(2, int(FINAL_SHARE * len(light))) :]
+    final = float(np.median(last))
+    off = np.abs(light - final) > STEADY_SHARE * abs(final)
+    if off[-len(last) :].any():
+        raise TooFewSamplesError(
+            f"the light still changes {delay_s[-1]:.2f} s after it was switched"
+        )
+    unsteady = np.flatnonzero(off)
+    # it became steady somewhere between the last sample that was off and the next one
+    return float(delay_s[unsteady[-1] + 1]) if len(unsteady) else float(delay_s[0])

@@ -1,0 +1,26 @@
+"""The procedure of commissioning: what a step is, what it leaves, and what still holds of it.
+
+Knows no device. `_record.py` is what a step leaves behind, `_status.py` whether that still holds,
+`_files.py` the folder it is kept in, `_cell_file.py` the cell file as commissioned.
+"""
+
+from ._cell_file import calibrated_text, cell_digest
+from ._files import Folder
+from ._record import Figure, GivenAnswer, Outcome, Picture, StepRecord, worst_of
+from ._status import Standing, Status, StepPlan, standings
+
+__all__ = [
+    "Figure",
+    "Folder",
+    "GivenAnswer",
+    "Outcome",
+    "Picture",
+    "Standing",
+    "Status",
+    "StepPlan",
+    "StepRecord",
+    "calibrated_text",
+    "cell_digest",
+    "standings",
+    "worst_of",
+]

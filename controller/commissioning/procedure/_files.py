@@ -1,0 +1,207 @@
+"""The folder of a commissioning: records, calibrations, evidence, and the cell file.
+
+::
+
+    cell.yaml               the cell file as commissioned
+    calibrations/NAME.json  what was measured
+    steps/STEP.json         the last record of each step
+    evidence/DATE-STEP/     its pictures, and the same record
+"""
+
+import hashlib
+import json
+import os
+import tempfile
+from collections.abc import Mapping, Sequence
+from datetime import datetime
+from pathlib import Path
+from typing import Final, get_args
+
+from controller.config import Cell, ConfigError, load_cell
+from controller.config.calibration_reference import CalibrationName, CalibrationReference
+from controller.config.calibrations import Calibration, write_calibration
+from controller.config.files import read_bytes, read_text, reason_of
+
+from ._cell_file import calibrated_text
+from ._record import Outcome, StepRecord
+
+CALIBRATION_NAMES: Final[tuple[CalibrationName, ...]] = get_args(CalibrationName)
+MAX_RECORD_BYTES: Final = 4 << 20
+
+
+class Folder:
+    """What a commissioning keeps.
+
+    Parameters
+    ----------
+    path : of the folder; it need not exist
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    @property
+    def cell_file(self) -> Path:
+        """The cell file as commissioned."""
+        return self.path / "cell.yaml"
+
+    def record_file(self, step: str) -> Path:
+        """Return where the last record of a step stands."""
+        return self.path / "steps" / f"{step}.json"
+
+    def calibration_file(self, name: CalibrationName) -> Path:
+        """Return where a calibration stands."""
+        return self.path / "calibrations" / f"{name}.json"
+
+    def begin_evidence(self, step: str, at: datetime) -> Path:
+        """Make and return a folder for the evidence of one run of a step.
+
+        Raises
+        ------
+        ConfigError : it cannot be made
+        """
+        base = f"{at:%Y%m%d-%H%M%S}-{step}"
+        for number in range(1000):
+            folder = self.path / "evidence" / (f"{base}-{number}" if number else base)
+            try:
+                folder.mkdir(parents=True)
+            except FileExistsError:
+                continue
+            except OSError as error:
+                raise ConfigError(f"{folder}: cannot be made: {reason_of(error)}") from error
+            return folder
+        raise ConfigError(f"{self.path / 'evidence'}: has no name left for {base}")
+
+    def read_records(self, steps: tuple[str, ...]) -> dict[str, StepRecord]:
+        """Return the last record of each step that has one.
+
+        Raises
+        ------
+        ConfigError : a record is damaged
+        """
+        found = {}
+        for step in steps:
+            path = self.record_file(step)
+            if path.exists():
+                found[step] = _read_record(path, step)
+        return found
+
+    def write_record(self, record: StepRecord) -> None:
+        """Write a record beside its evidence, and as the last one of its step.
+
+        A run that was broken off does not take the place of one that has ended.
+
+        Raises
+        ------
+        ConfigError : it cannot be written
+        """
+        text = json.dumps(
+            record.model_dump(mode="json", by_alias=True), indent=1, ensure_ascii=False
+        )
+        if record.evidence:
+            write_whole(self.path / record.evidence / "record.json", text + "\n")
+        last = self.record_file(record.step)
+        if record.outcome is Outcome.BROKEN_OFF and last.exists():
+            return
+        write_whole(last, text + "\n")
+
+    def references(self) -> dict[CalibrationName, CalibrationReference]:
+        """Return the calibrations that the cell file as commissioned names.
+
+        Raises
+        ------
+        ConfigError : a calibration that was there cannot be read
+        """
+        found = {}
+        for name in CALIBRATION_NAMES:
+            path = self.calibration_file(name)
+            if path.exists():
+                digest = hashlib.sha256(read_bytes(path, MAX_RECORD_BYTES, "a calibration"))
+                found[name] = CalibrationReference(
+                    file=str(path.relative_to(self.path)), sha256=digest.hexdigest()
+                )
+        return found
+
+    def keep(
+        self, nominal: Path, calibrations: Mapping[CalibrationName, Calibration]
+    ) -> dict[CalibrationName, str]:
+        """Write calibrations and the cell file that refers to them; return their hashes.
+
+        Parameters
+        ----------
+        nominal : cell file whose text is kept
+        calibrations : new ones, by name
+
+        Raises
+        ------
+        ConfigError : a file cannot be read or written
+        """
+        made = {
+            name: write_calibration(self.calibration_file(name), one)
+            for name, one in calibrations.items()
+        }
+        self.write_cell(nominal)
+        return made
+
+    def write_cell(self, nominal: Path) -> None:
+        """Write the cell file as commissioned: the nominal one's text and the calibrations.
+
+        Raises
+        ------
+        ConfigError : a file cannot be read or written
+        """
+        text = calibrated_text(read_text(nominal, "a cell file"), self.references())
+        write_whole(self.cell_file, text)
+
+    def load_for(self, nominal: Path, makes: Sequence[CalibrationName]) -> Cell:
+        """Return the cell as commissioned so far, without what a step is about to measure anew.
+
+        Parameters
+        ----------
+        nominal : cell file whose text is kept
+        makes : the calibrations left out
+
+        Raises
+        ------
+        ConfigError : a file cannot be read or written, or a calibration is wrong
+        """
+        kept = {name: one for name, one in self.references().items() if name not in makes}
+        draft = self.path / ".step.yaml"
+        write_whole(draft, calibrated_text(read_text(nominal, "a cell file"), kept))
+        try:
+            return load_cell(draft)
+        finally:
+            draft.unlink(missing_ok=True)
+
+
+def _read_record(path: Path, step: str) -> StepRecord:
+    data = read_bytes(path, MAX_RECORD_BYTES, "a record")
+    try:
+        record = StepRecord.model_validate(json.loads(data))
+    except ValueError as error:
+        first = str(error).splitlines()[0]
+        raise ConfigError(
+            f"{path}: is no record of commissioning ({first:.120}); remove it and repeat the step"
+        ) from error
+    if record.step != step:
+        raise ConfigError(f"{path}: is the record of `{record.step}`; remove it, repeat the step")
+    return record
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Write a text file, whole or not at all.
+
+    Raises
+    ------
+    ConfigError : it cannot be written; what was there before still is
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=path.parent, prefix=".", delete=False) as draft:
+            draft.write(text.encode())
+            draft.flush()
+            os.fsync(draft.fileno())
+        Path(draft.name).chmod(0o644)
+        Path(draft.name).replace(path)
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be written: {reason_of(error)}") from error

@@ -1,0 +1,151 @@
+"""What a step of commissioning leaves: figures with their limits, pictures, who, and how it ended.
+
+Written as JSON; `docs/commissioning.md` names the fields.
+"""
+
+from collections.abc import Iterable, Mapping
+from datetime import datetime
+from enum import StrEnum
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from controller.config import Section
+from controller.config.calibration_reference import CalibrationName
+
+Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+
+
+class Outcome(StrEnum):
+    """How a step ended."""
+
+    PASSED = "passed"
+    FAILED = "failed"
+    """A figure is over its limit, or what is there is not what should be."""
+    BROKEN_OFF = "broken off"
+    """Stopped by a person, an interlock, or a device that was lost; it is to be repeated."""
+
+
+class Figure(Section):
+    """One measured value and what is allowed.
+
+    Attributes
+    ----------
+    name : what it is of, for people
+    value : measured
+    unit : empty where it has none
+    uncertainty : standard uncertainty of the value; None where nobody worked it out
+    low, high : limits, None where there is none
+    """
+
+    name: str
+    value: float
+    unit: str = ""
+    uncertainty: float | None = Field(None, ge=0)
+    low: float | None = None
+    high: float | None = None
+
+    @property
+    def is_within(self) -> bool:
+        """Whether the value keeps its limits."""
+        return (self.low is None or self.value >= self.low) and (
+            self.high is None or self.value <= self.high
+        )
+
+    @property
+    def has_limit(self) -> bool:
+        """Whether anything is required of it."""
+        return self.low is not None or self.high is not None
+
+    @property
+    def words(self) -> str:
+        """The value with its unit and its limits."""
+        more = "" if self.uncertainty is None else f" +- {self.uncertainty:.3g}"
+        limits = [
+            f"{word} {bound:g}"
+            for word, bound in (("at least", self.low), ("at most", self.high))
+            if bound is not None
+        ]
+        allowed = f" ({', '.join(limits)} allowed)" if limits else ""
+        return f"{self.name}: {self.value:.4g}{more} {self.unit}".rstrip() + allowed
+
+
+class Picture(Section):
+    """A picture of a step.
+
+    Attributes
+    ----------
+    file : its path from the folder of the step's evidence
+    caption : what it shows
+    sha256 : of its bytes
+    """
+
+    file: str
+    caption: str
+    sha256: Sha256
+
+
+class GivenAnswer(Section):
+    """What a person was asked and answered.
+
+    Attributes
+    ----------
+    text : of the question
+    choice : what was answered
+    who : gave the answer
+    """
+
+    text: str
+    choice: str
+    who: str
+
+
+class StepRecord(Section):
+    """One run of one step.
+
+    Attributes
+    ----------
+    step : its name
+    message : why it did not pass; empty if it did
+    began, ended : UTC
+    by : who commissioned
+    software : that did
+    cell : name of the cell
+    cell_digest : of what the nominal cell file describes, `cell_digest`
+    emulated : the devices that were emulated
+    evidence : folder of its pictures, from the folder of the commissioning
+    based_on : calibrations it used, by the hash of their file
+    made : calibrations it wrote, by the hash of their file
+    """
+
+    schema_: Literal[1] = Field(1, alias="schema")
+    step: str
+    outcome: Outcome
+    message: str = ""
+    began: datetime
+    ended: datetime
+    by: str = ""
+    software: str = ""
+    cell: str = ""
+    cell_digest: Sha256
+    emulated: tuple[str, ...] = ()
+    evidence: str = ""
+    based_on: Mapping[CalibrationName, Sha256] = Field(default_factory=dict)
+    made: Mapping[CalibrationName, Sha256] = Field(default_factory=dict)
+    figures: tuple[Figure, ...] = ()
+    findings: tuple[str, ...] = ()
+    pictures: tuple[Picture, ...] = ()
+    answers: tuple[GivenAnswer, ...] = ()
+
+    @model_validator(mode="after")
+    def _times_are_in_order(self) -> "StepRecord":
+        if self.began.tzinfo is None or self.ended.tzinfo is None:
+            raise ValueError("`began` and `ended` need their offset from UTC")
+        if self.ended < self.began:
+            raise ValueError("`ended` is before `began`")
+        return self
+
+
+def worst_of(figures: Iterable[Figure]) -> tuple[Figure, ...]:
+    """Return the figures that do not keep their limits."""
+    return tuple(figure for figure in figures if not figure.is_within)

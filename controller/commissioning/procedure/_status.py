@@ -1,0 +1,118 @@
+"""Which steps are done, stale, failed or not done, and why."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from enum import StrEnum
+
+from controller.config.calibration_reference import CalibrationName
+
+from ._record import Outcome, StepRecord
+
+
+class Status(StrEnum):
+    """What holds of a step now."""
+
+    DONE = "done"
+    STALE = "stale"
+    FAILED = "failed"
+    NOT_DONE = "not done"
+
+
+@dataclass(frozen=True, slots=True)
+class StepPlan:
+    """A step, as far as its order and its age matter.
+
+    Attributes
+    ----------
+    name : of the step
+    needs : the steps that have to be done before it
+    valid_days : after which it is stale; None for never
+    """
+
+    name: str
+    needs: tuple[str, ...]
+    valid_days: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class Standing:
+    """What holds of one step.
+
+    Attributes
+    ----------
+    step : its name
+    status : done or not
+    reason : why it is not done; for a step that is, when it was
+    """
+
+    step: str
+    status: Status
+    reason: str
+
+
+def standings(
+    plans: Sequence[StepPlan],
+    records: Mapping[str, StepRecord],
+    now: datetime,
+    digest: str,
+    calibrations: Mapping[CalibrationName, str],
+) -> tuple[Standing, ...]:
+    """Return what holds of each step, in their order.
+
+    A step is stale if the cell file describes another cell by now, if a calibration that it used
+    or wrote is another one by now, if a step that it needs was repeated after it or is not done
+    itself, or by its age.
+
+    Parameters
+    ----------
+    plans : all steps, each after those that it needs
+    records : the last record of each step that has one
+    now : with its offset from UTC
+    digest : of what the cell file describes
+    calibrations : the hash of each calibration that the cell has now
+    """
+    found: dict[str, Standing] = {}
+    for plan in plans:
+        status, reason = _of_record(plan, records.get(plan.name), now, digest, calibrations)
+        if status is Status.DONE and (why := _by_needs(plan, records, found)):
+            status, reason = Status.STALE, why
+        found[plan.name] = Standing(plan.name, status, reason)
+    return tuple(found.values())
+
+
+def _of_record(
+    plan: StepPlan,
+    record: StepRecord | None,
+    now: datetime,
+    digest: str,
+    calibrations: Mapping[CalibrationName, str],
+) -> tuple[Status, str]:
+    if record is None:
+        return Status.NOT_DONE, "never begun"
+    when = f"{record.ended:%Y-%m-%d %H:%M}"
+    if record.outcome is Outcome.BROKEN_OFF:
+        return Status.NOT_DONE, f"broken off {when}: {record.message}"
+    if record.outcome is Outcome.FAILED:
+        return Status.FAILED, f"{when}: {record.message}"
+    if record.cell_digest != digest:
+        return Status.STALE, f"the cell file describes another cell than on {when}"
+    for name, sha256 in {**record.based_on, **record.made}.items():
+        if calibrations.get(name) != sha256:
+            what = "is gone" if name not in calibrations else "is another one"
+            return Status.STALE, f"the calibration `{name}` {what} since {when}"
+    if plan.valid_days is not None and now - record.ended > timedelta(days=plan.valid_days):
+        return Status.STALE, f"older than {plan.valid_days} days: {when}"
+    return Status.DONE, when + (f" by {record.by}" if record.by else "")
+
+
+def _by_needs(
+    plan: StepPlan, records: Mapping[str, StepRecord], found: Mapping[str, Standing]
+) -> str:
+    """Return why a step that was done does not hold any more because of those before it."""
+    for need in plan.needs:
+        if found[need].status is not Status.DONE:
+            return f"`{need}`, which it needs, is {found[need].status.value}"
+        if records[need].ended > records[plan.name].began:
+            return f"`{need}`, which it needs, was repeated after it"
+    return ""

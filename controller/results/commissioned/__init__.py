@@ -1,0 +1,5 @@
+"""The evidence page of a commissioned cell: each step with figures, limits, pictures and who."""
+
+from .page import write_evidence_page
+
+__all__ = ["write_evidence_page"]

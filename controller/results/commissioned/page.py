@@ -1,0 +1,130 @@
+"""One page for a commissioned cell, from the records and pictures that its steps left."""
+
+import base64
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import cv2
+import numpy as np
+
+from controller.commissioning.procedure import (
+    Figure,
+    Folder,
+    Picture,
+    Standing,
+    Status,
+    StepRecord,
+)
+from controller.config.calibrations import read_calibrations
+
+from ..pages import render_page
+from ..wording import utc
+
+TEMPLATE: Final = "commissioned.html.j2"
+WIDTH_PX: Final = 420  # of a picture on the page; the evidence has it whole
+JPEG_QUALITY: Final = 80
+BADGE: Final = {
+    Status.DONE: "pass",
+    Status.STALE: "doubt",
+    Status.FAILED: "fail",
+    Status.NOT_DONE: "none",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """A picture on the page; `data` is empty where its file is gone or was changed."""
+
+    caption: str
+    file: str
+    data: str
+
+
+@dataclass(frozen=True, slots=True)
+class StepShown:
+    """A step on the page."""
+
+    standing: Standing
+    badge: str
+    record: StepRecord | None
+    figures: tuple[tuple[Figure, str], ...]
+    pictures: tuple[Shown, ...]
+    times: str
+
+
+def write_evidence_page(folder: Folder, standings: Sequence[Standing], name: str) -> Path:
+    """Write the page of a commissioning into its folder and return its path.
+
+    Parameters
+    ----------
+    folder : what is kept
+    standings : what holds of each step, in order
+    name : of the cell
+
+    Raises
+    ------
+    ConfigError : a record or a calibration is damaged
+    OSError : the page cannot be written
+    """
+    records = folder.read_records(tuple(one.step for one in standings))
+    calibrations = read_calibrations(folder.cell_file, folder.references())
+    shown = [_step(folder, one, records.get(one.step)) for one in standings]
+    return render_page(
+        __package__,
+        TEMPLATE,
+        folder.path / "commissioning.html",
+        name=name,
+        steps=shown,
+        open_steps=[one for one in standings if one.status is not Status.DONE],
+        emulated=sorted({device for one in records.values() for device in one.emulated}),
+        calibrations=[
+            (key, one, folder.references()[key].sha256) for key, one in calibrations.items()
+        ],
+        utc=utc,
+    )
+
+
+def _step(folder: Folder, standing: Standing, record: StepRecord | None) -> StepShown:
+    badge = BADGE[standing.status]
+    if record is None:
+        return StepShown(standing, badge, None, (), (), "")
+    place = folder.path / record.evidence
+    return StepShown(
+        standing,
+        badge,
+        record,
+        tuple((figure, allowed(figure)) for figure in record.figures),
+        tuple(_shown(place, picture) for picture in record.pictures),
+        f"{utc(record.began)} to {utc(record.ended)}",
+    )
+
+
+def allowed(figure: Figure) -> str:
+    """Return a figure's limits in words; empty where it has none."""
+    if figure.low is not None and figure.high is not None:
+        return f"{figure.low:g} to {figure.high:g}"
+    if figure.low is not None:
+        return f"at least {figure.low:g}"
+    return f"at most {figure.high:g}" if figure.high is not None else ""
+
+
+def _shown(place: Path, picture: Picture) -> Shown:
+    path = place / picture.file
+    try:
+        data = path.read_bytes()
+    except OSError:
+        return Shown(picture.caption, picture.file, "")
+    if hashlib.sha256(data).hexdigest() != picture.sha256:
+        return Shown(picture.caption, picture.file, "")
+    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE)
+    if image is None:
+        return Shown(picture.caption, picture.file, "")
+    height, width = image.shape
+    small = cv2.resize(
+        image, (WIDTH_PX, round(height * WIDTH_PX / width)), interpolation=cv2.INTER_AREA
+    )
+    jpeg = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1]
+    return Shown(picture.caption, picture.file, base64.b64encode(jpeg.tobytes()).decode())

@@ -1,0 +1,176 @@
+"""Commissioning in the simulated cell: a step passes, is stopped, loses a device, and goes on."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from controller.cell.commissioning import CommissionOrder, Session, due
+from controller.cell.commissioning.person import HELPER
+from controller.cell.devices.clocks import FoundClock
+from controller.cell.operator import NOBODY, Answer, Operator, Question
+from controller.commissioning.procedure import Folder, Outcome, Status, StepRecord
+from controller.config import ConfigError
+from emulators.umi_scara import Axis
+from simulation.cell import BEAT_S, Scene, SimulatedCell
+from simulation.loop import SimulatedLoop, SimulatedProcess
+
+
+class Helper:
+    """Answers for a person; something befalls the cell when a question is put."""
+
+    def __init__(self, code: str = "", then: Callable[[], None] = lambda: None) -> None:
+        self.code, self.then = code, then
+        self.texts: list[str] = []
+
+    async def decide(self, question: Question) -> Answer:
+        self.texts.append(question.text)
+        if self.code and self.code in question.text:
+            self.code = ""
+            self.then()
+        return Answer(question.choices[0].key, HELPER)
+
+
+class Story:
+    """A simulated cell and sessions of commissioning on it."""
+
+    def __init__(self, loop: SimulatedLoop, cell: SimulatedCell, out: Path) -> None:
+        self.loop, self.cell = loop, cell
+        self.order = CommissionOrder(cell.cell_path, Folder(out), "a tester")
+        self.lines: list[str] = []
+        self.number = 0
+
+    def session(self, operator: Operator) -> Session:
+        controller = self.cell.controller()
+        return Session(
+            self.order,
+            {},
+            FoundClock(monotonic=self.loop.time, beat_wall_s=BEAT_S),
+            operator,
+            None,
+            self.lines.append,
+            controller._devices,
+        )
+
+    async def run(self, session: Session) -> StepRecord:
+        """Run the step `devices` to its end, as a controller of its own."""
+        self.number += 1
+        process = SimulatedProcess(f"session {self.number}")
+        (record,) = await self.loop.spawn(process, session.run(("devices",), lambda record: None))
+        return record
+
+    def status(self) -> Status:
+        return self.order.standings(datetime.now(UTC))[0].status
+
+    def counts(self) -> dict[Axis, float]:
+        return {axis: motor.position for axis, motor in self.cell.cell.arm.axes.items()}
+
+
+def tell(tmp_path: Path, story: Callable[[Story], Any]) -> None:
+    """Run a story on a loop of its own."""
+    loop = SimulatedLoop(5)
+    cell = SimulatedCell(loop, 5, Scene("holder"), tmp_path / "cell")
+
+    async def all_of_it() -> None:
+        async with cell:
+            await story(Story(loop, cell, tmp_path / "out"))
+
+    try:
+        loop.run_until_complete(all_of_it())
+    finally:
+        cell.close()
+        loop.bury()
+        loop.close()
+
+
+def test_a_step_that_passes_leaves_its_record_and_is_done(tmp_path: Path) -> None:
+    async def story(one: Story) -> None:
+        helper = Helper()
+        record = await one.run(one.session(helper))
+        assert (record.outcome, record.message) == (Outcome.PASSED, "")
+        assert one.status() is Status.DONE
+        assert due(one.order.standings(datetime.now(UTC)), None) == ("light",)
+        # each motor and each axis of homing had a question of its own (umi_rtx.md 10)
+        assert sum("motor" in text and "moves next" in text for text in helper.texts) == 7
+        assert sum(text.startswith("Homing:") for text in helper.texts) == 6
+        assert {told.who for told in record.answers} == {HELPER}
+        assert record.by == "a tester"
+
+    tell(tmp_path, story)
+
+
+def test_a_stop_half_way_halts_the_arm_and_the_next_start_goes_on(tmp_path: Path) -> None:
+    async def story(one: Story) -> None:
+        session = one.session(NOBODY)
+        helper = Helper("shoulder", lambda: session.request_stop("Ctrl-C", "stop"))
+        session._operator = helper
+        record = await one.run(session)
+        assert record.outcome is Outcome.BROKEN_OFF
+        assert "Ctrl-C" in record.message
+        before = one.counts()
+        one.cell.catch_up()
+        assert one.counts() == before
+        assert one.status() is Status.NOT_DONE
+        assert (await one.run(one.session(Helper()))).outcome is Outcome.PASSED
+        assert one.status() is Status.DONE
+
+    tell(tmp_path, story)
+
+
+def test_an_emergency_stop_half_way_is_latched_until_somebody_has_seen_it(tmp_path: Path) -> None:
+    async def story(one: Story) -> None:
+        helper = Helper("Homing: the shoulder", lambda: one.cell.befall("estop", pressed=True))
+        record = await one.run(one.session(helper))
+        assert record.outcome is Outcome.BROKEN_OFF
+        one.cell.befall("estop", pressed=False)
+        one.cell.befall("reset")
+        again = Helper()
+        assert (await one.run(one.session(again))).outcome is Outcome.PASSED
+        assert any("acknowledged" in text for text in again.texts)
+
+    tell(tmp_path, story)
+
+
+@pytest.mark.parametrize(
+    ("device", "word"), [("arm", "arm"), ("gripper", "gripper"), ("io", "supply|estop|I/O|link")]
+)
+def test_a_device_that_is_lost_half_way_is_named_and_nothing_is_lost(
+    tmp_path: Path, device: str, word: str
+) -> None:
+    async def story(one: Story) -> None:
+        first = await one.run(one.session(Helper()))
+        helper = Helper("Homing: zed", lambda: one.cell.befall("power", device=device))
+        record = await one.run(one.session(helper))
+        assert record.outcome in (Outcome.FAILED, Outcome.BROKEN_OFF)
+        assert re.search(word, record.message), record.message
+        kept = one.order.folder.path / first.evidence / "record.json"
+        assert StepRecord.model_validate_json(kept.read_text()) == first
+
+    tell(tmp_path, story)
+
+
+def test_where_nobody_is_there_nothing_moves(tmp_path: Path) -> None:
+    async def story(one: Story) -> None:
+        before = one.counts()
+        record = await one.run(one.session(NOBODY))
+        assert record.outcome is Outcome.BROKEN_OFF
+        assert "a person is required" in record.message
+        assert one.counts() == before
+
+    tell(tmp_path, story)
+
+
+def test_a_step_whose_needs_are_not_done_is_refused(tmp_path: Path) -> None:
+    async def story(one: Story) -> None:
+        standings = one.order.standings(datetime.now(UTC))
+        with pytest.raises(ConfigError, match="it needs `devices`, which is not done"):
+            due(standings, "light")
+        with pytest.raises(ConfigError, match="there are devices, light"):
+            due(standings, "lamp")
+
+    tell(tmp_path, story)
