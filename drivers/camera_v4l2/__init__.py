@@ -58,7 +58,7 @@ def _build(site: Site, _: NoSettings) -> Camera:
         frame_margin_s=capture.margin_s,
         frame_timeout_s=capture.frame_late_s,
     )
-    return Camera(config, clock=site.clock)
+    return Camera(config, clock=site.clock, wires=site.wires, name=site.name)
 
 
 DRIVER: Driver[kinds.Camera, NoSettings] = Driver(NoSettings, _build)

@@ -9,7 +9,7 @@ import dataclasses
 import errno
 import math
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Executor
 from typing import Final, ParamSpec, Self, TypeVar
 
 from drivers.clock import REAL_TIME, CellClock
@@ -20,6 +20,7 @@ from drivers.errors import (
     ReplyTimeoutError,
     UnpluggedError,
 )
+from drivers.wires import UNTAPPED, Wires
 
 from .capture import (
     CameraConfig,
@@ -30,7 +31,7 @@ from .capture import (
     ControlSetting,
     Frame,
 )
-from .kernel import UNIX_PREFIX, KernelCalls, SocketCalls, SysCalls
+from .kernel import UNIX_PREFIX, KernelCalls, SocketCalls, SysCalls, TappedCalls
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
@@ -57,18 +58,28 @@ class Camera:
     config : how to find and set it
     clock : the cell's clock; all durations and instants here are its seconds
     calls : system calls; by default those that fit the address
+    wires : what records the calls or plays them
+    name : of the camera, for the wires
     """
 
     def __init__(
-        self, config: CameraConfig, clock: CellClock = REAL_TIME, calls: SysCalls | None = None
+        self,
+        config: CameraConfig,
+        clock: CellClock = REAL_TIME,
+        calls: SysCalls | None = None,
+        wires: Wires = UNTAPPED,
+        name: str = "camera",
     ) -> None:
         self._config, self._clock = config, clock
-        self._calls = calls or system_calls_for(config.device)
+        calls = calls or system_calls_for(config.device)
+        tap = wires.camera(name)
+        self._calls = calls if tap is None else TappedCalls(calls, tap)
+        self._wires, self._name = wires, name
         self._lock = asyncio.Lock()
         self._stats = CameraStats()
         self._exposure_s = config.exposure_s
         self._capture: CaptureSession | None = None
-        self._worker: ThreadPoolExecutor | None = None
+        self._worker: Executor | None = None
         self._waiter: asyncio.Future[None] | None = None
         self._is_paused = False
         self._is_closing = False
@@ -97,7 +108,7 @@ class Camera:
         async with self._lock:
             if self._capture is not None:
                 raise ValueError(f"camera {self._config.device}: already connected")
-            self._worker = ThreadPoolExecutor(1, thread_name_prefix="camera")
+            self._worker = self._wires.thread(self._name)
             self._capture = CaptureSession(self._config, self._clock, self._calls, self._stats)
             self._is_paused = False
             try:

@@ -368,9 +368,9 @@ class Gripper:
 
         Outputs are absolute, so the one repetition moves nothing twice.
         """
-        self._monitor.note_request()
         try:
             await self._unit.write_registers(OUTPUT_REGISTER, outputs)
+            self._monitor.note_request()
         except NOT_KNOWN_TO_BE_DONE as error:
             log.warning("reading back: %s", error)
             if not has_arrived(await self.status()):

@@ -71,8 +71,8 @@ class GripperMonitor:
     async def status(self) -> GripperStatus:
         """Read the input block and return the status."""
         at_s = self._clock.now_s()
-        self._request_at_s = at_s
         registers = await self._unit.read_holding_registers(INPUT_REGISTER, INPUT_COUNT)
+        self._request_at_s = max(self._request_at_s, at_s)
         status = GripperStatus.of(decode_inputs(registers), self._config, at_s)
         self.latest = status
         if judge_hold(self.grasp, status, self._config) is Hold.LOST and not self.lost.is_set():
@@ -81,7 +81,7 @@ class GripperMonitor:
         return status
 
     def note_request(self) -> None:
-        """Take it that a request goes out now: it keeps the gripper awake as a reading does."""
+        """Take it that a request was answered now: it keeps the gripper awake as a reading does."""
         self._request_at_s = self._clock.now_s()
 
     async def until(

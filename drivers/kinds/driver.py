@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar
 
 from ..clock import CellClock
+from ..wires import UNTAPPED, Wires
 from .arm import Arm
 from .camera import Capture
 from .io_block import Polling
@@ -47,6 +48,7 @@ class Site:
     lamps : of a lamp unit
     capture : of a camera
     silence_s : of an arm: a line on which no byte has come back for so long is silent [cell s]
+    wires : what records the device's wires or plays them; `open_link` has it in place already
     """
 
     name: str
@@ -58,6 +60,7 @@ class Site:
     lamps: tuple[Lamp, ...] = ()
     capture: Capture | None = None
     silence_s: float = 0.5
+    wires: Wires = UNTAPPED
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,6 +14,7 @@ from pymodbus.exceptions import ConnectionException, ModbusIOException
 from pymodbus.pdu import ModbusPDU
 
 from ..clock import CellClock
+from ..wires import LineTap
 from ._address import CONNECT_TIMEOUT_WALL_S, Address, Hooks
 from ._request import FunctionCode, Request
 
@@ -38,13 +39,14 @@ class Lost(Exception):  # noqa: N818  an outcome between two private files, neve
 class Connection:
     """A connection: opened once, used for one request after the other, closed."""
 
-    def __init__(self, address: Address, trace: Trace | None) -> None:
+    def __init__(self, address: Address, trace: Trace | None, tap: LineTap | None = None) -> None:
         pymodbus_log = logging.getLogger("pymodbus.logging")
         if pymodbus_log.level == logging.NOTSET:
             # It shouts with frame dumps about what the link handles; whoever wants it sets a level.
             pymodbus_log.setLevel(logging.CRITICAL + 1)
         self._address = address
         self._trace = trace
+        self._tap = tap
         self._client = address.client(Hooks(self._on_packet, self._on_pdu, self._on_connected))
         self._lost = asyncio.Event()
         self.is_asking = False  # a request is out
@@ -164,9 +166,13 @@ class Connection:
     def _on_connected(self, connected: bool) -> None:
         if not connected:
             self._lost.set()
+            if self._tap is not None:
+                self._tap.lost()
 
     def _show(self, mark: str, sending: bool, data: bytes) -> None:
         if wire_log.isEnabledFor(logging.DEBUG):
             wire_log.debug("%s %s %s", self._address, mark, data.hex(" "))
         if self._trace is not None:
             self._trace(sending, data)
+        if self._tap is not None:
+            self._tap.carried(data, sending=sending, in_time=self.is_asking)

@@ -17,6 +17,7 @@ from pymodbus.pdu import ExceptionResponse, ModbusPDU
 
 from ..clock import REAL_TIME, CellClock
 from ..errors import BadReplyError, LinkError, RefusedError, ReplyTimeoutError, UnpluggedError
+from ..wires import LineTap
 from ._address import Address, TcpAddress
 from ._connection import Connection, Lost, NoAnswer, Trace
 from ._request import FunctionCode, Request
@@ -69,6 +70,7 @@ class ModbusLink:
     clock : the cell's clock
     reply_timeout_s : how long a unit may take to answer [cell s]
     trace : called with (sending, bytes) for everything on the wire
+    tap : of the line, None for none
     """
 
     def __init__(
@@ -78,11 +80,13 @@ class ModbusLink:
         *,
         reply_timeout_s: float = REPLY_TIMEOUT_S,
         trace: Trace | None = None,
+        tap: LineTap | None = None,
     ) -> None:
         self.address = address
         self.clock = clock
         self._reply_timeout_s = reply_timeout_s
         self._trace = trace
+        self._tap = tap
         self._lock = asyncio.Lock()
         self._memories: dict[int, _Memory] = {}
         self._connection: Connection | None = None
@@ -175,7 +179,12 @@ class ModbusLink:
         later leaves at once, but the line stays taken until the answer is in: otherwise the next
         request, most likely a stop, would have to wait for a resynchronisation.
         """
+        what = f"unit {turn.who.unit} {turn.request}"
+        if self._tap is not None:
+            await self._tap.turn(what)
         await self._lock.acquire()
+        if self._tap is not None:
+            self._tap.taken(what)
         task = asyncio.ensure_future(self._use_line(turn))
         task.add_done_callback(self._line_is_free)
         try:
@@ -324,9 +333,11 @@ class ModbusLink:
                 f"{self.address}: not connected ({self._reason}), next try in "
                 f"{self._next_try_at_s - now_s:.1f} s; {self.address.check}"
             )
-        connection = Connection(self.address, self._trace)
+        connection = Connection(self.address, self._trace, self._tap)
         try:
             reason = await connection.open(self.clock)
+            if self._tap is not None:
+                self._tap.opened(reason)
         except asyncio.CancelledError:
             await connection.aclose()
             raise

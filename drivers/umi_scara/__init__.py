@@ -7,6 +7,7 @@ listens, one request at a time), `motion` (the motors in counts); beside them, w
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Final
 
 from ..kinds import Arm, Driver, JawReading, Site, Stop
@@ -168,7 +169,17 @@ class UmiSettings:
 
 
 def _build(site: Site, settings: UmiSettings) -> UmiScara:
-    return UmiScara(site.address, config=settings.config(site.silence_s), clock=site.clock)
+    config = settings.config(site.silence_s)
+    tap = site.wires.line(site.name)
+    if tap is None:
+        return UmiScara(site.address, config=config, clock=site.clock)
+    opens = partial(tap.opening, partial(SerialTransport, site.address))
+
+    def trace(exchange: WireExchange) -> None:
+        if not exchange.reply:
+            tap.unanswered()
+
+    return UmiScara(opens, config=config, clock=site.clock, trace=trace, tap=tap)
 
 
 DRIVER: Driver[Arm, UmiSettings] = Driver(UmiSettings, _build)

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from drivers.clock import REAL_TIME, CellClock
 from drivers.errors import PositionLostError
 from drivers.kinds import Confirm, JawReading, MotorTry, Stop
+from drivers.wires import LineTap
 
 from ._config import ArmConfig, check_speeds
 from ._session import ArmIdentity, ArmSession
@@ -71,6 +72,7 @@ class UmiScara:
     config : settings of the arm, its line, homing and gripper
     clock : the cell's clock
     trace : called with every exchange on the wire; the logger ``cellctl.wire.arm`` has them, too
+    tap : of the line, None for none
 
     Attributes
     ----------
@@ -84,9 +86,10 @@ class UmiScara:
         config: ArmConfig | None = None,
         clock: CellClock = REAL_TIME,
         trace: Trace | None = None,
+        tap: LineTap | None = None,
     ) -> None:
         self._config = config or ArmConfig()
-        self._session = ArmSession(port, self._config.link, clock, trace)
+        self._session = ArmSession(port, self._config.link, clock, trace, tap)
         self.positions = self._session.positions
         self._play = GearPlay(self._config.play_counts)
 

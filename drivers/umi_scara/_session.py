@@ -13,6 +13,7 @@ from typing import Final
 from drivers.clock import CellClock
 from drivers.errors import DeviceError, LinkError, PositionLostError, SilentLineError
 from drivers.kinds import Stop
+from drivers.wires import LineTap
 
 from .line import (
     Guard,
@@ -71,6 +72,7 @@ class ArmSession:
     config : timing of the line
     clock : the cell's clock
     trace : called with every exchange on the wire
+    tap : of the line, None for none
     """
 
     def __init__(
@@ -79,11 +81,13 @@ class ArmSession:
         config: LinkConfig,
         clock: CellClock,
         trace: Trace | None,
+        tap: LineTap | None = None,
     ) -> None:
         self._open_transport = (lambda: SerialTransport(port)) if isinstance(port, str) else port
         self._config = config
         self._clock = clock
         self._trace = trace
+        self._tap = tap
         self._axes_or_none: Axes | None = None
         self._identity: ArmIdentity | None = None
         self._is_powered = False
@@ -103,7 +107,7 @@ class ArmSession:
         BadReplyError : bytes that make no sense
         """
         await self._disconnect()
-        link = Link(self._open_transport(), self._clock, self._config, self._trace)
+        link = Link(self._open_transport(), self._clock, self._config, self._trace, self._tap)
         axes = Axes(link, self._clock, self._lose_position)
         try:
             gripper = ADDRESSES[Axis.GRIPPER]

@@ -871,6 +871,36 @@ ROWS: tuple[Row, ...] = (
     # reports
     Row("report of no runs", nothing, ("report", "--runs", "none"), "no journal at none", 1),
     Row("views that are not there", nothing, ("inspect", "none.json"), "none.json: No such file"),
+    Row(
+        "replay of wires that are not there",
+        nothing,
+        ("replay", "--wires", "none.wires"),
+        "none.wires: No such file",
+    ),
+    Row(
+        "replay of a file that has no wires",
+        nothing,
+        ("replay", "--wires", CELL_FILE),
+        "this is no file that `cellctl run --record` writes",
+    ),
+    Row(
+        "recording over another file",
+        nothing,
+        (*RUN, "--record", "recipe.yaml"),
+        "--record recipe.yaml: exists already",
+    ),
+    Row(
+        "replay of wires with a run",
+        nothing,
+        ("replay", "nonsense", "--wires", "none.wires"),
+        "RUN and --wires exclude each other",
+    ),
+    Row(
+        "replay of pictures with a cell",
+        nothing,
+        ("replay", "--cell", "none.yaml"),
+        "--cell goes with --wires",
+    ),
     Row("replay of no run", nothing, ("replay", "nonsense"), "no run `nonsense` in runs"),
     Row("verify of no run", nothing, ("verify", "nonsense"), "no run `nonsense` in runs"),
     Row("statistics of no runs", nothing, ("stats", "none.yaml"), "no journal at runs", 1),

@@ -10,7 +10,7 @@ from ..services.records import PartRecord, Progress
 from .assembly import Batch, assemble
 from .dispatcher import WORKER_GONE, Dispatcher, Outcome
 from .order import Papers, RecoveryPolicy, RunOrder
-from .run import HOST, Outfit, RunResult, new_run_id, run_batch, who_and_what
+from .run import HOST, Outfit, RunResult, input_files, new_run_id, run_batch, who_and_what
 from .starting import GO_ON, find_proposal
 from .status import CellStatus
 from .supervision import ArmWatcher, ModbusWatcher
@@ -37,6 +37,7 @@ __all__ = [
     "RunResult",
     "assemble",
     "find_proposal",
+    "input_files",
     "new_run_id",
     "run_batch",
     "who_and_what",

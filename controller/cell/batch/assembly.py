@@ -130,7 +130,7 @@ def assemble(
     calibration : what of the cell's calibrations no longer counts
     """
     gripper, lights, io = devices.gripper, devices.lights, devices.io
-    arm, arm_in_use = counted(devices.arm, clock)
+    arm, arm_in_use = counted(devices.arm, clock, devices.wires.line("arm verbs"))
     quick = frozenset(name for name in CAMERAS if getattr(cell.cameras, name).settle_frames == 0)
     cameras: dict[CameraName, Camera] = {
         "overhead": devices.overhead,

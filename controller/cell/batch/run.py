@@ -53,11 +53,13 @@ class Outfit:
     compute : returns the compute service of a job, given the worker process
     devices : returns the drivers, given cell file, addresses and clock
     stamps : the clocks that the journal's rows are stamped by
+    on_row : called with number, kind and name of each row of the journal, from any thread
     """
 
     compute: Callable[[Job, Executor], Compute] = Compute
     devices: Callable[[Cell, Mapping[str, dict[str, Any]], CellClock], Devices] = Devices.build
     stamps: Stamps = HOST_STAMPS
+    on_row: Callable[[int, str, str], None] | None = None
 
 
 HOST: Final = Outfit()
@@ -118,6 +120,7 @@ async def run_batch(
     place = order.runs_dir / JOURNAL_NAME
     opened = await asyncio.to_thread(open_cell_journal, place, order.run_id, outfit.stamps)
     journal = opened.journal
+    journal.on_row = outfit.on_row
     if opened.notice:
         on_notice(opened.notice)
     try:
@@ -315,6 +318,17 @@ async def _barred(order: RunOrder, journal: Journal, operator: Operator) -> Outc
     return refuse(journal, latch.words, code="not_acknowledged", where="Nothing has moved.")
 
 
+def input_files(order: RunOrder) -> tuple[Path, ...]:
+    """Return the files that a run is started with."""
+    return (
+        order.recipe_path,
+        order.cell_path,
+        order.recipe.part,
+        *order.recipe.others,
+        *(path for _, path in _calibrations(order)),
+    )
+
+
 def who_and_what(order: RunOrder, where: Mapping[str, dict[str, Any]]) -> rows.RunBegan:
     """Return the first row of a run: recipe, cell, devices, software.
 
@@ -325,13 +339,7 @@ def who_and_what(order: RunOrder, where: Mapping[str, dict[str, Any]]) -> rows.R
     """
     # all devices on an emulator's clock are emulated, also those whose address was given by hand
     emulated_names = where if order.clock.path is not None else order.cell.emulated_devices
-    files = (
-        order.recipe_path,
-        order.cell_path,
-        order.recipe.part,
-        *order.recipe.others,
-        *(path for _, path in _calibrations(order)),
-    )
+    files = input_files(order)
     return rows.RunBegan(
         recipe=order.recipe.model_dump(mode="json", by_alias=True),
         files={str(path): hashlib.sha256(path.read_bytes()).hexdigest() for path in files},

@@ -53,9 +53,10 @@ class ArmWatcher:
         """Watch until cancelled, or until the arm is lost."""
         odd_count = 0
         while True:
+            # exactly: what is idle for a beat is asked then, however often this was woken before
             left_s = self._beat_s - self._in_use.idle_s()
             if left_s > 0 or not self._arm.is_homed:
-                await self._clock.sleep(max(left_s, self._beat_s / 4))
+                await self._clock.sleep(left_s if left_s > 0 else self._beat_s / 4)
                 continue
             try:
                 await self._arm.read_opening_mm()

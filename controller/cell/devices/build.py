@@ -30,6 +30,7 @@ from drivers.modbus_link import (
     RtuOverTcpAddress,
     TcpAddress,
 )
+from drivers.wires import UNTAPPED, Wires
 
 Addresses = Mapping[str, Any]
 
@@ -101,12 +102,20 @@ class DeviceBuilder:
     cell : as its file describes it
     where : address of each device, as `resolve` returns it
     clock : the clock of the devices
+    wires : what records the devices' wires or plays them
     """
 
-    def __init__(self, cell: Cell, where: Mapping[str, dict[str, Any]], clock: CellClock) -> None:
+    def __init__(
+        self,
+        cell: Cell,
+        where: Mapping[str, dict[str, Any]],
+        clock: CellClock,
+        wires: Wires = UNTAPPED,
+    ) -> None:
         self._cell = cell
         self._where = where
         self._clock = clock
+        self._wires = wires
         self._links: dict[Address, ModbusLink] = {}
 
     @property
@@ -164,6 +173,7 @@ class DeviceBuilder:
             lamps=lamps if kind == "lights" else (),
             capture=self._capture(name) if kind == "camera" else None,
             silence_s=self._cell.detection.arm_silent_s - self._cell.detection.arm_beat_s,
+            wires=self._wires,
         )
 
     def _capture(self, name: str) -> Capture:
@@ -184,8 +194,9 @@ class DeviceBuilder:
         device = self._where[name]
         address = _modbus_address(name, device["address"], device["transport"], device["baudrate"])
         if address not in self._links:
+            through, tap = self._wires.modbus(address)
             self._links[address] = ModbusLink(
-                address, self._clock, reply_timeout_s=self._cell.timing.modbus_reply_s
+                through, self._clock, reply_timeout_s=self._cell.timing.modbus_reply_s, tap=tap
             )
         return self._links[address]
 
@@ -198,6 +209,7 @@ class Devices:
     ----------
     links : the Modbus lines they are on
     jaws_found : how the arm gripper stood when the arm answered first
+    wires : what records the devices' wires or plays them
     """
 
     arm: Arm
@@ -208,9 +220,16 @@ class Devices:
     inspection: Camera
     links: tuple[ModbusLink, ...] = field(default=())
     jaws_found: JawReading | None = None
+    wires: Wires = UNTAPPED
 
     @classmethod
-    def build(cls, cell: Cell, where: Mapping[str, dict[str, Any]], clock: CellClock) -> "Devices":
+    def build(
+        cls,
+        cell: Cell,
+        where: Mapping[str, dict[str, Any]],
+        clock: CellClock,
+        wires: Wires = UNTAPPED,
+    ) -> "Devices":
         """Return the drivers, none of them open yet. Needs a running event loop.
 
         Parameters
@@ -218,12 +237,13 @@ class Devices:
         cell : as its file describes it
         where : address of each device, as `resolve` returns it
         clock : the clock of the devices
+        wires : what records the devices' wires or plays them
 
         Raises
         ------
         ConfigError : no such driver is installed, or its settings or its address are wrong
         """
-        builder = DeviceBuilder(cell, where, clock)
+        builder = DeviceBuilder(cell, where, clock, wires)
         devices = cls(
             arm=builder.arm(),
             gripper=builder.gripper(),
@@ -233,6 +253,7 @@ class Devices:
             inspection=builder.camera("inspection"),
         )
         devices.links = builder.links
+        devices.wires = wires
         return devices
 
     async def connect(self) -> dict[str, str]:

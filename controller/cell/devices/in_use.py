@@ -6,6 +6,7 @@ from contextlib import asynccontextmanager
 from typing import Any, Final, TypeVar, cast
 
 from drivers.clock import CellClock
+from drivers.wires import LineTap
 
 Device = TypeVar("Device")
 # A stop must not wait, and does not count as use: the device may be asked whether it obeyed.
@@ -19,11 +20,13 @@ class InUse:
     ----------
     device : with awaitable verbs
     clock : of the cell
+    tap : what keeps in which order verbs begin, or holds them to it; None for none
     """
 
-    def __init__(self, device: object, clock: CellClock) -> None:
+    def __init__(self, device: object, clock: CellClock, tap: LineTap | None = None) -> None:
         self._device = device
         self._clock = clock
+        self._tap = tap
         self._count = 0
         self._last_s = clock.now_s()
 
@@ -33,6 +36,9 @@ class InUse:
             return found
 
         async def verb(*args: object, **more: object) -> object:
+            if self._tap is not None:
+                await self._tap.turn(name)
+                self._tap.taken(name)
             async with self._used():
                 return await found(*args, **more)
 
@@ -52,7 +58,14 @@ class InUse:
         return 0.0 if self._count else self._clock.now_s() - self._last_s
 
 
-def counted(device: Device, clock: CellClock) -> tuple[Device, InUse]:
-    """Return a device whose verbs are counted, and what counts them."""
-    in_use = InUse(device, clock)
+def counted(device: Device, clock: CellClock, tap: LineTap | None = None) -> tuple[Device, InUse]:
+    """Return a device whose verbs are counted, and what counts them.
+
+    Parameters
+    ----------
+    device : with awaitable verbs
+    clock : of the cell
+    tap : what keeps in which order verbs begin, or holds them to it; None for none
+    """
+    in_use = InUse(device, clock, tap)
     return cast(Device, in_use), in_use

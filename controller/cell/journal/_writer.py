@@ -10,7 +10,7 @@ import json
 import sqlite3
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
@@ -33,6 +33,10 @@ class Journal:
     run : that writes
     stamps : the clocks that rows are stamped by
 
+    Attributes
+    ----------
+    on_row : called with number, kind and name of each row once it is in the file
+
     Raises
     ------
     JournalError : the file cannot be written, or is of another version
@@ -43,6 +47,7 @@ class Journal:
         self.run = run
         self._stamps = stamps
         self._lock = threading.Lock()
+        self.on_row: Callable[[int, str, str], None] | None = None
         self._head = HeadFile(path)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -146,6 +151,8 @@ class Journal:
                     self._head.write(head)
             except (sqlite3.Error, OSError) as error:
                 raise JournalError(f"journal {self.path}: {error}") from error
+        if self.on_row is not None:
+            self.on_row(head.seq, kind, name)
         return head.seq
 
     def _append(self, kind: RowKind, name: str, text: str, part: int | None) -> Head:

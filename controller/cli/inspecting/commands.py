@@ -52,13 +52,37 @@ def replay(
             help="recipe (YAML, or a name as in `run`) to judge by (default: the run's)",
         ),
     ] = None,
+    wires: Annotated[
+        Path | None,
+        typer.Option(
+            "--wires",
+            metavar="FILE",
+            help="run the controller on the wires that `cellctl run --record` kept, instead of "
+            "judging pictures",
+        ),
+    ] = None,
+    cell: Annotated[
+        Path | None,
+        typer.Option(
+            "--cell", metavar="FILE", help="with --wires: cell file (YAML) (default: the run's)"
+        ),
+    ] = None,
     runs: RunsOption = Path("runs"),
     json: JsonOption = False,
 ) -> None:
     """Judge the stored pictures of a run again, and list what changes.
 
-    With the run's own recipe nothing does: every number is the same to the last bit.
+    With the run's own recipe nothing does: every number is the same to the last bit. With --wires
+    the whole controller runs, and the first byte that it sends otherwise is shown.
     """
+    if wires is not None:
+        if run_name is not None:
+            raise typer.BadParameter("RUN and --wires exclude each other")
+        from .replayed_wires import replay_wire_file
+
+        raise typer.Exit(replay_wire_file(wires, recipe, cell, as_json=json))
+    if cell is not None:
+        raise typer.BadParameter("--cell goes with --wires")
     from .replayed_run import replay_run
 
     raise typer.Exit(replay_run(runs, run_name, recipe, as_json=json))

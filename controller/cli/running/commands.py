@@ -92,6 +92,15 @@ def run(
             help="temperature of the parts as you measured it, for the report",
         ),
     ] = None,
+    record: Annotated[
+        Path | None,
+        typer.Option(
+            "--record",
+            metavar="FILE",
+            help="file to keep all wires of the run in: bytes, frames and their instants "
+            "(`cellctl replay --wires`)",
+        ),
+    ] = None,
     wait: Annotated[
         bool,
         typer.Option(
@@ -147,6 +156,7 @@ def run(
         papers=Papers(operator, lot, tuple(serial or ()), part_temperature),
         waits=wait,
         is_stepwise=step,
+        record=record,
         as_json=json,
     )
     raise typer.Exit(run_recipe(options))

@@ -4,16 +4,18 @@ import asyncio
 import logging
 import secrets
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import ExitStack, nullcontext
+from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from controller.cad.compiled import CompiledPart, load_part, options_among
 from controller.cell.batch import (
+    HOST,
     Dispatcher,
+    Outfit,
     Papers,
     Progress,
     RecoveryPolicy,
@@ -29,6 +31,7 @@ from controller.cell.devices.clocks import FoundClock, find_clock
 from controller.cell.devices.emulator import emulated_cell, emulator_args, emulator_command
 from controller.cell.devices.lock import hold_cell, require_free_cell
 from controller.cell.operator import Operator
+from controller.cell.wires import Recorder, WireFileError, WireWriter
 from controller.config import Cell, ConfigError, load_cell, load_recipe
 from controller.results import ResultsError, load_run, write_html
 from controller.setup.drivers import require_drivers
@@ -72,6 +75,7 @@ class RunOptions:
     papers : who runs it, and which parts
     waits : wait for an answer where a person has to decide, also without a terminal
     is_stepwise : a person lets each motion begin
+    record : file to keep all wires in, None for none
     as_json : print one JSON object a line instead of the live display
     """
 
@@ -95,6 +99,7 @@ class RunOptions:
     operator: Operator | None = None
     waits: bool = False
     is_stepwise: bool = False
+    record: Path | None = None
 
 
 def run_recipe(options: RunOptions) -> int:
@@ -166,7 +171,8 @@ def run_recipe(options: RunOptions) -> int:
             door = OperatorDoor(
                 runs_dir, holder, options.operator, waits=options.waits, as_json=as_json
             )
-            result = _run(order, pool, ends, door, as_json=as_json)
+            with _recorded(options.record, order) as outfit:
+                result = _run(order, pool, ends, door, outfit, as_json=as_json)
         return _report(result, runs_dir, run_id, as_json=as_json)
 
 
@@ -190,6 +196,8 @@ def _check_options(options: RunOptions, cell: Cell) -> FoundClock:
             "--step: a person has to let each motion begin, and there is no terminal; add --wait, "
             "and let it begin by `cellctl answer go` from another one"
         )
+    if options.record is not None and options.record.exists():
+        raise ConfigError(f"--record {options.record}: exists already; name another file")
     if options.at is not None:
         parse_place(options.at, cell)
     clock = find_clock(cell, {})
@@ -210,17 +218,47 @@ def _warn_of_emulation(emulated: Sequence[str], clock: FoundClock, speed: float,
 
 
 def _run(
-    order: RunOrder, pool: ProcessPoolExecutor, ends: Ends, door: OperatorDoor, *, as_json: bool
+    order: RunOrder,
+    pool: ProcessPoolExecutor,
+    ends: Ends,
+    door: OperatorDoor,
+    outfit: Outfit,
+    *,
+    as_json: bool,
 ) -> RunResult:
     """Run to the end, shown as it goes; a run that breaks off leaves a report all the same."""
     with display(as_json=as_json) as on_progress:
         try:
-            return asyncio.run(_drive(order, pool, ends, door, on_progress))
+            return asyncio.run(_drive(order, pool, ends, door, outfit, on_progress))
         except BaseException as error:
             _report_if_any(order.runs_dir, order.run_id)
             if isinstance(error, asyncio.CancelledError):  # a second Ctrl-C
                 raise KeyboardInterrupt from error
             raise
+
+
+@contextmanager
+def _recorded(path: Path | None, order: RunOrder) -> Iterator[Outfit]:
+    """Yield what the run works with; with a path, all its wires are kept there.
+
+    Raises
+    ------
+    ConfigError : the file exists already, or cannot be made
+    """
+    if path is None:
+        yield HOST
+        return
+    try:
+        recorder = Recorder(WireWriter(path))
+    except WireFileError as error:
+        raise ConfigError(f"--record: {error}") from error
+    try:
+        recorder.begin(order)
+        yield recorder.outfit()
+    finally:
+        recorder.close()
+        if recorder.writer.problem:
+            warn(f"{path}: the recording ends early: {recorder.writer.problem}")
 
 
 def _report(result: RunResult, runs_dir: Path, run_id: str, *, as_json: bool) -> int:
@@ -283,6 +321,7 @@ async def _drive(
     pool: ProcessPoolExecutor,
     ends: Ends,
     door: OperatorDoor,
+    outfit: Outfit,
     on_progress: Callable[[Progress], None],
 ) -> RunResult:
     with ExitStack() as stack:
@@ -292,7 +331,9 @@ async def _drive(
             door.attach(dispatcher)
 
         async with door.open():
-            return await run_batch(order, pool, on_progress, on_dispatcher, warn, operator=door)
+            return await run_batch(
+                order, pool, on_progress, on_dispatcher, warn, outfit, operator=door
+            )
 
 
 def quiet_logs(*, verbose: bool) -> None:

@@ -2,11 +2,10 @@
 
 import contextlib
 import errno
-import mmap
 
 from drivers.errors import BadReplyError, RefusedError
 
-from ..kernel import Device
+from ..kernel import BufferMap, Device
 from ..kernel.abi import Buffer
 
 
@@ -25,7 +24,7 @@ class Stream:
     def __init__(self, device: Device, buffer_count: int) -> None:
         self._device = device
         self._wanted_count = buffer_count
-        self._maps: list[mmap.mmap] = []
+        self._maps: list[BufferMap] = []
 
     @property
     def buffer_count(self) -> int:

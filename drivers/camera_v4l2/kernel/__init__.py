@@ -8,18 +8,21 @@ from ._device import Device
 from ._discovery import DEV_ROOT, SYSFS_ROOT, FoundNode, find_node, list_nodes
 from ._explain import GONE, explain, explain_open, explained
 from ._socket_calls import UNIX_PREFIX, SocketCalls
-from ._syscalls import KernelCalls, SysCalls
+from ._syscalls import BufferMap, KernelCalls, SysCalls
+from ._tapped import TappedCalls
 
 __all__ = [
     "DEV_ROOT",
     "GONE",
     "SYSFS_ROOT",
     "UNIX_PREFIX",
+    "BufferMap",
     "Device",
     "FoundNode",
     "KernelCalls",
     "SocketCalls",
     "SysCalls",
+    "TappedCalls",
     "abi",
     "explain",
     "explain_open",

@@ -1,13 +1,12 @@
 """One open V4L2 node as typed calls. Blocking; ``OSError`` passes through unchanged."""
 
 import errno
-import mmap
 from collections.abc import Iterator
 from fractions import Fraction
 from typing import Final
 
 from . import abi
-from ._syscalls import SysCalls
+from ._syscalls import BufferMap, SysCalls
 
 _MAX_LISTED: Final = 256  # a camera whose lists have no end must not hang the cell
 
@@ -38,7 +37,7 @@ class Device:
         """Forget the readiness seen so far."""
         self._calls.acknowledge(self._fd)
 
-    def mmap(self, length: int, offset: int) -> mmap.mmap:
+    def mmap(self, length: int, offset: int) -> BufferMap:
         """Return the map of one buffer."""
         return self._calls.mmap(self._fd, length, offset)
 

@@ -11,6 +11,18 @@ import os
 from typing import Protocol
 
 
+class BufferMap(Protocol):
+    """One mapped buffer."""
+
+    def __getitem__(self, part: slice) -> bytes:
+        """Return a copy of some bytes."""
+        ...
+
+    def close(self) -> None:
+        """Give the map back."""
+        ...
+
+
 class SysCalls(Protocol):
     """The system calls that a capture driver needs; every method may raise ``OSError``."""
 
@@ -29,7 +41,7 @@ class SysCalls(Protocol):
         """
         ...
 
-    def mmap(self, fd: int, length: int, offset: int) -> mmap.mmap:
+    def mmap(self, fd: int, length: int, offset: int) -> BufferMap:
         """Return a map of one buffer, for reading.
 
         Parameters

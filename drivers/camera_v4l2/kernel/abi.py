@@ -266,6 +266,22 @@ class Buffer:
         return cls(index, bytesused, flags, stamp_us, sequence, offset, length)
 
 
+def restamp(raw: bytearray, stamp_us: int, *, is_bad: bool) -> None:
+    """Give a ``struct v4l2_buffer`` another time stamp, and flag its picture as bad.
+
+    Parameters
+    ----------
+    raw : the struct; changed in place
+    stamp_us : the time stamp [microseconds]
+    is_bad : set ``V4L2_BUF_FLAG_ERROR``
+    """
+    fields = list(_BUFFER.unpack(raw))
+    fields[5], fields[6] = divmod(stamp_us, 1_000_000)
+    if is_bad:
+        fields[3] |= BufFlag.ERROR
+    raw[:] = _BUFFER.pack(*fields)
+
+
 def pack_stream_type() -> bytearray:
     """Return the argument of STREAMON and STREAMOFF."""
     return bytearray(_INT.pack(BUF_TYPE_VIDEO_CAPTURE))

@@ -22,6 +22,7 @@ from drivers.errors import (
     SilentLineError,
     WrongDeviceError,
 )
+from drivers.wires import LineTap
 
 from ..protocol.codec import (
     Identity,
@@ -62,6 +63,7 @@ class Link:
     clock : the cell's clock, by which requests are spaced and replies given up
     config : timing of the line
     trace : called with every exchange on the wire
+    tap : of the line, None for none
     """
 
     def __init__(
@@ -70,10 +72,11 @@ class Link:
         clock: CellClock,
         config: LinkConfig | None = None,
         trace: Trace | None = None,
+        tap: LineTap | None = None,
     ) -> None:
         self._clock = clock
         self._wire = Wire(transport, clock, config or LinkConfig(), trace)
-        self._turns = Turns()
+        self._turns = Turns(tap)
         self._has_given_go = False  # to the IP that is being greeted
         self._found: list[Status] = []  # by the IPs as they were stopped on opening
         self._found_first: Ip | None = None
@@ -99,7 +102,7 @@ class Link:
         WrongDeviceError : text instead of the protocol (§8.7), or twice the same IP
         BadReplyError : bytes that make no sense
         """
-        async with self._turns.take():
+        async with self._turns.take("open the line"):
             return await run_to_end(self._open(look))
 
     def found(self, ip: Ip) -> Status | None:
@@ -139,8 +142,9 @@ class Link:
         PositionLostError : an IP has restarted (§1.5)
         LinkError : the line could not be brought back in step
         """
+        what = f"IP{ip:d} " + ", ".join(frame.hex(" ").upper() for frame in frames)
         while True:
-            async with self._turns.take():
+            async with self._turns.take(what):
                 self._wire.listen_anew()
                 work = self._exchange_all(ip, frames, repeats, guard, proves, gives_way=True)
                 with suppress(_StopFirstError):
@@ -157,7 +161,7 @@ class Link:
         request : the bytes of the stop
         verifies : check that nothing moves on either IP, and stop it again if it does
         """
-        async with self._turns.take(urgent=True):
+        async with self._turns.take(f"stop {request.hex().upper()}", urgent=True):
             self._wire.listen_anew()
             await run_to_end(self._halt(request, verifies))
 

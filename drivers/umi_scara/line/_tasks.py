@@ -5,6 +5,8 @@ from collections.abc import AsyncIterator, Coroutine
 from contextlib import asynccontextmanager
 from typing import Any, TypeVar
 
+from drivers.wires import LineTap
+
 T = TypeVar("T")
 
 
@@ -33,9 +35,15 @@ async def run_to_end(work: Coroutine[Any, Any, T]) -> T:
 
 
 class Turns:
-    """A lock that serves urgent callers before all others."""
+    """A lock that serves urgent callers before all others.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    tap : of the line, which may hold a caller back; None for none
+    """
+
+    def __init__(self, tap: LineTap | None = None) -> None:
+        self._tap = tap
         self._lock = asyncio.Lock()
         self._urgent_count = 0
         self._calm = asyncio.Event()
@@ -47,13 +55,16 @@ class Turns:
         return self._urgent_count > 0
 
     @asynccontextmanager
-    async def take(self, *, urgent: bool = False) -> AsyncIterator[None]:
-        """Hold the line for the length of the block."""
+    async def take(self, what: str, *, urgent: bool = False) -> AsyncIterator[None]:
+        """Hold the line for the length of the block, in which ``what`` is sent."""
+        if self._tap is not None:
+            await self._tap.turn(what)
         if urgent:
             self._urgent_count += 1
             self._calm.clear()
             try:
                 async with self._lock:
+                    self._note(what)
                     yield
             finally:
                 self._urgent_count -= 1
@@ -65,5 +76,10 @@ class Turns:
             async with self._lock:
                 if self._urgent_count:  # a stop came while this turn was waiting in the queue
                     continue
+                self._note(what)
                 yield
                 return
+
+    def _note(self, what: str) -> None:
+        if self._tap is not None:
+            self._tap.taken(what)

@@ -1,0 +1,197 @@
+"""An event loop on the recording's time: when nothing is ready, time jumps to the next timer.
+
+No socket, no thread, no clock of the computer: a busy machine replays the same. Work that a run
+gives to threads is done at once; what the worker process computes is waited for without time
+passing, and its answer is handed over when the recorded run had it.
+"""
+
+import asyncio
+import heapq
+import math
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import Executor
+from functools import partial
+from typing import Any, Final, Protocol, TypeVar, TypeVarTuple
+
+Result = TypeVar("Result")
+Arguments = TypeVarTuple("Arguments")
+
+MIN_WAIT_S: Final = 1e-9  # shorter than what a float of this size resolves, time would not pass
+PURGE_COUNT: Final = 200  # cancelled timers that are kept at most
+
+
+class NothingLeftError(RuntimeError):
+    """Nothing is ready and no timer is set: every task waits for another one."""
+
+
+class Timed(Protocol):
+    """An executor whose answers arrive at a known instant."""
+
+    def answer(self, fn: Callable[[], Result]) -> tuple[Callable[[], Result], float]:
+        """Compute; return what hands the answer over or raises, and the loop's instant for it."""
+        ...
+
+
+class WireLoop(asyncio.BaseEventLoop):
+    """The loop.
+
+    Parameters
+    ----------
+    start_s : its first instant [s]
+
+    Attributes
+    ----------
+    ports : what `create_connection` connects to, by host and port
+    threads : does what is given to threads; None does it at once
+    sources : when a descriptor that is no file's will be readable next [s], None for never
+    """
+
+    # asyncio's own, which its types do not show
+    _ready: deque[Any]
+    _scheduled: list[Any]
+    _stopping: bool
+
+    def __init__(self, start_s: float) -> None:
+        super().__init__()
+        self._now_s = start_s
+        self.ports: dict[tuple[str, int], Callable[[asyncio.BaseProtocol], asyncio.Transport]] = {}
+        self.threads: Timed | None = None
+        self.sources: dict[int, Callable[[], float | None]] = {}
+        self._watched: dict[int, asyncio.TimerHandle] = {}
+
+    def time(self) -> float:
+        """Return the instant [s]."""
+        return self._now_s
+
+    def call_later(
+        self,
+        delay: float,
+        callback: Callable[[*Arguments], object],
+        *args: *Arguments,
+        context: Any = None,  # noqa: ANN401  (as asyncio has it)
+    ) -> asyncio.TimerHandle:
+        """Call something after a delay; return its timer. A delay above 0 lets time pass.
+
+        Parameters
+        ----------
+        delay : until then [s]
+        callback : what to call
+        *args : with what
+        context : in which it is called
+        """
+        delay = max(delay, MIN_WAIT_S) if delay > 0 else delay
+        return super().call_later(delay, callback, *args, context=context)
+
+    def _run_once(self) -> None:
+        """Run all that is ready now; if nothing is, let time pass first."""
+        self._purge()
+        timers, ready = self._scheduled, self._ready
+        if not ready and not self._stopping:
+            if not timers:
+                raise NothingLeftError(f"nothing is left to do at {self._now_s:.3f} s")
+            self._now_s = max(self._now_s, timers[0]._when)
+        while timers and timers[0]._when <= self._now_s:
+            timer = heapq.heappop(timers)
+            timer._scheduled = False
+            ready.append(timer)
+        for _ in range(len(ready)):
+            handle = ready.popleft()
+            if not handle._cancelled:
+                handle._run()
+
+    def _purge(self) -> None:
+        timers = self._scheduled
+        while timers and timers[0]._cancelled:
+            heapq.heappop(timers)._scheduled = False
+        if len(timers) > PURGE_COUNT and sum(t.cancelled() for t in timers) > len(timers) // 2:
+            left = [timer for timer in timers if not timer.cancelled()]
+            heapq.heapify(left)
+            self._scheduled = left
+
+    def run_in_executor(
+        self,
+        executor: Executor | None,
+        func: Callable[[*Arguments], Result],
+        *args: *Arguments,
+    ) -> asyncio.Future[Result]:
+        """Do the work now, whoever is to do it; return its future.
+
+        Parameters
+        ----------
+        executor : who is to do it; None for the threads
+        func : the work
+        *args : its arguments
+        """
+        done: asyncio.Future[Result] = self.create_future()
+        timed: Timed | None = self.threads if executor is None else executor  # type: ignore[assignment]  # all are timed
+        take: Callable[[], Result] = lambda: func(*args)  # noqa: E731
+        at_s = self._now_s
+        if timed is not None:
+            take, at_s = timed.answer(partial(func, *args) if args else func)
+        if at_s != math.inf:  # the recorded run ended before it had this answer
+            self.call_at(max(at_s, self._now_s), _settle, done, take)
+        return done
+
+    async def create_connection(  # type: ignore[override]  # what is used of it
+        self,
+        protocol_factory: Callable[[], asyncio.BaseProtocol],
+        host: str = "",
+        port: int = 0,
+        **_: object,
+    ) -> tuple[asyncio.Transport, asyncio.BaseProtocol]:
+        """Return a connection to a wire of the recording, and its protocol.
+
+        Parameters
+        ----------
+        protocol_factory : makes the protocol
+        host, port : as `ports` has them
+        **_ : not used
+
+        Raises
+        ------
+        ConnectionRefusedError : the recorded run was refused there, or has no such wire
+        """
+        connect = self.ports.get((str(host), int(port)))
+        if connect is None:
+            raise ConnectionRefusedError(f"the recording has no {host}:{port}")
+        protocol = protocol_factory()
+        return connect(protocol), protocol
+
+    def add_reader(  # type: ignore[override]  # what is used of it
+        self, fd: int, callback: Callable[[*Arguments], object], *args: *Arguments
+    ) -> None:
+        """Call something when a descriptor of `sources` is readable.
+
+        Parameters
+        ----------
+        fd : the descriptor
+        callback : what to call
+        *args : with what
+        """
+        self.remove_reader(fd)
+        due_s = self.sources[fd]()
+        if due_s is not None:
+            self._watched[fd] = self.call_at(max(due_s, self._now_s), callback, *args)
+
+    def remove_reader(self, fd: int) -> bool:  # type: ignore[override]  # what is used of it
+        """Watch a descriptor no more; return whether it was watched."""
+        timer = self._watched.pop(fd, None)
+        if timer is not None:
+            timer.cancel()
+        return timer is not None
+
+    def _process_events(self, event_list: Any) -> None:  # noqa: ANN401
+        raise AssertionError("there is no selector")
+
+    def _write_to_self(self) -> None:
+        """Nothing has to be woken: there is one thread."""
+
+
+def _settle(done: "asyncio.Future[Result]", take: Callable[[], Result]) -> None:
+    if done.cancelled():
+        return
+    try:
+        done.set_result(take())
+    except Exception as error:  # noqa: BLE001  whatever it raises is the caller's
+        done.set_exception(error)

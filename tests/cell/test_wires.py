@@ -1,0 +1,53 @@
+"""A whole run, recorded and run again on its wires; and one byte of another recipe."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+LIMIT_S = 1500.0  # a guard against a hang, no measure
+
+
+def cellctl(*arguments: object) -> tuple[int, dict[str, object]]:
+    done = subprocess.run(
+        [sys.executable, "-m", "controller.cli", *map(str, arguments), "--json"],
+        capture_output=True,
+        text=True,
+        timeout=LIMIT_S,
+        cwd=ROOT,
+        check=False,
+    )
+    assert done.stdout, done.stderr
+    return done.returncode, json.loads(done.stdout.splitlines()[-1])
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(2 * LIMIT_S)
+def test_a_recorded_run_replays_byte_by_byte_and_another_force_is_found(tmp_path: Path) -> None:
+    wires = tmp_path / "run.wires"
+    recipe = ROOT / "recipes" / "holder.yaml"
+    ran, _ = cellctl(
+        "run", recipe, "--speed", 20, "--seed", 11, "--runs", tmp_path / "runs", "--record", wires
+    )
+    assert ran == 0
+    code, same = cellctl("replay", "--wires", wires)
+    assert (code, same["difference"]) == (0, None)
+
+    text = recipe.read_text(encoding="utf-8").replace("force_n: 60", "force_n: 55")
+    text = text.replace("part: ", f"part: {recipe.parent}/").replace(
+        "cell: ", f"cell: {recipe.parent}/"
+    )
+    changed = tmp_path / "weaker.yaml"
+    changed.write_text(text, encoding="utf-8")
+    code, other = cellctl("replay", "--wires", wires, "--recipe", changed)
+    assert code == 1
+    found = other["difference"]
+    assert isinstance(found, dict)
+    # MAX_FORCE is written as `7x`, low byte, high byte (umi_rtx.md 2.5)
+    assert found["wire"] == "arm"
+    assert found["byte"] == 1
+    assert bytes.fromhex(found["recorded"])[1] == 60
+    assert bytes.fromhex(found["sent"])[1] == 55

@@ -1,0 +1,220 @@
+"""Lines and cameras played back: the same requests are answered, the first other byte is found.
+
+The Modbus frames are the standard's own example (V1.1b3, 6.3): registers 0x6B to 0x6D of unit 17.
+"""
+
+import asyncio
+import errno
+from collections.abc import Callable, Coroutine
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from controller.cell.wires import WireReader, WireWriter
+from controller.cell.wires.cameras import PlayedCamera
+from controller.cell.wires.lines import OVERDUE_S, PlayedLine, Tape
+from controller.cell.wires.loop import NothingLeftError, WireLoop
+from drivers.clock import CellClock
+from drivers.errors import DeviceError, UnpluggedError
+from drivers.modbus_link import ModbusLink, TcpAddress
+
+ASKED = bytes.fromhex("0001 0000 0006 11 03 006B 0003")
+ANSWERED = bytes.fromhex("0001 0000 0009 11 03 06 022B 0000 0064")
+WORDS = "unit 17 read_holding_registers 0x006B x 3"
+Rows = list[tuple[float, str, str, Any, bytes]]
+
+
+def tape_of(tmp_path: Path, rows: Rows, *, is_whole: bool = True, speed: float = 1.0) -> Tape:
+    writer = WireWriter(tmp_path / "run.wires")
+    for row in rows:
+        writer.write(*row)
+    if is_whole:
+        writer.write(rows[-1][0] + 10.0, "run", "end")
+    writer.close()
+    reader = WireReader(writer.path)
+    return Tape(reader, WireLoop(rows[0][0] / speed), speed)
+
+
+def run(tape: Tape, work: Callable[[], Coroutine[Any, Any, Any]]) -> Any:
+    try:
+        return tape.loop.run_until_complete(work())
+    finally:
+        tape.loop.close()
+        tape.reader.close()
+
+
+def one_exchange(at_s: float = 5.0) -> Rows:
+    return [
+        (at_s - 1, "journal", "row", [7, "intent", "grip"], b""),
+        (at_s - 1, "line", "opened", None, b""),
+        (at_s, "line", "turn", [WORDS, "batch"], b""),
+        (at_s, "line", "sent", None, ASKED),
+        (at_s + 0.01, "line", "got", None, ANSWERED),
+        (at_s + 1, "journal", "row", [8, "outcome", "gripped"], b""),
+    ]
+
+
+def link_of(tape: Tape) -> ModbusLink:
+    line = PlayedLine(tape, "line")
+    tape.loop.ports["wires", 1] = line.connect
+    clock = CellClock(speed=tape.speed, monotonic=tape.loop.time)
+    return ModbusLink(TcpAddress("wires", 1), clock, tap=line)
+
+
+async def read(tape: Tape, first: int, count: int) -> tuple[int, ...]:
+    tape.callers.begin()
+    unit = link_of(tape).unit(17, "unit")
+    return await unit.read_holding_registers(first, count)
+
+
+@pytest.mark.parametrize("speed", [1.0, 20.0])
+def test_the_same_request_gets_the_recorded_reply_at_its_instant(
+    tmp_path: Path, speed: float
+) -> None:
+    tape = tape_of(tmp_path, one_exchange(), speed=speed)
+    assert run(tape, lambda: read(tape, 0x6B, 3)) == (0x022B, 0, 0x64)
+    assert tape.difference is None
+    assert tape.request_count == 1
+    assert tape.now_s == pytest.approx(5.01)
+
+
+def test_the_first_byte_that_differs_is_found_with_what_came_before(tmp_path: Path) -> None:
+    tape = tape_of(tmp_path, one_exchange())
+    with pytest.raises(DeviceError):
+        run(tape, lambda: read(tape, 0x6B, 4))
+    found = tape.difference
+    assert found is not None
+    assert found.recorded == ASKED
+    assert found.sent == ASKED[:-1] + b"\x04"
+    assert found.byte == len(ASKED) - 1
+    assert (found.wire, found.at_s, found.after_row) == ("line", 5.0, (7, "intent", "grip"))
+    assert found.recorded_words == WORDS
+    assert found.sent_words == "unit 17 read_holding_registers 0x006B x 4"
+
+
+def test_a_request_after_the_last_recorded_one_is_a_difference(tmp_path: Path) -> None:
+    tape = tape_of(tmp_path, one_exchange())
+
+    async def twice() -> None:
+        tape.callers.begin()
+        unit = link_of(tape).unit(17, "unit")
+        await unit.read_holding_registers(0x6B, 3)
+        await unit.read_holding_registers(0x6B, 3)
+
+    with pytest.raises(DeviceError):
+        run(tape, twice)
+    assert tape.difference is not None
+    assert tape.difference.recorded is None
+    assert tape.difference.sent is not None
+    assert tape.difference.sent[2:] == ASKED[2:]
+
+
+def test_a_recording_that_was_killed_ends_without_a_difference(tmp_path: Path) -> None:
+    tape = tape_of(tmp_path, one_exchange()[:3], is_whole=False)
+    with pytest.raises(DeviceError):
+        run(tape, lambda: read(tape, 0x6B, 3))
+    assert tape.difference is None
+    assert tape.has_run_out
+
+
+def test_who_comes_first_goes_second_if_that_is_what_was_recorded(tmp_path: Path) -> None:
+    rows: Rows = [
+        (1.0, "line", "turn", ["second", "batch"], b""),
+        (2.0, "line", "turn", ["first", "batch"], b""),
+    ]
+    tape = tape_of(tmp_path, rows)
+    seen: list[tuple[str, float]] = []
+
+    async def take(line: PlayedLine, what: str) -> None:
+        await line.turn(what)
+        seen.append((what, round(tape.now_s, 6)))
+
+    async def work() -> None:
+        line = PlayedLine(tape, "line")
+        await asyncio.gather(take(line, "first"), take(line, "second"))
+
+    run(tape, work)
+    assert seen == [("second", pytest.approx(1.0, abs=0.1)), ("first", pytest.approx(2.0, abs=0.1))]
+
+
+def test_who_is_not_next_goes_on_once_the_next_one_is_overdue(tmp_path: Path) -> None:
+    tape = tape_of(tmp_path, [(3.0, "line", "turn", ["never", "batch"], b"")])
+
+    async def work() -> float:
+        await PlayedLine(tape, "line").turn("other")
+        return tape.now_s
+
+    assert run(tape, work) == pytest.approx(3.0 + OVERDUE_S)
+
+
+def frames() -> Rows:
+    return [
+        (1.0, "overhead", "call", ["VIDIOC_STREAMON", 4, 0], b"\x01\0\0\0" + b"\x02\0\0\0"),
+        (1.5, "overhead", "frame", [1.4, 0], b"first"),
+        (1.6, "overhead", "frame", [1.5, 0], b"second"),
+        (1.6, "overhead", "picture", None, b"pixels"),
+        (2.0, "overhead", "call", ["VIDIOC_S_CTRL", 8, errno.EACCES], bytes(8)),
+    ]
+
+
+def never() -> bytes:
+    raise AssertionError("no camera is there")
+
+
+def test_a_camera_answers_calls_and_gives_frames_when_they_came(tmp_path: Path) -> None:
+    tape = tape_of(tmp_path, frames())
+
+    async def work() -> None:
+        camera = PlayedCamera(tape, "overhead", 1_000_000)
+        assert camera.call("VIDIOC_STREAMON", b"\x01\0\0\0", never) == b"\x02\0\0\0"
+        with pytest.raises(BlockingIOError):
+            camera.dequeue(never, lambda _: 0)
+        await asyncio.sleep(0.5)
+        first = camera.dequeue(never, lambda _: 0)
+        assert (first.struct, first.stamp_us, first.is_unread) == (b"first", 1_400_000, True)
+        ready = asyncio.Event()
+        tape.loop.add_reader(camera.readiness_fd(lambda: 0), ready.set)
+        await ready.wait()
+        assert tape.now_s == pytest.approx(1.6)
+        second = camera.dequeue(never, lambda _: 0)
+        assert (second.struct, second.is_unread) == (b"second", False)
+        assert camera.picture(never) == b"pixels"
+        with pytest.raises(PermissionError):
+            camera.call("VIDIOC_S_CTRL", bytes(8), never)
+
+    run(tape, work)
+    assert tape.difference is None
+
+
+def test_a_control_of_another_value_is_a_difference(tmp_path: Path) -> None:
+    tape = tape_of(tmp_path, frames())
+
+    async def work() -> None:
+        camera = PlayedCamera(tape, "overhead", 1_000_000)
+        camera.call("VIDIOC_STREAMON", b"\x01\0\0\0", never)
+        camera.call("VIDIOC_S_CTRL", bytes(4) + b"\x09\0\0\0", never)
+
+    with pytest.raises(UnpluggedError):
+        run(tape, work)
+    assert tape.difference is not None
+    assert tape.difference.byte == 4
+
+
+def test_a_loop_on_which_everybody_waits_says_so() -> None:
+    loop = WireLoop(0.0)
+    forever = loop.create_future()
+    with pytest.raises(NothingLeftError):
+        loop.run_until_complete(forever)
+    loop.close()
+
+
+def test_a_timer_runs_once_however_many_were_cancelled() -> None:
+    loop = WireLoop(0.0)
+    calls: list[float] = []
+    for _ in range(500):
+        loop.call_later(1.0, calls.append, 0.0).cancel()
+    loop.call_later(2.0, calls.append, 2.0)
+    loop.run_until_complete(asyncio.wait_for(asyncio.sleep(3.0), None))
+    assert calls == [2.0]
+    loop.close()
