@@ -4,12 +4,14 @@ from typing import Final
 
 from controller.commissioning.procedure import StepPlan
 
+from .arm import ArmStep
 from .devices import DevicesStep
 from .light import LightStep
 from .step import Step
+from .verify import VerifyStep
 
 # Each after those that it needs.
-STEPS: Final[tuple[Step, ...]] = (DevicesStep(), LightStep())
+STEPS: Final[tuple[Step, ...]] = (DevicesStep(), LightStep(), ArmStep(), VerifyStep())
 
 
 def step_plans() -> tuple[StepPlan, ...]:

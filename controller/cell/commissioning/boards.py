@@ -1,0 +1,259 @@
+"""Boards before the cameras: laid on the table and held in the arm gripper, moved to and looked at.
+
+Gears have play. So a configuration at which a picture is taken is approached with every motor from
+one side, from below by its counter unless the other side is asked for.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from controller.arrays import FloatArray, Grey
+from controller.commissioning.calibration import FoundBoard, NoBoardError, find_board
+from controller.commissioning.kinematics import plate_faces
+from controller.commissioning.target import BoardSection
+from controller.planning import NoMotionError
+from controller.planning.geometry import Box
+from controller.planning.motion import Scene, connect
+
+from ..services import CameraName
+from .bench import UNCALIBRATED_MM, Bench, with_clearance
+from .errors import StepFailedError
+from .person import Errand
+
+# Farther than any gear plays that is not broken, and than a count of rounding.
+APPROACH_RAD: Final = float(np.radians(1.5))
+# shoulder, elbow, yaw and pitch are turned back; with pitch alone both motors of the wrist are
+APPROACH: Final = np.array([1.0, 1.0, 1.0, 0.0, 1.0, 0.0]) * APPROACH_RAD
+RING: Final[Mapping[CameraName, str]] = {"overhead": "table_ring", "inspection": "station_ring"}
+BRIGHT: Final = 235  # of 255; white paper brighter than this is burnt out somewhere
+DIMMEST: Final = 0.1
+HALF_OPEN_MM: Final = 40.0
+PLATE_FORCE: Final = 30  # MAX_FORCE of the jaws; it has no unit (umi_rtx.md 5.6)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HeldPlate:
+    """A plate with a printed board on each face, between the jaws.
+
+    Attributes
+    ----------
+    board : from its file
+    T_tcp_body : (4, 4) as it is handed over, to some mm and degrees
+    """
+
+    board: BoardSection
+    T_tcp_body: FloatArray
+
+    @property
+    def box(self) -> Box:
+        """What it takes up in the TCP frame, some mm more than itself."""
+        width_mm, height_mm, thickness_mm = self.board.plate_mm
+        T = self.T_tcp_body.copy()
+        T[:3, 3] += T[:3, 0] * (height_mm - self.board.bare_mm) / 2.0
+        return Box(T, np.array([height_mm, thickness_mm, width_mm]) / 2.0 + HANDED_MM)
+
+    def T_tcp_board(self, *, is_front: bool) -> FloatArray:
+        """Return (4, 4) of a face's print in the TCP frame."""
+        front, back = plate_faces(self.board)
+        return np.asarray(self.T_tcp_body @ (front if is_front else back).T_body_board)
+
+
+HANDED_MM: Final = 6.0  # a person holds it so nearly where it should be
+
+
+def as_handed(bench: Bench, board: BoardSection) -> HeldPlate:
+    """Return a plate whose bare side is between the pads, its print beyond the fingers."""
+    T = np.eye(4)
+    T[0, 3] = -bench.layout.arm_gripper.pad_centre_mm
+    return HeldPlate(board, T)
+
+
+async def look(
+    bench: Bench, camera: CameraName, name: str, caption: str, *, lamp: str | None = None
+) -> Grey:
+    """Return a picture under one lamp, as bright as it may be without being burnt out.
+
+    Parameters
+    ----------
+    bench : of the step
+    camera : which takes it
+    name, caption : of the picture as evidence
+    lamp : None for the camera's ring
+
+    Raises
+    ------
+    DeviceError : a lamp does not confirm, or no frame comes
+    OSError : the picture cannot be kept
+    """
+    level = 1.0
+    while True:
+        picture = await bench.imaging.shoot(camera, {lamp or RING[camera]: level})
+        if np.percentile(picture, 99.5) <= BRIGHT or level <= DIMMEST:
+            break
+        level = max(DIMMEST, level * 0.7)
+    await bench.evidence.keep(name, picture, caption)
+    return picture
+
+
+def found_in(picture: Grey, board: BoardSection, where: str) -> tuple[FoundBoard, bool]:
+    """Return the board in a picture, and whether it is the plate's front.
+
+    Raises
+    ------
+    StepFailedError : neither face is in it
+    """
+    faces = [(board.build(), True)]
+    if (back := board.build_back()) is not None:
+        faces.append((back, False))
+    whys = []
+    for target, is_front in faces:
+        try:
+            return find_board(picture, target), is_front
+        except NoBoardError as error:
+            whys.append(str(error))
+    raise StepFailedError(f"{where}: {whys[0]}")
+
+
+async def lay(bench: Bench, file: Path, text: str, **place: Any) -> None:  # noqa: ANN401
+    """Have a board laid on the table.
+
+    Parameters
+    ----------
+    bench : of the step
+    file : of the board
+    text : what a person is to do
+    place : where, as the order to an emulated cell has it
+
+    Raises
+    ------
+    DeclinedError, NobodyThereError, CellError : nobody does it
+    """
+    order = {"do": "board", "file": str(file), **place}
+    await bench.person.have_done(Errand("lay_board", text, (order,)))
+
+
+async def put_away(bench: Bench, file: Path, text: str) -> None:
+    """Have a board taken away.
+
+    Raises
+    ------
+    DeclinedError, NobodyThereError, CellError : nobody does it
+    """
+    order = {"do": "remove", "file": str(file)}
+    await bench.person.have_done(Errand("put_away", text, (order,)))
+
+
+async def go_to(
+    bench: Bench, scene: Scene, q: FloatArray, what: str, *, from_below: bool | None = True
+) -> None:
+    """Move to a configuration (6,), its motors from one side.
+
+    Parameters
+    ----------
+    bench : of the step
+    scene : with what the arm carries
+    q : where to
+    what : it goes there for, as a message begins
+    from_below : counters rise at last; False: they fall; None: as it comes
+
+    Raises
+    ------
+    StepFailedError : no path is proven free
+    """
+    before = q if from_below is None else (q - APPROACH if from_below else q + APPROACH)
+    if not bench.layout.arm.within_limits(before).all():
+        before = q
+    here = await bench.arm.read_q()
+    try:
+        path = connect(here, before, scene, what)
+    except NoMotionError as error:
+        raise StepFailedError(str(error)) from error
+    await bench.motion.follow((*path, q) if before is not q else path)
+
+
+class PlateInJaws:
+    """A plate in the arm gripper, and how the arm moves with it.
+
+    Parameters
+    ----------
+    bench : of the step
+    plate : as it is handed over
+    file : of its board
+    """
+
+    def __init__(self, bench: Bench, plate: HeldPlate, file: Path) -> None:
+        self._bench = bench
+        self.plate = plate
+        self.file = file
+        layout = with_clearance(bench.layout, UNCALIBRATED_MM)
+        thickness_mm = plate.board.plate_mm[2]
+        self.scene = Scene(layout, thickness_mm + 2.0, layout.fixed_open_mm, carried=plate.box)
+
+    async def take(self, seed: int) -> None:
+        """Have the plate handed over at the park, and close the jaws on it.
+
+        Parameters
+        ----------
+        seed : of how an emulated person holds it
+
+        Raises
+        ------
+        StepFailedError : the jaws closed on something else, or on nothing
+        DeclinedError, NobodyThereError, CellError, DeviceError : it cannot be done
+        """
+        bench, board = self._bench, self.plate.board
+        thickness_mm = board.plate_mm[2]
+        await bench.move_jaws(
+            f"the arm gripper opens to {HALF_OPEN_MM:.0f} mm",
+            lambda: bench.arm.move_gripper_mm(HALF_OPEN_MM),
+        )
+        order = {"do": "give", "file": str(self.file), "gripper": "arm", "seed": seed}
+        text = (
+            "Hold the plate between the jaws of the arm gripper: its bare side between the pads, "
+            "its faces along the jaws, its print beyond the fingers. The jaws close next. Is it "
+            "there?"
+        )
+        await bench.person.have_done(Errand("give_plate", text, (order,)))
+        opening_mm = 0.0
+
+        async def close() -> None:
+            nonlocal opening_mm
+            opening_mm = await bench.arm.grasp(PLATE_FORCE)
+
+        await bench.move_jaws("the arm gripper closes on the plate", close)
+        off_mm = opening_mm - thickness_mm
+        bench.evidence.measure(
+            "jaws on the plate, against its thickness", off_mm, "mm", low=-2.0, high=2.0
+        )
+        if abs(off_mm) > 2.0:
+            raise StepFailedError(
+                f"the jaws closed to {opening_mm:.1f} mm, the plate is {thickness_mm:g} mm thick: "
+                "hold it between them, or give the file of the plate that is used"
+            )
+
+    async def give_back(self) -> None:
+        """Go to the park and have a person take the plate as the jaws open."""
+        bench = self._bench
+        await self.go(bench.layout.park_q, "bringing the plate back", from_below=False)
+        await bench.person.confirm(
+            "take_plate", "The jaws open next: hold the plate. Do you hold it?"
+        )
+        await bench.move_jaws(
+            f"the arm gripper opens to {HALF_OPEN_MM:.0f} mm",
+            lambda: bench.arm.move_gripper_mm(HALF_OPEN_MM),
+        )
+        await put_away(bench, self.file, "Put the plate away. Is it away?")
+
+    def within_reach(self, q: FloatArray) -> bool:
+        """Return whether the arm also gets to where it approaches (6,) from, on either side."""
+        arm, scene = self._bench.layout.arm, self.scene
+        rows = np.stack([q, q - APPROACH, q + APPROACH])
+        return bool(arm.within_limits(rows).all() and scene.free(rows, 10.0).all())
+
+    async def go(self, q: FloatArray, what: str, *, from_below: bool | None = True) -> None:
+        """Move to a configuration (6,) with the plate, its motors from one side; as `go_to`."""
+        await go_to(self._bench, self.scene, q, what, from_below=from_below)

@@ -1,0 +1,404 @@
+"""Arm and cameras: a plate in the gripper, seen by both cameras at many configurations.
+
+One fit finds where both cameras and the arm stand, both lenses, and how the arm differs from what
+its counters mean (docs/adr/0044). Where the board lies on the table, the world is.
+"""
+
+import asyncio
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from math import cos, degrees, pi, radians, sin
+from typing import Any, Final
+
+import numpy as np
+
+from controller.arrays import FloatArray
+from controller.commissioning.calibration import Charuco, charuco_board
+from controller.commissioning.grippers import FingersError, TcpFit
+from controller.commissioning.kinematics import (
+    BoardPicture,
+    CameraPrior,
+    Candidate,
+    CellFit,
+    CellPrior,
+    Face,
+    Grasp,
+    KinematicsError,
+    Placing,
+    Play,
+    StopPicture,
+    aim_uncertainty_mm,
+    base_std,
+    calibrate_cell,
+    choose,
+    clamped_std,
+    find_faults,
+    measure_play,
+    plate_faces,
+    tcp_uncertainty,
+)
+from controller.commissioning.showing import Region, showing
+from controller.commissioning.target import BoardSection, load_board
+from controller.config import SHIPPED
+from controller.config.calibration_reference import CalibrationName
+from controller.config.calibrations import (
+    ArmCalibration,
+    Calibration,
+    CameraCalibration,
+    Residual,
+)
+from controller.imaging import Camera
+from controller.planning.motion import inverse_rows, segment_seconds
+from controller.setup.measured_arm import MeasuredArm, measured_arm, rounding
+
+from ...services import CameraName
+from ..bench import Bench
+from ..boards import (
+    HeldPlate,
+    PlateInJaws,
+    as_handed,
+    found_in,
+    lay,
+    look,
+    put_away,
+)
+from ..errors import StepFailedError
+from ..fingers import look_at_the_fingers
+
+FLAT: Final = SHIPPED / "boards" / "charuco.json"
+PADDLE: Final = SHIPPED / "boards" / "paddle.json"
+CAMERAS: Final[tuple[CameraName, ...]] = ("overhead", "inspection")
+REGIONS: Final[Mapping[CameraName, Region]] = {
+    "overhead": Region(620.0, 1150.0),
+    "inspection": Region(450.0, 950.0),
+}
+CANDIDATES: Final = 150  # of each camera and face
+PICTURES: Final = 44
+MARK: Final = "mark"
+MARGIN_MM: Final = 25.0
+MAX_RMS_PX: Final = 0.15
+MAX_OFF_SIGMA: Final = 8.0  # a camera or a plate that was moved meanwhile is tens of them off
+MAX_U_MM: Final = 0.4  # most of it the length of the tool, which the step `grippers` measures
+MAX_U_DEG: Final = 0.15
+MAX_PLAY_DEG: Final = 0.5
+MAX_FINGER_PX: Final = 0.5
+STOPS: Final = 4  # of each camera, gone to from both sides
+MOTORS: Final = frozenset({"elbow", "shoulder", "yaw", "wrist1", "wrist2"})
+FACES: Final = ("front", "back")
+# of a joint at rest, by chance: rounding to a count and the dead band of its servo
+JOINT_STD: Final = np.array(
+    [radians(0.02), radians(0.04), radians(0.06), 0.15, radians(0.04), radians(0.04)]
+)
+
+
+class ArmStep:
+    """Both cameras, the arm's base, lengths, zeros, coupling and sag, in one fit."""
+
+    name = "arm"
+    title = "where arm and cameras stand, and how the arm differs from its counters"
+    needs: tuple[str, ...] = ("devices", "light")
+    uses: tuple[CalibrationName, ...] = ("lamps",)
+    makes: tuple[CalibrationName, ...] = ("overhead", "inspection", "arm")
+    valid_days: int | None = 90
+
+    async def run(self, bench: Bench) -> Mapping[CalibrationName, Calibration]:
+        """Take all pictures, fit, and return both cameras and the arm.
+
+        Raises
+        ------
+        StepFailedError : a board is not found, or no cell fits the pictures
+        DeclinedError : a person ended it
+        DeviceError : a device does not answer or does not get there
+        """
+        arm = measured_arm(bench.layout)
+        if arm is None:
+            raise StepFailedError("only a UMI RTX can be calibrated here")
+        flat, paddle = load_board(FLAT), load_board(PADDLE)
+        await bench.permit_motion("The arm homes, and then shows a plate to both cameras.")
+        await bench.home_and_park()
+        lying, placings = await _on_the_table(bench, flat)
+        held = PlateInJaws(bench, as_handed(bench, paddle), PADDLE)
+        await held.take(seed=1)
+        prior = _prior(bench, arm, held.plate, placings)
+        try:
+            pictures, stops = await _in_the_jaws(bench, prior, held, lying)
+        except StepFailedError:
+            await held.give_back()
+            raise
+        await held.give_back()
+        try:
+            fit = await asyncio.to_thread(calibrate_cell, prior, [*lying, *pictures])
+            play = measure_play(fit.layout, fit.x, stops, arm.motors)
+        except KinematicsError as error:
+            raise StepFailedError(str(error)) from error
+        pictures_of_all = [*lying, *pictures]
+        faults = await asyncio.to_thread(find_faults, prior, pictures_of_all, fit, play=play)
+        for fault in faults:
+            bench.evidence.find(f"{fault.kind.replace('_', ' ')}: {fault.message}")
+        if faults:
+            raise StepFailedError(faults[0].message)
+        try:
+            tcp = await look_at_the_fingers(bench, fit)
+        except FingersError as error:
+            raise StepFailedError(str(error)) from error
+        for fault in tcp.faults():
+            raise StepFailedError(fault.message)
+        bench.evidence.measure("edges of the fingers", tcp.rms_px, "px", high=MAX_FINGER_PX)
+        bench.evidence.measure(
+            "opening of the jaws at counter 0", tcp.jaw_zero_mm, "mm", uncertainty=tcp.u_mm
+        )
+        for motor, one in play.items():
+            bench.evidence.measure(
+                f"play of {motor}",
+                degrees(one.rad),
+                "deg",
+                uncertainty=degrees(one.u_rad),
+                high=MAX_PLAY_DEG,
+            )
+        return _calibrations(bench, tcp, arm, play)
+
+
+# ---- pictures --------------------------------------------------------------------------------
+async def _on_the_table(
+    bench: Bench, flat: BoardSection
+) -> tuple[list[BoardPicture], dict[str, Placing]]:
+    area = bench.cell.table.drop_area
+    width_mm, height_mm, thickness_mm = flat.plate_mm
+    edge_mm = flat.margin_mm + flat.square_mm
+    x_mm = sum(area.x) / 2 - width_mm / 2 + edge_mm
+    y_mm = sum(area.y) / 2 - height_mm / 2 + flat.bare_mm + edge_mm
+    await lay(
+        bench,
+        FLAT,
+        f"Lay the flat board at its mark: the lower left inner corner of its print at x {x_mm:.1f} "
+        f"y {y_mm:.1f} mm of the table, its lower side along x. Nothing else on the table. Is it "
+        "there?",
+        x_mm=x_mm,
+        y_mm=y_mm,
+    )
+    picture = await look(bench, "overhead", MARK, "the board at its mark, which fixes the world")
+    board, _ = found_in(picture, flat, "the board at its mark")
+    await put_away(bench, FLAT, "Take the board off the table. Is the table empty?")
+    now_s = bench.clock.now_s()
+    return (
+        [BoardPicture(MARK, "overhead", "flat", board, MARK, taken_s=now_s)],
+        {MARK: Placing(x_mm, y_mm, 0.0, thickness_mm)},
+    )
+
+
+def _prior(
+    bench: Bench, arm: MeasuredArm, plate: HeldPlate, placings: Mapping[str, Placing]
+) -> CellPrior:
+    layout = bench.layout
+    front, back = plate_faces(plate.board)
+    cameras = {"overhead": layout.overhead, "inspection": layout.inspection}
+    return CellPrior(
+        cameras={name: CameraPrior.within(camera) for name, camera in cameras.items()},
+        faces={"flat": Face(), "front": front, "back": back},
+        placings=placings,
+        grasps={"plate": Grasp(plate.T_tcp_body, clamped_std())},
+        arm=arm.figures,
+        T_world_arm=layout.T_world_arm,
+        base_std=base_std(),
+        joint_std=JOINT_STD,
+    )
+
+
+async def _in_the_jaws(
+    bench: Bench, prior: CellPrior, held: PlateInJaws, lying: Sequence[BoardPicture]
+) -> tuple[list[BoardPicture], list[StopPicture]]:
+    """Return pictures with every motor from below, and stops that were gone to from both sides."""
+    bench.evidence.show("working out where to show the plate")
+    chosen = _configurations(bench, prior, held, lying)
+    pictures: list[BoardPicture] = []
+    stops: list[StopPicture] = []
+    seen = Counter[str]()
+    for number, one in enumerate(_in_order(bench, chosen), 1):
+        bench.evidence.show(f"picture {number} of {len(chosen)}, {one.camera} camera")
+        name = f"{one.camera}_{number:02d}"
+        below = await _shown(bench, held, one, name, from_below=True)
+        if below is None:
+            continue
+        pictures.append(below)
+        seen[one.camera] += 1
+        if seen[one.camera] <= STOPS:
+            above = await _shown(bench, held, one, f"{name}_above", from_below=False)
+            if above is not None:
+                stops += [StopPicture(below, name), StopPicture(above, name, MOTORS)]
+    return pictures, stops
+
+
+async def _shown(
+    bench: Bench, held: PlateInJaws, one: Candidate, name: str, *, from_below: bool
+) -> BoardPicture | None:
+    """Show the plate and return its picture; None where it cannot be."""
+    try:
+        await held.go(one.q, f"showing the plate, {name}", from_below=from_below)
+        await bench.motion.ring_down()
+        camera: CameraName = "overhead" if one.camera == "overhead" else "inspection"
+        q = await bench.arm.read_q()
+        picture = await look(bench, camera, name, f"{one.camera} camera, {name}")
+        board, is_front = found_in(picture, held.plate.board, name)
+    except StepFailedError as error:
+        bench.evidence.find(f"{name} left out: {error}")
+        return None
+    face = "front" if is_front else "back"
+    return BoardPicture(name, camera, face, board, "plate", q, bench.clock.now_s())
+
+
+def _configurations(
+    bench: Bench, prior: CellPrior, held: PlateInJaws, lying: Sequence[BoardPicture]
+) -> list[Candidate]:
+    board, rng = held.plate.board, np.random.default_rng(1)
+    target = board.build()
+    if not isinstance(target, Charuco):
+        raise StepFailedError("the plate needs a ChArUco board on each face")
+    corners = np.asarray(charuco_board(target).getChessboardCorners(), dtype=np.float64)[:, :2]
+    middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
+    candidates: list[Candidate] = []
+    for name in CAMERAS:
+        camera: Camera = getattr(bench.layout, name)
+        for face in FACES:
+            q = showing(
+                bench.layout,
+                held.scene,
+                camera,
+                held.plate.T_tcp_board(is_front=face == "front"),
+                middle,
+                REGIONS[name],
+                CANDIDATES,
+                rng,
+                margin_mm=MARGIN_MM,
+            )
+            within = [row for row in q if held.within_reach(row)]
+            candidates += [Candidate(name, face, "plate", row) for row in within]
+    choice = choose(prior, candidates, dict.fromkeys(FACES, corners), PICTURES, on_table=lying)
+    if len(choice.indices) < PICTURES // 2:
+        raise StepFailedError(
+            f"only {len(choice.indices)} places were found where a camera sees the plate and the "
+            "arm is free; check the cameras' poses in the cell file"
+        )
+    return [candidates[i] for i in choice.indices]
+
+
+def _in_order(bench: Bench, chosen: Sequence[Candidate]) -> list[Candidate]:
+    """Return configurations so that each is near the one before."""
+    left, at, ordered = list(chosen), bench.layout.park_q, []
+    while left:
+        seconds = [float(segment_seconds(bench.layout, at, one.q)) for one in left]
+        ordered.append(left.pop(int(np.argmin(seconds))))
+        at = ordered[-1].q
+    return ordered
+
+
+# ---- what was found ----------------------------------------------------------------------------
+def _calibrations(
+    bench: Bench, tcp: TcpFit, arm: MeasuredArm, play: Mapping[str, Play]
+) -> dict[CalibrationName, Calibration]:
+    evidence, fit = bench.evidence, tcp.fit
+    evidence.measure("corner noise", fit.noise_px, "px", high=MAX_RMS_PX)
+    outliers = sum(one.outlier_count for one in fit.pictures)
+    used = sum(one.used_count for one in fit.pictures)
+    evidence.measure("corners left out", 100 * outliers / max(1, used + outliers), "%", high=5)
+    worst = max(one.off_sigma for one in fit.pictures)
+    evidence.measure("the worst picture, in standard deviations", worst, high=MAX_OFF_SIGMA)
+    residual = Residual(value=round(fit.noise_px, 4), unit="px", limit=MAX_RMS_PX)
+    found: dict[CalibrationName, Calibration] = {}
+    where = {"overhead": _at_the_table(bench), "inspection": _at_the_station(bench)}
+    u_all = {}
+    for name in CAMERAS:
+        u_mm = rms(aim_uncertainty_mm(fit, name, where[name]).tolist())
+        evidence.measure(f"{name}: camera against arm, where parts are", u_mm, "mm", high=MAX_U_MM)
+        found[name] = _camera(bench, fit, name, u_mm, residual)
+        u_all[name] = u_mm
+    rows = np.concatenate([*where.values()])
+    rounding_mm, rounding_deg = rounding(bench.layout, rows)
+    evidence.measure("rounding of joints to counts, at the TCP", rounding_mm, "mm")
+    pose = tcp_uncertainty(fit, rows)
+    u_deg = float(np.hypot(rms([degrees(one.u_rad) for one in pose]), rounding_deg))
+    evidence.measure("direction of the gripper", u_deg, "deg", high=MAX_U_DEG)
+    play_deg = {name: round(max(0.0, degrees(one.rad)), 4) for name, one in play.items()}
+    u_mm = float(np.hypot(max(u_all.values()), rounding_mm))
+    own = _arm(bench, fit, arm, u_mm, u_deg, residual)
+    found["arm"] = own.model_copy(
+        update={"jaw_zero_mm": round(tcp.jaw_zero_mm, 3), "play_deg": play_deg}
+    )
+    return found
+
+
+def rms(values: Sequence[float]) -> float:
+    """Return the root of the mean square."""
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def _at_the_table(bench: Bench) -> FloatArray:
+    """Return configurations (n, 6) in which the gripper points down at the drop area."""
+    area = bench.cell.table.drop_area
+    down = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])
+    places = [(x, y, 20.0) for x in np.linspace(*area.x, 4) for y in np.linspace(*area.y, 4)]
+    return _reached(bench, places, [down, down @ _turn_x(pi / 2)])
+
+
+def _at_the_station(bench: Bench) -> FloatArray:
+    """Return configurations (n, 6) in which the TCP is about the station."""
+    level = [_turn_z(a) @ _turn_x(r) for a in (0.0, pi / 2, -pi / 2) for r in (0.0, pi / 2)]
+    return _reached(bench, [bench.layout.station_mm], level)
+
+
+def _reached(bench: Bench, places: Sequence[Any], turns: Sequence[FloatArray]) -> FloatArray:
+    T = np.zeros((len(places) * len(turns), 4, 4))
+    T[:, 3, 3] = 1.0
+    for i, (place, R) in enumerate((p, R) for p in places for R in turns):
+        T[i, :3, :3], T[i, :3, 3] = R, place
+    index, _, q = inverse_rows(bench.layout, T)
+    _, first = np.unique(index, return_index=True)
+    return np.asarray(q[first])
+
+
+def _turn_x(angle: float) -> FloatArray:
+    c, s = cos(angle), sin(angle)
+    return np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
+
+
+def _turn_z(angle: float) -> FloatArray:
+    c, s = cos(angle), sin(angle)
+    return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
+
+
+def _camera(
+    bench: Bench, fit: CellFit, name: CameraName, u_mm: float, residual: Residual
+) -> CameraCalibration:
+    camera = fit.camera(name)
+    K = camera.K
+    return CameraCalibration(
+        **bench.header(residual=residual),
+        size_px=camera.size_px,
+        K=((K[0, 0], 0.0, K[0, 2]), (0.0, K[1, 1], K[1, 2]), (0.0, 0.0, 1.0)),
+        distortion=tuple(camera.distortion.tolist()),
+        T_world_cam=_matrix(camera.T_world_cam),
+        u_pose_mm=u_mm,
+        u_pose_deg=_u_deg(fit, name),
+    )
+
+
+def _arm(
+    bench: Bench, fit: CellFit, arm: MeasuredArm, u_mm: float, u_deg: float, residual: Residual
+) -> ArmCalibration:
+    return ArmCalibration(
+        **bench.header(residual=residual),
+        **arm.fields(fit.arm),
+        T_world_arm=_matrix(fit.T_world_arm),
+        u_mm=u_mm,
+        u_deg=u_deg,
+        observable=fit.observable,
+        held=fit.held,
+    )
+
+
+def _u_deg(fit: CellFit, camera: str) -> float:
+    block = fit.cov[fit.layout.where(camera), fit.layout.where(camera)]
+    return degrees(float(np.sqrt(np.linalg.eigvalsh(block[:3, :3]).max())))
+
+
+def _matrix(T: FloatArray) -> Any:  # noqa: ANN401  (rows of numbers)
+    return tuple(tuple(float(v) for v in row) for row in T)
