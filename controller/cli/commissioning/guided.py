@@ -80,7 +80,8 @@ def guide(options: GuidedOptions, *, status_only: bool) -> int:
     page = _write_page(order)
     if not options.as_json:
         print_line(f"evidence: {page}")
-        print_line(f"cell file as commissioned: {order.folder.cell_file}")
+        if order.folder.cell_file.exists():
+            print_line(f"cell file as commissioned: {order.folder.cell_file}")
     standings = order.standings(datetime.now(UTC))
     _report_standings(standings, order, as_json=options.as_json)
     is_whole = len(records) == len(steps)
