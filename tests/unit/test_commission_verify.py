@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from planning_cell import emulated_layout
 
-from controller.cell.commissioning.steps.verify import PADDLE, _offs
+from controller.cell.commissioning.steps.verify import PADDLE, plate_offs
 from controller.commissioning.calibration import Charuco, FoundBoard, charuco_board
 from controller.commissioning.kinematics import BoardPicture, plate_faces
 from controller.commissioning.showing import Region, showing
@@ -62,7 +62,7 @@ def pictures(true: dict[str, Camera]) -> list[BoardPicture]:
 
 
 def offs(true: dict[str, Camera]) -> dict[Any, np.ndarray]:
-    return _offs(SimpleNamespace(layout=LAYOUT), BOARD, pictures(true))  # type: ignore[arg-type]
+    return plate_offs(SimpleNamespace(layout=LAYOUT), BOARD, pictures(true))  # type: ignore[arg-type]
 
 
 AS_CALIBRATED = {"overhead": LAYOUT.overhead, "inspection": LAYOUT.inspection}

@@ -1,4 +1,4 @@
-"""Boards before the cameras: laid on the table and held in the arm gripper, moved to and looked at.
+"""Boards before the cameras: on the table and in the arm gripper, moved to and looked at.
 
 Gears have play. So a configuration at which a picture is taken is approached with every motor from
 one side, from below by its counter unless the other side is asked for.
@@ -102,6 +102,12 @@ async def look(
 def found_in(picture: Grey, board: BoardSection, where: str) -> tuple[FoundBoard, bool]:
     """Return the board in a picture, and whether it is the plate's front.
 
+    Parameters
+    ----------
+    picture : (height, width)
+    board : that should be in it
+    where : the picture was taken, as a message begins
+
     Raises
     ------
     StepFailedError : neither face is in it
@@ -119,7 +125,7 @@ def found_in(picture: Grey, board: BoardSection, where: str) -> tuple[FoundBoard
 
 
 async def lay(bench: Bench, file: Path, text: str, **place: Any) -> None:  # noqa: ANN401
-    """Have a board laid on the table.
+    """Have a board put on the table.
 
     Parameters
     ----------
@@ -138,6 +144,12 @@ async def lay(bench: Bench, file: Path, text: str, **place: Any) -> None:  # noq
 
 async def put_away(bench: Bench, file: Path, text: str) -> None:
     """Have a board taken away.
+
+    Parameters
+    ----------
+    bench : of the step
+    file : of the board
+    text : what a person is to do
 
     Raises
     ------
@@ -255,5 +267,16 @@ class PlateInJaws:
         return bool(arm.within_limits(rows).all() and scene.free(rows, 10.0).all())
 
     async def go(self, q: FloatArray, what: str, *, from_below: bool | None = True) -> None:
-        """Move to a configuration (6,) with the plate, its motors from one side; as `go_to`."""
+        """Move to a configuration (6,) with the plate, its motors from one side.
+
+        Parameters
+        ----------
+        q : where to
+        what : it goes there for, as a message begins
+        from_below : as `go_to`
+
+        Raises
+        ------
+        StepFailedError : no path is proven free
+        """
         await go_to(self._bench, self.scene, q, what, from_below=from_below)

@@ -34,7 +34,7 @@ from ..errors import StepFailedError
 
 PADDLE: Final = SHIPPED / "boards" / "paddle.json"
 LOOKS: Final = 13  # of each camera
-LEAST: Final = 8
+LOOKS_MIN: Final = 8
 # the plate where parts are: as low over the table as it goes, and about the station
 REGIONS: Final[Mapping[CameraName, Region]] = {
     "overhead": Region(900.0, 1150.0),
@@ -85,7 +85,7 @@ class VerifyStep:
             raise
         await held.give_back()
         figures: dict[str, Figure] = {}
-        for camera, off in _offs(bench, paddle, pictures).items():
+        for camera, off in plate_offs(bench, paddle, pictures).items():
             for kind, unit, limit, values in (
                 ("position", "mm", LIMIT_MM, off[:, 0]),
                 ("direction", "deg", LIMIT_DEG, off[:, 1]),
@@ -137,10 +137,10 @@ async def _look_round(bench: Bench, held: PlateInJaws) -> list[BoardPicture]:
             picture = await _shown(bench, held, camera, q, f"{camera}_{number:02d}")
             if picture is not None:
                 found.append(picture)
-        if len(found) < LEAST:
+        if len(found) < LOOKS_MIN:
             raise StepFailedError(
-                f"the plate was found in {len(found)} pictures of the {camera} camera, {LEAST} are "
-                "required; see which were left out, and why"
+                f"the plate was found in {len(found)} pictures of the {camera} camera, "
+                f"{LOOKS_MIN} are required; see which were left out, and why"
             )
         pictures += found
     return pictures
@@ -162,10 +162,21 @@ async def _shown(
     return BoardPicture(name, camera, face, board, "plate", there, bench.clock.now_s())
 
 
-def _offs(
+def plate_offs(
     bench: Bench, board: BoardSection, pictures: Sequence[BoardPicture]
 ) -> dict[CameraName, FloatArray]:
-    """Return by camera how far the plate was from its prediction (n, 2) [mm, deg]."""
+    """Return by camera how far the plate was from its prediction (n, 2) [mm, deg].
+
+    Parameters
+    ----------
+    bench : whose layout predicts it
+    board : of the plate
+    pictures : of one hold of it, by both cameras
+
+    Raises
+    ------
+    StepFailedError : a picture fits no pose of the board
+    """
     faces = dict(zip(("front", "back"), plate_faces(board), strict=True))
     holds = []
     for one in pictures:
