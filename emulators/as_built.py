@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from emulators.lighting_modbus import LampCharacter
 from emulators.umi_scara import COUNTS_PER_DEG, ArmErrors
 from emulators.world import CameraLayout, LampLayout, Layout, TrayLayout
-from emulators.world.poses import rotation_about
+from emulators.world.poses import invert, rotation_about
 
 Array = NDArray[np.float64]
 T = TypeVar("T")
@@ -134,9 +134,11 @@ def draw_as_built(layout: Layout, seed: int) -> AsBuilt:
     T_tilt = np.eye(4)
     T_tilt[:3, :3], T_tilt[:3, 3] = tilt, middle - tilt @ middle
     arm, fixed = layout.arm, layout.fixed_gripper
+    T_world_base = T_tilt @ draw.moved(arm.T_world_base, BASE_MM, BASE_DEG)
     built_arm = replace(
         arm,
-        T_world_base=T_tilt @ draw.moved(arm.T_world_base, BASE_MM, BASE_DEG),
+        T_world_base=T_world_base,
+        T_world_column=T_world_base @ invert(arm.T_world_base),
         upper_mm=arm.upper_mm + draw.within(LINK_MM),
         fore_mm=arm.fore_mm + draw.within(LINK_MM),
         tool_mm=arm.tool_mm + draw.within(TOOL_MM),

@@ -168,6 +168,8 @@ class ArmLayout:
     Attributes
     ----------
     tool_off_mm : of the TCP from the approach axis, along the jaws' axis and across
+    T_world_column : (4, 4) of the frame that the column's corners are given in: it stands on the
+        arm's base, and goes where that goes
     """
 
     T_world_base: Array
@@ -182,6 +184,7 @@ class ArmLayout:
     gripper: GripperLayout
     park_rad: Mapping[str, float]
     tool_off_mm: tuple[float, float] = (0.0, 0.0)
+    T_world_column: Array = field(default_factory=lambda: np.eye(4))
 
 
 @dataclass(frozen=True, slots=True)

@@ -166,3 +166,12 @@ def test_lamps_parts_and_jaws_of_a_cell_are_as_built(tmp_path: Path) -> None:
     assert np.array_equal(
         cell.world.layout.fixed_gripper.T_world_tcp, built.layout.fixed_gripper.T_world_tcp
     )
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_column_stands_on_the_base_wherever_that_is(seed: int) -> None:
+    drawn = LAYOUT.arm
+    built = draw_as_built(LAYOUT, seed).layout.arm
+    on_base = np.linalg.inv(built.T_world_base) @ built.T_world_column
+    np.testing.assert_allclose(on_base, np.linalg.inv(drawn.T_world_base), atol=1e-9)
+    assert not np.allclose(built.T_world_column, np.eye(4))

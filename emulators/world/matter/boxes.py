@@ -43,7 +43,7 @@ class CellBoxes:
         self._arm_gripper, self._fixed_gripper = arm_gripper, fixed_gripper
         identity = np.eye(4)
         arm = layout.arm
-        fixed: list[tuple[Box, Array]] = [(arm.column, identity), (layout.post, identity)]
+        fixed: list[tuple[Box, Array]] = [(arm.column, arm.T_world_column), (layout.post, identity)]
         fixed += [(box, identity) for box in layout.obstacles]
         fixed += [(one.box, one.T_world_box) for one in layout.chute]
         fixed += [(box, fixed_gripper.T_world_tcp) for box in layout.fixed_gripper.boxes]

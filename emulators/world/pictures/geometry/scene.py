@@ -155,11 +155,16 @@ def _fixed(
     layout: Layout, lamps: Sequence[LampLayout]
 ) -> tuple[Surface, tuple[Box, ...], NDArray[np.int16]]:
     pieces: list[Surface] = []
-    boxes = [layout.arm.column, layout.post, *layout.obstacles]
+    boxes, placed = [layout.post, *layout.obstacles], []
+    arm = layout.arm
+    if np.array_equal(arm.T_world_column, np.eye(4)):
+        boxes.insert(0, arm.column)
+    else:
+        placed.append((arm.column, arm.T_world_column))
     for box in boxes:
         pieces.append(_boxes("", (box,), 1))
     owner = [np.full(len(piece.faces), i) for i, piece in enumerate(pieces)]
-    placed = [(box, layout.fixed_gripper.T_world_tcp) for box in layout.fixed_gripper.boxes]
+    placed += [(box, layout.fixed_gripper.T_world_tcp) for box in layout.fixed_gripper.boxes]
     placed += [(one.box, one.T_world_box) for one in layout.chute]
     for box, T in placed:
         body = _boxes("", (box,), 1)
