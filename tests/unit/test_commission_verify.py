@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from planning_cell import emulated_layout
 
-from controller.cell.commissioning.steps.verify import PADDLE, plate_offs
+from controller.cell.commissioning.steps.verify import plate_offs
 from controller.commissioning.calibration import Charuco, FoundBoard, charuco_board
 from controller.commissioning.kinematics import BoardPicture, plate_faces
 from controller.commissioning.showing import Region, showing
@@ -20,7 +20,7 @@ from controller.planning.geometry import Box
 from controller.planning.motion import Scene, tcp_pose
 
 LAYOUT = emulated_layout()
-BOARD = load_board(Path(PADDLE))
+BOARD = load_board(Path(__file__).parents[2] / "recipes" / "boards" / "paddle.json")
 FACES = dict(zip(("front", "back"), plate_faces(BOARD), strict=True))
 PLATE = Box.from_bounds(-45.0, 105.0, -9.0, 9.0, -50.0, 50.0)
 HELD = np.eye(4)

@@ -15,6 +15,7 @@ from controller.arrays import FloatArray, Grey
 from controller.commissioning.calibration import FoundBoard, NoBoardError, find_board
 from controller.commissioning.kinematics import plate_faces
 from controller.commissioning.target import BoardSection
+from controller.config import SHIPPED
 from controller.planning import NoMotionError
 from controller.planning.geometry import Box
 from controller.planning.motion import Scene, connect
@@ -33,6 +34,18 @@ BRIGHT: Final = 235  # of 255; white paper brighter than this is burnt out somew
 DIMMEST: Final = 0.1
 HALF_OPEN_MM: Final = 40.0
 PLATE_FORCE: Final = 30  # MAX_FORCE of the jaws; it has no unit (umi_rtx.md 5.6)
+
+
+def board_file(bench: Bench, name: str) -> Path:
+    """Return the file of a board: that in `boards` of the commissioning's folder, else the shipped.
+
+    Parameters
+    ----------
+    bench : of the step
+    name : ``charuco`` or ``paddle``
+    """
+    own = bench.evidence.folder.parent.parent / "boards" / f"{name}.json"
+    return own if own.is_file() else SHIPPED / "boards" / f"{name}.json"
 
 
 @dataclass(frozen=True, slots=True, eq=False)

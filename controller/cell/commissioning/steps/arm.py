@@ -8,6 +8,7 @@ import asyncio
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from math import cos, degrees, pi, radians, sin
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -38,8 +39,7 @@ from controller.commissioning.kinematics import (
     tcp_uncertainty,
 )
 from controller.commissioning.showing import Region, showing
-from controller.commissioning.target import BoardSection, load_board
-from controller.config import SHIPPED
+from controller.commissioning.target import load_board
 from controller.config.calibration_reference import CalibrationName
 from controller.config.calibrations import (
     ArmCalibration,
@@ -57,6 +57,7 @@ from ..boards import (
     HeldPlate,
     PlateInJaws,
     as_handed,
+    board_file,
     found_in,
     lay,
     look,
@@ -65,8 +66,6 @@ from ..boards import (
 from ..errors import StepFailedError
 from ..fingers import look_at_the_fingers
 
-FLAT: Final = SHIPPED / "boards" / "charuco.json"
-PADDLE: Final = SHIPPED / "boards" / "paddle.json"
 CAMERAS: Final[tuple[CameraName, ...]] = ("overhead", "inspection")
 REGIONS: Final[Mapping[CameraName, Region]] = {
     "overhead": Region(620.0, 1150.0),
@@ -75,6 +74,7 @@ REGIONS: Final[Mapping[CameraName, Region]] = {
 CANDIDATES: Final = 150  # of each camera and face
 PICTURES: Final = 44
 MARK: Final = "mark"
+FIRST_PICTURES: Final = 6  # with none of them right, the others would not be either
 MARGIN_MM: Final = 25.0
 MAX_RMS_PX: Final = 0.15
 MAX_OFF_SIGMA: Final = 8.0  # a camera or a plate that was moved meanwhile is tens of them off
@@ -113,11 +113,12 @@ class ArmStep:
         arm = measured_arm(bench.layout)
         if arm is None:
             raise StepFailedError("only a UMI RTX can be calibrated here")
-        flat, paddle = load_board(FLAT), load_board(PADDLE)
+        flat_file, plate_file = board_file(bench, "charuco"), board_file(bench, "paddle")
+        plate = load_board(plate_file)
         await bench.permit_motion("The arm homes, and then shows a plate to both cameras.")
         await bench.home_and_park()
-        lying, placings = await _on_the_table(bench, flat)
-        held = PlateInJaws(bench, as_handed(bench, paddle), PADDLE)
+        lying, placings = await _on_the_table(bench, flat_file)
+        held = PlateInJaws(bench, as_handed(bench, plate), plate_file)
         await held.take(seed=1)
         prior = _prior(bench, arm, held.plate, placings)
         try:
@@ -159,9 +160,8 @@ class ArmStep:
 
 
 # ---- pictures --------------------------------------------------------------------------------
-async def _on_the_table(
-    bench: Bench, flat: BoardSection
-) -> tuple[list[BoardPicture], dict[str, Placing]]:
+async def _on_the_table(bench: Bench, file: Path) -> tuple[list[BoardPicture], dict[str, Placing]]:
+    flat = load_board(file)
     area = bench.cell.table.drop_area
     width_mm, height_mm, thickness_mm = flat.plate_mm
     edge_mm = flat.margin_mm + flat.square_mm
@@ -169,7 +169,7 @@ async def _on_the_table(
     y_mm = sum(area.y) / 2 - height_mm / 2 + flat.bare_mm + edge_mm
     await lay(
         bench,
-        FLAT,
+        file,
         f"Lay the flat board at its mark: the lower left inner corner of its print at x {x_mm:.1f} "
         f"y {y_mm:.1f} mm of the table, its lower side along x. Nothing else on the table. Is it "
         "there?",
@@ -178,7 +178,7 @@ async def _on_the_table(
     )
     picture = await look(bench, "overhead", MARK, "the board at its mark, which fixes the world")
     board, _ = found_in(picture, flat, "the board at its mark")
-    await put_away(bench, FLAT, "Take the board off the table. Is the table empty?")
+    await put_away(bench, file, "Take the board off the table. Is the table empty?")
     now_s = bench.clock.now_s()
     return (
         [BoardPicture(MARK, "overhead", "flat", board, MARK, taken_s=now_s)],
@@ -218,6 +218,11 @@ async def _in_the_jaws(
         name = f"{one.camera}_{number:02d}"
         below = await _shown(bench, held, one, name, from_below=True)
         if below is None:
+            if not pictures and number == FIRST_PICTURES:
+                last = bench.evidence.findings[-1]
+                raise StepFailedError(
+                    f"none of the first {number} pictures shows the plate: {last}"
+                )
             continue
         pictures.append(below)
         seen[one.camera] += 1
@@ -225,6 +230,11 @@ async def _in_the_jaws(
             above = await _shown(bench, held, one, f"{name}_above", from_below=False)
             if above is not None:
                 stops += [StopPicture(below, name), StopPicture(above, name, MOTORS)]
+    if len(pictures) < PICTURES // 2:
+        raise StepFailedError(
+            f"the plate was found in {len(pictures)} of {len(chosen)} pictures, half of them are "
+            "required; see which were left out, and why"
+        )
     return pictures, stops
 
 

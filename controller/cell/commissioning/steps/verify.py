@@ -21,7 +21,6 @@ from controller.commissioning.kinematics import (
 )
 from controller.commissioning.showing import Region, showing
 from controller.commissioning.target import BoardSection, load_board
-from controller.config import SHIPPED
 from controller.config.calibration_reference import CalibrationName
 from controller.config.calibrations import Calibration, Figure, VerificationRecord
 from controller.imaging import Camera, inverse_pose, rotation_angle
@@ -29,10 +28,9 @@ from controller.planning.motion import tcp_pose
 
 from ...services import CameraName
 from ..bench import Bench
-from ..boards import PlateInJaws, as_handed, found_in, look
+from ..boards import PlateInJaws, as_handed, board_file, found_in, look
 from ..errors import StepFailedError
 
-PADDLE: Final = SHIPPED / "boards" / "paddle.json"
 LOOKS: Final = 13  # of each camera
 LOOKS_MIN: Final = 8
 # the plate where parts are: as low over the table as it goes, and about the station
@@ -73,10 +71,11 @@ class VerifyStep:
         DeclinedError : a person ended it
         DeviceError : a device does not answer or does not get there
         """
-        paddle = load_board(PADDLE)
+        file = board_file(bench, "paddle")
+        plate = load_board(file)
         await bench.permit_motion("The arm homes, and then shows a plate to both cameras.")
         await bench.home_and_park()
-        held = PlateInJaws(bench, as_handed(bench, paddle), PADDLE)
+        held = PlateInJaws(bench, as_handed(bench, plate), file)
         await held.take(seed=SEED)
         try:
             pictures = await _look_round(bench, held)
@@ -85,7 +84,7 @@ class VerifyStep:
             raise
         await held.give_back()
         figures: dict[str, Figure] = {}
-        for camera, off in plate_offs(bench, paddle, pictures).items():
+        for camera, off in plate_offs(bench, plate, pictures).items():
             for kind, unit, limit, values in (
                 ("position", "mm", LIMIT_MM, off[:, 0]),
                 ("direction", "deg", LIMIT_DEG, off[:, 1]),
