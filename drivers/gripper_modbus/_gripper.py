@@ -370,7 +370,6 @@ class Gripper:
         """
         try:
             await self._unit.write_registers(OUTPUT_REGISTER, outputs)
-            self._monitor.note_request()
         except NOT_KNOWN_TO_BE_DONE as error:
             log.warning("reading back: %s", error)
             if not has_arrived(await self.status()):

@@ -51,7 +51,6 @@ class GripperMonitor:
         self.grasp: GraspResult | None = None
         self.latest: GripperStatus | None = None
         self.lost = asyncio.Event()
-        self._request_at_s = self._clock.now_s()
         self._keeper: asyncio.Task[None] | None = None
 
     def keep_awake(self) -> None:
@@ -72,17 +71,12 @@ class GripperMonitor:
         """Read the input block and return the status."""
         at_s = self._clock.now_s()
         registers = await self._unit.read_holding_registers(INPUT_REGISTER, INPUT_COUNT)
-        self._request_at_s = max(self._request_at_s, at_s)
         status = GripperStatus.of(decode_inputs(registers), self._config, at_s)
         self.latest = status
         if judge_hold(self.grasp, status, self._config) is Hold.LOST and not self.lost.is_set():
             log.warning("%s: part lost, jaws now at %.1f mm", self._name, status.opening_mm)
             self.lost.set()
         return status
-
-    def note_request(self) -> None:
-        """Take it that a request was answered now: it keeps the gripper awake as a reading does."""
-        self._request_at_s = self._clock.now_s()
 
     async def until(
         self,
@@ -140,10 +134,9 @@ class GripperMonitor:
                     self._config.hold_poll_s, MIN_HOLD_POLL_WALL_S * self._clock.speed
                 )
                 period_s = min(period_s, hold_poll_s)
-            remaining_s = self._request_at_s + period_s - self._clock.now_s()
-            if remaining_s > 0:
-                await self._clock.sleep(remaining_s)
-                continue
+            # whatever else was asked meanwhile: a race with it would be decided by chance, and a
+            # recorded run could not be replayed (docs/wires.md)
+            await self._clock.sleep(period_s)
             try:
                 await self.status()
             except DeviceError as error:

@@ -1,6 +1,7 @@
 """A whole run, recorded and run again on its wires; and one byte of another recipe."""
 
 import json
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -36,12 +37,12 @@ def test_a_recorded_run_replays_byte_by_byte_and_another_force_is_found(tmp_path
     code, same = cellctl("replay", "--wires", wires)
     assert (code, same["difference"]) == (0, None)
 
-    text = recipe.read_text(encoding="utf-8").replace("force_n: 60", "force_n: 55")
-    text = text.replace("part: ", f"part: {recipe.parent}/").replace(
-        "cell: ", f"cell: {recipe.parent}/"
-    )
-    changed = tmp_path / "weaker.yaml"
-    changed.write_text(text, encoding="utf-8")
+    # a recipe names files of its own folder alone
+    shutil.copytree(recipe.parent, tmp_path / "recipes")
+    changed = tmp_path / "recipes" / recipe.name
+    text = recipe.read_text(encoding="utf-8")
+    assert "force_n: 60" in text
+    changed.write_text(text.replace("force_n: 60", "force_n: 55"), encoding="utf-8")
     code, other = cellctl("replay", "--wires", wires, "--recipe", changed)
     assert code == 1
     found = other["difference"]
