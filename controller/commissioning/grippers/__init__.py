@@ -1,4 +1,4 @@
-"""Pictures of fingers and plates -> the TCP of the arm gripper and its opening.
+"""Pictures of fingers -> TCP and opening of the arm gripper; touches -> pose of the fixed one.
 
 Arrays in, dataclasses out; what the arm and the cameras are comes from `kinematics`.
 """
@@ -13,14 +13,28 @@ from .fingers import (
     locate_tcp,
     look_at_fingers,
 )
+from .fixed import (
+    Axis,
+    FixedGripperFit,
+    Touch,
+    TouchError,
+    locate_fixed_gripper,
+    plate_touch,
+)
 
 __all__ = [
+    "Axis",
     "FingerLook",
     "FingerRays",
     "FingerShape",
     "FingersError",
+    "FixedGripperFit",
     "TcpFit",
+    "Touch",
+    "TouchError",
     "finger_rays",
+    "locate_fixed_gripper",
     "locate_tcp",
     "look_at_fingers",
+    "plate_touch",
 ]
