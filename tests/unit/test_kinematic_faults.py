@@ -89,3 +89,12 @@ def test_one_picture_that_contradicts_all_others_is_named() -> None:
     pictures[9] = replace(pictures[9], q=q + np.array([0, 0, 0, 4.0, 0, 0]))
     found = faults(pictures)
     assert [(f.kind, f.subject) for f in found] == [("picture", pictures[9].name)]
+
+
+def test_a_base_out_of_its_bounds_is_named_and_one_only_uncertain_is_not() -> None:
+    cell = cells.true_cell(68)
+    there = cell.T_world_arm.copy()
+    there[0, 3] += 12.0  # four times what a set-up leaves
+    found = faults(cells.pictures(replace(cell, T_world_arm=there), COUNT, 68))
+    assert ("out_of_bounds", "base.x_mm") in {(f.kind, f.subject) for f in found}
+    assert not any("lens" in f.subject for f in found)

@@ -314,15 +314,16 @@ def _odd_pictures(fit: CellFit, limits: FaultLimits) -> tuple[Fault, ...]:
 def _out_of_bounds(fit: CellFit, limits: FaultLimits) -> tuple[Fault, ...]:
     layout: Layout = fit.layout
     out = []
-    for name, x, std in zip(layout.names, fit.x, layout.std, strict=True):
-        off = abs(float(x)) / float(std)
+    for name, x, known, std in zip(layout.names, fit.x, fit.std, layout.std, strict=True):
+        off = (abs(float(x)) - 2.0 * float(known)) / float(std)  # what is certain of it
         if off > limits.prior_sigma and ".placed." not in name:
             out.append(
                 Fault(
                     "out_of_bounds",
                     name,
-                    f"{name} is {float(x):+.4g} off its drawing, {off:.1f} standard deviations of "
-                    f"what a set-up leaves, {limits.prior_sigma:g} are allowed; check the drawing",
+                    f"{name} is {float(x):+.4g} off its drawing, at least {off:.1f} standard "
+                    f"deviations of what a set-up leaves, {limits.prior_sigma:g} are allowed; "
+                    "check the drawing",
                 )
             )
     return tuple(out)
