@@ -72,6 +72,7 @@ from drivers.clock import CellClock
 from drivers.errors import ArmStalledError
 from drivers.gripper_modbus import Hold
 from drivers.io_modbus import Signal
+from drivers.wires import UNTAPPED
 
 ROOT = Path(__file__).parents[2]
 LAYOUT = build_layout(load_cell(ROOT / "recipes/cells/emulated.yaml"))
@@ -369,6 +370,7 @@ class PaperRun:
             io=SimpleNamespace(signal=self._signal),
             overhead=PaperCamera(self.cell),
             inspection=PaperCamera(self.cell),
+            wires=UNTAPPED,
         )
         self.journal = folder / "journal.sqlite"
         self._journal = Journal(self.journal, "run")
@@ -945,11 +947,20 @@ def test_no_jaw_of_the_cell_opens_but_through_the_guard() -> None:
         (file.name, match.group(1))
         for file in sorted((ROOT / "controller/cell").rglob("*.py"))
         for match in opening.finditer(file.read_text())
-        if file.name != "release_guard.py"
+        if file.name != "release_guard.py" and file.parent.parts[-2:].count("commissioning") == 0
     }
     # activating moves the jaws, and comes after homing has found the fixed gripper empty;
     # `cellctl recover` opens for a person who holds the part and said so
     assert found == {("grippers.py", "activate"), ("releasing.py", "open_to")}
+
+
+def test_commissioning_opens_jaws_that_a_visit_has_found_empty_or_a_person_holds_below() -> None:
+    folder = ROOT / "controller/cell/commissioning"
+    opening = re.compile(r"\.(move_gripper_mm|open_jaws|open_to|open_on)\(")
+    found = {file.name for file in folder.rglob("*.py") if opening.search(file.read_text())}
+    # `boards` opens on a plate for a person who has said that they hold it
+    assert found == {"bench.py", "boards.py", "devices.py", "fingers.py"}
+    assert "require_empty_grippers" in (folder / "visit.py").read_text()
 
 
 def test_every_effect_of_recovery_is_something_the_actions_can_do() -> None:

@@ -118,6 +118,24 @@ CELL: Final = (
         "look at the cell, start again; send the journal with your report",
     ),
     Alarm(
+        914, "step_failed", _STOP, "commissioning",
+        "what a step of commissioning found is not what should be",
+        _NOTHING,
+        "mend what the message names, repeat the step",
+    ),
+    Alarm(
+        915, "declined", _STOP, "operator",
+        "somebody ended a step of commissioning at a question",
+        _NOTHING,
+        "begin the step again",
+    ),
+    Alarm(
+        916, "nobody_there", _REFUSED, "operator",
+        "a step of commissioning needs a person, and nobody is there",
+        _NOTHING,
+        "start it in a terminal; `--yes` answers on an emulated cell",
+    ),
+    Alarm(
         920, "broke_off", _ABORT, _HOST,
         "an error kept the run from coming to rest",
         "where the arm is, and what the grippers hold",
