@@ -8,7 +8,7 @@ from typing import Any, Final
 from controller.arrays import FloatArray
 from controller.config import Cell
 from controller.config.calibration_reference import CalibrationName
-from controller.planning import NoMotionError
+from controller.planning import JointPath, NoMotionError
 from controller.planning.geometry import Box
 from controller.planning.model import CellLayout
 from controller.planning.motion import Scene, connect
@@ -135,13 +135,26 @@ class Bench:
         ------
         StepFailedError : no such path is proven free
         """
-        here = await self.arm.read_q()
+        for waypoint in await self.path_to(q, self.scene(), what):
+            await self.motion.follow((waypoint,), first_speed=speed)
+
+    async def path_to(self, q: FloatArray, scene: Scene, what: str) -> JointPath:
+        """Return a path from where the arm stands to a configuration (6,), free in a scene.
+
+        Parameters
+        ----------
+        q : where to
+        scene : what the arm carries, and may not touch
+        what : it goes there for, as a message begins
+
+        Raises
+        ------
+        StepFailedError : no such path is proven free
+        """
         try:
-            path = connect(here, q, self.scene(), what)
+            return connect(await self.arm.read_q(), q, scene, what)
         except NoMotionError as error:
             raise StepFailedError(str(error)) from error
-        for waypoint in path:
-            await self.motion.follow((waypoint,), first_speed=speed)
 
     def scene(self) -> Scene:
         """Return the empty cell, all that stands in it thicker by what nobody has measured yet."""

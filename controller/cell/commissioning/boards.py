@@ -12,13 +12,19 @@ from typing import Any, Final
 import numpy as np
 
 from controller.arrays import FloatArray, Grey
-from controller.commissioning.calibration import FoundBoard, NoBoardError, find_board
-from controller.commissioning.kinematics import plate_faces
+from controller.commissioning.calibration import (
+    Charuco,
+    FoundBoard,
+    NoBoardError,
+    charuco_board,
+    find_board,
+)
+from controller.commissioning.kinematics import BoardPicture, plate_faces
+from controller.commissioning.showing import Region, showing
 from controller.commissioning.target import BoardSection
 from controller.config import SHIPPED
-from controller.planning import NoMotionError
 from controller.planning.geometry import Box
-from controller.planning.motion import Scene, connect
+from controller.planning.motion import Scene
 
 from ..services import CameraName
 from .bench import UNCALIBRATED_MM, Bench, with_clearance
@@ -68,6 +74,19 @@ class HeldPlate:
         T = self.T_tcp_body.copy()
         T[:3, 3] += T[:3, 0] * (height_mm - self.board.bare_mm) / 2.0
         return Box(T, np.array([height_mm, thickness_mm, width_mm]) / 2.0 + HANDED_MM)
+
+    @property
+    def corners_mm(self) -> FloatArray:
+        """Inner corners (n, 2) of either face's print.
+
+        Raises
+        ------
+        StepFailedError : it bears no ChArUco board
+        """
+        target = self.board.build()
+        if not isinstance(target, Charuco):
+            raise StepFailedError("the plate needs a ChArUco board on each face")
+        return np.asarray(charuco_board(target).getChessboardCorners(), dtype=np.float64)[:, :2]
 
     def T_tcp_board(self, *, is_front: bool) -> FloatArray:
         """Return (4, 4) of a face's print in the TCP frame."""
@@ -192,11 +211,7 @@ async def go_to(
     before = q if from_below is None else (q - APPROACH if from_below else q + APPROACH)
     if not bench.layout.arm.within_limits(before).all():
         before = q
-    here = await bench.arm.read_q()
-    try:
-        path = connect(here, before, scene, what)
-    except NoMotionError as error:
-        raise StepFailedError(str(error)) from error
+    path = await bench.path_to(before, scene, what)
     await bench.motion.follow((*path, q) if before is not q else path)
 
 
@@ -278,6 +293,73 @@ class PlateInJaws:
         arm, scene = self._bench.layout.arm, self.scene
         rows = np.stack([q, q - APPROACH, q + APPROACH])
         return bool(arm.within_limits(rows).all() and scene.free(rows, 10.0).all())
+
+    def configurations(
+        self,
+        camera: CameraName,
+        region: Region,
+        count: int,
+        rng: np.random.Generator,
+        *,
+        is_front: bool,
+        margin_mm: float,
+    ) -> FloatArray:
+        """Return configurations (n, 6) that show a face to a camera, n up to ``count``.
+
+        Parameters
+        ----------
+        camera : that is to see it
+        region : how far from the camera
+        count : enough of them
+        rng : draws them
+        is_front : which face
+        margin_mm : to be kept from everything
+
+        Raises
+        ------
+        StepFailedError : the plate bears no ChArUco board
+        """
+        layout, corners = self._bench.layout, self.plate.corners_mm
+        return showing(
+            layout,
+            self.scene,
+            getattr(layout, camera),
+            self.plate.T_tcp_board(is_front=is_front),
+            (corners.min(axis=0) + corners.max(axis=0)) / 2,
+            region,
+            count,
+            rng,
+            margin_mm=margin_mm,
+        )
+
+    async def shown(
+        self, camera: CameraName, q: FloatArray, name: str, *, from_below: bool | None
+    ) -> BoardPicture | None:
+        """Show the plate and return its picture; None where it cannot be, which is noted.
+
+        Parameters
+        ----------
+        camera : that is to see it
+        q : (6,) where to
+        name : of the picture
+        from_below : as `go_to`
+
+        Raises
+        ------
+        DeviceError : a device does not answer or does not get there
+        """
+        bench = self._bench
+        try:
+            await self.go(q, f"showing the plate, {name}", from_below=from_below)
+            await bench.motion.ring_down()
+            there = await bench.arm.read_q()
+            picture = await look(bench, camera, name, f"{camera} camera, {name}")
+            board, is_front = found_in(picture, self.plate.board, name)
+        except StepFailedError as error:
+            bench.evidence.find(f"{name} left out: {error}")
+            return None
+        face = "front" if is_front else "back"
+        return BoardPicture(name, camera, face, board, "plate", there, bench.clock.now_s())
 
     async def go(self, q: FloatArray, what: str, *, from_below: bool | None = True) -> None:
         """Move to a configuration (6,) with the plate, its motors from one side.

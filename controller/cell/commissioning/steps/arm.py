@@ -14,7 +14,6 @@ from typing import Any, Final
 import numpy as np
 
 from controller.arrays import FloatArray
-from controller.commissioning.calibration import Charuco, charuco_board
 from controller.commissioning.grippers import FingersError, TcpFit
 from controller.commissioning.kinematics import (
     BoardPicture,
@@ -38,7 +37,7 @@ from controller.commissioning.kinematics import (
     plate_faces,
     tcp_uncertainty,
 )
-from controller.commissioning.showing import Region, showing
+from controller.commissioning.showing import Region
 from controller.commissioning.target import load_board
 from controller.config.calibration_reference import CalibrationName
 from controller.config.calibrations import (
@@ -47,7 +46,6 @@ from controller.config.calibrations import (
     CameraCalibration,
     Residual,
 )
-from controller.imaging import Camera
 from controller.planning.motion import inverse_rows, segment_seconds
 from controller.setup.measured_arm import MeasuredArm, measured_arm, rounding
 
@@ -215,8 +213,9 @@ async def _in_the_jaws(
     seen = Counter[str]()
     for number, one in enumerate(_in_order(bench, chosen), 1):
         bench.evidence.show(f"picture {number} of {len(chosen)}, {one.camera} camera")
-        name = f"{one.camera}_{number:02d}"
-        below = await _shown(bench, held, one, name, from_below=True)
+        camera: CameraName = "overhead" if one.camera == "overhead" else "inspection"
+        name = f"{camera}_{number:02d}"
+        below = await held.shown(camera, one.q, name, from_below=True)
         if below is None:
             if not pictures and number == FIRST_PICTURES:
                 last = bench.evidence.findings[-1]
@@ -227,7 +226,7 @@ async def _in_the_jaws(
         pictures.append(below)
         seen[one.camera] += 1
         if seen[one.camera] <= STOPS:
-            above = await _shown(bench, held, one, f"{name}_above", from_below=False)
+            above = await held.shown(camera, one.q, f"{name}_above", from_below=False)
             if above is not None:
                 stops += [StopPicture(below, name), StopPicture(above, name, MOTORS)]
     if len(pictures) < PICTURES // 2:
@@ -238,46 +237,19 @@ async def _in_the_jaws(
     return pictures, stops
 
 
-async def _shown(
-    bench: Bench, held: PlateInJaws, one: Candidate, name: str, *, from_below: bool
-) -> BoardPicture | None:
-    """Show the plate and return its picture; None where it cannot be."""
-    try:
-        await held.go(one.q, f"showing the plate, {name}", from_below=from_below)
-        await bench.motion.ring_down()
-        camera: CameraName = "overhead" if one.camera == "overhead" else "inspection"
-        q = await bench.arm.read_q()
-        picture = await look(bench, camera, name, f"{one.camera} camera, {name}")
-        board, is_front = found_in(picture, held.plate.board, name)
-    except StepFailedError as error:
-        bench.evidence.find(f"{name} left out: {error}")
-        return None
-    face = "front" if is_front else "back"
-    return BoardPicture(name, camera, face, board, "plate", q, bench.clock.now_s())
-
-
 def _configurations(
     bench: Bench, prior: CellPrior, held: PlateInJaws, lying: Sequence[BoardPicture]
 ) -> list[Candidate]:
-    board, rng = held.plate.board, np.random.default_rng(1)
-    target = board.build()
-    if not isinstance(target, Charuco):
-        raise StepFailedError("the plate needs a ChArUco board on each face")
-    corners = np.asarray(charuco_board(target).getChessboardCorners(), dtype=np.float64)[:, :2]
-    middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
+    rng, corners = np.random.default_rng(1), held.plate.corners_mm
     candidates: list[Candidate] = []
     for name in CAMERAS:
-        camera: Camera = getattr(bench.layout, name)
         for face in FACES:
-            q = showing(
-                bench.layout,
-                held.scene,
-                camera,
-                held.plate.T_tcp_board(is_front=face == "front"),
-                middle,
+            q = held.configurations(
+                name,
                 REGIONS[name],
                 CANDIDATES,
                 rng,
+                is_front=face == "front",
                 margin_mm=MARGIN_MM,
             )
             within = [row for row in q if held.within_reach(row)]

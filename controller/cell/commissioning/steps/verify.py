@@ -12,14 +12,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from controller.arrays import FloatArray
-from controller.commissioning.calibration import Charuco, charuco_board
 from controller.commissioning.kinematics import (
     BoardPicture,
     KinematicsError,
     board_pose,
     plate_faces,
 )
-from controller.commissioning.showing import Region, showing
+from controller.commissioning.showing import Region
 from controller.commissioning.target import BoardSection, load_board
 from controller.config.calibration_reference import CalibrationName
 from controller.config.calibrations import Calibration, Figure, VerificationRecord
@@ -28,7 +27,7 @@ from controller.planning.motion import tcp_pose
 
 from ...services import CameraName
 from ..bench import Bench
-from ..boards import PlateInJaws, as_handed, board_file, found_in, look
+from ..boards import PlateInJaws, as_handed, board_file
 from ..errors import StepFailedError
 
 LOOKS: Final = 13  # of each camera
@@ -78,7 +77,7 @@ class VerifyStep:
         held = PlateInJaws(bench, as_handed(bench, plate), file)
         await held.take(seed=SEED)
         try:
-            pictures = await _look_round(bench, held)
+            pictures = await _look_round(held)
         except StepFailedError:
             await held.give_back()
             raise
@@ -103,28 +102,12 @@ class VerifyStep:
         return {"verification": VerificationRecord(**bench.header(), figures=figures)}
 
 
-async def _look_round(bench: Bench, held: PlateInJaws) -> list[BoardPicture]:
-    target = held.plate.board.build()
-    if not isinstance(target, Charuco):
-        raise StepFailedError("the plate needs a ChArUco board on each face")
-    corners = np.asarray(charuco_board(target).getChessboardCorners(), dtype=np.float64)[:, :2]
-    middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
+async def _look_round(held: PlateInJaws) -> list[BoardPicture]:
     rng = np.random.default_rng(SEED)
     pictures = []
     for camera, region in REGIONS.items():
-        eye: Camera = getattr(bench.layout, camera)
         rows = [
-            showing(
-                bench.layout,
-                held.scene,
-                eye,
-                held.plate.T_tcp_board(is_front=is_front),
-                middle,
-                region,
-                LOOKS,
-                rng,
-                margin_mm=MARGIN_MM,
-            )
+            held.configurations(camera, region, LOOKS, rng, is_front=is_front, margin_mm=MARGIN_MM)
             for is_front in (True, False)
         ]
         # both faces in turn
@@ -133,7 +116,7 @@ async def _look_round(bench: Bench, held: PlateInJaws) -> list[BoardPicture]:
         for number, q in enumerate(mixed, 1):
             if len(found) == LOOKS:
                 break
-            picture = await _shown(bench, held, camera, q, f"{camera}_{number:02d}")
+            picture = await held.shown(camera, q, f"{camera}_{number:02d}", from_below=None)
             if picture is not None:
                 found.append(picture)
         if len(found) < LOOKS_MIN:
@@ -143,22 +126,6 @@ async def _look_round(bench: Bench, held: PlateInJaws) -> list[BoardPicture]:
             )
         pictures += found
     return pictures
-
-
-async def _shown(
-    bench: Bench, held: PlateInJaws, camera: CameraName, q: FloatArray, name: str
-) -> BoardPicture | None:
-    try:
-        await held.go(q, f"showing the plate, {name}", from_below=None)
-        await bench.motion.ring_down()
-        there = await bench.arm.read_q()
-        picture = await look(bench, camera, name, f"{camera} camera, {name}")
-        board, is_front = found_in(picture, held.plate.board, name)
-    except StepFailedError as error:
-        bench.evidence.find(f"{name} left out: {error}")
-        return None
-    face = "front" if is_front else "back"
-    return BoardPicture(name, camera, face, board, "plate", there, bench.clock.now_s())
 
 
 def plate_offs(
