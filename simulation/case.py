@@ -17,12 +17,13 @@ from typing import Any, Final
 
 from controller.cell.journal import Row, is_of, read_rows, rows
 from controller.cell.operator import Answer, Question
+from controller.virtual_time import NothingLeftError
 
 from .cell import Controller, Scene, SimulatedCell
 from .faults import FAULTS, Cause
 from .holds import Hold, Holds, Lengths
 from .invariants import Watch
-from .loop import NothingLeftError, SimulatedLoop, SimulatedProcess
+from .loop import SimulatedLoop, SimulatedProcess
 from .power import cut_power
 
 MAX_CELL_S: Final = 2400.0  # a case that is not done by then hangs

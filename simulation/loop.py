@@ -12,15 +12,15 @@ runs, no `finally` either.
 import asyncio
 import contextvars
 import gc
-import heapq
 import logging
 import random
 import sys
 import warnings
-from collections import deque
 from collections.abc import Callable, Coroutine, Generator
 from concurrent.futures import Executor
 from typing import Any, Final, TypeVar, TypeVarTuple
+
+from controller.virtual_time import VirtualTimeLoop
 
 from .wires import Factory, Ports
 
@@ -30,15 +30,10 @@ Arguments = TypeVarTuple("Arguments")
 START_S: Final = 1_000.0  # not 0, so that a default of 0.0 is not taken for an instant
 MAX_THREAD_DELAY_S: Final = 0.002  # from ordering work of a thread to its beginning, and back
 CLOSING_COUNT: Final = 8  # a `finally` that awaits ignores the first ones
-PURGE_COUNT: Final = 200  # cancelled timers that are kept at most
 
 _owner: contextvars.ContextVar["SimulatedProcess | None"] = contextvars.ContextVar(
     "owner", default=None
 )
-
-
-class NothingLeftError(RuntimeError):
-    """Nothing is ready and no timer is set: every task waits for another one."""
 
 
 class SimulatedProcess:
@@ -63,7 +58,7 @@ class _Task(asyncio.Task[Result]):
     owner: SimulatedProcess | None
 
 
-class SimulatedLoop(asyncio.BaseEventLoop):
+class SimulatedLoop(VirtualTimeLoop):
     """The loop.
 
     Parameters
@@ -75,14 +70,8 @@ class SimulatedLoop(asyncio.BaseEventLoop):
     after_step : called after each step with the process it belonged to
     """
 
-    # asyncio's own, which its types do not show
-    _ready: deque[Any]
-    _scheduled: list[Any]
-    _stopping: bool
-
     def __init__(self, seed: int) -> None:
-        super().__init__()
-        self._now_s = START_S
+        super().__init__(START_S)
         self._rng = random.Random(f"loop {seed}")
         self._task_count = 0
         self._killed: list[asyncio.Task[Any]] = []
@@ -92,10 +81,6 @@ class SimulatedLoop(asyncio.BaseEventLoop):
         self.set_task_factory(self._make_task)
         self.set_exception_handler(self._keep_error)
         self.errors: list[dict[str, Any]] = []
-
-    def time(self) -> float:
-        """Return the virtual instant [s]."""
-        return self._now_s
 
     # --- processes ------------------------------------------------------------------------------
 
@@ -137,20 +122,8 @@ class SimulatedLoop(asyncio.BaseEventLoop):
     # --- steps ----------------------------------------------------------------------------------
 
     def _run_once(self) -> None:
-        """Run all that is ready now; if nothing is, let time pass first."""
-        self._purge()
-        timers, ready = self._scheduled, self._ready
-        if not ready and not self._stopping:
-            if not timers:
-                raise NothingLeftError(f"nothing is left to do at {self._now_s:.3f} s")
-            self._now_s = max(self._now_s, timers[0]._when)
-        now_s = self._now_s
-        while timers and timers[0]._when <= now_s:
-            timer = heapq.heappop(timers)
-            timer._scheduled = False
-            ready.append(timer)
-        batch: list[Any] = list(ready)
-        ready.clear()
+        """Run all that is ready now; tasks among it in an order drawn from the seed."""
+        batch = self._take_ready()
         for handle in batch if len(batch) == 1 else self._shuffled(batch):
             if handle._cancelled:
                 continue
@@ -180,15 +153,6 @@ class SimulatedLoop(asyncio.BaseEventLoop):
         for place, (_, taken) in zip(places, steps, strict=True):
             out[place] = batch[taken]
         return out
-
-    def _purge(self) -> None:
-        timers = self._scheduled
-        while timers and timers[0]._cancelled:
-            heapq.heappop(timers)._scheduled = False
-        if len(timers) > PURGE_COUNT and sum(t.cancelled() for t in timers) > len(timers) // 2:
-            left = [timer for timer in timers if not timer.cancelled()]
-            heapq.heapify(left)
-            self._scheduled = left
 
     # --- what would leave the process ------------------------------------------------------------
 
@@ -238,12 +202,6 @@ class SimulatedLoop(asyncio.BaseEventLoop):
     ) -> asyncio.AbstractServer:
         """Listen on a unix socket of this loop alone; no file is made."""
         return self.ports.listen(protocol_factory, str(path), 0, is_unix=True)
-
-    def _process_events(self, event_list: Any) -> None:
-        raise AssertionError("there is no selector")
-
-    def _write_to_self(self) -> None:
-        """Nothing has to be woken: there is one thread."""
 
     # --- the end --------------------------------------------------------------------------------
 

@@ -6,7 +6,8 @@ from collections.abc import AsyncIterator, Iterator
 
 import pytest
 
-from simulation.loop import NothingLeftError, SimulatedLoop, SimulatedProcess
+from controller.virtual_time import NothingLeftError
+from simulation.loop import SimulatedLoop, SimulatedProcess
 
 HOUR_S = 3600.0
 

@@ -14,7 +14,8 @@ import pytest
 from controller.cell.wires import WireReader, WireWriter
 from controller.cell.wires.cameras import PlayedCamera
 from controller.cell.wires.lines import OVERDUE_S, PlayedLine, Tape
-from controller.cell.wires.loop import NothingLeftError, WireLoop
+from controller.cell.wires.loop import WireLoop
+from controller.virtual_time import NothingLeftError
 from drivers.clock import CellClock
 from drivers.errors import DeviceError, UnpluggedError
 from drivers.modbus_link import ModbusLink, TcpAddress

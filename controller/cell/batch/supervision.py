@@ -25,7 +25,6 @@ from .watchers import Report
 
 log = logging.getLogger(__name__)
 
-MIN_LEFT_S: Final = 1e-3  # a wait that a float does not resolve would not let virtual time pass
 MIN_BEAT_WALL_S: Final = 0.02  # an emulated device is not asked more often, however fast time runs
 LOOP_REPORT_S: Final = 10.0
 
@@ -57,7 +56,7 @@ class ArmWatcher:
             # exactly: what is idle for a beat is asked then, however often this was woken before
             left_s = self._beat_s - self._in_use.idle_s()
             if left_s > 0 or not self._arm.is_homed:
-                await self._clock.sleep(max(left_s, MIN_LEFT_S) if left_s > 0 else self._beat_s / 4)
+                await self._clock.sleep(left_s if left_s > 0 else self._beat_s / 4)
                 continue
             try:
                 await self._arm.read_opening_mm()

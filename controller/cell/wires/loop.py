@@ -6,23 +6,16 @@ passing, and its answer is handed over when the recorded run had it.
 """
 
 import asyncio
-import heapq
 import math
-from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Executor
 from functools import partial
-from typing import Any, Final, Protocol, TypeVar, TypeVarTuple
+from typing import Protocol, TypeVar, TypeVarTuple
+
+from controller.virtual_time import VirtualTimeLoop
 
 Result = TypeVar("Result")
 Arguments = TypeVarTuple("Arguments")
-
-MIN_WAIT_S: Final = 1e-9  # shorter than what a float of this size resolves, time would not pass
-PURGE_COUNT: Final = 200  # cancelled timers that are kept at most
-
-
-class NothingLeftError(RuntimeError):
-    """Nothing is ready and no timer is set: every task waits for another one."""
 
 
 class Timed(Protocol):
@@ -33,7 +26,7 @@ class Timed(Protocol):
         ...
 
 
-class WireLoop(asyncio.BaseEventLoop):
+class WireLoop(VirtualTimeLoop):
     """The loop.
 
     Parameters
@@ -47,67 +40,18 @@ class WireLoop(asyncio.BaseEventLoop):
     sources : when a descriptor that is no file's will be readable next [s], None for never
     """
 
-    # asyncio's own, which its types do not show
-    _ready: deque[Any]
-    _scheduled: list[Any]
-    _stopping: bool
-
     def __init__(self, start_s: float) -> None:
-        super().__init__()
-        self._now_s = start_s
+        super().__init__(start_s)
         self.ports: dict[tuple[str, int], Callable[[asyncio.BaseProtocol], asyncio.Transport]] = {}
         self.threads: Timed | None = None
         self.sources: dict[int, Callable[[], float | None]] = {}
         self._watched: dict[int, asyncio.TimerHandle] = {}
 
-    def time(self) -> float:
-        """Return the instant [s]."""
-        return self._now_s
-
-    def call_later(
-        self,
-        delay: float,
-        callback: Callable[[*Arguments], object],
-        *args: *Arguments,
-        context: Any = None,  # noqa: ANN401  (as asyncio has it)
-    ) -> asyncio.TimerHandle:
-        """Call something after a delay; return its timer. A delay above 0 lets time pass.
-
-        Parameters
-        ----------
-        delay : until then [s]
-        callback : what to call
-        *args : with what
-        context : in which it is called
-        """
-        delay = max(delay, MIN_WAIT_S) if delay > 0 else delay
-        return super().call_later(delay, callback, *args, context=context)
-
     def _run_once(self) -> None:
-        """Run all that is ready now; if nothing is, let time pass first."""
-        self._purge()
-        timers, ready = self._scheduled, self._ready
-        if not ready and not self._stopping:
-            if not timers:
-                raise NothingLeftError(f"nothing is left to do at {self._now_s:.3f} s")
-            self._now_s = max(self._now_s, timers[0]._when)
-        while timers and timers[0]._when <= self._now_s:
-            timer = heapq.heappop(timers)
-            timer._scheduled = False
-            ready.append(timer)
-        for _ in range(len(ready)):
-            handle = ready.popleft()
+        """Run all that is ready now, in the order in which it was asked for."""
+        for handle in self._take_ready():
             if not handle._cancelled:
                 handle._run()
-
-    def _purge(self) -> None:
-        timers = self._scheduled
-        while timers and timers[0]._cancelled:
-            heapq.heappop(timers)._scheduled = False
-        if len(timers) > PURGE_COUNT and sum(t.cancelled() for t in timers) > len(timers) // 2:
-            left = [timer for timer in timers if not timer.cancelled()]
-            heapq.heapify(left)
-            self._scheduled = left
 
     def run_in_executor(
         self,
@@ -180,12 +124,6 @@ class WireLoop(asyncio.BaseEventLoop):
         if timer is not None:
             timer.cancel()
         return timer is not None
-
-    def _process_events(self, event_list: Any) -> None:  # noqa: ANN401
-        raise AssertionError("there is no selector")
-
-    def _write_to_self(self) -> None:
-        """Nothing has to be woken: there is one thread."""
 
 
 def _settle(done: "asyncio.Future[Result]", take: Callable[[], Result]) -> None:

@@ -18,6 +18,7 @@ from controller.cell.compute import Compute, Job
 from controller.cell.devices import Devices
 from controller.cell.devices.clocks import FoundClock
 from controller.config import Cell, load_cell, load_recipe
+from controller.virtual_time import NothingLeftError
 from drivers.clock import CellClock
 from drivers.errors import DeviceError
 from drivers.modbus_link import RtuAddress, RtuOverTcpAddress
@@ -26,7 +27,7 @@ from drivers.wires import CameraTap, LineTap
 from .cameras import AtOnce, PlayedCamera
 from .file import WireFileError, WireReader
 from .lines import Difference, PlayedLine, Tape
-from .loop import NothingLeftError, WireLoop
+from .loop import WireLoop
 from .recording import question_of
 
 Result = TypeVar("Result")
