@@ -1,7 +1,8 @@
-"""Read files from a person or a program: plain files of limited size only, never a pipe."""
+"""Files: read plain ones of limited size only, never a pipe; written whole or not at all."""
 
 import os
 import stat
+import tempfile
 from pathlib import Path
 
 from .errors import ConfigError
@@ -76,3 +77,27 @@ def reason_of(error: Exception) -> str:
     """Return the system's own message about a file."""
     told = error.strerror if isinstance(error, OSError) else None
     return told or str(error)
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Write a text file, whole or not at all.
+
+    Parameters
+    ----------
+    path : the file; its folder is made if it is not there
+    text : all of it
+
+    Raises
+    ------
+    ConfigError : it cannot be written; what was there before still is
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=path.parent, prefix=".", delete=False) as draft:
+            draft.write(text.encode())
+            draft.flush()
+            os.fsync(draft.fileno())
+        Path(draft.name).chmod(0o644)
+        Path(draft.name).replace(path)
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be written: {reason_of(error)}") from error

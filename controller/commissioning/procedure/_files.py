@@ -10,8 +10,6 @@
 
 import hashlib
 import json
-import os
-import tempfile
 from collections.abc import Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
@@ -20,7 +18,7 @@ from typing import Final, get_args
 from controller.config import Cell, ConfigError, load_cell
 from controller.config.calibration_reference import CalibrationName, CalibrationReference
 from controller.config.calibrations import Calibration, write_calibration
-from controller.config.files import read_bytes, read_text, reason_of
+from controller.config.files import read_bytes, read_text, reason_of, write_whole
 
 from ._cell_file import calibrated_text
 from ._record import Outcome, StepRecord
@@ -186,22 +184,3 @@ def _read_record(path: Path, step: str) -> StepRecord:
     if record.step != step:
         raise ConfigError(f"{path}: is the record of `{record.step}`; remove it, repeat the step")
     return record
-
-
-def write_whole(path: Path, text: str) -> None:
-    """Write a text file, whole or not at all.
-
-    Raises
-    ------
-    ConfigError : it cannot be written; what was there before still is
-    """
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=path.parent, prefix=".", delete=False) as draft:
-            draft.write(text.encode())
-            draft.flush()
-            os.fsync(draft.fileno())
-        Path(draft.name).chmod(0o644)
-        Path(draft.name).replace(path)
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be written: {reason_of(error)}") from error

@@ -2,8 +2,6 @@
 
 import hashlib
 import json
-import os
-import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
@@ -12,7 +10,7 @@ from pydantic import ValidationError
 
 from ..calibration_reference import CalibrationName, CalibrationReference
 from ..errors import ConfigError
-from ..files import read_bytes, reason_of
+from ..files import read_bytes, write_whole
 from ..yaml_models import WrongKeyError
 from ._models import (
     ArmCalibration,
@@ -106,14 +104,5 @@ def write_calibration(path: Path, calibration: Calibration) -> str:
     ConfigError : it cannot be written
     """
     text = json.dumps(calibration.as_json(), indent=1, ensure_ascii=False) + "\n"
-    data = text.encode()
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=path.parent, prefix=".", delete=False) as draft:
-            draft.write(data)
-            draft.flush()
-            os.fsync(draft.fileno())
-        Path(draft.name).replace(path)
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be written: {reason_of(error)}") from error
-    return hashlib.sha256(data).hexdigest()
+    write_whole(path, text)
+    return hashlib.sha256(text.encode()).hexdigest()
