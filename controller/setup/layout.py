@@ -6,8 +6,15 @@ from math import radians
 import numpy as np
 
 from controller.config import ConfigError
+from controller.config.cell import (
+    ArmSection,
+    Cell,
+    ChuteSection,
+    FingersSection,
+    OtherArmSection,
+    UmiSection,
+)
 from controller.config.cell import Box as BoxNumbers
-from controller.config.cell import Cell, ChuteSection, FingersSection, OtherArmSection, UmiSection
 from controller.planning.geometry import Box
 from controller.planning.model import JOINT_COUNT, ArmModel, CellLayout, Jaw, Tray
 from drivers.kinds import ArmDescription
@@ -42,7 +49,7 @@ def build_layout(cell: Cell) -> CellLayout:
     return CellLayout(
         arm=described.model,
         T_world_arm=arm.pose.build(),
-        column=Box.from_bounds(*column),
+        column=_column(arm, column),
         arm_gripper=_jaw(arm.arm_gripper.values(), arm.fingers, arm.jaw_max_mm),
         fixed_gripper=_jaw(
             cell.fixed_gripper.body.values(),
@@ -66,6 +73,13 @@ def build_layout(cell: Cell) -> CellLayout:
         park_q=described.park_q,
         place_u_mm=arm.uncertainty.position_mm if isinstance(arm, UmiSection) else 0.0,
     )
+
+
+def _column(arm: ArmSection, bounds: BoxNumbers) -> Box:
+    """Return the column's box where it stands: on the arm's base, wherever that was measured."""
+    box = Box.from_bounds(*bounds)
+    pose = arm.column_pose if isinstance(arm, UmiSection) else None
+    return box if pose is None else Box(pose.build() @ box.T, box.half_mm)
 
 
 def _chute(section: ChuteSection | None) -> dict[str, Box]:

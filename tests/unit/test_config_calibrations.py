@@ -58,7 +58,7 @@ LAMPS = HEADER | {"kind": "lamps", "lamps": {"station_ring": LAMP}}
 
 def written(folder: Path, **calibrations: dict[str, Any]) -> Path:
     """Write a cell file that refers to calibrations; return its path."""
-    text = CELL_TEXT.rstrip() + "\ncalibration:\n"
+    text = CELL_TEXT.rstrip() + ("\ncalibration:\n" if calibrations else "\n")
     for name, body in calibrations.items():
         data = json.dumps(body).encode()
         path = folder / "cal" / f"{name}.json"
@@ -105,6 +105,18 @@ def test_arm_gripper_and_trays_are_where_they_were_measured(tmp_path: Path) -> N
     assert T[0, 3] == pytest.approx(wrist_x + tcp[0], abs=1e-9)
     assert T[2, 3] == pytest.approx(915.0 + 0.25 - sag + tcp[2], abs=1e-9)
     np.testing.assert_allclose(T[:3, 1], jaws, atol=1e-12)
+
+
+def test_the_column_goes_where_the_base_goes_that_it_stands_on(tmp_path: Path) -> None:
+    drawn = build_layout(load_cell(written(tmp_path))).column
+    c, s = np.cos(0.01), np.sin(0.01)  # leans about x
+    leaning = [[1, 0, 0, 2.0], [0, c, -s, -1.0], [0, s, c, 0.5], [0, 0, 0, 1]]
+    column = build_layout(load_cell(written(tmp_path, arm=ARM | {"T_world_arm": leaning}))).column
+    x, y, z = drawn.T[:3, 3]
+    expected = [x + 2.0, c * y - s * z - 1.0, s * y + c * z + 0.5]
+    np.testing.assert_allclose(column.T[:3, 3], expected, atol=1e-9)
+    np.testing.assert_allclose(column.T[:3, 2], [0, -s, c], atol=1e-9)
+    np.testing.assert_array_equal(column.half_mm, drawn.half_mm)
 
 
 def test_the_driver_of_the_arm_gets_play_and_jaws(tmp_path: Path) -> None:

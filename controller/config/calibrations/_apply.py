@@ -3,7 +3,10 @@
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from pydantic import ValidationError
+
+from controller.arrays import FloatArray
 
 from ..cell import Cell, UmiSection
 from ..errors import ConfigError
@@ -41,7 +44,7 @@ def load_cell(path: Path) -> Cell:
         elif isinstance(calibration, ArmCalibration):
             if not isinstance(cell.arm, UmiSection):
                 raise ConfigError(f"{where}: describes a UMI RTX; this cell has another arm")
-            _arm(tree, calibration)
+            _arm(tree, calibration, cell.arm.pose.build())
         elif isinstance(calibration, FixedGripperCalibration):
             tree["fixture"]["pose"] = _pose(calibration.T_world_tcp)
         elif isinstance(calibration, TraysCalibration):
@@ -56,7 +59,10 @@ def load_cell(path: Path) -> Cell:
 
 
 def _pose(rows: Matrix4) -> dict[str, Any]:
-    T = pose_of(rows)
+    return _axes(pose_of(rows))
+
+
+def _axes(T: FloatArray) -> dict[str, Any]:
     return {
         "position": tuple(T[:3, 3].tolist()),
         "x_axis": tuple(T[:3, 0].tolist()),
@@ -84,8 +90,11 @@ def _camera(section: dict[str, Any], found: CameraCalibration, where: str) -> No
         section["exposure_s"] = found.exposure_s
 
 
-def _arm(tree: dict[str, Any], found: ArmCalibration) -> None:
+def _arm(tree: dict[str, Any], found: ArmCalibration, T_drawn: FloatArray) -> None:
+    # the column stands on the base: it is moved and turned as that is
+    T_world_column = pose_of(found.T_world_arm) @ np.linalg.inv(T_drawn)
     tree["arm"] |= {
+        "column_pose": _axes(T_world_column),
         "pose": _pose(found.T_world_arm),
         "upper_mm": found.upper_mm,
         "fore_mm": found.fore_mm,
