@@ -245,6 +245,16 @@ class Cell:
             self.world.drop(index, rest=self.options.rest)
             self.world.settle()
 
+    def knock_camera(self, name: str, T: NDArray[np.float64]) -> None:
+        """Move a camera by T (4, 4) in its own frame [mm].
+
+        Raises
+        ------
+        KeyError : there is none of this name
+        """
+        numbers = {one: number for number, one in enumerate(self.layout.cameras)}
+        self.desk.move_camera(numbers[name], T)
+
     # --- wires ----------------------------------------------------------------------------------
 
     async def start(self) -> None:

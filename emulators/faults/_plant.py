@@ -3,6 +3,9 @@
 from collections.abc import Mapping
 from typing import Any, Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+
 from emulators.added import AddedParts
 from emulators.camera_v4l2 import Faults as CameraFaults
 from emulators.gripper_modbus import JawModel
@@ -113,6 +116,9 @@ class Plant(Protocol):
     def cameras(self) -> Mapping[str, Camera]:
         """By their names in the cell file."""
         ...
+
+    def knock_camera(self, name: str, T: NDArray[np.float64]) -> None:
+        """Move a camera by T (4, 4) in its own frame [mm]."""
 
     def timing(self) -> dict[str, Any]:
         """Return how far the world is, and what it has lost."""

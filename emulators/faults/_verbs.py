@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from ._devices import DevicesAndWires
+from ._installation import Wear
 from ._people import PeopleAndParts
 from ._plant import Plant
 from ._script import Script
@@ -32,6 +33,7 @@ class Verbs:
         self._verbs: Mapping[str, Callable[..., Answer | None]] = {
             **PeopleAndParts(plant).verbs,
             **DevicesAndWires(plant).verbs,
+            **Wear(plant).verbs,
             "script": self._script,
             "script_log": self._script_log,
         }

@@ -87,6 +87,11 @@ class ArmModel:
         place[Axis.GRIPPER] = rng.uniform(100.0, 1100.0)
         self.place(place)
 
+    def become(self, errors: ArmErrors) -> None:
+        """Differ from the description otherwise from now on, by wear or repair."""
+        self.errors, self._is_perfect = errors, errors == PERFECT
+        self._take_up_play()
+
     # --- what the world does and sees -------------------------------------------------------
 
     def joints(self) -> ArmJoints:

@@ -1,15 +1,20 @@
 """Every verb of the control port acts: seen in what a driver or a person would notice."""
 
+import math
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from emu_faults_bench import AT_REST_MM, ROOT, StillCell
+from numpy.typing import NDArray
 
 from emulators.umi_scara import Axis
+
+Array = NDArray[np.float64]
 
 IDENT = b"\x00"  # umi_rtx.md 2.3: an IP answers 20 or 21 with its number
 IDENTIFIED = b"\x20"
@@ -371,9 +376,31 @@ ACTS = [
         (None, None, True),
     ),
 ]
+
+
+def roll_deg(cell: StillCell) -> float:
+    """Return where the roll comes to rest that leaves a place upwards and comes back to it."""
+    motors = (Axis.WRIST1, Axis.WRIST2)
+    at = [cell.arm.axes[one].position for one in motors]
+    for off in (40.0, 0.0):
+        cell.arm.place({motors[0]: at[0] + off, motors[1]: at[1] - off})
+        cell.pass_time(0.05)
+    return round(math.degrees(cell.arm.joints().roll_rad), 2)
+
+
+def jaw_mm(cell: StillCell) -> float:
+    cell.arm.place({Axis.GRIPPER: 600.0})
+    return round(cell.arm.joints().jaw_opening_mm, 3)
+
+
+def still_corner(cell: StillCell) -> Array:
+    return cell.desk._scene.cameras[0].T_world_cam
+
+
 OTHERWISE = {  # with a test of their own below
     *("truth", "time", "as_built", "script", "script_log", "gripper_fault", "arm_jump"),
     *("add", "board", "give", "misprint"),  # test_emu_boards.py
+    *("knock", "gear_play", "pads", "swap_lamps"),
 }
 
 
@@ -407,6 +434,49 @@ def test_every_verb_has_a_test_and_a_row_in_the_table(cell: StillCell) -> None:
         for name in re.findall(r"^\| `(\w+)` \|", table.split("\n\n")[0], re.M)
     ]
     assert sorted(rows) == sorted(cell.verbs.names)
+
+
+def test_a_worn_gear_lags_by_half_its_play_where_it_is_left(cell: StillCell) -> None:
+    before = roll_deg(cell)
+    for axis in ("wrist1", "wrist2"):
+        cell.verbs.do("gear_play", axis=axis, deg=1.0)
+    # the motors came back from opposite sides: one far side is 0.5 deg ahead, one behind, and
+    # the roll is half their difference
+    assert roll_deg(cell) - before == pytest.approx(0.5, abs=0.02)
+    with pytest.raises(ValueError, match="does not turn"):
+        cell.verbs.do("gear_play", axis="zed", deg=1.0)
+
+
+def test_thinner_pads_leave_the_jaws_wider_open(cell: StillCell) -> None:
+    before = jaw_mm(cell)
+    cell.verbs.do("pads", thinner_mm=1.5)
+    assert jaw_mm(cell) - before == pytest.approx(3.0)
+
+
+def test_swapped_lamps_answer_to_each_others_outputs(cell: StillCell) -> None:
+    assert light(cell, "table_ring") > 0.9
+    was = cell.lamps["table_ring"].wiring, cell.lamps["table_side"].wiring
+    cell.verbs.do("swap_lamps", one="table_ring", other="table_side")
+    now = cell.lamps["table_side"].wiring, cell.lamps["table_ring"].wiring
+    assert [(a.analog_channel, a.relay_channel) for a in was] == [
+        (b.analog_channel, b.relay_channel) for b in now
+    ]
+    for _ in range(30):
+        cell.lamps["table_side"].advance(0.01)
+    assert cell.lamps["table_side"].level > 0.9  # of the ring's output, which is on
+
+
+def test_a_knocked_camera_stands_elsewhere(cell: StillCell) -> None:
+    before = still_corner(cell)
+    cell.verbs.do("knock", camera="overhead", mm=[3.0, 0.0, 4.0])
+    moved = still_corner(cell)
+    assert np.linalg.norm(moved[:3, 3] - before[:3, 3]) == pytest.approx(5.0)
+    cell.verbs.do("knock", camera="overhead", turn_deg=[0.0, 0.0, 90.0])
+    assert still_corner(cell)[:3, 0] == pytest.approx(moved[:3, 1])
+    with pytest.raises(KeyError):
+        cell.verbs.do("knock", camera="side", mm=[1, 0, 0])
+    with pytest.raises(ValueError, match="three numbers"):
+        cell.verbs.do("knock", camera="overhead", mm=[1, 0])
 
 
 def test_an_encoder_that_jumps_leaves_the_counter_and_moves_the_axis(cell: StillCell) -> None:

@@ -32,6 +32,7 @@ from emulators.world.pictures.sensor import (
     blurred,
     develop,
 )
+from emulators.world.pictures.worker import Standpoint
 
 Array = NDArray[np.float64]
 
@@ -144,6 +145,23 @@ def test_a_straight_edge_is_within_a_tenth_of_a_pixel_of_its_projection(
     )
     assert abs(offsets.mean()) < 0.05
     assert np.abs(offsets).max() < 0.1
+
+
+def test_a_camera_that_was_moved_takes_pictures_from_there(scene: Scene) -> None:
+    maker, T = PictureMaker(scene), at_rest(math.radians(17.0))
+    before = maker.radiance(0, {"part 0": T}, {BACKLIGHT: 1.0})
+    T_step = np.eye(4)
+    T_step[:3, 3] = 6.0, -4.0, 0.0
+    stood = scene.cameras[0]
+    moved = replace(stood, T_world_cam=stood.T_world_cam @ T_step)
+    maker.stand(Standpoint(0, moved.T_world_cam))
+    after = maker.radiance(0, {"part 0": T}, {BACKLIGHT: 1.0})
+    for picture, camera in ((before, stood), (after, moved)):
+        points, normals = silhouette_corners_px(camera, T)
+        offsets = [
+            edge_offset_px(255.0 * picture, p, n) for p, n in zip(points, normals, strict=True)
+        ]
+        assert np.abs(offsets).max() < 0.1
 
 
 def test_an_edge_far_off_the_axis_is_where_the_lens_bends_it_to(overhead: Eye) -> None:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from ..layout import Array
 from .geometry import Scene, Surface
 from .sensor import Exposure
-from .worker import Order, Picture, work
+from .worker import Order, Picture, Standpoint, work
 
 log = logging.getLogger(__name__)
 
@@ -140,6 +140,14 @@ class PictureDesk:
             self._memory.close()
             self._memory.unlink()
             self._memory = None
+
+    def move_camera(self, number: int, T: Array) -> None:
+        """Move a camera by T (4, 4) in its own frame [mm]; pictures noted from now on show it."""
+        cameras = list(self._scene.cameras)
+        cameras[number] = replace(cameras[number], T_world_cam=cameras[number].T_world_cam @ T)
+        self._scene = replace(self._scene, cameras=tuple(cameras))
+        if self._connection is not None:
+            self._connection.send(Standpoint(number, cameras[number].T_world_cam))
 
     def add(self, surface: Surface) -> None:
         """Take one more thing that moves; pictures noted from now on show it."""

@@ -51,6 +51,14 @@ class Order:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Standpoint:
+    """Where a camera stands from now on: its number in the scene, and T_world_cam (4, 4)."""
+
+    camera: int
+    T_world_cam: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class _Kept:
     """The last picture of a camera; ``key`` holds all that its rays depend on."""
 
@@ -74,6 +82,15 @@ class PictureMaker:
         self._scene = replace(self._scene, moving=(*self._scene.moving, surface))
         for eye in self._eyes.values():
             eye.add(surface)
+
+    def stand(self, standpoint: Standpoint) -> None:
+        """Let a camera stand elsewhere."""
+        number = standpoint.camera
+        cameras = list(self._scene.cameras)
+        cameras[number] = replace(cameras[number], T_world_cam=standpoint.T_world_cam)
+        self._scene = replace(self._scene, cameras=tuple(cameras))
+        self._eyes.pop(number, None)
+        self._last.pop(number, None)
 
     def _eye(self, camera: int) -> Eye:
         if camera not in self._eyes:
@@ -139,6 +156,9 @@ def work(
             order = connection.recv()
             if isinstance(order, Surface):
                 maker.add(order)
+                continue
+            if isinstance(order, Standpoint):
+                maker.stand(order)
                 continue
             picture = maker.take(order)
             start = order.slot * slot_bytes
