@@ -6,7 +6,14 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import AfterValidator, AliasChoices, BeforeValidator, Field, model_validator
+from pydantic import (
+    AfterValidator,
+    AliasChoices,
+    BeforeValidator,
+    Field,
+    PrivateAttr,
+    model_validator,
+)
 
 from controller.arrays import FloatArray
 
@@ -595,6 +602,7 @@ class Cell(Section):
     accuracy: AccuracySection = AccuracySection()
     faults: FaultsSection = FaultsSection()
     detection: DetectionSection = DetectionSection()
+    _folder: Path = PrivateAttr(default=Path())
 
     @model_validator(mode="before")
     @classmethod
@@ -624,6 +632,16 @@ class Cell(Section):
                 raise WrongKeyError(
                     ("cameras", name, "pose"), f"{what} is not in its picture; {IN_MM}"
                 )
+        return self
+
+    @property
+    def folder(self) -> Path:
+        """Folder of the cell file, where it was read from one."""
+        return self._folder
+
+    def read_from(self, path: Path) -> Self:
+        """Return this cell, which knows that it was read from ``path``."""
+        self._folder = path.absolute().parent
         return self
 
     @property

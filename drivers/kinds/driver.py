@@ -8,7 +8,8 @@ drivers are offered the same way.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar
 
 from ..clock import CellClock
@@ -49,6 +50,7 @@ class Site:
     capture : of a camera
     silence_s : of an arm: a line on which no byte has come back for so long is silent [cell s]
     wires : what records the device's wires or plays them; `open_link` has it in place already
+    folder : of the cell file; an address that is a relative path begins here
     """
 
     name: str
@@ -61,6 +63,7 @@ class Site:
     capture: Capture | None = None
     silence_s: float = 0.5
     wires: Wires = UNTAPPED
+    folder: Path = Path()
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,10 +79,13 @@ class Driver(Generic[Device, Settings]):
     ----------
     settings : dataclass of what may stand under ``settings:`` of the device in the cell file
     build : returns the device; opens nothing yet
+    keeps_cell_time : its device has no time of its own, as a file has none: next to emulated
+        devices it goes by their clock, at whatever speed
     """
 
     settings: type[Settings]
     build: Callable[[Site, Settings], Device]
+    keeps_cell_time: bool = field(default=False, kw_only=True)
 
 
 @dataclass(frozen=True, slots=True)

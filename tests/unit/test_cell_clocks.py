@@ -6,6 +6,7 @@ import tempfile
 from pathlib import Path
 
 import pytest
+from installed_here import register
 
 from controller.cell.batch import RunOrder, who_and_what
 from controller.cell.devices import resolve
@@ -40,7 +41,11 @@ REAL = (
 
 
 @pytest.fixture(autouse=True)
-def nobody_else_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def nobody_else_runs(
+    tmp_path: Path, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # this checkout's drivers as they are now
+    monkeypatch.syspath_prepend(str(register(tmp_path_factory.mktemp("installed"))))
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     monkeypatch.delenv("XDG_RUNTIME_DIR", raising=False)
 
@@ -53,6 +58,16 @@ def test_a_mix_keeps_real_time(tmp_path: Path) -> None:
     found = find_clock(cell_with(tmp_path, REAL[0]), {"clock": "/dev/shm/some", "speed": 1.0})
     assert found == FoundClock(is_mixed=True)
     assert found.open().patience_s(0.3) > 0.3
+
+
+def test_pictures_from_a_file_have_no_time_of_their_own(tmp_path: Path) -> None:
+    film = ("overhead:    {address: emulated}", "overhead: {driver: video, address: film.mkv}")
+    clock = tmp_path / "clock"
+    found = find_clock(cell_with(tmp_path, film), {"clock": str(clock), "speed": 15.0})
+    assert found == FoundClock(clock, 15.0)  # as if all six were emulated
+    assert find_clock(cell_with(tmp_path, *REAL[:4], film, REAL[5]), {}) == FoundClock()
+    found = find_clock(cell_with(tmp_path, REAL[0], film), {"clock": str(clock), "speed": 1.0})
+    assert found.is_mixed
 
 
 def test_what_a_dead_emulator_left_in_the_register_counts_for_nothing(tmp_path: Path) -> None:
@@ -133,18 +148,20 @@ def test_lateness_towards_real_devices_is_reported(monkeypatch: pytest.MonkeyPat
 
 def test_what_keeps_an_emulators_clock_is_reported_as_emulated(tmp_path: Path) -> None:
     cell = cell_with(tmp_path, *REAL)
-    where = resolve(cell, {})
+    film = ("overhead:    {address: emulated}", "overhead: {driver: video, address: film.mkv}")
+    filmed = cell_with(tmp_path, *REAL[:4], film, REAL[5])
     recipe = CELL.parents[1] / "featuretype.yaml"
 
-    def emulated_devices(clock: FoundClock) -> list[str]:
+    def emulated_devices(clock: FoundClock, cell: Cell = cell) -> list[str]:
         order = RunOrder(
             recipe_path=recipe, cell_path=CELL, recipe=load_recipe(recipe), cell=cell, count=1,
             speed=1.0, emulated={}, clock=clock, runs_dir=tmp_path, run_id="run",
         )  # fmt: skip
-        began = who_and_what(order, where)
+        began = who_and_what(order, resolve(cell, {}))
         flagged = [name for name, device in began.devices.items() if device["emulated"]]
         assert flagged == list(began.emulated_devices)
         return flagged
 
     assert emulated_devices(FoundClock()) == []
+    assert emulated_devices(FoundClock(), filmed) == ["overhead"]
     assert len(emulated_devices(FoundClock(tmp_path / "clock"))) == 6

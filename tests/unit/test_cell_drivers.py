@@ -153,6 +153,37 @@ def test_wrong_settings_are_named(settings: str, words: str, cell_file: CellFile
     assert str(raised.value).startswith(f"{path}:")
 
 
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        (
+            "{at_end: repeat}",
+            "`devices.overhead.settings.at_end`: Input should be 'stop' or 'loop'",
+        ),
+        (
+            "{next_by: name}",
+            "`devices.overhead.settings.next_by`: Input should be 'look' or 'time'",
+        ),
+        ("{loop: true}", "unknown key `devices.overhead.settings.loop`"),
+    ],
+)
+@pytest.mark.parametrize("driver", ["folder", "video"])
+def test_wrong_settings_of_pictures_from_files_are_named_with_their_line(
+    driver: str, settings: str, words: str, tmp_path: Path
+) -> None:
+    own = "  overhead:    {address: emulated}"
+    line = f"  overhead: {{driver: {driver}, address: pictures, settings: {settings}}}"
+    text = EMULATED_CELL.read_text()
+    assert own in text
+    path = tmp_path / "cell.yaml"
+    path.write_text(text.replace(own, line))
+    with pytest.raises(ConfigError) as raised:
+        require_drivers(path, load_cell(path))
+    number = path.read_text().splitlines().index(line) + 1
+    assert str(raised.value).startswith(f"{path}:{number}: ")
+    assert words in str(raised.value)
+
+
 def test_a_driver_without_settings_refuses_them(cell_file: CellFile) -> None:
     path = cell_file("{address: emulated, unit: 9, settings: {force: 3}}")
     with pytest.raises(ConfigError, match="this driver has no settings"):

@@ -22,7 +22,7 @@ from ..compute import Compute, Job
 from ..custody import CellIdentity, Held, fold_custody, read_folded, where_it_is
 from ..custody.known_journals import note_journal, rows_of_all_journals
 from ..devices import Devices, resolve
-from ..devices.clocks import Speed
+from ..devices.clocks import Speed, devices_with_time
 from ..journal import (
     HOST_STAMPS,
     JOURNAL_NAME,
@@ -337,8 +337,10 @@ def who_and_what(order: RunOrder, where: Mapping[str, dict[str, Any]]) -> rows.R
     order : what to run
     where : the devices' settings, as `resolve` found them
     """
-    # all devices on an emulator's clock are emulated, also those whose address was given by hand
-    emulated_names = where if order.clock.path is not None else order.cell.emulated_devices
+    # all devices on an emulator's clock are emulated, also those whose address was given by hand;
+    # pictures from files count as emulated too: whatever they show, it is not this cell now
+    real = set(devices_with_time(order.cell)) - set(order.cell.emulated_devices)
+    emulated_names = [name for name in where if order.clock.path is not None or name not in real]
     files = input_files(order)
     return rows.RunBegan(
         recipe=order.recipe.model_dump(mode="json", by_alias=True),

@@ -52,7 +52,7 @@ class CommissionOrder:
         ------
         ConfigError : the cell file is wrong
         """
-        return load_yaml(self.cell_path, Cell)
+        return load_yaml(self.cell_path, Cell).read_from(self.cell_path)
 
     def standings(self, now: datetime) -> tuple[Standing, ...]:
         """Return what holds of each step.

@@ -174,6 +174,7 @@ class DeviceBuilder:
             capture=self._capture(name) if kind == "camera" else None,
             silence_s=self._cell.detection.arm_silent_s - self._cell.detection.arm_beat_s,
             wires=self._wires,
+            folder=self._cell.folder,
         )
 
     def _capture(self, name: str) -> Capture:

@@ -14,7 +14,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from controller.config import Cell, ConfigError
+from controller.config import EMULATED, Cell, ConfigError
+from controller.setup.drivers import KIND_OF, find_driver
 from drivers.attendance import BEAT_WALL_S
 from drivers.clock import CellClock
 from drivers.errors import LinkError
@@ -61,6 +62,24 @@ class FoundClock:
         )
 
 
+def devices_with_time(cell: Cell) -> tuple[str, ...]:
+    """Return the names of the devices that have a time of their own, or that of an emulator.
+
+    Pictures and wires from files have none.
+
+    Raises
+    ------
+    ConfigError : a driver is not installed
+    """
+    devices = cell.devices
+    return tuple(
+        name
+        for name in type(devices).model_fields
+        if (section := getattr(devices, name)).address == EMULATED
+        or not find_driver(KIND_OF[name], section.driver).keeps_cell_time
+    )
+
+
 def find_clock(cell: Cell, emulated: Mapping[str, Any]) -> FoundClock:
     """Return the clock that a cell's devices keep.
 
@@ -71,9 +90,9 @@ def find_clock(cell: Cell, emulated: Mapping[str, Any]) -> FoundClock:
 
     Raises
     ------
-    ConfigError : the cell file's ``clock`` is not a clock
+    ConfigError : the cell file's ``clock`` is not a clock, or a driver is not installed
     """
-    names = set(type(cell.devices).model_fields)
+    names = set(devices_with_time(cell))
     begun = set(cell.emulated_devices)
     if begun:
         is_mixed = begun != names

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from controller.cell.devices import Devices, resolve
-from controller.cell.devices.clocks import find_clock
+from controller.cell.devices.clocks import devices_with_time, find_clock
 from controller.cell.devices.emulator import emulated_cell, emulator_command
 from controller.cell.devices.interlocks import REQUIRED_SIGNALS, settled_signal
 from controller.config import Cell, load_cell
@@ -114,9 +114,11 @@ async def _devices(cell: Cell, ready: dict[str, Any]) -> list[Check]:
     clock = find_clock(cell, ready).open()
     devices = Devices.build(cell, resolve(cell, ready.get("devices", {})), clock)
     checks: list[Check] = []
+    timed = devices_with_time(cell)
 
     async def ask(name: str, asking: Callable[[], Awaitable[object]]) -> None:
-        kind = "emulated" if getattr(cell.devices, name).address == "emulated" else "real"
+        kind = "real" if name in timed else "from files"
+        kind = "emulated" if name in cell.emulated_devices else kind
         try:
             found = await asking()
         except DeviceError as error:

@@ -27,7 +27,7 @@ from controller.cell.batch import (
 from controller.cell.compute import Job, context, load_parts, worker_pool
 from controller.cell.compute.checking import check_plans, check_sizes
 from controller.cell.control import socket_path
-from controller.cell.devices.clocks import FoundClock, find_clock
+from controller.cell.devices.clocks import FoundClock, devices_with_time, find_clock
 from controller.cell.devices.emulator import emulated_cell, emulator_args, emulator_command
 from controller.cell.devices.lock import hold_cell, require_free_cell
 from controller.cell.operator import Operator
@@ -294,7 +294,7 @@ def _why_not_so_fast(speed: float, cell: Cell, clock: FoundClock) -> str:
             f"--speed {speed:g}: the emulator at these addresses runs at {clock.speed:g} x; "
             "leave --speed out here, and give it to `cellctl emulate`"
         )
-    real = sorted(set(type(cell.devices).model_fields) - set(cell.emulated_devices))
+    real = sorted(set(devices_with_time(cell)) - set(cell.emulated_devices))
     return f"--speed {speed:g}: time cannot run faster on real devices: {real}"
 
 

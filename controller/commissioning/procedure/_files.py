@@ -167,7 +167,7 @@ class Folder:
         draft = self.path / ".step.yaml"
         write_whole(draft, calibrated_text(read_text(nominal, "a cell file"), kept))
         try:
-            return load_cell(draft)
+            return load_cell(draft).read_from(nominal)
         finally:
             draft.unlink(missing_ok=True)
 

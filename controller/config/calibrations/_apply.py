@@ -30,7 +30,7 @@ def load_cell(path: Path) -> Cell:
     ------
     ConfigError : the file or a calibration is wrong, or they do not belong together
     """
-    cell = load_yaml(path, Cell)
+    cell = load_yaml(path, Cell).read_from(path)
     if not cell.calibration:
         return cell
     found = read_calibrations(path, cell.calibration)
@@ -53,7 +53,7 @@ def load_cell(path: Path) -> Cell:
         elif isinstance(calibration, LampsCalibration):
             _lamps(tree["lamps"], calibration, where)
     try:
-        return Cell.model_validate(tree)
+        return Cell.model_validate(tree).read_from(path)
     except ValidationError as error:
         raise ConfigError(f"{path}: as calibrated, {first_problem(error)}") from error
 
