@@ -5,16 +5,25 @@ listens, one request at a time), `motion` (the motors in counts); beside them, w
 `model` (joints, poses, limits, timing). `UmiScara` stands above all of them.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
+from pathlib import Path
 from typing import Final
 
 from ..kinds import Arm, Driver, JawReading, Site, Stop
 from ._arm import UmiScara
 from ._config import ArmConfig
 from ._session import ArmIdentity, PowerOffError
-from .line import LineUncertainError, LinkConfig, SerialTransport, Trace, Transport, WireExchange
+from .line import (
+    LineUncertainError,
+    LinkConfig,
+    RecordedArm,
+    SerialTransport,
+    Trace,
+    Transport,
+    WireExchange,
+)
 from .model import (
     ArmGeometry,
     GripperLaw,
@@ -38,6 +47,7 @@ from .protocol.constants import Axis, Ip, Parameter, StatusBits
 
 __all__ = [
     "DRIVER",
+    "RECORDED_DRIVER",
     "ArmConfig",
     "ArmGeometry",
     "ArmIdentity",
@@ -169,11 +179,20 @@ class UmiSettings:
 
 
 def _build(site: Site, settings: UmiSettings) -> UmiScara:
+    return _built(site, settings, partial(SerialTransport, site.address))
+
+
+def _build_recorded(site: Site, settings: UmiSettings) -> UmiScara:
+    recorded = RecordedArm(Path(site.folder, site.address).absolute(), site.name, site.clock)
+    return _built(site, settings, recorded.open)
+
+
+def _built(site: Site, settings: UmiSettings, make: Callable[[], Transport]) -> UmiScara:
     config = settings.config(site.silence_s)
     tap = site.wires.line(site.name)
     if tap is None:
-        return UmiScara(site.address, config=config, clock=site.clock)
-    opens = partial(tap.opening, partial(SerialTransport, site.address))
+        return UmiScara(make, config=config, clock=site.clock)
+    opens = partial(tap.opening, make)
 
     def trace(exchange: WireExchange) -> None:
         if not exchange.reply:
@@ -183,3 +202,6 @@ def _build(site: Site, settings: UmiSettings) -> UmiScara:
 
 
 DRIVER: Driver[Arm, UmiSettings] = Driver(UmiSettings, _build)
+RECORDED_DRIVER: Driver[Arm, UmiSettings] = Driver(
+    UmiSettings, _build_recorded, keeps_cell_time=True
+)

@@ -5,7 +5,8 @@ drivers from it and finds the first difference: `lines.py` for lines of bytes, `
 cameras, `loop.py` is the event loop on the recording's time. `replaying.py` runs a batch on these.
 """
 
-from .file import WireFileError, WireReader, WireWriter
+from drivers.wire_file import WireFileError, WireReader, WireWriter
+
 from .lines import Difference
 from .recording import Recorder
 from .replaying import Replayed, inputs_of, replay_wires

@@ -7,9 +7,9 @@ from collections.abc import Callable
 from concurrent.futures import Executor, Future
 from typing import Any, TypeVar
 
+from drivers.wire_file import WireRow
 from drivers.wires import Taken
 
-from .file import WireRow
 from .lines import Tape
 
 Result = TypeVar("Result")

@@ -12,8 +12,8 @@ from itertools import pairwise
 from typing import Any, Final, TypeVar, cast
 
 from drivers.errors import UnpluggedError
+from drivers.wire_file import WireReader, WireRow
 
-from .file import WireReader, WireRow
 from .loop import WireLoop
 from .recording import Callers
 

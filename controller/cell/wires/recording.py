@@ -14,9 +14,8 @@ from controller.cell.devices import Devices
 from controller.config import Cell
 from controller.setup.software import software_versions
 from drivers.clock import CellClock
+from drivers.wire_file import WireWriter
 from drivers.wires import CameraTap, LineTap, Taken
-
-from .file import WireWriter
 
 Opened = TypeVar("Opened")
 Address = TypeVar("Address")

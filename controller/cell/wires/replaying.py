@@ -22,10 +22,10 @@ from controller.virtual_time import NothingLeftError
 from drivers.clock import CellClock
 from drivers.errors import DeviceError
 from drivers.modbus_link import RtuAddress, RtuOverTcpAddress
+from drivers.wire_file import WireFileError, WireReader
 from drivers.wires import CameraTap, LineTap
 
 from .cameras import AtOnce, PlayedCamera
-from .file import WireFileError, WireReader
 from .lines import Difference, PlayedLine, Tape
 from .loop import WireLoop
 from .recording import question_of

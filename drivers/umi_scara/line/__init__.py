@@ -4,19 +4,25 @@ It knows requests and replies, no motor.
 """
 
 from ._link import Guard, Link
+from ._recorded import Exchanged, RecordedArm, RecordedLine, RecordedTransport, exchanges_of
 from ._tasks import run_to_end
 from ._transport import SerialTransport, Transport
 from ._wire import LineUncertainError, LinkConfig, Trace, WireExchange, breaks_step
 
 __all__ = [
+    "Exchanged",
     "Guard",
     "LineUncertainError",
     "Link",
     "LinkConfig",
+    "RecordedArm",
+    "RecordedLine",
+    "RecordedTransport",
     "SerialTransport",
     "Trace",
     "Transport",
     "WireExchange",
     "breaks_step",
+    "exchanges_of",
     "run_to_end",
 ]
