@@ -26,6 +26,7 @@ from .part import (
     PartFinding,
     PartInspection,
     PartSettings,
+    ViewOff,
     ViewSet,
     inspect_part,
 )
@@ -51,6 +52,7 @@ __all__ = [
     "PosedPart",
     "Unjudged",
     "Verdict",
+    "ViewOff",
     "ViewPictures",
     "ViewResult",
     "ViewSet",

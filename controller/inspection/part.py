@@ -132,6 +132,23 @@ class PartFinding:
     outline_px: FloatArray | None = None
 
 
+@dataclass(frozen=True, slots=True)
+class ViewOff:
+    """How far arm and camera disagree in one view of a held part.
+
+    Attributes
+    ----------
+    view_id : which
+    grasp : in which the part was held, from 0
+    mm, rad : from where all views of the grasp together have the part
+    """
+
+    view_id: str
+    grasp: int
+    mm: float
+    rad: float
+
+
 @dataclass(frozen=True, eq=False, slots=True)
 class PartInspection:
     """What all views of a part come to.
@@ -145,6 +162,7 @@ class PartInspection:
     findings : differences
     ledger : per surface what was compared, and why the rest was not
     unproven : what a PASS does not say, in sentences: characteristics that were not verified
+    off : how far arm and camera disagree, view by view
     """
 
     verdict: Verdict
@@ -154,6 +172,7 @@ class PartInspection:
     findings: tuple[PartFinding, ...]
     ledger: PartVerdict
     unproven: tuple[str, ...] = ()
+    off: tuple[ViewOff, ...] = ()
 
 
 def inspect_part(
@@ -218,7 +237,9 @@ def inspect_part(
             f"this one {100 * rival.expected_explained:.0f} %",
             *reasons,
         )
-    return PartInspection(verdict, reasons, results, measured, findings, ledger, standing.unproven)
+    return PartInspection(
+        verdict, reasons, results, measured, findings, ledger, standing.unproven, posed.off
+    )
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -240,6 +261,16 @@ class PosedViews:
         """Return the part's pose in a view, None where it was not found."""
         found = (fit.view(view_id) for fit in self.fits.values() if fit is not None)
         return next((pose for pose in found if pose is not None), None)
+
+    @property
+    def off(self) -> tuple[ViewOff, ...]:
+        """How far arm and camera disagree, view by view."""
+        return tuple(
+            ViewOff(view.view_id, grasp, view.deviation_mm, view.deviation_rad)
+            for grasp, fit in sorted(self.fits.items())
+            if fit is not None
+            for view in fit.views
+        )
 
     def rival(self, part: PosedPart, settings: PoseSettings) -> Rival | None:
         """Return what the outlines show to be in the part's place, None where it is the part."""

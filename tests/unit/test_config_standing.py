@@ -13,6 +13,7 @@ from controller.config.calibrations import (
     Calibration,
     CalibrationsStanding,
     CameraCalibration,
+    Usage,
     VerificationRecord,
     standing_of,
 )
@@ -31,13 +32,13 @@ def verification(based_on: dict[str, str], **changes: Any) -> VerificationRecord
 
 
 def standing(
-    found: dict[CalibrationName, Calibration], run_counts: dict[str, int] | None = None
+    found: dict[CalibrationName, Calibration], usage: dict[str, Usage] | None = None
 ) -> CalibrationsStanding:
     hashes = {"overhead": OLD, "arm": NEW, "verification": "c" * 64}
     references = {
         name: CalibrationReference(file=f"{name}.json", sha256=hashes[name]) for name in found
     }
-    return standing_of(references, found, NOW, run_counts or {})
+    return standing_of(references, found, NOW, usage or {})
 
 
 def camera(**changes: Any) -> CameraCalibration:
@@ -66,7 +67,7 @@ def test_a_cell_as_drawn_has_nothing_stale_and_is_not_verified() -> None:
     ],
 )
 def test_a_stale_calibration_has_its_reason(changes: dict[str, Any], why: str) -> None:
-    found = standing({"overhead": camera(), "arm": arm(**changes)}, {NEW: 3})
+    found = standing({"overhead": camera(), "arm": arm(**changes)}, {NEW: Usage(3)})
     (sentence,) = found.stale
     assert sentence.startswith("the calibration of arm is stale: ")
     assert why in sentence
@@ -82,7 +83,7 @@ def test_a_stale_calibration_has_its_reason(changes: dict[str, Any], why: str) -
     ],
 )
 def test_a_calibration_counts_up_to_its_limits(changes: dict[str, Any]) -> None:
-    assert standing({"overhead": camera(), "arm": arm(**changes)}, {NEW: 3}).stale == ()
+    assert standing({"overhead": camera(), "arm": arm(**changes)}, {NEW: Usage(3)}).stale == ()
 
 
 @pytest.mark.parametrize(
@@ -141,3 +142,21 @@ def test_a_fail_stays_a_fail() -> None:
     )
     assert found.verdict is Verdict.FAIL
     assert found.reasons[0] == "a chip"
+
+
+@pytest.mark.parametrize(
+    ("off_mm", "is_stale"),
+    [
+        ((0.1, 0.1, 0.5, 0.6, 0.5), True),
+        ((9.0, 9.0, 9.0, 0.1, 0.1, 0.1, 0.1, 0.5), False),  # what was is forgiven
+        ((0.1, 0.1, 0.1, 0.1, 4.0), False),  # one part that slipped
+        ((0.6, 0.6, 0.6, 0.6), False),  # too few to tell
+    ],
+)
+def test_an_arm_that_camera_and_counters_disagree_about_is_stale(
+    off_mm: tuple[float, ...], is_stale: bool
+) -> None:
+    found = standing({"overhead": camera(), "arm": arm()}, {NEW: Usage(9, off_mm), OLD: Usage(9)})
+    assert any("disagree by 0.50 mm" in one for one in found.stale) is is_stale
+    # whether the camera over the table still stands is not to be seen at the station
+    assert not any("overhead" in one for one in found.stale)

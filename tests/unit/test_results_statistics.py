@@ -14,6 +14,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from controller.cell.journal import rows
 from controller.cell.services.records import measured_row
 from controller.cli import main
 from controller.inspection import Verdict
@@ -259,6 +260,19 @@ def test_values_are_collected_over_runs_in_the_order_measured(tmp_path: Path) ->
     assert body["cpk"] is None
     assert body["note"] == "3 values, 25 are required"
     assert body["chart"]["mean_range"] == pytest.approx(0.03)
+
+
+def test_how_arm_and_camera_agree_is_a_series_of_its_own(tmp_path: Path) -> None:
+    write_run(tmp_path, "20260301-120000-000", [8.01])
+    writer = RunWriter(tmp_path, "20260302-120000-000-featuretype", count=1)
+    writer.look(sighting())
+    views = [rows.ViewOffFields(view=f"v{i}", grasp=0, off_mm=0.4, off_deg=0.0) for i in range(3)]
+    writer.write(rows.ViewsPosed(views=tuple(views)))
+    writer.close()
+    *_, series = series_of(tmp_path, "featuretype")
+    assert series.id == "arm against station camera"
+    assert [v.measured for v in series.values] == pytest.approx([0.4])
+    assert series.upper == 0.3  # beyond which calibrations are stale, docs/commissioning.md
 
 
 def test_an_unknown_recipe_is_answered_with_those_there_are(tmp_path: Path) -> None:

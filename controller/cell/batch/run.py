@@ -2,11 +2,11 @@
 
 import asyncio
 import hashlib
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import suppress
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 from typing import Any, Final
 
@@ -19,7 +19,7 @@ from controller.setup.software import software_versions
 from drivers.clock import CellClock
 
 from ..compute import Compute, Job
-from ..custody import CellIdentity, Held, fold_custody, read_folded, where_it_is
+from ..custody import CellIdentity, Held, fold_custody, where_it_is
 from ..custody.known_journals import note_journal, rows_of_all_journals
 from ..devices import Devices, resolve
 from ..devices.clocks import Speed, devices_with_time
@@ -32,8 +32,10 @@ from ..journal import (
     Stamps,
     is_of,
     open_cell_journal,
+    read_rows_named,
     rows,
 )
+from ..journal.usage import usage_of
 from ..operator import NOBODY, Journaled, Operator, require_acknowledged
 from ..recovery import Back, Beside, Bounds, Interrupted, Sweep
 from ..services import INPUTS
@@ -130,7 +132,9 @@ async def run_batch(
         # on the disk, so that a power cut leaves a journal with a beginning and a head
         await journal.write_secured(began)
         journal.write(rows.FilesStored(await asyncio.to_thread(_keep_inputs, order)))
-        calibration = await asyncio.to_thread(_standing, order, journal, outfit.stamps)
+        calibration = await asyncio.to_thread(
+            _note_standing, journal, order.cell_path, order.cell, outfit.stamps.utc()
+        )
         known, left = await asyncio.to_thread(_left_by_runs, journal, began)
         for notice in left:
             journal.write(rows.EmulatedCellEnded(message=notice))
@@ -260,21 +264,27 @@ def _calibrations(order: RunOrder) -> list[tuple[str, Path]]:
     return [(name, folder / one.file) for name, one in order.cell.calibration.items()]
 
 
-def _standing(order: RunOrder, journal: Journal, stamps: Stamps) -> SetCalibration:
+def _note_standing(journal: Journal, cell_path: Path, cell: Cell, now: datetime) -> SetCalibration:
     """Journal whether the cell's calibrations count; return what of them does not.
+
+    Parameters
+    ----------
+    journal : of the cell, with the runs before this one
+    cell_path, cell : the cell file, and what it holds
+    now : with its offset from UTC
 
     Raises
     ------
     ConfigError : a calibration was changed since the cell file was read
     """
-    references = order.cell.calibration
-    found = read_calibrations(order.cell_path, references)
-    counts: Counter[str] = Counter()
-    for row in read_folded(journal.path) if found else ():
-        if is_of(row, rows.RunBegan) and row.run != journal.run:
-            used = row.body.get("cell", {}).get("calibration", {})
-            counts.update(one.get("sha256", "") for one in used.values())
-    standing = standing_of(references, found, stamps.utc(), counts)
+    found = read_calibrations(cell_path, cell.calibration)
+    names = (rows.RunBegan.row_name, rows.ViewsPosed.row_name)
+    before = (
+        row
+        for row in (read_rows_named(journal.path, names) if found else ())
+        if row.run != journal.run
+    )
+    standing = standing_of(cell.calibration, found, now, usage_of(before))
     each = {
         one.name: rows.CalibrationFields(measured=one.measured.isoformat(), why_stale=one.why_stale)
         for one in standing.each

@@ -9,7 +9,14 @@ names the last row known to be on the disk, so that rows cut off the end are not
 from ._care import CellJournal, first_flaw, open_cell_journal
 from ._form import JOURNAL_NAME, JournalError, Row, RowKind
 from ._migrations import SCHEMA_VERSION
-from ._reader import BrokenRow, broken_rows, first_broken_row, read_rows, read_rows_of_kinds
+from ._reader import (
+    BrokenRow,
+    broken_rows,
+    first_broken_row,
+    read_rows,
+    read_rows_named,
+    read_rows_of_kinds,
+)
 from ._writer import Journal
 from .rows import Body, Once, is_of, is_once, read_row
 from .stamps import HOST_STAMPS, Stamps
@@ -35,5 +42,6 @@ __all__ = [
     "open_cell_journal",
     "read_row",
     "read_rows",
+    "read_rows_named",
     "read_rows_of_kinds",
 ]

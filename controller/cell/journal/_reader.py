@@ -59,6 +59,16 @@ def read_rows_of_kinds(
     yield from _rows(path, where, values)
 
 
+def read_rows_named(path: Path, names: Sequence[str]) -> Iterator[Row]:
+    """Yield the rows of some names, of all runs, in order.
+
+    Raises
+    ------
+    JournalError : no journal there, or one of another version
+    """
+    yield from _rows(path, f" WHERE name IN ({_marks(names)})", [*names])
+
+
 def _marks(values: Sequence[str]) -> str:
     return ", ".join("?" for _ in values)
 

@@ -19,9 +19,10 @@ from ._models import (
     TraysCalibration,
     VerificationRecord,
 )
-from ._standing import CalibrationsStanding, Standing, standing_of
+from ._standing import MAX_OFF_MM, CalibrationsStanding, Standing, Usage, standing_of
 
 __all__ = [
+    "MAX_OFF_MM",
     "MODELS",
     "ArmCalibration",
     "Calibration",
@@ -35,6 +36,7 @@ __all__ = [
     "Residual",
     "Standing",
     "TraysCalibration",
+    "Usage",
     "VerificationRecord",
     "load_cell",
     "read_calibration",

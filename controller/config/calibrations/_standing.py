@@ -3,11 +3,31 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime, timedelta
+from statistics import median
+from typing import Final
 
 from ..calibration_reference import CalibrationName, CalibrationReference
 from ._models import Calibration, VerificationRecord
 
 VERIFY = "cellctl commission --step verify"
+# what arm and station camera leave between them from view to view of a held part
+DRIFT_PARTS: Final = 5  # that many parts decide: one alone may have slipped
+MAX_OFF_MM: Final = 0.3
+DRIFTING: Final[tuple[CalibrationName, ...]] = ("inspection", "arm")
+
+
+@dataclass(frozen=True, slots=True)
+class Usage:
+    """What runs have made of one calibration file.
+
+    Attributes
+    ----------
+    run_count : runs that have used it
+    off_mm : part by part, oldest first, how far arm and station camera disagreed from view to view
+    """
+
+    run_count: int = 0
+    off_mm: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +78,7 @@ def standing_of(
     references: Mapping[CalibrationName, CalibrationReference],
     found: Mapping[CalibrationName, Calibration],
     now: datetime,
-    run_counts: Mapping[str, int],
+    usage: Mapping[str, Usage],
 ) -> CalibrationsStanding:
     """Return whether calibrations still count.
 
@@ -66,13 +86,13 @@ def standing_of(
     ----------
     references, found : of one cell file, by name
     now : with its offset from UTC
-    run_counts : runs so far by the hash of the calibration file that they used
+    usage : so far, by the hash of the calibration file
     """
     each = tuple(
         Standing(
             name,
             one.measured,
-            _why_stale(one, references, now, run_counts.get(references[name].sha256, 0)),
+            _why_stale(name, one, references, now, usage.get(references[name].sha256, Usage())),
         )
         for name, one in found.items()
     )
@@ -80,17 +100,24 @@ def standing_of(
 
 
 def _why_stale(
+    own: CalibrationName,
     one: Calibration,
     references: Mapping[CalibrationName, CalibrationReference],
     now: datetime,
-    run_count: int,
+    used: Usage,
 ) -> str:
     if one.measured > now + timedelta(days=1):
         return f"it was measured {one.measured:%Y-%m-%d}, which is yet to come; set the clock"
     if one.valid_days is not None and now - one.measured > timedelta(days=one.valid_days):
         return f"measured {one.measured:%Y-%m-%d}, valid for {one.valid_days} days"
-    if one.valid_runs is not None and run_count >= one.valid_runs:
-        return f"{run_count} runs have used it, it is valid for {one.valid_runs}"
+    if one.valid_runs is not None and used.run_count >= one.valid_runs:
+        return f"{used.run_count} runs have used it, it is valid for {one.valid_runs}"
+    last = used.off_mm[-DRIFT_PARTS:]
+    if own in DRIFTING and len(last) == DRIFT_PARTS and median(last) > MAX_OFF_MM:
+        return (
+            f"arm and station camera disagree by {median(last):.2f} mm from view to view of the "
+            f"last {DRIFT_PARTS} parts, {MAX_OFF_MM:g} are allowed: one of them has moved"
+        )
     if one.residual is not None and one.residual.value > one.residual.limit:
         of = one.residual
         return f"its fit leaves {of.value:g} {of.unit}, {of.limit:g} are allowed"

@@ -12,15 +12,19 @@ from controller.cell.journal import (
     JournalError,
     first_broken_row,
     read_row,
-    read_rows_of_kinds,
+    read_rows_named,
     rows,
 )
+from controller.cell.journal.usage import views_off_mm
+from controller.config.calibrations import MAX_OFF_MM
 
 from ..run import ResultsError
 from .capability import Capability, Interval, capability
 from .charts import RunChart, run_chart
 
-ONE_SIDED: Final = frozenset({"position", "straightness", "roundness"})
+AGREEMENT: Final = "arm against station camera"
+ONE_SIDED: Final = frozenset({"position", "straightness", "roundness", AGREEMENT})
+NAMES: Final = tuple(body.row_name for body in (rows.RunBegan, rows.PartMeasured, rows.ViewsPosed))
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +96,7 @@ def series_of(runs_dir: Path, recipe: str) -> tuple[Series, ...]:
                 f"journal {path}: the chain of hashes breaks at row {broken}; numbers that may "
                 "have been changed make no statistics"
             )
-        for row in read_rows_of_kinds(path, ("observation",), (rows.RunBegan.row_name,)):
+        for row in read_rows_named(path, NAMES):
             if row.name == rows.RunBegan.row_name:
                 names[row.run] = str(row.body.get("recipe", {}).get("name", ""))
             elif row.name == rows.PartMeasured.row_name and names.get(row.run) == recipe:
@@ -100,6 +104,11 @@ def series_of(runs_dir: Path, recipe: str) -> tuple[Series, ...]:
                 assert isinstance(said, rows.PartMeasured)
                 for c in said.characteristics:
                     _take(found, c, row.run, row.part or 0, datetime.fromisoformat(row.t_utc))
+            elif row.name == rows.ViewsPosed.row_name and names.get(row.run) == recipe:
+                posed = read_row(row.kind, row.name, row.body)
+                assert isinstance(posed, rows.ViewsPosed)
+                at = datetime.fromisoformat(row.t_utc)
+                _take(found, _agreement(posed), row.run, row.part or 0, at)
     except (JournalError, sqlite3.Error, ValueError) as error:
         raise ResultsError(f"journal {path}: {error}") from error
     if recipe not in names.values():
@@ -120,6 +129,23 @@ def _take(
         series.missing += 1
     else:
         series.values.append(Value(run, part, at, c.measured, c.U, c.verdict))
+
+
+def _agreement(posed: rows.ViewsPosed) -> rows.CharacteristicFields:
+    """Return how far arm and station camera disagreed while a part was shown, as a series."""
+    return rows.CharacteristicFields(
+        id=AGREEMENT,
+        balloon=0,
+        label=AGREEMENT,
+        kind=AGREEMENT,
+        unit="mm",
+        nominal=0.0,
+        lower=0.0,
+        upper=MAX_OFF_MM,
+        source="views",
+        measured=views_off_mm(posed),
+        verdict="",
+    )
 
 
 def series_json(series: Series) -> Mapping[str, Any]:

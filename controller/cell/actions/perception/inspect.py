@@ -14,6 +14,7 @@ from controller.cell.services.records import (
     findings_row,
     measured_row,
     verdict_row,
+    views_posed_row,
 )
 from controller.inspection import PartVerdict, Verdict
 from controller.planning import GiveStep, Present, ReceiveStep, SetDown
@@ -106,6 +107,7 @@ class InspectAction:
         # in a thread: thousands of looks take longer to describe than the event loop may be held
         record.note(await asyncio.to_thread(measured_row, found.measured))
         record.note(findings_row(found.findings))
+        record.note(views_posed_row(found.off))
         record.note(PartInspected(views=stored.file, lines_sha256=lines_digest(found)))
 
 

@@ -106,7 +106,9 @@ from ._observations import (
     TouchedDown,
     ViewHold,
     ViewJudged,
+    ViewOffFields,
     ViewPicturesTaken,
+    ViewsPosed,
 )
 
 __all__ = [
@@ -195,7 +197,9 @@ __all__ = [
     "UnseenFields",
     "ViewHold",
     "ViewJudged",
+    "ViewOffFields",
     "ViewPicturesTaken",
+    "ViewsPosed",
     "is_of",
     "is_once",
     "name_of",

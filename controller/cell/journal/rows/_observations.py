@@ -249,6 +249,23 @@ class PartMeasured(Body):
     characteristics: tuple[CharacteristicFields, ...]
 
 
+class ViewOffFields(Fields):
+    """How far a held part was in one view from where all views of its grasp have it."""
+
+    view: str
+    grasp: int
+    off_mm: float
+    off_deg: float
+
+
+class ViewsPosed(Body):
+    """How far arm and camera disagreed from view to view: what the joint fit left of each."""
+
+    kind = "observation"
+    row_name = "views_posed"
+    views: tuple[ViewOffFields, ...]
+
+
 class PartFindingFields(Fields):
     """A finding of a part, by all its views; `box_px`, `outline_px` are in the picture named."""
 

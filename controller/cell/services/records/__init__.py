@@ -12,6 +12,7 @@ from .describe import (
     sightings_row,
     verdict_row,
     view_row,
+    views_posed_row,
 )
 from .holds import grasp_of, matrix
 from .part import PartInGripper, PartRecord, Shown, merged
@@ -32,4 +33,5 @@ __all__ = [
     "sightings_row",
     "verdict_row",
     "view_row",
+    "views_posed_row",
 ]

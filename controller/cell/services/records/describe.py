@@ -160,6 +160,21 @@ def measured_row(measured: Sequence[Measured]) -> rows.PartMeasured:
     return rows.PartMeasured(characteristics=tuple(_characteristic(m) for m in measured))
 
 
+def views_posed_row(off: Sequence[inspecting.ViewOff]) -> rows.ViewsPosed:
+    """Return the row of how far arm and camera disagreed from view to view."""
+    return rows.ViewsPosed(
+        views=tuple(
+            rows.ViewOffFields(
+                view=one.view_id,
+                grasp=one.grasp,
+                off_mm=round(one.mm, 4),
+                off_deg=round(float(np.degrees(one.rad)), 4),
+            )
+            for one in off
+        )
+    )
+
+
 def findings_row(findings: Sequence[inspecting.PartFinding]) -> rows.PartFindings:
     """Return the row of the findings of a part."""
     return rows.PartFindings(
