@@ -56,8 +56,12 @@ def _misprint(name: str, scale: float) -> dict[str, Any]:
 
 CASES: Final[Mapping[str, Case]] = {
     "none": Case("arm", "", (), (), stops=False),
-    "paddle scaled 1 %": Case("arm", "", (_misprint("paddle", 1.01),), ("paddle", "plate")),
-    "flat board scaled 1 %": Case("arm", "", (_misprint("charuco", 0.99),), ("flat board", "flat")),
+    "paddle scaled 1 %": Case(
+        "arm", "", (_misprint("paddle", 1.01),), ("% too large for its file",)
+    ),
+    "flat board scaled 1 %": Case(
+        "arm", "", (_misprint("charuco", 0.99),), ("% too small for its file",)
+    ),
     "station camera knocked": Case(
         "arm",
         "picture 20 of",
