@@ -6,7 +6,8 @@ drew the cell, which no wire tells. Errors are those that matter, and no frame h
 * pick: a point on the table is seen by the true camera, placed by the calibrated one, and gone to
   by the calibrated arm, in whole counts; how far from it is the true TCP, and how is it turned?
 * view: the true TCP in the true inspection camera's frame, against what the calibrations predict;
-* hand-off: the true TCP in the true fixed gripper's frame, against the same.
+* hand-off: the true TCP in the true fixed gripper's frame, against the same;
+* trays: how far their middles are from where they really are.
 
     python benchmarks/bench_commissioning.py --seeds 200-219 --json
     python benchmarks/bench_commissioning.py --seeds 200-203 --runs holder,featuretype
@@ -129,6 +130,10 @@ def judge(cell: Path, found_in: Path, seed: int, rng: np.random.Generator) -> di
         T_true = np.linalg.inv(true.built.layout.fixed_gripper.T_world_tcp) @ true.tcp(rows)
         T_told = np.linalg.inv(layout.T_world_fixed_tcp) @ tcp_pose(layout, rows)
         out["hand-off"] = differences(T_true, T_told)
+    real = {one.name: one.centre_mm for one in true.built.layout.trays}
+    out["trays"] = {
+        "mm": [math.dist(one.centre_mm, real[name]) for name, one in layout.trays.items()]
+    }
     out["stated"] = stated(read_calibrations(found_in, calibrated.calibration))
     return out
 
@@ -216,6 +221,7 @@ def table(rows: Sequence[Mapping[str, Any]]) -> None:
         print(
             f"{row['seed']:>6} {row['rc']!s:>3} {row['wall_s']!s:>7}  "
             + "  ".join(cells)
+            + f"  trays {max(row.get('errors', {}).get('trays', {}).get('mm', [math.nan])):.2f} mm"
             + f"  u {row.get('errors', {}).get('stated')}"
         )
 

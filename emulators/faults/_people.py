@@ -1,12 +1,13 @@
 """What people and gravity do in the cell: buttons, the door, parts."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from emulators.guiding import aimed_at, guide, tcp_of
 from emulators.world import part_pose, truth
 
 from ._plant import Plant
@@ -37,6 +38,7 @@ class PeopleAndParts:
             "board": self._board,
             "misprint": self._misprint,
             "give": self._give,
+            "guide": self._guide,
             "lose_part": self._lose_part,
             "slip": self._slip,
             "miss": self._miss,
@@ -135,6 +137,14 @@ class PeopleAndParts:
             raise ValueError("no part")
         added.give(number, _gripper_name(gripper), axis, seed)
         return self._pose_of(number)
+
+    def _guide(
+        self, tray: str | None = None, corner: Sequence[int] = (1, 1), seed: int = 0
+    ) -> None:
+        arm, layout = self._plant.arm, self._plant.world.layout
+        along_x, along_y = corner
+        at_mm = tcp_of(arm, layout)
+        guide(arm, layout, aimed_at(layout, at_mm, tray, (along_x, along_y), seed))
 
     def _pose_of(self, part: int) -> Answer:
         T = part_pose(self._plant.world, part)

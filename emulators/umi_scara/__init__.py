@@ -3,7 +3,7 @@
 A second reading of umi_rtx.md, shared with nobody; umi_rtx.md 7 is the specification.
 """
 
-from ._axes import COUNTS_PER_DEG, ArmJoints, Axis
+from ._axes import COUNTS_PER_DEG, ZED_COUNTS_PER_MM, ArmJoints, Axis
 from ._errors import ArmErrors
 from ._faults import Faults
 from ._model import ArmModel
@@ -12,6 +12,7 @@ from ._wire import ArmWire
 
 __all__ = [
     "COUNTS_PER_DEG",
+    "ZED_COUNTS_PER_MM",
     "ArmErrors",
     "ArmJoints",
     "ArmModel",

@@ -94,7 +94,12 @@ def test_a_step_that_passes_leaves_its_record_and_is_done(tmp_path: Path) -> Non
         record = await one.run(one.session(helper))
         assert (record.outcome, record.message) == (Outcome.PASSED, "")
         assert one.status() is Status.DONE
-        assert due(one.order.standings(datetime.now(UTC)), None) == ("light", "arm", "verify")
+        assert due(one.order.standings(datetime.now(UTC)), None) == (
+            "light",
+            "arm",
+            "trays",
+            "verify",
+        )
         # each motor and each axis of homing had a question of its own (umi_rtx.md 10)
         assert sum("motor" in text and "moves next" in text for text in helper.texts) == 7
         assert sum(text.startswith("Homing:") for text in helper.texts) == 6

@@ -13,6 +13,7 @@ from emu_faults_bench import AT_REST_MM, ROOT, StillCell
 from numpy.typing import NDArray
 
 from emulators.umi_scara import Axis
+from emulators.world.poses import forward
 
 Array = NDArray[np.float64]
 
@@ -151,6 +152,26 @@ def in_front_mm(cell: StillCell) -> int:
     return round(float(cell.centre_mm()[1]))
 
 
+def over_the_tray(cell: StillCell) -> None:
+    """Let the gripper hang some 20 mm over the floor of the tray `accept`, without power."""
+    cell.arm.place(
+        {
+            Axis.SHOULDER: 16.2 * 29.221,
+            Axis.ELBOW: 89.5 * 14.611,
+            Axis.YAW: 0.0,
+            Axis.ZED: -718.0 * 3.75,
+            Axis.WRIST1: -90.0 * 13.487,
+            Axis.WRIST2: -90.0 * 13.487,
+        }
+    )
+
+
+def is_in_its_corner(cell: StillCell) -> bool:
+    # centre 100, 390, size 150; recipes/cells/emulated.yaml
+    tips = forward(cell.layout.arm, cell.arm.joints())["arm gripper"][:3, 3]
+    return bool(np.abs(tips - (175.0, 315.0, 0.0)).max() < 0.6)
+
+
 ACTS = [
     Acts("estop", {"pressed": True}, lambda c: inputs(c) & 1, 1, 0),
     Acts("estop", {"pressed": True}, lambda c: drive_zed(c) > 1.0, True, False),
@@ -178,6 +199,9 @@ ACTS = [
     Acts("remove", {}, custody, "free", "away"),
     Acts("remove", {}, custody, "fixture", "away", held),
     Acts("put_back", {"gripper": "fixture"}, custody, "away", "fixture", taken),
+    Acts(
+        "guide", {"tray": "accept", "corner": [1, -1]}, is_in_its_corner, False, True, over_the_tray
+    ),
     Acts("lose_part", {"gripper": "fixture"}, custody, "fixture", "free", held),
     Acts("slip", {"gripper": "fixture", "along_mm": -6}, in_front_mm, -340, -346, held),
     Acts("miss", {"gripper": "fixture"}, missed, False, True),
@@ -709,3 +733,25 @@ def test_a_script_that_makes_no_sense_is_refused_whole(
         cell.verbs.do("script", steps=[{"at_s": 0.0, "do": "door"}, step])
     cell.pass_time(0.1)
     assert done(cell) == []
+
+
+def test_an_arm_whose_motors_hold_cannot_be_guided(cell: StillCell) -> None:
+    over_the_tray(cell)
+    cell.arm.power_on[:] = [True, True]
+    with pytest.raises(ValueError, match=r"the finger tips stay .* mm off: motors hold the arm"):
+        cell.faults.do("guide", tray="accept", corner=[1, -1])
+    assert not is_in_its_corner(cell)
+
+
+def test_a_guided_arm_as_built_is_set_down_where_its_tips_are_seen(folder: Path) -> None:
+    cell = StillCell(folder, as_built=4)
+    over_the_tray(cell)
+    before = forward(cell.layout.arm, cell.arm.joints())["arm gripper"][:3, 3]
+    assert before[2] > 5.0
+    cell.faults.do("guide")
+    after = forward(cell.layout.arm, cell.arm.joints())["arm gripper"][:3, 3]
+    np.testing.assert_allclose(after[:2], before[:2], atol=0.1)
+    assert 0.0 < after[2] < 0.6
+    cell.desk.close()
+    cell.world.close()
+    cell.clock.close()

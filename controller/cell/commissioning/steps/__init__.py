@@ -8,10 +8,17 @@ from .arm import ArmStep
 from .devices import DevicesStep
 from .light import LightStep
 from .step import Step
+from .trays import TraysStep
 from .verify import VerifyStep
 
 # Each after those that it needs.
-STEPS: Final[tuple[Step, ...]] = (DevicesStep(), LightStep(), ArmStep(), VerifyStep())
+STEPS: Final[tuple[Step, ...]] = (
+    DevicesStep(),
+    LightStep(),
+    ArmStep(),
+    TraysStep(),
+    VerifyStep(),
+)
 
 
 def step_plans() -> tuple[StepPlan, ...]:

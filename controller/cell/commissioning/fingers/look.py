@@ -9,10 +9,10 @@ from controller.commissioning.grippers import FingerShape, TcpFit, locate_tcp, l
 from controller.commissioning.kinematics import CellFit
 from controller.planning.motion import inverse_rows
 
-from ..devices.lamps import STATION_PANEL
-from .bench import Bench
-from .boards import APPROACH, go_to, look
-from .errors import StepFailedError
+from ...devices.lamps import STATION_PANEL
+from ..bench import Bench
+from ..boards import APPROACH, go_to, look
+from ..errors import StepFailedError
 
 OPEN_MM: Final = 40.0
 LOOKS: Final = 16

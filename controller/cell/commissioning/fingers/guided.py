@@ -1,0 +1,148 @@
+"""Finger tips set down by a person: the arm goes above a place, its motors let go, it is guided.
+
+No camera sees the trays, and no force is felt by this arm. A person finds a corner to half a
+millimetre; where the finger tips are then, the calibrated arm knows.
+"""
+
+import asyncio
+from math import pi
+from typing import Any, Final
+
+import numpy as np
+
+from controller.arrays import FloatArray
+from controller.planning import JointPath, NoMotionError
+from controller.planning.model import CellLayout
+from controller.planning.motion import Scene, connect, inverse_rows, segment_seconds, tcp_pose
+from drivers.kinds import Stop
+
+from ..bench import SLOW, Bench
+from ..errors import StepFailedError
+from ..person import Errand
+
+ABOVE_MM: Final = 30.0  # a place, before a person takes over
+MARGIN_MM: Final = 10.0
+CLOSED_MM: Final = 2.0  # open so far, the tips are one point to the eye, and the jaws do not press
+READINGS: Final = 3
+BETWEEN_S: Final = 0.3
+STILL_MM: Final = 0.3  # between two readings of finger tips that a person holds still
+HEADINGS: Final = 36
+# Homing folds the elbow by 30 degrees more, then turns the shoulder to its stop (umi_rtx.md 4.1).
+# From farther on the palm meets the column, and where that is passes for the stop.
+FOLDED_RAD: Final = float(np.radians(92.0))
+TRIED: Final = 12  # configurations above a place
+SEARCHED: Final = 2
+
+
+async def close_the_fingers(bench: Bench) -> None:
+    """Bring the finger tips of empty jaws together."""
+    await bench.move_jaws(
+        f"the arm gripper closes to {CLOSED_MM:.0f} mm, empty",
+        lambda: bench.arm.move_gripper_mm(CLOSED_MM),
+    )
+
+
+async def path_above(
+    bench: Bench, scene: Scene, place_mm: FloatArray, name: str, *, is_folded: bool = False
+) -> JointPath:
+    """Return a path that ends with the finger tips above a place; empty where there is none.
+
+    From its end the arm also gets down to the place.
+
+    Parameters
+    ----------
+    bench : of the step
+    scene : that has to be free
+    place_mm : (3,) in the world
+    name : of the place, as a message begins
+    is_folded : whether the elbow may be folded so far that the arm cannot home from there
+    """
+    start = await bench.arm.read_q()
+    goals = await asyncio.to_thread(_above, bench.layout, scene, place_mm, start)
+    if not is_folded:
+        goals = [q for q in goals if abs(q[1]) <= FOLDED_RAD]
+    # by the arm's own detours to any of them, before one is searched for at length
+    for is_long, some in ((False, goals[:TRIED]), (True, goals[:SEARCHED])):
+        for q in some:
+            try:
+                return await asyncio.to_thread(connect, start, q, scene, name, search=is_long)
+            except NoMotionError:
+                continue
+    return ()
+
+
+def _above(
+    layout: CellLayout, scene: Scene, place_mm: FloatArray, near: FloatArray
+) -> list[FloatArray]:
+    """Return configurations (6,) with the finger tips above a place, the quickest first."""
+    T = np.zeros((HEADINGS, 4, 4))
+    T[:, 3, 3] = 1.0
+    for i, a in enumerate(np.linspace(-pi, pi, HEADINGS, endpoint=False)):
+        # straight down along the arm's own column: there it has all headings
+        c, s = np.cos(a), np.sin(a)
+        down = np.array([[0.0, s, c], [0.0, c, -s], [-1.0, 0.0, 0.0]])
+        T[i, :3, :3] = layout.T_world_arm[:3, :3] @ down
+        T[i, :3, 3] = place_mm + np.array([0.0, 0.0, ABOVE_MM])
+    _, _, q = inverse_rows(layout, T)
+    lowered = q - np.array([0.0, 0.0, 0.0, ABOVE_MM + 2.0, 0.0, 0.0])
+    q = q[layout.arm.within_limits(lowered)] if len(q) else q
+    q = q[scene.free(q, MARGIN_MM)] if len(q) else q
+    return sorted(q, key=lambda one: float(segment_seconds(layout, near, one)))
+
+
+async def set_down(
+    bench: Bench, path: JointPath, name: str, text: str, order: dict[str, Any]
+) -> tuple[FloatArray, FloatArray]:
+    """Go above a place, have the finger tips guided onto it, and rise again.
+
+    Parameters
+    ----------
+    bench : of the step
+    path : that ends above it
+    name : of the place, as a message begins
+    text : what a person is to do
+    order : with the same effect, to an emulated cell
+
+    Returns
+    -------
+    where the tips were (3,), and the joints (6,)
+
+    Raises
+    ------
+    StepFailedError : the tips do not rest
+    DeclinedError, NobodyThereError, CellError, DeviceError : it cannot be done
+    """
+    bench.evidence.show(f"going above {name}")
+    await bench.motion.follow(path)
+    await bench.person.confirm(
+        "hold_arm",
+        f"{name}: the motors let go next, and the arm may sink by {ABOVE_MM:.0f} mm. Take hold of "
+        "it above the gripper. Do you hold it?",
+    )
+    await bench.arm.stop(Stop.FREE)
+    await bench.person.have_done(Errand("set_down", text, (order,)))
+    at_mm, there = await _read_at_rest(bench, name)
+    await bench.person.confirm(
+        "let_go", "The motors hold next, and the arm rises. Take your hands away. Are they away?"
+    )
+    await bench.motion.enable_power()
+    risen = there.copy()
+    risen[3] += ABOVE_MM
+    await bench.motion.follow((risen,), first_speed=SLOW)
+    return at_mm, there
+
+
+async def _read_at_rest(bench: Bench, name: str) -> tuple[FloatArray, FloatArray]:
+    rows = []
+    for _ in range(READINGS):
+        rows.append(await bench.arm.read_q())
+        await bench.clock.sleep(BETWEEN_S)
+    q = np.array(rows)
+    points = tcp_pose(bench.layout, q)[:, :3, 3]
+    apart_mm = float(np.ptp(points, axis=0).max())
+    if apart_mm > STILL_MM:
+        raise StepFailedError(
+            f"{name}: the finger tips moved by {apart_mm:.1f} mm while they were read; hold them "
+            "still, repeat the step"
+        )
+    return points[-1], q[-1]
