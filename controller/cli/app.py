@@ -11,7 +11,7 @@ import typer
 
 from .acting import abort, ack, answer, pause, resume, status, step, stop
 from .calibrating import camera
-from .commissioning import commission, print_target
+from .commissioning import commission, jog, print_target
 from .devices import doctor, emulate
 from .inspecting import inspect, replay, verify
 from .parts import compile_
@@ -88,6 +88,7 @@ for _command, _example in (
     (verify, "cellctl verify 20260314-092641-512-holder"),
     (doctor, "cellctl doctor --cell cell.yaml"),
     (commission, "cellctl commission --cell cell.yaml"),
+    (jog, "cellctl jog --cell cell.yaml"),
     (print_target, "cellctl print-target paddle --paper a4 -o paddle.pdf"),
 ):
     app.command(

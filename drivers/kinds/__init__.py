@@ -8,7 +8,7 @@ those of `drivers.errors`, its instants and durations are seconds of `drivers.cl
 from .arm import Arm, ArmIdentity, JawReading, Stop
 from .camera import Camera, Capture, Frame, TimedFrame
 from .driver import GROUP, ArmDescription, ArmDriver, Driver, NoSettings, Site
-from .first_contact import Confirm, FirstContact, MotorTry
+from .first_contact import Confirm, Encoders, FirstContact, MotorTry
 from .gripper import FixedGripper, GraspReading, GripperReading, Hold
 from .io_block import Change, Changes, IoBlock, Polling, Signal
 from .lights import Lamp, LampUnit
@@ -25,6 +25,7 @@ __all__ = [
     "Changes",
     "Confirm",
     "Driver",
+    "Encoders",
     "FirstContact",
     "FixedGripper",
     "Frame",

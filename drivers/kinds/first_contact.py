@@ -52,3 +52,12 @@ class FirstContact(Protocol):
     async def home_in_turn(self, confirm: Confirm) -> None:
         """Home as `Arm.home` does; ``confirm`` is awaited with what moves next, before it does."""
         ...
+
+
+@runtime_checkable
+class Encoders(Protocol):
+    """An arm whose encoders can be read before it is homed, too."""
+
+    async def read_encoders(self) -> Mapping[str, int]:
+        """Return what the encoder of each motor counts, by name; nothing moves."""
+        ...

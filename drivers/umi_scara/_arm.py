@@ -260,6 +260,12 @@ class UmiScara:
         """Return the parameters of each motor by name (§10, step 4); nothing moves."""
         return await read_registers(self.axes)
 
+    async def read_encoders(self) -> dict[str, int]:
+        """Return what each motor's encoder counts, homed or not (§10, step 5); nothing moves."""
+        self._session.require_connected()
+        counts = await self.axes.read_actuals(Axis)
+        return {axis.name.lower(): counts[axis] for axis in Axis}
+
     async def try_motor(self, motor: str) -> MotorTry:
         """Move one motor by 50 counts and back; return how it went (§10, step 7).
 

@@ -831,6 +831,39 @@ ROWS: tuple[Row, ...] = (
         ("commission", "--cell", CELL_FILE, "--out", "out", "--status"),
         "--out out: is a file",
     ),
+    Row(
+        "jog without a terminal and without orders",
+        nothing,
+        ("jog", "--cell", CELL_FILE),
+        "is no terminal",
+    ),
+    Row(
+        "jog by orders that are not there",
+        nothing,
+        ("jog", "--cell", CELL_FILE, "--commands", "orders.txt", "--yes"),
+        "orders.txt: ",
+    ),
+    Row(
+        "jog in JSON with keys",
+        nothing,
+        ("jog", "--cell", CELL_FILE, "--json"),
+        "--json goes with --commands",
+    ),
+    Row(
+        "jog that answers for a person at real devices",
+        write(
+            CELL_FILE,
+            CELL_TEXT.replace("arm:         {address: emulated}", "arm: {address: /dev/x}"),
+        ),
+        ("jog", "--cell", CELL_FILE, "--commands", "-", "--yes"),
+        "--yes answers for a person, and this cell has real devices",
+    ),
+    Row(
+        "jog whose journal has no folder",
+        nothing,
+        ("jog", "--cell", CELL_FILE, "--commands", "-", "--yes", "--runs", "/proc/runs"),
+        "--runs /proc/runs: ",
+    ),
     Row("board that no file has", nothing, ("print-target", "wall"), "wall: no board of this name"),
     Row(
         "board larger than the paper",

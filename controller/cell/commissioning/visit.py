@@ -57,7 +57,6 @@ from .steps import Step
 
 log = logging.getLogger(__name__)
 
-RECIPE_NAME: Final = "commission"
 Build = Callable[[Cell, Mapping[str, dict[str, Any]], CellClock], Devices]
 CAMERAS: Final[tuple[CameraName, ...]] = ("overhead", "inspection")
 # Ends that are nobody's fault: the step was not finished and may be begun again.
@@ -71,6 +70,7 @@ class VisitOrder:
     Attributes
     ----------
     step : to run
+    recipe : what the journal calls it
     cell : as commissioned so far
     digest : of what the nominal cell file describes
     emulated : what the emulator reported of itself; empty without one
@@ -82,6 +82,7 @@ class VisitOrder:
     """
 
     step: Step
+    recipe: str
     cell: Cell
     digest: str
     emulated: Mapping[str, Any]
@@ -216,7 +217,7 @@ class Visit:
     def _began(self, where: Mapping[str, dict[str, Any]]) -> rows.RunBegan:
         order = self._order
         return rows.RunBegan(
-            recipe={"name": f"{RECIPE_NAME} {order.step.name}"},
+            recipe={"name": order.recipe},
             cell=order.cell.model_dump(mode="json", by_alias=True),
             devices=where,
             emulated_devices=tuple(sorted(self._emulated)),

@@ -6,7 +6,15 @@ from typing import Annotated
 
 import typer
 
-from ..options import AsBuiltOption, ControlOption, JsonOption, SeedOption, SpeedOption, finite
+from ..options import (
+    AsBuiltOption,
+    ControlOption,
+    JsonOption,
+    RunsOption,
+    SeedOption,
+    SpeedOption,
+    finite,
+)
 
 
 class Paper(StrEnum):
@@ -121,6 +129,7 @@ def commission(
 
     What is done stays; the next start goes on with what is not.
     """
+    from .entering import EmulatedOptions
     from .guided import GuidedOptions, guide
 
     code = guide(
@@ -128,14 +137,66 @@ def commission(
             cell_path=cell,
             out=out,
             step=step,
-            answers=yes,
             operator=operator,
-            as_built=as_built,
-            seed=seed,
-            speed=speed,
-            control=control,
+            emulated=EmulatedOptions(
+                as_built=as_built, seed=seed, speed=speed, control=control, answers=yes
+            ),
             as_json=json,
         ),
         status_only=status,
+    )
+    raise typer.Exit(code)
+
+
+CommandsOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--commands",
+        metavar="FILE",
+        help="file of orders, one a line; `-` for standard input (default: keys in this terminal)",
+    ),
+]
+
+
+def jog(
+    cell: Annotated[
+        Path,
+        typer.Option("--cell", metavar="FILE", help="cell file (YAML), calibrated or not"),
+    ],
+    commands: CommandsOption = None,
+    yes: Annotated[
+        bool,
+        typer.Option(
+            "--yes", help="with --commands: answer for the person, on an emulated cell alone"
+        ),
+    ] = False,
+    operator: Annotated[
+        str, typer.Option("--operator", metavar="NAME", help="who jogs (default: the user)")
+    ] = "",
+    as_built: AsBuiltOption = None,
+    seed: SeedOption = None,
+    speed: SpeedOption = 1.0,
+    control: ControlOption = None,
+    runs: RunsOption = Path("runs"),
+    json: JsonOption = False,
+) -> None:
+    """Move the arm by keys, slowly: joint by joint, or along the axes of the world and the tool.
+
+    Before homing it only tries single motors and homes. Space and Esc halt it.
+    """
+    from .entering import EmulatedOptions
+    from .jogging import JogOptions, jog_cell
+
+    code = jog_cell(
+        JogOptions(
+            cell_path=cell,
+            runs_dir=runs,
+            commands=commands,
+            operator=operator,
+            emulated=EmulatedOptions(
+                as_built=as_built, seed=seed, speed=speed, control=control, answers=yes
+            ),
+            as_json=json,
+        )
     )
     raise typer.Exit(code)

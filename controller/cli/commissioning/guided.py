@@ -1,30 +1,21 @@
 """`cellctl commission`: check, start the emulated cell if any, run the steps, write the page."""
 
 import asyncio
-import getpass
-import tempfile
 from collections.abc import Sequence
-from contextlib import ExitStack, nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from controller.cell.commissioning import CommissionOrder, EmulatedPerson, Session, due
-from controller.cell.control import socket_path
-from controller.cell.devices.clocks import find_clock
-from controller.cell.devices.emulator import emulated_cell, emulator_args, emulator_command
-from controller.cell.devices.lock import Holder, hold_cell, require_free_cell
 from controller.commissioning.procedure import Folder, Outcome, Standing, Status, StepRecord
 from controller.config import Cell, ConfigError
 from controller.results.commissioned import write_evidence_page
 from controller.setup.drivers import require_drivers
 
-from ..devices.doctor_checks import machine_checks
-from ..inputs.checks import MIN_FREE_BYTES, check_control, check_writable_folder
 from ..running.door import OperatorDoor
-from ..running.ends import Ends
-from ..terminal.output import emit, print_line, warn
+from ..terminal.output import emit, print_line
+from .entering import EmulatedOptions, Entered, check_entering, entered, user_name
 
 RUN_NAME: Final = "commission"
 
@@ -38,22 +29,16 @@ class GuidedOptions:
     cell_path : cell file as drawn
     out : folder of what is found, None for commissioning/NAME
     step : the one to repeat, None for all that are due
-    answers : a helper answers for the person
     operator : who commissions, empty for the user
-    as_built, seed, speed : of the emulated cell
-    control : unix socket of the emulated cell's control port, None for one of our own
+    emulated : options of the emulated cell
     as_json : print JSON lines
     """
 
     cell_path: Path
     out: Path | None
     step: str | None
-    answers: bool
     operator: str
-    as_built: int | None
-    seed: int | None
-    speed: float
-    control: Path | None
+    emulated: EmulatedOptions
     as_json: bool
 
 
@@ -94,90 +79,33 @@ def _order(options: GuidedOptions) -> CommissionOrder:
     out = options.out or Path("commissioning") / name
     if out.exists() and not out.is_dir():
         raise ConfigError(f"--out {out}: is a file; name a folder")
-    return CommissionOrder(options.cell_path, Folder(out), options.operator or _user())
-
-
-def _user() -> str:
-    try:
-        return getpass.getuser()
-    except (KeyError, OSError):  # a container may have no name for its user
-        return ""
+    return CommissionOrder(options.cell_path, Folder(out), options.operator or user_name())
 
 
 def _check(options: GuidedOptions, cell: Cell, out: Path) -> None:
     """Check what can be checked before anything starts."""
-    check_writable_folder(out, "--out", MIN_FREE_BYTES)
-    require_free_cell(out, cell)
-    check_control(options.control)
-    is_emulated = find_clock(cell, {}).path is not None or (
-        len(cell.emulated_devices) == len(type(cell.devices).model_fields)
-    )
-    if options.answers and not is_emulated:
+    check_entering(options.emulated, cell, out, "--out")
+    if options.emulated.answers and not cell.emulated_devices and options.emulated.control is None:
         raise ConfigError(
-            "--yes answers for a person, and this cell has real devices: somebody has to stand "
-            "at the emergency stop. Start it in a terminal, without --yes"
+            "--yes needs hands in the emulated cell: give the socket of `cellctl emulate "
+            "--control FILE` by --control"
         )
-    if not cell.emulated_devices:
-        given = {
-            "--as-built": options.as_built,
-            "--seed": options.seed,
-            "--speed": None if options.speed == 1.0 else options.speed,
-        }
-        for option, value in given.items():
-            if value is not None:
-                raise ConfigError(
-                    f"{option}: none of this cell's devices is `emulated`; leave it out"
-                )
-        if options.answers and options.control is None:
-            raise ConfigError(
-                "--yes needs hands in the emulated cell: give the socket of `cellctl emulate "
-                "--control FILE` by --control"
-            )
-    for check in machine_checks(cell):
-        if not check["ok"]:
-            raise ConfigError(f"{check['check']}: {check['found']}: {check['remedy']}")
 
 
 def _run(
     options: GuidedOptions, order: CommissionOrder, cell: Cell, steps: Sequence[str]
 ) -> tuple[StepRecord, ...]:
-    out = order.folder.path
-    out.mkdir(parents=True, exist_ok=True)
-    with ExitStack() as stack:
-        ends = stack.enter_context(Ends().heard())
-        holder = stack.enter_context(hold_cell(out, cell, RUN_NAME, socket_path(out)))
-        control = options.control
-        if control is None:
-            # short, whatever the folder is called: the name of a socket has 107 bytes at most
-            place = stack.enter_context(tempfile.TemporaryDirectory(prefix="cellctl-"))
-            control = Path(place) / "control"
-        begun: Any = nullcontext({})
-        if cell.emulated_devices:
-            more = emulator_args(None, None, control, options.as_built)
-            command = emulator_command(
-                options.cell_path, (), speed=options.speed, seed=options.seed, more=more
-            )
-            begun = emulated_cell(command, out / "emulator.log")
-            warn(f"EMULATED: {', '.join(cell.emulated_devices)} ({options.speed:g} x real time)")
-        ready = stack.enter_context(begun)
-        helper = EmulatedPerson(control) if options.answers else None
-        return asyncio.run(_drive(options, order, cell, steps, ready, holder, ends, helper))
+    with entered(options.emulated, options.cell_path, cell, order.folder.path, RUN_NAME) as inside:
+        return asyncio.run(_drive(options, order, steps, inside))
 
 
 async def _drive(
-    options: GuidedOptions,
-    order: CommissionOrder,
-    cell: Cell,
-    steps: Sequence[str],
-    ready: dict[str, Any],
-    holder: Holder,
-    ends: Ends,
-    helper: EmulatedPerson | None,
+    options: GuidedOptions, order: CommissionOrder, steps: Sequence[str], inside: Entered
 ) -> tuple[StepRecord, ...]:
-    door = OperatorDoor(order.folder.path, holder, helper, waits=False, as_json=options.as_json)
-    clock = find_clock(cell, ready)
-    if cell.emulated_devices and clock.path is not None:
-        clock = replace(clock, speed=options.speed)
+    helper = EmulatedPerson(inside.control) if options.emulated.answers else None
+    door = OperatorDoor(
+        order.folder.path, inside.holder, helper, waits=False, as_json=options.as_json
+    )
 
     def show(text: str) -> None:
         if options.as_json:
@@ -188,9 +116,9 @@ async def _drive(
     def on_step(record: StepRecord) -> None:
         _report_step(record, as_json=options.as_json)
 
-    session = Session(order, ready, clock, door, helper, show)
+    session = Session(order, inside.ready, inside.clock, door, helper, show)
     async with door.open():
-        with ends.stopping(session, ready.get("pid")):
+        with inside.ends.stopping(session, inside.ready.get("pid")):
             return await session.run(steps, on_step)
 
 

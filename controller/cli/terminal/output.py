@@ -82,6 +82,12 @@ def warn(text: str) -> None:
     stderr.print(printable(text, stderr.encoding), markup=False)
 
 
+def write_control(text: str) -> None:
+    """Write control sequences to the terminal that stdout is; our own alone."""
+    _out.write(text)
+    _out.flush()
+
+
 def printable(text: str, encoding: str | None = "utf-8") -> str:
     """Return a text with unprintable characters spelt out as escapes."""
     shown = "".join(

@@ -5,11 +5,12 @@ from ._kinematics import inverse_rows, link_boxes, passed_limit, shown_pose, tcp
 from ._lines import fewest_waypoints, same_branch
 from ._paths import connect, path_free
 from .scene import Scene
-from .segments import MARGIN_MM
+from .segments import END_MARGIN_MM, MARGIN_MM
 from .sweep import SWEEP_MARGIN_MM, ProvenMove, Swept, prove_move, prove_sweep
 from .timing import move_seconds, segment_seconds, segment_tube, travel_seconds
 
 __all__ = [
+    "END_MARGIN_MM",
     "MARGIN_MM",
     "SWEEP_MARGIN_MM",
     "PartShape",

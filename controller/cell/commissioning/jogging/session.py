@@ -1,0 +1,279 @@
+"""A visit in which a person, or a script, moves the cell by orders: `cellctl jog`.
+
+It is a visit like a step of commissioning: with journal, locks, interlocks, watchers, permit, and
+a stop that halts metal first. The pilot is who gives the orders; what the pilot stops while
+something moves, halts and stays; any other end (Ctrl-C, a closed terminal, an open door) ends it.
+"""
+
+import asyncio
+from collections.abc import Callable, Coroutine, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Final, Protocol, TypeVar
+
+from controller.arrays import FloatArray
+from controller.commissioning.procedure import StepRecord, cell_digest
+from controller.config import Cell
+from controller.config.calibration_reference import CalibrationName
+from controller.config.calibrations import Calibration
+from drivers.errors import DeviceError
+
+from ...devices import Devices
+from ...devices.clocks import FoundClock
+from ...errors import CellError, InterlockError, NoPermitError
+from ...operator import Operator
+from ..bench import Bench
+from ..evidence import Evidence
+from ..visit import Build, Visit, VisitOrder
+from .goals import RefusedMotionError
+from .jogger import Jogger, Reading
+from .orders import JogOrder, Verb, WrongOrderError, read_order
+
+Result = TypeVar("Result")
+REFRESH_S: Final = 0.5  # of a live reading, while nothing moves [cell s]
+
+
+class Pilot(Operator, Protocol):
+    """Who gives orders, answers questions, and watches.
+
+    Attributes
+    ----------
+    is_live : the reading is wanted anew all the time
+    ends_at_refusal : a refused order ends it all: the next one was meant for another place
+    """
+
+    is_live: bool
+    ends_at_refusal: bool
+
+    async def order(self) -> str | None:
+        """Return the next order; None once there is none any more."""
+        ...
+
+    async def wants_stop(self) -> None:
+        """Return once what moves is to halt; awaited while an order is carried out."""
+        ...
+
+    def show(self, reading: Reading) -> None:
+        """Take how the arm stands."""
+        ...
+
+    def done(self, order: str, words: str) -> None:
+        """Take what an order has done."""
+        ...
+
+    def refused(self, order: str, why: str) -> None:
+        """Take why an order was not carried out, or not to its end."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Taken:
+    """Where the arm stood when the pilot took it.
+
+    Attributes
+    ----------
+    q : (6,)
+    T_world_tcp : (4, 4)
+    """
+
+    q: FloatArray
+    T_world_tcp: FloatArray
+
+
+class JogStep:
+    """Orders until there are no more.
+
+    Parameters
+    ----------
+    pilot : gives them
+    accept : returns why a position cannot be taken, empty where it can; None takes none
+
+    Attributes
+    ----------
+    taken : where the arm stood at the order `take`
+    """
+
+    name = "jog"
+    title = "move the arm by orders"
+    needs: tuple[str, ...] = ()
+    uses: tuple[CalibrationName, ...] = ()
+    makes: tuple[CalibrationName, ...] = ()
+    valid_days: int | None = None
+
+    def __init__(self, pilot: Pilot, accept: Callable[[Taken], str] | None) -> None:
+        self._pilot = pilot
+        self._accept = accept
+        self.taken: Taken | None = None
+
+    async def run(self, bench: Bench) -> Mapping[CalibrationName, Calibration]:
+        """Carry out orders; return no calibration.
+
+        Raises
+        ------
+        DeclinedError : a person does not agree to motion
+        InterlockError : an interlock rule does not hold
+        CellError, DeviceError : an order was refused, where that ends it all
+        """
+        jogger = Jogger(bench)
+        if self._pilot.is_live:
+            self._pilot.show(await jogger.read())
+        await bench.permit_motion("The arm moves by your orders, slowly.")
+        while True:
+            text = await self._next_order(bench, jogger)
+            if text is None:
+                return {}
+            try:
+                order = read_order(text)
+                if order.verb is Verb.QUIT:
+                    return {}
+                words = await self._carried_out(jogger, order)
+            except (InterlockError, NoPermitError):
+                raise
+            except (CellError, DeviceError) as error:
+                self._pilot.refused(text, str(error))
+                if self._pilot.ends_at_refusal:
+                    raise
+                continue
+            self._pilot.done(text, words)
+            if self.taken is not None:
+                return {}
+
+    async def _next_order(self, bench: Bench, jogger: Jogger) -> str | None:
+        """Return the next order; show how the arm stands meanwhile."""
+        ordered = _task(self._pilot.order())
+        try:
+            while True:
+                # the watchers report a device that is gone
+                with suppress(DeviceError):
+                    self._pilot.show(await jogger.read())
+                if not self._pilot.is_live:
+                    return await ordered
+                pause = _task(bench.clock.sleep(REFRESH_S))
+                await asyncio.wait({ordered, pause}, return_when=asyncio.FIRST_COMPLETED)
+                pause.cancel()
+                if ordered.done():
+                    return ordered.result()
+        finally:
+            ordered.cancel()
+
+    async def _carried_out(self, jogger: Jogger, order: JogOrder) -> str:
+        if order.verb is Verb.STOP:
+            await jogger.halt()
+            return "halted"
+        if order.verb is Verb.TAKE:
+            return await self._take(jogger)
+        moving, stopped = _task(jogger.carry_out(order)), _task(self._pilot.wants_stop())
+        try:
+            await asyncio.wait({moving, stopped}, return_when=asyncio.FIRST_COMPLETED)
+            if not moving.done():
+                await jogger.halt()
+                raise RefusedMotionError("stopped: arm and grippers have halted")
+            return await moving
+        finally:
+            # a verb that is cancelled stops the arm before it ends
+            for task in (moving, stopped):
+                task.cancel()
+            await asyncio.gather(moving, stopped, return_exceptions=True)
+
+    async def _take(self, jogger: Jogger) -> str:
+        if self._accept is None:
+            raise WrongOrderError("`take` is an order of `cellctl teach`")
+        reading = await jogger.read()
+        if reading.q is None or reading.T_world_tcp is None:
+            raise RefusedMotionError("the arm is not homed: its position means nothing")
+        taken = Taken(reading.q, reading.T_world_tcp)
+        if why := self._accept(taken):
+            raise RefusedMotionError(why)
+        self.taken = taken
+        return "taken"
+
+
+def _task(work: Coroutine[Any, Any, Result]) -> asyncio.Task[Result]:
+    return asyncio.create_task(work)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JogOrders:
+    """What a jog needs to know.
+
+    Attributes
+    ----------
+    cell : as calibrated so far
+    emulated : what the emulator reported of itself; empty without one
+    clock : of the cell
+    folder : of all runs, with the journal
+    by : who jogs
+    recipe : what the journal calls it
+    """
+
+    cell: Cell
+    emulated: Mapping[str, Any]
+    clock: FoundClock
+    folder: Path
+    by: str
+    recipe: str = "jog"
+
+
+class JogSession:
+    """A jog under way; whatever would end it stops it instead.
+
+    Parameters
+    ----------
+    orders : what to know
+    pilot : gives the orders
+    accept : as for `JogStep`
+    build : returns the drivers, given cell, addresses and clock
+    """
+
+    def __init__(
+        self,
+        orders: JogOrders,
+        pilot: Pilot,
+        accept: Callable[[Taken], str] | None = None,
+        build: Build = Devices.build,
+    ) -> None:
+        self._step = JogStep(pilot, accept)
+        now = datetime.now(UTC)
+        run_id = f"{now:%Y%m%d-%H%M%S}-{now.microsecond // 1000:03d}-{orders.recipe}"
+        self._visit = Visit(
+            VisitOrder(
+                step=self._step,
+                recipe=orders.recipe,
+                cell=orders.cell,
+                digest=cell_digest(orders.cell),
+                emulated=orders.emulated,
+                clock=orders.clock,
+                folder=orders.folder,
+                run_id=run_id,
+                by=orders.by,
+                based_on={},
+            ),
+            pilot,
+            None,
+            Evidence(orders.folder / run_id, lambda text: None),
+            build,
+        )
+
+    @property
+    def taken(self) -> Taken | None:
+        """Where the arm stood at the order `take`; None without one."""
+        return self._step.taken
+
+    def request_stop(self, message: str, code: str) -> None:
+        """Halt metal, then end."""
+        self._visit.stop(message, code)
+
+    def request_abort(self, message: str, code: str) -> None:
+        """Do the same."""
+        self._visit.stop(message, code)
+
+    async def run(self) -> StepRecord:
+        """Connect, carry out orders, come to rest; return how it ended.
+
+        Raises
+        ------
+        BaseException : a bug; the cell was halted
+        """
+        return await self._visit.run()

@@ -1,0 +1,156 @@
+"""Into a cell and out of it: signals heard, lock held, the emulated cell beside it if there is one.
+
+What `commission`, `jog` and `teach` have in common.
+"""
+
+import getpass
+import tempfile
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, nullcontext
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from controller.cell.control import socket_path
+from controller.cell.devices.clocks import FoundClock, find_clock
+from controller.cell.devices.emulator import emulated_cell, emulator_args, emulator_command
+from controller.cell.devices.lock import Holder, hold_cell, require_free_cell
+from controller.config import Cell, ConfigError
+
+from ..devices.doctor_checks import machine_checks
+from ..inputs.checks import MIN_FREE_BYTES, check_control, check_writable_folder
+from ..running.ends import Ends
+from ..terminal.output import warn
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EmulatedOptions:
+    """The options of a command line that concern the emulated cell.
+
+    Attributes
+    ----------
+    as_built, seed, speed : of the emulated cell
+    control : unix socket of the emulated cell's control port, None for one of our own
+    answers : a helper answers for the person
+    """
+
+    as_built: int | None
+    seed: int | None
+    speed: float
+    control: Path | None
+    answers: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Entered:
+    """What a command has once it is in the cell.
+
+    Attributes
+    ----------
+    ends : signals, to be turned into a stop
+    holder : of the lock
+    ready : what the emulator reported of itself; empty without one
+    clock : of the cell
+    control : unix socket of the emulated cell's control port
+    """
+
+    ends: Ends
+    holder: Holder
+    ready: dict[str, Any]
+    clock: FoundClock
+    control: Path
+
+
+def user_name() -> str:
+    """Return who started this process; empty where the system has no name for them."""
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError):  # a container may have no name for its user
+        return ""
+
+
+def is_all_emulated(cell: Cell) -> bool:
+    """Return whether no device of a cell is real, as far as its file and clocks show."""
+    return find_clock(cell, {}).path is not None or (
+        len(cell.emulated_devices) == len(type(cell.devices).model_fields)
+    )
+
+
+def check_entering(options: EmulatedOptions, cell: Cell, folder: Path, folder_option: str) -> None:
+    """Check what can be checked before anything starts.
+
+    Parameters
+    ----------
+    options : of the command line
+    cell : that is to be entered
+    folder : of the journal
+    folder_option : by which it was given
+
+    Raises
+    ------
+    ConfigError : an option is wrong, or the machine lacks something
+    CellError : another process has the cell
+    """
+    check_writable_folder(folder, folder_option, MIN_FREE_BYTES)
+    require_free_cell(folder, cell)
+    check_control(options.control)
+    if options.answers and not is_all_emulated(cell):
+        raise ConfigError(
+            "--yes answers for a person, and this cell has real devices: somebody has to stand "
+            "at the emergency stop. Start it in a terminal, without --yes"
+        )
+    if not cell.emulated_devices:
+        given = {
+            "--as-built": options.as_built,
+            "--seed": options.seed,
+            "--speed": None if options.speed == 1.0 else options.speed,
+        }
+        for option, value in given.items():
+            if value is not None:
+                raise ConfigError(
+                    f"{option}: none of this cell's devices is `emulated`; leave it out"
+                )
+    for check in machine_checks(cell):
+        if not check["ok"]:
+            raise ConfigError(f"{check['check']}: {check['found']}: {check['remedy']}")
+
+
+@contextmanager
+def entered(
+    options: EmulatedOptions, cell_path: Path, cell: Cell, folder: Path, run_name: str
+) -> Iterator[Entered]:
+    """Hear signals, take the cell's lock, start the emulated cell, and yield what is there then.
+
+    Parameters
+    ----------
+    options : of the command line
+    cell_path, cell : its file, and what it describes
+    folder : of the journal
+    run_name : for whoever is refused the lock meanwhile
+
+    Raises
+    ------
+    CellError : another process has the cell, or the emulated cell does not start
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    with ExitStack() as stack:
+        ends = stack.enter_context(Ends().heard())
+        holder = stack.enter_context(hold_cell(folder, cell, run_name, socket_path(folder)))
+        control = options.control
+        if control is None:
+            # short, whatever the folder is called: the name of a socket has 107 bytes at most
+            place = stack.enter_context(tempfile.TemporaryDirectory(prefix="cellctl-"))
+            control = Path(place) / "control"
+        begun: Any = nullcontext({})
+        if cell.emulated_devices:
+            more = emulator_args(None, None, control, options.as_built)
+            command = emulator_command(
+                cell_path, (), speed=options.speed, seed=options.seed, more=more
+            )
+            begun = emulated_cell(command, folder / "emulator.log")
+            warn(f"EMULATED: {', '.join(cell.emulated_devices)} ({options.speed:g} x real time)")
+        ready = stack.enter_context(begun)
+        clock = find_clock(cell, ready)
+        if cell.emulated_devices and clock.path is not None:
+            clock = replace(clock, speed=options.speed)
+        yield Entered(ends=ends, holder=holder, ready=ready, clock=clock, control=control)
