@@ -21,7 +21,8 @@ from emulators.gripper_onrobot import RgDevice
 from emulators.grippers import make_fixed_gripper
 from emulators.io_blocks import make_io_block
 from emulators.io_modbus import CellSignals
-from emulators.lighting_modbus import AnalogOutput8Device, LampModel, LampWiring, Relay8Device
+from emulators.lamp_units import ANALOG_UNIT, RELAY_UNIT, make_lamp_unit
+from emulators.lighting_modbus import LampModel, LampWiring
 from emulators.modbus import (
     Bus,
     RtuOverTcpServer,
@@ -50,8 +51,6 @@ log = logging.getLogger(__name__)
 
 STEP_S: Final = 1.0 / 240.0
 SLICE_STEPS: Final = 4  # the world's longest step
-ANALOG_UNIT: Final = 1
-RELAY_UNIT: Final = 2
 IO_UNIT: Final = 1
 GRIPPER_BAUD: Final = 115_200
 LIGHTS_BAUD: Final = 9_600  # what the light modules leave the factory with
@@ -170,12 +169,12 @@ class Cell:
         self.arm_wire = ArmWire(self.arm)
         self._fixed = make_fixed_gripper(self.layout.drivers.get("gripper"))
         self.jaws, self.gripper = self._fixed.jaws, self._fixed.device
-        self.analog, self.relays = AnalogOutput8Device(ANALOG_UNIT), Relay8Device(RELAY_UNIT)
+        self._lamp_unit = make_lamp_unit(self.layout.drivers.get("lights"))
+        self.lamp_modules = self._lamp_unit.modules
         self.lamps = {
             name: LampModel(
                 LampWiring(name, lamp.analog, lamp.relay),
-                self.analog,
-                self.relays,
+                self._lamp_unit.supply,
                 self.as_built.lamps[name],
             )
             for name, lamp in self.layout.lamps.items()
@@ -183,10 +182,10 @@ class Cell:
         self.signals = CellSignals()
         self.io = make_io_block(self.layout.drivers.get("io"), self.signals, IO_UNIT)
         self.gripper_bus = Bus(self._fixed.on_line)
-        self.lights_bus = Bus([self.analog, self.relays])
+        self.lights_bus = Bus([*self.lamp_modules.values()])
         self.io_bus = Bus([self.io])
         self.networks: dict[str, TcpListener] = {}
-        self._steppable: list[Steppable] = [self.relays, self.io]
+        self._steppable: list[Steppable] = [*self._lamp_unit.steppable, self.io]
         self._steppable += list(self.lamps.values())
         jaws = _FixedJaws(self.gripper)
         self.world = World(self.layout, self.solids, self.arm, jaws, self._obstruct, seed)

@@ -71,6 +71,7 @@ Range = Annotated[Vec2, AfterValidator(_rising)]
 Size = Annotated[Vec2, AfterValidator(_positive)]
 Box = Annotated[tuple[float, float, float, float, float, float], AfterValidator(_rising)]
 EMULATED = "emulated"
+Parity = Literal["N", "E", "O"]  # of a serial line: none, even, odd
 DriverName = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_.-]*$", max_length=80)]
 
 
@@ -129,6 +130,7 @@ class ModbusSection(DeviceSection):
     transport: Literal["tcp", "rtu", "rtu-tcp"] = "tcp"
     unit: int = Field(1, ge=1, le=247)
     baudrate: int = Field(115200, ge=1200, le=1_000_000)
+    parity: Parity = "N"
 
 
 class GripperDevice(ModbusSection):
@@ -151,6 +153,7 @@ class LightsSection(DeviceSection):
     analog_unit: int = Field(1, ge=1, le=247)
     relay_unit: int = Field(2, ge=1, le=247)
     baudrate: int = Field(9600, ge=1200, le=1_000_000)
+    parity: Parity = "N"
 
     @model_validator(mode="after")
     def _units_differ(self) -> "LightsSection":

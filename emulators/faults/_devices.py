@@ -12,7 +12,7 @@ from emulators.umi_scara import Axis
 from ._plant import Plant
 
 Answer = dict[str, Any]
-DEVICES = ("arm", "gripper", "dimmer", "relays", "io")
+DEVICES = ("arm", "gripper", "io")  # and the modules of the lamp unit
 
 
 class DevicesAndWires:
@@ -115,9 +115,8 @@ class DevicesAndWires:
         plant = self._plant
         return {
             "gripper": (plant.gripper_bus, plant.gripper.unit),
-            "dimmer": (plant.lights_bus, plant.analog.unit),
-            "relays": (plant.lights_bus, plant.relays.unit),
             "io": (plant.io_bus, plant.io.unit),
+            **{name: (plant.lights_bus, one.unit) for name, one in plant.lamp_modules.items()},
         }[device]
 
     def _cut(self, line: str, *, reachable: bool = False) -> None:
@@ -163,7 +162,7 @@ class DevicesAndWires:
         """Cut a device's supply or give it back; ``all`` is every device and every camera."""
         plant = self._plant
         if device == "all":
-            for one in (*DEVICES, *plant.cameras):
+            for one in (*DEVICES, *plant.lamp_modules, *plant.cameras):
                 self._power(one, on=on)
         elif device in plant.cameras:
             if plant.cameras[device].is_plugged and not on:
@@ -174,9 +173,8 @@ class DevicesAndWires:
             powered: dict[str, Any] = {
                 "arm": plant.arm_wire,
                 "gripper": plant.gripper,
-                "dimmer": plant.analog,
-                "relays": plant.relays,
                 "io": plant.io,
+                **plant.lamp_modules,
             }
             powered[device].is_powered = on
             if device == "io" and "io" in plant.networks:  # its own network plug dies with it

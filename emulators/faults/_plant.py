@@ -10,7 +10,8 @@ from emulators.added import AddedParts
 from emulators.camera_v4l2 import Faults as CameraFaults
 from emulators.gripper_modbus import JawModel
 from emulators.io_modbus import CellSignals, E1214Device
-from emulators.lighting_modbus import AnalogOutput8Device, LampModel, Relay8Device
+from emulators.lamp_units import LampModule
+from emulators.lighting_modbus import LampModel
 from emulators.modbus import Bus
 from emulators.umi_scara import ArmModel, ArmWire
 from emulators.world import World
@@ -82,8 +83,6 @@ class Plant(Protocol):
     arm_wire: ArmWire
     jaws: JawModel
     gripper_bus: Bus
-    analog: AnalogOutput8Device
-    relays: Relay8Device
     lights_bus: Bus
     signals: CellSignals
     io: E1214Device
@@ -105,6 +104,11 @@ class Plant(Protocol):
     @property
     def networks(self) -> Mapping[str, Network]:
         """See the class."""
+        ...
+
+    @property
+    def lamp_modules(self) -> Mapping[str, LampModule]:
+        """Modules of the lamp unit: ``dimmer`` and ``relays`` of a Waveshare."""
         ...
 
     @property

@@ -7,7 +7,7 @@ is full light. Light rises and falls over some 30 ms and droops a little as the 
 
 from dataclasses import dataclass
 from math import expm1
-from typing import Final
+from typing import Final, Protocol
 
 from ._analog_output import FULL_SCALE_MV, AnalogOutput8Device
 from ._relays import Relay8Device
@@ -46,20 +46,65 @@ class LampCharacter:
     warm_up_s: float = 120.0
 
 
+class LampSupply(Protocol):
+    """What the electronics of a make give the lamps."""
+
+    def drive(self, wiring: LampWiring, character: LampCharacter, *, is_wire_broken: bool) -> float:
+        """Return what a lamp's LEDs get, 0 to 1.
+
+        Parameters
+        ----------
+        wiring : where it is connected
+        character : how its light follows the drive
+        is_wire_broken : the wire that dims it
+        """
+        ...
+
+
+class WaveshareSupply:
+    """An LED driver with a 0 to 10 V input for each lamp, behind its relay.
+
+    Parameters
+    ----------
+    analog : the module that dims
+    relays : the module that switches the supply
+    """
+
+    def __init__(self, analog: AnalogOutput8Device, relays: Relay8Device) -> None:
+        self._analog = analog
+        self._relays = relays
+
+    def drive(self, wiring: LampWiring, character: LampCharacter, *, is_wire_broken: bool) -> float:
+        """Return what a lamp's LEDs get, 0 to 1.
+
+        Parameters
+        ----------
+        wiring : where it is connected
+        character : how its light follows the dimming voltage
+        is_wire_broken : the driver sees an open input
+        """
+        if not self._relays.is_closed(wiring.relay_channel):
+            return 0.0
+        if is_wire_broken:
+            return 1.0
+        fraction = self._analog.output_mv(wiring.analog_channel) / FULL_SCALE_MV
+        light = fraction if character.exponent == 1.0 else fraction**character.exponent
+        return max(light, character.lowest_level)
+
+
 class LampModel:
     """One lamp.
 
     Parameters
     ----------
     wiring : where it is connected
-    analog : the module that dims it
-    relays : the module that switches its supply
+    supply : what dims and switches it
     character : how its light follows the dimming voltage and the time
 
     Attributes
     ----------
     wiring : where it is connected
-    is_dimming_wire_broken : the driver sees an open input: full light
+    is_dimming_wire_broken : what that does is the supply's affair
     is_dead : the LEDs give no light
     strength : of the LEDs, as a fraction of what they gave when new
     is_supply_on : the light supply behind the relay
@@ -68,8 +113,7 @@ class LampModel:
     def __init__(
         self,
         wiring: LampWiring,
-        analog: AnalogOutput8Device,
-        relays: Relay8Device,
+        supply: LampSupply,
         character: LampCharacter | None = None,
     ) -> None:
         self.wiring = wiring
@@ -77,8 +121,7 @@ class LampModel:
         self.is_dead = False
         self.strength = 1.0
         self.is_supply_on = True
-        self._analog = analog
-        self._relays = relays
+        self._supply = supply
         self._character = LampCharacter() if character is None else character
         self._drive = 0.0  # what the driver gives the LEDs, 0 to 1
         self._warmth = 0.0  # 0 cold, 1 after long full light
@@ -104,10 +147,7 @@ class LampModel:
             self._warmth -= cold * expm1(-dt_s / character.warm_up_s)
 
     def _asked_drive(self) -> float:
-        if not (self.is_supply_on and self._relays.is_closed(self.wiring.relay_channel)):
+        if not self.is_supply_on:
             return 0.0
-        if self.is_dimming_wire_broken:
-            return 1.0
-        fraction = self._analog.output_mv(self.wiring.analog_channel) / FULL_SCALE_MV
-        light = fraction if self._character.exponent == 1.0 else fraction**self._character.exponent
-        return max(light, self._character.lowest_level)
+        broken = self.is_dimming_wire_broken
+        return self._supply.drive(self.wiring, self._character, is_wire_broken=broken)

@@ -21,6 +21,7 @@ from emulators.lighting_modbus import (
     LampModel,
     LampWiring,
     Relay8Device,
+    WaveshareSupply,
 )
 
 LINES: tuple[Transport, ...] = ("tcp", "rtu", "rtu-tcp")
@@ -61,9 +62,10 @@ async def lights_bench(
     full_scale_mv: int = 10_000,
 ) -> AsyncIterator[Bench]:
     analog, relays = AnalogOutput8Device(1), Relay8Device(2)
+    supply = WaveshareSupply(analog, relays)
     # modules print channels from 1 (driver), terminals count from 0 (emulator)
     lamps = {
-        name: LampModel(LampWiring(name, n, 7 - n), analog, relays, (characters or {}).get(name))
+        name: LampModel(LampWiring(name, n, 7 - n), supply, (characters or {}).get(name))
         for n, name in enumerate(NAMES)
     }
     config = LightsConfig(

@@ -16,12 +16,14 @@ import pytest
 from emulators.gripper_modbus import Fault, JawModel, JawScale, RobotiqConfig, RobotiqDevice
 from emulators.gripper_onrobot import ComputeBoxDevice, RgDevice
 from emulators.io_modbus import E1212, E1214Device
+from emulators.lighting_ledsc import LedscDevice
 from emulators.lighting_modbus import AnalogOutput8Device, Relay8Device
 from emulators.modbus import Bus, MbapReader, ModbusDevice, RtuReader, encode_mbap, encode_rtu
 
 FRAMES = tomllib.loads((Path(__file__).parent / "modbus_devices.toml").read_text())["frame"]
 EMULATED = {
     "robotiq",
+    "ledsc",
     "onrobot_rg",
     "waveshare_analog",
     "waveshare_relay",
@@ -270,6 +272,22 @@ def test_the_analog_modules_outputs_follow_the_printed_writes() -> None:
     assert device.output_mv(1) == pytest.approx(5000, abs=1.3)
     ask_rtu(device, by_name["all_off"])
     assert [device.output_mv(n) for n in range(8)] == [0.0] * 8
+
+
+@pytest.mark.parametrize("frame", frames("ledsc"))
+def test_the_lamp_controller_answers_as_the_page_has_it(frame: dict[str, Any]) -> None:
+    device = LedscDevice(1)
+
+    def ask(request: bytes) -> bytes:
+        [got] = MbapReader().feed(request)
+        reply = Bus([device]).request(got.unit, got.pdu, 0.0)
+        assert reply is not None
+        return encode_mbap(got.transaction, reply.unit, reply.pdu)
+
+    [write] = [f for f in FRAMES if f["name"] == "red_128_white_255"]
+    ask(raw(write["request"]))
+    assert ask(raw(frame["request"])) == raw(frame["reply"])
+    assert [device.duty(n) for n in range(4)] == [128 / 255, 0.0, 0.0, 1.0]
 
 
 RELAYS_AFTER = {

@@ -75,8 +75,11 @@ def version(cell: StillCell, unit: int) -> bytes | None:
 
 def light(cell: StillCell, name: str) -> float:
     lamp = cell.lamps[name]
-    cell.relays._switch(lamp.wiring.relay_channel, is_closed=True)
-    cell.analog.request(bytes((0x06, 0, lamp.wiring.analog_channel, 0x27, 0x10)), 0.0)
+    relays: Any = cell.lamp_modules["relays"]
+    relays._switch(lamp.wiring.relay_channel, is_closed=True)
+    cell.lamp_modules["dimmer"].request(
+        bytes((0x06, 0, lamp.wiring.analog_channel, 0x27, 0x10)), 0.0
+    )
     for _ in range(30):
         lamp.advance(0.01)
     return lamp.level

@@ -14,6 +14,7 @@ from emulators.lighting_modbus import (
     LampModel,
     LampWiring,
     Relay8Device,
+    WaveshareSupply,
 )
 from emulators.modbus import Bus
 
@@ -186,7 +187,9 @@ class Bench:
         self.analog = AnalogOutput8Device(1)
         self.relays = Relay8Device(2)
         wiring = LampWiring("ring", analog_channel=1, relay_channel=4)
-        self.lamp = LampModel(wiring, self.analog, self.relays, LampCharacter(**character))
+        self.lamp = LampModel(
+            wiring, WaveshareSupply(self.analog, self.relays), LampCharacter(**character)
+        )
 
     def set(self, millivolts: int, *, is_closed: bool) -> None:
         self.analog.request(b"\x06\x00\x01" + millivolts.to_bytes(2, "big"), 0.0)

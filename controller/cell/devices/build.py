@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, cast
 
 from controller.config import EMULATED, Cell, ConfigError
+from controller.config.cell import Parity
 from controller.setup.drivers import KIND_OF, find_driver, read_settings
 from drivers.clock import CellClock
 from drivers.errors import DeviceError
@@ -38,9 +39,11 @@ IO_POLL_WALL_S = 0.02  # an emulated block is not polled more often, however fas
 STALE_POLLS = 5
 
 
-def _modbus_address(device: str, address: str, transport: str, baudrate: int) -> Address:
+def _modbus_address(
+    device: str, address: str, transport: str, baudrate: int, parity: Parity
+) -> Address:
     if transport == "rtu":
-        return RtuAddress(address, baudrate)
+        return RtuAddress(address, baudrate, parity)
     host, _, port = address.rpartition(":")
     if not host or not port.isdigit():
         raise ConfigError(
@@ -155,7 +158,10 @@ class DeviceBuilder:
         driver = find_driver(kind, section["driver"])
         where = f"devices.{name}"
         settings = read_settings(driver, section["settings"], where)
-        return driver.build(self._site(name, kind, section), settings)
+        try:
+            return driver.build(self._site(name, kind, section), settings)
+        except ValueError as error:
+            raise ConfigError(f"{where}: {error}") from error
 
     def _site(self, name: str, kind: str, section: Mapping[str, Any]) -> Site:
         polling = polling_of(self._cell, self._clock)
@@ -193,7 +199,13 @@ class DeviceBuilder:
 
     def _link(self, name: str) -> ModbusLink:
         device = self._where[name]
-        address = _modbus_address(name, device["address"], device["transport"], device["baudrate"])
+        address = _modbus_address(
+            name,
+            device["address"],
+            device["transport"],
+            device["baudrate"],
+            device.get("parity", "N"),
+        )
         if address not in self._links:
             through, tap = self._wires.modbus(address)
             self._links[address] = ModbusLink(
