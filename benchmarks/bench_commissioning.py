@@ -6,7 +6,11 @@ drew the cell, which no wire tells. Errors are those that matter, and no frame h
 * pick: a point on the table is seen by the true camera, placed by the calibrated one, and gone to
   by the calibrated arm, in whole counts; how far from it is the true TCP, and how is it turned?
 * view: the true TCP in the true inspection camera's frame, against what the calibrations predict;
-* hand-off: the true TCP in the true fixed gripper's frame, against the same;
+* hand-off: the true TCP in the true fixed gripper's frame, against the same; of it, what a
+  hand-off depends on is the plane between the fixed jaws: along its normal, and its tilt. The
+  rest is along the pads, where the arm takes a part back from where it has brought it;
+* plane: of the fixed jaws against the arm as calibrated, at the fixed gripper's TCP, as the file
+  has it ("before") and as commissioned;
 * trays: how far their middles are from where they really are.
 
     python benchmarks/bench_commissioning.py --seeds 200-219 --json
@@ -29,7 +33,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller.config import EMULATED_CELL, load_cell
-from controller.config.calibrations import ArmCalibration, Calibration, read_calibrations
+from controller.config.calibrations import (
+    ArmCalibration,
+    Calibration,
+    FixedGripperCalibration,
+    read_calibrations,
+)
 from controller.planning.motion import inverse_rows, tcp_pose
 from controller.setup.layout import build_layout
 from drivers.umi_scara import kinematics
@@ -42,7 +51,7 @@ Array = NDArray[np.float64]
 DOWN: Final = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])
 PICKS: Final = 60
 VIEWS: Final = 80
-LIMITS: Final = {"mm": 0.5, "deg": 0.3}
+WHATS: Final = ("pick", "view", "hand-off", "plane before", "plane")
 
 
 class TrueCell:
@@ -130,6 +139,10 @@ def judge(cell: Path, found_in: Path, seed: int, rng: np.random.Generator) -> di
         T_true = np.linalg.inv(true.built.layout.fixed_gripper.T_world_tcp) @ true.tcp(rows)
         T_told = np.linalg.inv(layout.T_world_fixed_tcp) @ tcp_pose(layout, rows)
         out["hand-off"] = differences(T_true, T_told)
+        out["plane"] = planes(T_true, T_told)
+        drawn = build_layout(load_cell(cell)).T_world_fixed_tcp
+        T_true_drawn = np.linalg.inv(drawn) @ tcp_pose(layout, rows)
+        out["plane before"] = planes(T_true, T_true_drawn)
     real = {one.name: one.centre_mm for one in true.built.layout.trays}
     out["trays"] = {
         "mm": [math.dist(one.centre_mm, real[name]) for name, one in layout.trays.items()]
@@ -141,6 +154,15 @@ def judge(cell: Path, found_in: Path, seed: int, rng: np.random.Generator) -> di
 def differences(one: Array, other: Array) -> dict[str, list[float]]:
     mm = np.linalg.norm(one[:, :3, 3] - other[:, :3, 3], axis=1)
     return {"mm": mm.tolist(), "deg": turn_deg(one[:, :3, :3], other[:, :3, :3]).tolist()}
+
+
+def planes(one: Array, other: Array) -> dict[str, list[float]]:
+    """Return how far poses of the arm are apart along the fixed jaws' axis y, and in its tilt."""
+    # a point of the arm that is at the fixed TCP by one, in the other's frame
+    between = other @ np.linalg.inv(one)
+    mm = np.abs(between[:, 1, 3])
+    deg = np.degrees(np.arccos(np.clip(between[:, 1, 1], -1, 1)))
+    return {"mm": mm.tolist(), "deg": deg.tolist()}
 
 
 def in_counts(q: Array) -> Array:
@@ -171,8 +193,11 @@ def hand_off_rows(layout: Any, rng: np.random.Generator) -> Array:  # noqa: ANN4
 
 
 def stated(found: Mapping[Any, Calibration]) -> dict[str, Any]:
-    arm = found.get("arm")
-    return {"u_mm": arm.u_mm, "u_deg": arm.u_deg} if isinstance(arm, ArmCalibration) else {}
+    arm, fixed = found.get("arm"), found.get("fixed_gripper")
+    out = {"u_mm": arm.u_mm, "u_deg": arm.u_deg} if isinstance(arm, ArmCalibration) else {}
+    if isinstance(fixed, FixedGripperCalibration):
+        out |= {"plane u_mm": fixed.u_mm, "plane u_deg": fixed.u_deg}
+    return out
 
 
 def commission(cell: Path, seed: int, out: Path, speed: float) -> dict[str, Any]:
@@ -207,11 +232,11 @@ def run_recipe(recipe: str, cell: Path, seed: int, folder: Path, speed: float) -
 def table(rows: Sequence[Mapping[str, Any]]) -> None:
     print(
         f"{'seed':>6} {'rc':>3} {'wall s':>7}  "
-        + "  ".join(f"{what} p95 [mm deg]" for what in ("pick", "view", "hand-off"))
+        + "  ".join(f"{what} p95 [mm deg]" for what in WHATS)
     )
     for row in rows:
         cells = []
-        for what in ("pick", "view", "hand-off"):
+        for what in WHATS:
             one = row.get("errors", {}).get(what)
             cells.append(
                 "       -        "
@@ -228,7 +253,7 @@ def table(rows: Sequence[Mapping[str, Any]]) -> None:
 
 def summary(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     out: dict[str, Any] = {"seeds": len(rows), "verified": sum(r["rc"] == 0 for r in rows)}
-    for what in ("pick", "view", "hand-off"):
+    for what in WHATS:
         ones = [r["errors"][what] for r in rows if what in r.get("errors", {})]
         for unit in ("mm", "deg"):
             values = [v for one in ones for v in one[unit]]
@@ -237,8 +262,9 @@ def summary(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     inside, total = 0, 0
     for r in rows:
         u = r.get("errors", {}).get("stated") or {}
-        for what in ("pick", "view"):
-            for unit, key in (("mm", "u_mm"), ("deg", "u_deg")):
+        for what in ("pick", "view", "plane"):
+            of = "plane " if what == "plane" else ""
+            for unit, key in (("mm", f"{of}u_mm"), ("deg", f"{of}u_deg")):
                 values = r.get("errors", {}).get(what, {}).get(unit, [])
                 if key in u:
                     inside += sum(v <= 2 * u[key] for v in values)

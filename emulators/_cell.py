@@ -167,7 +167,9 @@ class Cell:
         seed = options.seed
         self.arm = ArmModel(seed, self.as_built.arm)
         self.arm_wire = ArmWire(self.arm)
-        self._fixed = make_fixed_gripper(self.layout.drivers.get("gripper"))
+        self._fixed = make_fixed_gripper(
+            self.layout.drivers.get("gripper"), self.as_built.fixed_jaws
+        )
         self.jaws, self.gripper = self._fixed.jaws, self._fixed.device
         self._lamp_unit = make_lamp_unit(self.layout.drivers.get("lights"))
         self.lamp_modules = self._lamp_unit.modules

@@ -6,12 +6,13 @@ emulated world and, for benchmarks, its control port know what was drawn; client
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Final, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from emulators.grippers import JawErrors
 from emulators.lighting_modbus import LampCharacter
 from emulators.umi_scara import COUNTS_PER_DEG, ArmErrors
 from emulators.world import CameraLayout, LampLayout, Layout, TrayLayout
@@ -37,6 +38,7 @@ COUPLING: Final = 0.01
 SAG_MM: Final = (0.2, 0.8)
 TOOL_MM: Final = 0.5
 PAD_MM: Final = 0.5
+STROKE: Final = 0.01
 FIXED_GRIPPER_MM: Final = 4.0
 FIXED_GRIPPER_DEG: Final = 1.0
 TRAY_MM: Final = 5.0
@@ -60,6 +62,7 @@ class AsBuilt:
     lamps : how the light of each lamp follows its orders
     oversize_mm : of the longest edge of every part
     tilt_rad : of the table against all else, about x and y
+    fixed_jaws : how far the fixed gripper's opening is off what it reads
     """
 
     layout: Layout
@@ -67,6 +70,7 @@ class AsBuilt:
     lamps: Mapping[str, LampCharacter]
     oversize_mm: float
     tilt_rad: tuple[float, float]
+    fixed_jaws: JawErrors = field(default_factory=JawErrors)
 
     def truth(self) -> dict[str, Any]:
         """Return what a benchmark may compare a calibration with, as plain values."""
@@ -96,7 +100,11 @@ class AsBuilt:
                 "yaw_per_elbow": arm.yaw_per_elbow,
                 "sag_mm": arm.sag_mm,
             },
-            "fixed_gripper": {"T_world_tcp": layout.fixed_gripper.T_world_tcp.tolist()},
+            "fixed_gripper": {
+                "T_world_tcp": layout.fixed_gripper.T_world_tcp.tolist(),
+                "opening_zero_mm": self.fixed_jaws.wider_mm,
+                "opening_scale": self.fixed_jaws.stretch,
+            },
             "trays": {one.name: one.centre_mm.tolist() for one in layout.trays},
             "lamps": {
                 name: {
@@ -168,6 +176,7 @@ def draw_as_built(layout: Layout, seed: int) -> AsBuilt:
         },
         oversize_mm=PART_MM * draw.one_of((-1.0, 1.0)),
         tilt_rad=(tilt_rad[0], tilt_rad[1]),
+        fixed_jaws=JawErrors(draw.within(PAD_MM), 1.0 + draw.within(STROKE)),
     )
 
 

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
-from emulators.gripper_modbus import JawModel, RobotiqDevice
+from emulators.gripper_modbus import JawModel, JawScale, RobotiqConfig, RobotiqDevice
 from emulators.gripper_onrobot import RG2, RG6, ComputeBoxDevice, RgDevice
 from emulators.modbus import ModbusDevice
 from emulators.world import DriverChoice, LayoutError
@@ -36,12 +36,21 @@ class FixedGripper:
         return [self.device, *self.beside]
 
 
-def _robotiq(_: Mapping[str, Any]) -> FixedGripper:
+@dataclass(frozen=True, slots=True)
+class JawErrors:
+    """How the fixed gripper's true opening differs from what it reads: ``wider + stretch * it``."""
+
+    wider_mm: float = 0.0
+    stretch: float = 1.0
+
+
+def _robotiq(_: Mapping[str, Any], errors: JawErrors) -> FixedGripper:
     jaws = JawModel()
-    return FixedGripper(jaws, RobotiqDevice(jaws, ROBOTIQ_UNIT))
+    scale = JawScale(wider_mm=errors.wider_mm, stretch=errors.stretch)
+    return FixedGripper(jaws, RobotiqDevice(jaws, ROBOTIQ_UNIT, RobotiqConfig(scale=scale)))
 
 
-def _onrobot(settings: Mapping[str, Any]) -> FixedGripper:
+def _onrobot(settings: Mapping[str, Any], _: JawErrors) -> FixedGripper:
     kind = {"rg2": RG2, "rg6": RG6}[settings.get("model", "rg2")]
     widest_mm = kind.widest / 10.0
     jaws = JawModel(opening_mm=widest_mm, target_mm=widest_mm, stroke_mm=widest_mm)
@@ -49,18 +58,22 @@ def _onrobot(settings: Mapping[str, Any]) -> FixedGripper:
     return FixedGripper(jaws, device, (ComputeBoxDevice(device),), has_network=True)
 
 
-DRIVERS: Final[Mapping[str, Callable[[Mapping[str, Any]], FixedGripper]]] = {
+DRIVERS: Final[Mapping[str, Callable[[Mapping[str, Any], JawErrors], FixedGripper]]] = {
     "robotiq_2f": _robotiq,
     "onrobot_rg": _onrobot,
 }
 
 
-def make_fixed_gripper(choice: DriverChoice | None) -> FixedGripper:
+def make_fixed_gripper(
+    choice: DriverChoice | None,
+    errors: JawErrors = JawErrors(),
+) -> FixedGripper:
     """Return the gripper that a driver of the cell file speaks to.
 
     Parameters
     ----------
     choice : as the cell file has it; None if the cell's gripper is a real one
+    errors : of its opening; an OnRobot RG, whose fingertips its own settings know, has none
 
     Raises
     ------
@@ -75,6 +88,6 @@ def make_fixed_gripper(choice: DriverChoice | None) -> FixedGripper:
             "address of a real one"
         )
     try:
-        return DRIVERS[driver](chosen.settings)
+        return DRIVERS[driver](chosen.settings, errors)
     except (KeyError, TypeError) as error:
         raise LayoutError(f"devices.gripper.settings: {error}") from error

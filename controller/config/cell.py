@@ -426,9 +426,16 @@ def _arm_section(given: object) -> ArmSection:
 
 
 class FixedGripperSection(Section):
-    """The fixed second gripper."""
+    """The fixed second gripper.
+
+    Attributes
+    ----------
+    opening_zero_mm, opening_scale : its jaws are ``zero + scale * reported`` apart
+    """
 
     pose: Pose
+    opening_zero_mm: float = Field(0.0, ge=-10, le=10)
+    opening_scale: float = Field(1.0, ge=0.8, le=1.25)
     jaw_max_mm: Width
     body: dict[str, Box]
     fingers: FingersSection

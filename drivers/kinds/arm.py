@@ -144,8 +144,14 @@ class Arm(Protocol):
         """Stop all axes ahead of all other traffic; opens no jaw."""
         ...
 
-    async def grasp(self, force: int) -> float:
-        """Close the jaws until they stall; return the opening [mm]. ``force``: 20 to 60."""
+    async def grasp(self, force: int, *, speed_share: float = 1.0) -> float:
+        """Close the jaws until they stall; return the opening [mm].
+
+        Parameters
+        ----------
+        force : 20 to 60
+        speed_share : of the speed with which they usually close on something, above 0 to 1
+        """
         ...
 
     async def move_gripper_mm(self, opening_mm: float) -> float:

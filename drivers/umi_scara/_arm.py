@@ -520,13 +520,16 @@ class UmiScara:
         """Close empty jaws; return the opening [mm]. Raises AxisStalledError on anything held."""
         return await self.move_gripper_mm(0.0)
 
-    async def grasp(self, force: int, deadline_s: float = 10.0) -> float:
+    async def grasp(
+        self, force: int, deadline_s: float = 10.0, *, speed_share: float = 1.0
+    ) -> float:
         """Close the jaws until they stall, on something or on each other (§5.5).
 
         Parameters
         ----------
         force : MAX_FORCE, which stays; 20 to 60 have been used
-        deadline_s : how long the jaws may take to come to rest [cell s]
+        deadline_s : how long the jaws may take at full speed to come to rest [cell s]
+        speed_share : of the speed with which they usually close on something, above 0 to 1
 
         Returns
         -------
@@ -535,21 +538,24 @@ class UmiScara:
         Raises
         ------
         AxisStalledError : the jaws have not come to rest against anything by the deadline
-        ValueError : the force is outside 1 to 100
+        ValueError : the force is outside 1 to 100, or the share outside 0 to 1
         """
         if not 1 <= force <= 100:
             raise ValueError(f"a grasp needs a force of 1 to 100, not {force}")
+        if not 0.0 < speed_share <= 1.0:
+            raise ValueError(f"a share of the speed is above 0 to 1, not {speed_share:g}")
         gripper = Axis.GRIPPER
         async with self._session.motion() as guard:
             await self.positions.make_sure(self.axes, guard)
             self.positions.note_leaving([gripper])
             self.positions.grasps = True
-            await self.axes.write(gripper, Parameter.SPEED, self._config.grasp_speed, guard)
+            speed = max(1, round(self._config.grasp_speed * speed_share))
+            await self.axes.write(gripper, Parameter.SPEED, speed, guard)
             await self.axes.write(gripper, Parameter.MAX_FORCE, force, guard)
             await self.axes.write(gripper, Parameter.NEW_POSITION, c.GRASP_COUNTS, guard)
             self.positions.note_closing(c.GRIPPER_RANGE[0])
             await self.axes.numeric_go(ADDRESSES[gripper].ip, [gripper], guard)
-            counts = await self._until_held(deadline_s, guard)
+            counts = await self._until_held(deadline_s / speed_share, guard)
             self.positions.note_range(gripper, counts, counts)
         return self._config.gripper.opening_mm(counts)
 

@@ -74,22 +74,27 @@ class JawScale:
     Attributes
     ----------
     open_counts, closed_counts : gPO with the jaws fully open and fully closed
+    wider_mm : by how much thinner fingertips leave the jaws wider open at the same encoder
+    stretch : of a true stroke against the design's, which comes on top
     """
 
     open_counts: int = 3
     closed_counts: int = 230
+    wider_mm: float = 0.0
+    stretch: float = 1.0
 
     def counts(self, opening_mm: float) -> int:
         """Return gPO of an opening."""
         span = self.closed_counts - self.open_counts
-        counts = self.open_counts + span * (STROKE_MM - opening_mm) / STROKE_MM
+        by_design_mm = (opening_mm - self.wider_mm) / self.stretch
+        counts = self.open_counts + span * (STROKE_MM - by_design_mm) / STROKE_MM
         return min(max(round(counts), 0), FULL_COUNTS)
 
     def opening_mm(self, counts: int) -> float:
         """Return the opening that rPR asks for; beyond the ends of the stroke it is the end."""
         span = self.closed_counts - self.open_counts
-        opening_mm = STROKE_MM - STROKE_MM * (counts - self.open_counts) / span
-        return min(max(opening_mm, 0.0), STROKE_MM)
+        by_design_mm = STROKE_MM - STROKE_MM * (counts - self.open_counts) / span
+        return min(max(self.wider_mm + self.stretch * by_design_mm, 0.0), STROKE_MM)
 
 
 def speed_mm_per_s(counts: int) -> float:

@@ -97,6 +97,7 @@ def test_a_step_that_passes_leaves_its_record_and_is_done(tmp_path: Path) -> Non
         assert due(one.order.standings(datetime.now(UTC)), None) == (
             "light",
             "arm",
+            "grippers",
             "trays",
             "verify",
         )

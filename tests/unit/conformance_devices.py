@@ -115,6 +115,7 @@ class Jaws:
 
 class MemoryGripper(Device):
     max_opening_mm = 80.0
+    max_force_n = 199.0
     body: Jaws
 
     async def connect(self) -> Any:
@@ -387,7 +388,8 @@ class MemoryArm(Device):
         self.body.send(self.body.q)
         await self.exchange()
 
-    async def grasp(self, force: int) -> float:
+    async def grasp(self, force: int, *, speed_share: float = 1.0) -> float:
+        del speed_share
         if not 1 <= force <= 100:
             raise ValueError(f"{force}")
         return 0.0

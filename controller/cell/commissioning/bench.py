@@ -1,7 +1,7 @@
 """What a step works with: devices, services, the person, its evidence, and what may move."""
 
 from collections.abc import Awaitable, Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from typing import Any, Final
 
@@ -16,6 +16,7 @@ from controller.setup.software import software_versions
 from drivers.clock import CellClock
 from drivers.kinds import Arm
 
+from ..custody import Custody
 from ..devices import Devices
 from ..devices.interlocks import check_interlocks
 from ..services import Gate, Imaging, Interlocks, Motion, NextMotion
@@ -28,6 +29,13 @@ PERMIT: Final = "commission"
 # 0.5 mm of the tool come to some 15 mm at the TCP of the stretched arm.
 UNCALIBRATED_MM: Final = 20.0
 SLOW: Final = 0.25  # of the usual speed
+
+
+@dataclass(slots=True)
+class HandedOver:
+    """Which gripper has what a person handed over, as the interlock rules want to know."""
+
+    custody: Custody = Custody.NONE
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,6 +55,7 @@ class Bench:
     emulated : names of the devices that are
     by : who commissions
     based_on : hashes of the calibrations that the step uses
+    handed : which gripper has what was handed over, while it matters to where the arm may go
     """
 
     cell: Cell
@@ -63,6 +72,7 @@ class Bench:
     emulated: frozenset[str]
     by: str
     based_on: Mapping[CalibrationName, str]
+    handed: HandedOver = field(default_factory=HandedOver)
 
     async def permit_motion(self, what: str) -> None:
         """Have a person agree to motion, then permit it.

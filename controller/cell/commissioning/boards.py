@@ -233,12 +233,13 @@ class PlateInJaws:
         thickness_mm = plate.board.plate_mm[2]
         self.scene = Scene(layout, thickness_mm + 2.0, layout.fixed_open_mm, carried=plate.box)
 
-    async def take(self, seed: int) -> None:
+    async def take(self, seed: int, force: int = PLATE_FORCE) -> None:
         """Have the plate handed over at the park, and close the jaws on it.
 
         Parameters
         ----------
         seed : of how an emulated person holds it
+        force : MAX_FORCE of the jaws
 
         Raises
         ------
@@ -262,7 +263,7 @@ class PlateInJaws:
 
         async def close() -> None:
             nonlocal opening_mm
-            opening_mm = await bench.arm.grasp(PLATE_FORCE)
+            opening_mm = await bench.arm.grasp(force)
 
         await bench.move_jaws("the arm gripper closes on the plate", close)
         off_mm = opening_mm - thickness_mm

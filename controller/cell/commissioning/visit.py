@@ -25,7 +25,7 @@ from drivers.errors import DeviceError
 from drivers.kinds import Arm, Camera, Stop
 
 from ..batch import ArmWatcher, DiskWatcher, InterlockWatcher, ModbusWatcher
-from ..custody import CellIdentity, Custody, fold_custody
+from ..custody import CellIdentity, fold_custody
 from ..custody.known_journals import note_journal, rows_of_all_journals
 from ..custody.openings import presses_on_something, read_openings
 from ..custody.start_check import require_empty_grippers
@@ -49,7 +49,7 @@ from ..services import (
     fault_policy,
 )
 from ..services.records import BatchRecord, Progress
-from .bench import Bench
+from .bench import Bench, HandedOver
 from .errors import DeclinedError, NobodyThereError
 from .evidence import Evidence
 from .person import EmulatedPerson, Person
@@ -319,7 +319,7 @@ class Visit:
     ) -> tuple[Bench, Gate, Interlocks, Retries]:
         order = self._order
         cell = order.cell
-        layout = build_layout(cell)
+        layout, handed = build_layout(cell), HandedOver()
         record = BatchRecord(journal, Progress(), lambda: None)
         retries = Retries(record, fault_policy(cell.faults), clock)
         gate = Gate(Permits(journal), clock)
@@ -327,7 +327,7 @@ class Visit:
             devices.io,
             devices.gripper,
             layout,
-            lambda: Custody.NONE,
+            lambda: handed.custody,
             retries,
             rules_of(cell.interlock_rules),
         )
@@ -351,5 +351,6 @@ class Visit:
             emulated=self._emulated,
             by=order.by,
             based_on=dict(order.based_on),
+            handed=handed,
         )
         return bench, gate, interlocks, retries

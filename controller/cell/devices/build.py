@@ -33,6 +33,8 @@ from drivers.modbus_link import (
 )
 from drivers.wires import UNTAPPED, Wires
 
+from .measured_gripper import MeasuredGripper, Openings
+
 Addresses = Mapping[str, Any]
 
 IO_POLL_WALL_S = 0.02  # an emulated block is not polled more often, however fast its time runs
@@ -131,8 +133,11 @@ class DeviceBuilder:
         return cast(Arm, self.device("arm"))
 
     def gripper(self) -> FixedGripper:
-        """Return the fixed gripper."""
-        return cast(FixedGripper, self.device("gripper"))
+        """Return the fixed gripper, its openings as its calibration measured them."""
+        device = cast(FixedGripper, self.device("gripper"))
+        section = self._cell.fixed_gripper
+        openings = Openings(section.opening_zero_mm, section.opening_scale)
+        return device if openings == Openings() else MeasuredGripper(device, openings)
 
     def lights(self) -> LampUnit:
         """Return the lamp unit."""

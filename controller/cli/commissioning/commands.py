@@ -31,7 +31,7 @@ def print_target(
         typer.Argument(
             metavar="[BOARD]",
             help="board file (JSON), or the name of a board that comes with cellctl: charuco, "
-            "chessboard or paddle (default: charuco)",
+            "chessboard, paddle or gauge (default: charuco)",
         ),
     ] = Path("charuco"),
     output: Annotated[

@@ -13,17 +13,9 @@ from .fingers import (
     locate_tcp,
     look_at_fingers,
 )
-from .fixed import (
-    Axis,
-    FixedGripperFit,
-    Touch,
-    TouchError,
-    locate_fixed_gripper,
-    plate_touch,
-)
+from .fixed import FixedGripperFit, Touch, TouchError, TouchNoise, locate_fixed_gripper
 
 __all__ = [
-    "Axis",
     "FingerLook",
     "FingerRays",
     "FingerShape",
@@ -32,9 +24,9 @@ __all__ = [
     "TcpFit",
     "Touch",
     "TouchError",
+    "TouchNoise",
     "finger_rays",
     "locate_fixed_gripper",
     "locate_tcp",
     "look_at_fingers",
-    "plate_touch",
 ]

@@ -1,69 +1,75 @@
-"""The pose of the fixed gripper, out of every camera's sight, from what the arm touches there.
+"""The pose of the fixed gripper, out of every camera's sight, from touches of the plate it holds.
 
-Every observation is one point on one plane: a point that the arm knows (of its own pads, or of the
-plate in its jaws, whose pose pictures have shown) lies on a plane of the fixed gripper. Which of
-its six freedoms a touch shows, its plane decides:
+A plate between the fixed jaws is parallel to their pads and in the middle between them. The arm's
+jaws close on it off its middle on purpose, so that it is known which pad touches, and its finger is
+tilted, so that the tip does. Each touch is one point of the arm on one face of the plate.
 
-- The plate between the fixed jaws is parallel to their pads and in the middle between them. The
-  arm's jaws closing on it stop at its faces: planes along y. Touches at several places of the plate
-  show the offset along y and both angles of the jaws' plane.
-- The plate's edge against the side of a finger: planes along z, for the offset along z. A finger is
-  too short a lever for the angle about y, which is left as it was set up.
-- The plate's edge against the finger tips: a plane along x, for the offset along the approach.
-
-A hand-off depends on the first three only: the other freedoms are along the pads, where the arm
-takes a part back from where it has brought it.
+Touches of both faces at several places show where the jaws' plane is along its normal, and both
+angles of that plane. A hand-off depends on these three. The other freedoms are along the pads,
+where the arm takes a part back from where it has brought it; they are left as they were set up.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import IntEnum
 from typing import Final
 
 import numpy as np
 
 from controller.arrays import FloatArray
-from controller.commissioning.kinematics import CellFit
 from controller.commissioning.kinematics.layout import POSE, moved
 from controller.commissioning.kinematics.uncertainty import radius_u
 
 _OBSERVED: Final = 0.5  # a freedom is observed if its spread shrinks to this share
 _OUTLIER_SIGMA: Final = 5.0
 _ROUNDS: Final = 6
-_STEP: Final = 1e-4
+_STEP: Final = 1e-5
+_NORMAL: Final = 4  # of a pose's six: along y, which the jaws open along
+_TILTS: Final = (0, 2)  # about x and z: how that plane is inclined
+_DECIDED: Final = (*_TILTS, _NORMAL, "opening")  # by touches
 
 
 class TouchError(Exception):
-    """The touches contradict each other; the message says which, and what to do about it."""
-
-
-class Axis(IntEnum):
-    """An axis of the fixed gripper's TCP frame, along which a plane of it is known."""
-
-    X = 0  # the finger tips end at 0
-    Y = 1  # along which the jaws open
-    Z = 2  # across the fingers
+    """The touches contradict each other; the message names one, and what to do about it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Touch:
-    """A contact at the fixed gripper.
+    """A contact of one of the arm's fingers with the plate.
 
     Attributes
     ----------
     name : for messages
-    q : (6,) joints at the contact, as the counters had them
-    point_mm : (3,) what touched, in the arm's TCP frame
-    axis, at_mm : the plane that was touched, in the fixed gripper's TCP frame
-    std_mm : of the contact: how late it is noticed, how much gives in
+    T_world_tcp : (4, 4) of the arm at the contact
+    opening_mm : of its jaws when they stopped
+    pad : of its fingers that touched, 1 or -1 along the arm's y
+    face : of the plate that was touched, 1 or -1 along the fixed gripper's y
     """
 
     name: str
-    q: FloatArray
-    point_mm: FloatArray
-    axis: Axis
-    at_mm: float
-    std_mm: float = 0.1
+    T_world_tcp: FloatArray
+    opening_mm: float
+    pad: int
+    face: int
+
+
+@dataclass(frozen=True, slots=True)
+class TouchNoise:
+    """What touches are uncertain by, standard deviations.
+
+    Attributes
+    ----------
+    touch_mm : of one touch by itself at the most: counts, the contact, what gives in. How far the
+        touches are from the faces takes its place, down to `least_mm`
+    least_mm : of one touch at the least
+    opening_mm : of all openings together, after the arm's calibration
+    arm_mm, arm_rad : of where the arm is, alike in all touches
+    """
+
+    touch_mm: float
+    least_mm: float
+    opening_mm: float
+    arm_mm: float
+    arm_rad: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,9 +80,11 @@ class FixedGripperFit:
     ----------
     T_world_tcp : (4, 4)
     cov : (6, 6) of rotation [rad] and position [mm], about its own axes
-    u_mm, u_rad : half the radius that holds 95 %
+    u_mm, u_rad : standard uncertainty of the jaws' plane at the TCP, along its normal; half the
+        angle that holds 95 % of its tilt
     observed, held : its freedoms by name, in its own frame
-    rms_sigma : of the touches from their planes, in standard deviations
+    opening_off_mm : by how much the arm's jaws are wider open than they read
+    rms_mm : of the touches from the plate's faces
     """
 
     T_world_tcp: FloatArray
@@ -85,83 +93,73 @@ class FixedGripperFit:
     u_rad: float
     observed: tuple[str, ...]
     held: tuple[str, ...]
-    rms_sigma: float
-
-
-def plate_touch(
-    name: str, q: FloatArray, opening_mm: float, side: int, pad_x_mm: float, thickness_mm: float
-) -> Touch:
-    """Return the contact of one pad with the plate that the fixed gripper holds alone.
-
-    The arm's jaws are off the plate's middle on purpose, so that it is known which pad touches.
-
-    Parameters
-    ----------
-    name : for messages
-    q : (6,) joints
-    opening_mm : of the arm's jaws when they stopped, zero corrected
-    side : of the arm's pad that touched, 1 or -1 along its y
-    pad_x_mm : the middle of the pads, from the TCP
-    thickness_mm : of the plate
-
-    Notes
-    -----
-    Both grippers' y point the same way, up to less than a right angle; a pad at positive y of the
-    arm touches the plate's face at positive y of the fixed gripper.
-    """
-    return Touch(
-        name,
-        np.asarray(q, dtype=np.float64),
-        np.array([pad_x_mm, side * opening_mm / 2.0, 0.0]),
-        Axis.Y,
-        side * thickness_mm / 2.0,
-    )
+    opening_off_mm: float
+    rms_mm: float
 
 
 def locate_fixed_gripper(
-    fit: CellFit, T_world_tcp: FloatArray, std: FloatArray, touches: Sequence[Touch]
+    T_world_tcp: FloatArray,
+    std: FloatArray,
+    touches: Sequence[Touch],
+    *,
+    thickness_mm: float,
+    finger_width_mm: float,
+    noise: TouchNoise,
 ) -> FixedGripperFit:
     """Return the pose of the fixed gripper that agrees best with all touches.
 
     Parameters
     ----------
-    fit : of the cell; its covariance is what the arm itself leaves uncertain
     T_world_tcp : (4, 4) as the cell file has it
-    std : (6,) how far off that is, rotation [rad] then position [mm]
-    touches : points on planes
+    std : (6,) how far off that is, rotation [rad] then position [mm], about its own axes
+    touches : on both faces of the plate
+    thickness_mm : of the plate
+    finger_width_mm : of the arm's fingers, whose tips' edges touch
+    noise : of the touches
 
     Raises
     ------
     TouchError : a touch contradicts all others
     """
-    size = fit.layout.size
-    cov = np.zeros((size + 6, size + 6))
-    cov[:size, :size] = fit.cov
-    # the freedoms are about the gripper's own axes: what a touch shows is along one of them
-    cov[size:, size:] = np.diag(np.asarray(std, dtype=np.float64) ** 2)
-    first = np.concatenate([fit.x, np.zeros(6)])
-    y, after, off = first, cov, np.zeros(0)
-    for _ in range(_ROUNDS):
-        parts = [_predicted(fit, T_world_tcp, touch, y) for touch in touches]
-        if not parts:
-            break
-        off = np.array([part[0] for part in parts])
-        jac = np.array([part[1] for part in parts])
-        across = jac @ cov
-        gain = np.linalg.solve(across @ jac.T + np.eye(len(off)), across).T
-        y = first + gain @ (jac @ (y - first) - off)
-        after = cov - gain @ across
-    _check(touches, off)
-    own = (after[size:, size:] + after[size:, size:].T) / 2.0
+    spread = np.append(np.asarray(std, dtype=np.float64), noise.opening_mm)
+    cov, y = np.diag(spread**2), np.zeros(7)
+    after, off = cov, np.zeros(0)
+
+    def off_mm(at: FloatArray) -> FloatArray:
+        T = _placed(T_world_tcp, at[:6])
+        shape = (thickness_mm, finger_width_mm)
+        return np.array([_off_mm(T, touch, at[6], *shape) for touch in touches])
+
+    touch_mm = noise.touch_mm
+    if touches:
+        for number in range(2 * _ROUNDS):
+            off = off_mm(y)
+            if number == _ROUNDS:
+                _check(touches, off / touch_mm)
+                free = max(1, len(off) - len(_DECIDED))
+                touch_mm = max(noise.least_mm, float(np.sqrt(np.sum(off**2) / free)))
+            steps = _STEP * np.diag(np.where(spread > 0, spread, 1.0))
+            jac = np.stack([(off_mm(y + d) - off_mm(y - d)) / (2 * d.sum()) for d in steps], axis=1)
+            across = jac @ cov
+            gain = np.linalg.solve(across @ jac.T + touch_mm**2 * np.eye(len(off)), across).T
+            y = gain @ (jac @ y - off)
+            after = cov - gain @ across
+        off = off_mm(y)
+    own = (after[:6, :6] + after[:6, :6].T) / 2.0
     left = np.sqrt(np.diag(own)) / std
+    if touches:
+        common = np.zeros(6)
+        common[[*_TILTS, _NORMAL]] = noise.arm_rad, noise.arm_rad, noise.arm_mm
+        own = own + np.diag(common**2)
     names = np.array(POSE)
     return FixedGripperFit(
-        _placed(T_world_tcp, y[size:]),
+        _placed(T_world_tcp, y[:6]),
         own,
-        radius_u(own[3:, 3:]),
-        radius_u(own[:3, :3]),
+        float(np.sqrt(own[_NORMAL, _NORMAL])),
+        radius_u(own[np.ix_(_TILTS, _TILTS)]),
         tuple(names[left < _OBSERVED].tolist()),
         tuple(names[left >= _OBSERVED].tolist()),
+        float(y[6]),
         float(np.sqrt(np.mean(off**2))) if len(off) else 0.0,
     )
 
@@ -172,39 +170,28 @@ def _placed(T: FloatArray, d: FloatArray) -> FloatArray:
     return out
 
 
-def _predicted(
-    fit: CellFit, T_world_fixed: FloatArray, touch: Touch, y: FloatArray
-) -> tuple[float, FloatArray]:
-    """Return how far a touch is off its plane, and the derivatives (m + 6,), by its deviation."""
-    layout = fit.layout
-    arm, q = layout.prior.arm, np.asarray(touch.q, dtype=np.float64)
-
-    def off_mm(at: FloatArray, joints: FloatArray) -> float:
-        x = at[: layout.size]
-        T = layout.T_world_arm(x) @ arm.tcp(joints[None], layout.arm_values(x))[0]
-        p_world = T[:3, :3] @ touch.point_mm + T[:3, 3]
-        fixed = _placed(T_world_fixed, at[layout.size :])
-        return float((p_world - fixed[:3, 3]) @ fixed[:3, int(touch.axis)]) - touch.at_mm
-
-    by = np.zeros(len(y))
-    scale = np.concatenate([layout.std, [1e-2] * 3, [1.0] * 3])
-    columns = [*range(layout.size, len(y))]
-    for key in ("base", "arm"):
-        at = layout.where(key)
-        columns += range(at.start, at.stop)
-    for i in columns:
-        d = np.zeros(len(y))
-        d[i] = _STEP * scale[i]
-        by[i] = (off_mm(y + d, q) - off_mm(y - d, q)) / (2.0 * d[i])
-    by_joints = np.array([(off_mm(y, q + d) - off_mm(y, q - d)) / 2e-5 for d in 1e-5 * np.eye(6)])
-    std_mm = float(np.hypot(touch.std_mm, np.linalg.norm(by_joints * fit.joint_std)))
-    return off_mm(y, q) / std_mm, by / std_mm
+def _off_mm(
+    T_world_fixed: FloatArray,
+    touch: Touch,
+    wider_mm: float,
+    thickness_mm: float,
+    finger_width_mm: float,
+) -> float:
+    """Return how far the nearest point of a finger's tip is off the plate's face, outwards."""
+    across = touch.pad * (touch.opening_mm + wider_mm) / 2.0
+    half = finger_width_mm / 2.0
+    tip = np.array([[0.0, across, -half], [0.0, across, half]])
+    T = touch.T_world_tcp
+    tip = tip @ T[:3, :3].T + T[:3, 3]
+    height = (tip - T_world_fixed[:3, 3]) @ T_world_fixed[:3, 1]
+    return float((touch.face * height).min()) - thickness_mm / 2.0
 
 
-def _check(touches: Sequence[Touch], off: FloatArray) -> None:
-    for touch, sigma in zip(touches, off, strict=True):
-        if abs(sigma) > _OUTLIER_SIGMA:
-            raise TouchError(
-                f"{touch.name} is {abs(sigma):.0f} standard deviations off the plane of the other "
-                f"touches, {_OUTLIER_SIGMA:g} are allowed; something else was touched, repeat it"
-            )
+def _check(touches: Sequence[Touch], off_sigma: FloatArray) -> None:
+    worst = int(np.abs(off_sigma).argmax())
+    if abs(off_sigma[worst]) > _OUTLIER_SIGMA:
+        raise TouchError(
+            f"{touches[worst].name} is {abs(off_sigma[worst]):.0f} standard deviations off the "
+            f"plane of the other touches, {_OUTLIER_SIGMA:g} are allowed; something else was "
+            "touched, or the plate moved: clean the pads, repeat it"
+        )

@@ -46,7 +46,11 @@ def load_cell(path: Path) -> Cell:
                 raise ConfigError(f"{where}: describes a UMI RTX; this cell has another arm")
             _arm(tree, calibration, cell.arm.pose.build())
         elif isinstance(calibration, FixedGripperCalibration):
-            tree["fixture"]["pose"] = _pose(calibration.T_world_tcp)
+            tree["fixture"] |= {
+                "pose": _pose(calibration.T_world_tcp),
+                "opening_zero_mm": calibration.opening_zero_mm,
+                "opening_scale": calibration.opening_scale,
+            }
         elif isinstance(calibration, TraysCalibration):
             for tray, centre in calibration.centres.items():
                 tree["trays"][tray]["centre"] = centre

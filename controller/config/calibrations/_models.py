@@ -174,14 +174,18 @@ class FixedGripperCalibration(Calibration):
     Attributes
     ----------
     opening_zero_mm, opening_scale : the jaws are ``zero + scale * reported`` apart
+    u_mm, u_deg : of the plane between its jaws: along its normal, and of its tilt
+    observed, held : freedoms that touches decided, about and along its own axes, and the others
     """
 
     kind: Literal["fixed_gripper"] = "fixed_gripper"
     T_world_tcp: Matrix4
-    opening_zero_mm: Number = 0.0
-    opening_scale: Positive = 1.0
+    opening_zero_mm: Annotated[float, Field(ge=-10, le=10)] = 0.0
+    opening_scale: Annotated[float, Field(ge=0.8, le=1.25)] = 1.0
     u_mm: Uncertainty
     u_deg: Uncertainty
+    observed: tuple[str, ...] = ()
+    held: tuple[str, ...] = ()
 
     @model_validator(mode="after")
     def _stands_somewhere(self) -> "FixedGripperCalibration":

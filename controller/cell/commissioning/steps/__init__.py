@@ -6,6 +6,7 @@ from controller.commissioning.procedure import StepPlan
 
 from .arm import ArmStep
 from .devices import DevicesStep
+from .grippers import GrippersStep
 from .light import LightStep
 from .step import Step
 from .trays import TraysStep
@@ -16,6 +17,7 @@ STEPS: Final[tuple[Step, ...]] = (
     DevicesStep(),
     LightStep(),
     ArmStep(),
+    GrippersStep(),
     TraysStep(),
     VerifyStep(),
 )

@@ -49,7 +49,7 @@ class VerifyStep:
 
     name = "verify"
     title = "the calibrated cell predicts where a plate is, and both cameras check it"
-    needs: tuple[str, ...] = ("arm", "trays")
+    needs: tuple[str, ...] = ("arm", "grippers", "trays")
     uses: tuple[CalibrationName, ...] = (
         "overhead",
         "inspection",

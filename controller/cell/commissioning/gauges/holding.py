@@ -1,0 +1,91 @@
+"""Whether the arm gripper holds a plate without slip: looked at before and after a shake."""
+
+from math import degrees
+from typing import Final
+
+import numpy as np
+
+from controller.arrays import FloatArray
+from controller.commissioning.kinematics import KinematicsError, board_pose, plate_faces
+from controller.commissioning.showing import Region
+from controller.imaging import inverse_pose, rotation_angle
+
+from ..bench import Bench
+from ..boards import PlateInJaws
+from ..errors import StepFailedError
+
+REGION: Final = Region(550.0, 850.0)  # from the inspection camera
+MARGIN_MM: Final = 25.0
+CHOICES: Final = 12  # of places to show the plate at
+SEED: Final = 4
+SHAKES: Final = 3
+# pitch, roll [rad] and zed [mm], to either side
+SWINGS: Final = tuple(
+    np.array(one)
+    for one in (
+        (0, 0, 0, 0, np.radians(6.0), 0),
+        (0, 0, 0, 0, 0, np.radians(6.0)),
+        (0, 0, 0, 12.0, 0, 0),
+    )
+)
+SLIP_MM: Final = 0.5
+SLIP_DEG: Final = 0.3
+
+
+async def shake(bench: Bench, held: PlateInJaws) -> None:
+    """Show a held plate, shake it at the arm's usual speed, show it again; keep what moved.
+
+    Parameters
+    ----------
+    bench : of the step
+    held : the plate, between the arm's jaws
+
+    Raises
+    ------
+    StepFailedError : the plate cannot be shown, or is not found
+    DeviceError : a device does not answer or does not get there
+    """
+    q, swings = _where(bench, held)
+    before = await _pose(bench, held, q, "held_before")
+    for _ in range(SHAKES):
+        for step in swings:
+            await bench.motion.follow((q + step, q - step, q))
+    after = await _pose(bench, held, q, "held_after")
+    height_mm = held.plate.board.plate_mm[1]
+    middle = np.array([height_mm / 2.0, 0.0, 0.0])
+    moved_mm = float(np.linalg.norm((after - before)[:3, :3] @ middle + (after - before)[:3, 3]))
+    turned_deg = degrees(rotation_angle(before[:3, :3].T @ after[:3, :3]))
+    bench.evidence.measure("slip of the plate in the arm's jaws", moved_mm, "mm", high=SLIP_MM)
+    bench.evidence.measure("turn of the plate in the arm's jaws", turned_deg, "deg", high=SLIP_DEG)
+
+
+def _where(bench: Bench, held: PlateInJaws) -> tuple[FloatArray, list[FloatArray]]:
+    """Return where (6,) to show the plate, and the swings that are free of contact there."""
+    rng = np.random.default_rng(SEED)
+    rows = held.configurations(
+        "inspection", REGION, CHOICES, rng, is_front=True, margin_mm=MARGIN_MM
+    )
+    limits = bench.layout.arm.within_limits
+    for q in rows:
+        ends = np.stack([q + sign * step for step in SWINGS for sign in (1, -1)])
+        if held.within_reach(q) and limits(ends).all() and held.scene.free(ends, MARGIN_MM).all():
+            return q, list(SWINGS)
+    raise StepFailedError(
+        "no place was found where the inspection camera sees the plate and the arm may shake it; "
+        "check the camera's pose and the obstacles in the cell file"
+    )
+
+
+async def _pose(bench: Bench, held: PlateInJaws, q: FloatArray, name: str) -> FloatArray:
+    """Return T_cam_body (4, 4) of the plate at a configuration (6,)."""
+    found = await held.shown("inspection", q, name, from_below=None)
+    if found is None:
+        raise StepFailedError(
+            f"the plate was not found in the picture {name}; {bench.evidence.findings[-1]}"
+        )
+    faces = dict(zip(("front", "back"), plate_faces(held.plate.board), strict=True))
+    try:
+        T_cam_board = board_pose(bench.layout.inspection, found.board)
+    except KinematicsError as error:
+        raise StepFailedError(f"{name}: {error}") from error
+    return np.asarray(T_cam_board @ inverse_pose(faces[found.face].T_body_board))

@@ -1,0 +1,117 @@
+"""The fixed gripper with its opening as measured: where it reads 0, and its scale.
+
+All above the driver reads and orders true openings; the driver knows its own readings.
+"""
+
+from dataclasses import dataclass
+from typing import cast
+
+from drivers.kinds import FixedGripper, GraspReading, GripperReading, Hold
+
+
+@dataclass(frozen=True, slots=True)
+class Openings:
+    """How a true opening follows from a reading: ``zero_mm + scale * reading``."""
+
+    zero_mm: float = 0.0
+    scale: float = 1.0
+
+    def true_mm(self, reading_mm: float) -> float:
+        """Return the opening that a reading means."""
+        return max(0.0, self.zero_mm + self.scale * reading_mm)
+
+    def reading_mm(self, true_mm: float, widest_mm: float) -> float:
+        """Return the reading at an opening, as far as the gripper goes."""
+        return min(max((true_mm - self.zero_mm) / self.scale, 0.0), widest_mm)
+
+
+class _Reading:
+    """What a gripper reported, its opening as measured."""
+
+    def __init__(self, reading: object, opening_mm: float) -> None:
+        self._reading = reading
+        self.opening_mm = opening_mm
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self._reading, name)
+
+
+class MeasuredGripper:
+    """A fixed gripper whose openings are true.
+
+    Parameters
+    ----------
+    device : the driver
+    openings : how true openings follow from its readings
+    """
+
+    def __init__(self, device: FixedGripper, openings: Openings) -> None:
+        self._device = device
+        self._openings = openings
+
+    @property
+    def model(self) -> str:
+        """What messages and the journal call it."""
+        return self._device.model
+
+    @property
+    def max_opening_mm(self) -> float:
+        """How far it opens [mm]."""
+        return self._openings.true_mm(self._device.max_opening_mm)
+
+    @property
+    def max_force_n(self) -> float:
+        """How hard it presses at the most [N]."""
+        return self._device.max_force_n
+
+    async def connect(self) -> GripperReading:
+        """Open the line and return the first reading."""
+        return self._measured(await self._device.connect())
+
+    async def status(self) -> GripperReading:
+        """Return a fresh reading."""
+        return self._measured(await self._device.status())
+
+    async def hold(self) -> Hold:
+        """Return what has become of the part of the last grasp."""
+        return await self._device.hold()
+
+    async def wait_lost(self) -> None:
+        """Wait until the gripped part is known to be gone."""
+        await self._device.wait_lost()
+
+    async def activate(self) -> object:
+        """Make it ready to move, which may move the jaws; return the driver's answer."""
+        return await self._device.activate()
+
+    async def open_to(self, opening_mm: float) -> object:
+        """Move the jaws to an opening; return the driver's answer.
+
+        Raises
+        ------
+        ValueError : the jaws do not open so far
+        """
+        if not 0.0 <= opening_mm <= max(self.max_opening_mm, self._device.max_opening_mm):
+            raise ValueError(
+                f"the jaws open 0..{self.max_opening_mm:.1f} mm, not {opening_mm:g} mm"
+            )
+        return await self._device.open_to(self._reading_mm(opening_mm))
+
+    async def close_on(self, opening_mm: float, *, force_n: float) -> GraspReading:
+        """Close on a part to about this opening with this force; return the reading."""
+        found = await self._device.close_on(self._reading_mm(opening_mm), force_n=force_n)
+        return cast(GraspReading, _Reading(found, self._openings.true_mm(found.opening_mm)))
+
+    async def stop(self) -> object:
+        """Stop the jaws where they are; return the driver's answer."""
+        return await self._device.stop()
+
+    async def aclose(self) -> None:
+        """Leave the device as it stands."""
+        await self._device.aclose()
+
+    def _reading_mm(self, opening_mm: float) -> float:
+        return self._openings.reading_mm(opening_mm, self._device.max_opening_mm)
+
+    def _measured(self, reading: GripperReading) -> GripperReading:
+        return cast(GripperReading, _Reading(reading, self._openings.true_mm(reading.opening_mm)))
