@@ -11,7 +11,7 @@ import typer
 
 from .acting import abort, ack, answer, pause, resume, status, step, stop
 from .calibrating import camera
-from .commissioning import commission, jog, print_target
+from .commissioning import commission, jog, print_target, teach
 from .devices import doctor, emulate
 from .inspecting import inspect, replay, verify
 from .parts import compile_
@@ -89,6 +89,7 @@ for _command, _example in (
     (doctor, "cellctl doctor --cell cell.yaml"),
     (commission, "cellctl commission --cell cell.yaml"),
     (jog, "cellctl jog --cell cell.yaml"),
+    (teach, "cellctl teach accept --cell cell.yaml"),
     (print_target, "cellctl print-target paddle --paper a4 -o paddle.pdf"),
 ):
     app.command(

@@ -864,6 +864,30 @@ ROWS: tuple[Row, ...] = (
         ("jog", "--cell", CELL_FILE, "--commands", "-", "--yes", "--runs", "/proc/runs"),
         "--runs /proc/runs: ",
     ),
+    Row(
+        "teaching what nobody knows",
+        nothing,
+        ("teach", "roof", "--cell", CELL_FILE, "--commands", "-", "--yes"),
+        "'roof' is not one of",
+    ),
+    Row(
+        "teaching a park that stands on several lines",
+        write(
+            CELL_FILE,
+            CELL_TEXT.replace(
+                "park_deg: {shoulder: 80, elbow: 0, yaw: 0, pitch: -90, roll: 0}",
+                "park_deg:\n    {shoulder: 80, elbow: 0, yaw: 0, pitch: -90, roll: 0}",
+            ),
+        ),
+        ("teach", "park", "--cell", CELL_FILE, "--commands", "-", "--yes"),
+        "`arm.park_deg` is spread over several lines",
+    ),
+    Row(
+        "teaching over trays that the cell file does not name",
+        write("cells/calibrations/trays.json", "{}"),
+        ("teach", "accept", "--cell", CELL_FILE, "--commands", "-", "--yes"),
+        "trays.json: is there, and `calibration` of the cell file does not name it",
+    ),
     Row("board that no file has", nothing, ("print-target", "wall"), "wall: no board of this name"),
     Row(
         "board larger than the paper",

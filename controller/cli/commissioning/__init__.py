@@ -1,5 +1,5 @@
 """`commission` finds out how the cell really stands; `print-target` writes the boards for it."""
 
-from .commands import commission, jog, print_target
+from .commands import commission, jog, print_target, teach
 
-__all__ = ["commission", "jog", "print_target"]
+__all__ = ["commission", "jog", "print_target", "teach"]

@@ -17,6 +17,16 @@ from ..options import (
 )
 
 
+class Teachable(StrEnum):
+    """What can be taught."""
+
+    ACCEPT = "accept"
+    REJECT = "reject"
+    QUARANTINE = "quarantine"
+    PARK = "park"
+    STATION = "station"
+
+
 class Paper(StrEnum):
     """A size of paper."""
 
@@ -198,5 +208,58 @@ def jog(
             ),
             as_json=json,
         )
+    )
+    raise typer.Exit(code)
+
+
+def teach(
+    what: Annotated[
+        Teachable,
+        typer.Argument(metavar="WHAT", help="tray accept, reject or quarantine; park; or station"),
+    ],
+    cell: Annotated[
+        Path,
+        typer.Option("--cell", metavar="FILE", help="cell file (YAML) that gets what was taught"),
+    ],
+    commands: CommandsOption = None,
+    yes: Annotated[
+        bool,
+        typer.Option(
+            "--yes",
+            help="with --commands: answer for the person, on an emulated cell alone, and write",
+        ),
+    ] = False,
+    operator: Annotated[
+        str, typer.Option("--operator", metavar="NAME", help="who teaches (default: the user)")
+    ] = "",
+    as_built: AsBuiltOption = None,
+    seed: SeedOption = None,
+    speed: SpeedOption = 1.0,
+    control: ControlOption = None,
+    runs: RunsOption = Path("runs"),
+    json: JsonOption = False,
+) -> None:
+    """Jog to where a tray, the park or the station is, and take it.
+
+    Nothing is written before you have seen the difference.
+    """
+    from .entering import EmulatedOptions
+    from .jogging import JogOptions
+    from .teaching import teach as teach_cell
+
+    code = teach_cell(
+        JogOptions(
+            cell_path=cell,
+            runs_dir=runs,
+            commands=commands,
+            operator=operator,
+            emulated=EmulatedOptions(
+                as_built=as_built, seed=seed, speed=speed, control=control, answers=yes
+            ),
+            as_json=json,
+            name="teach",
+        ),
+        what.value,
+        writes=yes,
     )
     raise typer.Exit(code)

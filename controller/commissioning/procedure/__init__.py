@@ -1,15 +1,19 @@
 """The procedure of commissioning: what a step is, what it leaves, and what still holds of it.
 
 Knows no device. `_record.py` is what a step leaves behind, `_status.py` whether that still holds,
-`_files.py` the folder it is kept in, `_cell_file.py` the cell file as commissioned.
+`_taught.py` what jogging
+teaches, `_files.py` the folder it is kept in, `_cell_file.py` the cell file as commissioned.
 """
 
 from ._cell_file import calibrated_text, cell_digest
 from ._files import Folder
 from ._record import Figure, GivenAnswer, Outcome, Picture, StepRecord, worst_of
 from ._status import Standing, Status, StepPlan, standings
+from ._taught import AIM_MM, TRAYS, TrayName, taught_trays, with_values
 
 __all__ = [
+    "AIM_MM",
+    "TRAYS",
     "Figure",
     "Folder",
     "GivenAnswer",
@@ -19,8 +23,11 @@ __all__ = [
     "Status",
     "StepPlan",
     "StepRecord",
+    "TrayName",
     "calibrated_text",
     "cell_digest",
     "standings",
+    "taught_trays",
+    "with_values",
     "worst_of",
 ]

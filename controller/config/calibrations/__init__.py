@@ -5,7 +5,7 @@ stand, so that whoever reads a `Cell` reads the cell as measured.
 """
 
 from ._apply import load_cell
-from ._files import MODELS, read_calibration, read_calibrations, write_calibration
+from ._files import MODELS, digest_of, read_calibration, read_calibrations, write_calibration
 from ._models import (
     ArmCalibration,
     Calibration,
@@ -38,6 +38,7 @@ __all__ = [
     "TraysCalibration",
     "Usage",
     "VerificationRecord",
+    "digest_of",
     "load_cell",
     "read_calibration",
     "read_calibrations",

@@ -96,6 +96,15 @@ def first_problem(error: ValidationError) -> str:
     return f"`{'.'.join(map(str, location)) or 'file'}`: {message}"
 
 
+def digest_of(calibration: Calibration) -> str:
+    """Return the SHA-256 of the bytes that `write_calibration` writes for a calibration."""
+    return hashlib.sha256(_text_of(calibration).encode()).hexdigest()
+
+
+def _text_of(calibration: Calibration) -> str:
+    return json.dumps(calibration.as_json(), indent=1, ensure_ascii=False) + "\n"
+
+
 def write_calibration(path: Path, calibration: Calibration) -> str:
     """Write a calibration file, whole or not at all; return the SHA-256 of its bytes.
 
@@ -103,6 +112,5 @@ def write_calibration(path: Path, calibration: Calibration) -> str:
     ------
     ConfigError : it cannot be written
     """
-    text = json.dumps(calibration.as_json(), indent=1, ensure_ascii=False) + "\n"
-    write_whole(path, text)
-    return hashlib.sha256(text.encode()).hexdigest()
+    write_whole(path, _text_of(calibration))
+    return digest_of(calibration)
