@@ -173,6 +173,32 @@ def require_drivers(path: Path, cell: Cell) -> None:
             describe_arm(cell.devices.arm.driver, cell.arm.shape)
 
 
+def require_force(path: Path, force_n: float, cell: Cell) -> None:
+    """Check that the fixed gripper presses as hard as a recipe asks for.
+
+    Parameters
+    ----------
+    path : of the recipe, for messages
+    force_n : `grasp.force_n` of the recipe
+    cell : whose gripper it is
+
+    Raises
+    ------
+    ConfigError : it does not, or its driver is not installed
+    """
+    section = cell.devices.gripper
+    driver = find_driver("gripper", section.driver)
+    if driver.max_force_n is None:
+        return
+    max_n = driver.max_force_n(read_settings(driver, section.settings, "devices.gripper"))
+    if force_n > max_n:
+        with _at_line(path, ("grasp", "force_n")):
+            raise ConfigError(
+                f"`grasp.force_n`: {force_n:g} N, the fixed gripper of cell {cell.name} "
+                f"({section.driver}) presses with {max_n:g} N at the most; ask for less"
+            )
+
+
 @contextmanager
 def _at_line(path: Path, location: Location) -> Iterator[None]:
     """Put file and line in front of the message of a ConfigError raised within."""

@@ -29,4 +29,8 @@ def _build(site: Site, _: NoSettings) -> Gripper:
     return Gripper(site.open_link(), GripperConfig(unit=site.section["unit"]))
 
 
-DRIVER: Driver[FixedGripper, NoSettings] = Driver(NoSettings, _build)
+def _max_force_n(_: NoSettings) -> float:
+    return GripperConfig().max_force_n
+
+
+DRIVER: Driver[FixedGripper, NoSettings] = Driver(NoSettings, _build, max_force_n=_max_force_n)

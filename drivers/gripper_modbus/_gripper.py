@@ -109,11 +109,6 @@ class Gripper:
         """How far the jaws open [mm]."""
         return self.config.open_mm
 
-    @property
-    def max_force_n(self) -> float:
-        """How hard the jaws press at the most [N]."""
-        return self.config.max_force_n
-
     async def connect(self) -> GripperStatus:
         """Check as far as the map allows that this is a 2F, keep it awake; return its status.
 

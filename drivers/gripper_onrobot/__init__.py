@@ -34,4 +34,8 @@ def _build(site: Site, settings: RgSettings) -> RgGripper:
     return RgGripper(site.open_link(), MODELS[settings.model], site.section["unit"])
 
 
-DRIVER: Driver[FixedGripper, RgSettings] = Driver(RgSettings, _build)
+def _max_force_n(settings: RgSettings) -> float:
+    return MODELS[settings.model].max_force_n
+
+
+DRIVER: Driver[FixedGripper, RgSettings] = Driver(RgSettings, _build, max_force_n=_max_force_n)

@@ -134,11 +134,6 @@ class RgGripper:
         """How far the jaws open [mm]."""
         return self._model.max_opening_mm
 
-    @property
-    def max_force_n(self) -> float:
-        """How hard the jaws press at the most [N]."""
-        return self._model.max_force_n
-
     async def connect(self) -> RgReading:
         """Check who answers; return how it stands. Nothing moves.
 

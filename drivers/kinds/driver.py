@@ -81,11 +81,14 @@ class Driver(Generic[Device, Settings]):
     build : returns the device; opens nothing yet
     keeps_cell_time : its device has no time of its own, as a file has none: next to emulated
         devices it goes by their clock, at whatever speed
+    max_force_n : of a gripper: how hard it presses at the most [N], given its settings; None where
+        the driver does not state it
     """
 
     settings: type[Settings]
     build: Callable[[Site, Settings], Device]
     keeps_cell_time: bool = field(default=False, kw_only=True)
+    max_force_n: Callable[[Settings], float] | None = field(default=None, kw_only=True)
 
 
 @dataclass(frozen=True, slots=True)

@@ -68,7 +68,6 @@ class FixedGripper(Protocol):
     ----------
     model : what messages and the journal call it, once connected
     max_opening_mm : how far it opens [mm]
-    max_force_n : how hard it presses at the most [N]
     """
 
     @property
@@ -76,9 +75,6 @@ class FixedGripper(Protocol):
 
     @property
     def max_opening_mm(self) -> float: ...  # noqa: D102  (an attribute)
-
-    @property
-    def max_force_n(self) -> float: ...  # noqa: D102  (an attribute)
 
     async def connect(self) -> GripperReading:
         """Open the line and return the first reading; nothing moves, a held part stays held."""

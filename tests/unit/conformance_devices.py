@@ -115,7 +115,6 @@ class Jaws:
 
 class MemoryGripper(Device):
     max_opening_mm = 80.0
-    max_force_n = 199.0
     body: Jaws
 
     async def connect(self) -> Any:

@@ -29,6 +29,7 @@ from controller.setup.drivers import (
     installed_drivers,
     read_settings,
     require_drivers,
+    require_force,
 )
 from controller.setup.layout import build_layout
 from drivers.clock import CellClock
@@ -374,3 +375,46 @@ async def test_errors_of_an_arm_of_another_make_read_like_those_of_ours(
     dispatcher = Dispatcher(actions, nobody, nobody, (), nobody, nobody)
     note = await dispatcher._outcome_of(Effect.HOME)
     assert (note.message, note.code) == (message, code)
+
+
+RECIPES = Path(__file__).resolve().parents[2] / "recipes"
+
+
+@pytest.mark.parametrize(
+    ("model", "force_n", "max_n"), [("rg2", 40.5, 40), ("rg2", 40.0, None), ("rg6", 121.0, 120)]
+)
+def test_a_recipe_that_asks_for_more_force_than_the_gripper_has_is_refused(
+    cell_file: CellFile, tmp_path: Path, model: str, force_n: float, max_n: int | None
+) -> None:
+    cell = load_cell(
+        cell_file(f"{{driver: onrobot_rg, address: emulated, settings: {{model: {model}}}}}")
+    )
+    recipe = tmp_path / "recipe.yaml"
+    recipe.write_text(f"name: x\npart: x.step\ngrasp:\n  force_n: {force_n}\n")
+    if max_n is None:
+        require_force(recipe, force_n, cell)
+        return
+    with pytest.raises(ConfigError, match=rf"recipe.yaml:4: .*presses with {max_n} N at the most"):
+        require_force(recipe, force_n, cell)
+
+
+def test_check_and_run_refuse_such_a_recipe_before_anything_begins(
+    cell_file: CellFile, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    cell = cell_file("{driver: onrobot_rg, address: emulated, settings: {model: rg2}}")
+    for command in ("check", "run"):
+        words = [command, str(RECIPES / "holder.yaml"), "--cell", str(cell)]
+        words += ["--runs", str(tmp_path / "runs")] if command == "run" else []
+        assert main(words) == 2
+        error = capsys.readouterr().err
+        assert "60 N" in error
+        assert "40 N at the most" in error
+    assert not (tmp_path / "runs").exists()
+
+
+def test_a_gripper_whose_driver_states_no_limit_is_not_checked(
+    acme: None, cell_file: CellFile, tmp_path: Path
+) -> None:
+    settings = "{max_opening_mm: 60}"
+    cell = load_cell(cell_file(f"{{driver: acme, address: 10.0.0.1:1, settings: {settings}}}"))
+    require_force(tmp_path / "recipe.yaml", 1e6, cell)

@@ -42,7 +42,6 @@ class Fixed:
     targets_mm: list[float] = field(default_factory=list)
     is_held: bool = False
     max_opening_mm: float = 85.0
-    max_force_n: float = 235.0
 
     async def status(self) -> Any:
         return ANY(opening_mm=self.stands_mm, has_contact=self.is_held, is_moving=False)

@@ -244,7 +244,6 @@ class Cell:
     """What the rules ask about."""
 
     max_opening_mm = 85.0
-    max_force_n = 235.0
 
     def __init__(self, **status: Any) -> None:
         self.custody = Custody.IN_ARM

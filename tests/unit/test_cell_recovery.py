@@ -213,7 +213,6 @@ class PaperFixture:
     """The fixed gripper of a paper cell."""
 
     max_opening_mm = 85.0
-    max_force_n = 235.0
 
     def __init__(self, cell: PaperCell) -> None:
         self.cell = cell

@@ -12,7 +12,7 @@ from pathlib import Path
 from controller.cad import Solid, StablePose, load_solid
 from controller.cad.compiled import UNITLESS, CompileOptions, cached_part, load_part
 from controller.config import Cell, ConfigError, Recipe, line_in, load_cell, load_recipe
-from controller.setup.drivers import require_drivers
+from controller.setup.drivers import require_drivers, require_force
 from controller.setup.planner import PlannerSetup
 
 from ..plans import Certified, PlanCache
@@ -99,7 +99,9 @@ def check_job(job: Job) -> Checked:
     """
     cell = load_cell(job.cell_path)
     require_drivers(job.cell_path, cell)
-    check_sizes(job.recipe_path, load_recipe(job.recipe_path), cell)
+    recipe = load_recipe(job.recipe_path)
+    check_sizes(job.recipe_path, recipe, cell)
+    require_force(job.recipe_path, recipe.grasp.force_n, cell)
     return check_plans(job)
 
 

@@ -59,11 +59,6 @@ class MeasuredGripper:
         """How far it opens [mm]."""
         return self._openings.true_mm(self._device.max_opening_mm)
 
-    @property
-    def max_force_n(self) -> float:
-        """How hard it presses at the most [N]."""
-        return self._device.max_force_n
-
     async def connect(self) -> GripperReading:
         """Open the line and return the first reading."""
         return self._measured(await self._device.connect())

@@ -34,7 +34,7 @@ from controller.cell.operator import Operator
 from controller.cell.wires import Recorder, WireFileError, WireWriter
 from controller.config import Cell, ConfigError, load_cell, load_recipe
 from controller.results import ResultsError, load_run, write_html
-from controller.setup.drivers import require_drivers
+from controller.setup.drivers import require_drivers, require_force
 
 from ..inputs.checks import MIN_FREE_BYTES, check_control, check_writable_folder, parse_place
 from ..inputs.part_files import emulated_orientation
@@ -118,6 +118,7 @@ def run_recipe(options: RunOptions) -> int:
     # all checks come before anything starts, the quick ones first
     clock = _check_options(options, cell)
     check_sizes(recipe_path, recipe, cell)
+    require_force(recipe_path, recipe.grasp.force_n, cell)
     first, *_ = load_parts(recipe)
     laid = [(path, load_part(path, options_among(path, recipe.unit))) for path in options.lay]
     job = Job(recipe_path, cell_file)

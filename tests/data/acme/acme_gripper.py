@@ -71,11 +71,6 @@ class AcmeGripper:
         """How far it opens [mm]."""
         return self._settings.max_opening_mm
 
-    @property
-    def max_force_n(self) -> float:
-        """How hard it presses at the most [N]."""
-        return MAX_FORCE_N
-
     async def connect(self) -> Reading:
         """Open the line; nothing moves."""
         await self._hang_up()
