@@ -190,12 +190,12 @@ def require_force(path: Path, force_n: float, cell: Cell) -> None:
     driver = find_driver("gripper", section.driver)
     if driver.max_force_n is None:
         return
-    max_n = driver.max_force_n(read_settings(driver, section.settings, "devices.gripper"))
-    if force_n > max_n:
+    max_force_n = driver.max_force_n(read_settings(driver, section.settings, "devices.gripper"))
+    if force_n > max_force_n:
         with _at_line(path, ("grasp", "force_n")):
             raise ConfigError(
                 f"`grasp.force_n`: {force_n:g} N, the fixed gripper of cell {cell.name} "
-                f"({section.driver}) presses with {max_n:g} N at the most; ask for less"
+                f"({section.driver}) presses with {max_force_n:g} N at the most; ask for less"
             )
 
 

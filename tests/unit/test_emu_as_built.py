@@ -175,3 +175,22 @@ def test_the_column_stands_on_the_base_wherever_that_is(seed: int) -> None:
     on_base = np.linalg.inv(built.T_world_base) @ built.T_world_column
     np.testing.assert_allclose(on_base, np.linalg.inv(drawn.T_world_base), atol=1e-9)
     assert not np.allclose(built.T_world_column, np.eye(4))
+
+
+def test_the_fixed_grippers_fingertips_and_stroke_differ_and_what_it_reports_with_them(
+    tmp_path: Path,
+) -> None:
+    drawn = [draw_as_built(LAYOUT, seed).fixed_jaws for seed in SEEDS]
+    wider_mm = np.abs([one.wider_mm for one in drawn])
+    stretch = np.abs([one.stretch - 1.0 for one in drawn])
+    assert 0.4 < wider_mm.max() <= 0.5
+    assert 0.008 < stretch.max() <= 0.01
+    assert as_drawn(LAYOUT).fixed_jaws.wider_mm == 0.0
+    cell = StillCell(tmp_path, as_built=11)
+    errors = draw_as_built(LAYOUT, 11).fixed_jaws
+    cell.jaws.opening_mm = 40.0
+    cell.gripper.advance(0.01)
+    # gPO is 3 with the jaws 85 mm apart and 230 with them closed, by design (modbus_devices.md 2.5)
+    reading_mm = (230 - cell.gripper._input[4]) * 85.0 / 227.0
+    true_mm = errors.wider_mm + errors.stretch * reading_mm
+    assert abs(true_mm - 40.0) <= 0.51 * 85.0 / 227.0 * errors.stretch

@@ -640,6 +640,19 @@ async def test_a_grip_ends_where_the_part_is() -> None:
     assert await bench.arm.read_opening_mm() == pytest.approx(38.9, abs=0.05)
 
 
+async def test_jaws_that_feel_for_something_close_slowly_and_are_given_the_time() -> None:
+    bench = await Bench().homed()
+    await bench.arm.open_jaws()
+    bench.wire.motor(1, 4).low = 600
+    usual = 50  # SPEED of the settings' default, parameter 4 (§2.5, §5.6)
+    # at a tenth of the speed it takes ten times as long as the deadline at full speed
+    assert await bench.arm.grasp(30, 1.5, speed_share=0.1) == pytest.approx(38.9, abs=0.05)
+    assert bench.wire.motor(1, 4).parameters[4] == usual // 10
+    for share in (0.0, -0.1, 1.5):
+        with pytest.raises(ValueError, match="above 0 to 1"):
+            await bench.arm.grasp(30, speed_share=share)
+
+
 async def test_a_grip_on_nothing_is_a_result() -> None:
     bench = await Bench().homed()
     await bench.arm.open_jaws()
