@@ -74,6 +74,12 @@ CASES: Final[Mapping[str, Case]] = {
         ({"do": "knock", "camera": "overhead", "mm": [0, 2.0, 0], "turn_deg": [0.2, 0, 0.2]},),
         ("the camera overhead was moved",),
     ),
+    "overhead camera knocked before the plate": Case(
+        "arm",
+        "working out where to show",
+        ({"do": "knock", "camera": "overhead", "mm": [0, 0, 2.5]},),
+        ("the camera overhead was moved",),
+    ),
     "lamps swapped": Case(
         "light",
         "",

@@ -19,7 +19,7 @@ from ._types import (
 )
 from .arm import ArmUnknown, KinematicArm
 from .choosing import Candidate, Choice, choose, predicted_picture
-from .faults import Fault, FaultLimits, find_faults
+from .faults import BoardAgain, Fault, FaultLimits, board_again, find_faults
 from .layout import Layout
 from .play import HomingScatter, Play, StopPicture, measure_homing, measure_play
 from .solve import CellFit, PictureFit, calibrate_cell
@@ -35,6 +35,7 @@ from .uncertainty import (
 
 __all__ = [
     "ArmUnknown",
+    "BoardAgain",
     "BoardPicture",
     "Bounds",
     "CameraPrior",
@@ -57,6 +58,7 @@ __all__ = [
     "StopPicture",
     "aim_uncertainty_mm",
     "base_std",
+    "board_again",
     "board_pose",
     "calibrate_cell",
     "camera_uncertainty",

@@ -17,7 +17,9 @@ from typing import Final
 import numpy as np
 
 from controller.arrays import FloatArray
+from controller.imaging import Camera
 
+from ..calibration import FoundBoard
 from ._types import BoardPicture, CellPrior, KinematicsError
 from .layout import Layout, PictureTerms
 from .noise import whitening
@@ -29,6 +31,7 @@ _LIKELIER: Final = 30.0  # in the logarithm's units: odds of a million to one
 _LOOSE_SCALE: Final = 0.02
 _LOOSE_MOVE: Final = np.array([radians(0.5)] * 3 + [4.0] * 3)
 _LOOSE_JOINTS: Final = 3.0  # times the noise that counters leave
+_CORNERS_MIN: Final = 12  # of a board, in both of two pictures
 _PICTURES_MIN: Final = 3  # before and after a move; fewer could be chance
 
 
@@ -40,6 +43,7 @@ class FaultLimits:
     other_board: float = 0.04  # no printer is off by so much: it is another board's file
     moved_mm: float = 0.5  # of a camera or plate; less is found in the residuals as noise
     moved_rad: float = radians(0.1)
+    again_scale: float = 0.0005  # of a board put at its mark again; only the camera changes it
     play_rad: float = radians(0.5)  # of gears, whose sound ones have 0.1 to 0.3 degrees
     prior_sigma: float = 2.6  # of an unknown from its drawing, where a bound is at 1.7
     picture_ratio: float = 4.0  # of one picture from the cell, against the median of all
@@ -82,6 +86,80 @@ def find_faults(
     if cause:
         return (*found, *cause)
     return (*found, *_odd_pictures(fit, limits), *_out_of_bounds(fit, limits))
+
+
+@dataclass(frozen=True, slots=True)
+class BoardAgain:
+    """The board at its mark, seen at the beginning and at the end.
+
+    Attributes
+    ----------
+    moved_mm, turned_rad : of the print, on the table
+    grown : of its size, as a share
+    fault : the camera was moved, None if neither is more than pins explain
+    """
+
+    moved_mm: float
+    turned_rad: float
+    grown: float
+    fault: Fault | None
+
+
+def board_again(
+    camera: Camera,
+    name: str,
+    first: FoundBoard,
+    again: FoundBoard,
+    height_mm: float,
+    limits: FaultLimits = FaultLimits(),
+) -> BoardAgain:
+    """Return how differently a camera sees a board that was put back where it was.
+
+    Parameters
+    ----------
+    camera : about where it stands
+    name : of it, for the message
+    first, again : the board in both pictures
+    height_mm : of its print over the table
+    limits : what a good cell stays below
+
+    Raises
+    ------
+    KinematicsError : the pictures have too few corners in common
+    """
+    known = {tuple(np.round(xy, 3)): i for i, xy in enumerate(first.board_mm)}
+    pairs = [
+        (known[key], i)
+        for i, xy in enumerate(again.board_mm)
+        if (key := tuple(np.round(xy, 3))) in known
+    ]
+    if len(pairs) < _CORNERS_MIN:
+        raise KinematicsError(
+            f"{name}: the board at its mark shows {len(pairs)} corners in both pictures, "
+            f"{_CORNERS_MIN} are required; take away what covers it"
+        )
+    here, there = np.array(pairs).T
+    before = camera.on_plane(first.pixels[here], height_mm)[:, :2] @ (1.0, 1j)
+    after = camera.on_plane(again.pixels[there], height_mm)[:, :2] @ (1.0, 1j)
+    moved_mm = float(abs(after.mean() - before.mean()))
+    x, y = before - before.mean(), after - after.mean()
+    turn = np.vdot(x, y) / np.vdot(x, x).real  # least squares of y = turn * x
+    turned, grown = float(abs(np.angle(turn))), float(abs(turn) - 1.0)
+    is_moved = (
+        moved_mm > limits.moved_mm or turned > limits.moved_rad or abs(grown) > limits.again_scale
+    )
+    fault = None
+    if is_moved:
+        fault = Fault(
+            "camera_moved",
+            name,
+            f"the camera {name} was moved while pictures were taken: it sees the board at its "
+            f"mark {moved_mm:.1f} mm and {degrees(turned):.2f} deg from where it saw it first, and "
+            f"{100 * grown:+.2f} % larger ({limits.moved_mm:g} mm, {degrees(limits.moved_rad):.1f} "
+            f"deg, {100 * limits.again_scale:g} % are allowed). Screw it tight, see that the board "
+            "lies at its pins, repeat the step",
+        )
+    return BoardAgain(moved_mm, turned, grown, fault)
 
 
 def _backlash(play: Mapping[str, Play], limits: FaultLimits) -> tuple[Fault, ...]:

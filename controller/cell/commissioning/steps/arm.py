@@ -14,6 +14,7 @@ from typing import Any, Final
 import numpy as np
 
 from controller.arrays import FloatArray
+from controller.commissioning.calibration import FoundBoard
 from controller.commissioning.grippers import FingersError, TcpFit
 from controller.commissioning.kinematics import (
     BoardPicture,
@@ -22,6 +23,7 @@ from controller.commissioning.kinematics import (
     CellFit,
     CellPrior,
     Face,
+    FaultLimits,
     Grasp,
     KinematicsError,
     Placing,
@@ -29,6 +31,7 @@ from controller.commissioning.kinematics import (
     StopPicture,
     aim_uncertainty_mm,
     base_std,
+    board_again,
     calibrate_cell,
     choose,
     clamped_std,
@@ -38,7 +41,7 @@ from controller.commissioning.kinematics import (
     tcp_uncertainty,
 )
 from controller.commissioning.showing import Region
-from controller.commissioning.target import load_board
+from controller.commissioning.target import BoardSection, load_board
 from controller.config.calibration_reference import CalibrationName
 from controller.config.calibrations import (
     ArmCalibration,
@@ -125,6 +128,7 @@ class ArmStep:
             await held.give_back()
             raise
         await held.give_back()
+        await _on_the_table_again(bench, flat_file, lying[0], placings[MARK])
         try:
             fit = await asyncio.to_thread(calibrate_cell, prior, [*lying, *pictures])
             play = measure_play(fit.layout, fit.x, stops, arm.motors)
@@ -165,23 +169,69 @@ async def _on_the_table(bench: Bench, file: Path) -> tuple[list[BoardPicture], d
     edge_mm = flat.margin_mm + flat.square_mm
     x_mm = sum(area.x) / 2 - width_mm / 2 + edge_mm
     y_mm = sum(area.y) / 2 - height_mm / 2 + flat.bare_mm + edge_mm
-    await lay(
+    board = await _at_its_mark(
         bench,
         file,
+        flat,
+        (x_mm, y_mm),
         f"Lay the flat board at its mark: the lower left inner corner of its print at x {x_mm:.1f} "
         f"y {y_mm:.1f} mm of the table, its lower side along x. Nothing else on the table. Is it "
         "there?",
-        x_mm=x_mm,
-        y_mm=y_mm,
+        MARK,
+        "the board at its mark, which fixes the world",
     )
-    picture = await look(bench, "overhead", MARK, "the board at its mark, which fixes the world")
-    board, _ = found_in(picture, flat, "the board at its mark")
-    await put_away(bench, file, "Take the board off the table. Is the table empty?")
     now_s = bench.clock.now_s()
     return (
         [BoardPicture(MARK, "overhead", "flat", board, MARK, taken_s=now_s)],
         {MARK: Placing(x_mm, y_mm, 0.0, thickness_mm)},
     )
+
+
+async def _on_the_table_again(
+    bench: Bench, file: Path, first: BoardPicture, place: Placing
+) -> None:
+    """Look once more at the board at its mark: the overhead camera has to stand where it stood.
+
+    Raises
+    ------
+    StepFailedError : it was moved, or the board is not found
+    """
+    flat = load_board(file)
+    text = "Lay the flat board at its mark again, as in the first picture. Is it there?"
+    caption = "the board at its mark again, after all other pictures"
+    again = await _at_its_mark(
+        bench, file, flat, (place.x_mm, place.y_mm), text, f"{MARK}_again", caption
+    )
+    try:
+        seen = board_again(bench.layout.overhead, "overhead", first.board, again, place.height_mm)
+    except KinematicsError as error:
+        raise StepFailedError(str(error)) from error
+    measure, limits = bench.evidence.measure, FaultLimits()
+    name = "board at its mark again"
+    measure(f"{name}: from where it was", seen.moved_mm, "mm", high=limits.moved_mm)
+    measure(f"{name}: turned", degrees(seen.turned_rad), "deg", high=degrees(limits.moved_rad))
+    share = 100.0 * limits.again_scale
+    measure(f"{name}: larger", 100.0 * seen.grown, "%", low=-share, high=share)
+    if seen.fault is not None:
+        bench.evidence.find(f"camera moved: {seen.fault.message}")
+        raise StepFailedError(seen.fault.message)
+
+
+async def _at_its_mark(
+    bench: Bench,
+    file: Path,
+    flat: BoardSection,
+    at_mm: tuple[float, float],
+    text: str,
+    name: str,
+    caption: str,
+) -> FoundBoard:
+    """Have the flat board put at its mark, look at it, and have it taken away."""
+    await lay(bench, file, text, x_mm=at_mm[0], y_mm=at_mm[1])
+    picture = await look(bench, "overhead", name, caption)
+    board, _ = found_in(picture, flat, "the board at its mark")
+    await put_away(bench, file, "Take the board off the table. Is the table empty?")
+    return board
 
 
 def _prior(
