@@ -120,7 +120,8 @@ def commission(
         typer.Option("--step", metavar="NAME", help="repeat one step (default: all that are due)"),
     ] = None,
     status: Annotated[
-        bool, typer.Option("--status", help="print which steps are done; nothing moves")
+        bool,
+        typer.Option("--status", help="print which steps are done and which calibrations count"),
     ] = False,
     yes: Annotated[
         bool,
@@ -133,6 +134,7 @@ def commission(
     seed: SeedOption = None,
     speed: SpeedOption = 1.0,
     control: ControlOption = None,
+    runs: RunsOption = Path("runs"),
     json: JsonOption = False,
 ) -> None:
     """Find out how the cell really stands: step by step, each with its own evidence.
@@ -151,6 +153,7 @@ def commission(
             emulated=EmulatedOptions(
                 as_built=as_built, seed=seed, speed=speed, control=control, answers=yes
             ),
+            runs=runs,
             as_json=json,
         ),
         status_only=status,

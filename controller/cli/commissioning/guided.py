@@ -15,6 +15,7 @@ from controller.setup.drivers import require_drivers
 
 from ..running.door import OperatorDoor
 from ..terminal.output import emit, print_line
+from .calibration_lines import calibration_lines
 from .entering import EmulatedOptions, Entered, check_entering, entered, user_name
 
 RUN_NAME: Final = "commission"
@@ -31,6 +32,7 @@ class GuidedOptions:
     step : the one to repeat, None for all that are due
     operator : who commissions, empty for the user
     emulated : options of the emulated cell
+    runs : folder of the runs on the cell, for how often each calibration was used
     as_json : print JSON lines
     """
 
@@ -39,6 +41,7 @@ class GuidedOptions:
     step: str | None
     operator: str
     emulated: EmulatedOptions
+    runs: Path
     as_json: bool
 
 
@@ -53,6 +56,7 @@ def guide(options: GuidedOptions, *, status_only: bool) -> int:
     standings = order.standings(datetime.now(UTC))
     if status_only:
         _report_standings(standings, order, as_json=options.as_json)
+        _report_calibrations(order, options.runs, as_json=options.as_json)
         return 0 if _all_done(standings) else 1
     steps = due(standings, options.step)
     if not steps:
@@ -156,6 +160,27 @@ def _report_standings(
     for one in standings:
         style = None if one.status is Status.DONE else "yellow"
         print_line(f"  {one.step:10} {one.status.value:9} {one.reason}", style=style)
+
+
+def _report_calibrations(order: CommissionOrder, runs: Path, *, as_json: bool) -> None:
+    lines = calibration_lines(order.folder, runs, datetime.now(UTC))
+    if lines and not as_json:
+        print_line(f"calibrations (runs of {runs}):")
+    for one in lines:
+        if as_json:
+            emit(
+                {
+                    "event": "calibration",
+                    "name": one.name,
+                    "measured": one.measured.isoformat(),
+                    "why_stale": one.why_stale,
+                    "run_count": one.run_count,
+                    "valid_runs": one.valid_runs,
+                    "runs_left": one.runs_left,
+                }
+            )
+        else:
+            print_line(f"  {one.name:13} {one.words}", style="yellow" if one.why_stale else None)
 
 
 def _all_done(standings: Sequence[Standing]) -> bool:
