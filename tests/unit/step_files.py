@@ -19,7 +19,15 @@ needs_kernel = pytest.mark.skipif(
 )
 
 
-KINDS = ("plate", "plate in inches", "round things", "two boxes", "open box")
+KINDS = (
+    "plate",
+    "plate in inches",
+    "plate cut up",
+    "plate of splines",
+    "round things",
+    "two boxes",
+    "open box",
+)
 
 
 def write_all(folder: Path) -> dict[str, Path]:
@@ -38,6 +46,23 @@ def _plate_with_bore():  # noqa: ANN202  the kernel's types have no stubs
     box = BRepPrimAPI_MakeBox(60.0, 40.0, 10.0).Solid()
     axis = gp_Ax2(gp_Pnt(20, 15, -5), gp_Dir(0, 0, 1))
     return BRepAlgoAPI_Cut(box, BRepPrimAPI_MakeCylinder(axis, 6.0, 20.0).Shape()).Shape()
+
+
+def _cut_up(shape):  # noqa: ANN001, ANN202
+    """Return a shape with each closed surface in several faces, as some CAD systems write it."""
+    from OCP.ShapeUpgrade import ShapeUpgrade_ShapeDivideClosed
+
+    divide = ShapeUpgrade_ShapeDivideClosed(shape)
+    divide.SetNbSplitPoints(3)
+    divide.Perform()
+    return divide.Result()
+
+
+def _of_splines(shape):  # noqa: ANN001, ANN202
+    """Return a shape with every surface as a spline."""
+    from OCP.BRepBuilderAPI import BRepBuilderAPI_NurbsConvert
+
+    return BRepBuilderAPI_NurbsConvert(shape, True).Shape()
 
 
 def _round_things():  # noqa: ANN202
@@ -108,7 +133,15 @@ def main() -> None:
     folder = Path(sys.argv[1])
     for kind, shape in zip(
         KINDS,
-        (_plate_with_bore(), _plate_with_bore(), _round_things(), _two_boxes(), _open_box()),
+        (
+            _plate_with_bore(),
+            _plate_with_bore(),
+            _cut_up(_plate_with_bore()),
+            _cut_up(_of_splines(_plate_with_bore())),
+            _round_things(),
+            _two_boxes(),
+            _open_box(),
+        ),
         strict=True,
     ):
         _write(shape, str(folder / f"{kind}.step"), "INCH" if "inches" in kind else "MM")

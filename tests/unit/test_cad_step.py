@@ -19,6 +19,7 @@ from controller.cad.errors import UnreadableCadError
 from controller.cad.reading.step.files import StepPart, read_step_part
 from controller.cad.reading.step.kernel import KernelLimits, KernelRun
 from controller.cad.reading.step.part21 import Part21, Part21Error
+from controller.cad.surfaces.features import find_features
 from controller.cad.surfaces.tolerances import Datum, Dimension, GeometricTolerance
 
 PI = np.pi
@@ -227,6 +228,73 @@ def test_cones_balls_and_rings_are_known(files: dict[str, Path]) -> None:
     assert (ring.radius_mm, ring.minor_radius_mm) == pytest.approx((6, 1))
     assert ring.centre_mm == pytest.approx([0, 0, 0], abs=1e-9)
     assert ring.concave
+
+
+@needs_kernel
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["plate cut up", "plate of splines"])
+def test_a_bore_in_several_faces_is_one_surface(files: dict[str, Path], kind: str) -> None:
+    text = files[kind].read_text()
+    assert text.count("ADVANCED_FACE(") > 7
+    part = read_step_part(files[kind])
+    assert len(part.solid.faces) == 7
+    (bore,) = _by_kind(part, "cylinder")
+    assert bore.concave
+    assert bore.radius_mm == pytest.approx(6, abs=1e-4)
+    assert bore.area_mm2 == pytest.approx(2 * PI * 60, rel=1e-3)  # the kernel sums over splines
+    assert bore.centre_mm == pytest.approx([20, 15, 5], abs=1e-3)
+    (hole,) = [f for f in find_features(part.solid) if f.kind == "hole"]
+    assert (hole.is_through, hole.depth_mm) == (True, pytest.approx(10, abs=1e-6))
+    places = sorted(part.step_face.tolist())
+    assert places[0] == 0
+    assert len(set(places)) == 7
+
+
+@needs_kernel
+@pytest.mark.slow
+def test_faces_that_meet_in_an_edge_stay_apart(files: dict[str, Path]) -> None:
+    part = read_step_part(files["round things"])
+    kinds = [face.kind for face in part.solid.faces]
+    assert sorted(kinds) == ["cone", "plane", "plane", "sphere", "torus"]
+
+
+@needs_kernel
+@pytest.mark.slow
+def test_tolerances_of_a_bore_in_several_faces_name_its_one_face(files: dict[str, Path]) -> None:
+    path = files["plate cut up"].with_name("cut up and toleranced.step")
+    path.write_text(_with_tolerances(files["plate cut up"].read_text()))
+    part = read_step_part(path)
+    (bore,) = _by_kind(part, "cylinder")
+    (size,) = [t for t in part.tolerances if isinstance(t, Dimension)]
+    assert size.faces == (bore.id,)
+    (datum,) = [t for t in part.tolerances if isinstance(t, Datum)]
+    (named,) = datum.faces
+    assert part.solid.faces[named].normal == pytest.approx([0, 0, 1], abs=1e-9)
+
+
+@needs_kernel
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("written", "meant"),
+    [
+        (("0.02", "-0.01"), (-0.254, 0.508)),  # the upper one first
+        (("-0.01", "-0.02"), (-0.508, -0.254)),
+        (("0.03", "0.02"), (0.508, 0.762)),
+        (("0.01", "0.01"), (-0.254, 0.254)),  # the same amount twice: both ways
+    ],
+)
+def test_deviations_are_read_in_any_order_and_sign(
+    files: dict[str, Path], tmp_path: Path, written: tuple[str, str], meant: tuple[float, float]
+) -> None:
+    text = _with_tolerances(files["plate"].read_text())
+    lower, upper = (f"LENGTH_MEASURE({value})" for value in written)
+    text = text.replace("LENGTH_MEASURE(-0.01)", "LOWER").replace("LENGTH_MEASURE(0.02)", upper)
+    path = tmp_path / "part.step"
+    path.write_text(text.replace("LOWER", lower))
+    part = read_step_part(path)
+    (size,) = [t for t in part.tolerances if isinstance(t, Dimension)]
+    assert (size.lower, size.upper) == pytest.approx(meant)
+    assert size.nominal == pytest.approx(12.0)
 
 
 def test_an_empty_file_is_told(tmp_path: Path) -> None:

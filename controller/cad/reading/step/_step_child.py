@@ -13,6 +13,7 @@ the reason.
 import json
 import resource
 import sys
+from contextlib import suppress
 from math import sqrt
 from pathlib import Path
 from typing import Any, Final
@@ -311,8 +312,10 @@ def surface_of(face: Any) -> tuple[str, Any]:  # noqa: ANN401
         ("sphere", seen.IsSphere, gp_Sphere()),
         ("cone", seen.IsCone, gp_Cone()),
     ):
-        if test(CANONICAL_MM, form):
-            return name, form
+        # on splines of some exporters the kernel's recognition itself gives up
+        with suppress(Exception):
+            if test(CANONICAL_MM, form):
+                return name, form
     return "freeform", None
 
 

@@ -97,11 +97,11 @@ def _dimensions(
 ) -> list[Dimension]:
     left = list(written)
     found: list[Dimension] = []
-    lost = 0
+    lost: list[str] = []
     for each in stated:
         match = next((w for w in left if _is_same(each, w)), None)
         if match is None:
-            lost += 1
+            lost.append(f"{_snake(each['kind'])} {each['value']:g}")
             continue
         left.remove(match)
         lower, upper = match.deviations or (None, None)
@@ -110,8 +110,8 @@ def _dimensions(
             middle = sum(match.limits) / 2
             nominal = middle if nominal is None else nominal
             lower, upper = match.limits[0] - nominal, match.limits[1] - nominal
-        if nominal is None or (lower is not None and upper is not None and lower > upper):
-            lost += 1
+        if nominal is None:
+            lost.append(str(match))
             continue
         found.append(
             Dimension(
@@ -126,9 +126,14 @@ def _dimensions(
             )
         )
     if lost:
-        warnings.append(f"{lost} of {len(stated)} dimensions have no sound value in the text")
+        warnings.append(
+            f"{len(lost)} of {len(stated)} dimensions have no value in the text: {', '.join(lost)}"
+        )
     if left:
-        warnings.append(f"{len(left)} of {len(written)} dimensions of the text are passed over")
+        warnings.append(
+            f"{len(left)} of {len(written)} dimensions of the text are not among the kernel's: "
+            + ", ".join(str(one) for one in left)
+        )
     bare = sum(not d.faces for d in found)
     if bare:
         warnings.append(f"{bare} of {len(found)} dimensions name no surface")
@@ -138,8 +143,16 @@ def _dimensions(
 def _is_same(stated: dict[str, Any], written: Written) -> bool:
     """Whether the kernel's dimension, unsigned and half converted, can be that of the text."""
     limits, deviations = stated.get("limits"), stated.get("deviations")
+    if limits is not None and written.deviations is not None and written.nominal is not None:
+        # of deviations whose upper one comes first the kernel makes these limits
+        upper = abs(written.deviations[1])
+        return _are_close(limits[:1], [written.nominal], written.raw[:1]) and _are_close(
+            limits[1:], [upper], np.abs(written.raw[-1:])
+        )
     if limits is not None:
-        return written.limits is not None and _are_close(limits, written.limits, written.raw[-2:])
+        return written.limits is not None and _are_close(
+            np.sort(limits), written.limits, np.sort(written.raw[-2:])
+        )
     if written.limits is not None or (deviations is None) != (written.deviations is None):
         return False
     nominal = [written.nominal or 0.0]
@@ -147,7 +160,10 @@ def _is_same(stated: dict[str, Any], written: Written) -> bool:
         return False
     if deviations is None or written.deviations is None:
         return True
-    return _are_close(np.abs(deviations), np.abs(written.deviations), np.abs(written.raw[-2:]))
+    stated_size, size, raw_size = (
+        np.sort(np.abs(values)) for values in (deviations, written.deviations, written.raw[-2:])
+    )
+    return _are_close(stated_size, size, raw_size)
 
 
 def _are_close(stated: ArrayLike, converted: ArrayLike, raw: ArrayLike) -> bool:

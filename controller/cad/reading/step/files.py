@@ -1,8 +1,9 @@
 """STEP files: the solid with the surfaces the file names, exact, and its semantic tolerances.
 
 The kernel works in a child process (`_step_child`, `_step_pmi_child`). Here its arrays become a
-`Solid`: one face of ours per STEP face, largest first. The mesh is for the rooms that look at
-triangles; volume, centroid, areas, axes and radii are the kernel's exact ones.
+`Solid`: one face of ours per surface, largest first, however many faces the file cuts it into. The
+mesh is for the rooms that look at triangles; volume, centroid, areas, axes and radii are the
+kernel's exact ones.
 """
 
 import hashlib
@@ -28,6 +29,7 @@ from ...errors import (
 )
 from ...solid import Solid, make_solid
 from ...surfaces.tolerances import Tolerance
+from ._merging import merge_faces
 from ._tolerances import tolerances_from
 from .kernel import KernelLimits, KernelRun, check_installed
 
@@ -83,7 +85,8 @@ class StepPart:
     Attributes
     ----------
     solid : with the file's faces
-    step_face : (f,) place of each face in the file's own order, from 0
+    step_face : (f,) place of each face in the file's own order, from 0; of its first piece where
+        the file has it in several
     edges : with their exact curves
     area_mm2 : of the whole surface
     inertia_mm5 : (3, 3) about the centroid, of density 1
@@ -131,7 +134,8 @@ def read_step_part(path: Path, limits: KernelLimits | None = None) -> StepPart:
             with KernelRun(
                 "_step_child.py", source, folder / "shape.npz", arguments, limits
             ) as shape_run:
-                found: dict[str, Any] = dict(shape_run.result(where))
+                written: dict[str, Any] = dict(shape_run.result(where))
+            found, into = merge_faces(written)
             try:
                 solid = _solid(found, path.stem, hashlib.sha256(data).hexdigest(), where)
                 break
@@ -146,11 +150,11 @@ def read_step_part(path: Path, limits: KernelLimits | None = None) -> StepPart:
             except CadError as error:  # the geometry stands without them
                 warnings = (f"its tolerances were not read: {error}",)
             else:
-                area_mm2 = found["area_mm2"]
+                ids = _ranks(found["area_mm2"])[into]
                 tolerances, warnings = tolerances_from(
-                    pmi, data, area_mm2, found["mean_mm"], _ranks(area_mm2)
+                    pmi, data, written["area_mm2"], written["mean_mm"], ids
                 )
-    return _part(found, solid, tolerances, warnings)
+    return _part(found, into, solid, tolerances, warnings)
 
 
 def _read_text(path: Path) -> bytes:
@@ -205,6 +209,7 @@ def _solid(found: dict[str, Any], name: str, content_hash: str, where: str) -> S
 
 def _part(
     found: dict[str, Any],
+    into: IntArray,
     solid: Solid,
     tolerances: tuple[Tolerance, ...],
     warnings: tuple[str, ...],
@@ -222,7 +227,7 @@ def _part(
     )
     return StepPart(
         solid=solid,
-        step_face=np.argsort(rank),
+        step_face=np.unique(into, return_index=True)[1][np.argsort(rank)],
         edges=edges,
         area_mm2=float(found["surface_mm2"]),
         inertia_mm5=found["inertia_mm5"],

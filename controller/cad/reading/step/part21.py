@@ -35,6 +35,7 @@ class Written:
     nominal, limits, deviations : the same, converted; None where not given
     is_angle : whether in rad
     fit : class of tolerance, as ``H7``
+    record : number of the record that gives it its value
     """
 
     raw: tuple[float, ...]
@@ -43,6 +44,13 @@ class Written:
     deviations: tuple[float, float] | None
     is_angle: bool
     fit: str
+    record: int = 0
+
+    def __str__(self) -> str:
+        values = (*([] if self.nominal is None else [self.nominal]), *(self.limits or ()))
+        unit = "rad" if self.is_angle else "mm"
+        allowed = "" if self.deviations is None else " {:+g} {:+g}".format(*self.deviations)
+        return f"#{self.record}: {' / '.join(f'{v:g}' for v in values)}{allowed} {unit}"
 
 
 class Part21:
@@ -82,7 +90,7 @@ class Part21:
         """Return the dimensions that have a value, in the file's order."""
         deviations = dict(self._deviations())
         found = []
-        for _, record in self.all_of("DIMENSIONAL_CHARACTERISTIC_REPRESENTATION"):
+        for reference, record in self.all_of("DIMENSIONAL_CHARACTERISTIC_REPRESENTATION"):
             of, representation = record["DIMENSIONAL_CHARACTERISTIC_REPRESENTATION"][:2]
             items = next(iter(self.record(representation).values()))[1]
             values = dict(v for item in items if (v := self._named_measure(item)) is not None)
@@ -96,10 +104,11 @@ class Part21:
                 Written(
                     raw=tuple(m.raw for m in measures),
                     nominal=nominal.value if nominal else None,
-                    limits=(lower.value, upper.value) if lower and upper else None,
-                    deviations=(below.value, above.value) if below and above else None,
+                    limits=_sorted(lower.value, upper.value) if lower and upper else None,
+                    deviations=_in_order(below, above),
                     is_angle=measures[0].is_angle,
                     fit=fit,
+                    record=reference.number,
                 )
             )
         return found
@@ -222,6 +231,23 @@ class Measure:
     raw: float
     value: float
     is_angle: bool
+
+
+def _sorted(one: float, other: float) -> tuple[float, float]:
+    return min(one, other), max(one, other)
+
+
+def _in_order(below: "Measure | None", above: "Measure | None") -> tuple[float, float] | None:
+    """Return lower and upper deviation, however they are written.
+
+    The standard has the lower one first, with its sign. Some systems write the upper one first,
+    and some the same amount twice where they mean it both ways.
+    """
+    if below is None or above is None:
+        return None
+    if below.value == above.value != 0.0:
+        return -abs(below.value), abs(below.value)
+    return _sorted(below.value, above.value)
 
 
 def _number(typed: Any) -> float:  # noqa: ANN401  any argument
