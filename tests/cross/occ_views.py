@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+SAME_MM = 1e-3
 STEP_MM = 0.02  # well below the 0.05 mm that lines may be apart
 KINDS = ("sharp", "outline", "smooth", "seam")  # seam: curvature and more go on across it
 
@@ -80,6 +81,29 @@ def draw(shape, R: Array, origin_mm: Array) -> dict[str, Array]:  # noqa: ANN001
     }
 
 
+def know_seams(shape) -> None:  # noqa: ANN001  kernel's type
+    """Let seams between two pieces of one ball be seams: some files have them as mere tangents."""
+    from OCP.BRep import BRep_Builder
+    from OCP.BRepAdaptor import BRepAdaptor_Surface
+    from OCP.GeomAbs import GeomAbs_CN, GeomAbs_Sphere
+    from OCP.TopAbs import TopAbs_EDGE, TopAbs_FACE
+    from OCP.TopExp import TopExp
+    from OCP.TopoDS import TopoDS
+    from OCP.TopTools import TopTools_IndexedDataMapOfShapeListOfShape
+
+    faces_at = TopTools_IndexedDataMapOfShapeListOfShape()
+    TopExp.MapShapesAndAncestors_s(shape, TopAbs_EDGE, TopAbs_FACE, faces_at)
+    for i in range(1, faces_at.Extent() + 1):
+        faces = [TopoDS.Face_s(face) for face in faces_at.FindFromIndex(i)]
+        surfaces = [BRepAdaptor_Surface(face) for face in faces]
+        if len(faces) == 2 and all(s.GetType() == GeomAbs_Sphere for s in surfaces):
+            one, other = (s.Sphere() for s in surfaces)
+            apart_mm = one.Location().Distance(other.Location())
+            if apart_mm < SAME_MM and abs(one.Radius() - other.Radius()) < SAME_MM:
+                edge = TopoDS.Edge_s(faces_at.FindKey(i))
+                BRep_Builder().Continuity(edge, *faces, GeomAbs_CN)
+
+
 def ask(file: Path, R: Array, origin_mm: Array, timeout_s: float) -> list[dict[str, Array] | None]:
     """Return what the kernel draws for each ``R`` (n, 3, 3); None where it crashed or hung."""
     with tempfile.TemporaryDirectory(prefix="occ-views-") as name:
@@ -126,6 +150,7 @@ def main() -> int:
     # the body alone: construction lines and drawing frames are shapes to the kernel too
     walk = TopExp_Explorer(reader.OneShape(), TopAbs_SOLID)
     shape = walk.Current()
+    know_seams(shape)
     asked = np.load(views)
     for i in asked["todo"]:
         arrays = draw(shape, asked["R"][i], asked["origin_mm"])
