@@ -358,6 +358,19 @@ def test_a_kernel_that_dies_or_hangs_is_a_typed_error(
     assert time.monotonic() - begin < 600
 
 
+def test_the_environment_grants_a_slow_file_more_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    usual = KernelLimits.granted()
+    assert usual == KernelLimits()
+    # what a file of 3.7 MB took, 11 s, and half of that again
+    assert usual.time_for_s(3_700_000) > 1.5 * 11.0
+    monkeypatch.setenv("CELLCTL_STEP_CPU_S", "200")
+    assert KernelLimits.granted().time_for_s(1000) == 200.0
+    for wrong in ("soon", "0", "-5", "nan", "inf"):
+        monkeypatch.setenv("CELLCTL_STEP_CPU_S", wrong)
+        with pytest.raises(UnreadableCadError, match="no number of seconds"):
+            KernelLimits.granted()
+
+
 def test_a_kernel_that_others_keep_from_running_is_waited_for(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -6,6 +6,7 @@ what comes of it is a typed error with the reason, in bounded time.
 
 import importlib.util
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -23,7 +24,10 @@ from ... import errors
 from ...errors import CadError, UnreadableCadError
 
 REFUSED: Final = 3  # exit code of a child that says why
-SECONDS_PER_MB: Final = 3.0  # sound files take 1 s for each, and 2 s to start
+GRANT: Final = "CELLCTL_STEP_CPU_S"  # of the environment: time that any file is granted [CPU s]
+# sound files take 1 to 3 s for each MB, and up to 11 s where surfaces are hard to divide
+SECONDS_PER_MB: Final = 6.0
+MOST_GRANTED_S: Final = 1e5
 PATIENCE: Final = 4.0  # times the time of computing; then a child that could have run hangs
 
 
@@ -33,12 +37,33 @@ class KernelLimits:
 
     Attributes
     ----------
-    time_s : of computing, for a small file; large ones get `SECONDS_PER_MB` more
+    time_s : of computing [CPU s], for a small file; large ones get `SECONDS_PER_MB` more
     memory_bytes : of data; its libraries, 250 MB, come on top
     """
 
-    time_s: float = 5.0
+    time_s: float = 30.0
     memory_bytes: int = 700 << 20
+
+    @classmethod
+    def granted(cls) -> "KernelLimits":
+        """Return the usual limits, or those that the environment grants.
+
+        Raises
+        ------
+        UnreadableCadError : the environment grants no positive number of seconds
+        """
+        text = os.environ.get(GRANT)
+        if text is None:
+            return cls()
+        try:
+            time_s = float(text)
+        except ValueError:
+            time_s = 0.0
+        if not 0.0 < time_s < MOST_GRANTED_S:
+            raise UnreadableCadError(
+                f"{GRANT}={text}: is no number of seconds from 1 to {MOST_GRANTED_S:g}"
+            )
+        return cls(time_s=time_s)
 
     def time_for_s(self, byte_count: int) -> float:
         """Return the time of computing a file of this size may take."""
@@ -65,7 +90,7 @@ class KernelRun:
         arguments: Sequence[str] = (),
         limits: KernelLimits | None = None,
     ) -> None:
-        limits = limits or KernelLimits()
+        limits = limits or KernelLimits.granted()
         self._time_s = limits.time_for_s(source.stat().st_size)
         self._deadline = time.monotonic() + PATIENCE * self._time_s  # but see `_wait`
         self._out = out
@@ -111,8 +136,9 @@ class KernelRun:
         code = self._wait()
         if code == -signal.SIGXCPU:
             raise UnreadableCadError(
-                f"{where}: the STEP kernel did not finish within {self._time_s:.0f} s; "
-                "export the part again, alone and without drawings"
+                f"{where}: the STEP kernel did not finish within {self._time_s:.0f} s of computing, "
+                f"which says nothing against the file; grant more by {GRANT}="
+                f"{4 * max(self._time_s, 1.0):.0f}, or export the part alone, without drawings"
             )
         if code == REFUSED:
             failure = json.loads(self._out.read_text())
