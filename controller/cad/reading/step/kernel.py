@@ -136,9 +136,9 @@ class KernelRun:
         code = self._wait()
         if code == -signal.SIGXCPU:
             raise UnreadableCadError(
-                f"{where}: the STEP kernel did not finish within {self._time_s:.0f} s of computing, "
-                f"which says nothing against the file; grant more by {GRANT}="
-                f"{4 * max(self._time_s, 1.0):.0f}, or export the part alone, without drawings"
+                f"{where}: the STEP kernel did not finish within {self._time_s:.0f} s of computing; "
+                "the file may be sound. Grant more by "
+                f"{GRANT}={4 * max(self._time_s, 1.0):.0f}, or export the part without drawings"
             )
         if code == REFUSED:
             failure = json.loads(self._out.read_text())
