@@ -136,8 +136,8 @@ class KernelRun:
         code = self._wait()
         if code == -signal.SIGXCPU:
             raise UnreadableCadError(
-                f"{where}: the STEP kernel did not finish within {self._time_s:.0f} s of computing; "
-                "the file may be sound. Grant more by "
+                f"{where}: the STEP kernel did not finish within {self._time_s:.0f} s of "
+                "computing. The file may be sound: grant more by "
                 f"{GRANT}={4 * max(self._time_s, 1.0):.0f}, or export the part without drawings"
             )
         if code == REFUSED:
