@@ -89,7 +89,7 @@ CASES: Final[Mapping[str, Case]] = {
     ),
     "pads missing": Case("arm", "", ({"do": "pads", "thinner_mm": 1.5},), ("pads are missing",)),
     "another board on the arm's line": Case(
-        "devices", "", ({"do": "arm_line", "monitor_rom": True},), ("ROM", "arm")
+        "devices", "", ({"do": "arm_line", "monitor_rom": True},), ("unsupported ROM",)
     ),
     "play of 1 deg": Case(
         "arm", "", ({"do": "gear_play", "axis": "shoulder", "deg": 1.0},), ("play of shoulder",)

@@ -39,6 +39,8 @@ RING: Final[Mapping[CameraName, str]] = {"overhead": "table_ring", "inspection":
 BRIGHT: Final = 235  # of 255; white paper brighter than this is burnt out somewhere
 DIMMEST: Final = 0.1
 HALF_OPEN_MM: Final = 40.0
+MAX_JAWS_OFF_MM: Final = 2.0  # the jaws are not calibrated yet
+MAX_PADS_MM: Final = 8.0  # both pads together
 PLATE_FORCE: Final = 30  # MAX_FORCE of the jaws; it has no unit (umi_rtx.md 5.6)
 
 
@@ -268,12 +270,22 @@ class PlateInJaws:
         await bench.move_jaws("the arm gripper closes on the plate", close)
         off_mm = opening_mm - thickness_mm
         bench.evidence.measure(
-            "jaws on the plate, against its thickness", off_mm, "mm", low=-2.0, high=2.0
+            "jaws on the plate, against its thickness",
+            off_mm,
+            "mm",
+            low=-MAX_JAWS_OFF_MM,
+            high=MAX_JAWS_OFF_MM,
         )
-        if abs(off_mm) > 2.0:
+        if abs(off_mm) > MAX_JAWS_OFF_MM:
+            # fingers without pads close farther on the same plate
+            pads = (
+                f"pads are missing or worn by {-off_mm / 2:.1f} mm each, "
+                if -MAX_PADS_MM < off_mm < 0.0
+                else ""
+            )
             raise StepFailedError(
                 f"the jaws closed to {opening_mm:.1f} mm, the plate is {thickness_mm:g} mm thick: "
-                "hold it between them, or give the file of the plate that is used"
+                f"{pads}the plate is not between them, or it is not that of its file"
             )
 
     async def give_back(self) -> None:
