@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import inspect
 import pickle
 from concurrent.futures import Executor, Future
+from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from controller.cell.compute import Compute, Job, answers
+from controller.cell.compute import Compute, Job, answers, begin
 from controller.cell.compute.service import Question
 
 JOB = Job(Path("recipe.yaml"), Path("cell.yaml"))
@@ -55,3 +57,21 @@ def test_every_answer_can_be_asked_for() -> None:
         if inspect.isfunction(one) and one.__module__ == answers.__name__ and name[0] != "_"
     }
     assert public == set(QUESTIONS)
+
+
+async def test_an_answer_that_nobody_awaits_any_more_fails_in_silence_and_others_hear_of_it() -> (
+    None
+):
+    complaints: list[dict[str, Any]] = []
+    asyncio.get_running_loop().set_exception_handler(lambda _, about: complaints.append(about))
+
+    async def fail() -> float:
+        raise BrokenProcessPool("the worker has ended")
+
+    task = begin(fail())
+    await asyncio.wait({task})
+    del task
+    gc.collect()  # asyncio complains of an error that nobody took when its task goes
+    assert complaints == []
+    with pytest.raises(BrokenProcessPool):
+        await begin(fail())

@@ -6,6 +6,8 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
+import pytest
+
 from controller.cell.batch import Dispatcher
 from controller.cell.batch.watchers import DiskWatcher
 from controller.cell.custody import Custody
@@ -117,3 +119,45 @@ async def test_a_disk_that_fills_stops_the_run_once(tmp_path: Path) -> None:
     ((event, message, code),) = reported
     assert (event, code) == (Event.STOP, "disk_full")
     assert "29 MB left" in message
+
+
+class StubbornArm(Metal):
+    """An arm whose halt is not confirmed before somebody allows it."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.is_halting, self.may_confirm = asyncio.Event(), asyncio.Event()
+
+    async def halt_arm(self) -> None:
+        await super().halt_arm()
+        self.is_halting.set()
+        await self.may_confirm.wait()
+
+
+async def test_a_run_given_up_while_it_halts_leaves_no_task_behind(tmp_path: Path) -> None:
+    """A second Ctrl-C: the work goes on no longer than the run, and finds no journal closed."""
+    path = tmp_path / "journal.sqlite"
+    journal, metal = Journal(path, "run"), StubbornArm()
+    moving, unwinds = asyncio.Event(), asyncio.Event()
+
+    async def perform(effect: Effect) -> Event:
+        assert effect is Effect.HOME
+        moving.set()
+        try:
+            await asyncio.Event().wait()
+        finally:
+            unwinds.set()
+        return Event.RESET_DONE
+
+    dispatcher = built(journal, SimpleNamespace(perform=perform), metal)
+    running = asyncio.create_task(dispatcher.run(1))
+    await moving.wait()
+    dispatcher.request_stop()
+    await metal.is_halting.wait()
+    running.cancel()  # the work has been overtaken, and nobody has ended it yet
+    metal.may_confirm.set()
+    with pytest.raises(asyncio.CancelledError):
+        await running
+    assert unwinds.is_set()
+    assert asyncio.all_tasks() == {asyncio.current_task()}
+    journal.close()

@@ -131,6 +131,7 @@ class Dispatcher:
         # the work at hand, and beside it what begins or ends its pause
         self._work: _Running | None = None
         self._pause: _Running | None = None
+        self._tasks: set[asyncio.Task[None]] = set()  # all of them, also those overtaken
         self._message = ""
         self._code = ""
         self._step = ""
@@ -250,10 +251,21 @@ class Dispatcher:
             for watcher in watchers:
                 watcher.cancel()
             await asyncio.gather(*watchers, return_exceptions=True)
-            # at rest nothing runs; after an error (no journal can be written) a task may still
-            # be moving the arm
+            # at rest nothing runs; after an error (no journal can be written), or given up while
+            # something was being ended, a task may still be moving the arm
             await self._end(self._pause)
             await self._end(self._work)
+            await self._end_the_rest()
+
+    async def _end_the_rest(self) -> None:
+        """End the tasks that were overtaken and are not at their end."""
+        if not self._tasks:
+            return
+        await self._stopping.halt_arm()
+        left = tuple(self._tasks)
+        for task in left:
+            task.cancel()
+        await asyncio.gather(*left, return_exceptions=True)
 
     def _refuse_the_rest(self) -> None:
         """Answer commands that came too late."""
@@ -323,6 +335,8 @@ class Dispatcher:
         await self._end_overtaken(note, decision)
         for effect in decision.effects:
             task = asyncio.create_task(self._act(effect), name=f"effect {effect.value}")
+            self._tasks.add(task)
+            task.add_done_callback(self._tasks.discard)
             if effect in PAUSE_EFFECTS:
                 self._pause = (effect, task)
             else:

@@ -8,13 +8,14 @@ part that slipped in the jaws. `checking.py` checks a recipe in a cell from file
 from .answers import Holder
 from .job import Context, Job, context, glowing_mask, inspection_limits, load_parts, part_files
 from .pool import make_pool, worker_pool
-from .service import Compute
+from .service import Compute, begin
 
 __all__ = [
     "Compute",
     "Context",
     "Holder",
     "Job",
+    "begin",
     "context",
     "glowing_mask",
     "inspection_limits",

@@ -36,6 +36,21 @@ class Question(Generic[Arguments, Answer]):
         return ask
 
 
+def begin(answer: Coroutine[Any, Any, Answer]) -> asyncio.Task[Answer]:
+    """Return a task that computes an answer beside other work.
+
+    Its error is raised to whoever awaits it. Where nobody does any more, since the run has ended,
+    it is of no interest: whoever ended the worker process has said so.
+
+    Parameters
+    ----------
+    answer : of a question
+    """
+    task = asyncio.ensure_future(answer)
+    task.add_done_callback(lambda done: done.cancelled() or done.exception())
+    return task
+
+
 class Compute:
     """All questions as methods; each may take seconds, and none of them moves anything."""
 

@@ -2,7 +2,7 @@
 
 import asyncio
 
-from controller.cell.compute import Compute
+from controller.cell.compute import Compute, begin
 
 
 class Preparation:
@@ -16,7 +16,7 @@ class Preparation:
         """Begin in the worker process, unless it has begun and not failed; returns at once."""
         task = self._task
         if task is None or (task.done() and (task.cancelled() or task.exception() is not None)):
-            self._task = asyncio.ensure_future(self._compute.prepare())
+            self._task = begin(self._compute.prepare())
 
     async def wait(self) -> None:
         """Wait until it is done, if it was begun; raise what it raised."""

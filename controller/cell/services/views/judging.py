@@ -1,12 +1,11 @@
 """Begins to judge the pictures of a view, whether they were just taken or are stored."""
 
-import asyncio
 from collections.abc import Mapping
 
 import numpy as np
 
 from controller.arrays import BoolArray, FloatArray, Grey
-from controller.cell.compute import Compute
+from controller.cell.compute import Compute, begin
 from controller.cell.services.records import PartInGripper, Shown
 from controller.inspection import ViewResult
 from controller.planning import shown_pose
@@ -51,7 +50,7 @@ def judge_held(
         lamps=tuple(lit),
         is_hold_measured=known.is_measured,
         T_part_tcp=known.T_part_tcp,
-        task=asyncio.ensure_future(inspected),
+        task=begin(inspected),
     )
 
 
@@ -88,5 +87,5 @@ def judge_on_table(
         lamps=tuple(lit),
         is_hold_measured=True,
         T_part_tcp=None,
-        task=asyncio.ensure_future(counted()),
+        task=begin(counted()),
     )
