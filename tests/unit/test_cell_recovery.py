@@ -961,12 +961,14 @@ def test_commissioning_opens_jaws_that_a_visit_has_found_empty_or_a_person_holds
     opening = re.compile(r"\.(move_gripper_mm|open_jaws|open_to|open_on)\(")
     found = {file.name for file in folder.rglob("*.py") if opening.search(file.read_text())}
     # `boards` and `taking` open on a plate for a person who has said that they hold it; `touching`
-    # opens the arm's jaws about a plate that the fixed gripper holds; jogging has a rule of its own
+    # and `hand_off` open the arm's jaws about a plate that the fixed gripper holds; jogging has a
+    # rule of its own
     assert found == {
         "bench.py",
         "boards.py",
         "devices.py",
         "guided.py",
+        "hand_off.py",
         "jogger.py",
         "look.py",
         "taking.py",

@@ -10,7 +10,11 @@ import numpy as np
 import pytest
 from planning_cell import emulated_layout
 
-from controller.cell.commissioning.steps.verify import plate_offs
+from controller.cell.commissioning.boards import HeldPlate
+from controller.cell.commissioning.errors import StepFailedError
+from controller.cell.commissioning.proof import length_study
+from controller.cell.commissioning.proof.hand_off import hand_off_lines
+from controller.cell.commissioning.steps.verify import holds_of, mean_hold, plate_offs
 from controller.commissioning.calibration import Charuco, FoundBoard, charuco_board
 from controller.commissioning.kinematics import BoardPicture, plate_faces
 from controller.commissioning.showing import Region, showing
@@ -84,3 +88,71 @@ def test_a_camera_that_was_moved_shows_by_as_much(moved: str) -> None:
     both_mm = np.concatenate([off[:, 0] for off in found.values()])
     assert both_mm.max() > 0.9
     assert both_mm.max() < 2.5
+
+
+def test_each_picture_shows_how_the_plate_is_held() -> None:
+    bench: Any = SimpleNamespace(layout=LAYOUT)
+    found = mean_hold(holds_of(bench, BOARD, pictures(AS_CALIBRATED)))
+    np.testing.assert_allclose(found, HELD, atol=1e-4)
+
+
+def test_known_lengths_are_measured_where_cameras_are_as_calibrated() -> None:
+    study = length_study(LAYOUT, BOARD, pictures(AS_CALIBRATED), HELD)
+    # 7 squares of 12 mm: the inner corners are 60 mm apart (recipes/boards/paddle.json)
+    assert study.reference_mm == (60.0, 60.0)
+    assert study.off_mm.shape == (20, 2)
+    assert np.abs(study.off_mm).max() < 1e-3
+    assert study.grr_mm < 1e-3
+
+
+def test_a_lens_that_is_longer_than_calibrated_shows_between_the_cameras() -> None:
+    K = AS_CALIBRATED["inspection"].K.copy()
+    K[:2, :2] *= 1.002
+    longer = AS_CALIBRATED | {"inspection": replace(AS_CALIBRATED["inspection"], K=K)}
+    study = length_study(LAYOUT, BOARD, pictures(longer), HELD)
+    # one camera is right, the other 0.2 % of 60 mm too long
+    assert study.bias_mm == pytest.approx(0.06, rel=0.05)
+    assert study.setup_mm == pytest.approx(0.12 / np.sqrt(2), rel=0.05)
+    assert study.repeatability_mm < 0.01
+
+
+def test_corners_that_jitter_show_as_repeatability() -> None:
+    rng, shaken = np.random.default_rng(3), []
+    for one in pictures(AS_CALIBRATED):
+        scale = 1.0 + rng.normal(0.0, 0.001)
+        middle = one.board.pixels.mean(axis=0)
+        pixels = middle + scale * (one.board.pixels - middle)
+        shaken.append(replace(one, board=replace(one.board, pixels=pixels)))
+    study = length_study(LAYOUT, BOARD, shaken, HELD)
+    # 0.1 % of 60 mm, from twenty draws
+    assert 0.03 < study.repeatability_mm < 0.1
+    assert study.grr_mm >= study.repeatability_mm
+
+
+def test_lengths_of_one_camera_alone_are_no_study() -> None:
+    own = [one for one in pictures(AS_CALIBRATED) if one.camera == "overhead"]
+    with pytest.raises(StepFailedError, match="two pictures of each camera"):
+        length_study(LAYOUT, BOARD, own, HELD)
+
+
+def test_a_hand_off_brings_the_plates_far_end_between_the_fixed_pads() -> None:
+    nominal = np.eye(4)
+    nominal[0, 3] = -LAYOUT.arm_gripper.pad_centre_mm
+    plate = HeldPlate(BOARD, nominal)
+    scene = Scene(LAYOUT, 12.0, LAYOUT.fixed_open_mm, carried=plate.box)
+    bench: Any = SimpleNamespace(layout=LAYOUT)
+    held: Any = SimpleNamespace(plate=plate)
+    lines = hand_off_lines(bench, held, scene)
+    assert lines
+    assert LAYOUT.fixed_gripper is not None
+    for line in lines:
+        T = np.linalg.inv(LAYOUT.T_world_fixed_tcp) @ tcp_pose(LAYOUT, line[-1])
+        # held by the middle of its bare 30 mm, the plate ends 105 mm farther along the approach
+        far = T @ (nominal[0, 3] + 105.0, 0.0, 0.0, 1.0)
+        pads_mm = LAYOUT.fixed_gripper.pad_centre_mm
+        assert np.hypot(far[0] + pads_mm, far[2]) == pytest.approx(12.0, abs=1e-6)
+        assert far[1] == pytest.approx(0.0, abs=1e-6)
+        # its faces are parallel to the pads
+        assert abs(T[1, 1]) == pytest.approx(1.0, abs=1e-9)
+        first = tcp_pose(LAYOUT, line[0])[:3, 3]
+        assert np.linalg.norm(first - tcp_pose(LAYOUT, line[-1])[:3, 3]) == pytest.approx(130.0)

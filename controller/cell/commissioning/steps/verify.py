@@ -6,7 +6,7 @@ differs from it is what arm, cameras and lenses still have wrong between them.
 
 from collections.abc import Mapping, Sequence
 from math import degrees
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -25,10 +25,12 @@ from controller.config.calibrations import Calibration, Figure, VerificationReco
 from controller.imaging import Camera, inverse_pose, rotation_angle
 from controller.planning.motion import tcp_pose
 
+from ...custody import Custody
 from ...services import CameraName
 from ..bench import Bench
 from ..boards import PlateInJaws, as_handed, board_file
 from ..errors import StepFailedError
+from ..proof import hand_off_and_back, length_study
 
 LOOKS: Final = 13  # of each camera
 LOOKS_MIN: Final = 8
@@ -40,12 +42,18 @@ REGIONS: Final[Mapping[CameraName, Region]] = {
 WHAT: Final[Mapping[CameraName, str]] = {"overhead": "pick", "inspection": "view"}
 LIMIT_MM: Final = 0.5
 LIMIT_DEG: Final = 0.3
+# a hand-off there and back, with the fixed gripper as measured, and as a tape measure leaves it
+HAND_OFF_LIMITS: Final = (1.0, 0.5)  # mm, deg
+HAND_OFF_LIMITS_DRAWN: Final = (6.0, 1.5)
+LENGTH_MM: Final = 0.15  # of a known length in any picture
+GRR_MM: Final = 0.05
+VIEWS_TRIED: Final = 5
 MARGIN_MM: Final = 15.0
 SEED: Final = 2
 
 
 class VerifyStep:
-    """Whether the cell, as calibrated, predicts what its cameras see."""
+    """Whether the cell, as calibrated, predicts what its cameras see and what a hand-off leaves."""
 
     name = "verify"
     title = "the calibrated cell predicts where a plate is, and both cameras check it"
@@ -62,7 +70,7 @@ class VerifyStep:
     valid_days: int | None = 30
 
     async def run(self, bench: Bench) -> Mapping[CalibrationName, Calibration]:
-        """Show a plate to both cameras; return how well each was predicted.
+        """Show a plate to both cameras, hand it off and receive it; return how that went.
 
         Raises
         ------
@@ -78,27 +86,47 @@ class VerifyStep:
         await held.take(seed=SEED)
         try:
             pictures = await _look_round(held)
+            seen = [one.q for one in pictures if one.camera == "inspection" and one.q is not None]
+            handed = await hand_off_and_back(
+                bench, held, seen[:VIEWS_TRIED], lambda one: holds_of(bench, plate, [one])[0]
+            )
         except StepFailedError:
-            await held.give_back()
+            if bench.handed.custody is Custody.NONE:
+                await held.give_back()
             raise
         await held.give_back()
         figures: dict[str, Figure] = {}
+
+        def judge(name: str, values: FloatArray, unit: Literal["mm", "deg"], limit: float) -> None:
+            value = float(np.percentile(values, 95))
+            what = name if len(values) == 1 else f"{name}, of 95 % of {len(values)} looks"
+            bench.evidence.measure(what, value, unit, high=limit)
+            count = len(values)
+            figures[name] = Figure(value=round(value, 4), limit=limit, unit=unit, count=count)
+
         for camera, off in plate_offs(bench, plate, pictures).items():
-            for kind, unit, limit, values in (
-                ("position", "mm", LIMIT_MM, off[:, 0]),
-                ("direction", "deg", LIMIT_DEG, off[:, 1]),
-            ):
-                value = float(np.percentile(values, 95))
-                name = f"{WHAT[camera]} {kind}"
-                bench.evidence.measure(
-                    f"{name}, of 95 % of {len(values)} looks", value, unit, high=limit
-                )
-                figures[name] = Figure(
-                    value=round(value, 4),
-                    limit=limit,
-                    unit="mm" if unit == "mm" else "deg",
-                    count=len(values),
-                )
+            judge(f"{WHAT[camera]} position", off[:, 0], "mm", LIMIT_MM)
+            judge(f"{WHAT[camera]} direction", off[:, 1], "deg", LIMIT_DEG)
+        is_measured = "fixed_gripper" in bench.cell.calibration
+        limit_mm, limit_deg = HAND_OFF_LIMITS if is_measured else HAND_OFF_LIMITS_DRAWN
+        judge("hand-off position", np.array([handed.mm]), "mm", limit_mm)
+        judge("hand-off direction", np.array([handed.deg]), "deg", limit_deg)
+        if not is_measured:
+            bench.evidence.find(
+                "the fixed gripper stands as drawn: nothing measured it, and hand-offs are held to "
+                "what a tape measure leaves"
+            )
+        T_tcp_body = mean_hold(holds_of(bench, plate, pictures))
+        study = length_study(bench.layout, plate, pictures, T_tcp_body)
+        judge("reference length", np.abs(study.off_mm).max(axis=1), "mm", LENGTH_MM)
+        judge("reference length, GRR", np.array([study.grr_mm]), "mm", GRR_MM)
+        x_mm, y_mm = study.reference_mm
+        bench.evidence.find(
+            f"reference: sides of {x_mm:g} and {y_mm:g} mm of the plate's print by its file, "
+            f"{len(study.off_mm)} looks; mean {study.bias_mm:+.4f} mm off, repeatability "
+            f"{study.repeatability_mm:.4f} mm, between cameras {study.setup_mm:.4f} mm (one "
+            "standard deviation each)"
+        )
         return {"verification": VerificationRecord(**bench.header(), figures=figures)}
 
 
@@ -128,16 +156,14 @@ async def _look_round(held: PlateInJaws) -> list[BoardPicture]:
     return pictures
 
 
-def plate_offs(
-    bench: Bench, board: BoardSection, pictures: Sequence[BoardPicture]
-) -> dict[CameraName, FloatArray]:
-    """Return by camera how far the plate was from its prediction (n, 2) [mm, deg].
+def holds_of(bench: Bench, board: BoardSection, pictures: Sequence[BoardPicture]) -> FloatArray:
+    """Return how the plate was held by each picture, T_tcp_body (n, 4, 4).
 
     Parameters
     ----------
-    bench : whose layout predicts it
+    bench : whose layout has cameras and arm
     board : of the plate
-    pictures : of one hold of it, by both cameras
+    pictures : of it in the arm gripper
 
     Raises
     ------
@@ -155,8 +181,34 @@ def plate_offs(
         if one.q is None:
             raise StepFailedError(f"{one.name}: the joints were not read")
         holds.append(inverse_pose(tcp_pose(bench.layout, one.q)) @ T_world_body)
-    T = np.array(holds)
-    R_mean = Rotation.from_matrix(T[:, :3, :3]).mean().as_matrix()
+    return np.array(holds)
+
+
+def mean_hold(T: FloatArray) -> FloatArray:
+    """Return the mean (4, 4) of poses (n, 4, 4) that differ by little."""
+    mean = np.eye(4)
+    mean[:3, :3] = Rotation.from_matrix(T[:, :3, :3]).mean().as_matrix()
+    mean[:3, 3] = T[:, :3, 3].mean(axis=0)
+    return mean
+
+
+def plate_offs(
+    bench: Bench, board: BoardSection, pictures: Sequence[BoardPicture]
+) -> dict[CameraName, FloatArray]:
+    """Return by camera how far the plate was from its prediction (n, 2) [mm, deg].
+
+    Parameters
+    ----------
+    bench : whose layout predicts it
+    board : of the plate
+    pictures : of one hold of it, by both cameras
+
+    Raises
+    ------
+    StepFailedError : a picture fits no pose of the board
+    """
+    T = holds_of(bench, board, pictures)
+    R_mean = mean_hold(T)[:3, :3]
     # the middle of the print, where all of it is looked at
     middle = np.array([board.plate_mm[1] / 2, 0.0, 0.0])
     places = T[:, :3, :3] @ middle + T[:, :3, 3]
