@@ -123,13 +123,15 @@ def grasps(solid: Solid) -> list[tuple[Array, float]]:
 class Station:
     """The emulated station with one part in it, and what the controller knows of it."""
 
-    def __init__(self, body: trimesh.Trimesh, cell_file: Path = CELL) -> None:
+    def __init__(
+        self, body: trimesh.Trimesh, cell_file: Path = CELL, finish_seed: int | None = None
+    ) -> None:
         self._layout = emulated.read_layout(cell_file)
         with tempfile.TemporaryDirectory(prefix="station") as folder:
             path = Path(folder) / "part.stl"
             body.export(path)
             solid = emulated.load_solid(path)
-        scene = emulated.build_scene(self._layout, [solid])
+        scene = emulated.build_scene(self._layout, [solid], finish_seed)
         self._scene = scene
         self._eye = Eye(scene, STATION)
         self._overhead: Eye | None = None

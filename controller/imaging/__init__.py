@@ -6,7 +6,7 @@ centre of the first pixel; lengths are in millimetres, angles in radians.
 
 from .camera import Camera, inverse_pose, rotation_angle, transform
 from .contours import Contour, mask_contour, mask_rim, subpixel_contour, threshold_levels
-from .edges import EdgeFits, blur_shift_px, measure_edges
+from .edges import EdgeFits, blur_shift_px, measure_edges, step_heights
 from .lamp import PointLamp
 from .levels import Ground, Levels, fit_ground
 from .loops import evenly, loop_normals, signed_area, trace_loops
@@ -35,6 +35,7 @@ __all__ = [
     "render_maps",
     "rotation_angle",
     "signed_area",
+    "step_heights",
     "subpixel_contour",
     "threshold_levels",
     "trace_loops",

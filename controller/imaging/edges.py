@@ -138,6 +138,29 @@ def sample_rays(
     return np.asarray(values, np.float64).reshape(is_inside.shape), is_inside
 
 
+def step_heights(
+    picture: Grey, origins_px: FloatArray, directions: FloatArray, reach_px: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return where along rays steps may be (k,), and how high each is (n, k), 0 where none is.
+
+    A step is where the picture changes most, along the ray, over two pixels.
+
+    Parameters
+    ----------
+    picture : (height, width)
+    origins_px, directions : (n, 2) as `measure_edges` has them
+    reach_px : how far they are looked for, to both sides
+    """
+    steps = int(np.ceil(reach_px / STEP_PX)) + 1
+    beyond = np.arange(-steps - SPAN, steps + SPAN + 1, dtype=np.float64) * STEP_PX
+    profiles, is_inside = sample_rays(picture, origins_px, directions, beyond)
+    slope = profiles[:, 2 * SPAN :] - profiles[:, : -2 * SPAN]
+    size = np.abs(slope)
+    is_top = (size[:, 1:-1] >= size[:, :-2]) & (size[:, 1:-1] >= size[:, 2:])
+    is_top &= is_inside.all(axis=1, keepdims=True)
+    return beyond[SPAN + 1 : -SPAN - 1], np.where(is_top, slope[:, 1:-1], 0.0)
+
+
 def blur_shift_px(width_px: FloatArray | float, curvature: FloatArray | float) -> FloatArray:
     """Return how far blur moves a curved edge towards its centre of curvature.
 

@@ -142,6 +142,50 @@ def test_a_bright_floor_does_not_draw_the_rim_above_it(foot_px: float) -> None:
     assert found.measured_mm == pytest.approx(2 * bore.radius, abs=0.1 * PIXEL_MM)
 
 
+def lit_bore(rim_step: float, patch_px: float, turn_rad: float) -> tuple[Look, float]:
+    """Return the look at a bore whose wall is lit from some way down, and the patch's diameter.
+
+    Parameters
+    ----------
+    rim_step : by which the wall is darker than the plate, where it shows beside the patch [grey]
+    patch_px : from the rim to where the wall is bright
+    turn_rad : so far to either side of the left of the picture the darker wall shows
+    """
+    one = shown(0.0, 0.0)
+    seen = view(one, SQUARE)
+    bore = NOMINAL.bores[1]
+    rim = transform(SQUARE, np.array([[bore.x, bore.y, HEIGHT_MM]]))
+    x, y = seen.task.camera.project(rim)[0]
+    rows, columns = np.mgrid[0 : one.backlit.shape[0], 0 : one.backlit.shape[1]]
+    far, angle = np.hypot(columns - x, rows - y), np.arctan2(rows - y, columns - x)
+    radius_px = bore.radius / seen.task.camera.mm_per_px(rim[0])
+    soft = float(np.hypot(0.8, 12**-0.5))
+    wall = np.where(np.abs(angle) > np.pi - turn_rad, rim_step, 0.0)
+    level = 120.0 - wall * ndtr((radius_px - far) / soft)
+    level += (80.0 + wall) * ndtr((radius_px - patch_px - far) / soft)
+    noise = np.random.default_rng(8).normal(0.0, 1.0, level.shape)
+    lit = np.where(far < radius_px + 15.0, np.round(level + noise), one.lit["ring"])
+    bright = ViewPictures(one.backlit, {"ring": lit.astype(np.uint8)})
+    found = looks(holes(DIAMETER)[1], view(bright, SQUARE))["ring"]
+    return found, 2 * bore.radius * (1.0 - patch_px / radius_px)
+
+
+def test_where_light_in_a_bore_begins_is_not_its_rim_where_the_rim_shows_as_well() -> None:
+    # the wall is as bright as the plate but for a third of the way round, where it is in the shade
+    found, patch_mm = lit_bore(30.0, 4.0, np.radians(60.0))
+    true_mm = 2 * NOMINAL.bores[1].radius
+    assert abs(patch_mm - true_mm) > PIXEL_MM
+    assert found.measured_mm != pytest.approx(true_mm, abs=PIXEL_MM)
+    assert abs(found.measured_mm - true_mm) <= 2 * found.u_mm
+
+
+def test_a_bore_with_nothing_else_round_it_is_as_small_as_it_looks() -> None:
+    found, patch_mm = lit_bore(0.0, 4.0, 0.0)
+    assert found.reason == ""
+    assert found.measured_mm == pytest.approx(patch_mm, abs=0.1 * PIXEL_MM)
+    assert 2 * found.u_mm < PIXEL_MM
+
+
 def test_an_edge_that_light_hides_a_part_of_has_a_value_that_decides_nothing() -> None:
     one = shown(22.0, 35.0)
     lit = one.lit["ring"].copy()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -20,6 +21,7 @@ from controller.inspection.lit.marks import (
     smallest_nodes,
     tail,
 )
+from controller.inspection.lit.spots import is_dust
 from controller.inspection.lit.surface import Surface
 from controller.inspection.lit.texture import Texture, feature_edges, find_texture
 
@@ -302,3 +304,20 @@ def test_light_that_no_fitted_node_shows_is_not_known() -> None:
     got = fit_brightness(picture, light_on(matt, glint), fitting, face)
     assert got.spread[60, 130] > 0.3
     assert got.spread[60, 60] < 0.05
+
+
+@pytest.mark.parametrize(("size_mm", "expected"), [(0.3, True), (1.2, False)])
+def test_a_speck_of_dust_is_no_larger_beside_a_dark_background(
+    size_mm: float, expected: bool
+) -> None:
+    mm, step_px, border, at = 0.18, 2, 24, (20.0, 30.0)
+    v, u = np.mgrid[0:48, 0:64].astype(np.float64)
+    speck = np.clip(0.5 * size_mm / mm + 0.5 - np.hypot(v - at[0], u - at[1]), 0.0, 1.0)
+    picture = np.where(v < border, 200.0 * (1.0 - 0.5 * speck), 15.0)
+    picture = cv2.GaussianBlur(picture, (0, 0), 0.7)
+    nodes = np.where(np.arange(24) * step_px < border, 0, -1)  # to the border, blur and all
+    face = np.repeat(nodes[:, None], 32, axis=1).astype(np.int32)
+    surface = replace(plane(), face=face, node_mm=np.full(face.shape, step_px * mm, np.float32))
+    peak = int(at[0]) // step_px, int(at[1]) // step_px
+    grey = np.round(picture).astype(np.uint8)
+    assert is_dust(grey, (0, 0), peak, step_px, 0.5, surface, 2.0 * size_mm) == expected

@@ -5,8 +5,9 @@ second goes along all of them, placed anew where the first found the edge, so th
 squarely and in its middle.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -20,6 +21,7 @@ from .._scene import make_scene
 from ._checks import SURE_PX, PictureKind, Sharpness, failure_of, form_of, lean_px, sharpness_of
 from ._features import Feature, FeatureFit
 from ._rays import Rays, place_rays, with_rotation, with_visibility
+from ._rivals import rival_px
 from ._types import BACKLIT, MeasuringSettings, PosedView
 from .solving import Solution, solve
 
@@ -28,6 +30,7 @@ FAR_SHARE: Final = 0.6  # of a radius: farther is the other side
 NEAR_PX: Final = 2.5
 LEAN_KNOWN: Final = 0.3  # standard uncertainty of a lean, share of it
 FEW: Final = 32  # rays of the first look
+EITHER: Final = 1 / 3**0.5  # standard deviation of a rectangle, of half its width
 RECTANGLE: Final = 1 / 12**0.5  # standard deviation of a rectangle, of its width
 BLUR_KNOWN: Final = 0.1  # share by which the blur of a lens differs from a Gaussian one
 # a polygon's mean radius is two thirds of a chord's height less; it may be meant or not
@@ -147,6 +150,14 @@ def fit_features(
                 moved[i],
                 PictureKind(is_backlit, noise, sharpness),
                 settings,
+                partial(
+                    rival_px,
+                    picture,
+                    feature,
+                    chosen.chosen(mine),
+                    prediction.curve[index[mine]],
+                    noise,
+                ),
             )
         )
     return fits, sharpness
@@ -257,6 +268,7 @@ def _fit(
     moved: FloatArray,
     picture: PictureKind,
     settings: MeasuringSettings,
+    beside_px: Callable[[FloatArray, float], float],
 ) -> FeatureFit:
     """Return a feature fitted to the edges found beside it, or why they do not count.
 
@@ -267,6 +279,7 @@ def _fit(
     found : what they crossed
     moved : its unknowns so far
     picture, settings : what edges must be like
+    beside_px : how far from where it was found, of so much contrast, another edge shows
     """
     good = found.is_found & (found.sigma_px <= settings.max_ray_px)
     points = rays.pixels + np.nan_to_num(found.offset_px)[:, None] * rays.normals
@@ -295,6 +308,10 @@ def _fit(
     used = answer.used
     reason = failure_of(answer, good, rays, found, width, picture, settings)
     edge_px = settings.backlit_edge_px if picture.is_backlit else settings.lit_edge_px
+    if not picture.is_backlit:
+        contrast = float(np.median(np.abs(found.contrast[used])))
+        # either of two edges may be the one: U covers both
+        edge_px = float(np.hypot(edge_px, EITHER * beside_px(moved + answer.values, contrast)))
     form, form_u = form_of(answer, rays, curve, found)
     fitted = rays.pixels + (answer_place(feature, rays, curve, answer))[:, None] * rays.normals
     return FeatureFit(

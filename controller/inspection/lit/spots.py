@@ -20,6 +20,7 @@ from .texture import Texture
 
 BLUR_PX: Final = 1.65  # full width at half maximum of a point: what a good lens makes
 SOFT_PX: Final = 0.7  # takes the noise of single pixels off a speck
+BORDER_PX: Final = 3  # of a face, within which blur shows what is beside it
 WIDTH: Final = 2.355  # full width at half maximum of a bell, by its standard deviation
 LONG: Final = 3.0  # times as long as wide: a line
 MAX_MARKS: Final = 40  # of a picture: a face full of marks is a finish
@@ -68,7 +69,8 @@ def local_findings(
         if mark is None:
             continue
         extent, length_mm, kind, contrast, dipole = mark
-        if _is_dust(picture, fit, peak, step_px, task, surface, length_mm):
+        corner, dust_mm = fit.maps.roi[:2], task.limits.dust_mm
+        if is_dust(picture, corner, peak, step_px, dust_mm, surface, length_mm):
             continue
         found.append(
             (
@@ -150,23 +152,33 @@ def _measure(
     return extent, length_mm, kind, contrast, dipole
 
 
-def _is_dust(
+def is_dust(
     picture: Grey,
-    fit: PoseFit,
+    corner_px: tuple[int, int],
     peak: tuple[int, int],
     step_px: int,
-    task: ViewTask,
+    dust_mm: float,
     surface: Surface,
     length_mm: float,
 ) -> bool:
-    """Return whether a mark is no larger than a speck of dust, the lens's blur taken off."""
-    dust_mm = task.limits.dust_mm
+    """Return whether a mark is no larger than a speck of dust, the lens's blur taken off.
+
+    Parameters
+    ----------
+    picture : (height, width) grey
+    corner_px : x, y where the nodes begin
+    peak : row and column of the node that answers most
+    step_px : of the nodes
+    dust_mm : of the largest speck
+    surface : what the nodes see
+    length_mm : of the mark, as the nodes have it
+    """
     node_mm = float(surface.node_mm[peak])
     px_mm = node_mm / step_px
     if length_mm > 4 * dust_mm + 3 * node_mm:
         return False
     reach = int(np.ceil(2 * dust_mm / px_mm)) + 6
-    x0, y0, _, _ = fit.maps.roi
+    x0, y0 = corner_px
     x, y = peak[1] * step_px, peak[0] * step_px
     rows = np.arange(max(y - reach, 0), min(y + reach + 1, step_px * surface.face.shape[0]))
     columns = np.arange(max(x - reach, 0), min(x + reach + 1, step_px * surface.face.shape[1]))
@@ -175,7 +187,13 @@ def _is_dust(
     values = picture[y0 + rows[:, None], x0 + columns].astype(np.float32)
     soft = np.asarray(cv2.GaussianBlur(values, (0, 0), SOFT_PX))
     # of its own face alone: beside a narrow one others are brighter or darker
-    level = float(np.median(soft[own]))
+    level = np.full(soft.shape, float(np.median(soft[own])))
+    # and blur brings them into it: what all along the border has is no mark
+    inwards = cv2.distanceTransform(own.astype(np.uint8), cv2.DIST_C, 3)
+    for ring in range(1, BORDER_PX + 1):
+        along = own & (inwards == ring)
+        if along.any():
+            level[along] = np.median(soft[along])
     off = np.where(own, np.abs(soft - level), 0.0)
     near = (np.abs(rows[:, None] - y) <= 4) & (np.abs(columns - x) <= 4)
     middle = np.where(near, off, 0.0)

@@ -30,11 +30,35 @@ class Faces:
     of_triangle : (m,) number of the face of each triangle
     across : (k, 3) direction of each face, from tool mark to tool mark
     along : (k, 3) at right angles to it; tool marks run along this or around
+    middle_mm : (k, 3) a place on the axis of each turned face
+    radius_mm : (k,) of turned faces, in the mean; 0 of milled ones
     """
 
     of_triangle: NDArray[np.intp]
     across: Array
     along: Array
+    middle_mm: Array
+    radius_mm: Array
+
+    def places_mm(self, face: NDArray[np.intp], points_mm: Array) -> tuple[Array, Array]:
+        """Return how far points of faces are across tool marks and along them, (n,) each.
+
+        On a turned face it is as far as one goes round it: what lies on it has the same length
+        wherever that is.
+
+        Parameters
+        ----------
+        face : (n,) which face each point is on
+        points_mm : (n, 3) in the part frame
+        """
+        across, along = self.across[face], self.along[face]
+        third = np.cross(across, along)
+        off = points_mm - self.middle_mm[face]
+        across_mm: Array = np.einsum("ij,ij->i", points_mm, across)
+        u, v = np.einsum("ij,ij->i", off, along), np.einsum("ij,ij->i", off, third)
+        radius_mm = self.radius_mm[face]
+        along_mm: Array = np.where(radius_mm > 0.0, radius_mm * np.arctan2(v, u), u + v)
+        return across_mm, along_mm
 
 
 def machined_faces(surface: Surface, rng: np.random.Generator) -> Faces:
@@ -59,17 +83,47 @@ def machined_faces(surface: Surface, rng: np.random.Generator) -> Faces:
     of_triangle = _joined(pairs[curved | (dot > _FLAT_COS)], len(normals))
     count = int(of_triangle.max()) + 1
     across, along = np.empty((count, 3)), np.empty((count, 3))
+    middle_mm, radius_mm = np.zeros((count, 3)), np.zeros(count)
+    centres_mm = (a + b + c) / 3.0
     for face in range(count):
         mine = of_triangle == face
         weighted = normals[mine] * double_mm2[mine, None]
         values, axes = np.linalg.eigh(weighted.T @ normals[mine])
         if values[1] > 0.01 * values[2]:  # normals lie in a plane or all round: turned
             across[face], along[face] = axes[:, 0], axes[:, 1]
+            middle_mm[face], radius_mm[face] = _axis(
+                centres_mm[mine], normals[mine], double_mm2[mine], axes[:, 0]
+            )
         else:
             angle = rng.uniform(0.0, np.pi)
             across[face] = np.cos(angle) * axes[:, 0] + np.sin(angle) * axes[:, 1]
             along[face] = -np.sin(angle) * axes[:, 0] + np.cos(angle) * axes[:, 1]
-    return Faces(of_triangle, across, along)
+    return Faces(of_triangle, across, along, middle_mm, radius_mm)
+
+
+def _axis(centres_mm: Array, normals: Array, weights: Array, axis: Array) -> tuple[Array, float]:
+    """Return a place on the axis that a turned face goes round, and its mean radius.
+
+    Parameters
+    ----------
+    centres_mm, normals : (n, 3) of its triangles
+    weights : (n,) their areas
+    axis : (3,) its direction
+    """
+    tangents = np.cross(axis, normals)
+    length = np.linalg.norm(tangents, axis=1)
+    good = length > 1e-3  # the end of a ball goes round nothing
+    tangents = tangents[good] / length[good, None]
+    root = np.sqrt(weights[good])
+    # the normals meet on the axis: seen from there, every centre lies across its tangent
+    found, *_ = np.linalg.lstsq(
+        tangents * root[:, None],
+        np.einsum("ij,ij->i", tangents, centres_mm[good]) * root,
+        rcond=1e-6,
+    )
+    off = centres_mm - found
+    off = off - np.outer(off @ axis, axis)
+    return found, float(np.average(np.linalg.norm(off, axis=1), weights=weights))
 
 
 def _planes(facet: NDArray[np.intp], bends: NDArray[np.intp], sizes: Array) -> NDArray[np.bool_]:

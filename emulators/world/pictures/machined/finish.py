@@ -32,7 +32,7 @@ _CHUNK: Final = 60_000  # pixels at a time
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MachinedPart:
-    """What is kept of one part."""
+    """What is kept of one part; `offset_mm` (2,) is where its faces begin in the tables."""
 
     faces: Faces
     marks: Marks
@@ -123,12 +123,12 @@ class Finish:
         """Multiply the light in pixels by what marks make of it."""
         part = self._part(mover)
         R, t = mover.T_world[:3, :3].astype(np.float32), mover.T_world[:3, 3].astype(np.float32)
-        local = (spots.points_mm - t) @ R + part.offset_mm
+        local = (spots.points_mm - t) @ R
         face = part.faces.of_triangle[triangle]
         across, along = part.faces.across[face], part.faces.along[face]
-        across_mm = np.einsum("ij,ij->i", local, across) + _APART_MM[0] * face
-        along_mm = np.einsum("ij,ij->i", local, along + np.cross(across, along))
-        along_mm += _APART_MM[1] * face
+        across_mm, along_mm = part.faces.places_mm(face, local)
+        across_mm += part.offset_mm[0] + _APART_MM[0] * face
+        along_mm += part.offset_mm[1] + _APART_MM[1] * face
         far_mm = np.linalg.norm(spots.points_mm - self._rays.origin_mm, axis=1)
         marked = part.marks.at(across_mm, along_mm, far_mm / self._camera.focal_px)
         normals = spots.normals + _level(across @ R.T, spots.normals) * marked.across[:, None]
@@ -177,7 +177,7 @@ class Finish:
             self._parts[name] = MachinedPart(
                 machined_faces(mover.surface, rng),
                 Marks(rng),
-                rng.uniform(0.0, 100.0, 3).astype(np.float32),
+                rng.uniform(0.0, 100.0, 2).astype(np.float32),
                 Nodes(mover.surface),
             )
         return self._parts[name]
