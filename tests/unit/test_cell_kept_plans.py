@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,14 +15,16 @@ from cad_solids import box, mesh_of
 from same_values import assert_same
 
 from controller.cache.file import pack, read_file, unpack
+from controller.cad import StablePose
 from controller.cad.compiled import CompiledPart, load_part
 from controller.cell.plans import KeptPlan, PlanCache
 from controller.cell.plans.stored import Kept, check_prepared, is_pose
 from controller.config import load_cell
-from controller.planning import GraspRules, PlanOptions, PreparedPart, Present
+from controller.planning import Certificate, GraspRules, PlanOptions, PreparedPart, Present
 from controller.setup.layout import build_layout
 
 CELL = Path(__file__).parents[2] / "recipes" / "cells" / "emulated.yaml"
+EMPTY = SimpleNamespace(arm_grasps=(), fixed_grasps=())
 FEW = PlanOptions(
     arm_grasps_per_pose=3,
     arm_grasps_round=4,
@@ -185,3 +188,28 @@ def test_the_oldest_plans_go_when_there_are_too_many(
     for i in range(9):
         kept.plans.save(kept.plans.file("block", f"{i}"), refused)
     assert len(list(file.parent.glob("*"))) == 5
+
+
+def test_poses_that_a_symmetry_makes_one_are_planned_once(
+    part: CompiledPart, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    planned: list[int] = []
+
+    def certify(
+        prepared: PreparedPart, layout: object, poses: Sequence[StablePose]
+    ) -> tuple[Certificate, ...]:
+        planned.extend(pose.index for pose in poses)
+        return tuple(Certificate(p.index, p.probability, None, "no plan", 0.25) for p in poses)
+
+    monkeypatch.setattr("controller.cell.plans.planning.certify", certify)
+    monkeypatch.setattr(PlanCache, "prepared", lambda _: EMPTY)
+    planning = PlanCache(part, build_layout(load_cell(CELL)), FEW, use_cache=False)
+    found = [planning.certified(pose).certificate for pose in part.poses]
+    # a block rests on six faces, and a half turn carries each to the one opposite
+    assert [c.pose_index for c in found] == list(range(6))
+    assert len(set(planned)) == 3
+    for pose, certificate in zip(part.poses, found, strict=True):
+        is_first = pose.same_as in (-1, pose.index)
+        assert certificate.same_as == (-1 if is_first else pose.same_as)
+        assert certificate.probability == pose.probability
+        assert (certificate.reason, certificate.pickable) == ("no plan", 0.25)

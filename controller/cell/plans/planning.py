@@ -8,6 +8,7 @@ cannot be out of date: a change of any of them is another file.
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -137,7 +138,19 @@ class PlanCache:
         return found
 
     def certified(self, pose: StablePose) -> Certified:
-        """Return the certificate of a stable pose, in the middle of where parts may rest."""
+        """Return the certificate of a stable pose, in the middle of where parts may rest.
+
+        Of poses that a symmetry of the part makes one, the first is planned, for all.
+        """
+        if pose.same_as not in (-1, pose.index):
+            first = self.certified(self._part.poses[pose.same_as])
+            own = replace(
+                first.certificate,
+                pose_index=pose.index,
+                probability=pose.probability,
+                same_as=pose.same_as,
+            )
+            return replace(first, certificate=own)
         name = self._part.solid.name
         file = self._kept.certificates.file(name, digest_of(self._key, "certificate", pose.index))
         found = self._kept.certificates.load(file) if self._use_cache else None

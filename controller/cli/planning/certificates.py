@@ -29,6 +29,8 @@ def counted(count: int, what: str) -> str:
 def certificate_words(certificate: Certificate) -> str:
     """Return a certificate in words."""
     plan = certificate.plan
+    if certificate.same_as >= 0:
+        return f"as from pose {certificate.same_as}, which a symmetry of the part makes the same"
     if plan is None:
         return certificate.reason
     shown = plan.covered_fraction / plan.reachable_fraction if plan.reachable_fraction else 1.0

@@ -83,12 +83,17 @@ def _step_json(moment: Moment, weights: FloatArray, seen_before: BoolArray) -> d
 
 
 def certificate_json(certificate: Certificate) -> dict[str, Any]:
-    """Return a certificate; `pickable` is the share of positions where the part can be grasped."""
+    """Return a certificate.
+
+    `pickable` is the share of positions where the part can be grasped; `same_as` the pose that a
+    symmetry of the part makes this one, null for none.
+    """
     body: dict[str, Any] = {
         "pose": certificate.pose_index,
         "probability": certificate.probability,
         "pickable": certificate.pickable,
         "planned": certificate.plan is not None,
+        "same_as": certificate.same_as if certificate.same_as >= 0 else None,
     }
     if certificate.plan is None:
         return body | {"reason": certificate.reason}

@@ -31,6 +31,7 @@ class Certificate:
     plan : from the middle of the area parts may lie in, None where there is none
     reason : why there is no plan, a sentence; "" where there is one
     pickable : share of places and turns over that area from which the part can be taken
+    same_as : pose that a symmetry of the part makes this one, and whose plan this is; -1 for none
     """
 
     pose_index: int
@@ -38,6 +39,7 @@ class Certificate:
     plan: Plan | None
     reason: str
     pickable: float
+    same_as: int = -1
 
     @property
     def is_complete(self) -> bool:

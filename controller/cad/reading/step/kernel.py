@@ -27,7 +27,7 @@ REFUSED: Final = 3  # exit code of a child that says why
 GRANT: Final = "CELLCTL_STEP_CPU_S"  # of the environment: time that any file is granted [CPU s]
 # sound files take 1 to 3 s for each MB, and up to 11 s where surfaces are hard to divide
 SECONDS_PER_MB: Final = 6.0
-MOST_GRANTED_S: Final = 1e5
+GRANT_MAX_S: Final = 1e5
 PATIENCE: Final = 4.0  # times the time of computing; then a child that could have run hangs
 
 
@@ -59,9 +59,9 @@ class KernelLimits:
             time_s = float(text)
         except ValueError:
             time_s = 0.0
-        if not 0.0 < time_s < MOST_GRANTED_S:
+        if not 0.0 < time_s < GRANT_MAX_S:
             raise UnreadableCadError(
-                f"{GRANT}={text}: is no number of seconds from 1 to {MOST_GRANTED_S:g}"
+                f"{GRANT}={text}: is no number of seconds from 1 to {GRANT_MAX_S:g}"
             )
         return cls(time_s=time_s)
 
