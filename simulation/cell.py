@@ -26,9 +26,10 @@ from controller.cell.operator import NOBODY, Operator
 from controller.config import Cell as CellFile
 from controller.config import load_cell, load_recipe
 from controller.planning import resting_pose
+from controller.setup.drivers import read_settings
 from drivers.clock import CellClock
 from drivers.kinds import Arm
-from drivers.umi_scara import UmiScara
+from drivers.umi_scara import DRIVER, LinkConfig, UmiScara
 from emulators.clock import WorldClock
 from emulators.in_process import Cell, CellOptions
 from emulators.world.ground_truth import truth
@@ -82,6 +83,7 @@ class SimulatedCell:
     seed : of the world and of all noise
     scene : what lies on the table
     folder : for the journal and the files of runs
+    as_built : seed of how it differs from its file; None: it stands as drawn
 
     Attributes
     ----------
@@ -90,8 +92,16 @@ class SimulatedCell:
     operator : decides what controllers cannot
     """
 
-    def __init__(self, loop: SimulatedLoop, seed: int, scene: Scene, folder: Path) -> None:
+    def __init__(
+        self,
+        loop: SimulatedLoop,
+        seed: int,
+        scene: Scene,
+        folder: Path,
+        as_built: int | None = None,
+    ) -> None:
         self.loop = loop
+        self.as_built = as_built
         self.seed = seed
         self.scene = scene
         self.folder = folder
@@ -138,7 +148,14 @@ class SimulatedCell:
         solid = self.context.solid
         mesh = self.folder / f"{solid.name}.stl"
         solid.mesh.export(mesh)
-        options = CellOptions(cell=CELL_FILE, parts=(mesh,), is_empty=True, seed=self.seed)
+        options = CellOptions(
+            cell=CELL_FILE,
+            parts=(mesh,),
+            is_empty=True,
+            seed=self.seed,
+            as_built=self.as_built,
+            surfaces="plain",
+        )
         clock = WorldClock(monotonic=self.loop.time)
         self.cell = Cell(options, self.folder, clock)
         self._lay()
@@ -317,9 +334,11 @@ class Controller:
         self, cell_file: CellFile, where: Mapping[str, dict[str, Any]], clock: CellClock
     ) -> Devices:
         cell = self.cell
+        settings = read_settings(DRIVER, cell_file.devices.arm.settings, "devices.arm")
+        config = settings.config(LinkConfig().silence_s)
         builder = DeviceBuilder(cell_file, where, clock)
         devices = Devices(
-            arm=cast(Arm, UmiScara(cell.arm_line.open, clock=clock)),
+            arm=cast(Arm, UmiScara(cell.arm_line.open, config=config, clock=clock)),
             gripper=builder.gripper(),
             lights=builder.lights(),
             io=builder.io(),
