@@ -888,6 +888,30 @@ ROWS: tuple[Row, ...] = (
         ("teach", "accept", "--cell", CELL_FILE, "--commands", "-", "--yes"),
         "trays.json: is there, and `calibration` of the cell file does not name it",
     ),
+    Row(
+        "dry run of two parts",
+        nothing,
+        ("run", "recipe.yaml", "--dry", "--count", "2", "--runs", "runs"),
+        "--count: a dry run has no part",
+    ),
+    Row(
+        "dry run that keeps wires",
+        nothing,
+        ("run", "recipe.yaml", "--dry", "--record", "all.wires", "--runs", "runs"),
+        "--record: a dry run has no part",
+    ),
+    Row(
+        "dry run from a stable pose that there is not",
+        nothing,
+        ("run", "recipe.yaml", "--dry", "--pose", "99", "--runs", "runs"),
+        "--pose 99: the part has the stable poses 0",
+    ),
+    Row(
+        "dry run, step by step, where nobody is",
+        nothing,
+        ("run", "recipe.yaml", "--dry", "--step", "--runs", "runs"),
+        "--step: a person has to let each motion begin",
+    ),
     Row("board that no file has", nothing, ("print-target", "wall"), "wall: no board of this name"),
     Row(
         "board larger than the paper",

@@ -19,6 +19,7 @@ from drivers.kinds import Arm
 from ..custody import Custody
 from ..devices import Devices
 from ..devices.interlocks import check_interlocks
+from ..journal import Body
 from ..services import Gate, Imaging, Interlocks, Motion, NextMotion
 from .errors import StepFailedError
 from .evidence import Evidence
@@ -55,6 +56,7 @@ class Bench:
     emulated : names of the devices that are
     by : who commissions
     based_on : hashes of the calibrations that the step uses
+    note : takes a row of the journal
     handed : which gripper has what was handed over, while it matters to where the arm may go
     """
 
@@ -72,6 +74,7 @@ class Bench:
     emulated: frozenset[str]
     by: str
     based_on: Mapping[CalibrationName, str]
+    note: Callable[[Body], object]
     handed: HandedOver = field(default_factory=HandedOver)
 
     async def permit_motion(self, what: str) -> None:

@@ -154,7 +154,7 @@ class Session:
         visit = Visit(
             VisitOrder(
                 step=step,
-                recipe=f"commission {step.name}",
+                recipe={"name": f"commission {step.name}"},
                 cell=cell,
                 digest=cell_digest(nominal),
                 emulated=self._emulated,

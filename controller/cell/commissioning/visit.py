@@ -9,7 +9,7 @@ import asyncio
 import logging
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final
@@ -39,6 +39,7 @@ from ..journal import JOURNAL_NAME, Journal, JournalError, open_cell_journal, ro
 from ..machine import Event
 from ..operator import Journaled, Operator, require_acknowledged
 from ..services import (
+    Approval,
     CameraName,
     Gate,
     Imaging,
@@ -70,7 +71,7 @@ class VisitOrder:
     Attributes
     ----------
     step : to run
-    recipe : what the journal calls it
+    recipe : what the journal has as the recipe, its name at least
     cell : as commissioned so far
     digest : of what the nominal cell file describes
     emulated : what the emulator reported of itself; empty without one
@@ -79,10 +80,13 @@ class VisitOrder:
     run_id : of this visit
     by : who commissions
     based_on : hashes of the calibrations that the step uses
+    files : SHA-256 of what was read, by path
+    is_dry : only motions, for a part that is not there
+    is_stepwise : a person lets each motion begin
     """
 
     step: Step
-    recipe: str
+    recipe: Mapping[str, Any]
     cell: Cell
     digest: str
     emulated: Mapping[str, Any]
@@ -91,6 +95,9 @@ class VisitOrder:
     run_id: str
     by: str
     based_on: Mapping[CalibrationName, str]
+    files: Mapping[str, str] = field(default_factory=dict)
+    is_dry: bool = False
+    is_stepwise: bool = False
 
 
 class Visit:
@@ -209,6 +216,7 @@ class Visit:
                         rows.RunBrokeOff(error=str(error) or type(error).__name__, where="")
                     )
                 raise
+            journal.write(rows.AtRest(state="complete", where="No part was at hand."))
             journal.write(rows.RunEnded(end="complete"))
             return made
         finally:
@@ -217,15 +225,18 @@ class Visit:
     def _began(self, where: Mapping[str, dict[str, Any]]) -> rows.RunBegan:
         order = self._order
         return rows.RunBegan(
-            recipe={"name": order.recipe},
+            recipe=dict(order.recipe),
+            files=dict(order.files),
             cell=order.cell.model_dump(mode="json", by_alias=True),
             devices=where,
             emulated_devices=tuple(sorted(self._emulated)),
             emulator={k: v for k, v in order.emulated.items() if k != "devices"},
             clock=None if order.clock.path is None else str(order.clock.path),
+            speed=order.clock.speed,
             count=0,
             software=software_versions(),
             operator=order.by,
+            **({"is_dry": True} if order.is_dry else {}),
         )
 
     async def _connected(
@@ -322,7 +333,7 @@ class Visit:
         layout, handed = build_layout(cell), HandedOver()
         record = BatchRecord(journal, Progress(), lambda: None)
         retries = Retries(record, fault_policy(cell.faults), clock)
-        gate = Gate(Permits(journal), clock)
+        gate = Gate(Permits(journal), clock, Approval(operator) if order.is_stepwise else None)
         interlocks = Interlocks(
             devices.io,
             devices.gripper,
@@ -351,6 +362,7 @@ class Visit:
             emulated=self._emulated,
             by=order.by,
             based_on=dict(order.based_on),
+            note=record.note,
             handed=handed,
         )
         return bench, gate, interlocks, retries

@@ -141,7 +141,7 @@ def commission(
 
     What is done stays; the next start goes on with what is not.
     """
-    from .entering import EmulatedOptions
+    from ..running.entering import EmulatedOptions
     from .guided import GuidedOptions, guide
 
     code = guide(
@@ -197,7 +197,7 @@ def jog(
 
     Before homing it only tries single motors and homes. Space and Esc halt it.
     """
-    from .entering import EmulatedOptions
+    from ..running.entering import EmulatedOptions
     from .jogging import JogOptions, jog_cell
 
     code = jog_cell(
@@ -246,7 +246,7 @@ def teach(
 
     Nothing is written before you have seen the difference.
     """
-    from .entering import EmulatedOptions
+    from ..running.entering import EmulatedOptions
     from .jogging import JogOptions
     from .teaching import teach as teach_cell
 

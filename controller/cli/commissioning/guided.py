@@ -14,9 +14,9 @@ from controller.results.commissioned import write_evidence_page
 from controller.setup.drivers import require_drivers
 
 from ..running.door import OperatorDoor
+from ..running.entering import EmulatedOptions, Entered, check_entering, entered, user_name
 from ..terminal.output import emit, print_line
 from .calibration_lines import calibration_lines
-from .entering import EmulatedOptions, Entered, check_entering, entered, user_name
 
 RUN_NAME: Final = "commission"
 

@@ -13,8 +13,8 @@ from controller.commissioning.procedure import Outcome, StepRecord
 from controller.config import Cell, ConfigError, load_cell
 from controller.setup.drivers import require_drivers
 
+from ..running.entering import EmulatedOptions, check_entering, entered, user_name
 from ..terminal.output import emit, print_line, warn
-from .entering import EmulatedOptions, check_entering, entered, user_name
 from .pilots import KeyPilot, LinePilot, script_text
 
 STDIN: Final = Path("-")

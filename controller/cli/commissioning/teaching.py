@@ -35,8 +35,8 @@ from controller.setup.layout import build_layout
 from controller.setup.software import software_versions
 
 from ..inputs.checks import check_writable_folder
+from ..running.entering import user_name
 from ..terminal.output import emit, print_line, warn
-from .entering import user_name
 from .jogging import JogOptions, check_jog, run_jog
 
 PARK: Final = "park"

@@ -117,6 +117,14 @@ def run(
             "`cellctl answer go` from another terminal",
         ),
     ] = False,
+    dry: Annotated[
+        bool,
+        typer.Option(
+            "--dry",
+            help="drive all motions without a part: lifted off everything, at a tenth of the "
+            "speed, grippers open; with --pose from that stable pose (default: the likeliest)",
+        ),
+    ] = False,
     runs: RunsOption = Path("runs"),
     json: JsonOption = False,
     verbose: Annotated[
@@ -156,9 +164,14 @@ def run(
         papers=Papers(operator, lot, tuple(serial or ()), part_temperature),
         waits=wait,
         is_stepwise=step,
+        is_dry=dry,
         record=record,
         as_json=json,
     )
+    if dry:
+        from .dry_run import run_dry
+
+        raise typer.Exit(run_dry(options))
     raise typer.Exit(run_recipe(options))
 
 

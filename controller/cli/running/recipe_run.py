@@ -75,6 +75,7 @@ class RunOptions:
     papers : who runs it, and which parts
     waits : wait for an answer where a person has to decide, also without a terminal
     is_stepwise : a person lets each motion begin
+    is_dry : drive all motions, lifted and slow, without a part
     record : file to keep all wires in, None for none
     as_json : print one JSON object a line instead of the live display
     """
@@ -99,6 +100,7 @@ class RunOptions:
     operator: Operator | None = None
     waits: bool = False
     is_stepwise: bool = False
+    is_dry: bool = False
     record: Path | None = None
 
 

@@ -24,6 +24,7 @@ are cell seconds, `wall_s` is wall seconds. Unknown is null, never a made-up num
 | `parts[].steps[]` | `label`, `forecast_s`, `seconds` (null: not finished), `view`, `tray` |
 | `parts[].sightings[]`, `looks`, `grips_missed`, `forecast_s`, `table_pictures` | what led to the grasp |
 | `pictures.<lamp>` | `file` (in the run's folder), `sha256` (null: the file is missing) |
+| `dry` | null, or of a dry run (motions without a part) its steps: `label`, `pose_index`, `motions`, `lifted_mm` (least, most), `left_out` (reasons), `seconds` |
 | `stages[]` | `state`, `visits`, `wall_s` |
 | `cautions[]` | what to know before trusting the rest |
 | `journal` | `first_seq`, `last_seq`, `first_broken_row` (null: the chain of hashes is whole) |
@@ -88,6 +89,7 @@ def report_json(record: RunRecord) -> dict[str, Any]:
         "cautions": cautions(record),
         "ordered": record.ordered,
         "parts": [_part(record, part) for part in record.parts],
+        "dry": None if record.dry is None else [asdict(step) for step in record.dry],
         "stages": [asdict(stage) for stage in record.stages],
         "journal": {
             "first_seq": record.log[0].seq,

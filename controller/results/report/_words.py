@@ -52,8 +52,22 @@ def why_in_run(record: RunRecord, part: PartReport) -> str:
     return why(part, record.outcome.message if part is record.parts[-1] else "")
 
 
+def end_words(record: RunRecord) -> str:
+    """Return how a run ended."""
+    if record.dry is not None and record.outcome.end == "complete":
+        return "complete: all motions driven"
+    return END_WORDS[record.outcome.end]
+
+
 def headline(record: RunRecord) -> tuple[str, str]:
     """Return the run's verdict in a word or two, and why in a sentence."""
+    if record.dry is not None:
+        seconds = sum(step.seconds for step in record.dry)
+        motions = sum(step.motions for step in record.dry)
+        return "no verdict", (
+            f"A dry run: {count_of(motions, 'motion')} without a part, lifted, in {seconds:.0f} s. "
+            "Nothing was inspected."
+        )
     if not record.parts:
         return "no verdict", _sentence(record.outcome.message or "no part was looked at")
     if len(record.parts) == 1 and record.ordered <= 1:

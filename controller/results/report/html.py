@@ -17,7 +17,7 @@ from ..run import RunRecord, row_words, stage_words
 from ..wording import utc
 from ._optics import Optics
 from ._page import PartPage, css_class, lamp_words, make_part_page
-from ._words import END_WORDS, cautions, defect_words, headline, why, why_in_run
+from ._words import cautions, defect_words, end_words, headline, why, why_in_run
 from .pictures import QUALITIES, Pictures, Quality
 from .signed import MAX_LOOKS, PartSheets, make_sheets
 
@@ -138,7 +138,7 @@ def _page(
         emulated=record.emulated_devices if record else parts[0].header.emulated_devices,
         word=word,
         why=sentence,
-        end_words=END_WORDS[record.outcome.end] if record else "",
+        end_words=end_words(record) if record else "",
         cautions=cautions(record) if record else [],
         parts=pages,
         log=record.log[left_out:] if record else (),

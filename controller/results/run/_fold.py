@@ -14,6 +14,7 @@ from ._parts import PartFold
 from .log_words import row_words
 from .model import (
     DeviceReport,
+    DryStepReport,
     End,
     LogEntry,
     PartReport,
@@ -76,6 +77,22 @@ def fold(run_id: str, folder: Path, found: Sequence[Row], broken: int | None) ->
         serials=began.serials,
         part_temperature_c=began.part_temperature_c,
         calibration=None if stood is None else stood.sentences,
+        dry=_dry(log) if began.is_dry else None,
+    )
+
+
+def _dry(log: Sequence[LogEntry]) -> tuple[DryStepReport, ...]:
+    return tuple(
+        DryStepReport(
+            label=row.label,
+            pose_index=row.pose_index,
+            motions=row.waypoints,
+            lifted_mm=row.lifted_mm,
+            left_out=row.left_out,
+            seconds=row.seconds,
+        )
+        for row in (entry.row for entry in log)
+        if isinstance(row, rows.DryStepDone)
     )
 
 

@@ -21,6 +21,8 @@ def row_words(entry: LogEntry) -> str:
             return _transition(row)
         case rows.StepDone() as row:
             return f"step “{row.label}” done in {row.seconds} s, forecast {row.forecast_s} s"
+        case rows.DryStepDone() as row:
+            return f"step “{row.label}” driven without a part in {row.seconds} s"
         case rows.GraspMissed() as row:
             return f"grasp failed: {row.message}"
         case rows.CustodyChanged() as row:

@@ -112,6 +112,26 @@ class StepReport:
 
 
 @dataclass(frozen=True, slots=True)
+class DryStepReport:
+    """A step that was driven without a part, lifted.
+
+    Attributes
+    ----------
+    motions : how many the arm made
+    lifted_mm : least and most of what its waypoints were raised by
+    left_out : why waypoints were not driven to
+    seconds : it took [cell s]
+    """
+
+    label: str
+    pose_index: int
+    motions: int
+    lifted_mm: tuple[float, float]
+    left_out: tuple[str, ...]
+    seconds: float
+
+
+@dataclass(frozen=True, slots=True)
 class FindingReport:
     """A finding: where picture and CAD disagree; see `controller.inspection.Finding`.
 
@@ -410,6 +430,7 @@ class RunRecord:
     operator, lot, serials, part_temperature_c : as given with the order; may be empty or None
     calibration : what of the cell's calibrations did not count; None where the journal is older
         than they are
+    dry : the steps of a dry run; None where the run was to inspect parts
     """
 
     run_id: str
@@ -436,6 +457,7 @@ class RunRecord:
     serials: tuple[str, ...] = ()
     part_temperature_c: float | None = None
     calibration: tuple[str, ...] | None = None
+    dry: tuple[DryStepReport, ...] | None = None
 
     @property
     def recipe_name(self) -> str:

@@ -4,7 +4,15 @@
 `jogger.py` carries them out through the cell's services, `session.py` is the visit.
 """
 
-from .goals import RefusedMotionError, clearance_mm, near_by, require_free, shifted, turned
+from .goals import (
+    RefusedMotionError,
+    clearance_mm,
+    inside_limits,
+    near_by,
+    require_free,
+    shifted,
+    turned,
+)
 from .jogger import Jogger, Reading
 from .orders import GRAMMAR, JogOrder, Verb, WrongOrderError, read_order
 from .session import JogOrders, JogSession, Pilot, Taken
@@ -22,6 +30,7 @@ __all__ = [
     "Verb",
     "WrongOrderError",
     "clearance_mm",
+    "inside_limits",
     "near_by",
     "read_order",
     "require_free",

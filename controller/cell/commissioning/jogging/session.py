@@ -240,7 +240,7 @@ class JogSession:
         self._visit = Visit(
             VisitOrder(
                 step=self._step,
-                recipe=orders.recipe,
+                recipe={"name": orders.recipe},
                 cell=orders.cell,
                 digest=cell_digest(orders.cell),
                 emulated=orders.emulated,

@@ -48,6 +48,7 @@ from ._decisions import (
 )
 from ._deeds import (
     CustodyChanged,
+    DryStepDone,
     GraspMissed,
     Homed,
     HomedWithPart,
@@ -130,6 +131,7 @@ __all__ = [
     "CustodyChanged",
     "DetectionFields",
     "DeviceRetried",
+    "DryStepDone",
     "EffectClass",
     "EmulatedCellEnded",
     "FaceJudged",

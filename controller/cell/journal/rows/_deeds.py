@@ -115,6 +115,23 @@ class StepDone(Body):
     expected_mm: float | None = None
 
 
+class DryStepDone(Body):
+    """A step of a plan was driven without a part, each waypoint lifted.
+
+    `lifted_mm` is the least and the most of it, `left_out` why waypoints were not driven to,
+    `seconds` are cell seconds.
+    """
+
+    kind = "outcome"
+    row_name = "dry_step"
+    label: str
+    pose_index: int
+    waypoints: int
+    lifted_mm: tuple[float, float]
+    left_out: tuple[str, ...] = ()
+    seconds: float
+
+
 class GraspMissed(Body):
     """The jaws closed on nothing, or too far."""
 

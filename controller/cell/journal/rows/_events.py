@@ -8,7 +8,10 @@ from ._body import Body, Fields, Json, NamedBody, Text, TextByName
 
 
 class RunBegan(Body):
-    """The first row of a run: the recipe, the cell and the options."""
+    """The first row of a run: the recipe, the cell and the options.
+
+    `is_dry`: its motions were made without a part, lifted; there is nothing to judge.
+    """
 
     kind = "event"
     row_name = "run_began"
@@ -26,6 +29,7 @@ class RunBegan(Body):
     lot: str = ""
     serials: tuple[str, ...] = ()
     part_temperature_c: float | None = None
+    is_dry: bool = False
 
 
 class Connected(TextByName):

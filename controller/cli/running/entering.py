@@ -1,6 +1,6 @@
 """Into a cell and out of it: signals heard, lock held, the emulated cell beside it if there is one.
 
-What `commission`, `jog` and `teach` have in common.
+What `commission`, `jog`, `teach` and `run --dry` have in common.
 """
 
 import getpass
@@ -19,8 +19,8 @@ from controller.config import Cell, ConfigError
 
 from ..devices.doctor_checks import machine_checks
 from ..inputs.checks import MIN_FREE_BYTES, check_control, check_writable_folder
-from ..running.ends import Ends
 from ..terminal.output import warn
+from .ends import Ends
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

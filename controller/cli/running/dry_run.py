@@ -1,0 +1,187 @@
+"""`cellctl run --dry`: plan from a stable pose, lift all motions, drive them, write the report."""
+
+import asyncio
+import sys
+from hashlib import sha256
+from pathlib import Path
+
+from controller.cad import StablePose
+from controller.cell.batch import new_run_id
+from controller.cell.commissioning.dry import DryOrder, DryPlan, DrySession, dry_plan
+from controller.cell.compute import Job, context
+from controller.cell.compute.checking import check_sizes
+from controller.cell.plans import PlanCache
+from controller.commissioning.procedure import Outcome, StepRecord
+from controller.config import Cell, ConfigError, Recipe, load_cell, load_recipe
+from controller.results import load_run, write_html
+from controller.setup.drivers import require_drivers
+
+from ..terminal.output import emit, print_line, warn
+from .door import OperatorDoor
+from .entering import EmulatedOptions, Entered, check_entering, entered, user_name
+from .recipe_run import RunOptions
+from .report_file import note_report
+
+
+def run_dry(options: RunOptions) -> int:
+    """Drive all motions of a recipe without its part; return 0 if all were driven to their end.
+
+    Raises
+    ------
+    ConfigError : a file or an option is wrong, or there is no plan from the stable pose
+    """
+    recipe = load_recipe(options.recipe_path)
+    cell_path = options.cell_path or recipe.cell
+    cell = load_cell(cell_path)
+    require_drivers(cell_path, cell)
+    _check_options(options)
+    emulated = EmulatedOptions(
+        as_built=options.as_built,
+        seed=options.seed,
+        speed=options.speed,
+        control=options.control,
+        answers=False,
+    )
+    check_entering(emulated, cell, options.runs_dir, "--runs")
+    check_sizes(options.recipe_path, recipe, cell)
+    if not options.as_json:
+        print_line("planning; nothing moves yet")
+    plan = _plan(Job(options.recipe_path, cell_path), cell, options.pose)
+    for why in plan.left_out:
+        warn(f"left out: {why}")
+    run_id = f"{new_run_id(recipe)}-dry"
+    with entered(emulated, cell_path, cell, options.runs_dir, run_id) as inside:
+        record = asyncio.run(_drive(options, recipe, cell, plan, run_id, inside))
+    _report(options, record, plan, run_id)
+    return 0 if record.outcome is Outcome.PASSED and not plan.left_out else 1
+
+
+def _check_options(options: RunOptions) -> None:
+    """Refuse what has no meaning without a part."""
+    given = {
+        "--count": options.count is not None,
+        "--lay": bool(options.lay),
+        "--empty": options.empty,
+        "--at": options.at is not None,
+        "--surfaces": options.surfaces is not None,
+        "--record": options.record is not None,
+        "--part-removed": options.is_part_removed,
+        "--auto-recover": options.is_recovery_automatic,
+        "--lot": bool(options.papers.lot),
+        "--serial": bool(options.papers.serials),
+        "--part-temperature": options.papers.part_temperature_c is not None,
+    }
+    for option, is_given in given.items():
+        if is_given:
+            raise ConfigError(f"{option}: a dry run has no part; leave it out")
+    has_terminal = sys.stdin.isatty() and sys.stderr.isatty() and not options.as_json
+    if options.is_stepwise and not options.waits and not has_terminal:
+        raise ConfigError(
+            "--step: a person has to let each motion begin, and there is no terminal; add --wait, "
+            "and let it begin by `cellctl answer go` from another one"
+        )
+
+
+def _plan(job: Job, cell: Cell, pose_index: int | None) -> DryPlan:
+    """Return the lifted motions from a stable pose in the middle of the drop area.
+
+    Raises
+    ------
+    ConfigError : there is no such stable pose, or no plan from it
+    """
+    c = context(job)
+    pose = _pose(c.poses, pose_index)
+    certificate = PlanCache(c.part, c.layout, c.setup.options).certified(pose).certificate
+    if certificate.plan is None:
+        raise ConfigError(
+            f"{job.recipe_path}: from stable pose {pose.index} there is no plan to drive: "
+            f"{certificate.reason}; name another one by --pose"
+        )
+    return dry_plan(cell, pose.index, certificate.plan)
+
+
+def _pose(poses: tuple[StablePose, ...], index: int | None) -> StablePose:
+    steady = [pose for pose in poses if not (pose.rolling or pose.marginal)]
+    if index is None:
+        if not steady:
+            raise ConfigError("the part has no stable pose to plan from")
+        return max(steady, key=lambda pose: pose.probability)
+    found = next((pose for pose in poses if pose.index == index), None)
+    if found is None:
+        listed = ", ".join(str(pose.index) for pose in poses)
+        raise ConfigError(f"--pose {index}: the part has the stable poses {listed}")
+    return found
+
+
+async def _drive(
+    options: RunOptions, recipe: Recipe, cell: Cell, plan: DryPlan, run_id: str, inside: Entered
+) -> StepRecord:
+    door = OperatorDoor(
+        options.runs_dir, inside.holder, waits=options.waits, as_json=options.as_json
+    )
+
+    def show(text: str) -> None:
+        if options.as_json:
+            emit({"event": "note", "text": text})
+        else:
+            print_line(f"  {text}")
+
+    files = (options.recipe_path, options.cell_path or recipe.cell, recipe.part)
+    session = DrySession(
+        DryOrder(
+            recipe=recipe,
+            cell=cell,
+            files={str(path): sha256(path.read_bytes()).hexdigest() for path in files},
+            plans=(plan,),
+            emulated=inside.ready,
+            clock=inside.clock,
+            runs_dir=options.runs_dir,
+            run_id=run_id,
+            by=options.papers.operator or user_name(),
+            is_stepwise=options.is_stepwise,
+        ),
+        door,
+        show,
+    )
+    async with door.open():
+        with inside.ends.stopping(session, inside.ready.get("pid")):
+            return await session.run()
+
+
+def _report(options: RunOptions, record: StepRecord, plan: DryPlan, run_id: str) -> None:
+    """Write the report, then print how it ended."""
+    path = options.runs_dir / run_id / "report.html"
+    run = load_run(options.runs_dir, run_id)
+    report: Path | None = None
+    try:
+        report = write_html(run, path)
+        note_report(options.runs_dir, run_id, report)
+    except OSError as error:
+        warn(f"cellctl: {path}: {error.strerror or error}; make room, then `cellctl report`")
+    steps = run.dry or ()
+    motions, seconds = sum(one.motions for one in steps), sum(one.seconds for one in steps)
+    if options.as_json:
+        emit(
+            {
+                "event": "dry",
+                "run": run_id,
+                "outcome": record.outcome.value,
+                "message": record.message,
+                "pose_index": plan.pose_index,
+                "motions": motions,
+                "seconds": round(seconds, 1),
+                "left_out": list(plan.left_out),
+                "report": None if report is None else str(report),
+            }
+        )
+        return
+    if record.message:
+        warn(f"cellctl: {record.message}")
+    how = "ended" if record.outcome is Outcome.PASSED else "was stopped"
+    left = f", {len(plan.left_out)} waypoints left out" if plan.left_out else ""
+    print_line(
+        f"dry run {how}: {motions} motions in {seconds:.0f} s of the cell's time{left}; no part, "
+        "no verdict"
+    )
+    if report is not None:
+        print_line(f"report: {report}")
