@@ -99,6 +99,7 @@ def test_a_step_that_passes_leaves_its_record_and_is_done(tmp_path: Path) -> Non
             "arm",
             "grippers",
             "trays",
+            "reach",
             "verify",
         )
         # each motor and each axis of homing had a question of its own (umi_rtx.md 10)

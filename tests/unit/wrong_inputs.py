@@ -811,6 +811,12 @@ ROWS: tuple[Row, ...] = (
         "it needs `devices`, which is not done",
     ),
     Row(
+        "reach of a recipe that there is not",
+        nothing,
+        ("commission", "--cell", CELL_FILE, "--yes", "--recipe", "none.yaml"),
+        "none.yaml",
+    ),
+    Row(
         "--yes for a person at real devices",
         write(
             CELL_FILE,

@@ -3,6 +3,7 @@
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import Any, Final
 
 from controller.arrays import FloatArray
@@ -57,6 +58,7 @@ class Bench:
     by : who commissions
     based_on : hashes of the calibrations that the step uses
     note : takes a row of the journal
+    recipes : files of those that the cell is to run
     handed : which gripper has what was handed over, while it matters to where the arm may go
     """
 
@@ -75,6 +77,7 @@ class Bench:
     by: str
     based_on: Mapping[CalibrationName, str]
     note: Callable[[Body], object]
+    recipes: tuple[Path, ...] = ()
     handed: HandedOver = field(default_factory=HandedOver)
 
     async def permit_motion(self, what: str) -> None:

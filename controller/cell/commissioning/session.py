@@ -39,11 +39,13 @@ class CommissionOrder:
     cell_path : the nominal cell file
     folder : what is kept
     by : who commissions
+    recipes : files of those that the cell is to run
     """
 
     cell_path: Path
     folder: Folder
     by: str
+    recipes: tuple[Path, ...] = ()
 
     def nominal(self) -> Cell:
         """Return the cell as drawn, without calibrations.
@@ -163,6 +165,7 @@ class Session:
                 run_id=place.name,
                 by=order.by,
                 based_on={name: hashes[name] for name in step.uses if name in hashes},
+                recipes=order.recipes,
             ),
             self._operator,
             self._helper,

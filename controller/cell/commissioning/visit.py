@@ -83,6 +83,7 @@ class VisitOrder:
     files : SHA-256 of what was read, by path
     is_dry : only motions, for a part that is not there
     is_stepwise : a person lets each motion begin
+    recipes : files of those that the cell is to run
     """
 
     step: Step
@@ -98,6 +99,7 @@ class VisitOrder:
     files: Mapping[str, str] = field(default_factory=dict)
     is_dry: bool = False
     is_stepwise: bool = False
+    recipes: tuple[Path, ...] = ()
 
 
 class Visit:
@@ -363,6 +365,7 @@ class Visit:
             by=order.by,
             based_on=dict(order.based_on),
             note=record.note,
+            recipes=order.recipes,
             handed=handed,
         )
         return bench, gate, interlocks, retries

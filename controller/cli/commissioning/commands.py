@@ -127,6 +127,15 @@ def commission(
         bool,
         typer.Option("--yes", help="answer for the person, on an emulated cell alone"),
     ] = False,
+    recipe: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--recipe",
+            metavar="FILE",
+            help="recipe whose poses the step `reach` plans; may be given again (default: the "
+            "recipes beside the cell file)",
+        ),
+    ] = None,
     operator: Annotated[
         str, typer.Option("--operator", metavar="NAME", help="who commissions (default: the user)")
     ] = "",
@@ -150,6 +159,7 @@ def commission(
             out=out,
             step=step,
             operator=operator,
+            recipes=tuple(recipe or ()),
             emulated=EmulatedOptions(
                 as_built=as_built, seed=seed, speed=speed, control=control, answers=yes
             ),

@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -9,7 +10,7 @@ from typing import Final
 
 from controller.cell.commissioning import CommissionOrder, EmulatedPerson, Session, due
 from controller.commissioning.procedure import Folder, Outcome, Standing, Status, StepRecord
-from controller.config import Cell, ConfigError
+from controller.config import Cell, ConfigError, load_recipe
 from controller.results.commissioned import write_evidence_page
 from controller.setup.drivers import require_drivers
 
@@ -31,6 +32,7 @@ class GuidedOptions:
     out : folder of what is found, None for commissioning/NAME
     step : the one to repeat, None for all that are due
     operator : who commissions, empty for the user
+    recipes : that the cell is to run; empty for those beside the cell file
     emulated : options of the emulated cell
     runs : folder of the runs on the cell, for how often each calibration was used
     as_json : print JSON lines
@@ -40,6 +42,7 @@ class GuidedOptions:
     out: Path | None
     step: str | None
     operator: str
+    recipes: tuple[Path, ...]
     emulated: EmulatedOptions
     runs: Path
     as_json: bool
@@ -83,7 +86,22 @@ def _order(options: GuidedOptions) -> CommissionOrder:
     out = options.out or Path("commissioning") / name
     if out.exists() and not out.is_dir():
         raise ConfigError(f"--out {out}: is a file; name a folder")
-    return CommissionOrder(options.cell_path, Folder(out), options.operator or user_name())
+    recipes = options.recipes or recipes_beside(options.cell_path)
+    for one in options.recipes:
+        load_recipe(one)  # before anything starts
+    return CommissionOrder(
+        options.cell_path, Folder(out), options.operator or user_name(), tuple(recipes)
+    )
+
+
+def recipes_beside(cell_path: Path) -> tuple[Path, ...]:
+    """Return the sound recipes in a cell file's folder, by name."""
+    found = []
+    for path in sorted(cell_path.parent.glob("*.yaml")):
+        with suppress(ConfigError):  # no recipe; whatever it is, nobody named it
+            load_recipe(path)
+            found.append(path)
+    return tuple(found)
 
 
 def _check(options: GuidedOptions, cell: Cell, out: Path) -> None:

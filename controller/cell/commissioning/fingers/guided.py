@@ -5,15 +5,15 @@ millimetre; where the finger tips are then, the calibrated arm knows.
 """
 
 import asyncio
-from math import pi
 from typing import Any, Final
 
 import numpy as np
 
 from controller.arrays import FloatArray
+from controller.commissioning.reach import rows_down
 from controller.planning import JointPath, NoMotionError
 from controller.planning.model import CellLayout
-from controller.planning.motion import Scene, connect, inverse_rows, segment_seconds, tcp_pose
+from controller.planning.motion import Scene, connect, segment_seconds, tcp_pose
 from drivers.kinds import Stop
 
 from ..bench import SLOW, Bench
@@ -26,7 +26,6 @@ CLOSED_MM: Final = 2.0  # open so far, the tips are one point to the eye, and th
 READINGS: Final = 3
 BETWEEN_S: Final = 0.3
 STILL_MM: Final = 0.3  # between two readings of finger tips that a person holds still
-HEADINGS: Final = 36
 # Homing folds the elbow by 30 degrees more, then turns the shoulder to its stop (umi_rtx.md 4.1).
 # From farther on the palm meets the column, and where that is passes for the stop.
 FOLDED_RAD: Final = float(np.radians(92.0))
@@ -75,15 +74,7 @@ def _above(
     layout: CellLayout, scene: Scene, place_mm: FloatArray, near: FloatArray
 ) -> list[FloatArray]:
     """Return configurations (6,) with the finger tips above a place, the quickest first."""
-    T = np.zeros((HEADINGS, 4, 4))
-    T[:, 3, 3] = 1.0
-    for i, a in enumerate(np.linspace(-pi, pi, HEADINGS, endpoint=False)):
-        # straight down along the arm's own column: there it has all headings
-        c, s = np.cos(a), np.sin(a)
-        down = np.array([[0.0, s, c], [0.0, c, -s], [-1.0, 0.0, 0.0]])
-        T[i, :3, :3] = layout.T_world_arm[:3, :3] @ down
-        T[i, :3, 3] = place_mm + np.array([0.0, 0.0, ABOVE_MM])
-    _, _, q = inverse_rows(layout, T)
+    q = rows_down(layout, place_mm + np.array([0.0, 0.0, ABOVE_MM]))
     lowered = q - np.array([0.0, 0.0, 0.0, ABOVE_MM + 2.0, 0.0, 0.0])
     q = q[layout.arm.within_limits(lowered)] if len(q) else q
     q = q[scene.free(q, MARGIN_MM)] if len(q) else q

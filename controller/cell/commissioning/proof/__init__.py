@@ -2,5 +2,14 @@
 
 from .hand_off import HandOff, hand_off_and_back
 from .lengths import LengthStudy, length_study
+from .recipes import ReachedPose, RecipeReach, check_reach
 
-__all__ = ["HandOff", "LengthStudy", "hand_off_and_back", "length_study"]
+__all__ = [
+    "HandOff",
+    "LengthStudy",
+    "ReachedPose",
+    "RecipeReach",
+    "check_reach",
+    "hand_off_and_back",
+    "length_study",
+]

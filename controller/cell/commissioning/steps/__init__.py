@@ -8,6 +8,7 @@ from .arm import ArmStep
 from .devices import DevicesStep
 from .grippers import GrippersStep
 from .light import LightStep
+from .reach import ReachStep
 from .step import Step
 from .trays import TraysStep
 from .verify import VerifyStep
@@ -19,6 +20,7 @@ STEPS: Final[tuple[Step, ...]] = (
     ArmStep(),
     GrippersStep(),
     TraysStep(),
+    ReachStep(),
     VerifyStep(),
 )
 

@@ -1,0 +1,71 @@
+"""Whether recipes can be run on the cell as calibrated: `cellctl check`'s own answer, in short."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from controller.cad import CadError
+from controller.cell.compute import Job
+from controller.cell.compute.checking import check_job
+from controller.config import ConfigError, load_recipe
+
+
+@dataclass(frozen=True, slots=True)
+class ReachedPose:
+    """A likely stable pose of a recipe's part.
+
+    Attributes
+    ----------
+    index, probability : of the stable pose
+    pickable : share of places and turns of the drop area from which the part can be taken
+    covered : share of its surface that comes in sight; None where there is no plan
+    """
+
+    index: int
+    probability: float
+    pickable: float
+    covered: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class RecipeReach:
+    """What a check of a recipe has found.
+
+    Attributes
+    ----------
+    wanted : share of the surface that the recipe requires to be compared
+    poses : likely stable poses
+    problems : a sentence for each reason why it cannot be run
+    """
+
+    wanted: float
+    poses: tuple[ReachedPose, ...]
+    problems: tuple[str, ...]
+
+
+def check_reach(recipe: Path, cell: Path) -> RecipeReach:
+    """Return which likely stable poses of a recipe's part can be planned in a cell.
+
+    What is wrong with the files is a problem as well.
+
+    Parameters
+    ----------
+    recipe, cell : their files
+    """
+    try:
+        wanted = load_recipe(recipe).inspection.min_coverage
+        checked = check_job(Job(recipe, cell))
+    except (ConfigError, CadError) as error:
+        return RecipeReach(0.0, (), (str(error),))
+    return RecipeReach(
+        wanted,
+        tuple(
+            ReachedPose(
+                one.pose.index,
+                one.pose.probability,
+                one.certified.certificate.pickable,
+                None if (plan := one.certified.certificate.plan) is None else plan.covered_fraction,
+            )
+            for one in checked.poses
+        ),
+        checked.problems,
+    )

@@ -1,0 +1,105 @@
+"""Reach: whether the calibrated arm gets to all that recipes need, with room for what is uncertain.
+
+Nothing moves. Places that any recipe needs are tried first; then each recipe is planned as
+`cellctl check` does, in a process of its own.
+"""
+
+import asyncio
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from controller.arrays import FloatArray
+from controller.cell.compute import worker_pool
+from controller.commissioning.reach import unreached
+from controller.config.calibration_reference import CalibrationName
+from controller.config.calibrations import Calibration
+from controller.planning.motion import Scene
+
+from ..bench import Bench
+from ..proof import RecipeReach, check_reach
+
+GRID: Final = 5  # places along either side of the drop area
+LOW_MM: Final = 20.0  # over the table: where the middle of a low part is grasped
+MIN_PICKABLE: Final = 0.5  # of places and turns over the drop area; a run fails from the others
+
+
+class ReachStep:
+    """Places of the cell and poses of recipes that the arm gets to, as calibrated."""
+
+    name = "reach"
+    title = "whether the calibrated arm gets to all that the recipes need; nothing moves"
+    needs: tuple[str, ...] = ("grippers", "trays")
+    uses: tuple[CalibrationName, ...] = ("overhead", "inspection", "arm", "fixed_gripper", "trays")
+    makes: tuple[CalibrationName, ...] = ()
+    valid_days: int | None = None
+
+    async def run(self, bench: Bench) -> Mapping[CalibrationName, Calibration]:
+        """Try places and recipes; return nothing, what cannot be reached is named.
+
+        Raises
+        ------
+        ConfigError : the cell file as commissioned cannot be read
+        """
+        layout = bench.layout
+        scene = Scene(layout, layout.arm_gripper.max_mm, layout.fixed_open_mm)
+        places = common_places(bench)
+        missed = await asyncio.to_thread(unreached, layout, scene, places, layout.clearance_mm)
+        for one in missed:
+            bench.evidence.find(f"not reached: {one.name}: {one.why}")
+        bench.evidence.measure(
+            f"places not reached, of {len(places)} over drop area and trays", len(missed), high=0
+        )
+        if not bench.recipes:
+            bench.evidence.find(
+                "no recipe: none was given (--recipe FILE) and none lies beside the cell file"
+            )
+            return {}
+        cell_file = bench.evidence.folder.parent.parent / "cell.yaml"
+        with worker_pool() as pool:
+            loop = asyncio.get_running_loop()
+            for recipe in bench.recipes:
+                bench.evidence.show(f"planning {recipe.name} on the cell as calibrated")
+                judge(
+                    bench,
+                    recipe,
+                    await loop.run_in_executor(pool, check_reach, recipe, cell_file),
+                )
+        return {}
+
+
+def common_places(bench: Bench) -> dict[str, FloatArray]:
+    """Return places (3,) that any recipe needs, by name: over the drop area and over the trays."""
+    area = bench.cell.table.drop_area
+    found = {
+        f"drop area at x {x:.0f} y {y:.0f} mm": np.array([x, y, LOW_MM])
+        for x in np.linspace(*area.x, GRID)
+        for y in np.linspace(*area.y, GRID)
+    }
+    for name, tray in bench.layout.trays.items():
+        found[f"tray {name}"] = np.array([*tray.centre_mm, LOW_MM])
+    return found
+
+
+def judge(bench: Bench, recipe: Path, found: RecipeReach) -> None:
+    """Keep what a recipe's check has found, against limits.
+
+    Parameters
+    ----------
+    bench : of the step
+    recipe : its file
+    found : of it
+    """
+    for problem in found.problems:
+        bench.evidence.find(f"{recipe.name}: {problem}")
+    measure = bench.evidence.measure
+    measure(f"{recipe.name}: reasons why it cannot be run", len(found.problems), high=0)
+    for pose in found.poses:
+        name = f"{recipe.name}, stable pose {pose.index} ({pose.probability:.0%})"
+        share = 100.0 * pose.pickable
+        measure(f"{name}: places it can be taken from", share, "%", low=100.0 * MIN_PICKABLE)
+        if pose.covered is not None:
+            wanted = 100.0 * found.wanted
+            measure(f"{name}: surface in sight", 100.0 * pose.covered, "%", low=wanted)
