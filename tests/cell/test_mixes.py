@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 from installed_here import register
 
-from controller.cell.devices import Devices, resolve
+from controller.cell.devices import Devices, clocks, resolve
 from controller.cell.devices.clocks import find_clock
 from controller.cell.devices.emulator import emulated_cell, emulator_command
 from controller.config import EMULATED_CELL, Cell, load_cell
@@ -77,6 +77,12 @@ def beside() -> Iterator[dict[str, Any]]:
 def installed(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
     """Install this checkout as it is now."""
     monkeypatch.syspath_prepend(str(register(tmp_path_factory.mktemp("installed"))))
+
+
+@pytest.fixture(autouse=True)
+def patience(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Wait longer for the emulators, which this computer may keep from answering."""
+    monkeypatch.setattr(clocks, "MIXED_TIMEOUT_WALL_S", 15.0)
 
 
 def cell_with(folder: Path, lines: dict[str, str]) -> Cell:
