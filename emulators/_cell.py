@@ -182,7 +182,9 @@ class Cell:
             for name, lamp in self.layout.lamps.items()
         }
         self.signals = CellSignals()
-        self.io = make_io_block(self.layout.drivers.get("io"), self.signals, IO_UNIT)
+        self.io = make_io_block(
+            self.layout.drivers.get("io"), self.signals, IO_UNIT, self.layout.inputs
+        )
         self.gripper_bus = Bus(self._fixed.on_line)
         self.lights_bus = Bus([*self.lamp_modules.values()])
         self.io_bus = Bus([self.io])

@@ -4,6 +4,8 @@ Healthy is 1, and what is not freshly known is never OK. Not responsible for saf
 hard-wired, and what arrives here is a copy of it.
 """
 
+from dataclasses import replace
+
 from ..kinds import Change, Driver, IoBlock, NoSettings, Signal, Site
 from ._config import (
     E1212_COUNT,
@@ -39,10 +41,14 @@ def _build(site: Site, model: str, channel_count: int) -> CellIo:
     polling = site.polling
     if polling is None:
         raise ValueError(f"{site.name}: the polling period of the I/O block is missing")
+    inputs = tuple(
+        replace(one, channel=site.inputs.get(one.name, one.channel)) for one in PLANNED_INPUTS
+    )
     config = IoConfig(
         unit=site.section["unit"],
         model=model,
         channel_count=channel_count,
+        inputs=inputs,
         poll_s=polling.poll_s,
         stale_s=polling.stale_s,
     )

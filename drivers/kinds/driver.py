@@ -46,6 +46,8 @@ class Site:
     open_link : returns the Modbus line of this section, one for all devices on it; it is closed
         by the cell
     polling : of an I/O block
+    inputs : of an I/O block, by the name of the signal on each, counted from 0; a signal that is
+        not here is where the driver has it
     lamps : of a lamp unit
     capture : of a camera
     silence_s : of an arm: a line on which no byte has come back for so long is silent [cell s]
@@ -59,6 +61,7 @@ class Site:
     clock: CellClock
     open_link: Callable[[], ModbusLink]
     polling: Polling | None = None
+    inputs: Mapping[str, int] = field(default_factory=dict)
     lamps: tuple[Lamp, ...] = ()
     capture: Capture | None = None
     silence_s: float = 0.5

@@ -87,19 +87,19 @@ class E1214Device:
         )
 
     def inputs(self) -> tuple[bool, ...]:
-        """Return the inputs as the block sees them, in the order of 7.4; the others read 0."""
+        """Return the inputs as the block sees them; those that nothing is on read 0."""
         signals = self.signals
-        contacts = (
+        contacts = [False] * self._state.channel_count
+        on_them = (
             signals.is_estop_chain_ok,
             signals.is_door_closed,
             signals.is_part_in_nest,
             signals.is_part_between_jaws,
             signals.is_24v_ok,
             signals.is_operator_acknowledging,
-            *(False,) * (self._state.channel_count - 6),
         )
-        if not self.broken_wires:
-            return contacts
+        for number, is_on in zip(self._config.wired, on_them, strict=True):
+            contacts[number] = is_on
         return tuple(on and n not in self.broken_wires for n, on in enumerate(contacts))
 
     def request(self, pdu: bytes, now_s: float) -> bytes | None:

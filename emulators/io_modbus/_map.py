@@ -29,6 +29,7 @@ class E1214Config:
     watchdog_s : host-connection watchdog [world s]; None: off, as delivered
     model : as it names itself
     safe_state : relays when the watchdog bites; one for each channel that the block has
+    wired : inputs that the cell's six contacts are on, in the order of §7.4
     stack_red, stack_amber, stack_green : relays of the stack light; §7.4
     mac, ip, firmware, build, device_name : as read back at 5024 to 5040
     """
@@ -36,6 +37,7 @@ class E1214Config:
     watchdog_s: float | None = None
     model: str = "E1214"
     safe_state: tuple[bool, ...] = (False,) * CHANNEL_COUNT
+    wired: tuple[int, ...] = (0, 1, 2, 3, 4, 5)
     stack_red: int = 3
     stack_amber: int = 4
     stack_green: int = 5

@@ -71,6 +71,7 @@ def test_each_kind_gets_what_it_needs_and_no_more(cell: Cell) -> None:
     assert [name for name, site in sites.items() if site.polling] == ["io"]
     assert [name for name, site in sites.items() if site.lamps] == ["lights"]
     assert [name for name, site in sites.items() if site.capture] == ["overhead", "inspection"]
+    assert [name for name, site in sites.items() if site.inputs] == ["io"]
     ring = next(lamp for lamp in sites["lights"].lamps if lamp.name == "table_ring")
     assert (ring.analog, ring.relay) == (1, 1)  # as in the cell file, counted from 0
     capture = sites["overhead"].capture
@@ -88,3 +89,12 @@ async def test_devices_on_one_line_share_it(cell: Cell) -> None:
     assert sites["gripper"].open_link() is sites["io"].open_link()
     # the lamp unit has another rate, which a TCP line does not know
     assert sites["gripper"].open_link() is sites["lights"].open_link()
+
+
+def test_an_input_is_where_the_cell_file_has_it(cell: Cell) -> None:
+    moved = cell.interlocks.model_copy(update={"door": 4, "supply": 1})
+    site, _ = built(cell.model_copy(update={"interlocks": moved}))["io"]
+    assert site.inputs == {
+        "estop_ok": 0, "guard_closed": 4, "part_in_nest": 2, "part_in_gripper": 3,
+        "supply_ok": 1, "acknowledge": 5,
+    }  # fmt: skip

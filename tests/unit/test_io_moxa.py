@@ -12,6 +12,7 @@ from modbus_fakes import Bus, Map, golden, tcp_gateway, until
 from drivers.clock import CellClock
 from drivers.errors import DeviceError, LinkError, ReplyTimeoutError, WrongDeviceError
 from drivers.io_modbus import (
+    DRIVER,
     CellIo,
     Change,
     Debounce,
@@ -21,6 +22,7 @@ from drivers.io_modbus import (
     Signal,
 )
 from drivers.io_modbus.signals import Believer
+from drivers.kinds import NoSettings, Polling, Site
 from drivers.modbus_link import ModbusLink, TcpAddress
 
 FAST = CellClock(speed=10.0, min_timeout_wall_s=1.0)  # no busy host looks like a silent block
@@ -52,6 +54,32 @@ async def io_on(
 
 
 # --- on the wire ---
+
+
+async def test_a_signal_is_read_where_the_cell_has_it() -> None:
+    block = e1214()
+    # 1 is healthy: of all inputs the second alone is not
+    block.discrete.update(dict.fromkeys(range(6), True) | {1: False})
+    async with (
+        tcp_gateway(Bus({1: block.answer})) as port,
+        ModbusLink(TcpAddress("127.0.0.1", port), FAST) as link,
+    ):
+        site = Site(
+            name="io",
+            address="",
+            section={"unit": 1},
+            clock=FAST,
+            open_link=lambda: link,
+            polling=Polling(poll_s=0.1, stale_s=50.0),
+            inputs={"guard_closed": 4, "supply_ok": 1},
+        )
+        io = DRIVER.build(site, NoSettings())
+        await io.connect()
+        try:
+            await io.wait_for("supply_ok", Signal.NOT_OK)
+            await io.wait_for("guard_closed", Signal.OK)
+        finally:
+            await io.aclose()
 
 
 async def test_polling_reads_the_six_inputs_with_the_manuals_own_request() -> None:

@@ -181,12 +181,25 @@ class DeviceBuilder:
             clock=self._clock,
             open_link=lambda: self._link(name),
             polling=polling if kind == "io" else None,
+            inputs=self._inputs() if kind == "io" else {},
             lamps=lamps if kind == "lights" else (),
             capture=self._capture(name) if kind == "camera" else None,
             silence_s=self._cell.detection.arm_silent_s - self._cell.detection.arm_beat_s,
             wires=self._wires,
             folder=self._cell.folder,
         )
+
+    def _inputs(self) -> dict[str, int]:
+        """Return the input that each signal is on, as the cell file has it."""
+        wired = self._cell.interlocks
+        return {
+            "estop_ok": wired.emergency_stop,
+            "guard_closed": wired.door,
+            "part_in_nest": wired.part_in_nest,
+            "part_in_gripper": wired.part_in_fixed_gripper,
+            "supply_ok": wired.supply,
+            "acknowledge": wired.acknowledge,
+        }
 
     def _capture(self, name: str) -> Capture:
         section = getattr(self._cell.cameras, name)
