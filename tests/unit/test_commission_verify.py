@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from planning_cell import emulated_layout
 
-from controller.cell.commissioning.boards import HeldPlate
+from controller.cell.commissioning.boards import HeldPlate, load_plate
 from controller.cell.commissioning.errors import StepFailedError
 from controller.cell.commissioning.proof import length_study
 from controller.cell.commissioning.proof.hand_off import hand_off_lines
@@ -156,3 +156,12 @@ def test_a_hand_off_brings_the_plates_far_end_between_the_fixed_pads() -> None:
         assert abs(T[1, 1]) == pytest.approx(1.0, abs=1e-9)
         first = tcp_pose(LAYOUT, line[0])[:3, 3]
         assert np.linalg.norm(first - tcp_pose(LAYOUT, line[-1])[:3, 3]) == pytest.approx(130.0)
+
+
+def test_a_board_that_is_no_plate_is_refused_before_anything_moves() -> None:
+    boards = Path(__file__).parents[2] / "recipes" / "boards"
+    assert load_plate(boards / "paddle.json") == BOARD
+    with pytest.raises(StepFailedError, match=r"chessboard.json: is no plate .*ChArUco.*bare_mm"):
+        load_plate(boards / "chessboard.json")
+    with pytest.raises(StepFailedError, match=r"charuco.json: is no plate .*back_first_marker"):
+        load_plate(boards / "charuco.json")

@@ -21,7 +21,7 @@ from controller.commissioning.calibration import (
 )
 from controller.commissioning.kinematics import BoardPicture, plate_faces
 from controller.commissioning.showing import Region, showing
-from controller.commissioning.target import BoardSection
+from controller.commissioning.target import BoardSection, load_board
 from controller.config import SHIPPED
 from controller.planning.geometry import Box
 from controller.planning.motion import Scene
@@ -94,6 +94,32 @@ class HeldPlate:
         """Return (4, 4) of a face's print in the TCP frame."""
         front, back = plate_faces(self.board)
         return np.asarray(self.T_tcp_body @ (front if is_front else back).T_body_board)
+
+
+def load_plate(file: Path) -> BoardSection:
+    """Return the board of a plate for the jaws.
+
+    Raises
+    ------
+    ConfigError : the file is wrong
+    StepFailedError : it describes a board that cannot be held in the jaws and seen from both sides
+    """
+    board = load_board(file)
+    missing = [
+        what
+        for what, is_there in (
+            ("a ChArUco board (`squares`)", board.squares is not None),
+            ("a print on its back (`back_first_marker`)", board.build_back() is not None),
+            ("a bare side to hold it by (`bare_mm`)", board.bare_mm > 0),
+        )
+        if not is_there
+    ]
+    if missing:
+        raise StepFailedError(
+            f"{file}: is no plate for the jaws: it lacks {', '.join(missing)}; print one by "
+            "`cellctl print-target paddle`"
+        )
+    return board
 
 
 HANDED_MM: Final = 6.0  # a person holds it so nearly where it should be

@@ -61,6 +61,7 @@ from ..boards import (
     board_file,
     found_in,
     lay,
+    load_plate,
     look,
     put_away,
 )
@@ -115,7 +116,7 @@ class ArmStep:
         if arm is None:
             raise StepFailedError("only a UMI RTX can be calibrated here")
         flat_file, plate_file = board_file(bench, "charuco"), board_file(bench, "paddle")
-        plate = load_board(plate_file)
+        plate = load_plate(plate_file)
         await bench.permit_motion("The arm homes, and then shows a plate to both cameras.")
         await bench.home_and_park()
         lying, placings = await _on_the_table(bench, flat_file)

@@ -19,7 +19,7 @@ from controller.commissioning.kinematics import (
     plate_faces,
 )
 from controller.commissioning.showing import Region
-from controller.commissioning.target import BoardSection, load_board
+from controller.commissioning.target import BoardSection
 from controller.config.calibration_reference import CalibrationName
 from controller.config.calibrations import Calibration, Figure, VerificationRecord
 from controller.imaging import Camera, inverse_pose, rotation_angle
@@ -28,7 +28,7 @@ from controller.planning.motion import tcp_pose
 from ...custody import Custody
 from ...services import CameraName
 from ..bench import Bench
-from ..boards import PlateInJaws, as_handed, board_file
+from ..boards import PlateInJaws, as_handed, board_file, load_plate
 from ..errors import StepFailedError
 from ..proof import hand_off_and_back, length_study
 
@@ -79,7 +79,7 @@ class VerifyStep:
         DeviceError : a device does not answer or does not get there
         """
         file = board_file(bench, "paddle")
-        plate = load_board(file)
+        plate = load_plate(file)
         await bench.permit_motion("The arm homes, and then shows a plate to both cameras.")
         await bench.home_and_park()
         held = PlateInJaws(bench, as_handed(bench, plate), file)
