@@ -92,7 +92,10 @@ CASES: Final[Mapping[str, Case]] = {
         "devices", "", ({"do": "arm_line", "monitor_rom": True},), ("unsupported ROM",)
     ),
     "play of 1 deg": Case(
-        "arm", "", ({"do": "gear_play", "axis": "shoulder", "deg": 1.0},), ("gears of shoulder have",)
+        "arm",
+        "",
+        ({"do": "gear_play", "axis": "shoulder", "deg": 1.0},),
+        ("gears of shoulder have",),
     ),
 }
 
