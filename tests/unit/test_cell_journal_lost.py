@@ -161,3 +161,18 @@ async def test_a_run_given_up_while_it_halts_leaves_no_task_behind(tmp_path: Pat
     assert unwinds.is_set()
     assert asyncio.all_tasks() == {asyncio.current_task()}
     journal.close()
+
+
+async def test_at_rest_nothing_is_left_to_halt(tmp_path: Path) -> None:
+    journal, metal = Journal(tmp_path / "journal.sqlite", "run"), Metal()
+
+    async def perform(effect: Effect) -> Event:
+        return {
+            Effect.HOME: Event.RESET_DONE,
+            Effect.ABORT_MOTION: Event.ABORT_DONE,
+        }.get(effect, Event.FAULT)
+
+    outcome = await built(journal, SimpleNamespace(perform=perform), metal).run(1)
+    assert outcome.end == "aborted"
+    assert "arm" not in metal.stopped  # the effect of the state of rest has done that
+    journal.close()

@@ -259,10 +259,10 @@ class Dispatcher:
 
     async def _end_the_rest(self) -> None:
         """End the tasks that were overtaken and are not at their end."""
-        if not self._tasks:
+        left = tuple(task for task in self._tasks if not task.done())
+        if not left:
             return
         await self._stopping.halt_arm()
-        left = tuple(self._tasks)
         for task in left:
             task.cancel()
         await asyncio.gather(*left, return_exceptions=True)
