@@ -12,7 +12,8 @@ from ..boards import PLATE_FORCE, put_away
 from ..errors import StepFailedError
 from ..person import Errand
 
-WIDE_MM: Final = 60.0  # of the jaws, before a gauge is put between them
+WIDE_MM: Final = 40.0  # of the jaws at least, before a gauge is put between them
+ROOM_MM: Final = 10.0  # that they are wider than it, if they open so far
 OFF_MM: Final = 2.0  # an opening farther from the gauge's thickness is no grasp of it
 
 
@@ -30,10 +31,7 @@ async def take_in_arm(bench: Bench, board: BoardSection, file: Path, seed: int) 
     StepFailedError : the jaws closed on something else, or on nothing
     DeclinedError, NobodyThereError, CellError, DeviceError : it cannot be done
     """
-    await bench.move_jaws(
-        f"the arm gripper opens to {WIDE_MM:.0f} mm",
-        lambda: bench.arm.move_gripper_mm(WIDE_MM),
-    )
+    await _open_arm(bench, board)
     await _hand_over(bench, file, "arm", "arm gripper", seed)
     opening_mm = 0.0
 
@@ -46,13 +44,10 @@ async def take_in_arm(bench: Bench, board: BoardSection, file: Path, seed: int) 
     return opening_mm
 
 
-async def give_back_from_arm(bench: Bench, file: Path) -> None:
+async def give_back_from_arm(bench: Bench, board: BoardSection, file: Path) -> None:
     """Have a person take what the arm holds at its park."""
     await bench.person.confirm("take_gauge", "The arm's jaws open next: hold the gauge. Do you?")
-    await bench.move_jaws(
-        f"the arm gripper opens to {WIDE_MM:.0f} mm",
-        lambda: bench.arm.move_gripper_mm(WIDE_MM),
-    )
+    await _open_arm(bench, board)
     await put_away(bench, file, "Put the gauge away. Is it away?")
 
 
@@ -74,7 +69,7 @@ async def take_in_fixed(
     DeclinedError, NobodyThereError, CellError, DeviceError : it cannot be done
     """
     gripper = bench.devices.gripper
-    await _open_fixed(bench, WIDE_MM)
+    await _open_fixed(bench, _wide_mm(board, bench.devices.gripper.max_opening_mm))
     await _hand_over(bench, file, "fixture", "fixed gripper", seed)
     is_met, opening_mm = False, 0.0
 
@@ -111,6 +106,19 @@ async def give_back_from_fixed(bench: Bench, file: Path) -> None:
     )
     await _open_fixed(bench, bench.devices.gripper.max_opening_mm)
     await put_away(bench, file, "Put it away. Is it away?")
+
+
+def _wide_mm(board: BoardSection, widest_mm: float) -> float:
+    """Return how wide jaws stand that a person puts a gauge between."""
+    return min(max(WIDE_MM, board.thickness_mm + ROOM_MM), widest_mm)
+
+
+async def _open_arm(bench: Bench, board: BoardSection) -> None:
+    opening_mm = _wide_mm(board, bench.arm.max_opening_mm)
+    await bench.move_jaws(
+        f"the arm gripper opens to {opening_mm:.0f} mm",
+        lambda: bench.arm.move_gripper_mm(opening_mm),
+    )
 
 
 async def _open_fixed(bench: Bench, opening_mm: float) -> None:

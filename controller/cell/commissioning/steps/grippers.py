@@ -132,7 +132,7 @@ async def _arm_openings(bench: Bench, gauges: Sequence[_Gauge]) -> None:
     read = []
     for seed, one in enumerate(gauges, 1):
         read.append(await take_in_arm(bench, one.board, one.file, seed))
-        await give_back_from_arm(bench, one.file)
+        await give_back_from_arm(bench, one.board, one.file)
         bench.evidence.measure(
             f"arm gripper on the gauge of {one.board.thickness_mm:g} mm, off by",
             read[-1] - one.board.thickness_mm,
