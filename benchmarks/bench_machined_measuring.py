@@ -75,7 +75,9 @@ FAR_MM = 0.3  # an error so large is printed with its picture
 def bore_large(held: Held, body: Body, rng: np.random.Generator) -> Body:
     """A bore 1 mm too large in diameter."""
     face = bores(held)[int(rng.integers(len(bores(held))))]
-    return body - rod(face.axis, face.centre_mm, face.radius_mm + 0.5, bore_length(held, face))
+    # out of both mouths by a little, else a skin is left over them
+    length_mm = bore_length(held, face) + 0.01
+    return body - rod(face.axis, face.centre_mm, face.radius_mm + 0.5, length_mm)
 
 
 DEFECTS: dict[str, Callable[[Held, Body, np.random.Generator], Body]] = {
