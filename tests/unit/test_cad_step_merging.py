@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from controller.cad.reading.step._merging import KINDS, distance, merge_faces
+from controller.cad.reading.step.merging import KINDS, distance, merge_faces
 
 PLACE = np.array([1.0, 2.0, 3.0])
 

@@ -29,7 +29,7 @@ from ...errors import (
 )
 from ...solid import Solid, make_solid
 from ...surfaces.tolerances import Tolerance
-from ._merging import merge_faces
+from .merging import merge_faces
 from ._tolerances import tolerances_from
 from .kernel import KernelLimits, KernelRun, check_installed
 

@@ -45,7 +45,17 @@ async def take_in_arm(bench: Bench, board: BoardSection, file: Path, seed: int) 
 
 
 async def give_back_from_arm(bench: Bench, board: BoardSection, file: Path) -> None:
-    """Have a person take what the arm holds at its park."""
+    """Have a person take what the arm holds at its park.
+
+    Parameters
+    ----------
+    bench : of the step
+    board, file : of the gauge
+
+    Raises
+    ------
+    DeclinedError, NobodyThereError, CellError, DeviceError : it cannot be done
+    """
     await bench.person.confirm("take_gauge", "The arm's jaws open next: hold the gauge. Do you?")
     await _open_arm(bench, board)
     await put_away(bench, file, "Put the gauge away. Is it away?")

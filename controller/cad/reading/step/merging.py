@@ -68,7 +68,14 @@ def _are_one(found: dict[str, Any], a: int, b: int, points: list[FloatArray]) ->
 
 
 def distance(found: dict[str, Any], face: int, points: FloatArray) -> FloatArray:
-    """Return how far points (n, 3) are from the surface of a face, outside its borders too (n,)."""
+    """Return how far points are from the surface of a face, outside its borders too (n,) [mm].
+
+    Parameters
+    ----------
+    found : arrays by name, as `_step_child` leaves them
+    face : number of the face; no freeform
+    points : (n, 3) [mm]
+    """
     kind = KINDS[int(found["kind"][face])]
     arm = points - found["place_mm"][face]
     height = arm @ found["axis"][face]
