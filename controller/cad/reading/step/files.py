@@ -29,9 +29,9 @@ from ...errors import (
 )
 from ...solid import Solid, make_solid
 from ...surfaces.tolerances import Tolerance
-from .merging import merge_faces
 from ._tolerances import tolerances_from
 from .kernel import KernelLimits, KernelRun, check_installed
+from .merging import merge_faces
 
 # chord error [mm], the same as a share of the diagonal, angle [rad]. A chord of 0.01 mm is a fifth
 # of what drawn edges may be off, parts beyond 100 mm need not be finer in proportion, and 32 strips
