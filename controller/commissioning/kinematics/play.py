@@ -20,7 +20,7 @@ from .noise import corner_noise_px, in_line, whitening
 from .uncertainty import radius_u
 
 _OUTLIER_SIGMA: Final = 5.0
-_NOISE_MIN_PX: Final = 0.005
+_NOISE_MIN_PX: Final = 0.02
 _U_MAX_RAD: Final = np.radians(0.1)  # a play known less well says nothing
 _HOMINGS_MIN: Final = 3
 
