@@ -39,7 +39,7 @@ def test_recipe_and_cell_belong_together_and_to_nothing_else(project: Path) -> N
     recipe = load_recipe(project / "recipe.yaml")
     assert recipe.cell == project / "cell.yaml"
     assert recipe.part == project / "parts" / "holder.stl"
-    assert load_cell(recipe.cell) == load_cell(EMULATED_CELL)
+    assert load_cell(recipe.cell).model_dump() == load_cell(EMULATED_CELL).model_dump()
     licence = (project / "parts" / "LICENSE-trimesh").read_text()
     assert licence == (SHIPPED / "parts" / "LICENSE-trimesh").read_text()
 

@@ -24,8 +24,27 @@ class Keyboard:
 
     def __init__(self, pilot: KeyPilot, typing: int) -> None:
         self.pilot, self._typing = pilot, typing
+        self._unread = 0
+        self._is_read = asyncio.Event()
+        hear = pilot._on_text
+
+        def count(text: str) -> None:
+            hear(text)
+            self._unread -= len(text)
+            if self._unread <= 0:
+                self._is_read.set()
+
+        pilot._on_text = count  # type: ignore[method-assign]  # before it is heard
+
+    async def is_heard(self) -> None:
+        """Let the loop read all that was typed; the kernel hands it on when it likes."""
+        await self._is_read.wait()
+        for _ in range(5):
+            await asyncio.sleep(0)
 
     def press(self, keys: str) -> None:
+        self._unread += len(keys)
+        self._is_read.clear()
         os.write(self._typing, keys.encode())
 
     def hang_up(self) -> None:
@@ -56,12 +75,6 @@ async def keyboard() -> AsyncIterator[Keyboard]:
         board.close()
 
 
-async def until_heard() -> None:
-    """Let the loop read what was typed: a pty hands it on at once."""
-    for _ in range(5):
-        await asyncio.sleep(0)
-
-
 def test_every_key_stands_for_an_order_that_can_be_read() -> None:
     for text in KEYS.values():
         read_order(text)
@@ -76,9 +89,9 @@ async def test_keys_pressed_while_something_moves_are_dropped(keyboard: Keyboard
     keyboard.press("i")
     assert await keyboard.pilot.order() == "x +"
     keyboard.press("iiii")  # held down, while the arm moves
-    await until_heard()
+    await keyboard.is_heard()
     ordered = asyncio.create_task(keyboard.pilot.order())
-    await until_heard()
+    await keyboard.is_heard()
     assert not ordered.done()
     keyboard.press("k")
     assert await ordered == "x -"
@@ -89,7 +102,7 @@ async def test_a_stop_is_heard_while_something_moves(keyboard: Keyboard, key: st
     keyboard.press("i")
     await keyboard.pilot.order()
     moving = asyncio.create_task(keyboard.pilot.wants_stop())
-    await until_heard()
+    await keyboard.is_heard()
     assert not moving.done()
     keyboard.press(key)
     await moving
@@ -105,7 +118,7 @@ async def test_an_order_may_be_typed_and_its_spaces_are_no_stop(keyboard: Keyboa
     keyboard.press(":joint 1  9\x7f8\n")
     assert await keyboard.pilot.order() == "joint 1  8"
     stop = asyncio.create_task(keyboard.pilot.wants_stop())
-    await until_heard()
+    await keyboard.is_heard()
     assert not stop.done()
     stop.cancel()
 
@@ -114,7 +127,7 @@ async def test_the_rest_of_an_arrow_key_is_no_order(keyboard: Keyboard) -> None:
     keyboard.press("\x1b[1q")  # would else be step 1 and joint 1
     assert await keyboard.pilot.order() == "stop"
     ordered = asyncio.create_task(keyboard.pilot.order())
-    await until_heard()
+    await keyboard.is_heard()
     assert not ordered.done()
     ordered.cancel()
 

@@ -136,6 +136,18 @@ CELL: Final = (
         "start it in a terminal; `--yes` answers on an emulated cell",
     ),
     Alarm(
+        917, "refused_motion", _REFUSED, "arm",
+        "a jog wanted to go where the arm cannot or may not",
+        _NOTHING,
+        "read why, order another motion",
+    ),
+    Alarm(
+        918, "wrong_order", _REFUSED, "operator",
+        "an order of a jog cannot be understood",
+        _NOTHING,
+        "`?` lists the orders",
+    ),
+    Alarm(
         920, "broke_off", _ABORT, _HOST,
         "an error kept the run from coming to rest",
         "where the arm is, and what the grippers hold",

@@ -2,8 +2,7 @@
 
 A part made the wrong way round has all its dimensions right. Where the part that was expected
 leaves much of the outlines unexplained, the mirror image is tried, turned by half a turn about each
-axis too, since it was taken for the part when it was grasped. So is the part itself: one that is
-nearly its own mirror image may have been taken turned. Both are weighed by how probable the
+axis too, since it was taken for the part when it was grasped. Both are weighed by how probable the
 outlines are if it is the one or the other: faces out of place count as what they are, improbable.
 """
 
@@ -86,44 +85,23 @@ def find_rival(
     fits : the fits of the part expected to them
     settings : what is known of arm, parts and light
     """
-    best = _best_turned(part, PosedPart(mirror_image(part.solid)), grasps, settings)
-    if any(fit is None for fit in best) or _log_odds(best, fits, settings) < DECIDED:
+    image = PosedPart(mirror_image(part.solid))
+    best: list[GraspPose | None] = []
+    for views in grasps:
+        tried = [fit_grasp(image, _turned(views, part, k), settings) for k in range(4)]
+        best.append(max(tried, key=lambda fit: _log_likelihood(fit, settings)))
+    if any(fit is None for fit in best):
         return None
-    turned = _best_turned(part, part, grasps, settings)
-    own = [
-        max(pair, key=lambda fit: _log_likelihood(fit, settings))
-        for pair in zip(turned, fits, strict=True)
-    ]
-    log_odds = _log_odds(best, own, settings)
+    log_odds = sum(_log_likelihood(fit, settings) for fit in best) - sum(
+        _log_likelihood(fit, settings) for fit in fits
+    )
     explained, _ = _explained(best)
-    expected, _ = _explained(own)
-    if log_odds < DECIDED or explained < EXPLAINS or expected >= explained:
+    expected, _ = _explained(fits)
+    # a part that is nearly its own mirror image explains what its image does, to a hair's breadth
+    is_explained = expected >= min(explained, SUSPECT_SHARE)
+    if log_odds < DECIDED or explained < EXPLAINS or is_explained:
         return None
     return Rival("its mirror image", log_odds, explained, expected)
-
-
-def _best_turned(
-    part: PosedPart,
-    hypothesis: PosedPart,
-    grasps: Sequence[Sequence[OutlineView]],
-    settings: PoseSettings,
-) -> list[GraspPose | None]:
-    """Return of each grasp the most probable fit of a hypothesis in the part's place, turned."""
-    return [
-        max(
-            (fit_grasp(hypothesis, _turned(views, part, k), settings) for k in range(4)),
-            key=lambda fit: _log_likelihood(fit, settings),
-        )
-        for views in grasps
-    ]
-
-
-def _log_odds(
-    one: Sequence[GraspPose | None], other: Sequence[GraspPose | None], settings: PoseSettings
-) -> float:
-    return sum(_log_likelihood(fit, settings) for fit in one) - sum(
-        _log_likelihood(fit, settings) for fit in other
-    )
 
 
 def _turned(views: Sequence[OutlineView], part: PosedPart, axis: int) -> list[OutlineView]:
