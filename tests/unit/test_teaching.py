@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 from numpy.typing import NDArray
+from ruamel.yaml import YAML
 
 from controller.cell.commissioning.jogging import Taken
 from controller.cli.commissioning.teaching import Teacher
@@ -82,7 +82,7 @@ def test_a_second_tray_joins_the_first(desk: Desk) -> None:
 
 def test_the_park_takes_the_place_of_the_drawings_and_keeps_the_comment(desk: Desk) -> None:
     desk.teach("park", Taken(Q, np.eye(4)))
-    arm = yaml.safe_load(desk.path.read_text())["arm"]
+    arm = YAML(typ="safe").load(desk.path)["arm"]
     assert arm["park_deg"] == {"shoulder": 70, "elbow": -5, "yaw": 0, "pitch": -90, "roll": 3}
     assert arm["park_zed_mm"] == -25
     before, after = TEXT.splitlines(), desk.path.read_text().splitlines()

@@ -3,8 +3,9 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime, timedelta
-from statistics import median
 from typing import Final
+
+import numpy as np
 
 from ..calibration_reference import CalibrationName, CalibrationReference
 from ._models import Calibration, VerificationRecord
@@ -113,9 +114,10 @@ def _why_stale(
     if one.valid_runs is not None and used.run_count >= one.valid_runs:
         return f"{used.run_count} runs have used it, it is valid for {one.valid_runs}"
     last = used.off_mm[-DRIFT_PARTS:]
-    if own in DRIFTING and len(last) == DRIFT_PARTS and median(last) > MAX_OFF_MM:
+    usual = float(np.median(last)) if len(last) == DRIFT_PARTS else 0.0
+    if own in DRIFTING and usual > MAX_OFF_MM:
         return (
-            f"arm and station camera disagree by {median(last):.2f} mm from view to view of the "
+            f"arm and station camera disagree by {usual:.2f} mm from view to view of the "
             f"last {DRIFT_PARTS} parts, {MAX_OFF_MM:g} are allowed: one of them has moved"
         )
     if one.residual is not None and one.residual.value > one.residual.limit:
