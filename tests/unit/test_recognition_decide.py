@@ -33,6 +33,7 @@ from controller.recognition.identification.scores import (
     SILHOUETTE,
     Weights,
     log_odds,
+    log_odds_of_all,
     probability,
 )
 from controller.recognition.library import Candidate
@@ -152,6 +153,36 @@ def test_what_was_not_looked_into_says_neither_yes_nor_no() -> None:
     for inside in (0.0, 1.0):
         told = replace(blank, inner=inside, inner_explained=inside, residual=100 * inside)
         assert log_odds(told, is_lit=True) == pytest.approx(log_odds(blank, is_lit=True))
+
+
+def leads(*evidences: Evidence) -> list[float]:
+    first, *others = log_odds_of_all(evidences, is_lit=True)
+    return [first - other for other in others]
+
+
+def test_edges_that_all_readings_predict_do_not_hide_those_that_one_of_them_lacks() -> None:
+    # either has far more edges in their place than are needed to believe it by itself
+    right = replace(PERFECT, inner=0.95, inner_mm=400.0)
+    wrong = replace(PERFECT, inner=0.6, inner_mm=400.0, misfit_px=0.04)
+    assert log_odds(right, is_lit=True) < log_odds(wrong, is_lit=True)
+    assert leads(right, wrong)[0] > 6.0
+
+
+def test_edges_found_no_more_often_than_by_chance_say_nothing() -> None:
+    # of a rim with grain and dust on it: whatever is predicted there is found
+    more = replace(PERFECT, inner_mm=300.0, chance=0.9)
+    fewer = replace(PERFECT, inner_mm=200.0, chance=0.9)
+    assert leads(more, fewer) == pytest.approx([0.0], abs=0.5)
+
+
+@settings(max_examples=40, deadline=None, derandomize=True)
+@given(evidence=evidences(), which=st.sampled_from(BETTER), share=shares, chance=st.floats(0, 0.8))
+def test_better_evidence_never_speaks_against_a_reading_among_all(
+    evidence: Evidence, which: tuple[str, float], share: float, chance: float
+) -> None:
+    known = replace(evidence, chance=chance)
+    (lead,) = leads(improved(known, *which, share), known)
+    assert lead >= -1e-9
 
 
 # --- two drawings -------------------------------------------------------------------------------

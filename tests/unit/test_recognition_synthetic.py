@@ -331,6 +331,48 @@ def test_a_small_blind_hole_makes_two_readings_of_one_outline() -> None:
     assert len(seen.ambiguous_with) == 3
 
 
+@cache
+def two_hubs() -> tuple[Solid, Library]:
+    # one hub is wider, the other one higher; their outlines from above differ by nothing
+    disc = rod(50, 15, 96) - rod(15, 40, 64)
+    for angle in np.arange(4) * np.pi / 2:
+        bolt = np.array([40.0 * np.cos(angle), 40.0 * np.sin(angle), 0.0])
+        disc -= rod(7, 40, 48).translate(bolt)
+    wide = (rod(28, 1.5, 96) - rod(15, 40, 64)).translate((0, 0, 8.25))
+    high = (rod(25, 3.25, 96) - rod(15, 40, 64)).translate((0, 0, -9.125))
+    solid = solid_of(disc + wide + high, "two hubs")
+    return solid, make_library([compile_solid(solid)], CAMERA)
+
+
+@pytest.mark.parametrize("off_mm", [-0.1, 0.1])
+@pytest.mark.parametrize("is_wide_up", [True, False])
+def test_the_size_of_a_part_does_not_decide_on_which_side_it_lies(
+    off_mm: float, is_wide_up: bool
+) -> None:
+    solid, known = two_hubs()
+    up = next(p for p in stable_poses(solid) if p.R[2, 2] * (1 if is_wide_up else -1) > 0.99)
+    T = resting(solid, up.R, 12.0, -8.0, 0.7)
+    larger = solid.mesh.copy()
+    larger.apply_scale(1.0 + off_mm / 100.0)
+    shots = Renderer(Scene(placed(larger, T), None, TABLE), CAMERA, seed=4)
+    rng = np.random.default_rng(3)
+    lit = [soiled(shots.lit(lamp), rng) for lamp in LAMPS]
+    (seen,) = recognise(shots.backlit(), CAMERA, known, "backlit", lit=lit).sightings
+    assert seen.pose_index == up.index
+    assert seen.ambiguous_with == ()
+
+
+def soiled(picture: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint8]:
+    """Return a picture of a part that has spots of oil, dust and the marks of a tool on it."""
+    v, u = np.mgrid[: picture.shape[0], : picture.shape[1]]
+    film = np.ones(picture.shape)
+    for _ in range(40):
+        at, size_px = rng.uniform(0, picture.shape[::-1]), rng.uniform(8, 30)
+        film[np.hypot(u - at[0], v - at[1]) < size_px] *= rng.uniform(0.85, 1.15)
+    marks = 1.0 + 0.04 * np.sin(0.9 * u + 0.4 * v) + rng.normal(0.0, 0.01, picture.shape)
+    return np.clip(picture * film * marks, 0, 255).astype(np.uint8)
+
+
 def test_a_pocket_that_lies_face_down_leaves_two_turns_that_no_lamp_can_tell() -> None:
     solid, known = pocketed()
     down = next(p for p in stable_poses(solid) if p.R[2, 2] < -0.99)

@@ -23,6 +23,8 @@ FAR_PX = 2.5
 STRONG_NOISES = 8.0
 STRONG_SHARE = 0.12  # of the picture's own strong edges, for pictures without noise
 MAX_EDGES = 1200
+APART_PX = 3.0  # from the outline, within which an edge is not told from it
+ASIDE_PX = 5.0  # beside an edge, where another would be found by chance only
 MAX_POINTS = 700  # of an outline that are asked whether they were predicted
 
 
@@ -78,6 +80,8 @@ class Evidence:
     explained : of the observed outline, or of the picture's strong edges, that is predicted
     inner : of the predicted edges inside, by how well they should show, that are there
     inner_mm : length of these, by how well they should show
+    chance : of such edges placed beside where they are predicted, that are found all the same:
+        marks, dust and grain; known where a pose is compared with others by what is inside
     inner_explained : of the picture's strong edges inside the part that is predicted
     image_mm : length of these
     sigma_px : of the edges found
@@ -85,8 +89,9 @@ class Evidence:
         found counts as `FAR_PX`
     outline_mm : length of the predicted outline
     shading : share of the brightness' variation inside that the surfaces' turn explains
-    residual : variance of the brightness that is left [grey levels squared]
-    area_mm2 : over which that was looked at
+    residual : variance of the brightness that is left [grey levels squared]; of several pictures
+        the geometric mean
+    area_mm2 : over which that was looked at, in all pictures
     """
 
     outline: float
@@ -101,6 +106,7 @@ class Evidence:
     shading: float
     residual: float
     area_mm2: float
+    chance: float = 0.0
 
 
 def outline_evidence(fit: EdgeFit, outline: OutlineMeasure, mm_per_px: float) -> Evidence:
@@ -136,8 +142,7 @@ def with_inside(
     edges: EdgePoints,
     mm_per_px: float,
     greys: Sequence[GreyMeasure],
-    image_edges: ImageEdges,
-    shading: Shading,
+    shown: Sequence[tuple[ImageEdges, Shading]],
 ) -> Evidence:
     """Return evidence from an outline with that from inside it.
 
@@ -147,17 +152,56 @@ def with_inside(
     edges : all visible edges at the fitted pose
     mm_per_px : at the object
     greys : the pictures that edges inside the part are looked for in; one is enough for an edge
-    image_edges : strong edges of the first in the part
-    shading : `shading_fit` of it
+    shown : for each picture that shows the inside, its strong edges in the part and `shading_fit`
     """
-    seen = grey_evidence(edges, known.sigma_px, mm_per_px, greys, image_edges, shading)
+    own = _apart_from_outline(edges)
+    looks = [
+        grey_evidence(own, known.sigma_px, mm_per_px, greys, image_edges, shading)
+        for image_edges, shading in shown
+    ]
+    image_mm = sum(look.image_mm for look in looks)
+    explained_mm = sum(look.inner_explained * look.image_mm for look in looks)
+    # a bright picture must not outvote a dark one: what counts is by what ratio a pose is worse
+    residual = float(np.exp(np.mean(np.log([max(look.residual, 1e-6) for look in looks]))))
     return replace(
-        seen,
+        looks[0],
         outline=known.outline,
         explained=known.explained,
         misfit_px=known.misfit_px,
         outline_mm=known.outline_mm,
+        inner_explained=explained_mm / image_mm if image_mm > 0 else 0.0,
+        image_mm=image_mm,
+        shading=float(np.mean([look.shading for look in looks])),
+        residual=residual,
+        area_mm2=sum(look.area_mm2 for look in looks),
+        chance=_chance(own, greys),
     )
+
+
+def _apart_from_outline(edges: EdgePoints) -> EdgePoints:
+    """Return edges without those inside that nobody can tell from the outline beside them."""
+    on = edges.on_outline
+    if not on.any():
+        return edges
+    far, _ = cKDTree(edges.pixels[on]).query(edges.pixels)
+    return edges.at(on | (far > APART_PX))
+
+
+def _chance(edges: EdgePoints, greys: Sequence[GreyMeasure]) -> float:
+    """Return the share of edges inside that would be found wherever they were predicted."""
+    inner = ~edges.on_outline
+    found: list[BoolArray] = []
+    every = cKDTree(edges.pixels)
+    for aside in (-ASIDE_PX, ASIDE_PX):
+        pixels = edges.pixels + aside * edges.normals
+        far, _ = every.query(pixels)
+        free = inner & (far > APART_PX)
+        off = np.full(len(pixels), FAR_PX)
+        for grey in greys:
+            off = np.fmin(off, np.abs(grey.gaps(pixels, edges.normals, edges, FAR_PX).gap_px))
+        found.append(off[free] < NEAR_PX)
+    together = np.concatenate(found)
+    return float(together.mean()) if len(together) else 0.0
 
 
 def grey_evidence(

@@ -53,6 +53,19 @@ class EdgePoints:
     step_mm: float
     edge: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
+    def at(self, which: BoolArray) -> "EdgePoints":
+        """Return those of the samples that a mask (n,) names."""
+        return EdgePoints(
+            self.points_mm[which],
+            self.pixels[which],
+            self.normals[which],
+            self.on_outline[which],
+            self.lift[which],
+            self.jump_mm[which],
+            self.step_mm,
+            self.edge[which] if len(self.edge) else self.edge,
+        )
+
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _Samples:

@@ -72,11 +72,20 @@ class ObjectCutout:
         mask = self.region.mask.astype(np.uint8)
         return np.asarray(cv2.erode(mask, np.ones((rim, rim), np.uint8)) > 0)
 
+    @property
+    def telling(self) -> range:
+        """Which pictures tell what is inside it: those under lamps, or the only one there is."""
+        return range(max(len(self.crops) - self.is_backlit, 1))
+
     @cached_property
-    def image_edges(self) -> ImageEdges:
-        """Strong edges of the first picture in the object, and round it where it is not backlit."""
+    def image_edges(self) -> tuple[ImageEdges, ...]:
+        """Strong edges of each `telling` picture in the object; where it is not backlit, round it.
+
+        Under each lamp other edges show: a low step that the ring light leaves flat casts a shadow
+        under the side light.
+        """
         within = self.inside
         if not self.is_backlit:
             wide = np.ones((2 * BESIDE_PX + 1,) * 2, np.uint8)
             within = np.asarray(cv2.dilate(self.region.mask.astype(np.uint8), wide) > 0)
-        return ImageEdges.of(self.greys[0], within)
+        return tuple(ImageEdges.of(self.greys[k], within) for k in self.telling)

@@ -20,7 +20,7 @@ KNOWN = 0.5  # an answer less likely than not is no answer
 LOG_ODDS_SCALE = 3.0  # benchmarks/fit_scores.py: probabilities come out too sure by about so much
 CONVINCING = 0.9
 CONVINCING_PX = 0.6  # with a worse fit another hypothesis may lie near by
-DECIDES = 3.0  # log-odds from which a hypothesis is ruled out: 20 to 1
+DECIDES = 6.0  # log-odds from which a hypothesis is ruled out: 7 to 1 on that scale
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -29,7 +29,7 @@ from ..fitting import (
 )
 from ..library import Candidate, Library, place_of, pose_on_table, turn_of
 from ._cutout import ObjectCutout
-from .scores import FRONT, SILHOUETTE, log_odds, probability
+from .scores import FRONT, SILHOUETTE, log_odds, log_odds_of_all, probability
 
 SAME_TURN_RAD = np.radians(4.0)
 SAME_PLACE_MM = 2.0
@@ -156,7 +156,7 @@ def weigh(
     if cutout.is_backlit and len(fine) > 1:
         open_ones = [h for h in fine if h.log_odds > fine[0].log_odds - OUTLINE_DECIDES]
         if len(open_ones) > 1:
-            looked_at = [_look_inside(h, cutout, camera, library, limits) for h in open_ones]
+            looked_at = _look_inside(open_ones, cutout, camera, library, limits)
             # with and without what lies inside, log-odds have different constants
             fine = [*without_repeats(looked_at, library), *fine[len(open_ones) :]]
     return fine
@@ -311,7 +311,7 @@ def _refine(
             fit.sigma_px,
             cutout.mm_per_px,
             cutout.greys,
-            cutout.image_edges,
+            cutout.image_edges[0],
             _shading(fit, model, cutout, camera),
         )
     return Hypothesis(
@@ -345,19 +345,33 @@ def _shifted(
 
 
 def _look_inside(
-    h: Hypothesis, cutout: ObjectCutout, camera: Camera, library: Library, limits: SearchLimits
-) -> Hypothesis:
-    """Return a hypothesis about an outline with what the grey levels inside say of it."""
-    model = library.model(h.part)
-    edges = predict_edges(model, h.fit.T_world_part, camera, limits.fine_samples)
-    shading = _shading(h.fit, model, cutout, camera)
-    evidence = with_inside(
-        h.evidence, edges, cutout.mm_per_px, cutout.greys, cutout.image_edges, shading
-    )
-    return replace(h, evidence=evidence, log_odds=log_odds(evidence, is_lit=cutout.is_lit))
+    hypotheses: Sequence[Hypothesis],
+    cutout: ObjectCutout,
+    camera: Camera,
+    library: Library,
+    limits: SearchLimits,
+) -> list[Hypothesis]:
+    """Return hypotheses about one outline with what the grey levels inside say of them."""
+    evidences = []
+    for h in hypotheses:
+        model = library.model(h.part)
+        edges = predict_edges(model, h.fit.T_world_part, camera, limits.fine_samples)
+        shown = [
+            (cutout.image_edges[k], _shading(h.fit, model, cutout, camera, k))
+            for k in cutout.telling
+        ]
+        evidences.append(with_inside(h.evidence, edges, cutout.mm_per_px, cutout.greys, shown))
+    return [
+        replace(h, evidence=evidence, log_odds=score)
+        for h, evidence, score in zip(
+            hypotheses, evidences, log_odds_of_all(evidences, is_lit=cutout.is_lit), strict=True
+        )
+    ]
 
 
-def _shading(fit: EdgeFit, model: EdgeModel, cutout: ObjectCutout, camera: Camera) -> Shading:
+def _shading(
+    fit: EdgeFit, model: EdgeModel, cutout: ObjectCutout, camera: Camera, which: int = 0
+) -> Shading:
     return shading_fit(
-        model, fit.T_world_part, camera, cutout.crops[0], cutout.corner_px, cutout.inside
+        model, fit.T_world_part, camera, cutout.crops[which], cutout.corner_px, cutout.inside
     )

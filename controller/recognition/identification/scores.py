@@ -1,5 +1,6 @@
 """Evidence -> probability that a hypothesis is right, by a logistic curve fitted to pictures."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,10 +11,13 @@ STRETCH_MM = 5.0  # of edge that counts as one observation; nearer ones share th
 SIDE_MM = 20.0  # of outline: a bent wall or a badly calibrated corner shifts as much together
 MODEL_PX = 0.15  # no outline is known better, whatever the noise
 PATCH_MM2 = 50.0  # of surface, likewise
+FILM_MM2 = 150.0  # where it decides between two sides: a spot of oil is no smaller
 NOISE_VARIANCE = 4.0  # grey levels squared no pose can explain
 FOUND = 1.0  # log-odds for a stretch of inner edge that is where it should be
 ABSENT_LIT = -1.0  # and for one that is not, under lamps
 ABSENT_DARK = -0.1  # in the dark inside of a backlit part an edge that does not show means little
+SHOWS = 0.85  # of an edge that is there, under one of the lamps
+CHANCE_MIN = 0.05  # no picture is so clean that an edge cannot be found by chance
 MAX_LOG_ODDS = 12.0  # from any one kind of evidence
 
 
@@ -56,12 +60,46 @@ def probability(evidence: Evidence, weights: Weights) -> float:
 
 def log_odds(evidence: Evidence, *, is_lit: bool) -> float:
     """Return the evidence for a hypothesis, up to a constant of the object's; to compare them."""
+    edges = float(np.clip(_edges(evidence, is_lit, None), -MAX_LOG_ODDS, MAX_LOG_ODDS))
+    return edges + _without_edges(evidence, PATCH_MM2)
+
+
+def log_odds_of_all(evidences: Sequence[Evidence], *, is_lit: bool) -> list[float]:
+    """Return the evidence for hypotheses about one object, to compare these with each other.
+
+    Inner edges that all of them predict say nothing, so it is the best one's lead that is limited.
+
+    Parameters
+    ----------
+    evidences : of each hypothesis
+    is_lit : lamps show what is inside the outline
+    """
+    length = np.array([evidence.inner_mm for evidence in evidences])
+    by_chance = np.array([evidence.chance for evidence in evidences])
+    # of one object the pictures are the same, and so is what they show by chance
+    chance = float(length @ by_chance / max(length.sum(), 1e-9)) if is_lit else None
+    edges = np.array([_edges(evidence, is_lit, chance) for evidence in evidences])
+    edges = np.maximum(edges - edges.max(initial=-np.inf), -MAX_LOG_ODDS)
+    return [
+        float(lead) + _without_edges(evidence, FILM_MM2)
+        for lead, evidence in zip(edges, evidences, strict=True)
+    ]
+
+
+def _edges(evidence: Evidence, is_lit: bool, chance: float | None) -> float:
+    """Return what the edges inside say; without ``chance``, by what they count in general."""
+    found, absent = FOUND, ABSENT_LIT if is_lit else ABSENT_DARK
+    if chance is not None:
+        chance = min(max(chance, CHANCE_MIN), SHOWS)
+        found, absent = np.log(SHOWS / chance), np.log((1.0 - SHOWS) / (1.0 - chance))
     stretches = evidence.inner_mm / STRETCH_MM
-    absent = ABSENT_LIT if is_lit else ABSENT_DARK
-    edges = stretches * (FOUND * evidence.inner + absent * (1.0 - evidence.inner))
+    return float(stretches * (found * evidence.inner + absent * (1.0 - evidence.inner)))
+
+
+def _without_edges(evidence: Evidence, patch_mm2: float) -> float:
     explained = evidence.image_mm / STRETCH_MM * evidence.inner_explained
-    patches = evidence.area_mm2 / PATCH_MM2
+    patches = evidence.area_mm2 / patch_mm2
     shading = -0.5 * patches * np.log(evidence.residual + NOISE_VARIANCE)
     sides = evidence.outline_mm / SIDE_MM
     fit = -sides * np.log(evidence.misfit_px**2 + MODEL_PX**2)
-    return float(np.clip(edges, -MAX_LOG_ODDS, MAX_LOG_ODDS) + explained + shading + fit)
+    return float(explained + shading + fit)
