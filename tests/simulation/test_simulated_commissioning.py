@@ -102,9 +102,10 @@ def test_a_step_that_passes_leaves_its_record_and_is_done(tmp_path: Path) -> Non
             "reach",
             "verify",
         )
-        # each motor and each axis of homing had a question of its own (umi_rtx.md 10)
+        # each motor and each axis of homing had a question of its own (umi_rtx.md 10), and the
+        # shoulder, which is homed once more, two
         assert sum("motor" in text and "moves next" in text for text in helper.texts) == 7
-        assert sum(text.startswith("Homing:") for text in helper.texts) == 6
+        assert sum(text.startswith("Homing:") for text in helper.texts) == 7
         assert {told.who for told in record.answers} == {HELPER}
         assert record.by == "a tester"
 

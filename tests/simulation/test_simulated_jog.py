@@ -15,7 +15,7 @@ from controller.cell.devices.clocks import FoundClock
 from controller.cell.operator import Answer, Question
 from controller.commissioning.procedure import Outcome, StepRecord
 from controller.config import load_cell
-from emulators.umi_scara import Axis
+from emulators.umi_scara import COUNTS_PER_DEG, Axis
 from simulation.cell import BEAT_S, Scene, SimulatedCell
 from simulation.loop import SimulatedLoop, SimulatedProcess
 
@@ -251,5 +251,32 @@ def test_what_presses_is_opened_only_after_a_word(play: Play) -> None:
         assert (await one.run(one.session(pilot))).outcome is Outcome.PASSED
         assert "will fall" in pilot.refusals["open arm"]
         assert pilot.readings[-1].arm_opening_mm == pytest.approx(0.0, abs=1.0)
+
+    play(story)
+
+
+# umi_rtx.md 4.2 and 5.2: what homing labels, and where the stops truly are [counts]
+FOLDED = [(92.0, 0.0), (104.0, -40.0), (110.0, 0.0), (116.0, -58.0), (-116.0, 58.0), (150.0, -80.0)]
+
+
+@pytest.mark.parametrize(("elbow_deg", "shoulder_deg"), FOLDED)
+def test_homing_from_a_folded_elbow_finds_the_shoulders_stop_and_not_the_column(
+    play: Play, elbow_deg: float, shoulder_deg: float
+) -> None:
+    async def story(one: Story) -> None:
+        arm = one.cell.cell.arm
+        counts = {
+            Axis.ELBOW: elbow_deg * COUNTS_PER_DEG[Axis.ELBOW],
+            Axis.SHOULDER: shoulder_deg * COUNTS_PER_DEG[Axis.SHOULDER],
+            Axis.YAW: elbow_deg / 2 * COUNTS_PER_DEG[Axis.YAW],
+            Axis.ZED: -1500.0,
+        }
+        arm.place(counts)
+        pilot = Script(("home",))
+        assert (await one.run(one.session(pilot))).outcome is Outcome.PASSED
+        assert not pilot.refusals
+        # at the park every counter but zed's reads 0 (umi_rtx.md 4.1, step 7)
+        for axis in (Axis.SHOULDER, Axis.ELBOW, Axis.YAW, Axis.WRIST1, Axis.WRIST2):
+            assert one.counts()[axis] == pytest.approx(0.0, abs=3.0), axis
 
     play(story)

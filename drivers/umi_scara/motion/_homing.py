@@ -6,6 +6,8 @@ labelled. `21` zeroes all counters of an IP, so a homed axis stands still until 
 Sections (§) are those of umi_rtx.md.
 """
 
+import logging
+
 from drivers.kinds import Confirm
 
 from ..line import Guard
@@ -15,7 +17,10 @@ from ._axes import Axes
 from ._moves import MoveWatch, on_ip, start
 from ._stops import HomingConfig, HomingError, Stops
 
+log = logging.getLogger(__name__)
+
 _ORIGIN_COUNTS = 4  # DEAD_BAND, and two counts of reading
+_SHOULDER_TRIES = 3
 _NEAR_ORIGIN = 1  # below DEAD_BAND, but not the park's 0: a write of 0 must show when read back
 
 
@@ -54,6 +59,7 @@ class Homing:
             ("the elbow turns a little, then the wrist turns to its stops", self._home_wrist),
             ("the shoulder turns to its stop", self._home_shoulder),
             ("elbow and yaw turn to their stops", self._home_elbow_and_yaw),
+            ("the shoulder turns on, if the folded arm held it back", self._home_shoulder_again),
         ):
             await self._confirmed(what)
             await home()
@@ -121,6 +127,27 @@ class Homing:
         await self._stops.drive({Axis.SHOULDER: Drive.FORWARD})
         await self._origin()
         await self._reload()
+
+    async def _home_shoulder_again(self) -> None:
+        """Prove the shoulder's stop now that the elbow is at its own.
+
+        With the elbow folded beyond 92 degrees the palm meets the column first, and the shoulder
+        stalls up to 16 degrees early: a stall does not tell what it is at.
+
+        Raises
+        ------
+        HomingError : the shoulder goes on and on; something is in its way
+        """
+        for _ in range(_SHOULDER_TRIES):
+            await self._stops.drive({Axis.SHOULDER: Drive.FORWARD})
+            further = await self._axes.read_actual_twice(Axis.SHOULDER)
+            await self._origin()
+            await self._reload()
+            if abs(further) <= _ORIGIN_COUNTS:
+                return
+            log.info("the shoulder was %d counts short of its stop", further)
+            await self._home_elbow_and_yaw()
+        raise HomingError("arm: the shoulder stalls elsewhere each time; clear what is in its way")
 
     async def _home_elbow_and_yaw(self) -> None:
         await self._stops.write(Axis.ELBOW, Parameter.SPEED, 80)

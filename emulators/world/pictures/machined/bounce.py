@@ -47,7 +47,8 @@ class Nodes:
         of = corners[triangle]
         self.points_mm: Array = np.einsum("nk,nkj->nj", pulled, of)
         normals = np.einsum("nk,nkj->nj", pulled, surface.normals[triangle].astype(float))
-        self.normals: Array = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+        size = np.linalg.norm(normals, axis=1, keepdims=True)
+        self.normals: Array = normals / np.maximum(size, 1e-9)
         flat = np.cross(of[:, 1] - of[:, 0], of[:, 2] - of[:, 0])
         length = np.linalg.norm(flat, axis=1, keepdims=True)
         self._flat = np.where(length > 1e-9, flat / np.maximum(length, 1e-9), self.normals)
