@@ -121,7 +121,7 @@ def test_a_hand_off_that_was_killed_is_undone_and_the_part_ends_in_its_tray(
         code, said = recover(world, runs, "--accept", "--why", "both grippers hold it")
         after = world.when_still()
     part = after["parts"][0]
-    assert part["tray"] == "accept"
+    assert (code, part["tray"]) == (0, "accept"), said
     assert let_go_count(after) == 1  # over its tray, and nowhere else
     rows = list(read_rows(runs / "journal.sqlite"))
     decided = next(row.body for row in rows if row.name == "recovery_proposed")
