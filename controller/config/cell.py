@@ -425,15 +425,24 @@ def _arm_section(given: object) -> ArmSection:
     return section.model_validate(given)
 
 
+class HeldSection(Section):
+    """By how much a pose may be off, at most, where nothing was measured."""
+
+    mm: float = Field(0.0, ge=0, le=MAX_OFF_MM)
+    deg: float = Field(0.0, ge=0, le=MAX_ZERO_DEG)
+
+
 class FixedGripperSection(Section):
     """The fixed second gripper.
 
     Attributes
     ----------
     opening_zero_mm, opening_scale : its jaws are ``zero + scale * reported`` apart
+    held : by how much it may stand elsewhere along its pads, where only its plane was measured
     """
 
     pose: Pose
+    held: HeldSection = HeldSection()
     opening_zero_mm: float = Field(0.0, ge=-10, le=10)
     opening_scale: float = Field(1.0, ge=0.8, le=1.25)
     jaw_max_mm: Width

@@ -57,6 +57,7 @@ def build_layout(cell: Cell) -> CellLayout:
             cell.fixed_gripper.jaw_max_mm,
         ),
         T_world_fixed_tcp=cell.fixed_gripper.pose.build(),
+        fixed_held=(cell.fixed_gripper.held.mm, float(np.radians(cell.fixed_gripper.held.deg))),
         obstacles=obstacles,
         station_mm=np.array(cell.station.position, dtype=float),
         inspection=build_camera(cell.cameras.inspection),

@@ -86,6 +86,9 @@ def test_arm_gripper_and_trays_are_where_they_were_measured(tmp_path: Path) -> N
     np.testing.assert_allclose(layout.T_world_arm, UPRIGHT)
     np.testing.assert_allclose(layout.T_world_fixed_tcp, UPRIGHT)
     assert layout.trays["accept"].centre_mm == (103.0, 388.0)
+    # nothing is known of it along its pads but what the file has, and how far that may be off
+    assert layout.fixed_held == pytest.approx((4.0, np.radians(1.0)))
+    assert build_layout(load_cell(written(tmp_path, arm=ARM))).fixed_held == (0.0, 0.0)
     # stretched along x, its wrist level: by the lengths and zeros of the file, link by link
     shoulder, elbow, yaw = np.radians([0.4, -0.3, 0.2])
     heading = shoulder + elbow / 2 + yaw + 0.004 * elbow

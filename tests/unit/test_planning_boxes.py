@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import fcl
 import numpy as np
 from hypothesis import given, settings
@@ -71,3 +73,26 @@ def test_touching_is_mutual_and_does_not_depend_on_where_the_two_stand(seed: int
     moved = random_boxes(rng, 1)[0]
     assert overlap(moved @ T_a, a, moved @ T_b, b).tolist() == here.tolist()
     assert overlap(T_a, a + 1.0, T_b, b)[here].all(), "a grown box touches what it touched"
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(st.integers(0, 10_000), st.floats(0, 6), st.floats(0, 0.1))
+def test_a_widened_box_holds_the_box_wherever_it_stands_in_its_plane(
+    seed: int, by_mm: float, turned_rad: float
+) -> None:
+    rng = np.random.default_rng(seed)
+    box = Box.from_bounds(-60, 3, 10, 24, -9, 12)
+    if seed % 2:
+        T = np.eye(4)
+        T[:3, :3] = Rotation.from_quat(rng.normal(size=4)).as_matrix()
+        box = box.placed(T)
+    wide = box.wider_in_xz(by_mm, turned_rad)
+    corners = box.half_mm * np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
+    corners = corners @ box.T[:3, :3].T + box.T[:3, 3]
+    for angle in (-turned_rad, 0.0, turned_rad):
+        c, s = np.cos(angle), np.sin(angle)
+        moved = corners @ np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]).T
+        heading = rng.uniform(0, 2 * np.pi)
+        moved += by_mm * np.array([np.cos(heading), 0.0, np.sin(heading)])
+        inside = (moved - wide.T[:3, 3]) @ wide.T[:3, :3]
+        assert (np.abs(inside) <= wide.half_mm + 1e-9).all()

@@ -50,6 +50,7 @@ def load_cell(path: Path) -> Cell:
                 "pose": _pose(calibration.T_world_tcp),
                 "opening_zero_mm": calibration.opening_zero_mm,
                 "opening_scale": calibration.opening_scale,
+                "held": {"mm": calibration.held_mm, "deg": calibration.held_deg},
             }
         elif isinstance(calibration, TraysCalibration):
             for tray, centre in calibration.centres.items():

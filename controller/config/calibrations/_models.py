@@ -176,6 +176,7 @@ class FixedGripperCalibration(Calibration):
     opening_zero_mm, opening_scale : the jaws are ``zero + scale * reported`` apart
     u_mm, u_deg : of the plane between its jaws: along its normal, and of its tilt
     observed, held : freedoms that touches decided, about and along its own axes, and the others
+    held_mm, held_deg : by how much its pose may be off along and about the others, at most
     """
 
     kind: Literal["fixed_gripper"] = "fixed_gripper"
@@ -186,6 +187,8 @@ class FixedGripperCalibration(Calibration):
     u_deg: Uncertainty
     observed: tuple[str, ...] = ()
     held: tuple[str, ...] = ()
+    held_mm: Uncertainty = 4.0
+    held_deg: Uncertainty = 1.0
 
     @model_validator(mode="after")
     def _stands_somewhere(self) -> "FixedGripperCalibration":

@@ -61,6 +61,23 @@ class Box:
         T[:3, 3] = (low + high) / 2
         return cls(T, (high - low) / 2)
 
+    def wider_in_xz(self, by_mm: float, turned_rad: float) -> Box:
+        """Return a box that holds this one wherever it may be moved in its frame's plane xz.
+
+        Parameters
+        ----------
+        by_mm : moved by at most so much
+        turned_rad : turned about the frame's y axis by at most so much, to either side
+        """
+        if by_mm == 0.0 and turned_rad == 0.0:
+            return self
+        R = self.T[:3, :3]
+        reach = np.abs(self.T[:3, 3]) + np.abs(R) @ self.half_mm  # of its corners, at most
+        more = by_mm + float(np.hypot(reach[0], reach[2])) * turned_rad  # no chord is longer
+        # a shift to any side in the plane, as the box's own axes have it
+        across = np.hypot(R[0], R[2])
+        return Box(self.T, self.half_mm + more * across)
+
     def placed(self, T_world_frame: FloatArray) -> Box:
         """Return this box carried from its frame to the world."""
         return Box(T_world_frame @ self.T, self.half_mm)

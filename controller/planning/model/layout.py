@@ -160,6 +160,8 @@ class CellLayout:
     park_q : (6,) rad and mm, joints as `arm` has them
     place_u_mm : standard uncertainty of where the arm is against all else, by its calibration;
         every margin to what stands in the cell is wider by `clearance_mm`
+    fixed_held : mm and rad, by how much the fixed gripper may stand elsewhere along its pads and
+        turned in their plane, where a calibration measured that plane alone
     """
 
     arm: ArmModel
@@ -175,6 +177,7 @@ class CellLayout:
     trays: Mapping[str, Tray]
     park_q: FloatArray
     place_u_mm: float = 0.0
+    fixed_held: tuple[float, float] = (0.0, 0.0)
     cell_times: CellTimes = field(default_factory=CellTimes)
     inspection_sharp_mm: tuple[float, float] = (0.0, float("inf"))
     overhead_sharp_mm: tuple[float, float] = (0.0, float("inf"))

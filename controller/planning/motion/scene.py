@@ -74,9 +74,10 @@ class Scene:
     def _fixed_gripper(self, fixed_gripper: Jaw) -> list[tuple[str, Box]]:
         T = self.layout.T_world_fixed_tcp
         fingers = fixed_gripper.fingers(self.fixed_opening_mm)
+        off_mm, off_rad = self.layout.fixed_held
         return [
-            *(("fixture", b.placed(T)) for b in fixed_gripper.body),
-            *(("fixture fingers", b.placed(T)) for b in fingers),
+            *(("fixture", b.wider_in_xz(off_mm, off_rad).placed(T)) for b in fixed_gripper.body),
+            *(("fixture fingers", b.wider_in_xz(off_mm, off_rad).placed(T)) for b in fingers),
         ]
 
     def reach_mm(self) -> tuple[float, float]:
