@@ -107,6 +107,17 @@ class SixAxis:
         return self.ahead_mm + self.upper_mm + self.fore_mm
 
     @property
+    def joint_names(self) -> tuple[str, ...]:
+        return tuple(f"{name}_rad" for name in NAMES)
+
+    @property
+    def joint_limits(self) -> tuple[SimpleNamespace, ...]:
+        return tuple(
+            SimpleNamespace(name=name, weights=row, low=low, high=high)
+            for name, row, low, high in zip(NAMES, np.eye(6), LOW_RAD, HIGH_RAD, strict=True)
+        )
+
+    @property
     def links(self) -> tuple[Link, ...]:
         above = {"may_touch_base": False, "may_touch_table": False}
         return (

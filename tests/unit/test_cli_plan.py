@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 import json
 import shutil
+from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -11,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from cad_solids import box, mesh_of, rod
+from plan_auditor import audit
 
 from controller.cache import digest_of
 from controller.cad.compiled import load_part
@@ -126,6 +129,85 @@ def test_a_plan_from_the_cache_is_the_plan_made_anew_and_is_there_at_once(
     anew = json.loads(capsys.readouterr().out)
     assert not anew["from_cache"]
     assert without_clock(anew) == without_clock(again) == without_clock(told)
+
+
+def test_an_auditor_that_has_only_the_json_finds_nothing_wrong(told: dict[str, Any]) -> None:
+    assert audit(told) == []
+    assert set(told["trays"]) == {"accept", "reject", "quarantine"}
+    # not for want of anything to check
+    actions = [action for step in told["steps"] for action in step["actions"]]
+    assert sum(len(action.get("waypoints", ())) for action in actions) > len(told["steps"])
+    assert {action["action"] for action in actions} >= {"open", "move", "close", "look"}
+    assert sum(len(step.get("samples", ())) for step in told["steps"]) > 100
+
+
+def step_of(plan: dict[str, Any], kind: str) -> dict[str, Any]:
+    found = next(step for step in plan["steps"] if step["kind"] == kind)
+    assert isinstance(found, dict)
+    return found
+
+
+def first_move(plan: dict[str, Any]) -> dict[str, Any]:
+    moves = (a for a in step_of(plan, "pick")["actions"] if a["action"] == "move")
+    point = next(moves)["waypoints"][0]
+    assert isinstance(point, dict)
+    return point
+
+
+def lift_zed(plan: dict[str, Any]) -> None:
+    first_move(plan)["q"][3] = 4.0  # zed ends at 0, and somewhat below it
+
+
+def hurry(plan: dict[str, Any]) -> None:
+    point = first_move(plan)
+    point["speeds"] = [2.0 * speed for speed in point["speeds"]]
+
+
+def never_close(plan: dict[str, Any]) -> None:
+    step = step_of(plan, "pick")
+    step["actions"] = [a for a in step["actions"] if a["action"] != "close"]
+
+
+def jump_to_the_arm(plan: dict[str, Any]) -> None:
+    step_of(plan, "present")["custody"]["before"] = "in_fixture"
+
+
+def misstate(plan: dict[str, Any]) -> None:
+    plan["covered_fraction"] -= 0.01
+
+
+def see_less(plan: dict[str, Any]) -> None:
+    best = max(plan["steps"], key=lambda step: step.get("new_fraction", 0.0))
+    del best["samples"][::2]
+
+
+def move_the_part(plan: dict[str, Any]) -> None:
+    step_of(plan, "present")["T_world_part"][0][3] += 0.1
+
+
+def promise_haste(plan: dict[str, Any]) -> None:
+    plan["forecast_s"] -= 1.0
+
+
+@pytest.mark.parametrize(
+    ("spoil", "word"),
+    [
+        (lift_zed, "zed is at 4.000"),
+        (hurry, "faster than the arm"),
+        (never_close, "of on_table"),
+        (jump_to_the_arm, "begins in_fixture"),
+        (misstate, "stated are"),
+        (see_less, "not what it states"),
+        (move_the_part, "has the part elsewhere"),
+        (promise_haste, "forecast are"),
+    ],
+)
+def test_the_auditor_finds_what_is_wrong_with_a_plan(
+    spoil: Callable[[dict[str, Any]], None], word: str, told: dict[str, Any]
+) -> None:
+    plan = copy.deepcopy(told)
+    spoil(plan)
+    assert any(word in sentence for sentence in audit(plan))
 
 
 def test_the_page_is_written_beside_the_answer(

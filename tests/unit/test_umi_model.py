@@ -49,6 +49,25 @@ def test_no_joint_gets_beyond_its_range_and_each_gets_to_both_ends() -> None:
             assert within_limits(row), (joint, end)
 
 
+def test_joint_limits_hold_where_the_arm_accepts_and_nowhere_else() -> None:
+    wide = 1.2 * np.abs(JOINT_RANGES).max(axis=0)
+    q = np.random.default_rng(3).uniform(-wide, wide, (200_000, 6))
+    allowed = np.ones(len(q), dtype=bool)
+    near = np.zeros(len(q), dtype=bool)  # to a limit: rounding decides
+    for limit in MODEL.joint_limits:
+        value = q @ limit.weights
+        allowed &= (value >= limit.low) & (value <= limit.high)
+        near |= np.minimum(np.abs(value - limit.low), np.abs(value - limit.high)) < 0.3
+    accepted = MODEL.within_limits(q)
+    assert not (accepted & ~allowed).any()
+    assert np.array_equal(accepted[~near], allowed[~near])
+    assert 50 < accepted[~near].sum() < len(q)
+    assert [name.rsplit("_", 1)[1] for name in MODEL.joint_names] == ["rad"] * 3 + [
+        "mm",
+        *["rad"] * 2,
+    ]
+
+
 def test_random_joints_cover_the_ranges_and_are_denser_near_the_top() -> None:
     q = MODEL.spread(np.random.default_rng(1).random((4000, 6)))
     q = q[MODEL.within_limits(q)]

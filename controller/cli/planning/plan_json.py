@@ -7,7 +7,20 @@ import numpy as np
 from controller.arrays import BoolArray, FloatArray
 from controller.cad import Solid, SurfaceSamples
 from controller.planning import CellLayout, Certificate, Plan
-from controller.results.moments import Moment, moments, view_count
+from controller.planning.motion import tcp_pose
+from controller.results.moments import Moment, MomentKind, moments, view_count
+
+from .drive_json import (
+    Deeds,
+    arm_json,
+    grasps_json,
+    grippers_json,
+    samples_json,
+    trays_json,
+)
+
+# Raised when a key changes its meaning or goes; new keys may come without.
+FORMAT = 1
 
 
 def plan_json(
@@ -17,7 +30,8 @@ def plan_json(
 
     A step's `q` and `T_world_part` are those of the moment that counts: when the jaws close, the
     picture is taken, or the part is released. `seen_fraction` is the share of the whole surface
-    that a step shows, `new_fraction` the share that no earlier step has shown.
+    that a step shows, `new_fraction` the share that no earlier step has shown. What a step does
+    stands under `actions`, in order (`docs/planning.md`).
 
     Parameters
     ----------
@@ -29,13 +43,24 @@ def plan_json(
     weights = samples.areas_mm2 / samples.areas_mm2.sum()
     seen = np.zeros(len(weights), dtype=bool)
     steps = []
+    deeds = Deeds(layout, layout.park_q)
+    at_trays = deeds
     for moment in moments(plan, layout):
-        steps.append(_step_json(moment, weights, seen))
+        if moment.kind is MomentKind.PLACE:
+            at_trays = deeds.branched()
+        body = _step_json(moment, layout, weights, seen)
+        steps.append(body | deeds.step_json(moment.step))
         if moment.in_sight is not None:
             seen |= moment.in_sight
     proof = plan.proof
     return {
+        "format": FORMAT,
+        "arm": arm_json(layout),
+        "grippers": grippers_json(layout),
+        "grasps": grasps_json(plan.grasps),
+        "samples": samples_json(solid, samples),
         "steps": steps,
+        "trays": trays_json(plan, at_trays),
         "forecast_s": plan.forecast_s,
         "covered_fraction": plan.covered_fraction,
         "reachable_fraction": plan.reachable_fraction,
@@ -59,18 +84,22 @@ def plan_json(
                 "kind": u.kind.value,
                 "reason": u.reason,
                 "remedy": u.advice,
+                "samples": list(u.samples),
             }
             for u in plan.unseen
         ],
     }
 
 
-def _step_json(moment: Moment, weights: FloatArray, seen_before: BoolArray) -> dict[str, Any]:
+def _step_json(
+    moment: Moment, layout: CellLayout, weights: FloatArray, seen_before: BoolArray
+) -> dict[str, Any]:
     body: dict[str, Any] = {
         "kind": moment.kind.value,
         "label": moment.step.label,
         "seconds": moment.step.seconds,
         "q": moment.q.tolist(),
+        "T_world_tcp": tcp_pose(layout, moment.q).tolist(),
         "T_world_part": moment.T_world_part.tolist(),
         "grip": moment.grasp.id if moment.grasp else None,
         "fixture_grip": moment.fixed_grasp.id if moment.fixed_grasp else None,
@@ -78,6 +107,7 @@ def _step_json(moment: Moment, weights: FloatArray, seen_before: BoolArray) -> d
     }
     if moment.in_sight is not None:
         body["seen_fraction"] = float(weights[moment.in_sight].sum())
+        body["samples"] = np.flatnonzero(moment.in_sight).tolist()
         body["new_fraction"] = float(weights[moment.in_sight & ~seen_before].sum())
     return body
 

@@ -3,7 +3,7 @@
 Dataclasses and names; nothing here plans. mm, rad and seconds; poses in the world frame.
 """
 
-from .arm import JOINT_COUNT, ArmLink, ArmModel, TimingModel
+from .arm import JOINT_COUNT, ArmLink, ArmModel, JointLimit, TimingModel
 from .errors import NoMotionError, NoPlanError, NotGraspableError, OutOfReachError
 from .grasp import TABLE_MARGIN_MM, Grasp, GraspRules, Holder
 from .hypotheses import LIGHTS, HeldHypothesis, Light
@@ -49,6 +49,7 @@ __all__ = [
     "InArm",
     "InFixedGripper",
     "Jaw",
+    "JointLimit",
     "JointPath",
     "Light",
     "Look",

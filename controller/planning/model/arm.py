@@ -16,7 +16,7 @@ from controller.arrays import BoolArray, FloatArray, IntArray
 
 from ..geometry import SolidBox
 
-__all__ = ["JOINT_COUNT", "ArmLink", "ArmModel", "SweepPhase", "TimingModel"]
+__all__ = ["JOINT_COUNT", "ArmLink", "ArmModel", "JointLimit", "SweepPhase", "TimingModel"]
 
 JOINT_COUNT = 6
 
@@ -48,6 +48,26 @@ class ArmLink(SolidBox, Protocol):
         `gripper`: body, fingers and held part; `fingers`: these without the body, which is its
         neighbour; `nothing`: none of them.
         """
+
+
+class JointLimit(Protocol):
+    """One linear limit of the joints: ``low <= weights @ q <= high`` [rad, mm]."""
+
+    @property
+    def name(self) -> str:
+        """What people call it."""
+
+    @property
+    def weights(self) -> FloatArray:
+        """Of each joint (6,)."""
+
+    @property
+    def low(self) -> float:
+        """Least that is allowed."""
+
+    @property
+    def high(self) -> float:
+        """Most that is allowed."""
 
 
 class TimingModel(Protocol):
@@ -116,6 +136,17 @@ class ArmModel(Protocol):
     @property
     def reach_mm(self) -> float:
         """How far the wrist's centre gets from the arm's vertical axis."""
+
+    @property
+    def joint_names(self) -> Sequence[str]:
+        """Name of each joint, ending in its unit: `_rad` or `_mm`."""
+
+    @property
+    def joint_limits(self) -> Sequence[JointLimit]:
+        """What every configuration within limits fulfils; `within_limits` may be narrower.
+
+        By no more than the rounding of a target to whole steps of the motors.
+        """
 
     @property
     def links(self) -> Sequence[ArmLink]:

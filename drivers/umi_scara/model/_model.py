@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from . import _detours, kinematics
 from ._homing_sweep import SweepPhase, homing_sweep
+from ._joint_limits import JointLimit, joint_limits
 from ._timing import UmiTiming, move_sweep
 from .kinematics import ArmGeometry
 
@@ -108,6 +109,16 @@ class UmiModel:
     def reach_mm(self) -> float:
         """How far the wrist's centre gets from the shoulder axis."""
         return self.geometry.upper_mm + self.geometry.fore_mm
+
+    @property
+    def joint_names(self) -> Sequence[str]:
+        """Name of each joint, ending in its unit."""
+        return kinematics.Q_ORDER
+
+    @property
+    def joint_limits(self) -> Sequence[JointLimit]:
+        """What every target that the arm accepts fulfils."""
+        return joint_limits()
 
     @property
     def link_pairs(self) -> Sequence[tuple[int, int]]:
