@@ -142,6 +142,11 @@ def test_comments_and_addresses_make_no_other_cell(tmp_path: Path) -> None:
         digest_of(text.replace("arm:         {address: emulated}", "arm: {address: /dev/x}"))
         == drawn
     )
+    # a key whose default is what the file did not state: later versions have more keys
+    post = "  post:     [100"
+    for mm, is_drawn in ((0.0, True), (1.0, False)):
+        held = digest_of(text.replace(post, f"  held: {{mm: {mm}}}\n{post}"))
+        assert (held == drawn) is is_drawn
     assert digest_of(text.replace("upper_mm: 253.5", "upper_mm: 253.6")) != drawn
 
 

@@ -19,15 +19,15 @@ HEADER = """
 def cell_digest(cell: Cell) -> str:
     """Return the SHA-256 of what a cell file describes: comments, addresses, calibrations left out.
 
+    What has its default is left out too: a key that a later version adds makes no other cell.
+
     Parameters
     ----------
     cell : as its file has it, without what calibrations changed
     """
-    tree = cell.model_dump(mode="json", by_alias=True)
+    tree = cell.model_dump(mode="json", by_alias=True, exclude_defaults=True)
     tree.pop(KEY, None)
     tree.pop("clock", None)
-    if tree["arm"].get("column_pose") is None:
-        tree["arm"].pop("column_pose", None)  # found by a calibration; no drawing has it
     for section in tree["devices"].values():
         section.pop("address", None)
     return hashlib.sha256(json.dumps(tree, sort_keys=True).encode()).hexdigest()
