@@ -12,6 +12,7 @@ from controller.commissioning.kinematics import (
     BoardPicture,
     Fault,
     Play,
+    calibrate_and_prove,
     calibrate_cell,
     find_faults,
 )
@@ -89,6 +90,29 @@ def test_one_picture_that_contradicts_all_others_is_named() -> None:
     pictures[9] = replace(pictures[9], q=q + np.array([0, 0, 0, 4.0, 0, 0]))
     found = faults(pictures)
     assert [(f.kind, f.subject) for f in found] == [("picture", pictures[9].name)]
+
+
+def test_one_odd_picture_is_left_out_and_the_cell_is_as_it_is_without_it() -> None:
+    pictures = cells.pictures(cells.true_cell(67), COUNT, 67)
+    good = calibrate_cell(cells.prior(), [*pictures[:9], *pictures[10:]])
+    q = pictures[9].q
+    assert q is not None
+    pictures[9] = replace(pictures[9], q=q + np.array([0, 0, 0, 4.0, 0, 0]))
+    found = calibrate_and_prove(cells.prior(), pictures)
+    assert found.faults == ()
+    assert [f.subject for f in found.left_out] == [pictures[9].name]
+    assert np.abs((found.fit.x - good.x) / good.std).max() < 1e-6
+
+
+def test_three_odd_pictures_are_no_chance() -> None:
+    pictures = cells.pictures(cells.true_cell(67), COUNT, 67)
+    for at, off in ((9, 4.0), (12, -5.0), (20, 6.0)):
+        q = pictures[at].q
+        assert q is not None
+        pictures[at] = replace(pictures[at], q=q + np.array([0, 0, 0, off, 0, 0]))
+    found = calibrate_and_prove(cells.prior(), pictures)
+    assert found.faults
+    assert found.left_out == ()
 
 
 def test_a_base_out_of_its_bounds_is_named_and_one_only_uncertain_is_not() -> None:

@@ -22,6 +22,7 @@ from .choosing import Candidate, Choice, choose, predicted_picture
 from .faults import BoardAgain, Fault, FaultLimits, board_again, find_faults
 from .layout import Layout
 from .play import HomingScatter, Play, StopPicture, measure_homing, measure_play
+from .proven import ProvenFit, calibrate_and_prove
 from .solve import CellFit, PictureFit, calibrate_cell
 from .starts import board_pose, grasps_of, held_roughly, placed_roughly, plate_faces
 from .uncertainty import (
@@ -55,11 +56,13 @@ __all__ = [
     "Placing",
     "Play",
     "PoseUncertainty",
+    "ProvenFit",
     "StopPicture",
     "aim_uncertainty_mm",
     "base_std",
     "board_again",
     "board_pose",
+    "calibrate_and_prove",
     "calibrate_cell",
     "camera_uncertainty",
     "choose",

@@ -32,10 +32,9 @@ from controller.commissioning.kinematics import (
     aim_uncertainty_mm,
     base_std,
     board_again,
-    calibrate_cell,
+    calibrate_and_prove,
     choose,
     clamped_std,
-    find_faults,
     measure_play,
     plate_faces,
     tcp_uncertainty,
@@ -131,16 +130,21 @@ class ArmStep:
         await held.give_back()
         await _on_the_table_again(bench, flat_file, lying[0], placings[MARK])
         try:
-            fit = await asyncio.to_thread(calibrate_cell, prior, [*lying, *pictures])
-            play = measure_play(fit.layout, fit.x, stops, arm.motors)
+            proven = await asyncio.to_thread(
+                calibrate_and_prove,
+                prior,
+                [*lying, *pictures],
+                lambda fit: measure_play(fit.layout, fit.x, stops, arm.motors),
+            )
         except KinematicsError as error:
             raise StepFailedError(str(error)) from error
-        pictures_of_all = [*lying, *pictures]
-        faults = await asyncio.to_thread(find_faults, prior, pictures_of_all, fit, play=play)
-        for fault in faults:
+        fit, play = proven.fit, proven.play
+        for fault in proven.left_out:
+            bench.evidence.find(f"left out, and all others agree: {fault.message}")
+        for fault in proven.faults:
             bench.evidence.find(f"{fault.kind.replace('_', ' ')}: {fault.message}")
-        if faults:
-            raise StepFailedError(faults[0].message)
+        if proven.faults:
+            raise StepFailedError(proven.faults[0].message)
         try:
             tcp = await look_at_the_fingers(bench, fit)
         except FingersError as error:
