@@ -21,6 +21,7 @@ from .calibration_reference import CalibrationName, CalibrationReference
 from .errors import ConfigError
 from .faults import FaultsSection
 from .file_kinds import is_recipe
+from .grippers import ArmJawsSection, FingersSection, FixedJawsSection, Width
 from .interlock_rules import InterlockRules
 from .yaml_models import Section, WrongKeyError
 
@@ -28,7 +29,6 @@ Number = Annotated[float, Field(ge=-50_000, le=50_000)]  # no cell is 50 m wide
 Vec2 = tuple[Number, Number]
 Vec3 = tuple[Number, Number, Number]
 Length = Annotated[float, Field(ge=10, le=5000)]  # of a link [mm]; given in metres it is below 1
-Width = Annotated[float, Field(ge=0.5, le=1000)]  # of a gripper [mm]
 # Between a camera and the table or the station that it looks at [mm]. A value below 20 is likely to
 # be in metres.
 MIN_HEIGHT_MM, MAX_HEIGHT_MM = 50.0, 20_000.0
@@ -293,15 +293,6 @@ class LampSection(LightSection):
     full_grey: float | None = Field(None, gt=0, le=255)
 
 
-class FingersSection(Section):
-    """The two fingers of a jaw."""
-
-    length_mm: Width
-    width_mm: Width
-    thickness_mm: Width
-    pad_length_mm: Width
-
-
 class ParkSection(Section):
     """The position where the arm waits, out of both cameras' sight."""
 
@@ -326,6 +317,7 @@ class ArmSection(Section):
 
     pose: Pose
     jaw_max_mm: Width
+    jaws: ArmJawsSection = ArmJawsSection()
     arm_gripper: dict[str, Box] = Field(
         validation_alias=AliasChoices("arm_gripper", "hand"), serialization_alias="hand"
     )
@@ -446,6 +438,7 @@ class FixedGripperSection(Section):
     opening_zero_mm: float = Field(0.0, ge=-10, le=10)
     opening_scale: float = Field(1.0, ge=0.8, le=1.25)
     jaw_max_mm: Width
+    jaws: FixedJawsSection = FixedJawsSection()
     body: dict[str, Box]
     fingers: FingersSection
     post: Box

@@ -11,6 +11,7 @@ from .errors import ConfigError
 from .faults import FaultsSection
 from .file_kinds import is_cell_file
 from .files import reason_of
+from .grippers import Friction
 from .shipped import EMULATED_CELL
 from .yaml_models import Section, load_with_lines
 
@@ -59,9 +60,17 @@ class InspectionSection(Section):
 
 
 class GraspSection(Section):
-    """How the part may be held."""
+    """How the part may be held.
+
+    Attributes
+    ----------
+    force_n : with which grippers press on it; plans count on no more than the cell's have
+    friction : of the cell's pads against this part; None for what the cell file says of its pads
+    width_tolerance_mm : jaws that stop further off than this hold something else
+    """
 
     force_n: float = Field(60.0, ge=20, le=200)
+    friction: Friction | None = None
     width_tolerance_mm: float = Field(2.0, ge=0.2, le=10)
 
 

@@ -186,17 +186,29 @@ def require_force(path: Path, force_n: float, cell: Cell) -> None:
     ------
     ConfigError : it does not, or its driver is not installed
     """
-    section = cell.devices.gripper
-    driver = find_driver("gripper", section.driver)
-    if driver.max_force_n is None:
-        return
-    max_force_n = driver.max_force_n(read_settings(driver, section.settings, "devices.gripper"))
+    max_force_n = _max_force_n(cell)
     if force_n > max_force_n:
         with _at_line(path, ("grasp", "force_n")):
             raise ConfigError(
                 f"`grasp.force_n`: {force_n:g} N, the fixed gripper of cell {cell.name} "
-                f"({section.driver}) presses with {max_force_n:g} N at the most; ask for less"
+                f"({cell.devices.gripper.driver}) presses with {max_force_n:g} N at the most; ask "
+                "for less"
             )
+
+
+def _max_force_n(cell: Cell) -> float:
+    """Return how hard the fixed gripper of a cell presses at the most [N].
+
+    Raises
+    ------
+    ConfigError : its driver is not installed, or refuses its settings
+    """
+    section, own_force_n = cell.devices.gripper, cell.fixed_gripper.jaws.force_n
+    driver = find_driver("gripper", section.driver)
+    if driver.max_force_n is None:
+        return own_force_n
+    settings = read_settings(driver, section.settings, "devices.gripper")
+    return min(own_force_n, driver.max_force_n(settings))
 
 
 @contextmanager

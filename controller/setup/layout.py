@@ -10,13 +10,21 @@ from controller.config.cell import (
     ArmSection,
     Cell,
     ChuteSection,
-    FingersSection,
     OtherArmSection,
     UmiSection,
 )
 from controller.config.cell import Box as BoxNumbers
+from controller.config.grippers import ArmJawsSection, FingersSection, FixedJawsSection
 from controller.planning.geometry import Box
-from controller.planning.model import JOINT_COUNT, ArmModel, CellLayout, Jaw, Tray
+from controller.planning.model import (
+    JOINT_COUNT,
+    ArmModel,
+    CellLayout,
+    CellTimes,
+    Jaw,
+    Pads,
+    Tray,
+)
 from drivers.kinds import ArmDescription
 from drivers.umi_scara import ArmGeometry, UmiModel
 
@@ -50,11 +58,12 @@ def build_layout(cell: Cell) -> CellLayout:
         arm=described.model,
         T_world_arm=arm.pose.build(),
         column=_column(arm, column),
-        arm_gripper=_jaw(arm.arm_gripper.values(), arm.fingers, arm.jaw_max_mm),
+        arm_gripper=_jaw(arm.arm_gripper.values(), arm.fingers, arm.jaw_max_mm, arm.jaws.force_n),
         fixed_gripper=_jaw(
             cell.fixed_gripper.body.values(),
             cell.fixed_gripper.fingers,
             cell.fixed_gripper.jaw_max_mm,
+            cell.fixed_gripper.jaws.force_n,
         ),
         T_world_fixed_tcp=cell.fixed_gripper.pose.build(),
         fixed_held=(cell.fixed_gripper.held.mm, float(np.radians(cell.fixed_gripper.held.deg))),
@@ -72,6 +81,7 @@ def build_layout(cell: Cell) -> CellLayout:
             )
         },
         park_q=described.park_q,
+        cell_times=_times(arm.jaws, cell.fixed_gripper.jaws),
         place_u_mm=arm.uncertainty.position_mm if isinstance(arm, UmiSection) else 0.0,
     )
 
@@ -144,7 +154,20 @@ def _umi(section: UmiSection) -> ArmDescription[ArmModel]:
     )
 
 
-def _jaw(body: Iterable[BoxNumbers], fingers: FingersSection, max_mm: float) -> Jaw:
+def _times(arm: ArmJawsSection, fixed: FixedJawsSection) -> CellTimes:
+    """Return the fixed times of a cycle, with those of both grippers' jaws."""
+    return CellTimes(
+        open_s=arm.open_s,
+        release_s=arm.release_s,
+        grasp_s=arm.grasp_s,
+        press_s=arm.press_s,
+        fixed_open_s=fixed.open_s,
+        fixed_grasp_s=fixed.grasp_s,
+        fixed_release_s=fixed.release_s,
+    )
+
+
+def _jaw(body: Iterable[BoxNumbers], fingers: FingersSection, max_mm: float, force_n: float) -> Jaw:
     boxes = tuple(Box.from_bounds(*box) for box in body)
     return Jaw(
         body=boxes,
@@ -153,4 +176,6 @@ def _jaw(body: Iterable[BoxNumbers], fingers: FingersSection, max_mm: float) -> 
         finger_thickness_mm=fingers.thickness_mm,
         pad_length_mm=fingers.pad_length_mm,
         max_mm=max_mm,
+        force_n=force_n,
+        pads=Pads(fingers.friction, fingers.compliance_mm),
     )

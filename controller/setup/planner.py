@@ -13,15 +13,13 @@ from controller.cad.compiled import CompiledPart
 from controller.config import Cell, Recipe
 from controller.config.recipe import GraspSection, InspectionSection
 from controller.inspection import MIN_WIDTH_PX
-from controller.planning import CellLayout, PlanOptions
+from controller.planning import CellLayout, Jaw, PlanOptions
 
 from .layout import build_layout
 
 # The narrower extent of a defect in the picture: as much as inspection needs to compare a surface,
 # and a tenth more, because the part is never held exactly as planned.
 DEFECT_PX = 1.1 * MIN_WIDTH_PX
-# The arm's MAX_FORCE has no unit (umi_rtx.md 5.6). Plans rely on no more force than this.
-ARM_COUNTED_FORCE_N = 40.0
 
 DensityFrom = Literal["recipe", "command line", "CAD file", "assumed"]
 _DENSITY_WORDS: dict[DensityFrom, str] = {
@@ -66,6 +64,8 @@ class PlannerSetup:
             "force_n": self.force_n,
             "arm_gripper_n": self.layout.arm_gripper.force_n,
             "fixed_gripper_n": None if fixed_gripper is None else fixed_gripper.force_n,
+            "arm_pads": _pads_json(self.layout.arm_gripper),
+            "fixed_pads": None if fixed_gripper is None else _pads_json(fixed_gripper),
             "width_tolerance_mm": self.options.opening_tolerance_mm,
             "from_recipe": self.has_recipe,
         }
@@ -77,10 +77,15 @@ class PlannerSetup:
         fixed_gripper, gain = self.layout.fixed_gripper, self.options.least_gain
         fixed = "" if fixed_gripper is None else f", {fixed_gripper.force_n:g} N (fixed gripper)"
         least = f"; each view adds {gain:.2%} of the surface or more" if gain else ""
+        pads = self.layout.arm_gripper.pads
+        friction = "" if pads is None else f"; friction {pads.friction:g}"
+        if pads and fixed_gripper and fixed_gripper.pads and fixed_gripper.pads != pads:
+            friction += f" (arm gripper), {fixed_gripper.pads.friction:g} (fixed gripper)"
         words = (
             f"{density}, {self.mass_g:.0f} g; incidence up to "
             f"{self.options.max_incidence_deg:g} deg; smallest defect {self.smallest_defect_mm:g} "
-            f"mm{least}; grasp force {self.layout.arm_gripper.force_n:g} N (arm gripper){fixed}; "
+            f"mm{least}; grasp force {self.layout.arm_gripper.force_n:g} N (arm gripper){fixed}"
+            f"{friction}; "
             f"opening tolerance {self.options.opening_tolerance_mm:g} mm"
         )
         return f"planned with {words}" if self.has_recipe else f"planned without a recipe: {words}"
@@ -117,10 +122,8 @@ def planner_setup(
     fixed_gripper = layout.fixed_gripper
     layout = replace(
         layout,
-        arm_gripper=replace(layout.arm_gripper, force_n=min(grasp.force_n, ARM_COUNTED_FORCE_N)),
-        fixed_gripper=None
-        if fixed_gripper is None
-        else replace(fixed_gripper, force_n=grasp.force_n),
+        arm_gripper=_pressing(layout.arm_gripper, grasp),
+        fixed_gripper=None if fixed_gripper is None else _pressing(fixed_gripper, grasp),
     )
     options = PlanOptions()
     options = replace(
@@ -141,3 +144,21 @@ def planner_setup(
         force_n=grasp.force_n,
         has_recipe=recipe is not None,
     )
+
+
+def _pressing(jaw: Jaw, grasp: GraspSection) -> Jaw:
+    """Return a gripper of the cell as it holds a recipe's part."""
+    pads = jaw.pads
+    if pads is not None and grasp.friction is not None:
+        pads = replace(pads, friction=grasp.friction)
+    return replace(jaw, force_n=min(grasp.force_n, jaw.force_n), pads=pads)
+
+
+def _pads_json(jaw: Jaw) -> dict[str, Any]:
+    pads = jaw.pads
+    return {
+        "length_mm": jaw.pad_length_mm,
+        "width_mm": jaw.finger_width_mm,
+        "friction": None if pads is None else pads.friction,
+        "compliance_mm": None if pads is None else pads.compliance_mm,
+    }

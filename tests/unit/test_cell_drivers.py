@@ -154,6 +154,19 @@ def test_wrong_settings_are_named(settings: str, words: str, cell_file: CellFile
     assert str(raised.value).startswith(f"{path}:")
 
 
+def test_the_speed_of_the_fixed_gripper_is_a_setting(cell_file: CellFile) -> None:
+    line = "{{address: 'here:502', settings: {{speed_mm_s: {}}}}}"
+    path = cell_file(line.format(10))
+    with pytest.raises(ConfigError, match=r"speed must be 20\.\.150 mm/s, not 10 mm/s"):
+        require_drivers(path, load_cell(path))
+    cell = load_cell(cell_file(line.format(30)))
+    where = resolve(cell, dict.fromkeys(cell.emulated_devices, "nowhere"))
+    gripper: Any = DeviceBuilder(cell, where, CellClock()).gripper()
+    while hasattr(gripper, "_device"):  # the driver, within what corrects its openings
+        gripper = gripper._device
+    assert gripper.config.default_speed_mm_s == 30.0
+
+
 @pytest.mark.parametrize(
     ("settings", "words"),
     [
@@ -186,7 +199,11 @@ def test_wrong_settings_of_pictures_from_files_are_named_with_their_line(
 
 
 def test_a_driver_without_settings_refuses_them(cell_file: CellFile) -> None:
-    path = cell_file("{address: emulated, unit: 9, settings: {force: 3}}")
+    path = cell_file("{address: emulated, unit: 9}")
+    own = "  io:          {address: emulated, transport: tcp, unit: 1}"
+    text = path.read_text()
+    assert own in text
+    path.write_text(text.replace(own, "  io: {address: emulated, settings: {force: 3}}"))
     with pytest.raises(ConfigError, match="this driver has no settings"):
         require_drivers(path, load_cell(path))
 
@@ -412,9 +429,13 @@ def test_check_and_run_refuse_such_a_recipe_before_anything_begins(
     assert not (tmp_path / "runs").exists()
 
 
-def test_a_gripper_whose_driver_states_no_limit_is_not_checked(
+def test_a_gripper_whose_driver_states_no_limit_has_that_of_the_cell_file(
     acme: None, cell_file: CellFile, tmp_path: Path
 ) -> None:
     settings = "{max_opening_mm: 60}"
     cell = load_cell(cell_file(f"{{driver: acme, address: 10.0.0.1:1, settings: {settings}}}"))
-    require_force(tmp_path / "recipe.yaml", 1e6, cell)
+    recipe = tmp_path / "recipe.yaml"
+    recipe.write_text("grasp: {force_n: 201}")
+    require_force(recipe, 200.0, cell)
+    with pytest.raises(ConfigError, match=r"201 N, .* 200 N at the most"):
+        require_force(recipe, 201.0, cell)

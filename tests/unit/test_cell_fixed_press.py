@@ -18,7 +18,7 @@ import pytest
 from controller.cell.actions.recover import RecoverAction
 from controller.cell.custody import Custody
 from controller.cell.errors import InterlockError, NoPermitError, PartFaultError, PartProblemError
-from controller.cell.journal import Journal, read_rows, rows
+from controller.cell.journal import Journal, Once, read_rows, rows
 from controller.cell.recovery import Case, Interrupted, Leaving, Opens, Proposal
 from controller.cell.services import Gate, Grippers, Permits, Retries, fault_policy
 from controller.cell.services.records import BatchRecord, Progress
@@ -102,6 +102,32 @@ def cell(tmp_path: Path) -> Iterator[Cell]:
     made = Cell(tmp_path)
     yield made
     made.journal.close()
+
+
+@pytest.mark.parametrize(
+    ("force_n", "setting_per_n", "setting"),
+    [(30.0, 1.0, 30), (30.0, 1.5, 45), (60.0, 1.5, 60), (20.0, 0.5, 20)],
+)
+async def test_the_cell_file_makes_a_force_a_setting_of_the_arm_gripper(
+    force_n: float, setting_per_n: float, setting: int, cell: Cell
+) -> None:
+    given: list[int] = []
+
+    async def grasp(force: int) -> float:
+        given.append(force)
+        return HELD_MM
+
+    arm: Any = ANY(grasp=grasp)
+    recipe: Any = ANY(grasp=ANY(force_n=force_n, width_tolerance_mm=2.0))
+    clock = CellClock(1000.0)
+    grippers = Grippers(
+        arm, cell.fixed, ANY(signal=lambda name: Signal.OK), cell.record, recipe,
+        Gate(cell.permits, clock), ANY(admit_jaws=lambda: None),
+        Retries(cell.record, fault_policy(FaultsSection()), clock), setting_per_n,
+    )  # fmt: skip
+    await cell.record.set_custody(Custody.ON_TABLE)
+    await grippers.close_arm(Once.GRASP, HELD_MM)
+    assert given == [setting]
 
 
 async def test_a_part_that_is_there_is_held_again_and_nothing_opened(cell: Cell) -> None:

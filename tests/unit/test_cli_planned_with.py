@@ -18,10 +18,11 @@ from controller.cell.compute.checking import check_job
 from controller.cell.plans import PlanCache
 from controller.cli import main
 from controller.cli.planning.plan_json import certificate_json, plan_json
-from controller.config import load_cell, load_recipe
+from controller.config import ConfigError, load_cell, load_recipe
 from controller.inspection import MIN_WIDTH_PX
 from controller.planning import GraspRules, OnTable, PlanOptions, resting_pose
 from controller.setup import planner as figures_module
+from controller.setup.drivers import require_force
 from controller.setup.planner import planner_setup
 
 ROOT = Path(__file__).parents[2]
@@ -95,6 +96,7 @@ def test_all_figures_of_a_recipe_reach_the_planner(folder: Path) -> None:
         ("least_gain: 0.01", "least_gain: 0.02"),
         ("force_n: 30", "force_n: 31"),
         ("width_tolerance_mm: 0.5", "width_tolerance_mm: 0.6"),
+        ("grasp: {", "grasp: {friction: 0.3, "),
     ],
 )
 def test_each_figure_is_in_the_key_of_kept_plans(key: str, value: str, folder: Path) -> None:
@@ -109,6 +111,63 @@ def test_each_figure_is_in_the_key_of_kept_plans(key: str, value: str, folder: P
         setup = planner_setup(recipe, cell, load_part(recipe.part))
         keys.add(digest_of(setup.layout, setup.options))
     assert len(keys) == 2
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("fingers:  {length_mm: 78,", "fingers:  {friction: 0.5, length_mm: 78,"),
+        ("fingers:  {length_mm: 78,", "fingers:  {compliance_mm: 0.2, length_mm: 78,"),
+        ("fingers:  {length_mm: 64,", "fingers:  {friction: 0.5, length_mm: 64,"),
+        ("fingers:  {length_mm: 64, width_mm: 22", "fingers:  {length_mm: 64, width_mm: 20"),
+        ("jaw_max_mm: 85.0\n  park", "jaw_max_mm: 85.0\n  jaws: {force_n: 25}\n  park"),
+        ("jaw_max_mm: 85.0\n  park", "jaw_max_mm: 85.0\n  jaws: {grasp_s: 2}\n  park"),
+        ("jaw_max_mm: 85.0\n  body", "jaw_max_mm: 85.0\n  jaws: {force_n: 25}\n  body"),
+        ("jaw_max_mm: 85.0\n  body", "jaw_max_mm: 85.0\n  jaws: {open_s: 2}\n  body"),
+    ],
+)
+def test_force_pace_and_pads_of_a_cell_file_are_in_the_key(
+    key: str, value: str, folder: Path, tmp_path: Path
+) -> None:
+    text = CELL.read_text()
+    assert text.count(key) == 1
+    other = tmp_path / "cell.yaml"
+    other.write_text(text.replace(key, value))
+    recipe = load_recipe(folder / "block.yaml")
+    part = load_part(recipe.part)
+    setups = [planner_setup(recipe, load_cell(path), part) for path in (CELL, other)]
+    assert len({digest_of(s.layout, s.options) for s in setups}) == 2
+    is_pace = "_s:" in value
+    assert (setups[0].as_json() == setups[1].as_json()) is is_pace  # which forecasts alone show
+
+
+def test_the_cell_and_the_recipe_each_limit_what_grippers_do(folder: Path, tmp_path: Path) -> None:
+    cell = tmp_path / "cell.yaml"
+    text = CELL.read_text().replace("pad_length_mm: 24}", "pad_length_mm: 24, friction: 0.5}")
+    text = text.replace(
+        "jaw_max_mm: 85.0\n  park", "jaw_max_mm: 85.0\n  jaws: {force_n: 70}\n  park"
+    )
+    text = text.replace(
+        "jaw_max_mm: 85.0\n  body", "jaw_max_mm: 85.0\n  jaws: {force_n: 50}\n  body"
+    )
+    cell.write_text(text)
+    recipe = load_recipe(folder / "block.yaml")
+    part = load_part(recipe.part)
+
+    def figures(**grasp: float) -> dict[str, Any]:
+        own = recipe.model_copy(update={"grasp": recipe.grasp.model_copy(update=grasp)})
+        return planner_setup(own, load_cell(cell), part).as_json()
+
+    gentle, firm, oily = figures(), figures(force_n=60.0), figures(friction=0.2)
+    assert (gentle["arm_gripper_n"], gentle["fixed_gripper_n"]) == (30.0, 30.0)
+    assert (firm["arm_gripper_n"], firm["fixed_gripper_n"]) == (60.0, 50.0)
+    assert [firm[key]["friction"] for key in ("arm_pads", "fixed_pads")] == [0.5, 0.6]
+    assert [oily[key]["friction"] for key in ("arm_pads", "fixed_pads")] == [0.2, 0.2]
+    firmer = tmp_path / "firm.yaml"
+    firmer.write_text((folder / "block.yaml").read_text().replace("force_n: 30", "force_n: 60"))
+    with pytest.raises(ConfigError, match=r"firm.yaml:7: `grasp.force_n`: 60 N.* 50 N at the most"):
+        require_force(firmer, 60.0, load_cell(cell))
+    require_force(firmer, 50.0, load_cell(cell))
 
 
 def test_no_more_is_counted_on_of_the_arm_than_is_known(folder: Path) -> None:

@@ -162,7 +162,9 @@ def test_an_unknown_key_of_a_cell_is_answered_at_every_level(
 
 def test_a_key_like_no_other_is_answered_with_all_there_are(folder: Path) -> None:
     (message,) = wrong_recipe(folder, "force_n: 60", "qqq: 60")
-    assert message == ":6: unknown key `grasp.qqq`; known here: force_n, width_tolerance_mm"
+    assert (
+        message == ":6: unknown key `grasp.qqq`; known here: force_n, friction, width_tolerance_mm"
+    )
 
 
 def test_a_misspelt_key_that_must_be_there_is_missing_and_unknown(folder: Path) -> None:

@@ -27,6 +27,7 @@ from controller.planning.grasps import (
     synthesise_grasps,
 )
 from controller.planning.grasps.clearance import lifts_off_table
+from controller.planning.model import Pads
 
 WIDEST_MM = HAND.max_mm - RULES.jaw_reserve_mm
 
@@ -94,6 +95,26 @@ def test_a_lead_block_is_refused_with_the_load_it_would_be() -> None:
     assert least > rules.max_load
     with pytest.raises(NotGraspableError, match=rf"best {least:.2g}\d*, 0.5 of the friction limit"):
         grips_of(solid, rules)
+    # the force at which that share is just allowed
+    needed_n = int(np.ceil(weight_n / (2 * rules.friction * rules.max_load)))
+    with pytest.raises(NotGraspableError, match=rf"press with {needed_n} N or more, or fit pads"):
+        grips_of(solid, rules)
+
+
+def test_each_gripper_is_judged_with_its_own_pads() -> None:
+    solid = solid_of(trimesh.creation.box((60.0, 60.0, 60.0)), "steel")
+    rules = replace(QUICK, density_kg_mm3=7.85e-6)
+    caster = RayCaster(solid.mesh)
+    seeds = find_seeds(solid, sample_surface(solid, 5.0), caster, WIDEST_MM, rules)
+
+    def held(assumed: float, pads: float) -> tuple[Grasp, ...]:
+        problem = GraspProblem(solid, seeds, caster, DOWN, replace(rules, friction=assumed))
+        jaw = replace(HAND, pads=Pads(friction=pads, compliance_mm=rules.compliance_mm))
+        return synthesise_grasps(problem, jaw, "arm")
+
+    assert held(0.2, 0.6)
+    with pytest.raises(NotGraspableError, match=r"friction 0\.2 use"):
+        held(0.6, 0.2)
 
 
 def test_oil_refuses_what_dry_pads_hold() -> None:

@@ -147,7 +147,17 @@ def assemble(
     interlocks = Interlocks(io, gripper, layout, lambda: record.part.custody, retries, rules)
     motion = Motion(arm, interlocks, clock, gate, layout, record.note, record.note_secured)
     steps = PlanSteps(record, motion, clock, gate)
-    grippers = Grippers(arm, gripper, io, record, recipe, gate, interlocks, retries)
+    grippers = Grippers(
+        arm,
+        gripper,
+        io,
+        record,
+        recipe,
+        gate,
+        interlocks,
+        retries,
+        cell.arm.jaws.setting_per_n,
+    )
     imaging = Imaging(lights, cameras, quick, folder, record.note_file, retries)
     recoveries = Recoveries(record, policy, clock)
     views = Views(record, compute, layout)

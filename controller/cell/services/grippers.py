@@ -35,6 +35,7 @@ class Grippers:
     gate : holds a pause, and requires the permit to move
     interlocks : admit each motion of jaws
     retries : what is done about a reading that does not come
+    setting_per_n : of the arm gripper's force setting for each N of the recipe
     """
 
     def __init__(
@@ -47,6 +48,7 @@ class Grippers:
         gate: Gate,
         interlocks: Interlocks,
         retries: Retries,
+        setting_per_n: float = 1.0,
     ) -> None:
         self._gate = gate
         self._interlocks = interlocks
@@ -57,7 +59,7 @@ class Grippers:
         self._guard = ReleaseGuard(arm, fixed, io)
         self._force_n = recipe.grasp.force_n
         # MAX_FORCE has no unit; values from 20 to 60 have been used (umi_rtx.md 5.6)
-        self._arm_force = max(20, min(60, round(recipe.grasp.force_n)))
+        self._arm_force = max(20, min(60, round(setting_per_n * recipe.grasp.force_n)))
         self.tolerance_mm = recipe.grasp.width_tolerance_mm
 
     async def open_arm(self, opening_mm: float) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import ceil
 
 import numpy as np
 
@@ -87,7 +88,7 @@ def synthesise_grasps(
 
 def _refusal(problem: GraspProblem, jaw: Jaw, holder: Holder, stages: Sequence[FilterStage]) -> str:
     """Return which stage left no grasp, with the number that fails."""
-    solid, rules = problem.solid, problem.rules
+    solid, rules = problem.solid, problem.rules.for_pads_of(jaw)
     last = next(s for s in stages if s.left == 0)
     name = f"{solid.name}: the {holder} cannot hold it"
     need, width = needed_friction(solid, problem.seeds, problem.caster)
@@ -109,10 +110,13 @@ def _refusal(problem: GraspProblem, jaw: Jaw, holder: Holder, stages: Sequence[F
         last.name.endswith("strong enough") and need <= have
     ):
         mass_kg = solid.volume_mm3 * rules.density_kg_mm3
+        # but for leaning walls, what the weight uses goes with 1 / force
+        force_n = ceil(jaw.force_n * last.best / last.limit)
         return (
             f"{name}, grasp strength: {mass_kg:.2f} kg between pads of {jaw.force_n:.0f} N and "
             f"friction {rules.friction:g} use {last.best:.2f} of the friction limit at best, "
-            f"{last.limit:g} is allowed; press harder or fit pads with more friction; {summary}"
+            f"{last.limit:g} is allowed; press with {force_n} N or more, or fit pads with more "
+            f"friction; {summary}"
         )
     if need > have:
         return (
@@ -138,7 +142,8 @@ def judge_grasps(
     gravities : unit vectors (3,) in the TCP frame, of a gripper that does not turn; None: of the
         arm's
     """
-    solid, seeds, downs, rules = problem.solid, problem.seeds, problem.downs, problem.rules
+    solid, seeds, downs = problem.solid, problem.seeds, problem.downs
+    rules = problem.rules.for_pads_of(jaw)
     judge = Judge(solid, problem.caster, jaw, rules, gravities)
     # only the arm takes parts from the table
     tables = downs if holder == "arm" else downs[:0]

@@ -7,7 +7,7 @@ from .arm import JOINT_COUNT, ArmLink, ArmModel, JointLimit, TimingModel
 from .errors import NoMotionError, NoPlanError, NotGraspableError, OutOfReachError
 from .grasp import TABLE_MARGIN_MM, Grasp, GraspRules, Holder
 from .hypotheses import LIGHTS, HeldHypothesis, Light
-from .layout import CellLayout, CellTimes, Jaw, Tray
+from .layout import CellLayout, CellTimes, Jaw, Pads, Tray
 from .plan import (
     Ambiguity,
     GiveStep,
@@ -58,6 +58,7 @@ __all__ = [
     "NotGraspableError",
     "OnTable",
     "OutOfReachError",
+    "Pads",
     "Park",
     "Pick",
     "Place",

@@ -17,7 +17,7 @@ TABLE_MARGIN_MM = 1.5  # between an open gripper and the table it takes a part f
 class GraspRules:
     """What counts as a grasp, and how hard to look for one; each with its reason."""
 
-    friction: float = 0.6  # rubber pads on machined aluminium, dry
+    friction: float = 0.6  # rubber pads on machined aluminium, dry; where a jaw names none
     density_kg_mm3: float = 2.7e-6  # aluminium
     # share of the friction limit that weight, and slope of the walls, may use in the worst attitude
     max_load: float = 0.5
@@ -43,6 +43,17 @@ class GraspRules:
     wrong_count: int = 20  # wrong poses tried
     keep_count: int = 120  # most grasps of a jaw
     pick_count: int = 20  # of them, from above for each stable pose
+
+    def for_pads_of(self, *jaws: Jaw) -> GraspRules:
+        """Return the rules with the pads of some jaws, the firmest and softest of several."""
+        pads = [jaw.pads for jaw in jaws if jaw.pads is not None]
+        if not pads:
+            return self
+        return replace(
+            self,
+            friction=max(p.friction for p in pads),
+            compliance_mm=max(p.compliance_mm for p in pads),
+        )
 
     def coarse(self) -> GraspRules:
         """Return the same demands with a quick, less thorough look: for a first plan."""

@@ -18,6 +18,20 @@ from ..geometry import Box
 from .arm import ArmModel
 
 
+@dataclass(frozen=True, slots=True)
+class Pads:
+    """What the pads of a gripper are like.
+
+    Attributes
+    ----------
+    friction : coefficient against the part
+    compliance_mm : by which they give
+    """
+
+    friction: float
+    compliance_mm: float
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Jaw:
     """A parallel gripper; TCP frame: x = approach, y = the jaws' axis, origin between fingertips.
@@ -27,6 +41,7 @@ class Jaw:
     max_mm : widest opening
     force_n : with which the pads press
     can_spread : it may also hold a bore or a channel from inside, its fingers' backs being pads
+    pads : None for those that `GraspRules` assumes
     """
 
     body: tuple[Box, ...]
@@ -37,6 +52,7 @@ class Jaw:
     max_mm: float
     force_n: float = 40.0
     can_spread: bool = False
+    pads: Pads | None = None
 
     def fingers(
         self, opening_mm: float, behind_mm: float = 0.0, until_mm: float | None = None

@@ -64,7 +64,9 @@ def prepare_part(
     downs = np.stack([-p.R[2] for p in poses]) if poses else np.zeros((0, 3))
     widest = max(layout.arm_gripper.max_mm, layout.fixed_open_mm) - options.rules.jaw_reserve_mm
     jaws = [layout.arm_gripper, *([] if layout.fixed_gripper is None else [layout.fixed_gripper])]
-    seeds = find_seeds(solid, samples, caster, widest, options.rules, spreading=jaws)
+    seeds = find_seeds(
+        solid, samples, caster, widest, options.rules.for_pads_of(*jaws), spreading=jaws
+    )
     problem = GraspProblem(solid, seeds, caster, downs, options.rules)
     every = synthesise_grasps(problem, layout.arm_gripper, "arm")
     base = select_arm_grasps(

@@ -182,7 +182,7 @@ def _left_out(part: PreparedPart, rest: BoolArray, dropped: BoolArray) -> Missin
 
 def weak_grasps(part: PreparedPart, layout: CellLayout) -> tuple[Grasp, ...]:
     """Return grasps of the arm gripper that would do but for the weight, from all round."""
-    rules = replace(part.options.rules.coarse(), max_load=WEAKEST)
+    rules = replace(part.options.rules.coarse().for_pads_of(layout.arm_gripper), max_load=WEAKEST)
     solid = part.solid
     caster = RayCaster(solid.mesh)
     downs = np.stack([-p.R[2] for p in part.poses]) if part.poses else np.zeros((0, 3))
