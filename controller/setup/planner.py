@@ -13,7 +13,7 @@ from controller.cad.compiled import CompiledPart
 from controller.config import Cell, Recipe
 from controller.config.recipe import GraspSection, InspectionSection
 from controller.inspection import MIN_WIDTH_PX
-from controller.planning import CellLayout, Jaw, PlanOptions
+from controller.planning import CellLayout, Jaw, Plan, PlanOptions
 
 from .layout import build_layout
 
@@ -69,6 +69,14 @@ class PlannerSetup:
             "width_tolerance_mm": self.options.opening_tolerance_mm,
             "from_recipe": self.has_recipe,
         }
+
+    def heaviest_g_cm3(self, plan: Plan) -> float:
+        """Return a density up to which the grasps of a plan, as they are planned, hold the part.
+
+        What weight uses of the friction limit grows no faster than the weight.
+        """
+        load = max(grasp.load for grasp in plan.grasps)
+        return self.density_g_cm3 * self.options.rules.max_load / load
 
     @property
     def sentence(self) -> str:

@@ -200,7 +200,9 @@ def test_plan_check_compile_and_run_agree_to_the_byte(
     plan = answers.plan(job, OnTable(planned["pose"], T), None, frozenset(), ())
     body = plan_json(c.solid, c.samples, c.layout, plan)
     assert json.dumps(body) == json.dumps({key: planned[key] for key in body})
-    certificates = [certificate_json(p.certified.certificate) for p in check_job(job).poses]
+    certificates = [
+        certificate_json(p.certified.certificate, c.setup) for p in check_job(job).poses
+    ]
     assert certificates == checked["certificates"]
     # and once more without any cache
     anew = told(["plan", "--recipe", str(path), "--no-cache"], capsys)
@@ -235,6 +237,26 @@ def test_a_part_too_heavy_in_steel_is_refused_by_all_for_the_same_reason(
     assert any(c["planned"] for c in body["certificates"])
 
 
+def test_a_certificate_names_the_density_up_to_which_its_grasps_hold(folder: Path) -> None:
+    recipe, cell = load_recipe(folder / "block.yaml"), load_cell(CELL)
+    part = load_part(recipe.part)
+    setup = planner_setup(recipe, cell, part)
+    planning = PlanCache(part, setup.layout, setup.options)
+    certificate = next(c for c in (planning.certified(p).certificate for p in part.poses) if c.plan)
+    plan = certificate.plan
+    assert plan is not None
+    body = certificate_json(certificate, setup)
+    assert (body["density_g_cm3"], body["density_from"]) == (7.85, "recipe")
+    heaviest = body["heaviest_g_cm3"]
+    # heavier than it is, and no heavier than what slips without any lever: W = 2 mu N, half of it
+    # allowed, of the block's 50 x 30 x 20 mm less a bore of 10 mm
+    volume_cm3 = part.solid.volume_mm3 / 1000
+    slips_g_cm3 = 0.5 * 2 * 0.6 * 30.0 / 9.81 * 1000 / volume_cm3
+    assert 7.85 < heaviest <= slips_g_cm3
+    # what weight uses is in proportion to it: the most loaded grasp is just allowed
+    assert max(grasp.load for grasp in plan.grasps) * heaviest / 7.85 == pytest.approx(0.5)
+
+
 def test_without_a_recipe_what_is_assumed_is_said(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -246,7 +268,9 @@ def test_without_a_recipe_what_is_assumed_is_said(
     assert figures["from_recipe"] is False
     words = ["compile", str(folder / "block.stl"), "--cell", str(CELL)]
     assert main(words) == 0
-    assert "2.7 g/cm3 (aluminium, assumed)" in capsys.readouterr().out
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "2.7 g/cm3 (aluminium, assumed)" in printed
+    assert re.search(r"held up to \d+\.\d g/cm3, the density is assumed", printed)
 
 
 def test_what_is_in_sight_is_not_called_inspected(

@@ -247,7 +247,7 @@ def facts(block: CompiledPart, layout: CellLayout) -> PlanFacts:
         Certificate(0, 0.6, plan, "", 0.75),
         Certificate(1, 0.4, None, f"no pick: {NASTY}", 0.0),
     )
-    return PlanFacts(block, NASTY, layout, kept, told, (360.0, 0.0, 17.0))
+    return PlanFacts(block, NASTY, layout, kept, told, (360.0, 0.0, 17.0), NASTY)
 
 
 @pytest.fixture(scope="module")

@@ -23,7 +23,7 @@ from controller.config import ConfigError, load_cell
 from controller.inspection.characteristics import Characteristic
 from controller.results.sheet import write_sheet
 from controller.setup.characteristics import part_characteristics
-from controller.setup.planner import planner_setup
+from controller.setup.planner import PlannerSetup, planner_setup
 
 from ..inputs.checks import check_writable_folder
 from ..inputs.part_files import PartFile
@@ -87,18 +87,19 @@ def compile_parts(
             _print(part, body)
             if lists_characteristics:
                 print_characteristics(characteristics)
-        certified = None
+        certified: Sequence[Certified] = ()
+        setup: PlannerSetup | None = None
         if planned_in is not None:
             setup = planner_setup(file.recipe, planned_in, part, on_command_line)
             if not as_json:
                 print_line(setup.sentence)
             planning = PlanCache(part, setup.layout, setup.options, use_cache=use_cache)
             certified = [planning.certified(pose) for pose in part.poses]
-            body |= {"planned_with": setup.as_json()} | certified_json(certified)
+            body |= {"planned_with": setup.as_json()} | certified_json(certified, setup)
         if as_json:
             emit(body)
-        elif certified is not None:
-            _print_certified(part, certified)
+        elif setup is not None:
+            _print_certified(part, certified, setup)
     if report is not None and parts:
         try:
             written = write_sheet(parts, density_g_cm3, report)
@@ -123,13 +124,15 @@ def _compiled(path: Path, options: CompileOptions, *, use_cache: bool) -> tuple[
     return (make_part(path, options), False) if kept is None else (kept, True)
 
 
-def _print_certified(part: CompiledPart, certified: Sequence[Certified]) -> None:
-    grasps = certified_json(certified)["grasps"]
+def _print_certified(
+    part: CompiledPart, certified: Sequence[Certified], setup: PlannerSetup
+) -> None:
+    grasps = certified_json(certified, setup)["grasps"]
     print_line(
         f"grasps: {grasps['arm']} of the arm gripper, {grasps['fixture']} of the fixed gripper; "
         f"certificates of {part.solid.name}:"
     )
-    print_certificates([c.certificate for c in certified])
+    print_certificates([c.certificate for c in certified], setup)
 
 
 def _print(part: CompiledPart, body: dict[str, Any]) -> None:

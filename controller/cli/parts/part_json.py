@@ -13,6 +13,7 @@ from controller.cad.surfaces.tolerances import Datum, Dimension, GeometricTolera
 from controller.cad.views import LineView
 from controller.cell.plans import Certified
 from controller.inspection.characteristics import Characteristic
+from controller.setup.planner import PlannerSetup
 
 from ..planning.characteristics import characteristic_json
 from ..planning.plan_json import certificate_json
@@ -74,14 +75,20 @@ def part_json(
     }
 
 
-def certified_json(certified: Sequence[Certified]) -> dict[str, Any]:
-    """Return the number of grasps, and the certificate of each stable pose."""
+def certified_json(certified: Sequence[Certified], setup: PlannerSetup) -> dict[str, Any]:
+    """Return the number of grasps, and the certificate of each stable pose.
+
+    Parameters
+    ----------
+    certified : the certificates
+    setup : what they were made with
+    """
     return {
         "grasps": {
             "arm": max((c.arm_grasp_count for c in certified), default=0),
             "fixture": max((c.fixed_grasp_count for c in certified), default=0),
         },
-        "certificates": [certificate_json(c.certificate) for c in certified],
+        "certificates": [certificate_json(c.certificate, setup) for c in certified],
     }
 
 

@@ -7,6 +7,7 @@ from rich.table import Table
 
 from controller.planning import Certificate, Plan
 from controller.results.moments import view_count
+from controller.setup.planner import PlannerSetup
 
 from ..terminal.output import stdout
 
@@ -26,8 +27,14 @@ def counted(count: int, what: str) -> str:
     return f"{count} {what}" if count == 1 else f"{count} {what}s"
 
 
-def certificate_words(certificate: Certificate) -> str:
-    """Return a certificate in words."""
+def certificate_words(certificate: Certificate, setup: PlannerSetup) -> str:
+    """Return a certificate in words; of an assumed density, up to which density it holds.
+
+    Parameters
+    ----------
+    certificate : of a stable pose
+    setup : what it was made with
+    """
     plan = certificate.plan
     if certificate.same_as >= 0:
         return f"as from pose {certificate.same_as}, which a symmetry of the part makes the same"
@@ -35,11 +42,20 @@ def certificate_words(certificate: Certificate) -> str:
         return certificate.reason
     shown = plan.covered_fraction / plan.reachable_fraction if plan.reachable_fraction else 1.0
     views, regrasps = counted(view_count(plan), "view"), counted(plan.regrasp_count, "regrasp")
-    return f"{views}, {regrasps}, {plan.forecast_s:.0f} s, {shown:.1%} of what can be shown"
+    held = ""
+    if setup.density_from == "assumed":
+        held = f"; held up to {setup.heaviest_g_cm3(plan):.1f} g/cm3, the density is assumed"
+    return f"{views}, {regrasps}, {plan.forecast_s:.0f} s, {shown:.1%} of what can be shown{held}"
 
 
-def print_certificates(certificates: Sequence[Certificate]) -> None:
-    """Print certificates as a table; print nothing if there are none."""
+def print_certificates(certificates: Sequence[Certificate], setup: PlannerSetup) -> None:
+    """Print certificates as a table; print nothing if there are none.
+
+    Parameters
+    ----------
+    certificates : to print
+    setup : what they were made with
+    """
     if not certificates:
         return
     table = Table(box=SIMPLE, pad_edge=False, padding=(0, 1, 0, 0))
@@ -52,6 +68,6 @@ def print_certificates(certificates: Sequence[Certificate]) -> None:
             str(c.pose_index),
             f"{100 * c.probability:.1f}",
             f"{100 * c.pickable:.0f}",
-            certificate_words(c),
+            certificate_words(c, setup),
         )
     stdout.print(table)

@@ -76,17 +76,19 @@ def plan_part_file(
             body |= {"steps": [], "error": _no_plan(compiled, kept, certificates)}
         else:
             body |= plan_json(compiled.solid, compiled.samples, setup.layout, kept.plan)
-        listed = [certificate_json(c) for c in certificates]
+        listed = [certificate_json(c, setup) for c in certificates]
         end = {"seconds": seconds, "from_cache": planning.is_from_cache}
         emit(body | {"certificates": listed} | end)
     else:
-        print_certificates(certificates)
+        print_certificates(certificates, setup)
     if kept.plan is None:
         warn(f"cellctl: {_no_plan(compiled, kept, certificates)}")
     if report is not None:
         from controller.results.plan_page import PlanFacts, write_plan_page
 
-        facts = PlanFacts(compiled, cell.name, setup.layout, kept, certificates, place)
+        facts = PlanFacts(
+            compiled, cell.name, setup.layout, kept, certificates, place, setup.sentence
+        )
         try:
             written = write_plan_page(facts, report)
         except OSError as error:

@@ -9,6 +9,7 @@ from controller.cad import Solid, SurfaceSamples
 from controller.planning import CellLayout, Certificate, Plan
 from controller.planning.motion import tcp_pose
 from controller.results.moments import Moment, MomentKind, moments, view_count
+from controller.setup.planner import PlannerSetup
 
 from .drive_json import (
     Deeds,
@@ -112,11 +113,17 @@ def _step_json(
     return body
 
 
-def certificate_json(certificate: Certificate) -> dict[str, Any]:
+def certificate_json(certificate: Certificate, setup: PlannerSetup) -> dict[str, Any]:
     """Return a certificate.
 
     `pickable` is the share of positions where the part can be grasped; `same_as` the pose that a
-    symmetry of the part makes this one, null for none.
+    symmetry of the part makes this one, null for none; `heaviest_g_cm3` the density up to which the
+    plan's grasps hold.
+
+    Parameters
+    ----------
+    certificate : of a stable pose
+    setup : what it was made with
     """
     body: dict[str, Any] = {
         "pose": certificate.pose_index,
@@ -124,6 +131,8 @@ def certificate_json(certificate: Certificate) -> dict[str, Any]:
         "pickable": certificate.pickable,
         "planned": certificate.plan is not None,
         "same_as": certificate.same_as if certificate.same_as >= 0 else None,
+        "density_g_cm3": setup.density_g_cm3,
+        "density_from": setup.density_from,
     }
     if certificate.plan is None:
         return body | {"reason": certificate.reason}
@@ -134,4 +143,5 @@ def certificate_json(certificate: Certificate) -> dict[str, Any]:
         "forecast_s": certificate.plan.forecast_s,
         "covered_fraction": certificate.plan.covered_fraction,
         "reachable_fraction": certificate.plan.reachable_fraction,
+        "heaviest_g_cm3": setup.heaviest_g_cm3(certificate.plan),
     }

@@ -43,7 +43,9 @@ def check_recipe(recipe_path: Path, cell_path: Path | None, *, as_json: bool) ->
                     characteristic_json(each.characteristic, each.capability)
                     for each in checked.characteristics
                 ],
-                "certificates": [certificate_json(p.certified.certificate) for p in checked.poses],
+                "certificates": [
+                    certificate_json(p.certified.certificate, checked.setup) for p in checked.poses
+                ],
                 "seconds": time.monotonic() - started,
             }
         )

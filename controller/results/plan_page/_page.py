@@ -29,6 +29,7 @@ class PlanFacts:
     cell : its name
     certificates : of all stable poses; empty where only one was planned from
     place : planar pose of the part: x [mm], y [mm], theta [deg]
+    inputs : what plan and certificates were made with, in a sentence
     """
 
     part: CompiledPart
@@ -37,6 +38,7 @@ class PlanFacts:
     kept: KeptPlan
     certificates: tuple[Certificate, ...]
     place: tuple[float, float, float]
+    inputs: str
 
     @property
     def pose(self) -> StablePose:
