@@ -39,6 +39,7 @@ class Strips:
     is_smooth : (e,) edges inside a curve, or where it runs into a plane
     region : (f,) number of the curve a strip is part of; each plane has one of its own
     is_wide : (f,) strips wider than those beside them, over which the curve hardly bulges
+    is_band : (f,) strips of a band round the part's axis, however unequal they are
     cap_mm, lift_mm : `BULGE_CAP_MM` and `ROLLING_LIFT_MM` for a part of this size
     """
 
@@ -47,6 +48,7 @@ class Strips:
     is_smooth: BoolArray
     region: IntArray
     is_wide: BoolArray
+    is_band: BoolArray
     cap_mm: float
     lift_mm: float
 
@@ -85,7 +87,9 @@ def find_strips(hull: Hull) -> Strips:
     strip &= bulge <= cap_mm  # wider, it is a face of its own, at a blunt angle to the next
     bulge[~strip] = 0.0
     smooth = keep & (strip[first] | strip[second])
-    return Strips(strip, bulge, smooth, region, wide & strip, cap_mm, ROLLING_LIFT_MM * scale)
+    band = np.zeros(hull.count, dtype=bool)
+    lift_mm = ROLLING_LIFT_MM * scale
+    return Strips(strip, bulge, smooth, region, wide & strip, band, cap_mm, lift_mm)
 
 
 def _bulges(hull: Hull, angle: FloatArray) -> tuple[FloatArray, BoolArray]:

@@ -142,6 +142,8 @@ class Curves:
     def _is_flat(self, bottom: int, reach: IntArray) -> bool:
         """Return whether a facet, much larger than those it runs into, bridges or is ground."""
         hull, strips = self._hull, self._strips
+        if strips.is_band[bottom]:
+            return False
         beside = hull.edge_facets[strips.is_smooth & (hull.edge_facets == bottom).any(axis=1)]
         others = np.setdiff1d(np.union1d(beside, reach), [bottom])
         if not len(others):

@@ -16,6 +16,7 @@ from ..solid import Solid
 from ._curves import find_strips, merge_hollows
 from ._families import Curves, Roll, RollingFamily
 from ._hull import Hull, hull_of
+from ._rings import axes_of, with_rings
 from ._topple import Landscape, landscape_of
 
 GRAVITY_M_S2 = 9.81
@@ -115,7 +116,7 @@ def find_resting(
     )
     hull = hull_of(np.asarray(solid.mesh.vertices, dtype=np.float64), centre)
     land = landscape_of(hull)
-    strips = find_strips(hull)
+    strips = with_rings(hull, find_strips(hull), axes_of(solid.faces, centre))
     hollow, hollow_probabilities = merge_hollows(hull, land, strips)
     bottoms, probabilities, lift, topple_edge = _hollows(hull, land, hollow, hollow_probabilities)
 
