@@ -198,7 +198,7 @@ def test_plan_check_compile_and_run_agree_to_the_byte(
     c = compute.context(job)
     T = resting_pose(c.solid, c.poses[planned["pose"]], planned["x_mm"], planned["y_mm"], 0.0)
     plan = answers.plan(job, OnTable(planned["pose"], T), None, frozenset(), ())
-    body = plan_json(c.solid, c.samples, c.layout, plan)
+    body = plan_json(c.solid, c.samples, c.layout, plan, c.not_inspected)
     assert json.dumps(body) == json.dumps({key: planned[key] for key in body})
     certificates = [
         certificate_json(p.certified.certificate, c.setup) for p in check_job(job).poses
@@ -255,6 +255,24 @@ def test_a_certificate_names_the_density_up_to_which_its_grasps_hold(folder: Pat
     assert 7.85 < heaviest <= slips_g_cm3
     # what weight uses is in proportion to it: the most loaded grasp is just allowed
     assert max(grasp.load for grasp in plan.grasps) * heaviest / 7.85 == pytest.approx(0.5)
+
+
+def test_faces_that_the_recipe_leaves_out_are_named_in_the_plan(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text, other = (folder / "block.yaml").read_text(), folder / "gauged.yaml"
+    other.write_text(text.replace("least_gain", "not_inspected: {F0: gauged by hand}, least_gain"))
+    planned = told(["plan", "--recipe", str(other)], capsys)
+    assert planned["not_inspected"] == {"0": "gauged by hand"}
+    for piece in planned["unseen"]:
+        assert piece["not_inspected"] == ("gauged by hand" if piece["face"] == 0 else None)
+    other.write_text(text.replace("least_gain", "not_inspected: {F99: gauged by hand}, least_gain"))
+    refused = []
+    for words in (["plan", "--recipe"], ["check"]):
+        assert main([*words, str(other), "--cell", str(CELL)]) == 2
+        refused.append(capsys.readouterr().err)
+    assert "no face 'F99' on the part" in refused[0]
+    assert refused[0] == refused[1]
 
 
 def test_without_a_recipe_what_is_assumed_is_said(

@@ -1,7 +1,7 @@
 """`cellctl plan`: how to show a part, at what cost, and why not the rest; nothing moves."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ from controller.cell.plans import KeptPlan, PlanCache
 from controller.config import Cell, ConfigError, load_cell
 from controller.planning import Certificate
 from controller.results.moments import view_count
+from controller.setup.faces import faces_left_out
 from controller.setup.planner import PlannerSetup, planner_setup
 
 from ..inputs.checks import Place, check_writable_folder, parse_place
@@ -58,10 +59,11 @@ def plan_part_file(
     place = parse_place(at, cell, is_on_table=False)
     compiled = load_part(part.path, part.options)
     setup = planner_setup(part.recipe, cell, compiled)
+    left_out = _left_out(part, compiled)
     poses = _asked(compiled, pose_index)
     started = time.monotonic()
     planning = PlanCache(compiled, setup.layout, setup.options, use_cache=use_cache)
-    report_plan = None if as_json else (lambda kept: _print(compiled, cell, kept, place))
+    report_plan = None if as_json else (lambda kept: _print(compiled, cell, kept, place, left_out))
     if not as_json:
         print_line(setup.sentence)
     if report_plan is not None and not planning.is_prepared:
@@ -75,7 +77,7 @@ def plan_part_file(
         if kept.plan is None:
             body |= {"steps": [], "error": _no_plan(compiled, kept, certificates)}
         else:
-            body |= plan_json(compiled.solid, compiled.samples, setup.layout, kept.plan)
+            body |= plan_json(compiled.solid, compiled.samples, setup.layout, kept.plan, left_out)
         listed = [certificate_json(c, setup) for c in certificates]
         end = {"seconds": seconds, "from_cache": planning.is_from_cache}
         emit(body | {"certificates": listed} | end)
@@ -96,6 +98,13 @@ def plan_part_file(
         if not as_json:
             print_line(f"report: {written}")
     return 0 if kept.plan is not None else 1
+
+
+def _left_out(part: PartFile, compiled: CompiledPart) -> dict[int, str]:
+    """Return which faces the part's own recipe leaves out, each with the reason."""
+    if part.recipe is None or part.recipe_path is None:
+        return {}
+    return faces_left_out(part.recipe_path, part.recipe, compiled.solid.faces)
 
 
 def _report_coarse(part: CompiledPart, setup: PlannerSetup, pose: StablePose, place: Place) -> None:
@@ -176,7 +185,13 @@ def _no_plan(part: CompiledPart, kept: KeptPlan, certificates: Sequence[Certific
     return f"{part.solid.name}: no plan from any of its {len(certificates)} poses: {reasons}"
 
 
-def _print(part: CompiledPart, cell: Cell, kept: KeptPlan, place: Place) -> None:
+def _print(
+    part: CompiledPart,
+    cell: Cell,
+    kept: KeptPlan,
+    place: Place,
+    left_out: Mapping[int, str],
+) -> None:
     plan = kept.plan
     assert plan is not None
     head = _head(part, cell, kept, place)
@@ -194,5 +209,6 @@ def _print(part: CompiledPart, cell: Cell, kept: KeptPlan, place: Place) -> None
     print_line(proof_words(plan))
     for u in plan.unseen:
         advice = f"; {u.advice}" if u.advice else ""
-        label = part.solid.faces[u.face_id].label
-        print_line(f"  {label}: {u.area_fraction:.2%} not in sight, {u.reason}{advice}")
+        label, why = part.solid.faces[u.face_id].label, left_out.get(u.face_id)
+        recipe = f"; the recipe leaves it out: {why}" if why else ""
+        print_line(f"  {label}: {u.area_fraction:.2%} not in sight, {u.reason}{advice}{recipe}")

@@ -1,5 +1,6 @@
 """A plan as conventions.md 7 defines it: one JSON object; poses are nested row-major lists."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -25,7 +26,11 @@ FORMAT = 1
 
 
 def plan_json(
-    solid: Solid, samples: SurfaceSamples, layout: CellLayout, plan: Plan
+    solid: Solid,
+    samples: SurfaceSamples,
+    layout: CellLayout,
+    plan: Plan,
+    not_inspected: Mapping[int, str],
 ) -> dict[str, Any]:
     """Return all keys of a plan.
 
@@ -40,6 +45,7 @@ def plan_json(
     samples : its surface samples; their areas are the weights of coverage
     layout : the cell that was planned in
     plan : the plan
+    not_inspected : by face id, why the recipe leaves it out
     """
     weights = samples.areas_mm2 / samples.areas_mm2.sum()
     seen = np.zeros(len(weights), dtype=bool)
@@ -77,6 +83,7 @@ def plan_json(
             {"view": p.view_id, "direction_part": p.direction_part.tolist(), "q": p.q.tolist()}
             for p in plan.presents
         ],
+        "not_inspected": {str(face): reason for face, reason in sorted(not_inspected.items())},
         "unseen": [
             {
                 "face": u.face_id,
@@ -85,6 +92,7 @@ def plan_json(
                 "kind": u.kind.value,
                 "reason": u.reason,
                 "remedy": u.advice,
+                "not_inspected": not_inspected.get(u.face_id),
                 "samples": list(u.samples),
             }
             for u in plan.unseen
