@@ -1,6 +1,6 @@
 """Read recipe.yaml and cell.yaml once, check all of it, and suggest right keys for wrong ones."""
 
-from .cad_files import CAD_FORMATS, is_cad_file
+from .cad_files import CAD_FORMATS, STEP_FORMATS, CadSource, is_cad_file, split_cad
 from .calibrations import load_cell
 from .cell import EMULATED, Cell
 from .errors import ConfigError
@@ -15,6 +15,8 @@ __all__ = [
     "EMULATED",
     "EMULATED_CELL",
     "SHIPPED",
+    "STEP_FORMATS",
+    "CadSource",
     "Cell",
     "ConfigError",
     "FaultsSection",
@@ -29,4 +31,5 @@ __all__ = [
     "load_recipe",
     "load_yaml",
     "project_recipe",
+    "split_cad",
 ]

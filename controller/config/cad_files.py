@@ -1,9 +1,99 @@
-"""Find CAD files by their names alone."""
+"""CAD files by their names alone; ``file.step#NAME`` is one body of several in a file.
 
+A name of that form is a path as any other to who hands it on. Whoever opens, hashes or copies the
+file takes the name apart by `split_cad`.
+"""
+
+import unicodedata
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 CAD_FORMATS: Final = (".stl", ".obj", ".ply", ".off", ".3mf", ".step", ".stp", ".yaml")
+STEP_FORMATS: Final = (".step", ".stp")
+MARK: Final = "#"  # between the file and the name of the body
+
+
+@dataclass(frozen=True, slots=True)
+class CadSource:
+    """What the name of a part stands for.
+
+    Attributes
+    ----------
+    file : on the disk
+    body : name of one of its bodies, as `body_name` has it, maybe empty; None where none is named
+    """
+
+    file: Path
+    body: str | None = None
+
+    @property
+    def ending(self) -> str:
+        """Of the file's name, in lower case with the dot."""
+        return self.file.suffix.lower()
+
+    @property
+    def name(self) -> str:
+        """The file's name without folders, with the body's."""
+        return self.file.name if self.body is None else f"{self.file.name}{MARK}{self.body}"
+
+    @property
+    def part_name(self) -> str:
+        """What the part is called."""
+        if self.body:
+            return self.body
+        stem = self.file.stem
+        return stem.removesuffix(".csg") if self.ending == ".yaml" else stem
+
+
+def split_cad(path: Path) -> CadSource:
+    """Return file and body that a part's name stands for.
+
+    A file that has the whole name is that file, whatever signs are in it. Otherwise the name ends
+    with the first CAD file in it that is followed by `MARK`, one that is there before others.
+
+    Parameters
+    ----------
+    path : ``file.step``, or ``file.step#NAME``
+    """
+    text = str(path)
+    if MARK not in text or _is_file(path):
+        return CadSource(path)
+    marks = [i for i, sign in enumerate(text) if sign == MARK]
+    cuts = [i for i in marks if text[:i].lower().endswith(CAD_FORMATS)]
+    if not cuts:
+        return CadSource(path)
+    cut = next((i for i in cuts if _is_file(Path(text[:i]))), cuts[0])
+    return CadSource(Path(text[:cut]), body_name(text[cut + 1 :]))
+
+
+def cad_identity(name: str, sha256: str) -> str:
+    """Return what tells one product from another: the hash of its CAD file, and its body.
+
+    Parameters
+    ----------
+    name : of the part, ``file.step#NAME`` or without a body, as `CadSource.name` has it
+    sha256 : of the file; empty where it is not known
+    """
+    body = split_cad(Path(name)).body
+    return sha256 if body is None or not sha256 else f"{sha256}{MARK}{body}"
+
+
+def body_path(file: Path, body: str) -> Path:
+    """Return the name of a part that is one body of a file."""
+    return file.with_name(f"{file.name}{MARK}{body}")
+
+
+def body_name(text: str) -> str:
+    """Return the name of a body as it is written behind `MARK`: fit for the name of a file.
+
+    Parameters
+    ----------
+    text : from a file, or from somebody who names the body
+    """
+    spelt = unicodedata.normalize("NFC", text)
+    signs = ("_" if c in "/\\" or not (c.isprintable() or c.isspace()) else c for c in spelt)
+    return " ".join("".join(signs).split())
 
 
 def is_cad_file(path: Path) -> bool:
@@ -12,3 +102,10 @@ def is_cad_file(path: Path) -> bool:
     if ending == ".yaml":
         return path.name.lower().endswith(".csg.yaml")
     return ending in CAD_FORMATS
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except (OSError, ValueError):
+        return False

@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, AliasChoices, Field, model_validator
 
-from .cad_files import is_cad_file
+from .cad_files import is_cad_file, split_cad
 from .characteristics import CharacteristicSection, ToleranceClass
 from .errors import ConfigError
 from .faults import FaultsSection
@@ -87,8 +87,8 @@ class Recipe(Section):
     Attributes
     ----------
     name : of the product, for people
-    part : CAD file, relative to the recipe
-    others : CAD files of other parts that may turn up on the table
+    part : CAD file, relative to the recipe; ``file.step#NAME`` is one body of a file of several
+    others : CAD files of other parts that may turn up on the table, named as `part`
     unit : of CAD files that name none, such as STL; a file that names its unit keeps it
     density_g_cm3 : of the material, for the part's weight (default: the CAD file's, else 2.7,
         aluminium)
@@ -149,7 +149,7 @@ def load_recipe(path: Path) -> Recipe:
     named = [(part, line_of(("part",)))]
     named += [(other, line_of(("others", i))) for i, other in enumerate(others)]
     for cad, line in named:
-        if not _is_file(cad):
+        if not _is_file(split_cad(cad).file):
             raise ConfigError(_unknown_part(path, cad, line))
     return recipe.model_copy(update={"part": part, "others": others, "cell": cell})
 
@@ -158,7 +158,7 @@ def _inside(recipe: Path, name: Path, where: str, location: tuple[int | str, ...
     """Return a file that a recipe names; raise ConfigError if it is outside its folder."""
     file, key = recipe.parent / name, location[0]
     try:
-        is_inside = file.resolve().is_relative_to(recipe.parent.resolve())
+        is_inside = split_cad(file).file.resolve().is_relative_to(recipe.parent.resolve())
     except (OSError, RuntimeError, ValueError) as error:  # not a file name, or links in a circle
         raise ConfigError(f"{where}: `{key}`: {reason_of(error)} ({str(name)!r:.80})") from error
     if not is_inside:
@@ -175,6 +175,7 @@ def _is_file(path: Path) -> bool:
 
 
 def _unknown_part(recipe: Path, cad: Path, line: int | None) -> str:
+    cad = split_cad(cad).file
     folder = cad.parent
     try:
         known = sorted(p.name for p in folder.glob("*") if is_cad_file(p))

@@ -7,7 +7,7 @@ from typing import Final
 
 from controller.arrays import BoolArray, Grey
 from controller.cad.compiled import CompiledPart, load_part, options_among
-from controller.config import ConfigError, Recipe
+from controller.config import ConfigError, Recipe, split_cad
 from controller.config.view_set import ViewSetFile
 from controller.imaging import transform
 from controller.inspection import (
@@ -61,7 +61,7 @@ def compiled_part(set_path: Path, file: ViewSetFile) -> CompiledPart:
     ConfigError : there is no such CAD file
     CadError : it is wrong
     """
-    if not file.part.is_file():
+    if not split_cad(file.part).file.is_file():
         raise ConfigError(f"{set_path}: `part`: no file {file.part}; a CAD file is expected")
     return load_part(file.part, options_among(file.part, file.unit))
 

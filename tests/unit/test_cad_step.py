@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import random
+import re
 import time
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from step_files import needs_kernel, write_all
 from controller.cad import CadError, EmptyCadError, ManySolidsCadError, OpenCadError, load_solid
 from controller.cad.boundary import Curve, Face
 from controller.cad.errors import UnreadableCadError
-from controller.cad.reading.step.files import StepPart, read_step_part
+from controller.cad.reading.step.files import StepPart, list_bodies, read_step_part
 from controller.cad.reading.step.kernel import KernelLimits, KernelRun
 from controller.cad.reading.step.part21 import Part21, Part21Error
 from controller.cad.surfaces.features import find_features
@@ -260,6 +261,27 @@ def test_faces_that_meet_in_an_edge_stay_apart(files: dict[str, Path]) -> None:
 
 @needs_kernel
 @pytest.mark.slow
+def test_tolerances_are_those_of_the_body_that_is_named(files: dict[str, Path]) -> None:
+    """The plate is a body of two: its tolerances go with it, and the other one has none."""
+    both = files["two boxes"].with_name("plate and boxes.step")
+    whole = read_step_part(files["plate"].with_name("toleranced.step"))
+    both.write_text(_with_tolerances(_beside(files["plate"], files["two boxes"])))
+    plate, *others = list_bodies(both).distinct
+    part = read_step_part(both, body=plate.name)
+    assert part.tolerances == whole.tolerances
+    assert len(part.tolerances) == 3
+    assert [read_step_part(both, body=other.name).tolerances for other in others] == [()]
+
+
+def _beside(one: Path, other: Path) -> str:
+    """Return the text of two files as one, the second's records behind the first's."""
+    texts = [path.read_text() for path in (one, other)]
+    shifted = re.sub(r"#(\d+)", lambda n: f"#{int(n[1]) + 100_000}", texts[1])
+    records = shifted.split("DATA;", 1)[1].rpartition("ENDSEC;")[0]
+    head, end, tail = texts[0].rpartition("ENDSEC;")
+    return head + records + end + tail
+
+
 def test_tolerances_of_a_bore_in_several_faces_name_its_one_face(files: dict[str, Path]) -> None:
     path = files["plate cut up"].with_name("cut up and toleranced.step")
     path.write_text(_with_tolerances(files["plate cut up"].read_text()))

@@ -1,8 +1,9 @@
 """Compiled parts kept on disk, one file each, trusted only as far as they prove themselves.
 
-A file's name holds the part and a key: hash of the CAD file, its ending, the options, the format,
-our own source and the libraries that decide. Another key is another file; so nothing has to be
-found out about an old one. The file repeats the key, the shape of what it holds, and a digest.
+A file's name holds the part and a key: hash of the CAD file and of those it names, its
+ending, the body, the options, the format, our own source and the libraries that decide. Another key
+is another file; so nothing has to be found out about an old one. The file repeats the key, the
+shape of what it holds, and a digest.
 """
 
 import hashlib
@@ -11,10 +12,13 @@ from functools import lru_cache
 from pathlib import Path
 
 from controller.cache import DiskCache, digest_of, source_hash, versions
+from controller.config import STEP_FORMATS, split_cad
+from controller.config.cad_files import MARK
 
+from ..reading import files_of
 from ..solid import Solid
 from ._mesh import called, solids
-from .part import STEP, CompiledPart, CompileOptions, compile_part, part_name
+from .part import CompiledPart, CompileOptions, compile_part, part_name
 
 FORMAT = 2  # raised when the same source and options come to mean something else
 MAX_FILE_COUNT = 200  # the oldest ones go first; each can be computed again
@@ -102,14 +106,25 @@ def _file_of(path: Path, options: CompileOptions, cache: Path | None) -> Path | 
 
 def cache_key(path: Path, options: CompileOptions) -> str | None:
     """Return what tells one compiled part from another, None where the file cannot be read."""
+    source = split_cad(path)
+    contents = []
     try:
         # a pipe or a device would keep us for ever, what is larger is refused before it is read
-        if not path.is_file() or path.stat().st_size > MAX_CAD_BYTES:
+        if not source.file.is_file() or source.file.stat().st_size > MAX_CAD_BYTES:
             return None
-        with path.open("rb") as file:
-            content = hashlib.file_digest(file, "sha256").hexdigest()
+        for each in files_of(source.file):
+            with each.open("rb") as file:
+                contents.append(hashlib.file_digest(file, "sha256").hexdigest())
     except OSError:
         return None  # reading it tells why
-    ending = path.suffix.lower()
-    libraries = (*DECIDING, "cadquery-ocp-novtk") if ending in STEP else DECIDING
-    return digest_of(FORMAT, content, ending, options, source_hash(*SOURCES), versions(*libraries))
+    is_step = source.ending in STEP_FORMATS
+    libraries = (*DECIDING, "cadquery-ocp-novtk") if is_step else DECIDING
+    body = "" if source.body is None else f"{MARK}{source.body}"
+    return digest_of(
+        FORMAT,
+        "\n".join(contents),
+        f"{source.ending}{body}",
+        options,
+        source_hash(*SOURCES),
+        versions(*libraries),
+    )

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from controller.arrays import IntArray
+from controller.config import STEP_FORMATS, split_cad
 
 from ..boundary import euler_defect, face_genera
 from ..reading import load_solid
@@ -27,7 +28,6 @@ from ..surfaces.features import Feature, find_features
 from ..surfaces.tolerances import Tolerance
 from ..views import LineView, line_view, prepare_views
 
-STEP = (".step", ".stp")
 UNITLESS = (".stl", ".obj", ".ply", ".off")  # formats that have no place for a unit
 MAX_SAMPLES = 200_000
 MAX_NAMED = 4  # poses named one by one in a remark
@@ -52,13 +52,13 @@ class CompileOptions:
 
 
 def part_name(path: Path) -> str:
-    """Return what a part is called by its file, as reading has it."""
-    return path.stem.removesuffix(".csg") if path.suffix.lower() == ".yaml" else path.stem
+    """Return what a part is called by its file, or by the name of its body, as reading has it."""
+    return split_cad(path).part_name
 
 
 def options_among(path: Path, unit: str | None) -> CompileOptions:
     """Return the options of one of several files: a unit is only for those that name none."""
-    return CompileOptions(unit=unit if path.suffix.lower() in UNITLESS else None)
+    return CompileOptions(unit=unit if split_cad(path).ending in UNITLESS else None)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -214,12 +214,13 @@ def _views(solid: Solid, poses: Sequence[StablePose]) -> tuple[LineView, ...]:
 
 
 def _read(path: Path, unit: str | None) -> tuple[Solid, tuple[Tolerance, ...], tuple[str, ...]]:
-    if path.suffix.lower() not in STEP:
+    source = split_cad(path)
+    if source.ending not in STEP_FORMATS:
         return load_solid(path, unit=unit), (), ()
     from ..reading.step.files import (
         read_step_part,  # slow to import, and only needed here
     )
 
-    found = read_step_part(path)
+    found = read_step_part(source.file, body=source.body)
     check_unit(unit, found.solid.unit, path)
     return found.solid, found.tolerances, found.warnings

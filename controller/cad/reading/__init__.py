@@ -2,5 +2,6 @@
 
 from ._ahead import check_ahead
 from ._files import load_solid
+from .step.references import files_of
 
-__all__ = ["check_ahead", "load_solid"]
+__all__ = ["check_ahead", "files_of", "load_solid"]

@@ -14,7 +14,8 @@ from typing import Final, cast
 import numpy as np
 import trimesh
 
-from controller.config import CAD_FORMATS
+from controller.config import CAD_FORMATS, split_cad
+from controller.config.cad_files import MARK, STEP_FORMATS
 
 from ..errors import UnreadableCadError
 from ..solid import Solid, make_solid
@@ -34,7 +35,7 @@ def load_solid(path: Path, *, unit: str | None = None) -> Solid:
 
     Parameters
     ----------
-    path : STL, OBJ, PLY, OFF, 3MF, STEP or CSG text
+    path : STL, OBJ, PLY, OFF, 3MF, STEP or CSG text; ``file.step#NAME`` is one body of several
     unit : of the file's lengths: mm, cm, m or inch. None: what the file says or, where its format
         has no place for it (STL, OBJ, PLY, OFF), millimetres, if these make a part of sense
 
@@ -42,18 +43,23 @@ def load_solid(path: Path, *, unit: str | None = None) -> Solid:
     ------
     CadError : as its classes say; each names the file, the fault and what to do about it
     """
-    ending = path.suffix.lower()
+    source = split_cad(path)
+    path, ending = source.file, source.ending
     if ending not in CAD_FORMATS:
         raise UnreadableCadError(
             f"{path}: format {path.suffix or 'without ending'} is not read; "
             f"export the part as one of {FORMAT_NAMES}"
         )
+    if source.body is not None and ending not in STEP_FORMATS:
+        raise UnreadableCadError(
+            f"{path}: only a STEP file has bodies with names; leave out {MARK}{source.body}"
+        )
     name, mm_per_unit = read_unit(unit or "mm", path)
     size = size_of(path)
-    if ending in {".step", ".stp"}:
+    if ending in STEP_FORMATS:
         from .step.files import read_step  # slow to import, and only needed here
 
-        solid = read_step(path)
+        solid = read_step(path, source.body)
         check_unit(unit, solid.unit, path)
         return solid
     if ending == ".yaml":

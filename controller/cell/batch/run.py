@@ -10,7 +10,8 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, Final
 
-from controller.config import Cell, Recipe
+from controller.cad.reading import files_of
+from controller.config import Cell, Recipe, split_cad
 from controller.config.calibrations import read_calibrations, standing_of
 from controller.config.view_set import SetCalibration
 from controller.planning.motion import ProvenMove, Swept
@@ -246,13 +247,15 @@ def _keep_inputs(order: RunOrder) -> dict[str, str]:
     folder = order.folder / INPUTS
     folder.mkdir(exist_ok=True)
     digests = {}
+    part = split_cad(order.recipe.part).file
     for name, path in (
-        (order.recipe.part.name, order.recipe.part),
+        *((str(cad.relative_to(part.parent)), cad) for cad in files_of(part)),
         ("recipe.yaml", order.recipe_path),
         ("cell.yaml", order.cell_path),
         *((f"calibration-{name}.json", path) for name, path in _calibrations(order)),
     ):
         data = path.read_bytes()
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_bytes(data)
         digests[f"{INPUTS}/{name}"] = hashlib.sha256(data).hexdigest()
     return digests
@@ -333,8 +336,11 @@ def input_files(order: RunOrder) -> tuple[Path, ...]:
     return (
         order.recipe_path,
         order.cell_path,
-        order.recipe.part,
-        *order.recipe.others,
+        *dict.fromkeys(
+            file
+            for part in (order.recipe.part, *order.recipe.others)
+            for file in files_of(split_cad(part).file)
+        ),
         *(path for _, path in _calibrations(order)),
     )
 

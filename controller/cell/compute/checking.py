@@ -11,7 +11,15 @@ from pathlib import Path
 
 from controller.cad import Solid, StablePose, load_solid
 from controller.cad.compiled import UNITLESS, CompileOptions, cached_part, load_part
-from controller.config import Cell, ConfigError, Recipe, line_in, load_cell, load_recipe
+from controller.config import (
+    Cell,
+    ConfigError,
+    Recipe,
+    line_in,
+    load_cell,
+    load_recipe,
+    split_cad,
+)
 from controller.setup.drivers import require_drivers, require_force
 from controller.setup.planner import PlannerSetup
 
@@ -86,7 +94,7 @@ def _solid(path: Path, options: CompileOptions) -> Solid:
     kept = cached_part(path, options)
     if kept is not None:
         return kept.solid
-    is_quick = path.suffix.lower() in UNITLESS
+    is_quick = split_cad(path).ending in UNITLESS
     return load_solid(path, unit=options.unit) if is_quick else load_part(path, options).solid
 
 

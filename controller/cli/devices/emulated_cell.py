@@ -2,14 +2,16 @@
 
 import signal
 import threading
+from contextlib import ExitStack
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from controller.cad.compiled import load_part
 from controller.cell.devices.emulator import emulated_cell, emulator_args, emulator_command
 from controller.config import load_cell
 
 from ..inputs.checks import check_control, parse_place
-from ..inputs.part_files import emulated_orientation
+from ..inputs.part_files import emulated_orientation, for_emulator
 from ..terminal.output import emit, print_line
 
 
@@ -51,15 +53,21 @@ def serve(
     check_control(control)
     if at is not None:
         parse_place(at, cell)
-    orientation = emulated_orientation([load_part(part) for part in parts], pose)
+    compiled = [load_part(part) for part in parts]
+    orientation = emulated_orientation(compiled, pose)
     ended = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda *_: ended.set())
     more = emulator_args(orientation, at, control, as_built, surfaces)
     if lines is not None:
         more = (*more, "--lines", lines)
-    command = emulator_command(cell_path, parts, speed=speed, seed=seed, more=more)
-    with emulated_cell(command) as ready:
+    with TemporaryDirectory(prefix="cellctl-emulate-") as folder, ExitStack() as stack:
+        files = [
+            for_emulator(path, part, Path(folder) / str(number))
+            for number, (path, part) in enumerate(zip(parts, compiled, strict=True))
+        ]
+        command = emulator_command(cell_path, files, speed=speed, seed=seed, more=more)
+        ready = stack.enter_context(emulated_cell(command))
         if as_json:
             emit(ready)
         else:

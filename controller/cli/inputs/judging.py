@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Final
 
 from controller.cad.compiled import part_name
-from controller.config import ConfigError, find_recipe, load_recipe
+from controller.config import ConfigError, find_recipe, load_recipe, split_cad
 from controller.config.files import read_bytes
 from controller.config.view_set import ViewSetFile
 from controller.stored import Judging
@@ -36,7 +36,10 @@ def judging_of(set_path: Path, file: ViewSetFile, recipe_path: Path | None) -> J
             f"{path}: `part`: the recipe is for {part_name(recipe.part)}, the set shows "
             f"{part_name(file.part)}; choose the recipe of this part"
         )
-    own, other = (read_bytes(cad, MAX_CAD_BYTES, "a CAD file") for cad in (recipe.part, file.part))
+    own, other = (
+        read_bytes(split_cad(cad).file, MAX_CAD_BYTES, "a CAD file")
+        for cad in (recipe.part, file.part)
+    )
     if own != other:
         warn(f"{path}: its CAD file differs from {file.part}, which the part is judged by")
     return Judging(recipe, path, set_path)

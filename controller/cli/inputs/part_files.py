@@ -14,7 +14,10 @@ from controller.config import (
     find_recipe,
     load_recipe,
     project_recipe,
+    split_cad,
 )
+
+EMULATOR_READS = (".stl", ".obj", ".ply", ".off")
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,6 +117,22 @@ def emulated_orientation(parts: Sequence[CompiledPart], pose: int | None) -> Flo
     if not parts:
         raise ConfigError(f"--pose {pose}: no part is on the emulated table; leave it out")
     return stable_pose(parts[0], pose).R
+
+
+def for_emulator(path: Path, part: CompiledPart, folder: Path) -> Path:
+    """Return a CAD file that the emulated cell can read: triangles in millimetres.
+
+    Parameters
+    ----------
+    path, part : CAD file, and what it holds
+    folder : where a copy is written, if the file is not such a one
+    """
+    if split_cad(path).ending in EMULATOR_READS and part.solid.unit == "mm":
+        return path
+    folder.mkdir(parents=True, exist_ok=True)
+    copy = folder / f"{part.solid.name}.stl"
+    part.solid.mesh.export(copy)
+    return copy
 
 
 def cell_of_this_folder() -> Path:

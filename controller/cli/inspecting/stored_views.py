@@ -6,7 +6,7 @@ import time
 from datetime import UTC, datetime
 from pathlib import Path
 
-from controller.config import ConfigError
+from controller.config import ConfigError, split_cad
 from controller.config.files import read_bytes
 from controller.config.view_set import ViewSetFile, load_view_set
 from controller.inspection import Verdict
@@ -73,12 +73,13 @@ def _header(
 ) -> Header:
     """Return what a report says of a part besides what was measured."""
     recipe = judging.path if judging.path != set_path else None
+    cad = split_cad(file.part)
     return Header(
         part=name,
         recipe="" if recipe is None else recipe.name,
         recipe_sha256="" if recipe is None else _sha256(recipe),
-        cad=file.part.name,
-        cad_sha256=_sha256(file.part),
+        cad=cad.name,
+        cad_sha256=_sha256(cad.file),
         software=software_versions(),
         start=began,
         end=datetime.now(UTC),

@@ -11,7 +11,10 @@ from ..options import JsonOption, UnitOption, finite
 def compile_(
     parts: Annotated[
         list[Path] | None,
-        typer.Argument(metavar="PART", help="CAD files (default: the recipe's part)"),
+        typer.Argument(
+            metavar="PART",
+            help="CAD files; FILE.step#NAME is one body of several (default: the recipe's part)",
+        ),
     ] = None,
     recipe: Annotated[
         Path | None,
@@ -51,6 +54,10 @@ def compile_(
     no_cache: Annotated[
         bool, typer.Option("--no-cache", help="compile again; do not use the cache")
     ] = False,
+    all_bodies: Annotated[
+        bool,
+        typer.Option("--all", help="compile each distinct body of STEP files of several"),
+    ] = False,
     json: JsonOption = False,
 ) -> None:
     """Print what follows from a CAD file alone.
@@ -65,6 +72,7 @@ def compile_(
     has_recipe = any(file.recipe is not None for file in files)
     code = compile_parts(
         files,
+        all_bodies=all_bodies,
         density_g_cm3=density,
         report=report,
         cell=recipe_cell if has_recipe else cell,

@@ -30,12 +30,14 @@ from ..inputs.part_files import PartFile
 from ..planning.certificates import print_certificates
 from ..planning.characteristics import print_characteristics
 from ..terminal.output import emit, print_line, stdout, warn
+from .bodies import BodyFiles, every_body
 from .part_json import certified_json, part_json
 
 
 def compile_parts(
     files: Sequence[PartFile],
     *,
+    all_bodies: bool = False,
     density_g_cm3: float | None,
     report: Path | None,
     cell: Path | None,
@@ -48,6 +50,7 @@ def compile_parts(
     Parameters
     ----------
     files : CAD files, with the recipe of each
+    all_bodies : compile each distinct body of them, and print a table
     density_g_cm3 : of all parts; None for the recipe's, else the file's, else aluminium's
     report : HTML page to write, None for none
     cell : cell file, to report grasps and a plan for each stable pose as well; None for neither
@@ -68,12 +71,17 @@ def compile_parts(
         check_writable_folder(report.parent, "--report in")
     planned_in = None if cell is None else load_cell(cell)
     code, parts = 0, []
-    for file in files:
-        started = time.perf_counter()
+    listed = every_body(files) if all_bodies else BodyFiles.of(files)
+    if not listed.is_whole:
+        code = 2
+    for one in listed.files:
+        file, started = one.file, time.perf_counter()
         try:
             part, from_cache = _compiled(file.path, file.options, use_cache=use_cache)
         except CadError as error:
             warn(f"cellctl: {error}")
+            if all_bodies:
+                listed.report_refused(one, error, as_json=as_json)
             code = 2
             continue
         seconds = time.perf_counter() - started
@@ -82,9 +90,13 @@ def compile_parts(
         body = part_json(part, density_g_cm3, characteristics) | {
             "seconds": seconds,
             "from_cache": from_cache,
+            **one.body,
         }
         if not as_json:
-            _print(part, body)
+            if all_bodies:
+                listed.print_compiled(one, part, seconds)
+            else:
+                _print(part, body)
             if lists_characteristics:
                 print_characteristics(characteristics)
         certified: Sequence[Certified] = ()
@@ -100,6 +112,8 @@ def compile_parts(
             emit(body)
         elif setup is not None:
             _print_certified(part, certified, setup)
+    if all_bodies and not as_json:
+        print_line(f"{len(parts)} of {len(listed.files)} compiled")
     if report is not None and parts:
         try:
             written = write_sheet(parts, density_g_cm3, report)

@@ -16,7 +16,7 @@ from controller.cell.devices.clocks import find_clock
 from controller.cell.journal import JOURNAL_NAME, is_of, read_rows, rows
 from controller.cell.operator import Answer, Question
 from controller.cell.services import INPUTS
-from controller.config import Cell, ConfigError, load_cell
+from controller.config import STEP_FORMATS, Cell, ConfigError, load_cell, split_cad
 
 from ..terminal.output import warn
 from .recipe_run import RunOptions, run_recipe
@@ -126,15 +126,20 @@ def recipe_of(began: rows.RunBegan, folder: Path) -> Path:
     ConfigError : neither is there as it was
     """
     recipe = Path(next(iter(began.files), ""))
-    part = Path(str(began.recipe.get("part", "")))
-    wanted = {path: began.files.get(str(path)) for path in (recipe, part)}
+    part = split_cad(Path(str(began.recipe.get("part", "")))).file
+    inputs = folder / INPUTS
+    stored = {recipe: inputs / "recipe.yaml", part: inputs / part.name}
+    for path in map(Path, began.files):  # what a STEP file of several files is made of
+        if path.suffix.lower() in STEP_FORMATS and path.is_relative_to(part.parent):
+            copy = inputs / path.relative_to(part.parent)
+            stored |= {path: copy} if copy.is_file() else {}
+    wanted = {path: began.files.get(str(path)) for path in stored}
     if all(_digest(path) == digest for path, digest in wanted.items()):
         return recipe
-    stored = {recipe: folder / INPUTS / "recipe.yaml", part: folder / INPUTS / part.name}
     if any(_digest(stored[path]) != digest for path, digest in wanted.items()):
-        raise ConfigError(f"{recipe}: it has changed since, and {folder / INPUTS} has no copy")
-    again = folder / INPUTS / "again"
-    for path in (recipe, part):
+        raise ConfigError(f"{recipe}: it has changed since, and {inputs} has no copy")
+    again = inputs / "again"
+    for path in stored:
         target = again / os.path.relpath(path, recipe.parent)
         if again.resolve() not in target.resolve().parents:
             raise ConfigError(f"{path}: it is not in the folder of {recipe}")

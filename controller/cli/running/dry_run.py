@@ -6,13 +6,14 @@ from hashlib import sha256
 from pathlib import Path
 
 from controller.cad import StablePose
+from controller.cad.reading import files_of
 from controller.cell.batch import new_run_id
 from controller.cell.commissioning.dry import DryOrder, DryPlan, DrySession, dry_plan
 from controller.cell.compute import Job, context
 from controller.cell.compute.checking import check_sizes
 from controller.cell.plans import PlanCache
 from controller.commissioning.procedure import Outcome, StepRecord
-from controller.config import Cell, ConfigError, Recipe, load_cell, load_recipe
+from controller.config import Cell, ConfigError, Recipe, load_cell, load_recipe, split_cad
 from controller.results import load_run, write_html
 from controller.setup.drivers import require_drivers
 
@@ -126,7 +127,8 @@ async def _drive(
         else:
             print_line(f"  {text}")
 
-    files = (options.recipe_path, options.cell_path or recipe.cell, recipe.part)
+    cad = files_of(split_cad(recipe.part).file)
+    files = (options.recipe_path, options.cell_path or recipe.cell, *cad)
     session = DrySession(
         DryOrder(
             recipe=recipe,

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from controller.cad.compiled import CompiledPart, load_part, options_among
+from controller.cad.compiled import load_part, options_among
 from controller.cell.batch import (
     HOST,
     Dispatcher,
@@ -37,15 +37,13 @@ from controller.results import ResultsError, load_run, write_html
 from controller.setup.drivers import require_drivers, require_force
 
 from ..inputs.checks import MIN_FREE_BYTES, check_control, check_writable_folder, parse_place
-from ..inputs.part_files import emulated_orientation
+from ..inputs.part_files import emulated_orientation, for_emulator
 from ..planning.recipe_check import warn_of
 from ..terminal.output import warn
 from .door import OperatorDoor
 from .ends import Ends
 from .report_file import note_report
 from .run_output import display, print_result
-
-EMULATOR_READS = (".stl", ".obj", ".ply", ".off")
 
 log = logging.getLogger(__name__)
 
@@ -135,7 +133,7 @@ def run_recipe(options: RunOptions) -> int:
     folder = runs_dir / run_id
     emulated = cell.emulated_devices
     _warn_of_emulation(emulated, clock, options.speed, seed)
-    parts = tuple(_for_emulator(path, part, folder) for path, part in on_table if emulated)
+    parts = tuple(for_emulator(path, part, folder) for path, part in on_table if emulated)
     part_count = options.count or recipe.count
     fed = ("--feed", str(part_count - 1)) if part_count > 1 and parts else ()
     placed = emulator_args(
@@ -299,16 +297,6 @@ def _why_not_so_fast(speed: float, cell: Cell, clock: FoundClock) -> str:
         )
     real = sorted(set(devices_with_time(cell)) - set(cell.emulated_devices))
     return f"--speed {speed:g}: time cannot run faster on real devices: {real}"
-
-
-def _for_emulator(path: Path, part: CompiledPart, folder: Path) -> Path:
-    """Return a CAD file that the emulated cell can read: triangles in millimetres."""
-    if path.suffix.lower() in EMULATOR_READS and part.solid.unit == "mm":
-        return path
-    folder.mkdir(parents=True, exist_ok=True)
-    copy = folder / f"{part.solid.name}.stl"
-    part.solid.mesh.export(copy)
-    return copy
 
 
 def _report_transport(ready: dict[str, Any]) -> None:

@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from controller.cell.journal import rows
-from controller.config import ConfigError
+from controller.config import ConfigError, split_cad
+from controller.config.cad_files import cad_identity
 from controller.config.files import read_bytes
 from controller.config.view_set import load_view_set
 from controller.results import Header, JudgedPart, RunRecord, judged_part, judged_parts, load_run
@@ -133,8 +134,9 @@ def _take_set(
     file = load_view_set(path)
     judging = judging_of(path, file, recipe_path)
     part = compiled_part(path, file)
-    cad = _sha256(file.part)
-    found.require_product(str(path), part.solid.name, cad)
+    cad = split_cad(file.part)
+    identity = cad_identity(cad.name, _sha256(cad.file))
+    found.require_product(str(path), part.solid.name, identity)
     name, start, grasp = (*names, *("", "", str(number))[len(names) :])
     if not names:
         found.remark("Sets of views without a name of their part are taken as one part.")
@@ -149,7 +151,7 @@ def _take_set(
         source = str(path) if len(repeats) == 1 else f"{path}, repeat {k} of {len(repeats)}"
         found.take(
             Reading(name, start, grasp, source, kept.part.characteristics, grasps),
-            {file.name: _sha256(file) for file in (path, once.part, *pictures)},
+            {file.name: _sha256(file) for file in (path, cad.file, *pictures)},
         )
 
 
@@ -166,7 +168,8 @@ def _take_run(found: Sources, record: RunRecord, names: tuple[str, ...]) -> None
         raise ConfigError(f"run {record.run_id}: no part was measured in it; leave it out")
     for judged in measured:
         source = f"{record.run_id} part {judged.header.number}"
-        found.require_product(source, record.recipe_name, judged.header.cad_sha256)
+        cad = cad_identity(judged.header.cad, judged.header.cad_sha256)
+        found.require_product(source, record.recipe_name, cad)
         if not names and not judged.header.serial:
             found.remark("Parts without a serial number are taken as one part.")
         part = names[0] if names else judged.header.serial

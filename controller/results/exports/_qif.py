@@ -18,6 +18,8 @@ from typing import Final
 
 from lxml import etree
 
+from controller.config.cad_files import cad_identity
+
 from ..judged import DECISION_RULE, JudgedPart, shared_characteristics
 from ..run import CharacteristicReport
 from ..wording import K_U
@@ -161,7 +163,7 @@ class _Document:
         )
         part_id = self.ids.last
         if head.cad_sha256:
-            _add(part, "UUID", str(uuid.uuid5(UUIDS, head.cad_sha256)))
+            _add(part, "UUID", str(uuid.uuid5(UUIDS, cad_identity(head.cad, head.cad_sha256))))
         _add(part, "ModelNumber", head.cad or head.part)
         component = _add(
             _list(product, "ComponentSet", 1),
@@ -254,7 +256,8 @@ class _Document:
             _add(item, "Name", c.id)
             designator = _add(item, "CharacteristicDesignator")
             _add(designator, "Designator", str(c.balloon))
-            cad = self.parts[0].header.cad_sha256 or self.parts[0].header.part
+            head = self.parts[0].header
+            cad = cad_identity(head.cad, head.cad_sha256) or head.part
             _add(designator, "UUID", str(uuid.uuid5(UUIDS, f"{cad} {c.id}")))
             if c.is_critical:
                 _add(_add(designator, "Criticality"), "LevelEnum", "CRITICAL")

@@ -9,6 +9,7 @@ from typing import Any
 
 from controller.cell.journal import rows
 from controller.cell.services.records import findings_row, measured_row, verdict_row, view_row
+from controller.config import split_cad
 from controller.inspection import PartInspection
 
 from ..run import PartFold, PartReport, RunRecord
@@ -60,7 +61,7 @@ def _serial(record: RunRecord, part: PartReport) -> str:
 
 def _header(record: RunRecord, part: PartReport) -> Header:
     recipe, cell = record.recipe, record.cell
-    cad = str(recipe.get("part", ""))
+    cad = split_cad(Path(str(recipe.get("part", ""))))
     files = list(record.files.items())
     # in the order in which a run begins: recipe, cell, part, other parts
     at = dict(zip(("recipe", "cell"), files, strict=False))
@@ -72,8 +73,8 @@ def _header(record: RunRecord, part: PartReport) -> Header:
         operator=record.operator,
         recipe=Path(at["recipe"][0]).name if "recipe" in at else record.recipe_name,
         recipe_sha256=at["recipe"][1] if "recipe" in at else "",
-        cad=Path(cad).name,
-        cad_sha256=record.files.get(cad, ""),
+        cad=cad.name,
+        cad_sha256=record.files.get(str(cad.file), ""),
         cell=record.cell_name,
         cell_sha256=at["cell"][1] if "cell" in at else "",
         calibrated=_calibrated(cell),

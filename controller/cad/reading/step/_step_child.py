@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any, Final
 
 REFUSED: Final = 3  # exit code
+BODY: Final = ".bin"  # file of one body, in the kernel's own format; it names no unit
 CANONICAL_MM: Final = 1e-3  # a spline this close to a plane or a cylinder is one, drawn clumsily
 KINDS: Final = ("plane", "cylinder", "cone", "sphere", "torus", "freeform")
 
@@ -36,6 +37,16 @@ def limit_resources(memory_bytes: int, cpu_s: int) -> None:
     resource.setrlimit(resource.RLIMIT_DATA, (memory_bytes, memory_bytes))
     resource.setrlimit(resource.RLIMIT_CPU, (cpu_s, cpu_s + 1))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+
+
+def read_body(path: str) -> Any:  # noqa: ANN401  the kernel's types have no stubs
+    """Return a solid that `_step_bodies_child` has left."""
+    from OCP.BinTools import BinTools
+    from OCP.TopoDS import TopoDS, TopoDS_Shape
+
+    shape = TopoDS_Shape()
+    BinTools.Read_s(shape, path)
+    return TopoDS.Solid_s(shape)
 
 
 def read_shape(path: str) -> tuple[Any, str]:
@@ -354,7 +365,7 @@ def main(argv: list[str]) -> int:
     import numpy as np
 
     try:
-        solid, unit = read_shape(source)
+        solid, unit = (read_body(source), "") if source.endswith(BODY) else read_shape(source)
         chord_mm = max(float(chord), float(share) * extent_of(solid))
         arrays = tessellate(solid, chord_mm, float(angle)) | surfaces_of(solid) | mass_of(solid)
     except RefusalError as refusal:

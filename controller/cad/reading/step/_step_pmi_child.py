@@ -5,8 +5,10 @@ Facts: the kernel's reference pages (Open CASCADE 7.9: XCAFDoc_DimTolTool, XCAFD
 cell-facts.md 4. Values of dimensions are left as the kernel gives them, which is wrong in part;
 the parent mends them from the file's text.
 
-Usage: ``python _step_pmi_child.py FILE OUT MEMORY_BYTES CPU_S``. It ends with 0 and in OUT the JSON
-text ``pmi`` and, for each surface that text names by number, ``area_mm2`` and ``mean_mm``.
+Usage: ``python _step_pmi_child.py FILE OUT MEMORY_BYTES CPU_S PRODUCT NUMBER``: of one solid of a
+product, by the product's address as `_step_bodies_child` has it; "" and 0 for the whole file. It
+ends with 0 and in OUT the JSON text ``pmi`` and, for each surface that text names by number,
+``area_mm2`` and ``mean_mm``.
 """
 
 import json
@@ -21,8 +23,8 @@ NO_DIMENSION: Final = ("Location_None", "CommonLabel", "DimensionPresentation")
 class Surfaces:
     """Numbers for the faces of the document, with what tells them apart."""
 
-    def __init__(self, document: Any) -> None:  # noqa: ANN401  the kernel's types have no stubs
-        from OCP.TopAbs import TopAbs_EDGE, TopAbs_FACE
+    def __init__(self, document: Any, product: str, number: int) -> None:  # noqa: ANN401  no stubs
+        from OCP.TopAbs import TopAbs_EDGE, TopAbs_FACE, TopAbs_SOLID
         from OCP.TopExp import TopExp
         from OCP.TopTools import (
             TopTools_IndexedDataMapOfShapeListOfShape,
@@ -34,6 +36,10 @@ class Surfaces:
         self.faces = TopTools_IndexedMapOfShape()
         self.faces_at = TopTools_IndexedDataMapOfShapeListOfShape()
         whole = self.tool.GetOneShape()
+        if product:
+            solids = TopTools_IndexedMapOfShape()
+            TopExp.MapShapes_s(shape_at(document, product), TopAbs_SOLID, solids)
+            whole = solids.FindKey(number)
         TopExp.MapShapes_s(whole, TopAbs_FACE, self.faces)
         TopExp.MapShapesAndAncestors_s(whole, TopAbs_EDGE, TopAbs_FACE, self.faces_at)
 
@@ -71,6 +77,17 @@ class Surfaces:
             area.append(measured.Mass())
             mean.append((p.X(), p.Y(), p.Z()))
         return {"area_mm2": np.array(area), "mean_mm": np.array(mean).reshape(-1, 3)}
+
+
+def shape_at(document: Any, entry: str) -> Any:  # noqa: ANN401
+    """Return the shape of a product, by its address in the document, in its own coordinates."""
+    from OCP.TCollection import TCollection_AsciiString
+    from OCP.TDF import TDF_Label, TDF_Tool
+    from OCP.XCAFDoc import XCAFDoc_ShapeTool
+
+    label = TDF_Label()
+    TDF_Tool.Label_s(document.GetData(), TCollection_AsciiString(entry), label)
+    return XCAFDoc_ShapeTool.GetShape_s(label)
 
 
 def read_document(path: str) -> Any:  # noqa: ANN401
@@ -197,7 +214,7 @@ def datum(label: Any, surfaces: Surfaces) -> dict[str, Any]:  # noqa: ANN401
 
 def main(argv: list[str]) -> int:
     """Read the tolerances and write them; return the exit code, 0 unless it refuses."""
-    source, out, memory, cpu = argv
+    source, out, memory, cpu, product, number = argv
     resource.setrlimit(resource.RLIMIT_DATA, (int(memory), int(memory)))
     resource.setrlimit(resource.RLIMIT_CPU, (int(cpu), int(cpu) + 1))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
@@ -205,7 +222,7 @@ def main(argv: list[str]) -> int:
 
     try:
         document = read_document(source)
-        surfaces = Surfaces(document)
+        surfaces = Surfaces(document, product, int(number))
         pmi, measures = read_pmi(document, surfaces), surfaces.measures()
     except Exception as error:  # noqa: BLE001  whatever the kernel throws is about this file
         reason = f"the STEP kernel gave up ({type(error).__name__}: {error})"

@@ -41,6 +41,8 @@ def tolerances_from(
     area_mm2: FloatArray,
     mean_mm: FloatArray,
     rank: IntArray,
+    *,
+    is_whole_file: bool = True,
 ) -> tuple[tuple[Tolerance, ...], tuple[str, ...]]:
     """Return the tolerances with our face ids, and what was left out, in sentences.
 
@@ -50,6 +52,8 @@ def tolerances_from(
     text : of the file
     area_mm2, mean_mm, rank : (f,), (f, 3), (f,) of the solid's faces in the file's order, and
         their ids
+    is_whole_file : whether the solid is the file's only one; otherwise what names no surface of it
+        is another's
     """
     stated = json.loads(str(found["pmi"]))
     ids = _match(found["area_mm2"], found["mean_mm"], area_mm2, mean_mm, rank)
@@ -58,10 +62,20 @@ def tolerances_from(
         part = Part21(text.decode("latin-1"))
         dimensions = _dimensions(stated["dimensions"], part.dimensions(), ids, warnings)
         tolerances = _tolerances(stated["tolerances"], part, ids, warnings)
-        datums = _datums(stated, part, ids, rank, warnings)
+        datums = _datums(stated, part, ids, rank)
     except (Part21Error, IndexError, KeyError, TypeError, ValueError, RecursionError) as error:
         return (), (f"its tolerances were not read: the text is not as it should be ({error})",)
-    return (*dimensions, *tolerances, *datums), tuple(warnings)
+    every: tuple[Tolerance, ...] = (*dimensions, *tolerances, *datums)
+    if is_whole_file:
+        bare = sum(not d.faces for d in dimensions)
+        if bare:
+            warnings.append(f"{bare} of {len(dimensions)} dimensions name no surface")
+        letters = sorted(datum.letter for datum in datums if not datum.faces)
+        if letters:
+            warnings.append(f"datum {', '.join(letters)} names no surface")
+        return every, tuple(warnings)
+    of_others = [f"of all bodies of the file: {warning}" for warning in warnings]
+    return tuple(one for one in every if one.faces), tuple(of_others)
 
 
 def _match(
@@ -134,9 +148,6 @@ def _dimensions(
             f"{len(left)} of {len(written)} dimensions of the text are not among the kernel's: "
             + ", ".join(str(one) for one in left)
         )
-    bare = sum(not d.faces for d in found)
-    if bare:
-        warnings.append(f"{bare} of {len(found)} dimensions name no surface")
     return found
 
 
@@ -216,7 +227,6 @@ def _datums(
     part: Part21,
     ids: list[int | None],
     rank: IntArray,
-    warnings: list[str],
 ) -> list[Datum]:
     """Return each letter once; the kernel lists it once per tolerance that refers to it."""
     faces: dict[str, set[int]] = {}
@@ -228,7 +238,4 @@ def _datums(
         place = {face: int(rank[i]) for i, face in enumerate(shell)}
         for letter, surfaces in part.datum_surfaces().items():
             faces.setdefault(letter, set()).update(place[f] for f in surfaces if f in place)
-    bare = [letter for letter, of in faces.items() if not of]
-    if bare:
-        warnings.append(f"datum {', '.join(sorted(bare))} names no surface")
     return [Datum(letter, tuple(sorted(faces[letter]))) for letter in sorted(faces)]

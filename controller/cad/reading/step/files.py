@@ -18,11 +18,13 @@ import numpy as np
 import trimesh
 
 from controller.arrays import FloatArray, IntArray
+from controller.config.cad_files import body_path
 
 from ...boundary import Face, FaceKind
 from ...errors import (
     CadError,
     EmptyCadError,
+    ManySolidsCadError,
     OpenCadError,
     SelfIntersectingCadError,
     UnreadableCadError,
@@ -30,8 +32,11 @@ from ...errors import (
 from ...solid import Solid, make_solid
 from ...surfaces.tolerances import Tolerance
 from ._tolerances import tolerances_from
+from .bodies import Bodies, Body, open_bodies
+from .choosing import choose, many, require_one
 from .kernel import KernelLimits, KernelRun, check_installed
 from .merging import merge_faces
+from .references import References, collect
 
 # chord error [mm], the same as a share of the diagonal, angle [rad]. A chord of 0.01 mm is a fifth
 # of what drawn edges may be off, parts beyond 100 mm need not be finer in proportion, and 32 strips
@@ -103,31 +108,104 @@ class StepPart:
     warnings: tuple[str, ...]
 
 
-def read_step(path: Path) -> Solid:
+def read_step(path: Path, body: str | None = None) -> Solid:
     """Return the solid of a STEP file, proven to be one closed solid.
+
+    Parameters
+    ----------
+    path : of the file
+    body : name of one of its bodies, None for a file of one
 
     Raises
     ------
-    UnreadableCadError : missing, damaged, no STEP kernel installed, or one that crashed or hung
+    UnreadableCadError : missing, damaged, no STEP kernel installed, or one that crashed or hung;
+        no such body; files that it names are missing
     EmptyCadError, OpenCadError, ManySolidsCadError : not exactly one solid body
     """
-    return read_step_part(path).solid
+    return read_step_part(path, body=body).solid
 
 
-def read_step_part(path: Path, limits: KernelLimits | None = None) -> StepPart:
-    """Return all a STEP file says of a part; raises as `read_step`."""
-    where = str(path)
+def list_bodies(path: Path) -> Bodies:
+    """Return the bodies of a STEP file; raises UnreadableCadError or EmptyCadError."""
     data = _read_text(path)
-    check_installed(where)
+    check_installed(str(path))
+    return open_bodies(path, collect(path, data))
+
+
+def read_step_part(
+    path: Path, limits: KernelLimits | None = None, body: str | None = None
+) -> StepPart:
+    """Return all a STEP file says of a part.
+
+    Parameters
+    ----------
+    path : of the file
+    limits : on memory and time of the kernel; None for the usual ones
+    body : name of one of its bodies, in the coordinates of its own product; None for a file of one
+        body, as placed in the file
+
+    Raises
+    ------
+    ManySolidsCadError : it has several bodies, and none is named
+    CadError : as `read_step`
+    """
+    data = _read_text(path)
+    check_installed(str(path))
+    files = collect(path, data)
+    if body is None and files.missing == () and len(files.found) == 1:
+        try:
+            return _read_part(path, data, limits, None)
+        except ManySolidsCadError as error:
+            try:
+                bodies = open_bodies(path, files, limits)
+            except UnreadableCadError:
+                raise error from None  # that there are several is known all the same
+            raise ManySolidsCadError(many(path, bodies)) from error
+    bodies = open_bodies(path, files, limits)
+    chosen = require_one(path, bodies) if body is None else choose(path, bodies, body)
+    return _read_part(path, data, limits, BodyOfFile(chosen, bodies.unit, files))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class BodyOfFile:
+    """One body, with what of its file goes with it."""
+
+    body: Body
+    unit: str
+    files: References
+
+    @property
+    def content_hash(self) -> str:
+        """SHA-256 of the body's name, the file, and the files it names, with their names."""
+        digests = [hashlib.sha256(data).hexdigest() for data in self.files.found.values()]
+        _, *others = self.files.found
+        said = (self.body.name, *digests, *others)
+        return hashlib.sha256("\n".join(said).encode()).hexdigest()
+
+
+def _read_part(
+    path: Path, data: bytes, limits: KernelLimits | None, chosen: BodyOfFile | None
+) -> StepPart:
+    """Return a file's only body, as placed in it, or the one chosen, in its own coordinates."""
+    where = str(path) if chosen is None else str(body_path(path, chosen.body.name))
+    name = path.stem if chosen is None else chosen.body.name
+    content_hash = hashlib.sha256(data).hexdigest() if chosen is None else chosen.content_hash
     with ExitStack() as stack:
         # the kernel reads a copy, so that it sees what was hashed, whatever the name
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="cellctl-step-")))
-        source = folder / "part.step"
-        source.write_bytes(data)
+        source = text = folder / "part.step"
+        text.write_bytes(data)
+        if chosen is not None:
+            source = folder / "body.bin"
+            source.write_bytes(chosen.body.shape)
         pmi_run = None
-        if SEMANTIC.search(data):
+        # tolerances of a body in another file stay there
+        if SEMANTIC.search(data) and (chosen is None or len(chosen.files.found) == 1):
+            product = ("", "0") if chosen is None else (chosen.body.product, chosen.body.number)
             pmi_run = stack.enter_context(
-                KernelRun("_step_pmi_child.py", source, folder / "pmi.npz", (), limits)
+                KernelRun(
+                    "_step_pmi_child.py", text, folder / "pmi.npz", [*map(str, product)], limits
+                )
             )
         for fineness in TESSELLATIONS:
             arguments = [str(number) for number in fineness]
@@ -135,9 +213,11 @@ def read_step_part(path: Path, limits: KernelLimits | None = None) -> StepPart:
                 "_step_child.py", source, folder / "shape.npz", arguments, limits
             ) as shape_run:
                 written: dict[str, Any] = dict(shape_run.result(where))
+            if chosen is not None:
+                written["unit"] = np.array(chosen.unit)
             found, into = merge_faces(written)
             try:
-                solid = _solid(found, path.stem, hashlib.sha256(data).hexdigest(), where)
+                solid = _solid(found, name, content_hash, where)
                 break
             except SelfIntersectingCadError:
                 if fineness == TESSELLATIONS[-1]:
@@ -152,7 +232,12 @@ def read_step_part(path: Path, limits: KernelLimits | None = None) -> StepPart:
             else:
                 ids = _ranks(found["area_mm2"])[into]
                 tolerances, warnings = tolerances_from(
-                    pmi, data, written["area_mm2"], written["mean_mm"], ids
+                    pmi,
+                    data,
+                    written["area_mm2"],
+                    written["mean_mm"],
+                    ids,
+                    is_whole_file=chosen is None,
                 )
     return _part(found, into, solid, tolerances, warnings)
 

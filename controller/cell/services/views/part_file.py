@@ -15,7 +15,7 @@ import numpy as np
 from controller.arrays import FloatArray
 from controller.cell.devices.lamps import STATION_PANEL, TABLE_PANEL
 from controller.cell.services.records import PartRecord, Shown
-from controller.config import Cell, Recipe
+from controller.config import Cell, Recipe, split_cad
 from controller.config.view_set import (
     SCHEMA,
     SetBox,
@@ -91,7 +91,7 @@ class PartFile:
         by_id = {shown.view: self._view(shown, number, part) for shown, number in judged}
         return ViewSetFile(
             schema=SCHEMA,
-            part=Path(INPUTS) / self.recipe.part.name,
+            part=Path(INPUTS) / split_cad(self.recipe.part).name,
             unit=self.recipe.unit or "mm",
             camera=camera_section(self.layout.inspection),
             lamps={**lights, TABLE_PANEL: table_light(self.cell)},
