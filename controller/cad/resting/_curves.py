@@ -13,7 +13,7 @@ import numpy as np
 
 from controller.arrays import BoolArray, FloatArray, IntArray
 
-from ..graph import components
+from ..graph import components, distinct
 from ._hull import Hull
 from ._topple import Landscape
 
@@ -138,7 +138,7 @@ def merge_hollows(hull: Hull, land: Landscape, strips: Strips) -> tuple[IntArray
     inner = curved[a] & curved[b]
     _fill(parent, heights, allowed, a[inner], b[inner], top[inner])
     bottom = parent[rest]
-    held = np.unique(rest)
+    held = distinct(rest)
     cosine = np.ones(hull.count)
     aligned = np.einsum("ij,ij->i", hull.normals[held], hull.normals[parent[held]])
     np.minimum.at(cosine, parent[held], aligned)
@@ -178,13 +178,18 @@ def _fill(
         return i
 
     for i, j, pass_mm in zip(a.tolist(), b.tolist(), top.tolist(), strict=True):
-        p, q = bottom(i), bottom(j)
+        # as `bottom` does, without a call for each of millions of passes
+        p, q = i, j
+        while up[p] != p:
+            up[p] = p = up[up[p]]
+        while up[q] != q:
+            up[q] = q = up[up[q]]
         if p == q:
             continue
         if (height[p], p) < (height[q], q):
             p, q = q, p
         if pass_mm - height[p] <= limit[p]:
             up[p] = q
-    touched = np.unique(np.concatenate([a, b]))
+    touched = distinct(np.concatenate([a, b]))
     parent[touched] = [bottom(i) for i in touched.tolist()]
     parent[:] = parent[parent]

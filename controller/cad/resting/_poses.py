@@ -12,6 +12,7 @@ import numpy as np
 
 from controller.arrays import FloatArray, Int32Array, IntArray
 
+from ..graph import distinct
 from ..solid import Solid
 from ._curves import find_strips, merge_hollows
 from ._families import Curves, Roll, RollingFamily
@@ -225,7 +226,7 @@ def _family(
     centre: FloatArray,
 ) -> RollingFamily:
     near = np.isin(hull.facet, roll.reach)
-    corners = hull.corners_mm[np.unique(hull.triangles[near])] - roll.centre_mm
+    corners = hull.corners_mm[distinct(hull.triangles[near])] - roll.centre_mm
     radius = np.linalg.norm(corners - np.outer(corners @ roll.axis, roll.axis), axis=1)
     heights = hull.heights_mm[roll.reach]
     return RollingFamily(

@@ -7,7 +7,7 @@ import trimesh
 
 from controller.arrays import BoolArray, FloatArray, IntArray
 
-from ...graph import components
+from ...graph import components, distinct
 from .._normals import unit
 
 COPLANAR_RAD = np.radians(0.2)
@@ -165,7 +165,7 @@ def true_corners(mesh: trimesh.Trimesh, of_triangle: IntArray) -> BoolArray:
     """
     triangles = np.asarray(mesh.faces, dtype=np.int64)
     count = int(of_triangle.max(initial=0)) + 1
-    pairs = np.unique(triangles.ravel() * count + np.repeat(of_triangle, 3))
+    pairs = distinct(triangles.ravel() * count + np.repeat(of_triangle, 3))
     is_corner = np.bincount(pairs // count, minlength=len(mesh.vertices)) > 2
     sharp = np.asarray(mesh.face_adjacency_angles) > SMOOTH_RAD
     edges = np.asarray(mesh.face_adjacency_edges)[sharp]

@@ -4,6 +4,7 @@ import numpy as np
 
 from controller.arrays import BoolArray, IntArray
 
+from ...graph import distinct
 from ._facets import Facets
 
 LONG_SIDE = 0.5  # of a facet's longest side: strips of a wall meet along such sides
@@ -19,7 +20,7 @@ class Neighbours:
     """
 
     def __init__(self, count: int, a: IntArray, b: IntArray) -> None:
-        key = np.unique(np.concatenate([a * count + b, b * count + a]))
+        key = distinct(np.concatenate([a * count + b, b * count + a]))
         self.to: IntArray = key % count
         self.start = np.searchsorted(key // count, np.arange(count + 1))
 
