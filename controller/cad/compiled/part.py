@@ -13,14 +13,15 @@ from ..boundary import euler_defect, face_genera
 from ..reading import load_solid
 from ..reading.units import check_unit
 from ..resting import (
+    MAX_COMPARED,
     LookAlike,
     PartSymmetry,
     Resting,
     StablePose,
     find_resting,
-    look_alikes,
     name_duplicates,
     part_symmetries,
+    search_look_alikes,
 )
 from ..solid import Solid
 from ..surfaces import SurfaceSamples, sample_surface
@@ -44,11 +45,13 @@ class CompileOptions:
     ----------
     unit : of a file that does not say its own; None where nobody has said
     sample_spacing_mm, samples_per_face : how densely surfaces are sampled; a large part coarser
+    max_compared : pairs of poses that are compared at most, to state which look alike
     """
 
     unit: str | None = None
     sample_spacing_mm: float = 4.0
     samples_per_face: int = 6
+    max_compared: int = MAX_COMPARED
 
 
 def part_name(path: Path) -> str:
@@ -75,7 +78,8 @@ class CompiledPart:
     samples : points on its surfaces, which coverage is counted by
     features : holes, slots, bosses, chamfers, fillets
     tolerances : what a drawing demands, where the file holds it as meaning
-    warnings : what of the file could not be read, in sentences
+    warnings : what of the file could not be read, and what of the part was not worked out, in
+        sentences
     """
 
     solid: Solid
@@ -189,13 +193,19 @@ def compile_solid(
     found = find_resting(solid)
     resting = replace(found, poses=name_duplicates(found.poses, symmetry))
     views = _views(solid, resting.poses)
+    alike = search_look_alikes(solid, resting.poses, views, max_compared=options.max_compared)
+    if alike.pose_count < len(resting.poses):
+        warnings += (
+            f"Which stable poses look alike is not worked out beyond the {alike.pose_count} "
+            f"likeliest of {len(resting.poses)}: a rarer one may be taken for another.",
+        )
     spacing_mm = spacing_of(solid, options.sample_spacing_mm)
     return CompiledPart(
         solid=solid,
         resting=resting,
         symmetry=symmetry,
         views=views,
-        look_alikes=look_alikes(solid, resting.poses, views),
+        look_alikes=alike.pairs,
         samples=sample_surface(solid, spacing_mm, options.samples_per_face),
         features=find_features(solid),
         tolerances=tolerances,

@@ -1,11 +1,13 @@
 """The stable poses of a solid on a table, how likely each is, and which cannot be told apart."""
 
-from ._alike import LookAlike, look_alikes
+from ._alike import MAX_COMPARED, AlikeSearch, LookAlike, look_alikes, search_look_alikes
 from ._families import RollingFamily
 from ._poses import Resting, StablePose, find_resting, stable_poses
 from ._symmetry import PartSymmetry, name_duplicates, part_symmetries
 
 __all__ = [
+    "MAX_COMPARED",
+    "AlikeSearch",
     "LookAlike",
     "PartSymmetry",
     "Resting",
@@ -15,5 +17,6 @@ __all__ = [
     "look_alikes",
     "name_duplicates",
     "part_symmetries",
+    "search_look_alikes",
     "stable_poses",
 ]

@@ -28,6 +28,7 @@ TURN_BINS, RING_BINS = 720, 24
 GUESS_COUNT = 5
 FIT_COUNT = 200
 FIT_ROUNDS = 6
+MAX_COMPARED = 3_000  # pairs of drawings: each is bounded, and takes some hundredths of a second
 EDGE_SHARE = (
     0.995  # of the edges' length that must coincide: where hidden lines end is a little uncertain
 )
@@ -51,6 +52,20 @@ class LookAlike:
     evidence: Evidence
     turn_rad: float
     gap_mm: float
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class AlikeSearch:
+    """What a search for look-alikes found, and how far it went.
+
+    Attributes
+    ----------
+    pairs : of the poses gone through
+    pose_count : how many poses, likeliest first, were gone through, each with all before it
+    """
+
+    pairs: tuple[LookAlike, ...]
+    pose_count: int
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -79,7 +94,7 @@ def look_alikes(
     views: Sequence[LineView] | None = None,
     tolerance_mm: float = TOLERANCE_MM,
 ) -> tuple[LookAlike, ...]:
-    """Return the pairs of poses that look the same from above.
+    """Return the pairs of poses that look the same from above; see `search_look_alikes`.
 
     Parameters
     ----------
@@ -92,6 +107,35 @@ def look_alikes(
     ------
     ValueError : views and poses are not as many
     """
+    return search_look_alikes(solid, poses, views, tolerance_mm).pairs
+
+
+def search_look_alikes(
+    solid: Solid,
+    poses: Sequence[StablePose],
+    views: Sequence[LineView] | None = None,
+    tolerance_mm: float = TOLERANCE_MM,
+    max_compared: int = MAX_COMPARED,
+) -> AlikeSearch:
+    """Return the pairs that look the same from above, of as many poses as the budget allows.
+
+    The search ends once so many drawings were compared that a part of hundreds of poses would keep
+    a person waiting. The limit is a number of comparisons, not of seconds, so that a part compiles
+    to the same on any machine.
+
+    Parameters
+    ----------
+    solid : the part
+    poses : its stable poses, likeliest first
+    views : `line_view` of each pose, if they are at hand
+    tolerance_mm : lines that meet this well are the same, chords of curves allowed for
+    max_compared : pairs of drawings compared at most
+
+    Raises
+    ------
+    ValueError : views and poses are not as many
+    """
+    left = max_compared
     if views is None:
         model = prepare_views(solid)
         views = [line_view(solid, pose.R, prepared=model) for pose in poses]
@@ -102,11 +146,13 @@ def look_alikes(
         (float(np.ptp(v.loops[0].points, axis=0).max()) for v in views if v.loops), default=1
     )
     drawings: dict[int, tuple[_Drawing, _Drawing]] = {}
-    found = []
+    found: list[LookAlike] = []
     for j in range(len(poses)):
-        for i in range(j):
-            if not _could_be(views[i], views[j], allowed):
-                continue
+        near = [i for i in range(j) if _could_be(views[i], views[j], allowed)]
+        if len(near) > left:
+            return AlikeSearch(tuple(found), j)
+        left -= len(near)
+        for i in near:
             for k in (i, j):
                 if k not in drawings:
                     drawings[k] = _draw(views[k], reach)
@@ -116,7 +162,7 @@ def look_alikes(
             if answer is not None:
                 evidence, turn, gap = answer
                 found.append(LookAlike(poses[i].index, poses[j].index, evidence, turn, gap))
-    return tuple(found)
+    return AlikeSearch(tuple(found), len(poses))
 
 
 def _could_be(a: LineView, b: LineView, allowed: float) -> bool:
