@@ -93,8 +93,9 @@ async def test_homing_in_turn_waits_before_each_axis_and_nothing_moves_meanwhile
 
     await bench.arm.home_in_turn(confirm)
     assert bench.arm.is_homed
-    assert len(asked) == 6
+    assert len(asked) == 7  # five stops, the shoulder's once more, and the park
     assert "zed" in asked[0]
+    assert [what.startswith("the shoulder turns") for what in asked].count(True) == 2
 
 
 async def test_a_stop_while_a_person_is_asked_ends_the_homing(bench: ArmBench) -> None:
