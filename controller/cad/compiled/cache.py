@@ -6,7 +6,6 @@ is another file; so nothing has to be found out about an old one. The file repea
 shape of what it holds, and a digest.
 """
 
-import hashlib
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -15,7 +14,7 @@ from controller.cache import DiskCache, digest_of, source_hash, versions
 from controller.config import STEP_FORMATS, split_cad
 from controller.config.cad_files import MARK
 
-from ..reading import files_of
+from ..reading import digests_of
 from ..solid import Solid
 from ._mesh import called, solids
 from .part import CompiledPart, CompileOptions, compile_part, part_name
@@ -107,14 +106,11 @@ def _file_of(path: Path, options: CompileOptions, cache: Path | None) -> Path | 
 def cache_key(path: Path, options: CompileOptions) -> str | None:
     """Return what tells one compiled part from another, None where the file cannot be read."""
     source = split_cad(path)
-    contents = []
     try:
         # a pipe or a device would keep us for ever, what is larger is refused before it is read
         if not source.file.is_file() or source.file.stat().st_size > MAX_CAD_BYTES:
             return None
-        for each in files_of(source.file):
-            with each.open("rb") as file:
-                contents.append(hashlib.file_digest(file, "sha256").hexdigest())
+        contents = digests_of(source.file)
     except OSError:
         return None  # reading it tells why
     is_step = source.ending in STEP_FORMATS

@@ -2,6 +2,6 @@
 
 from ._ahead import check_ahead
 from ._files import load_solid
-from .step.references import files_of
+from .step.references import digests_of, files_of
 
-__all__ = ["check_ahead", "files_of", "load_solid"]
+__all__ = ["check_ahead", "digests_of", "files_of", "load_solid"]

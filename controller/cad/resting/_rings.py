@@ -73,9 +73,11 @@ def with_rings(hull: Hull, strips: Strips, axes: tuple[FloatArray, FloatArray]) 
     strips : found in the facets alone
     axes : directions (a, 3) and points on them (a, 3), from the centre of mass, CAD frame's axes
     """
+    n1, n2 = (hull.normals[hull.edge_facets[:, side]] for side in (0, 1))
+    smooth = np.einsum("ij,ij->i", n1, n2) > np.cos(SMOOTH_RAD)
     for direction, point in zip(*axes, strict=True):
-        for ring, bulge_mm in _rings(hull, strips, direction, point):
-            strips = _joined(hull, strips, ring, bulge_mm)
+        for ring, bulge_mm in _rings(hull, strips, smooth, direction, point):
+            strips = _joined(hull, strips, smooth, ring, bulge_mm)
     return strips
 
 
@@ -111,7 +113,7 @@ def _is_one(a: FloatArray, p: FloatArray, b: FloatArray, q: FloatArray) -> bool:
 
 
 def _rings(
-    hull: Hull, strips: Strips, axis: FloatArray, point: FloatArray
+    hull: Hull, strips: Strips, smooth: BoolArray, axis: FloatArray, point: FloatArray
 ) -> Iterator[tuple[IntArray, FloatArray]]:
     """Yield each band round an axis: its facets (n,), and how far it stands out over them (n,)."""
     arm = hull.corners_mm - point
@@ -140,7 +142,7 @@ def _rings(
         bulge = reach - (hull.heights_mm[ids] - hull.normals[ids] @ point)
         usual = float(np.quantile(spans[ids], USUAL_SHARE, method="lower"))
         chosen = (spans[ids] <= WIDE_SPAN * usual) & (bulge <= strips.cap_mm)
-        for ring in _smooth_runs(hull, ids[chosen]):
+        for ring in _smooth_runs(hull, smooth, ids[chosen]):
             yield ring, np.maximum(bulge[np.searchsorted(ids, ring)], 0.0)
 
 
@@ -182,26 +184,25 @@ def _spans(hull: Hull, axis: FloatArray, out: FloatArray, is_off: BoolArray) -> 
     return np.asarray(high - low)
 
 
-def _smooth_runs(hull: Hull, ids: IntArray) -> list[IntArray]:
+def _smooth_runs(hull: Hull, smooth: BoolArray, ids: IntArray) -> list[IntArray]:
     """Return the runs of facets (n,) that lie side by side and turn little from one to the next."""
     local = np.full(hull.count, -1)
     local[ids] = np.arange(len(ids))
     pairs = local[hull.edge_facets]
-    cosine = np.einsum("ij,ij->i", *np.swapaxes(hull.normals[hull.edge_facets], 0, 1))
-    pairs = pairs[(pairs >= 0).all(axis=1) & (cosine > np.cos(SMOOTH_RAD))]
+    pairs = pairs[(pairs >= 0).all(axis=1) & smooth]
     run = components(len(ids), pairs[:, 0], pairs[:, 1])
     runs = [ids[run == number] for number in np.unique(run)]
     return [found for found in runs if len(found) >= MIN_FACETS]
 
 
-def _joined(hull: Hull, strips: Strips, ring: IntArray, bulge_mm: FloatArray) -> Strips:
+def _joined(
+    hull: Hull, strips: Strips, smooth: BoolArray, ring: IntArray, bulge_mm: FloatArray
+) -> Strips:
     """Return strips with the facets (n,) of one band made one curve."""
     is_strip, bulge = strips.is_strip.copy(), strips.bulge_mm.copy()
     region, is_band = strips.region.copy(), strips.is_band.copy()
     is_strip[ring], bulge[ring], is_band[ring] = True, bulge_mm, True
     region[ring] = region.max() + 1
-    n1, n2 = (hull.normals[hull.edge_facets[:, side]] for side in (0, 1))
-    smooth = np.einsum("ij,ij->i", n1, n2) > np.cos(SMOOTH_RAD)
     inside = np.isin(hull.edge_facets, ring).any(axis=1)
     return replace(
         strips,

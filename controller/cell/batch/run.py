@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from controller.cad.reading import files_of
-from controller.config import Cell, Recipe, split_cad
+from controller.config import Cell, Recipe
 from controller.config.calibrations import read_calibrations, standing_of
 from controller.config.view_set import SetCalibration
 from controller.planning.motion import ProvenMove, Swept
@@ -247,9 +247,9 @@ def _keep_inputs(order: RunOrder) -> dict[str, str]:
     folder = order.folder / INPUTS
     folder.mkdir(exist_ok=True)
     digests = {}
-    part = split_cad(order.recipe.part).file
+    cad = files_of(order.recipe.part)
     for name, path in (
-        *((str(cad.relative_to(part.parent)), cad) for cad in files_of(part)),
+        *((str(file.relative_to(cad[0].parent)), file) for file in cad),
         ("recipe.yaml", order.recipe_path),
         ("cell.yaml", order.cell_path),
         *((f"calibration-{name}.json", path) for name, path in _calibrations(order)),
@@ -337,9 +337,7 @@ def input_files(order: RunOrder) -> tuple[Path, ...]:
         order.recipe_path,
         order.cell_path,
         *dict.fromkeys(
-            file
-            for part in (order.recipe.part, *order.recipe.others)
-            for file in files_of(split_cad(part).file)
+            file for part in (order.recipe.part, *order.recipe.others) for file in files_of(part)
         ),
         *(path for _, path in _calibrations(order)),
     )

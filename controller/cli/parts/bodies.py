@@ -2,12 +2,13 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Final
 
 from controller.cad import CadError
 from controller.cad.compiled import CompiledPart, part_name
 from controller.cad.reading.step.bodies import Bodies
-from controller.cad.reading.step.choosing import missing_text, place_text, require_any, size_text
+from controller.cad.reading.step.choosing import missing_text, require_any, row_text, size_text
 from controller.cad.reading.step.files import list_bodies
 from controller.config import STEP_FORMATS, ConfigError, split_cad
 from controller.config.cad_files import body_path
@@ -35,7 +36,7 @@ class BodyFile:
     row: str = ""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class BodyFiles:
     """All parts to compile, and whether a file could not be listed, or not whole."""
 
@@ -58,7 +59,7 @@ class BodyFiles:
         solid, count = part.solid, len(part.poses)
         poses = f"{count} stable pose{'' if count == 1 else 's'}"
         what = f"{solid.volume_mm3 / 1000:.1f} cm3, {len(solid.faces)} surfaces, {poses}"
-        row = one.row or " x ".join(f"{side:.1f}" for side in solid.mesh.extents) + " mm"
+        row = one.row or size_text(solid.mesh.extents)
         self._print_row(one, row, f"{what}, {seconds:.1f} s")
         for caution in part.cautions:
             warn(f"{solid.name}: {caution}")
@@ -80,10 +81,15 @@ class BodyFiles:
             self._print_row(one, one.row, "refused")
 
     def _print_row(self, one: BodyFile, row: str, result: str) -> None:
-        names = [part_name(each.file.path) for each in self.files]
-        width = min(max(map(len, names)), WIDEST)
-        row_width = min(max(len(each.row) for each in self.files), WIDEST_ROW)
+        width, row_width = self._widths
         print_line(f"{part_name(one.file.path):<{width}}  {row:<{row_width}}  {result}")
+
+    @cached_property
+    def _widths(self) -> tuple[int, int]:
+        """Of the columns of names and of sizes; to take a name apart is to look for a file."""
+        names = (part_name(each.file.path) for each in self.files)
+        rows = (len(each.row) for each in self.files)
+        return min(max(map(len, names)), WIDEST), min(max(rows), WIDEST_ROW)
 
 
 def every_body(files: Sequence[PartFile]) -> BodyFiles:
@@ -140,5 +146,4 @@ def _bodies(file: PartFile, bodies: Bodies) -> Iterator[BodyFile]:
             ],
         }
         path = body_path(file.path, body.name)
-        row = f"{size_text(body):<24} {place_text(body)}"
-        yield BodyFile(replace(file, path=path), about, row)
+        yield BodyFile(replace(file, path=path), about, row_text(body))

@@ -18,6 +18,7 @@ from controller.cad.compiled import (
     compile_part,
     make_part,
 )
+from controller.cad.reading.step.choosing import size_text
 from controller.cell.plans import Certified, PlanCache
 from controller.config import ConfigError, load_cell
 from controller.inspection.characteristics import Characteristic
@@ -151,10 +152,10 @@ def _print_certified(
 
 def _print(part: CompiledPart, body: dict[str, Any]) -> None:
     solid = part.solid
-    size = " x ".join(f"{v:.1f}" for v in body["size_mm"])
     print_line(
-        f"{solid.name}: {size} mm, {solid.volume_mm3 / 1000:.1f} cm3, {body['mass_g']:.0f} g, "
-        f"{body['triangles']} triangles, {len(solid.faces)} surfaces, {body['edges']} edges, "
+        f"{solid.name}: {size_text(body['size_mm'])}, {solid.volume_mm3 / 1000:.1f} cm3, "
+        f"{body['mass_g']:.0f} g, {body['triangles']} triangles, {len(solid.faces)} surfaces, "
+        f"{body['edges']} edges, "
         f"{body['genus']} handle{'' if body['genus'] == 1 else 's'}"
     )
     for caution in part.cautions:

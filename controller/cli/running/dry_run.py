@@ -13,7 +13,7 @@ from controller.cell.compute import Job, context
 from controller.cell.compute.checking import check_sizes
 from controller.cell.plans import PlanCache
 from controller.commissioning.procedure import Outcome, StepRecord
-from controller.config import Cell, ConfigError, Recipe, load_cell, load_recipe, split_cad
+from controller.config import Cell, ConfigError, Recipe, load_cell, load_recipe
 from controller.results import load_run, write_html
 from controller.setup.drivers import require_drivers
 
@@ -127,7 +127,7 @@ async def _drive(
         else:
             print_line(f"  {text}")
 
-    cad = files_of(split_cad(recipe.part).file)
+    cad = files_of(recipe.part)
     files = (options.recipe_path, options.cell_path or recipe.cell, *cad)
     session = DrySession(
         DryOrder(

@@ -176,7 +176,8 @@ class FixedGripperCalibration(Calibration):
     opening_zero_mm, opening_scale : the jaws are ``zero + scale * reported`` apart
     u_mm, u_deg : of the plane between its jaws: along its normal, and of its tilt
     observed, held : freedoms that touches decided, about and along its own axes, and the others
-    held_mm, held_deg : by how much its pose may be off along and about the others, at most
+    held_mm, held_deg : by how much its pose may be off along and about the others, at most; by
+        themselves, what the first touches of the step `grippers` are safe with
     """
 
     kind: Literal["fixed_gripper"] = "fixed_gripper"

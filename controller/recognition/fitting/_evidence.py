@@ -45,6 +45,10 @@ class ImageEdges:
     strength: FloatArray
     every: int = 1
 
+    def length_mm(self, mm_per_px: float) -> float:
+        """Return how long they are together, those left out among them."""
+        return len(self.points_px) * self.every * mm_per_px
+
     @staticmethod
     def of(measure: GreyMeasure, within: BoolArray) -> "ImageEdges":
         """Return the ridges of the gradient inside a region (h, w) of the crop."""
@@ -155,25 +159,26 @@ def with_inside(
     shown : for each picture that shows the inside, its strong edges in the part and `shading_fit`
     """
     own = _apart_from_outline(edges)
-    looks = [
-        grey_evidence(own, known.sigma_px, mm_per_px, greys, image_edges, shading)
-        for image_edges, shading in shown
-    ]
-    image_mm = sum(look.image_mm for look in looks)
-    explained_mm = sum(look.inner_explained * look.image_mm for look in looks)
+    first = grey_evidence(own, known.sigma_px, mm_per_px, greys, *shown[0])
+    others = [_explained(image_edges, own, mm_per_px) for image_edges, _ in shown[1:]]
+    lengths_mm = [image_edges.length_mm(mm_per_px) for image_edges, _ in shown]
+    image_mm = sum(lengths_mm)
+    shares = (first.inner_explained, *others)
+    explained_mm = sum(share * mm for share, mm in zip(shares, lengths_mm, strict=True))
+    shadings = [shading for _, shading in shown]
     # a bright picture must not outvote a dark one: what counts is by what ratio a pose is worse
-    residual = float(np.exp(np.mean(np.log([max(look.residual, 1e-6) for look in looks]))))
+    residual = float(np.exp(np.mean(np.log([max(one.residual, 1e-6) for one in shadings]))))
     return replace(
-        looks[0],
+        first,
         outline=known.outline,
         explained=known.explained,
         misfit_px=known.misfit_px,
         outline_mm=known.outline_mm,
         inner_explained=explained_mm / image_mm if image_mm > 0 else 0.0,
         image_mm=image_mm,
-        shading=float(np.mean([look.shading for look in looks])),
+        shading=float(np.mean([one.explained for one in shadings])),
         residual=residual,
-        area_mm2=sum(look.area_mm2 for look in looks),
+        area_mm2=sum(one.area_px * mm_per_px**2 for one in shadings),
         chance=_chance(own, greys),
     )
 
@@ -196,10 +201,7 @@ def _chance(edges: EdgePoints, greys: Sequence[GreyMeasure]) -> float:
         pixels = edges.pixels + aside * edges.normals
         far, _ = every.query(pixels)
         free = inner & (far > APART_PX)
-        off = np.full(len(pixels), FAR_PX)
-        for grey in greys:
-            off = np.fmin(off, np.abs(grey.gaps(pixels, edges.normals, edges, FAR_PX).gap_px))
-        found.append(off[free] < NEAR_PX)
+        found.append(_off_px(pixels, edges, greys)[free] < NEAR_PX)
     together = np.concatenate(found)
     return float(together.mean()) if len(together) else 0.0
 
@@ -224,24 +226,17 @@ def grey_evidence(
     shading : `shading_fit` of it
     """
     on = edges.on_outline
-    off = np.full(len(on), FAR_PX)
-    for grey in greys:
-        gaps = grey.gaps(edges.pixels, edges.normals, edges, FAR_PX)
-        off = np.fmin(off, np.abs(gaps.gap_px))
+    off = _off_px(edges.pixels, edges, greys)
     near = off < NEAR_PX
     weight = visibility(edges)
-    step_px = edges.step_mm / mm_per_px
-    # strong ones count more, but one bright rim must not outvote all others
-    explained = _weighted(
-        is_predicted(image_edges.points_px, edges, step_px), np.sqrt(image_edges.strength)
-    )
+    explained = _explained(image_edges, edges, mm_per_px)
     return Evidence(
         outline=_weighted(near[on], weight[on]),
         explained=explained,
         inner=_weighted(near[~on], weight[~on]),
         inner_mm=float(weight[~on].sum()) * edges.step_mm,
         inner_explained=explained,
-        image_mm=len(image_edges.points_px) * image_edges.every * mm_per_px,
+        image_mm=image_edges.length_mm(mm_per_px),
         sigma_px=sigma_px,
         misfit_px=float(np.sqrt(_weighted(off[on] ** 2, weight[on]))) if on.any() else FAR_PX,
         outline_mm=float(on.sum()) * edges.step_mm,
@@ -249,6 +244,21 @@ def grey_evidence(
         residual=shading.residual,
         area_mm2=shading.area_px * mm_per_px**2,
     )
+
+
+def _off_px(pixels: FloatArray, edges: EdgePoints, greys: Sequence[GreyMeasure]) -> FloatArray:
+    """Return how far off the nearest edge of any picture is (n,), of points (n, 2) beside edges."""
+    off = np.full(len(pixels), FAR_PX)
+    for grey in greys:
+        off = np.fmin(off, np.abs(grey.gaps(pixels, edges.normals, edges, FAR_PX).gap_px))
+    return off
+
+
+def _explained(image_edges: ImageEdges, edges: EdgePoints, mm_per_px: float) -> float:
+    """Return the share of a picture's strong edges that are predicted."""
+    predicted = is_predicted(image_edges.points_px, edges, edges.step_mm / mm_per_px)
+    # strong ones count more, but one bright rim must not outvote all others
+    return _weighted(predicted, np.sqrt(image_edges.strength))
 
 
 def is_predicted(points_px: FloatArray, edges: EdgePoints, step_px: float) -> BoolArray:

@@ -3,6 +3,7 @@
 import difflib
 import shlex
 from collections import Counter
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Final
 
@@ -34,7 +35,9 @@ def choose(path: Path, bodies: Bodies, name: str) -> Body:
         if body.name == name:
             return body
     if name and name in map(body_name, bodies.open_names):
-        raise OpenCadError(f"{path}#{name}: its surfaces enclose no solid; export the solid body")
+        raise OpenCadError(
+            f"{body_path(path, name)}: its surfaces enclose no solid; export the solid body"
+        )
     inside = [
         body.name
         for body in bodies.distinct
@@ -42,7 +45,8 @@ def choose(path: Path, bodies: Bodies, name: str) -> Body:
     ]
     if name and inside:
         raise ManySolidsCadError(
-            f"{path}#{name}: is an assembly of the bodies {', '.join(inside)}; name one of them"
+            f"{body_path(path, name)}: is an assembly of the bodies {', '.join(inside)}; name one "
+            "of them"
         )
     known = [body.name for body in every]
     by_small = {one.casefold(): one for one in reversed(known)}
@@ -108,10 +112,7 @@ def listing(path: Path, bodies: Bodies) -> str:
     """Return a line for each body: how to write it, size, how often and where it is placed."""
     shown = bodies.distinct[:MAX_LISTED]
     width = max((len(str(body_path(path, body.name))) for body in shown), default=0)
-    lines = [
-        f"  {body_path(path, body.name)!s:<{width}}  {size_text(body):<24} {place_text(body)}"
-        for body in shown
-    ]
+    lines = [f"  {body_path(path, body.name)!s:<{width}}  {row_text(body)}" for body in shown]
     if len(bodies.distinct) > len(shown):
         lines.append(f"  and {len(bodies.distinct) - len(shown)} more")
     if bodies.open_names:
@@ -122,9 +123,14 @@ def listing(path: Path, bodies: Bodies) -> str:
     return "\n".join(lines)
 
 
-def size_text(body: Body) -> str:
-    """Return a body's size in words."""
-    return " x ".join(f"{side:.1f}" for side in body.size_mm) + " mm"
+def size_text(size_mm: Iterable[float]) -> str:
+    """Return the size of a body in words, from its sides [mm]."""
+    return " x ".join(f"{side:.1f}" for side in size_mm) + " mm"
+
+
+def row_text(body: Body) -> str:
+    """Return a body's row of a list, behind its name: its size, and where it is placed."""
+    return f"{size_text(body.size_mm):<24} {place_text(body)}"
 
 
 def place_text(body: Body) -> str:

@@ -5,12 +5,14 @@ APPLIED_EXTERNAL_IDENTIFICATION_ASSIGNMENT (recommended practices of the CAx-IF 
 references). The kernel reads what lies where the name leads to from the file's own folder.
 """
 
+import hashlib
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Final
 
-from controller.config.cad_files import STEP_FORMATS
+from controller.config.cad_files import STEP_FORMATS, split_cad
 
 from ...errors import LargeCadError, UnreadableCadError
 from .._ahead import read_file
@@ -105,16 +107,41 @@ def is_there(folder: Path, name: PurePosixPath) -> bool:
 
 
 def files_of(path: Path) -> tuple[Path, ...]:
-    """Return the file of a part and all that it names, for who copies or hashes them.
+    """Return the file of a part and all that it names, for who copies them.
 
     Parameters
     ----------
-    path : a CAD file; where it cannot be read, it stands alone
+    path : a part's name, with that of its body or without; a file that cannot be read stands alone
     """
-    if path.suffix.lower() not in STEP_FORMATS:
-        return (path,)
+    file = split_cad(path).file
+    names = list(_made_of(file) or ())
+    return (file, *(file.parent / name for name in names[1:]))
+
+
+def digests_of(path: Path) -> tuple[str, ...]:
+    """Return the SHA-256 of each of `files_of`, every file read once.
+
+    Parameters
+    ----------
+    path : as `files_of`
+
+    Raises
+    ------
+    OSError : the system does not give the file
+    """
+    file = split_cad(path).file
+    contents = _made_of(file)
+    if contents is not None:
+        return tuple(hashlib.sha256(data).hexdigest() for data in contents.values())
+    with file.open("rb") as alone:
+        return (hashlib.file_digest(alone, "sha256").hexdigest(),)
+
+
+def _made_of(file: Path) -> Mapping[str, bytes] | None:
+    """Return the content of a STEP file and of those it names, None for any other file."""
+    if file.suffix.lower() not in STEP_FORMATS:
+        return None
     try:
-        found = collect(path, read_file(path)).found
+        return collect(file, read_file(file)).found
     except (LargeCadError, UnreadableCadError):
-        return (path,)
-    return (path, *(path.parent / name for name in list(found)[1:]))
+        return None

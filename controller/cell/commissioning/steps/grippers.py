@@ -54,9 +54,6 @@ MAX_RMS_MM: Final = 0.4
 MAX_U_MM: Final = 0.4
 MAX_U_DEG: Final = 0.25
 MAX_AGAIN_MM: Final = 0.4
-# along its pads, where no touch decides: how far off its file the first touches are safe with it
-HELD_MM: Final = 4.0
-HELD_DEG: Final = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -285,8 +282,6 @@ def _calibration(
         u_deg=u_deg,
         observed=fit.observed,
         held=fit.held,
-        held_mm=HELD_MM,
-        held_deg=HELD_DEG,
     )
 
 
