@@ -2,7 +2,7 @@
 
     python benchmarks/trace_pictures.py PART... -o FOLDER --count 40 --seed 1 --mode both
            [--unknown PART...] [--multi 0.2] [--front-share 0.5] [--camera truth.json]
-           [--spp 48] [--small]
+           [--spp 48] [--small] [--wide]
 
 Writes into FOLDER, picture by picture, so that others may read while it grows:
     img_NNNN.png      1280 x 1024, 8 bit, as a camera with noise, blur and vignetting gives it
@@ -16,6 +16,8 @@ a side lamp, above a matte table. `--unknown` names parts that are in no catalog
 seventh picture shows one of them (`known` false). `--multi` is the share of pictures of two to five
 parts. A part lies in one of its stable poses of 1 % or more, drawn by the square root of their
 odds, so that rare ones turn up; all of it is inside the picture, and parts are 4 mm apart.
+`--wide` draws surfaces and lamps from further apart: painted, milled, brushed along one direction,
+blackened or anodised parts; one to three bar lamps, a ring, or both, and a table with a grain.
 `--camera` takes the `camera` of another truth.json; `--small` traces a quarter of the rays and
 writes only the small pictures. `--edges` measures instead of tracing: how far edges in FOLDER's
 unsaturated backlit pictures lie off the true outline.
@@ -105,7 +107,57 @@ def draw_light(mode: str, rng: np.random.Generator) -> Truth:
     }
 
 
-def draw_material(rng: np.random.Generator) -> dict[str, float]:
+def draw_wide_light(rng: np.random.Generator) -> Truth:
+    """Return front lamps and a table that differ more than `draw_light`'s do."""
+    light = draw_light("front", rng)
+    kind = str(rng.choice(["ring", "bars", "both", "sky"]))
+    light |= {
+        "lamps": kind,
+        "table": float(np.exp(rng.uniform(np.log(0.03), np.log(0.6)))),
+        "grain": rng.uniform(0.02, 0.10) if rng.random() < 0.5 else 0.0,
+        "grain_deg": rng.uniform(0.0, 180.0),
+    }
+    if kind == "bars":
+        light |= {"ring": 0.0, "side": 0.0, "bars": _bars(rng, int(rng.integers(1, 4)), 1.0)}
+    elif kind == "both":
+        light |= {"ring": light["ring"] * 0.6, "side": 0.0, "bars": _bars(rng, 1, 0.4)}
+    elif kind == "sky":  # a bright room, and the ring weak
+        light |= {"ring": light["ring"] * 0.4, "env": rng.uniform(0.25, 0.55), "side": 0.0}
+    return light
+
+
+def _bars(rng: np.random.Generator, count: int, strength: float) -> list[dict[str, float]]:
+    start = rng.uniform(0.0, 360.0)
+    return [
+        {
+            "strength": strength / count * rng.uniform(0.8, 1.2),
+            "az": start + i * 360.0 / count + rng.uniform(-25.0, 25.0),
+            "el": rng.uniform(40.0, 68.0),
+            "long_mm": rng.uniform(150.0, 300.0),
+        }
+        for i in range(count)
+    ]
+
+
+def draw_wide_material(rng: np.random.Generator) -> Truth:
+    """Return one of the surfaces that machined parts have.
+
+    `across` is the roughness across the tool marks, as a multiple of the one along them.
+    """
+    kind = str(rng.choice(["painted", "milled", "brushed", "blackened", "anodised"]))
+    shares: dict[str, tuple[tuple[float, float], ...]] = {
+        "painted": ((0.0, 0.1), (0.25, 0.4), (0.3, 0.5), (0.08, 0.75), (1.0, 1.0)),
+        "milled": ((0.6, 0.9), (0.2, 0.4), (0.5, 0.75), (0.2, 0.45), (1.0, 1.0)),
+        "brushed": ((0.6, 0.9), (0.1, 0.2), (0.45, 0.7), (0.2, 0.4), (2.0, 4.0)),
+        "blackened": ((0.3, 0.6), (0.2, 0.4), (0.08, 0.25), (0.02, 0.08), (1.0, 1.0)),
+        "anodised": ((0.1, 0.3), (0.15, 0.35), (0.3, 0.6), (0.05, 0.5), (1.0, 1.0)),
+    }
+    names = "metal", "alpha", "specular", "diffuse", "across"
+    drawn = {n: rng.uniform(*bounds) for n, bounds in zip(names, shares[kind], strict=True)}
+    return {"kind": kind, "marks_deg": rng.uniform(0.0, 180.0), **drawn}
+
+
+def draw_material(rng: np.random.Generator) -> Truth:
     """Return what a part is made of: somewhere between matte paint and rough metal."""
     return {
         "metal": rng.uniform(0.15, 0.53),
@@ -217,8 +269,10 @@ def make_picture(
     if mode == "both":
         mode = "front" if is_front else "back"
     kind, placed = put_down(known, unknown, args.multi, camera, rng)
-    light, sensor = draw_light(mode, rng), draw_sensor(mode, rng)
-    materials = [draw_material(rng) for _ in placed]
+    is_wide_light = args.wide and mode == "front"
+    light = draw_wide_light(rng) if is_wide_light else draw_light(mode, rng)
+    sensor = draw_sensor(mode, rng)
+    materials = [draw_wide_material(rng) if args.wide else draw_material(rng) for _ in placed]
     bodies = [Body(one.triangles_mm, m) for one, m in zip(placed, materials, strict=True)]
     spp = max(4, args.spp // 4) if args.small else args.spp
     traced = radiance(sight, bodies, light, spp, int(rng.integers(2**31)))
@@ -303,6 +357,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--multi", type=float, default=0.2, help="share with several parts")
     parser.add_argument("--camera", type=Path, help="a truth.json whose camera is used")
     parser.add_argument("--spp", type=int, default=48, help="rays a pixel")
+    parser.add_argument("--wide", action="store_true", help="more kinds of surfaces and lamps")
     parser.add_argument("--small", action="store_true", help="small pictures only, fewer rays")
     parser.add_argument("--edges", action="store_true", help="measure FOLDER instead of tracing")
     args = parser.parse_args(argv)

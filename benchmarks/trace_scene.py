@@ -27,7 +27,7 @@ from controller.imaging import Camera
 
 Array = NDArray[np.float64]
 Light = dict[str, Any]
-Material = dict[str, float]
+Material = dict[str, Any]
 Mitsuba = Any  # its module and objects, made at run time: it may be missing
 
 OLDEST_LLVM = 16
@@ -50,7 +50,15 @@ RING_Z_MM = 525.0  # a ring lamp of strength 1 at this height shows a white shee
 SIDE_DISTANCE_MM = 600.0
 SIDE_RADIUS_MM = 45.0
 MAX_BOUNCES = 5
-SHARES = {"glow": 1.0, "ring": 1.0, "side": 0.5, "env": 0.35}  # of the rays, by what light adds
+BAR_DISTANCE_MM = 550.0
+BAR_WIDTH_MM = 40.0
+SHARES = {
+    "glow": 1.0,
+    "ring": 1.0,
+    "side": 0.5,
+    "bars": 1.0,
+    "env": 0.35,
+}  # of the rays, by what light adds
 
 
 class NoTracerError(Exception):
@@ -231,6 +239,8 @@ def _scenes(
         lamps["ring"] = {"lamp": _ring(light)}
     if light["side"] > 0:
         lamps["side"] = {"lamp": _side(light)}
+    if light.get("bars"):
+        lamps["bars"] = {f"lamp_{i}": _bar(bar) for i, bar in enumerate(light["bars"])}
     if light["env"] > 0:
         lamps["env"] = {"lamp": {"type": "constant", "radiance": _uniform(light["env"])}}
     parts = {f"part_{i}": shape for i, shape in enumerate(shapes)}
@@ -271,6 +281,8 @@ def _table(light: Light, is_glowing: bool) -> dict[str, Any]:
     albedo = light["table"] * (
         1 + light["table_var"] * np.clip(blotches / blotches.std(), -2.5, 2.5) / 1.6
     )
+    if light.get("grain", 0.0) > 0:
+        albedo *= 1 + light["grain"] * _grain(cells, light["grain_deg"], rng)
     out = {
         "type": "rectangle",
         "to_world": mi.ScalarTransform4f().scale([TABLE_MM / 2, TABLE_MM / 2, 1.0]),
@@ -286,6 +298,30 @@ def _table(light: Light, is_glowing: bool) -> dict[str, Any]:
         )
         out["emitter"] = {"type": "area", "radiance": _texture(np.maximum(glow, 0.05))}
     return out
+
+
+def _grain(cells: int, turn_deg: float, rng: np.random.Generator) -> Array:
+    """Return marks of a plane along one direction (cells, cells), of deviation 1."""
+    marks = cv2.GaussianBlur(rng.normal(size=(cells, cells)), (0, 0), 40.0, sigmaY=1.0)
+    turn = cv2.getRotationMatrix2D((cells / 2, cells / 2), turn_deg, 1.5)
+    turned = cv2.warpAffine(marks, turn, (cells, cells), borderMode=cv2.BORDER_REFLECT)
+    return np.asarray(np.clip(turned / turned.std(), -2.5, 2.5), np.float64)
+
+
+def _bar(bar: dict[str, float]) -> dict[str, Any]:
+    """A bar that looks at the table's middle; strength 1 from above shows white as white."""
+    mi = tracer()
+    az, el = np.radians(bar["az"]), np.radians(bar["el"])
+    at = BAR_DISTANCE_MM * np.array([np.cos(az) * np.cos(el), np.sin(az) * np.cos(el), np.sin(el)])
+    seen = bar["long_mm"] * BAR_WIDTH_MM / (np.pi * BAR_DISTANCE_MM**2)
+    T = mi.ScalarTransform4f().look_at(origin=at.tolist(), target=[0, 0, 0], up=[0, 0, 1])
+    half = [bar["long_mm"] / 2, BAR_WIDTH_MM / 2, 1.0]
+    return {
+        "type": "rectangle",
+        "to_world": T @ mi.ScalarTransform4f().scale(half),
+        "bsdf": {"type": "diffuse", "reflectance": _uniform(0.0)},
+        "emitter": {"type": "area", "radiance": _uniform(bar["strength"] / seen)},
+    }
 
 
 def _ring(light: Light) -> Mitsuba:
@@ -319,6 +355,7 @@ def _side(light: Light) -> dict[str, Any]:
 
 def _body_shape(body: Body) -> Mitsuba:
     material = body.material
+    across = material.get("across", 1.0)
     bsdf = {
         "type": "blendbsdf",
         "weight": material["metal"],
@@ -326,17 +363,40 @@ def _body_shape(body: Body) -> Mitsuba:
         "metal": {
             "type": "roughconductor",
             "distribution": "ggx",
-            "alpha": material["alpha"],
+            "alpha_u": material["alpha"],
+            "alpha_v": min(material["alpha"] * across, 0.8),
             "specular_reflectance": _uniform(material["specular"]),
         },
     }
-    return _mesh("part", body.triangles_mm, bsdf, None)
+    marks = None if across == 1.0 else _along_marks(body.triangles_mm, material["marks_deg"])
+    return _mesh("part", body.triangles_mm, bsdf, None, marks)
+
+
+def _along_marks(triangles: Array, turn_deg: float) -> Array:
+    """Return texture coordinates (3 n, 2) of triangles (n, 3, 3), by which a tool's marks run.
+
+    Marks run along u; on every face they are the same direction of space, laid into the face.
+    """
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+    along = np.array([np.cos(np.radians(turn_deg)), np.sin(np.radians(turn_deg)), 0.3])
+    u = along - (normals @ along)[:, None] * normals
+    u /= np.maximum(np.linalg.norm(u, axis=1, keepdims=True), 1e-9)
+    v = np.cross(normals, u)
+    out: Array = np.stack(
+        [np.einsum("nij,nj->ni", triangles, u), np.einsum("nij,nj->ni", triangles, v)], axis=2
+    ).reshape(-1, 2)
+    return out
 
 
 def _mesh(
-    name: str, triangles: Array, bsdf: dict[str, Any], emitter: dict[str, Any] | None
+    name: str,
+    triangles: Array,
+    bsdf: dict[str, Any],
+    emitter: dict[str, Any] | None,
+    texture: Array | None = None,
 ) -> Mitsuba:
-    """Return a mesh of flat triangles (n, 3, 3)."""
+    """Return a mesh of flat triangles (n, 3, 3), with texture coordinates (3 n, 2) if given."""
     mi = tracer()
     properties = mi.Properties()
     properties["bsdf"] = mi.load_dict(bsdf)
@@ -344,9 +404,12 @@ def _mesh(
         properties["emitter"] = mi.load_dict(emitter)
     properties["face_normals"] = True
     count = len(triangles)
-    mesh = mi.Mesh(name, 3 * count, count, props=properties)
+    has_texture = texture is not None
+    mesh = mi.Mesh(name, 3 * count, count, props=properties, has_vertex_texcoords=has_texture)
     values = mi.traverse(mesh)
     values["vertex_positions"] = np.ascontiguousarray(triangles, np.float32).ravel()
+    if texture is not None:
+        values["vertex_texcoords"] = np.ascontiguousarray(texture, np.float32).ravel()
     values["faces"] = np.arange(3 * count, dtype=np.uint32)
     values.update()
     return mesh

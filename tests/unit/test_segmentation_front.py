@@ -96,3 +96,39 @@ def test_outlines_do_not_depend_on_brightness(gain: float) -> None:
     assert len(before) == len(after) == 1
     assert after[0].area_px == pytest.approx(before[0].area_px, rel=0.006)
     assert len(after[0].loops_px) == 2
+
+
+def test_rounding_to_few_levels_makes_no_things_of_a_dark_tables_grain() -> None:
+    grain = cv2.GaussianBlur(np.random.default_rng(5).normal(size=SIZE[::-1]), (0, 0), 25, sigmaY=2)
+    ground = 9.0 + 1.2 * np.clip(grain / grain.std(), -2.5, 2.5)
+    fine = picture([(bar(240, 190, 150, 90, 0.3), 70)], ground, SIZE, noise=0.3)
+    few = (4 * np.round(fine * 63.0 / 255.0)).astype(np.uint8)
+    assert len(np.unique(few[:100])) > 1  # the grain shows, as steps
+    result = segment(few, "front")
+    assert [r.area_px for r in result.regions] == [pytest.approx(150 * 90, rel=0.02)]
+
+
+def test_a_black_table_hides_nothing_that_is_brighter() -> None:
+    thing = bar(240, 190, 150, 90, 0.3)
+    result = segment(picture([(thing, 40)], textured(5, 0.02), SIZE, noise=0.3), "front")
+    assert [r.area_px for r in result.regions] == [pytest.approx(150 * 90, rel=0.01)]
+    empty = segment(picture([], textured(5, 0.02), SIZE, noise=0.3), "front")
+    assert empty.regions == ()
+    assert any("too dark" in remark for remark in empty.remarks)
+
+
+def fading_into(table: float, level: float, shape: Shape) -> np.ndarray:
+    """Return a thing that is ``level`` on its left and as grey as the table on its right."""
+    share = coverage(shape, SIZE)
+    right = np.clip((np.arange(SIZE[0]) - 165) / 150.0, 0, 1)[None]
+    light = table + share * (1 - right) * (level - table)
+    light = cv2.GaussianBlur(light, (0, 0), 0.8)
+    light += np.random.default_rng(4).normal(0, 0.5, light.shape)
+    return np.clip(np.round(light), 0, 255).astype(np.uint8)
+
+
+def test_a_thing_whose_border_has_a_wide_gap_is_still_one_thing() -> None:
+    # its right end, 90 px long, has no border at all
+    result = segment(fading_into(110.0, 70.0, bar(240, 190, 150, 90)), "front")
+    assert len(result.regions) == 1
+    assert 0.7 * 150 * 90 < result.regions[0].area_px < 1.02 * 150 * 90

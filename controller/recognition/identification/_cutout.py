@@ -6,7 +6,7 @@ from functools import cached_property
 import cv2
 import numpy as np
 
-from controller.arrays import BoolArray, Grey
+from controller.arrays import BoolArray, FloatArray, Grey
 
 from ..fitting import GreyMeasure, ImageEdges, Measure, OutlineMeasure
 from ..segmentation import Region
@@ -23,17 +23,26 @@ class ObjectCutout:
     region : as it was cut out
     pictures : of the scene; a backlit one last, after those under lamps
     mm_per_px : at the object
+    outlines : the loops [px] of each outline that it may have; the region's own first
     is_backlit : its outline is known whole
     """
 
     def __init__(
-        self, region: Region, pictures: Sequence[Grey], mm_per_px: float, *, is_backlit: bool
+        self,
+        region: Region,
+        pictures: Sequence[Grey],
+        mm_per_px: float,
+        outlines: Sequence[tuple[FloatArray, ...]],
+        *,
+        is_backlit: bool,
     ) -> None:
         self.region = region
         self.mm_per_px = mm_per_px
         self.is_backlit = is_backlit
         self.is_lit = len(pictures) > 1 or not is_backlit
         self._pictures = pictures
+        self._loops_px = outlines
+        self._outlines: dict[int, OutlineMeasure] = {}
 
     @property
     def corner_px(self) -> tuple[int, int]:
@@ -46,10 +55,16 @@ class ObjectCutout:
         x0, y0, x1, y1 = self.region.box_px
         return tuple(np.ascontiguousarray(picture[y0:y1, x0:x1]) for picture in self._pictures)
 
-    @cached_property
+    @property
     def outline(self) -> OutlineMeasure:
         """Its outline."""
-        return OutlineMeasure.of_loops(self.region.loops_px)
+        return self.outline_of(0)
+
+    def outline_of(self, which: int) -> OutlineMeasure:
+        """Return one of the outlines that it may have."""
+        if which not in self._outlines:
+            self._outlines[which] = OutlineMeasure.of_loops(self._loops_px[which])
+        return self._outlines[which]
 
     @cached_property
     def greys(self) -> tuple[GreyMeasure, ...]:

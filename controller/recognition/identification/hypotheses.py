@@ -49,6 +49,7 @@ class SearchLimits:
     coarse_samples : edge samples of a coarse fit: enough to tell a turn that is off
     fine_samples, fine_outline : of a full one; of one to an outline
     first_reach_mm : how far off a candidate may lie: its place comes from a centroid
+    after_outline_mm : how far off under lamps once the outline seen has been fitted
     slack_mm : less than this, by which a tall part's place may be off, is in that reach already
     coarse_share : of the best one's coarse score that others need for a full fit
     overlap_gap : of silhouettes, by which a candidate may fall short of one that fits perfectly
@@ -67,6 +68,7 @@ class SearchLimits:
     fine_samples: int = 1000
     fine_outline: int = 600
     first_reach_mm: float = 5.0
+    after_outline_mm: float = 2.0
     slack_mm: float = 1.5
     coarse_share: float = 0.75
     overlap_gap: float = 0.025
@@ -132,7 +134,8 @@ def weigh(
     for candidate in distinct(candidates, library)[:most]:
         if candidate.overlap < bound:
             break  # one fits perfectly, and this one's outline is another
-        coarse, score = _coarse(candidate, cutout, camera, library, limits)
+        by_outline = source == "outline"
+        coarse, score = _coarse(candidate, cutout, camera, library, limits, by_outline=by_outline)
         if coarse is None:
             continue
         if score < limits.sure_coarse:
@@ -241,18 +244,29 @@ def _coarse(
     camera: Camera,
     library: Library,
     limits: SearchLimits,
+    *,
+    by_outline: bool,
 ) -> tuple[EdgeFit | None, float]:
     """Return a candidate's first fit and its score; a tall part's place is looked for farther off.
 
-    A longer reach is a second try, since it also finds more edges that are another's.
+    A longer reach is a second try, since it also finds more edges that are another's. Under lamps
+    edges of the inside are near each other, and a view made for another place may be off by more
+    than that: there the outline of the silhouette it was found by is fitted before them.
     """
     pose = library.entries[candidate.part].pose(candidate.pose)
     model = library.model(candidate.part)
     T = pose_on_table(model, pose, candidate.x_mm, candidate.y_mm, candidate.theta_rad)
+    best, best_score = None, 0.0
+    if not cutout.is_backlit and by_outline:
+        reach_mm = limits.first_reach_mm + candidate.slack_mm
+        best, best_score = _coarse_by_outline(
+            model, T, candidate.silhouette, reach_mm, cutout, camera, limits
+        )
+        if best_score >= limits.sure_coarse:
+            return best, best_score
     reaches_mm = [limits.first_reach_mm]
     if cutout.is_backlit and candidate.slack_mm >= limits.slack_mm:  # under lamps lines say more
         reaches_mm.append(limits.first_reach_mm + candidate.slack_mm)
-    best, best_score = None, 0.0
     for reach_mm in reaches_mm:
         options = FitOptions(
             reach_px=(_reach_px(reach_mm, cutout),),
@@ -266,6 +280,35 @@ def _coarse(
         if best_score >= limits.sure_coarse:
             break
     return best, best_score
+
+
+def _coarse_by_outline(
+    model: EdgeModel,
+    T_world_part: FloatArray,
+    silhouette: int,
+    reach_mm: float,
+    cutout: ObjectCutout,
+    camera: Camera,
+    limits: SearchLimits,
+) -> tuple[EdgeFit | None, float]:
+    """Return the fit to a picture's edges that begins where one to the outline ends.
+
+    The silhouette that found it may lack dark walls: then the likeliest outline may do better.
+    """
+    options = FitOptions((_reach_px(reach_mm, cutout),), steps=3, most=limits.coarse_samples)
+    start, best_score = None, 0.0
+    for which in dict.fromkeys((silhouette, 0)):
+        fit = fit_edges(model, T_world_part, camera, cutout.outline_of(which), options)
+        score = 0.0 if fit is None else _coarse_score(fit)
+        if fit is not None and score > best_score:
+            start, best_score = fit.T_world_part, score
+        if best_score >= limits.sure_coarse:
+            break
+    if start is None:
+        return None, 0.0
+    options = replace(options, reach_px=(_reach_px(limits.after_outline_mm, cutout),))
+    fit = fit_edges(model, start, camera, cutout.measure, options)
+    return fit, 0.0 if fit is None else _coarse_score(fit)
 
 
 def _coarse_score(fit: EdgeFit) -> float:

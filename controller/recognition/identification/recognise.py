@@ -7,7 +7,7 @@ propose hypotheses of their own.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import cv2
@@ -95,7 +95,7 @@ def _identify(
     is_backlit: bool,
     limits: RecognitionLimits,
 ) -> tuple[Sighting, Trace]:
-    seen = _silhouettes(region, camera)
+    outlines, seen = _silhouettes(region, camera)
     if not seen:
         return _unknown(region, camera, 0.0, 1.0, "too small to recognise"), Trace(region, (), ())
     main = seen[0]
@@ -103,12 +103,13 @@ def _identify(
         reason = "partly outside the picture or the backlit area; move it inwards"
         return _unknown(region, camera, main.area_mm2, 1.0, reason), Trace(region, (), ())
     candidates: list[Candidate] = []
-    for silhouette in seen:
+    for which, silhouette in enumerate(seen):
         far = FAR_BACKLIT if is_backlit else FAR_FRONT
-        candidates += library.index.search(silhouette, far=far)
+        found = library.index.search(silhouette, far=far)
+        candidates += [replace(candidate, silhouette=which) for candidate in found]
     candidates.sort(key=lambda c: -c.overlap)
     mm = camera.mm_per_px(np.array([*main.centroid_mm, 0.0]))
-    cutout = ObjectCutout(region, pictures, mm, is_backlit=is_backlit)
+    cutout = ObjectCutout(region, pictures, mm, outlines, is_backlit=is_backlit)
     hypotheses = weigh(candidates, cutout, camera, library, limits.search)
     if not is_backlit and not is_convincing(hypotheses):
         proposed = _by_lines(cutout, camera, library)
@@ -140,9 +141,16 @@ def _by_lines(cutout: ObjectCutout, camera: Camera, library: Library) -> list[Ca
     return proposed
 
 
-def _silhouettes(region: Region, camera: Camera) -> list[Silhouette]:
-    """Return the hypotheses about a region's outline in the table plane, the likeliest first."""
-    found = []
+def _silhouettes(
+    region: Region, camera: Camera
+) -> tuple[list[tuple[FloatArray, ...]], list[Silhouette]]:
+    """Return the hypotheses about a region's outline, the likeliest first.
+
+    Returns
+    -------
+    the loops of each in the picture [px], and the silhouette in the table plane
+    """
+    outlines, found = [], []
     for loops_px in (region.loops_px, *(_loops(m, region) for m in region.alternatives)):
         loops = tuple(camera.on_plane(loop)[:, :2] for loop in loops_px if len(loop) > 8)
         if not loops:
@@ -152,8 +160,9 @@ def _silhouettes(region: Region, camera: Camera) -> list[Silhouette]:
         except ValueError:
             continue
         perimeter = sum(_length(loop) for loop in loops)
+        outlines.append(loops_px)
         found.append(Silhouette(area, perimeter, centroid, grid))
-    return found
+    return outlines, found
 
 
 def _length(loop: FloatArray) -> float:

@@ -53,6 +53,7 @@ class Candidate:
     overlap : cosine of the two silhouettes, 0..1
     distance : in the index
     slack_mm : how far off its place may be because the view was made for another one
+    silhouette : which of the object's it was found by, where it may have several
     """
 
     part: int
@@ -63,6 +64,7 @@ class Candidate:
     overlap: float
     distance: float
     slack_mm: float = 0.0
+    silhouette: int = 0
 
     @property
     def place_mm(self) -> FloatArray:

@@ -13,11 +13,14 @@ from numpy.typing import NDArray
 from controller.arrays import BoolArray, ByteArray, Float32Array, Grey, IndexArray
 from controller.imaging.levels import GROUND_BIN, Ground
 
+from ._leaks import leaked
 from ._objects import Crop, boxes_of, regions_of, sharpen
 from ._types import Region
 
 MARGIN_PX = 24  # of a crop: its rim is table, beyond most of a contact shadow
 MIN_BRIGHT = 0.15  # brighter than the table by this share and more than its texture: a thing
+BRIGHT_NOISES = 5.0  # and by more than noise makes a dark table
+BRIGHT_STEPS = 1.5  # and than rounding to few levels makes: one step is no thing
 TEXTURE_FACTOR = 5.0  # of the table's own scatter
 SLOPE_PX = 9  # over which a slope is distinguished from a step
 SLOPE_SHARE = 1.3  # a step's slope over that window is a third of its own
@@ -66,9 +69,14 @@ def find_front(
     """
     height, width = picture.shape
     excess = max(MIN_BRIGHT, TEXTURE_FACTOR * ground.scatter)
+    rounding = BRIGHT_STEPS * step if step > 1 else SEEN_CONTRAST
+    beyond = max(BRIGHT_NOISES * noise, rounding)
     bright = relative > GROUND_BIN * (1.0 + excess)
-    slope = cv2.morphologyEx(reduced, cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8))
     table = float(np.median(reduced[::4, ::4]))
+    if excess * table < 2.0 * beyond:  # where it counts, by the level at each place
+        whole = (0, 0, reduced.shape[1] * factor, reduced.shape[0] * factor)
+        bright &= reduced > ground.over(whole, factor) + beyond
+    slope = cv2.morphologyEx(reduced, cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8))
     sharp = slope > max(3.0 * MIN_EDGE * factor**0.5 * table, 6.0 * noise, 2.5 * step)
     candidates = cv2.morphologyEx(
         (bright | sharp).astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)
@@ -86,17 +94,23 @@ def find_front(
             None if usable is None else usable[window],
             MIXED_PX if factor > 1 else 1,
         )
-        regions, small = _within(crop, ground, excess, noise, step, min_area_px)
+        regions, small = _within(crop, ground, excess, beyond, noise, step, min_area_px)
         found += regions
         specks += small
     return found, specks
 
 
 def _within(
-    crop: Crop, ground: Ground, excess: float, noise: float, step: int, min_area_px: float
+    crop: Crop,
+    ground: Ground,
+    excess: float,
+    beyond: float,
+    noise: float,
+    step: int,
+    min_area_px: float,
 ) -> tuple[list[Region], int]:
     table = ground.over(crop.box_px)
-    bound = cv2.multiply(table, 1.0 + excess)  # type: ignore[call-overload]  # no scalars in stubs
+    bound = table + np.maximum(np.float32(excess) * table, np.float32(beyond))
     bright = (crop.grey > bound).view(np.uint8)
     level = float(table[::8, ::8].mean())
     least = max(MIN_EDGE * level, NOISE_FACTOR * noise, STEP_FACTOR * (step if step > 1 else 0))
@@ -119,7 +133,14 @@ def _within(
     lit = _lit(crop, table, bright)
     wide = ((1 - _reached(blocked, WIDE_GAP_PX)) & not_hole).view(np.bool_)
     tight = (_trimmed(solid, bright) & not_hole).view(np.bool_)
-    return regions_of(crop, mask, field, wanted, min_area_px, (lit, filled, wide, tight))
+    others: tuple[BoolArray, ...] = (lit, filled, wide, tight)
+    inside = leaked(border, solid, crop.mixed_px)
+    if inside is not None:
+        others = (mask, *others)
+        mask = mask | inside
+        near = cv2.dilate(inside.view(np.uint8), np.ones((3, 3), np.uint8)) > 0
+        field[near] = np.where(mask[near], 1.0, -1.0)  # to a pixel, which will do for a hull
+    return regions_of(crop, mask, field, wanted, min_area_px, others)
 
 
 def _lit(crop: Crop, table: Float32Array, bright: ByteArray) -> BoolArray:

@@ -24,7 +24,7 @@ from ._types import Lighting, Segmentation
 
 LEVEL_ROWS = 64  # as many tell which levels are in use
 MIN_AREA = 2e-4  # of the picture: 16 x 16 px of 1280 x 1024, a part of 3.5 mm seen from 860
-DARK_TABLE = 8  # grey levels under which nothing can be recognised
+DARK_TABLE = 8  # grey levels under which things show only where they are brighter
 BRIGHT_TABLE = 128  # an empty table is a light table from here on
 MAX_FADE = 0.4  # of the table's level from its brightest to its darkest place
 DARK_THING = 0.35  # of the ground's level: darker are things before a backlight, and deep holes
@@ -97,9 +97,9 @@ def segment(
         step=step,
         noise=noise,
     )
-    if typical < DARK_TABLE:
-        remarks.append(f"the table's level is {typical:.0f} of 255: too dark to see anything on it")
-        return Segmentation((), found, False, levels, tuple(remarks))
+    too_dark = f"the table's level is {typical:.0f} of 255: too dark to see anything on it"
+    if typical < DARK_TABLE and found == "backlit":
+        return Segmentation((), found, False, levels, (too_dark,))
     if found == "backlit":
         if not is_bimodal:
             cut = 0.5 * GROUND_BIN
@@ -110,6 +110,8 @@ def segment(
         regions, specks = find_front(
             picture, reduced, relative, factor, ground, noise, step, usable, min_area_px
         )
+    if typical < DARK_TABLE and not regions:
+        return Segmentation((), found, False, levels, (too_dark,))
     remarks += _remarks(found, levels, ground, level, inside, is_bimodal, bool(regions), specks)
     regions.sort(key=lambda region: -region.area_px)
     cut_off = sum(region.touches_edge for region in regions)
