@@ -53,6 +53,15 @@ CellOption = Annotated[
 JsonOption = Annotated[
     bool, typer.Option("--json", help="print JSON on stdout, one object per line")
 ]
+JobsOption = Annotated[
+    str | None,
+    typer.Option(
+        "--jobs",
+        metavar="N",
+        help="processes that work ahead: a number, `all` for one a core, or the address of a Dask "
+        "scheduler (default: 1)",
+    ),
+]
 RunsOption = Annotated[
     Path, typer.Option("--runs", metavar="FOLDER", help="folder of all runs and of the journal")
 ]

@@ -52,6 +52,21 @@ def open_library(
     return Library(entries, shape_of, solid_of, camera.position_mm)
 
 
+def keep_entry(path: Path, options: CompileOptions, camera: Camera) -> None:
+    """Work out what a library keeps of a part for a camera, if the cache has it not.
+
+    Parameters
+    ----------
+    path, options : CAD file and what it is compiled with
+    camera : overhead, calibrated
+
+    Raises
+    ------
+    CadError : as `load_part`
+    """
+    _entry(path, options, station_of(camera), None)
+
+
 def _entry(path: Path, options: CompileOptions, station: Station, cache: Path | None) -> Entry:
     key = _key(path, options, station)
     if key is not None:

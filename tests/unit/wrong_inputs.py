@@ -725,6 +725,21 @@ ROWS: tuple[Row, ...] = (
     Row("speed inf", nothing, (*RUN, "--speed", "inf"), "--speed"),
     Row("seed of words", nothing, (*RUN, "--seed", "lucky"), "--seed"),
     Row("seed below 0", nothing, (*RUN, "--seed", "-7"), "--seed"),
+    Row(
+        "jobs that are none", nothing, ("compile", "block.stl", "--jobs", "0"), "--jobs 0: expected"
+    ),
+    Row(
+        "jobs at no address",
+        nothing,
+        ("plan", "block.stl", "--jobs", "localhost"),
+        "--jobs localhost",
+    ),
+    Row(
+        "jobs without a cache",
+        nothing,
+        ("compile", "block.stl", "--jobs", "2", "--no-cache"),
+        "--jobs fills the cache",
+    ),
     Row("density nan", nothing, ("compile", "block.stl", "--density", "nan"), "--density"),
     Row(
         "place that is no number", nothing, (*RUN, "--at", "nan,0,0"), "--at nan,0,0: three numbers"

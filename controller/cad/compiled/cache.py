@@ -20,7 +20,6 @@ from ._mesh import called, solids
 from .part import CompiledPart, CompileOptions, compile_part, part_name
 
 FORMAT = 2  # raised when the same source and options come to mean something else
-MAX_FILE_COUNT = 200  # the oldest ones go first; each can be computed again
 MAX_CAD_BYTES = 2**30
 SOURCES = tuple(Path(__file__).parents[2] / room for room in ("cad", "imaging"))
 DECIDING = ("numpy", "scipy", "trimesh", "manifold3d", "embreex")  # of what a file becomes
@@ -90,9 +89,7 @@ def make_part(
 @lru_cache(maxsize=1)
 def part_cache() -> DiskCache[CompiledPart]:
     """Return the cache of compiled parts."""
-    return DiskCache(
-        CompiledPart, "part", "a compiled part", {Solid: solids()}, max_count=MAX_FILE_COUNT
-    )
+    return DiskCache(CompiledPart, "part", "a compiled part", {Solid: solids()})
 
 
 def _file_of(path: Path, options: CompileOptions, cache: Path | None) -> Path | None:

@@ -1,4 +1,4 @@
-"""Make the worker process: a fresh one that ends with its parent, however the parent ends."""
+"""Make worker processes: fresh ones that end with their parent, however the parent ends."""
 
 import ctypes
 import os
@@ -11,13 +11,17 @@ from multiprocessing import active_children, get_context
 PR_SET_PDEATHSIG = 1  # linux/prctl.h
 
 
-def make_pool() -> ProcessPoolExecutor:
-    """Return the pool. Its process is a fresh one, since a fork would copy open devices into it.
+def make_pool(count: int = 1) -> ProcessPoolExecutor:
+    """Return the pool. Its processes are fresh ones, since a fork would copy open devices into it.
 
-    The worker ends with this process, however that ends. The first use must be in the main thread.
+    A worker ends with this process, however that ends. The first use must be in the main thread.
+
+    Parameters
+    ----------
+    count : of worker processes
     """
     return ProcessPoolExecutor(
-        max_workers=1,
+        max_workers=count,
         mp_context=get_context("spawn"),
         initializer=_belong_to,
         initargs=(os.getpid(),),
@@ -25,9 +29,14 @@ def make_pool() -> ProcessPoolExecutor:
 
 
 @contextmanager
-def worker_pool() -> Iterator[ProcessPoolExecutor]:
-    """Yield the pool; at the end, discard whatever its worker has not finished."""
-    pool = make_pool()
+def worker_pool(count: int = 1) -> Iterator[ProcessPoolExecutor]:
+    """Yield the pool; at the end, discard whatever its processes have not finished.
+
+    Parameters
+    ----------
+    count : of worker processes
+    """
+    pool = make_pool(count)
     try:
         yield pool
     finally:

@@ -34,8 +34,7 @@ from controller.planning.geometry import PartShape
 
 # To be raised when the meaning of stored plans changes.
 FORMAT = 4
-# The oldest files are deleted first; each can be made again.
-MAX_PLAN_COUNT, MAX_PREPARED_COUNT = 500, 30
+MAX_PREPARED_COUNT = 30  # megabytes each; the oldest go first
 STEPS = (Pick, Present, GiveStep, ReceiveStep, SetDown, Look)
 ROTATION_TOLERANCE = 1e-6
 # Fields of one array, whose shape is checked; other fields are searched for such fields.
@@ -94,7 +93,6 @@ class Kept:
             "a plan",
             steps,
             check=self._check_kept,
-            max_count=MAX_PLAN_COUNT,
         )
         self.certificates = DiskCache(
             Certified,
@@ -102,7 +100,6 @@ class Kept:
             "a certificate",
             steps,
             check=self._check_certified,
-            max_count=MAX_PLAN_COUNT,
         )
 
     @cached_property

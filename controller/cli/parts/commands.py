@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from ..options import JsonOption, UnitOption, finite
+from ..options import JobsOption, JsonOption, UnitOption, finite
 
 
 def compile_(
@@ -58,12 +58,14 @@ def compile_(
         bool,
         typer.Option("--all", help="compile each distinct body of STEP files of several"),
     ] = False,
+    jobs: JobsOption = None,
     json: JsonOption = False,
 ) -> None:
     """Print what follows from a CAD file alone.
 
     Stable poses, outlines, surfaces, edges; with a cell also grasps and plans.
     """
+    from ..inputs.ahead import jobs_among
     from ..inputs.part_files import part_files
     from .compiling import compile_parts
 
@@ -77,6 +79,7 @@ def compile_(
         report=report,
         cell=recipe_cell if has_recipe else cell,
         use_cache=not no_cache,
+        jobs=jobs_among(jobs, use_cache=not no_cache),
         lists_characteristics=characteristics,
         as_json=json,
     )

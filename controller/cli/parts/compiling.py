@@ -13,12 +13,12 @@ from rich.table import Table
 from controller.cad import CadError
 from controller.cad.compiled import (
     CompiledPart,
-    CompileOptions,
     cached_part,
     compile_part,
     make_part,
 )
 from controller.cad.reading.step.choosing import size_text
+from controller.catalogue import LOCAL, Jobs, Made, Work
 from controller.cell.plans import Certified, PlanCache
 from controller.config import ConfigError, load_cell
 from controller.inspection.characteristics import Characteristic
@@ -26,6 +26,7 @@ from controller.results.sheet import write_sheet
 from controller.setup.characteristics import part_characteristics
 from controller.setup.planner import PlannerSetup, planner_setup
 
+from ..inputs.ahead import working_ahead
 from ..inputs.checks import check_writable_folder
 from ..inputs.part_files import PartFile
 from ..planning.certificates import print_certificates
@@ -43,6 +44,7 @@ def compile_parts(
     report: Path | None,
     cell: Path | None,
     use_cache: bool,
+    jobs: Jobs = LOCAL,
     lists_characteristics: bool,
     as_json: bool,
 ) -> int:
@@ -56,6 +58,7 @@ def compile_parts(
     report : HTML page to write, None for none
     cell : cell file, to report grasps and a plan for each stable pose as well; None for neither
     use_cache : read and keep compiled parts and plans
+    jobs : who compiles and plans ahead of what is printed
     lists_characteristics : print what is to be measured of each part, too
     as_json : print one JSON object a part
 
@@ -71,50 +74,55 @@ def compile_parts(
     if report is not None:
         check_writable_folder(report.parent, "--report in")
     planned_in = None if cell is None else load_cell(cell)
-    code, parts = 0, []
+    code, compiled = 0, 0
+    parts: list[CompiledPart] = []
     listed = every_body(files) if all_bodies else BodyFiles.of(files)
     if not listed.is_whole:
         code = 2
-    for one in listed.files:
-        file, started = one.file, time.perf_counter()
-        try:
-            part, from_cache = _compiled(file.path, file.options, use_cache=use_cache)
-        except CadError as error:
-            warn(f"cellctl: {error}")
-            if all_bodies:
-                listed.report_refused(one, error, as_json=as_json)
-            code = 2
-            continue
-        seconds = time.perf_counter() - started
-        parts.append(part)
-        characteristics = _characteristics(file, part)
-        body = part_json(part, density_g_cm3, characteristics) | {
-            "seconds": seconds,
-            "from_cache": from_cache,
-            **one.body,
-        }
-        if not as_json:
-            if all_bodies:
-                listed.print_compiled(one, part, seconds)
-            else:
-                _print(part, body)
-            if lists_characteristics:
-                print_characteristics(characteristics)
-        certified: Sequence[Certified] = ()
-        setup: PlannerSetup | None = None
-        if planned_in is not None:
-            setup = planner_setup(file.recipe, planned_in, part, on_command_line)
+    with working_ahead(
+        jobs, [_work(one.file, cell, on_command_line) for one in listed.files]
+    ) as made:
+        for number, one in enumerate(listed.files):
+            file = one.file
+            try:
+                part, from_cache, seconds = _compiled(file, made(number), use_cache=use_cache)
+            except CadError as error:
+                warn(f"cellctl: {error}")
+                if all_bodies:
+                    listed.report_refused(one, error, as_json=as_json)
+                code = 2
+                continue
+            compiled += 1
+            if report is not None:
+                parts.append(part)
+            characteristics = _characteristics(file, part)
+            body = part_json(part, density_g_cm3, characteristics) | {
+                "seconds": seconds,
+                "from_cache": from_cache,
+                **one.body,
+            }
             if not as_json:
-                print_line(setup.sentence)
-            planning = PlanCache(part, setup.layout, setup.options, use_cache=use_cache)
-            certified = [planning.certified(pose) for pose in part.poses]
-            body |= {"planned_with": setup.as_json()} | certified_json(certified, setup)
-        if as_json:
-            emit(body)
-        elif setup is not None:
-            _print_certified(part, certified, setup)
+                if all_bodies:
+                    listed.print_compiled(one, part, seconds)
+                else:
+                    _print(part, body)
+                if lists_characteristics:
+                    print_characteristics(characteristics)
+            certified: Sequence[Certified] = ()
+            setup: PlannerSetup | None = None
+            if planned_in is not None:
+                setup = planner_setup(file.recipe, planned_in, part, on_command_line)
+                if not as_json:
+                    print_line(setup.sentence)
+                planning = PlanCache(part, setup.layout, setup.options, use_cache=use_cache)
+                certified = [planning.certified(pose) for pose in part.poses]
+                body |= {"planned_with": setup.as_json()} | certified_json(certified, setup)
+            if as_json:
+                emit(body)
+            elif setup is not None:
+                _print_certified(part, certified, setup)
     if all_bodies and not as_json:
-        print_line(f"{len(parts)} of {len(listed.files)} compiled")
+        print_line(f"{compiled} of {len(listed.files)} compiled")
     if report is not None and parts:
         try:
             written = write_sheet(parts, density_g_cm3, report)
@@ -132,11 +140,28 @@ def _characteristics(file: PartFile, part: CompiledPart) -> tuple[Characteristic
     return part_characteristics(file.recipe_path, file.recipe, part)
 
 
-def _compiled(path: Path, options: CompileOptions, *, use_cache: bool) -> tuple[CompiledPart, bool]:
+def _work(file: PartFile, cell: Path | None, density_g_cm3: float | None) -> Work:
+    """Return what other processes are to make of a part."""
+    return Work(file.path, file.options, cell, file.recipe, density_g_cm3)
+
+
+def _compiled(
+    file: PartFile, ahead: Made | None, *, use_cache: bool
+) -> tuple[CompiledPart, bool, float]:
+    """Return a part, whether the cache had it, and the seconds that compiling took."""
+    path, options = file.path, file.options
+    done = None if ahead is None else ahead.compiled
+    if done is not None and done.error is not None:
+        raise done.error
+    started = time.perf_counter()
     if not use_cache:
-        return compile_part(path, options), False
-    kept = cached_part(path, options)
-    return (make_part(path, options), False) if kept is None else (kept, True)
+        part, was_kept = compile_part(path, options), False
+    else:
+        kept = cached_part(path, options)
+        part, was_kept = kept or make_part(path, options), kept is not None
+    if done is not None:
+        return part, done.was_kept, done.seconds
+    return part, was_kept, time.perf_counter() - started
 
 
 def _print_certified(

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from ..options import JsonOption, RecipeArg, RecipeCellOption, UnitOption
+from ..options import JobsOption, JsonOption, RecipeArg, RecipeCellOption, UnitOption
 
 
 def check(
@@ -75,6 +75,7 @@ def plan(
     no_cache: Annotated[
         bool, typer.Option("--no-cache", help="plan again; do not use the cache")
     ] = False,
+    jobs: JobsOption = None,
     json: JsonOption = False,
 ) -> None:
     """Plan how to show a part to the inspection camera.
@@ -83,11 +84,12 @@ def plan(
     """
     from controller.config import ConfigError
 
+    from ..inputs.ahead import jobs_among
     from ..inputs.part_files import part_files
 
     files, cell_file = part_files(list(parts or ()), list(recipe or ()), unit and unit.value, cell)
     if site:
-        given = {"--pose": pose, "--at": at, "--report": report}
+        given = {"--pose": pose, "--at": at, "--report": report, "--jobs": jobs}
         for name, value in given.items():
             if value is not None:
                 raise ConfigError(f"--site is about the cell: it goes without {name}")
@@ -107,6 +109,7 @@ def plan(
         at,
         report=report,
         use_cache=not no_cache,
+        jobs=jobs_among(jobs, use_cache=not no_cache),
         as_json=json,
     )
     raise typer.Exit(code)

@@ -9,6 +9,7 @@ import numpy as np
 
 from controller.cad import StablePose
 from controller.cad.compiled import CompiledPart, load_part
+from controller.catalogue import LOCAL, Jobs, Work
 from controller.cell.plans import KeptPlan, PlanCache
 from controller.config import Cell, ConfigError, load_cell
 from controller.planning import Certificate
@@ -16,6 +17,7 @@ from controller.results.moments import view_count
 from controller.setup.faces import faces_left_out
 from controller.setup.planner import PlannerSetup, planner_setup
 
+from ..inputs.ahead import working_ahead
 from ..inputs.checks import Place, check_writable_folder, parse_place
 from ..inputs.part_files import PartFile, stable_pose
 from ..terminal.output import emit, print_line, warn
@@ -31,6 +33,7 @@ def plan_part_file(
     *,
     report: Path | None,
     use_cache: bool,
+    jobs: Jobs = LOCAL,
     as_json: bool,
 ) -> int:
     """Plan a part at one position, from one stable pose or from each.
@@ -43,6 +46,7 @@ def plan_part_file(
     at : planar pose, "X,Y,THETA_DEG"; None for the middle of the drop area
     report : HTML page to write, None for none
     use_cache : read and keep compiled parts and plans
+    jobs : who certifies the stable poses
     as_json : print one JSON object instead of tables
 
     Returns
@@ -68,6 +72,10 @@ def plan_part_file(
         print_line(setup.sentence)
     if report_plan is not None and not planning.is_prepared:
         _report_coarse(compiled, setup, poses[0], place)
+    if pose_index is None:
+        work = Work(part.path, part.options, cell_path, part.recipe)
+        with working_ahead(jobs, [work]) as made:
+            made(0)
     kept, certificates = _plan_all(
         planning, poses, place, report_plan, is_one=pose_index is not None
     )

@@ -1,14 +1,15 @@
 """`cellctl recognise`: what is in stored pictures of the table, one answer per object."""
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import groupby
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
-from controller.cad.compiled import options_among, part_name
+from controller.cad.compiled import CompileOptions, options_among, part_name
+from controller.catalogue import LOCAL, Jobs, Work
 from controller.config import CAD_FORMATS, ConfigError, is_cad_file
 from controller.imaging import Camera
 from controller.recognition import Library, Recognition, recognise
@@ -16,6 +17,7 @@ from controller.recognition.explain import explain
 from controller.recognition.stored import open_library
 from controller.stored.pictures import SaidOnce, StoredPicture, pictures_among, read_picture
 
+from ..inputs.ahead import working_ahead
 from ..inputs.calibration_file import load_calibration
 from ..terminal.output import emit, print_line, warn
 from ._explain_folder import ExplainFolder, show_tables
@@ -32,6 +34,7 @@ def recognise_images(
     unit: str | None,
     as_json: bool,
     explain_in: Path | None = None,
+    jobs: Jobs = LOCAL,
 ) -> int:
     """Recognise the objects in each picture.
 
@@ -44,6 +47,7 @@ def recognise_images(
     unit : of CAD files that name none, None for mm
     as_json : print one JSON object for each object found
     explain_in : folder for a drawing and tables of each picture, None for none
+    jobs : who compiles the parts
 
     Returns
     -------
@@ -67,7 +71,7 @@ def recognise_images(
             unread += 1
             continue
         if library is None:  # compiling takes long; a missing picture is reported first
-            library = open_library([(p, options_among(p, unit)) for p in files], camera)
+            library = _library([(p, options_among(p, unit)) for p in files], camera, jobs)
         for note in once.fresh(picture.notes):
             warn(f"{path.name}: {note}; reported once for all such pictures")
         known += _answer_one(path, picture, camera, library, lighting, folder, as_json)
@@ -106,6 +110,16 @@ def _answer_one(
             show_tables(explained.tables)
             print_line(f"{path.name}: drawn in {drawing}")
     return sum(body["part"] is not None for body in bodies)
+
+
+def _library(files: Sequence[tuple[Path, CompileOptions]], camera: Camera, jobs: Jobs) -> Library:
+    """Return the library of CAD files, compiled by whoever works."""
+    with working_ahead(
+        jobs, [Work(path, options, camera=camera) for path, options in files]
+    ) as made:
+        for number in range(len(files)):
+            made(number)
+    return open_library(files, camera)
 
 
 def _cad_files(parts: list[Path]) -> list[Path]:

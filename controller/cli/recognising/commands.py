@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from ..options import JsonOption, UnitOption
+from ..options import JobsOption, JsonOption, UnitOption
 
 
 class Lighting(StrEnum):
@@ -40,12 +40,14 @@ def recognise(
         ),
     ] = None,
     unit: UnitOption = None,
+    jobs: JobsOption = None,
     json: JsonOption = False,
 ) -> None:
     """Recognise parts in stored pictures of the table.
 
     Prints part, stable pose and pose on the table of every object, or "unknown".
     """
+    from ..inputs.ahead import jobs_among
     from .answers import recognise_images
 
     code = recognise_images(
@@ -56,5 +58,6 @@ def recognise(
         unit=unit and unit.value,
         as_json=json,
         explain_in=explain,
+        jobs=jobs_among(jobs),
     )
     raise typer.Exit(code)

@@ -1,0 +1,11 @@
+"""Many parts at once: what can be worked out before a run, made ahead by other processes.
+
+They only fill the cache (docs/parts.md, "Catalogues"). Whoever prints or plans reads from it as
+ever, and makes what is not there; so a process that ends early costs time, not correctness.
+"""
+
+from .ahead import Ahead, Made
+from .pool import LOCAL, Jobs, Pool, jobs_among, open_pool
+from .tasks import Work
+
+__all__ = ["LOCAL", "Ahead", "Jobs", "Made", "Pool", "Work", "jobs_among", "open_pool"]

@@ -1,0 +1,158 @@
+"""The order of the work: parts are finished in the order in which they are wanted."""
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Future, wait
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+from .pool import Pool
+from .tasks import Compiled, Work, certify_some, compile_one, prepare_one
+
+AHEAD: Final = 2  # tasks handed out for each worker: one in hand, one waiting
+
+Finish = Callable[[Any], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Made:
+    """What was made ahead of one part.
+
+    Attributes
+    ----------
+    compiled : what came of compiling, None where the pool ended before
+    planned : the certificates are in the cache, too
+    """
+
+    compiled: Compiled | None
+    planned: bool = False
+
+
+@dataclass(slots=True, eq=False)
+class _Part:
+    """How far a part is."""
+
+    work: Work
+    compiled: Compiled | None = None
+    left: int = 1  # tasks that are known and not done
+    planned: bool = False
+
+
+@dataclass(order=True, slots=True)
+class _Task:
+    """A task that nobody has yet; parts that are wanted earlier come first."""
+
+    number: int
+    turn: int
+    call: Callable[..., Any] = field(compare=False)
+    arguments: tuple[Any, ...] = field(compare=False)
+    finish: Finish = field(compare=False)
+
+
+class Ahead:
+    """Work on parts, given to a pool a little ahead of what is wanted next.
+
+    Parameters
+    ----------
+    pool : who does it
+    works : the parts, in the order in which they are wanted
+    """
+
+    def __init__(self, pool: Pool, works: Sequence[Work]) -> None:
+        self._pool = pool
+        self._parts = [_Part(work) for work in works]
+        self._waiting: list[_Task] = []
+        self._running: dict[Future[Any], _Task] = {}
+        self._turn = 0
+        self.failure: BaseException | None = None
+        for number, part in enumerate(self._parts):
+            self._add(number, compile_one, (part.work,), self._compiled(number))
+        self._feed()
+
+    def wait_for(self, number: int) -> Made:
+        """Return what was made of a part, when all of it is made or the pool has ended.
+
+        Parameters
+        ----------
+        number : of the part, from 0
+        """
+        part = self._parts[number]
+        while part.left and self.failure is None:
+            done, _ = wait(self._running, return_when=FIRST_COMPLETED)
+            for future in done:
+                self._take(future)
+            self._feed()
+        return Made(part.compiled, part.planned)
+
+    def _take(self, future: Future[Any]) -> None:
+        """Take a result; a worker that died, or fell over a defect, ends the work ahead.
+
+        Whoever wanted the part makes it alone, and meets the defect with its own message.
+        """
+        task = self._running.pop(future)
+        try:
+            result = future.result()
+        except (Exception, CancelledError) as error:  # noqa: BLE001 - met again, and shown then
+            self.failure = self.failure or error
+            return
+        self._parts[task.number].left -= 1
+        task.finish(result)
+
+    def _feed(self) -> None:
+        """Hand out what is next, so much that no worker waits."""
+        self._waiting.sort()
+        while (
+            self._waiting and self.failure is None and len(self._running) < AHEAD * self._pool.count
+        ):
+            task = self._waiting.pop(0)
+            try:
+                future = self._pool.executor.submit(task.call, *task.arguments)
+            except (BrokenExecutor, OSError, RuntimeError) as error:
+                self.failure = error
+                return
+            self._running[future] = task
+
+    def _add(
+        self, number: int, call: Callable[..., Any], arguments: tuple[Any, ...], finish: Finish
+    ) -> None:
+        self._turn += 1
+        self._waiting.append(_Task(number, self._turn, call, arguments, finish))
+
+    def _compiled(self, number: int) -> Finish:
+        """Return what follows compiling: one task for all poses, or one for each share of them."""
+        part = self._parts[number]
+
+        def finish(result: Compiled) -> None:
+            part.compiled = result
+            if part.work.cell is None or result.error is not None:
+                return
+            part.left += 1
+            others = sum(bool(p.left) for p in self._parts[number + 1 :])
+            if others >= self._pool.count or len(result.distinct) < 2:
+                self._add(
+                    number, certify_some, (part.work, result.distinct), self._certified(number)
+                )
+            else:
+                self._add(number, prepare_one, (part.work,), self._prepared(number))
+
+        return finish
+
+    def _prepared(self, number: int) -> Finish:
+        part = self._parts[number]
+
+        def finish(_: None) -> None:
+            assert part.compiled is not None
+            poses = part.compiled.distinct
+            shares = [poses[k :: self._pool.count] for k in range(self._pool.count)]
+            for share in filter(None, shares):
+                part.left += 1
+                self._add(number, certify_some, (part.work, share), self._certified(number))
+
+        return finish
+
+    def _certified(self, number: int) -> Finish:
+        part = self._parts[number]
+
+        def finish(_: None) -> None:
+            part.planned = part.left == 0
+
+        return finish

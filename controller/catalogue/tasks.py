@@ -1,0 +1,130 @@
+"""What a worker does for one part: each task fills the cache and returns little."""
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from controller.cad import CadError
+from controller.cad.compiled import (
+    CompiledPart,
+    CompileOptions,
+    cached_part,
+    load_part,
+    make_part,
+)
+from controller.cell.plans import PlanCache
+from controller.config import Recipe, load_cell
+from controller.imaging import Camera
+from controller.planning import NoPlanError
+from controller.recognition.stored import keep_entry
+from controller.setup.planner import planner_setup
+
+
+@dataclass(frozen=True, slots=True)
+class Work:
+    """What is to be made of one part.
+
+    Attributes
+    ----------
+    path, options : CAD file and how it is compiled
+    cell : cell file, to plan in it; None to plan nowhere
+    recipe : whose values apply to plans
+    density_g_cm3 : from the command line, None for the recipe's or the file's
+    poses : stable poses to certify, by index; None for all
+    camera : overhead, to keep the part's views as it sees them; None to keep none
+    """
+
+    path: Path
+    options: CompileOptions
+    cell: Path | None = None
+    recipe: Recipe | None = None
+    density_g_cm3: float | None = None
+    poses: tuple[int, ...] | None = None
+    camera: Camera | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Compiled:
+    """What came of compiling.
+
+    Attributes
+    ----------
+    seconds : that it took, on the worker's clock
+    was_kept : it was in the cache already
+    error : why the part is refused, None if it is not
+    distinct : stable poses to certify, by index: of those that a symmetry makes one, the first
+    """
+
+    seconds: float
+    was_kept: bool = False
+    error: CadError | None = None
+    distinct: tuple[int, ...] = ()
+
+
+def compile_one(work: Work) -> Compiled:
+    """Return what came of compiling a part into the cache, with its views if there is a camera.
+
+    Parameters
+    ----------
+    work : what is to be made of the part
+    """
+    began = time.perf_counter()
+    try:
+        kept = cached_part(work.path, work.options)
+        part = kept or make_part(work.path, work.options)
+        if work.camera is not None:
+            keep_entry(work.path, work.options, work.camera)
+    except CadError as error:
+        return Compiled(time.perf_counter() - began, error=error)
+    indices = {p.index for p in part.poses} if work.poses is None else set(work.poses)
+    firsts = {
+        p.index if p.same_as in (-1, p.index) else p.same_as
+        for p in part.poses
+        if p.index in indices
+    }
+    seconds = time.perf_counter() - began
+    return Compiled(seconds, kept is not None, distinct=tuple(sorted(firsts)))
+
+
+def prepare_one(work: Work) -> None:
+    """Prepare a compiled part for the cell; certificates give the reason if nothing can hold it.
+
+    Parameters
+    ----------
+    work : what is to be made of the part
+    """
+    _, planning = _planning(work)
+    try:
+        planning.prepared()
+    except NoPlanError:
+        return
+
+
+def certify_some(work: Work, poses: Sequence[int]) -> None:
+    """Certify stable poses of a compiled part, and prepare it before if nobody has.
+
+    Parameters
+    ----------
+    work : what is to be made of the part
+    poses : indices of the stable poses
+    """
+    part, planning = _planning(work)
+    for pose in part.poses:
+        if pose.index in poses:
+            planning.certified(pose)
+
+
+_last: list[tuple[Work, CompiledPart, PlanCache]] = []
+
+
+def _planning(work: Work) -> tuple[CompiledPart, PlanCache]:
+    """Return a part and its plans; a worker goes on with the part that it had last."""
+    assert work.cell is not None
+    of_plans = replace(work, poses=None, camera=None)
+    if not _last or _last[0][0] != of_plans:
+        part = load_part(work.path, work.options)
+        setup = planner_setup(work.recipe, load_cell(work.cell), part, work.density_g_cm3)
+        _last[:] = [(of_plans, part, PlanCache(part, setup.layout, setup.options))]
+    _, part, planning = _last[0]
+    return part, planning

@@ -1,0 +1,75 @@
+"""`--jobs`: processes that fill the cache ahead of a command that goes through many parts."""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+
+from controller import catalogue
+from controller.cad.compiled import cached_part
+from controller.catalogue import Ahead, Jobs, Made, Work, open_pool
+from controller.config import ConfigError
+
+from ..terminal.output import warn
+
+MadeAhead = Callable[[int], Made | None]
+
+
+def jobs_among(text: str | None, *, use_cache: bool = True) -> Jobs:
+    """Return what ``--jobs`` names.
+
+    Parameters
+    ----------
+    text : of the command line, None without the option
+    use_cache : what is made ahead is left in the cache
+
+    Raises
+    ------
+    ConfigError : it names nothing that can work, or there is no cache to work for
+    """
+    jobs = catalogue.jobs_among(text)
+    if not jobs.is_alone and not use_cache:
+        raise ConfigError("--jobs fills the cache: it goes without --no-cache")
+    return jobs
+
+
+@contextmanager
+def working_ahead(jobs: Jobs, works: Sequence[Work]) -> Iterator[MadeAhead]:
+    """Yield what waits for the work on a part, by its number; None where nobody did it.
+
+    Parameters
+    ----------
+    jobs : who works
+    works : the parts, in the order in which they are wanted
+
+    Raises
+    ------
+    ConfigError : there is nobody at that address
+    """
+    if jobs.scheduler:  # its processes stand in other folders
+        works = [
+            replace(w, path=w.path.absolute(), cell=w.cell and w.cell.absolute()) for w in works
+        ]
+    with open_pool(jobs) as pool:
+        ahead = None if pool is None else Ahead(pool, works)
+        is_elsewhere = has_warned = False
+
+        def wait_for(number: int) -> Made | None:
+            nonlocal is_elsewhere, has_warned
+            if ahead is None:
+                return None
+            made = ahead.wait_for(number)
+            if ahead.failure is not None and not has_warned:
+                has_warned = True
+                words = str(ahead.failure) or type(ahead.failure).__name__
+                warn(f"cellctl: the other processes ended early ({words}); this one goes on alone")
+            if made.compiled is None or made.compiled.error is not None or is_elsewhere:
+                return made
+            if cached_part(works[number].path, works[number].options) is None:
+                is_elsewhere = True
+                warn(
+                    "cellctl: the other processes keep another cache; give them the same "
+                    "XDG_CACHE_HOME, the same files and the same cellctl"
+                )
+            return made
+
+        yield wait_for
