@@ -128,14 +128,16 @@ def test_people_get_a_table_and_are_told_that_the_unit_is_a_guess(
 def test_the_widget_stands_as_in_table_1_of_the_paper(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    assert main(["compile", str(ROOT / "recipes/parts/widget.csg.yaml"), "--json"]) == 0
+    assert main(["compile", str(ROOT / "recipes/parts/paper_widget.csg.yaml"), "--json"]) == 0
     (body,) = answers(capsys)
-    assert body["part"] == "widget"
+    assert body["part"] == "paper_widget"
     assert body["unit_declared"] is True
     ranked = sorted(body["stable_poses"], key=lambda p: p["stability_rank"])
-    a, b = np.array([2, 3]) / np.sqrt(13)
-    table = [[0, 1, 0], [0, -1, 0], [-a, 0, -b], [1, 0, 0], [0, 0, 1], [a, 0, b], [-1, 0, 0]]
-    assert np.allclose([p["up"] for p in ranked], table, atol=1e-6)
+    # the paper prints four digits
+    slope, bevel = np.array([0.5547, 0, 0.8321]), np.array([0.2594, 0.5718, 0.7783])
+    table = [[0, 1, 0], [0, -1, 0], -slope, [1, 0, 0], [0, 0, 1], slope, [-1, 0, 0]]
+    table += [bevel * [1, -1, 1], bevel]
+    assert np.allclose([p["up"] for p in ranked], table, atol=1.5e-4)
 
 
 def test_a_declared_unit_is_what_the_lengths_are_read_in(
