@@ -27,6 +27,7 @@ from controller.planning.grasps import (
     synthesise_grasps,
 )
 from controller.planning.grasps.clearance import lifts_off_table
+from controller.planning.grasps.seeds import from_above
 from controller.planning.model import Pads
 
 WIDEST_MM = HAND.max_mm - RULES.jaw_reserve_mm
@@ -200,16 +201,56 @@ def test_a_wedge_standing_on_a_triangle_has_no_grip_from_above() -> None:
 
 
 def test_a_thin_plate_lying_flat_is_taken_by_what_its_rim_offers() -> None:
-    # 7 mm thick; tips stay 1.5 mm off the table, so at most 5.5 mm of the rim meet 12 mm of pad;
+    # 7 mm thick; tips stay 1 mm off the table, so at most 6 mm of the rim meet 12 mm of pad;
     # a pose 1 mm and 2 degrees wrong would leave too little, which lying on a table it cannot be
     plate = cad_solid(box(100, 60, 7), "plate")
     down = np.array([[0.0, 0.0, -1.0]])
     flat = [g for g in judged(plate, RULES, HAND, down).grasps if g.T_part_tcp[2, 0] < -0.99]
     assert flat
     for grasp in flat:
-        assert RULES.min_line_contact_mm2 <= grasp.contact_mm2 <= 12 * 5.5
+        assert RULES.min_line_contact_mm2 <= grasp.contact_mm2 <= 12 * 6
         assert grasp.opening_mm == pytest.approx(60.0, abs=0.01)
     assert any(g.on_table for g in flat)
+
+
+def test_a_plate_of_3_mm_lying_flat_is_taken_by_its_rim() -> None:
+    plate = cad_solid(box(60, 40, 3), "plate")
+    flat = [g for g in judged(plate, RULES, HAND).grasps if g.T_part_tcp[2, 0] < -0.99]
+    assert flat
+    for grasp in flat:
+        assert grasp.on_table
+        across = int(np.argmax(np.abs(grasp.T_part_tcp[:2, 1])))
+        assert grasp.opening_mm == pytest.approx((60.0, 40.0)[across], abs=0.1)
+        assert grasp.T_part_tcp[2, 3] >= -1.5 + 1.0  # the tips, over the table's 1 mm
+        assert grasp.contact_mm2 <= 12 * 2.0
+
+
+def test_a_plate_of_2_mm_lying_flat_leaves_too_little_rim() -> None:
+    plate = cad_solid(box(60, 40, 2), "plate")
+    assert not [g for g in judged(plate, RULES, HAND).grasps if g.T_part_tcp[2, 0] < -0.5]
+
+
+def test_the_room_over_the_table_grows_with_what_is_not_known_of_the_arm() -> None:
+    plate = cad_solid(box(60, 40, 3), "plate")
+    caster = RayCaster(plate.mesh)
+    tried = from_above(plate, caster, DOWN[0], HAND, RULES, clearance_mm=0.4)
+    assert tried.T[:, 2, 3].min() == pytest.approx(-1.5 + 1.4, abs=0.1)
+    tried = from_above(cad_solid(box(60, 40, 0.5), "foil"), caster, DOWN[0], HAND, RULES)
+    assert len(tried.T) == 0  # no rim stands above the room
+
+
+def test_a_bracket_with_a_jog_is_taken_as_its_mirror_image_is() -> None:
+    # lying so that no two of its walls face each other under the top: edge against wall holds it
+    left = prism([(0, 0), (34, 0), (34, 6), (8, 22), (0, 22)], 90.0)
+    right = left.mirror((1, 0, 0))
+    taken = []
+    for solid in (cad_solid(left, "left"), cad_solid(right, "right")):
+        downs = downs_of(solid)
+        arm = judged(solid, RULES, HAND, downs).grasps
+        poses = [p for p in stable_poses(solid) if not p.rolling]
+        able = [clear_of_table(resting_pose(solid, p), arm, HAND).any() for p in poses]
+        taken.append(sum(p.probability for p, ok in zip(poses, able, strict=True) if ok))
+    assert taken[0] == pytest.approx(taken[1], abs=0.02)
 
 
 @pytest.mark.slow

@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from cad_solids import box, solid_of
 from planning_cells import (
     LAYOUT,
     block,
@@ -52,6 +53,7 @@ from controller.planning import (
     prepare_part,
     resting_pose,
 )
+from controller.planning.geometry import narrowest_mm
 
 # what lies on the table shows its top to the overhead camera, whatever the station is like
 OPTIONS = PlanOptions(
@@ -253,6 +255,36 @@ def test_a_part_too_thin_is_refused_with_how_thin_it_is(thin: tuple[Solid, Prepa
     assert "another way up" not in str(error.value)
 
 
+def test_a_part_too_thin_is_told_by_how_much_to_raise_it(
+    thin: tuple[Solid, PreparedPart],
+) -> None:
+    solid, part = thin
+    with pytest.raises(NotGraspableError) as error:
+        plan_from(part, LAYOUT, start(solid, stable_poses(solid)[0]))
+    found = re.search(r"lay it (\d+) mm higher", str(error.value))
+    assert found is not None
+    # the tips end below it then, 1 mm or more over the table, and pads meet all of its rim
+    assert 1.0 <= float(found[1]) <= 3.0
+
+
+@pytest.mark.slow
+def test_a_part_wider_than_the_jaws_lying_flat_is_refused_with_both_widths() -> None:
+    solid = solid_of(box(120.0, 110.0, 12.0), "tile")
+    part = prepared_part(solid)
+    with pytest.raises(NotGraspableError, match="110 mm wide; the jaws take 80 mm"):
+        plan_from(part, LAYOUT, start(solid, lying_on(solid, (0.0, 0.0, -1.0))))
+
+
+@pytest.mark.parametrize("turn_deg", [0.0, 17.0, 90.0])
+def test_the_narrowest_width_of_an_outline(turn_deg: float) -> None:
+    c, s = np.cos(np.radians(turn_deg)), np.sin(np.radians(turn_deg))
+    turned = np.array([[c, -s], [s, c]])
+    rectangle = np.array([[0.0, 0.0], [50.0, 0.0], [50.0, 20.0], [0.0, 20.0], [25.0, 10.0]])
+    triangle = np.array([[0.0, 0.0], [10.0, 0.0], [5.0, 5.0 * np.sqrt(3.0)]])
+    assert narrowest_mm(rectangle @ turned.T) == pytest.approx(20.0)
+    assert narrowest_mm(triangle @ turned.T) == pytest.approx(5.0 * np.sqrt(3.0))
+
+
 def test_a_part_out_of_the_arms_reach_is_refused_with_both_lengths(good: PreparedPart) -> None:
     with pytest.raises(OutOfReachError, match=f"{REACH_MM:.0f} mm") as error:
         plan_from(good, LAYOUT, start(good.solid, stable_poses(good.solid)[0], 900.0, 0.0))
@@ -309,7 +341,7 @@ def test_what_every_grip_covers_is_hidden_by_the_fingers() -> None:
     for piece in pieces:
         rows = np.array(piece.samples)
         assert (p[rows, 2] > 19.0).all()  # on the tab, not on the pyramid below it
-        assert re.search(r"grip A\d+", piece.reason)
+        assert re.search(r"grasp A\d+", piece.reason)
     flanks = np.abs(n[:, 1]) > 0.99
     covered = {k for u in pieces for k in u.samples if flanks[k]}
     assert covered  # of the two flanks that are held

@@ -2,6 +2,7 @@
 
 from .boxes import Box, SolidBox, lowest_z, overlap, overlap_turned, segments_hit, stack
 from .shape import PartShape, PlacedShape, Triangles
+from .widths import narrowest_mm
 
 __all__ = [
     "Box",
@@ -10,6 +11,7 @@ __all__ = [
     "SolidBox",
     "Triangles",
     "lowest_z",
+    "narrowest_mm",
     "overlap",
     "overlap_turned",
     "segments_hit",

@@ -16,7 +16,7 @@ from controller.arrays import BoolArray, FloatArray, IntArray
 from controller.cad import Solid
 from controller.imaging import RayCaster
 
-from ..model import Grasp, GraspRules, Holder, Jaw, NotGraspableError
+from ..model import TABLE_MARGIN_MM, Grasp, GraspRules, Holder, Jaw, NotGraspableError
 from ._select import cover
 from .clearance import PartTriangles, clear_of_part, lifts_off_table
 from .contact import Contacts, least_load
@@ -28,6 +28,7 @@ from .seeds import (
     approach_seems_free,
     axis_distance,
     candidates,
+    from_above,
     needed_friction,
     open_gap,
     pre_open,
@@ -35,6 +36,8 @@ from .seeds import (
 
 SORTING_SHARE = 0.8  # of the contact asked for, that coarse rays must find
 BATCH_SIZE = 400
+FEW_PICKS = 4  # of a stable pose: with fewer, the part is looked at densely as it lies
+THIN_SHARE = 1.5  # a part is thin whose rim offers less than this of the contact of two lines
 GOLDEN = 0.6180339887498949
 
 
@@ -47,6 +50,7 @@ class GraspProblem:
     seeds : of `find_seeds`
     caster : rays against the part's mesh
     downs : (k, 3) unit, the way down in the CAD frame, of each stable pose
+    clearance_mm : from the table, beside the usual margin
     """
 
     solid: Solid
@@ -54,6 +58,7 @@ class GraspProblem:
     caster: RayCaster
     downs: FloatArray
     rules: GraspRules
+    clearance_mm: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,6 +183,9 @@ def judge_grasps(
         fresh = np.setdiff1d(np.flatnonzero(picks[pose]), found.numbers)
         rows = _cover_of(fresh, able, score, picks[:0], rules.fine_count // 4, 0)
         found = found.joined(_measured(judge, able, rows, down=tables[pose]))
+    left = found.picks(judge, tables).sum(axis=1)
+    for pose in np.flatnonzero(left < FEW_PICKS):
+        found = found.joined(_from_above(judge, problem, tables[pose]))
     score = score_of(found.contacts) * (1.0 - found.load) * found.margin
     chosen = cover(
         found.contacts.T, score, found.picks(judge, tables), rules.keep_count, rules.pick_count
@@ -200,6 +208,24 @@ def judge_grasps(
         for number, k in enumerate(chosen)
     )
     return Synthesis(grasps, judge.tally.stages)
+
+
+def _from_above(judge: Judge, problem: GraspProblem, down: FloatArray) -> _Measured:
+    """Return grasps straight down in one stable pose, from a dense look round the part as it lies.
+
+    What the rim of a thin plate offers is less than a grasp must have elsewhere.
+    """
+    rules, jaw = judge.rules, judge.jaw
+    rim_mm = float(np.ptp(judge.hull @ down)) - TABLE_MARGIN_MM - problem.clearance_mm
+    is_thin = rim_mm * jaw.finger_width_mm < THIN_SHARE * rules.min_line_contact_mm2
+    least_mm2 = rules.min_rim_contact_mm2 if is_thin else rules.min_line_contact_mm2
+    tried = from_above(problem.solid, problem.caster, down, jaw, rules, problem.clearance_mm)
+    tried = tried.take(_picks(judge, tried, down[None])[0])
+    able, score, _ = _sorted_out(
+        judge, tried, problem.seeds, np.zeros((0, len(tried.T)), bool), least_mm2
+    )
+    some = cover(able.T, score, np.zeros((0, len(able.T)), bool), rules.fine_count // 4, 0)
+    return _measured(judge, able, np.array(some, dtype=np.int64), down, least_mm2)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -241,15 +267,20 @@ def _cover_of(
 
 
 def _sorted_out(
-    judge: Judge, tried: Candidates, seeds: Seeds, picks: BoolArray
+    judge: Judge,
+    tried: Candidates,
+    seeds: Seeds,
+    picks: BoolArray,
+    contact_mm2: float | None = None,
 ) -> tuple[Candidates, FloatArray, FloatArray]:
     """Return the candidates that hold by coarse rays, clear of the part; their scores and contacts.
 
     In batches that take from every pose's picks and from all in turn, until there are
     `enough_count`: a part that is easy to hold is done soon, a hard one is looked at to the last
-    candidate.
+    candidate. `contact_mm2` is the least of either pad; None for what two lines give.
     """
     rules, jaw = judge.rules, judge.jaw
+    least_mm2 = rules.min_line_contact_mm2 if contact_mm2 is None else contact_mm2
     order = _in_turn([*picks, np.ones(len(tried.T), dtype=bool)])
     part = PartTriangles(judge.solid)
     kept, values, count = [tried.take(order[:0])], [np.zeros((2, 0))], 0
@@ -259,7 +290,7 @@ def _sorted_out(
         batch = batch.take(approach_seems_free(batch, seeds, jaw, rules))
         judge.tally.count("approach seems free", len(batch.T))
         found = judge.close(batch.T, batch.gap, batch.inner, judge.coarse)
-        good = judge.sort_out(found, batch.inner, judge.coarse, rules.min_line_contact_mm2)
+        good = judge.sort_out(found, batch.inner, judge.coarse, least_mm2)
         shut = closed(batch, found, good)
         clear = clear_of_part(part, shut.T, shut.gap, shut.inner, jaw, rules)
         judge.tally.count("clear of the part", int(clear.sum()))
@@ -298,21 +329,26 @@ def _in_turn(groups: Sequence[BoolArray]) -> IntArray:
 
 
 def _measured(
-    judge: Judge, able: Candidates, numbers: IntArray, down: FloatArray | None = None
+    judge: Judge,
+    able: Candidates,
+    numbers: IntArray,
+    down: FloatArray | None = None,
+    table_mm2: float | None = None,
 ) -> _Measured:
     """Return which of the candidates numbered hold by fine rays and at wrong poses.
 
     Of a part that lies on a table (`down`, (3,) in the part frame) only place and heading may be
-    wrong, and less contact will do.
+    wrong, and less contact will do: `table_mm2`, None for what two lines give.
     """
     rules, table = judge.rules, down is not None
     prefix = "on the table: " if table else "measured finely: "
-    contact_mm2 = rules.min_line_contact_mm2 if table else rules.min_contact_mm2
+    line_mm2 = rules.min_line_contact_mm2 if table_mm2 is None else table_mm2
+    contact_mm2 = line_mm2 if table else rules.min_contact_mm2
     tried = able.take(numbers)
     found = judge.close(tried.T, tried.gap, tried.inner, judge.fine)
     rows = judge.sort_out(found, tried.inner, judge.fine, contact_mm2, prefix)
     found, inner = found.take(rows), tried.inner[rows]
-    margin = margins(judge, found, inner, down)
+    margin = margins(judge, found, inner, down, line_mm2)
     sure = np.flatnonzero(
         judge.tally.require(f"{prefix}sure", margin, rules.min_margin, " of wrong poses")
     )

@@ -52,7 +52,11 @@ def wrong_poses(rules: GraspRules, down: FloatArray | None = None) -> FloatArray
 
 
 def margins(
-    judge: Judge, found: Contacts, inner: BoolArray, down: FloatArray | None = None
+    judge: Judge,
+    found: Contacts,
+    inner: BoolArray,
+    down: FloatArray | None = None,
+    contact_mm2: float | None = None,
 ) -> FloatArray:
     """Return for each grasp the share of wrong poses in which it holds (n,).
 
@@ -66,7 +70,9 @@ def margins(
     found : n contacts, closed at the pose expected
     inner : (n,) the pads are the fingers' backs
     down : as `wrong_poses`
+    contact_mm2 : least contact of either pad at a wrong pose; None for that of two lines
     """
+    least_mm2 = judge.rules.min_line_contact_mm2 if contact_mm2 is None else contact_mm2
     rules, jaw, centroid_mm = judge.rules, judge.jaw, judge.solid.centroid_mm
     wrong = wrong_poses(rules, down)
     n, k = len(found.T), len(wrong)
@@ -79,12 +85,14 @@ def margins(
     T[:, :3, 3] = (t + centroid_mm + wrong[:, :3, 3]).reshape(-1, 3)
     which = np.repeat(np.arange(n), k)
     held = np.zeros(n * k, dtype=bool)
-    rows, look = np.arange(n * k), PadGrid.of(jaw, COARSE_STEP_MM)
+    # on a table the rim of a thin part is all there is: coarser rays would pass over it
+    look = PadGrid.of(jaw, COARSE_STEP_MM) if down is None else judge.coarse
+    rows = np.arange(n * k)
     for settle in (flattened, flattened, slid_home, None):
         at = which[rows]
         touched = judge.close(T, found.opening[at], inner[at], look, slopes=settle is not None)
         if look is judge.coarse:
-            held[rows] = judge.holds(touched, inner[at], rules.min_line_contact_mm2)
+            held[rows] = judge.holds(touched, inner[at], least_mm2)
         if settle is None:
             break
         open_ = np.flatnonzero(touched.touched & ~held[rows])

@@ -10,7 +10,9 @@ from controller.arrays import FloatArray
 from .layout import Jaw
 
 Holder = Literal["arm", "fixture"]
-TABLE_MARGIN_MM = 1.5  # between an open gripper and the table it takes a part from
+# Between an open gripper and the table it takes a part from: four times the position error of
+# picks (p95) in commissioned cells, measurements.md; the layout's own uncertainty comes on top.
+TABLE_MARGIN_MM = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,6 +27,8 @@ class GraspRules:
     min_contact_mm2: float = 40.0  # per pad; less is a line or a corner
     # where the pose was wrong, or where a part on the table shows no more: two lines 1 mm wide
     min_line_contact_mm2: float = 24.0
+    # of the rim of a thin plate on the table, where nothing else can be had: one line 1 mm high
+    min_rim_contact_mm2: float = 12.0
     max_offset_mm: float = 4.0  # between the two contacts along the pads: more tips the part
     clearance_mm: float = 4.0  # per finger while open, for 1-2 mm of pose error
     bore_clearance_mm: float = 1.5  # per finger that goes into a bore: at least; rather the above

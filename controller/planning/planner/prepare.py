@@ -67,7 +67,7 @@ def prepare_part(
     seeds = find_seeds(
         solid, samples, caster, widest, options.rules.for_pads_of(*jaws), spreading=jaws
     )
-    problem = GraspProblem(solid, seeds, caster, downs, options.rules)
+    problem = GraspProblem(solid, seeds, caster, downs, options.rules, layout.clearance_mm)
     every = synthesise_grasps(problem, layout.arm_gripper, "arm")
     base = select_arm_grasps(
         solid,

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import ceil
 
 import numpy as np
 
 from controller.arrays import FloatArray, IntArray
 from controller.imaging import inverse_pose
 
-from ..geometry import Box, stack
+from ..geometry import Box, narrowest_mm, stack
 from ..grasps import clear_of_table, resting_pose
 from ..model import (
     TABLE_MARGIN_MM,
@@ -27,6 +28,7 @@ from ._handoff import CLOSE_MARGIN_MM, PART_MARGIN_MM
 
 LIFT_MM = 85.0
 STEP_MM = 10.0
+RIM_STEP_MM = 0.5  # between the heights at which pads are tried
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -170,13 +172,33 @@ def _stacked(grippers: Sequence[list[Box]], layout: CellLayout) -> tuple[FloatAr
 
 
 def _no_grasp_from_above(part: PreparedPart, layout: CellLayout, T_world_part: FloatArray) -> str:
-    """Return why there is nothing to grasp, and which other stable poses would do."""
-    hull = np.asarray(part.solid.mesh.convex_hull.vertices)
-    high = float((hull @ T_world_part[2, :3]).max() + T_world_part[2, 3])
-    text = (
-        f"no pick in this pose: in it the part is {high:.1f} mm high, and none of its "
-        f"{len(part.arm_grasps)} grasps from above clears the table by {TABLE_MARGIN_MM:g} mm"
-    )
+    """Return why there is nothing to grasp, what would help, and which other stable poses do."""
+    hull = np.asarray(part.solid.mesh.convex_hull.vertices) @ T_world_part[:3, :3].T
+    high = float(np.ptp(hull[:, 2]))
+    text = f"no pick in this pose: in it the part is {high:.1f} mm high"
+    rules, jaw = part.options.rules.for_pads_of(layout.arm_gripper), layout.arm_gripper
+    wide, widest = narrowest_mm(hull[:, :2]), jaw.max_mm - rules.jaw_reserve_mm
+    room = TABLE_MARGIN_MM + layout.clearance_mm
+    rim = rules.min_rim_contact_mm2 / jaw.finger_width_mm  # height of what the pads must meet
+    if wide > widest:
+        text += f" and nowhere less than {wide:.0f} mm wide; the jaws take {widest:.0f} mm"
+        remedy = "fit a wider jaw"
+    elif high < rim:
+        text += f", and pads must meet {rim:.1f} mm of its rim; such parts take a vacuum gripper"
+        remedy = "no finger holds it"
+    elif high - room < rim + RIM_STEP_MM:
+        left, support = max(0.0, high - room), max(1, ceil(room + 2 * rim - high))
+        text += f"; fingertips stay {room:.1f} mm off the table, {left:.1f} mm of its rim are left"
+        remedy = (
+            f"lay it {support} mm higher, on a support that ends within its outline, with the "
+            "table plane measured on its top"
+        )
+    else:
+        text += (
+            f", and none of its {len(part.arm_grasps)} grasps from above clears the table by "
+            f"{room:g} mm"
+        )
+        remedy = "fit other fingers"
     x, y = layout.set_down_mm.mean(axis=1)
     able = []
     for pose in part.poses:
@@ -187,8 +209,8 @@ def _no_grasp_from_above(part: PreparedPart, layout: CellLayout, T_world_part: F
         if clear_of_table(T, part.arm_grasps, layout.arm_gripper).any():
             able.append(str(pose.index))
     if able:
-        return f"{text}; lay it down in stable pose {' or '.join(able)}"
-    return f"{text}, nor in any other stable pose; fit other fingers"
+        return f"{text}; {remedy}, or lay it down in stable pose {' or '.join(able)}"
+    return f"{text}, and no other stable pose does; {remedy}"
 
 
 def _out_of_reach(layout: CellLayout, T_tcp: FloatArray, where: str) -> OutOfReachError:

@@ -9,6 +9,7 @@ from ._candidates import (
     pre_open,
 )
 from ._faces import FacePair, across, opposed_faces
+from ._from_above import from_above
 from ._seeds import Seeds, find_seeds, narrowest_inner, needed_friction, widest_inner
 
 __all__ = [
@@ -20,6 +21,7 @@ __all__ = [
     "axis_distance",
     "candidates",
     "find_seeds",
+    "from_above",
     "narrowest_inner",
     "needed_friction",
     "open_gap",
