@@ -8,8 +8,9 @@ most memory the process ever held (imports taken in), and the middle of 15 loads
 its file in the disk's cache; beside wall time stands the processor's, which other jobs on the
 machine stretch less. Growth: four families, a plate with bores, an organic body of smooth bumps, a
 ball, and a scan (the organic body with seeded noise), at the triangle counts asked, stage by stage,
-in seconds of processor time, keeping what was found included; told is the exponent between the last
-two sizes, and how their ratio compares with that of n log n: below 1.0 it grows slower.
+in seconds of processor time, keeping what was found included, and the most memory held; told is the
+exponent between the last two sizes, and how their ratio compares with that of n log n: below 1.0 it
+grows slower.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ LOADS = 15
 LIMITS = {"compile_s": 5.0, "load_ms": 20.0, "rss_mb": 500.0}
 GROWTH = (1_000, 10_000, 100_000, 1_000_000)
 STAGES = ("read", "boundary", "symmetry", "poses", "views", "alike", "samples", "features", "keep")
-SCAN_NOISE_MM = 0.02
+SCAN_NOISE = 0.02  # of the mesh's mean side: with more of it a fine mesh would fold over itself
 SLACK = 1.15  # of n log n: what one run's clock may be off by
 
 
@@ -50,12 +51,17 @@ def _cpu_s() -> float:
     return time.process_time() + children.ru_utime + children.ru_stime
 
 
+def _most_mb() -> float:
+    """Most memory this process ever held [MB]."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
 def child(path: Path) -> dict[str, Any]:
     """What one process measures of one part."""
     from controller.cad.compiled import cached_part, make_part
     from controller.cad.errors import CadError
 
-    before_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    before_mb = _most_mb()
     with tempfile.TemporaryDirectory() as folder:
         cache = Path(folder)
         begin, begin_cpu = time.perf_counter(), _cpu_s()
@@ -64,6 +70,7 @@ def child(path: Path) -> dict[str, Any]:
         except CadError as error:
             return {"part": path.name, "refused": str(error)}
         compile_s, compile_cpu_s = time.perf_counter() - begin, _cpu_s() - begin_cpu
+        rss_mb = _most_mb()
         kept_mb = sum(file.stat().st_size for file in cache.iterdir()) / 1e6
         loads, loads_cpu = [], []
         for _ in range(LOADS):
@@ -78,7 +85,7 @@ def child(path: Path) -> dict[str, Any]:
         "poses": len(part.poses),
         "compile_s": round(compile_s, 3),
         "compile_cpu_s": round(compile_cpu_s, 3),
-        "rss_mb": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, 1),
+        "rss_mb": round(rss_mb, 1),
         "imports_mb": round(before_mb, 1),
         "load_ms": round(float(np.median(loads)), 2),
         "load_cpu_ms": round(float(np.median(loads_cpu)), 2),
@@ -146,11 +153,12 @@ def ball(triangles: int) -> trimesh.Trimesh:
 
 
 def scan(triangles: int) -> trimesh.Trimesh:
-    """The organic body as a scanner has it: every corner off by some hundredths of a mm."""
+    """The organic body as a scanner has it: every corner off by a share of the mesh's sides."""
     mesh = organic(triangles)
+    side_mm = float(np.sqrt(4 / np.sqrt(3) * mesh.area / len(mesh.faces)))
     rng = np.random.default_rng(triangles)
-    mesh.vertices = np.asarray(mesh.vertices) + rng.normal(0.0, SCAN_NOISE_MM, mesh.vertices.shape)
-    return mesh
+    noise_mm = rng.normal(0.0, SCAN_NOISE * side_mm, mesh.vertices.shape)
+    return trimesh.Trimesh(mesh.vertices + noise_mm, mesh.faces, process=False)
 
 
 FAMILIES: dict[str, Callable[[int], trimesh.Trimesh]] = {
@@ -161,11 +169,12 @@ FAMILIES: dict[str, Callable[[int], trimesh.Trimesh]] = {
 }
 
 
-def growth_child(family: str, triangles: int) -> dict[str, Any]:
-    """Seconds of each stage of one size of one family."""
+def growth_child(family: str, path: Path) -> dict[str, Any]:
+    """Seconds of each stage of one size of one family, and the most memory held."""
     from controller.cad import load_solid, sample_surface
     from controller.cad.compiled.cache import part_cache
     from controller.cad.compiled.part import CompiledPart, spacing_of
+    from controller.cad.large import drop_derived
     from controller.cad.resting import (
         find_resting,
         look_alikes,
@@ -183,12 +192,10 @@ def growth_child(family: str, triangles: int) -> dict[str, Any]:
         seconds[stage] = time.process_time() - begin
         return result
 
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / f"{family}.stl"
-        FAMILIES[family](triangles).export(path)
-        solid = timed("read", lambda: load_solid(path, unit="mm"))
+    solid = timed("read", lambda: load_solid(path, unit="mm"))
     timed("boundary", lambda: solid.boundary)
     symmetry = timed("symmetry", lambda: part_symmetries(solid))
+    drop_derived(solid.mesh)
     resting = timed("poses", lambda: find_resting(solid))
     poses = name_duplicates(resting.poses, symmetry)
 
@@ -210,7 +217,7 @@ def growth_child(family: str, triangles: int) -> dict[str, Any]:
         "poses": len(poses),
         "seconds": {stage: round(seconds[stage], 4) for stage in STAGES},
         "total_s": round(sum(seconds.values()), 3),
-        "rss_mb": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024),
+        "rss_mb": round(_most_mb()),
     }
 
 
@@ -219,11 +226,8 @@ def bench_growth(sizes: list[int], limit_s: float) -> list[dict[str, Any]]:
     for family in FAMILIES:
         rows: list[dict[str, Any]] = []
         for size in sizes:
-            command = [sys.executable, str(Path(__file__)), "--child", f"{family}:{size}"]
             try:
-                done = subprocess.run(
-                    command, capture_output=True, text=True, timeout=limit_s, check=False
-                )
+                done = _grown(family, size, limit_s)
             except subprocess.TimeoutExpired:
                 rows.append({"family": family, "asked": size, "over_s": limit_s})
                 break
@@ -234,6 +238,21 @@ def bench_growth(sizes: list[int], limit_s: float) -> list[dict[str, Any]]:
             rows.append(json.loads(done.stdout.splitlines()[-1]))
         found.append({"family": family, "rows": rows, "growth": _growth(rows)})
     return found
+
+
+def _grown(family: str, size: int, limit_s: float) -> subprocess.CompletedProcess[str]:
+    """Return what the child that measures one size wrote; another one made the file before."""
+    this = [sys.executable, str(Path(__file__))]
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / f"{family}.stl"
+        subprocess.run([*this, "--write", f"{family}:{size}:{file}"], check=True)
+        return subprocess.run(
+            [*this, "--child", f"{family}:{file}"],
+            capture_output=True,
+            text=True,
+            timeout=limit_s,
+            check=False,
+        )
 
 
 def _growth(rows: list[dict[str, Any]]) -> dict[str, Any]:
@@ -306,10 +325,15 @@ def main() -> int:
     parser.add_argument("--only", choices=("parts", "growth"))
     parser.add_argument("--limit-s", type=float, default=300.0, help="of one size of one family")
     parser.add_argument("--child", help=argparse.SUPPRESS)
+    parser.add_argument("--write", help=argparse.SUPPRESS)
     args = parser.parse_args()
+    if args.write:
+        family, size, file = args.write.split(":", 2)
+        FAMILIES[family](int(size)).export(file)
+        return 0
     if args.child:
-        family, _, size = args.child.partition(":")
-        row = growth_child(family, int(size)) if size.isdigit() else child(Path(args.child))
+        family, _, file = args.child.partition(":")
+        row = growth_child(family, Path(file)) if family in FAMILIES else child(Path(args.child))
         print(json.dumps(row))
         return 0
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as a worker process has it

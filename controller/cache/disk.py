@@ -109,7 +109,7 @@ class DiskCache(Generic[T]):
         """
         to = ArrayWriter()
         tree = {"format": FORMAT, "key": key, "value": self._codec.write(value, to)}
-        return pack(tree, to.joined())
+        return pack(tree, to.arrays)
 
     def decode(self, data: bytes, key: str) -> T:
         """Return the value in a file's bytes.

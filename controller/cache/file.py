@@ -13,9 +13,10 @@ import os
 import stat
 import tempfile
 import zipfile
+from collections.abc import Mapping, Sequence
 from math import prod
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,7 @@ DIGEST_BYTES = 64  # SHA-256 in hexadecimal
 MAX_BYTES = 2**30  # of a file; the largest parts take a tenth of it
 MAX_TREE_BYTES = 2**24  # JSON takes twenty times its length in memory
 MAX_EMPTY_ROWS = 2**20  # rows without content take no room in a file, but they do in memory
+WRITTEN_AT_ONCE = 2**20  # numbers, so that no second copy of a large part is made
 DTYPES = ("b1", "i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8", "f2", "f4", "f8")
 
 
@@ -58,6 +60,11 @@ class ArrayWriter:
         self._lengths[name] = start + array.size
         self._arrays.setdefault(name, []).append(array.reshape(-1))
         return [name, start, list(array.shape)]
+
+    @property
+    def arrays(self) -> Mapping[str, Sequence[AnyArray]]:
+        """All arrays taken, by dtype."""
+        return self._arrays
 
     def joined(self) -> dict[str, AnyArray]:
         """Return all arrays of a dtype end to end, by dtype."""
@@ -104,28 +111,58 @@ class ArrayReader:
             raise CacheError(f"{reference!r:.60} where an array is expected ({error})") from error
 
 
-def pack(tree: dict[str, Any], arrays: dict[str, AnyArray]) -> bytes:
+def pack(tree: dict[str, Any], arrays: Mapping[str, AnyArray | Sequence[AnyArray]]) -> bytes:
     """Return a file's bytes.
+
+    Parameters
+    ----------
+    tree : what JSON can hold
+    arrays : by dtype, (n,) all arrays of it end to end, or these arrays, of one dimension each
 
     Raises
     ------
     TooLargeError : tree or arrays are too large to be read again
     """
     text = json.dumps(tree, separators=(",", ":")).encode()
-    array_bytes = sum(array.nbytes for array in arrays.values())
+    members = {
+        name: [found] if isinstance(found, np.ndarray) else found for name, found in arrays.items()
+    }
+    array_bytes = sum(array.nbytes for pieces in members.values() for array in pieces)
     if len(text) > MAX_TREE_BYTES or array_bytes > MAX_BYTES - 2 * MAX_TREE_BYTES:
         raise TooLargeError(f"{len(text)} bytes of JSON, {array_bytes} bytes of arrays")
+    members = {"tree": [np.frombuffer(text, dtype=np.uint8)], **members}
     buffer = io.BytesIO()
-    np.savez(buffer, allow_pickle=False, tree=np.frombuffer(text, dtype=np.uint8), **arrays)
-    with zipfile.ZipFile(buffer, "a") as archive:
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_STORED) as archive:
+        for name, pieces in members.items():
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
+                _write_joined(member, pieces)
         archive.comment = b"0" * DIGEST_BYTES
-    return sealed(buffer.getvalue())
+    # in place, and without a second copy: the file of a large part is as large as the part
+    with buffer.getbuffer() as view:
+        view[-DIGEST_BYTES:] = _digest(view[:-DIGEST_BYTES])
+    return buffer.getvalue()
+
+
+def _write_joined(member: IO[bytes], pieces: Sequence[AnyArray]) -> None:
+    """Write arrays of one dtype end to end, as numpy would write them joined."""
+    descr = np.lib.format.dtype_to_descr(pieces[0].dtype)
+    shape = (sum(len(array) for array in pieces),)
+    np.lib.format.write_array_header_1_0(
+        member, {"descr": descr, "fortran_order": False, "shape": shape}
+    )
+    for array in pieces:
+        for begin in range(0, len(array), WRITTEN_AT_ONCE):
+            member.write(array[begin : begin + WRITTEN_AT_ONCE].tobytes())
 
 
 def sealed(data: bytes) -> bytes:
     """Return a file's bytes with their digest appended."""
     body = data[:-DIGEST_BYTES]
-    return body + hashlib.sha256(body).hexdigest().encode()
+    return body + _digest(body)
+
+
+def _digest(body: bytes | memoryview) -> bytes:
+    return hashlib.sha256(body).hexdigest().encode()
 
 
 def unpack(data: bytes) -> tuple[Any, dict[str, AnyArray]]:
@@ -135,8 +172,7 @@ def unpack(data: bytes) -> tuple[Any, dict[str, AnyArray]]:
     ------
     CacheError : another kind of file, cut short, or changed since it was written
     """
-    digest = hashlib.sha256(memoryview(data)[:-DIGEST_BYTES]).hexdigest().encode()
-    if digest != data[-DIGEST_BYTES:]:
+    if _digest(memoryview(data)[:-DIGEST_BYTES]) != data[-DIGEST_BYTES:]:
         raise CacheError("is damaged, or no file of this cache")
     try:
         with np.load(io.BytesIO(data), allow_pickle=False) as archive:

@@ -6,11 +6,13 @@ from functools import cached_property
 import numpy as np
 import trimesh
 
-from controller.arrays import BoolArray, FloatArray, Int32Array
+from controller.arrays import BoolArray, FloatArray, Int32Array, IntArray
 
-from .boundary import Boundary, Face, find_boundary, find_faces
+from .boundary import Boundary, Face, find_boundary, search_faces
 from .errors import CoordinatesCadError, EmptyCadError, LargeCadError, UnitCadError
+from .large import ADJACENCY, drop_derived
 from .soundness import check_soundness
+from .stages import OnStage, no_stage
 from .welding import weld
 
 MM_PER_INCH = 25.4
@@ -36,6 +38,8 @@ class Solid:
     unit : what the file's lengths were in; all here are in mm
     unit_is_declared : False where millimetres are no more than the usual
     density_g_cm3 : where the file says it
+    faces_are_complete : False where the search for surfaces ended before it was done, so that some
+        with a formula may be among the free-form ones
     """
 
     name: str
@@ -48,6 +52,7 @@ class Solid:
     unit: str = "mm"
     unit_is_declared: bool = True
     density_g_cm3: float | None = None
+    faces_are_complete: bool = True
 
     @cached_property
     def boundary(self) -> Boundary:
@@ -56,6 +61,21 @@ class Solid:
         A compiled part puts its stored one in place with ``vars(solid)["boundary"] = stored``.
         """
         return find_boundary(self.mesh, self.faces, self.face_of_triangle)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Merged:
+    """Triangles whose corners are merged, and which of the file's each one is.
+
+    Attributes
+    ----------
+    vertices_mm, triangles : (v, 3) and (n, 3)
+    kept : (n,) number of each one in the file, or of the one in whose surface it lies
+    """
+
+    vertices_mm: FloatArray
+    triangles: IntArray
+    kept: IntArray
 
 
 def make_solid(
@@ -89,11 +109,43 @@ def make_solid(
     EmptyCadError, LargeCadError, CoordinatesCadError, UnitCadError : before anything is computed
     OpenCadError, InsideOutCadError, ManySolidsCadError, SelfIntersectingCadError : no sound solid
     """
-    if len(mesh.faces) == 0:
+    merged = merge_corners(
+        np.asarray(mesh.vertices, dtype=np.float64),
+        np.asarray(mesh.faces, dtype=np.int64),
+        where,
+        unit_is_declared=unit_is_declared,
+    )
+    return solid_of(
+        merged,
+        name,
+        content_hash,
+        where,
+        faces=faces,
+        face_of_triangle=face_of_triangle,
+        unit=unit,
+        unit_is_declared=unit_is_declared,
+        density_g_cm3=density_g_cm3,
+    )
+
+
+def merge_corners(
+    vertices_mm: FloatArray, triangles: IntArray, where: str, *, unit_is_declared: bool = True
+) -> Merged:
+    """Return triangles whose numbers make sense, with the corners at one position made one.
+
+    Parameters
+    ----------
+    vertices_mm, triangles : (v, 3) and (n, 3)
+    where : their origin, for messages
+    unit_is_declared : False: the size must make sense in mm
+
+    Raises
+    ------
+    EmptyCadError, LargeCadError, CoordinatesCadError, UnitCadError : as `make_solid`
+    """
+    if len(triangles) == 0:
         raise EmptyCadError(f"{where}: holds no triangles; export the solid body, not a sketch")
-    check_count(len(mesh.faces), where)
-    vertices_mm = np.asarray(mesh.vertices, dtype=np.float64)
-    triangles = np.asarray(mesh.faces, dtype=np.int64)
+    check_count(len(triangles), where)
     if not 0 <= triangles.min() <= triangles.max() < len(vertices_mm):
         raise CoordinatesCadError(
             f"{where}: triangles name corners the file does not hold; export it again"
@@ -101,15 +153,50 @@ def make_solid(
     is_used = np.zeros(len(vertices_mm), dtype=bool)
     is_used[triangles] = True
     _check_size(vertices_mm, is_used, where, unit_is_declared)
-    vertices_mm, triangles, kept = weld(vertices_mm, triangles)
-    if len(triangles) == 0:
+    merged = Merged(*weld(vertices_mm, triangles))
+    if len(merged.triangles) == 0:
         raise EmptyCadError(f"{where}: no triangle has any area; export the solid body again")
-    mesh = trimesh.Trimesh(vertices_mm, triangles, process=False)
+    return merged
+
+
+def solid_of(
+    merged: Merged,
+    name: str,
+    content_hash: str,
+    where: str,
+    *,
+    faces: tuple[Face, ...] | None = None,
+    face_of_triangle: Int32Array | None = None,
+    unit: str = "mm",
+    unit_is_declared: bool = True,
+    density_g_cm3: float | None = None,
+    on_stage: OnStage = no_stage,
+) -> Solid:
+    """Return a checked solid of merged triangles.
+
+    Parameters
+    ----------
+    merged : as `merge_corners` has it
+    name, content_hash, where, faces, face_of_triangle, unit, unit_is_declared, density_g_cm3 : as
+        in `make_solid`
+    on_stage : called with the name of each stage as it begins
+
+    Raises
+    ------
+    OpenCadError, InsideOutCadError, ManySolidsCadError, SelfIntersectingCadError : no sound solid
+    """
+    mesh = trimesh.Trimesh(merged.vertices_mm, merged.triangles, process=False)
+    on_stage("checking that the mesh is one solid")
     check_soundness(mesh, where)
+    is_complete = True
     if faces is None or face_of_triangle is None:
-        faces, face_of_triangle = find_faces(mesh)
+        on_stage("finding surfaces")
+        found = search_faces(mesh)
+        faces, face_of_triangle = found.faces, found.face_of_triangle
+        is_complete = found.is_complete
     else:
-        face_of_triangle = face_of_triangle[kept]
+        face_of_triangle = face_of_triangle[merged.kept]
+    drop_derived(mesh, *ADJACENCY)
     return Solid(
         name=name,
         mesh=mesh,
@@ -121,6 +208,7 @@ def make_solid(
         unit=unit,
         unit_is_declared=unit_is_declared,
         density_g_cm3=density_g_cm3,
+        faces_are_complete=is_complete,
     )
 
 
@@ -145,14 +233,16 @@ def _check_size(
         raise CoordinatesCadError(
             f"{where}: holds coordinates that are no numbers; export it again"
         )
-    vertices_mm = vertices_mm[is_used]
-    farthest = float(np.abs(vertices_mm).max())
+    if not is_used.all():
+        vertices_mm = vertices_mm[is_used]
+    low, high = vertices_mm.min(axis=0), vertices_mm.max(axis=0)
+    farthest = float(max(-low.min(), high.max()))
     if farthest > SENSELESS_MM:
         raise CoordinatesCadError(
             f"{where}: holds a coordinate of {farthest:.3g} mm, which is beyond sense; "
             "export it again, or declare its unit"
         )
-    size_mm = np.ptp(vertices_mm, axis=0)
+    size_mm = high - low
     longest = float(size_mm.max())
     across = " x ".join(f"{edge:.4g}" for edge in size_mm)
     smallest, largest = SENSIBLE_MM

@@ -21,6 +21,7 @@ from .errors import (
     SelfIntersectingCadError,
 )
 from .graph import components
+from .large import AT_ONCE, drop_derived, give_back, spans
 
 TOUCH_MM = 1e-3  # ten times what corners are merged at: merging may fold a sliver over
 FLOAT32_ULPS = 32.0  # STL keeps seven digits, which is more than TOUCH_MM on a part of metres
@@ -37,10 +38,10 @@ MANY_HITS = 400  # a straight line through a part that meets more surfaces is no
 class _Sides:
     """The triangle sides of a mesh, those between the same two corners brought together."""
 
-    ends: IntArray  # (e, 2) corners of each edge
-    count: IntArray  # (e,) sides on it
-    first: IntArray  # (e,) where its sides start in `side`
-    side: IntArray  # (3 n,) directed sides, edge by edge; side s is of triangle s // 3
+    ends: Int32Array  # (e, 2) corners of each edge
+    count: Int32Array  # (e,) sides on it
+    first: Int32Array  # (e,) where its sides start in `side`
+    side: Int32Array  # (3 n,) directed sides, edge by edge; side s is of triangle s // 3
     forward: BoolArray  # (3 n,) runs from the lower corner to the higher
 
 
@@ -59,6 +60,8 @@ def check_soundness(mesh: trimesh.Trimesh, where: str) -> None:
     centred = trimesh.Trimesh(np.asarray(mesh.vertices) - middle, triangles, process=False)
     sides = _sort_sides(triangles)
     _check_closed(triangles, sides, where)
+    _ = centred.face_normals, centred.area_faces
+    drop_derived(centred)
     touch_mm = touch_of(centred)
     shell, volumes = _shells(centred, sides)
     bodies = _check_outwards(volumes, float(np.max(centred.extents)), where)
@@ -67,10 +70,15 @@ def check_soundness(mesh: trimesh.Trimesh, where: str) -> None:
             f"{where}: holds {bodies} separate bodies, one part is one body; unite them "
             "or export them one by one"
         )
+    ends = sides.ends
+    del sides
     caster = RayCaster(centred)
-    _check_crossings(centred, sides.ends, caster, touch_mm, middle, where)
+    _check_crossings(centred, ends, caster, touch_mm, middle, where)
     _check_voids(centred, shell, volumes, caster, touch_mm, where)
     _check_probes(centred, caster, touch_mm, middle, where)
+    if len(triangles) > AT_ONCE:
+        del centred, caster
+        give_back()
 
 
 def touch_of(mesh: trimesh.Trimesh) -> float:
@@ -81,14 +89,18 @@ def touch_of(mesh: trimesh.Trimesh) -> float:
 
 def _sort_sides(triangles: IntArray) -> _Sides:
     start, end = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
-    low, high = np.minimum(start, end), np.maximum(start, end)
-    key = low * (int(triangles.max()) + 1) + high
+    forward = start < end
+    corner_count = int(triangles.max()) + 1
+    key = np.minimum(start, end) * corner_count + np.maximum(start, end)
+    del start, end
     order = np.argsort(key, kind="stable")
-    sorted_key = key[order]
-    first = np.flatnonzero(np.concatenate(([True], sorted_key[1:] != sorted_key[:-1])))
-    count = np.diff(np.append(first, len(key)))
-    at = order[first]
-    return _Sides(np.column_stack((low[at], high[at])), count, first, order, (start < end)[order])
+    key = key[order]
+    first = np.flatnonzero(np.concatenate(([True], key[1:] != key[:-1])))
+    count = np.diff(np.append(first, len(key))).astype(np.int32)
+    low, high = np.divmod(key[first], corner_count)
+    ends = np.column_stack((low.astype(np.int32), high.astype(np.int32)))
+    sides = order.astype(np.int32)
+    return _Sides(ends, count, first.astype(np.int32), sides, forward[order])
 
 
 def _check_closed(triangles: IntArray, sides: _Sides, where: str) -> None:
@@ -121,8 +133,11 @@ def _shells(mesh: trimesh.Trimesh, sides: _Sides) -> tuple[Int32Array, FloatArra
     one, other = sides.side[sides.first] // 3, sides.side[sides.first + 1] // 3
     count = len(mesh.faces)
     shell = components(count, one, other).astype(np.int32)
-    corners = np.asarray(mesh.triangles)
-    wedge = np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6.0
+    vertices, triangles = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+    wedge = np.empty(count)
+    for some in spans(count):
+        a, b, c = (vertices[triangles[some, i]] for i in range(3))
+        wedge[some] = np.einsum("ij,ij->i", a, np.cross(b, c)) / 6.0
     return shell, np.bincount(shell, weights=wedge).astype(np.float64)
 
 
@@ -144,7 +159,7 @@ def _check_outwards(volumes: FloatArray, size_mm: float, where: str) -> int:
 
 def _check_crossings(
     mesh: trimesh.Trimesh,
-    ends: IntArray,
+    ends: Int32Array,
     caster: RayCaster,
     touch_mm: float,
     middle: FloatArray,
@@ -152,15 +167,14 @@ def _check_crossings(
 ) -> None:
     """Raise where an edge runs through the inside of a triangle it shares no corner with."""
     points, triangles = np.asarray(mesh.vertices), np.asarray(mesh.faces)
-    for begin in range(0, len(ends), EDGES_AT_ONCE):
-        some = ends[begin : begin + EDGES_AT_ONCE]
-        _check_edges(points, triangles, some, caster, touch_mm, middle, where)
+    for some in spans(len(ends), EDGES_AT_ONCE):
+        _check_edges(points, triangles, ends[some], caster, touch_mm, middle, where)
 
 
 def _check_edges(
     points: FloatArray,
     triangles: IntArray,
-    ends: IntArray,
+    ends: Int32Array,
     caster: RayCaster,
     touch_mm: float,
     middle: FloatArray,
@@ -221,7 +235,7 @@ def _check_voids(
     if len(voids) == 0:
         return
     one_triangle = np.unique(shell, return_index=True)[1][voids]
-    origins = np.asarray(mesh.triangles_center)[one_triangle]
+    origins = np.asarray(mesh.vertices)[np.asarray(mesh.faces)[one_triangle]].mean(axis=1)
     turns = np.stack(
         [
             _winding(mesh, caster, origins, direction, touch_mm, shell, voids)
@@ -243,7 +257,7 @@ def _check_probes(
     rng = np.random.default_rng(0)  # a fixed draw: the same file gets the same answer
     area = np.asarray(mesh.area_faces)
     chosen = rng.choice(len(area), PROBE_COUNT, p=area / area.sum())
-    corners = np.asarray(mesh.triangles)[chosen]
+    corners = np.asarray(mesh.vertices)[np.asarray(mesh.faces)[chosen]]
     weights = rng.dirichlet((2.0, 2.0, 2.0), PROBE_COUNT)
     points = np.einsum("ij,ijk->ik", weights, corners)
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)

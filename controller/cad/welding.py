@@ -4,6 +4,8 @@ import numpy as np
 
 from controller.arrays import BoolArray, FloatArray, IntArray
 
+from .large import spans
+
 MERGE_MM = 1e-4  # corners within are one: STL repeats each corner per triangle, rounded
 NEEDLE_MM = 1e-9  # a triangle flatter than this has no normal
 FEW_NEEDLES = 2000  # they are taken out one by one
@@ -40,24 +42,41 @@ def weld(vertices_mm: FloatArray, triangles: IntArray) -> tuple[FloatArray, IntA
 
 def _merge(vertices_mm: FloatArray) -> tuple[IntArray, IntArray]:
     """Return a vertex for each cell of the grid that holds any (u,), and each vertex's cell."""
-    cells = np.round(vertices_mm / MERGE_MM).astype(np.int64)
-    cells -= cells.min(axis=0)
-    span = cells.max(axis=0) + 1
-    key = cells[:, 0] * span[1] + cells[:, 1]
-    if float(span[0]) * float(span[1]) * float(span[2]) > 2.0**62:
+    low = _cells(vertices_mm.min(axis=0))
+    span = _cells(vertices_mm.max(axis=0)) - low + 1
+    key = np.empty(len(vertices_mm), dtype=np.int64)
+    is_wide = float(span[0]) * float(span[1]) * float(span[2]) > 2.0**62
+    for some in spans(len(key)):
+        cells = _cells(vertices_mm[some]) - low
+        key[some] = cells[:, 0] * span[1] + cells[:, 1]
+        if not is_wide:
+            key[some] = key[some] * span[2] + cells[:, 2]
+    if is_wide:
         key = np.unique(key, return_inverse=True)[1]  # fewer numbers, or the product overflows
-    _, first, merged = np.unique(
-        key * span[2] + cells[:, 2], return_index=True, return_inverse=True
-    )
-    return first, merged
+        for some in spans(len(key)):
+            key[some] = key[some] * span[2] + (_cells(vertices_mm[some]) - low)[:, 2]
+    order = np.argsort(key, kind="stable")
+    key = key[order]
+    is_first = np.concatenate(([True], key[1:] != key[:-1]))
+    merged = np.empty(len(key), dtype=np.int64)
+    merged[order] = np.cumsum(is_first) - 1
+    return order[is_first], merged
+
+
+def _cells(vertices_mm: FloatArray) -> IntArray:
+    """Return the cell of the grid that each vertex is in, as three numbers."""
+    return np.asarray(np.round(vertices_mm / MERGE_MM).astype(np.int64))
 
 
 def _heights(points: FloatArray, corners: IntArray) -> FloatArray:
     """Return the smallest height of each triangle [mm]."""
-    p = points[corners]
-    area2 = np.linalg.norm(np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]), axis=1)
-    longest = np.linalg.norm(p - np.roll(p, 1, axis=1), axis=2).max(axis=1)
-    return np.asarray(area2 / np.where(longest > 0, longest, 1.0))
+    heights = np.empty(len(corners))
+    for some in spans(len(corners)):
+        p = points[corners[some]]
+        area2 = np.linalg.norm(np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]), axis=1)
+        longest = np.linalg.norm(p - np.roll(p, 1, axis=1), axis=2).max(axis=1)
+        heights[some] = area2 / np.where(longest > 0, longest, 1.0)
+    return heights
 
 
 def _flip(points: FloatArray, corners: IntArray, needles: IntArray) -> tuple[IntArray, BoolArray]:

@@ -151,6 +151,17 @@ def test_a_type_that_cannot_be_stored_is_refused_before_anything_is_written(kind
         make_codec(kind)
 
 
+def test_a_file_holds_pieces_as_it_would_hold_them_joined() -> None:
+    pieces = [np.arange(5.0), np.zeros(0), np.linspace(0, 1, 7)]
+    tree = {"value": 3}
+    apart = pack(tree, {"f8": pieces, "i4": [np.arange(4, dtype=np.int32)]})
+    joined = pack(tree, {"f8": np.concatenate(pieces), "i4": np.arange(4, dtype=np.int32)})
+    assert unpack(apart)[1]["f8"].tolist() == np.concatenate(pieces).tolist()
+    assert [unpack(file)[0] for file in (apart, joined)] == [tree, tree]
+    for name, array in unpack(joined)[1].items():
+        assert unpack(apart)[1][name].tobytes() == array.tobytes()
+
+
 def test_an_array_of_a_narrower_type_is_widened_to_the_declared_one() -> None:
     back = round_trip(np.array([1, 2], dtype=np.int64), NDArray[np.int32])
     assert back.dtype == np.int32

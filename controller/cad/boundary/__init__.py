@@ -4,7 +4,7 @@ from ._normals import surface_normals
 from ._types import Boundary, Crease, Curve, Face, FaceKind
 from .edges.checks import check_boundary, euler_defect, face_genera
 from .edges.dcel import find_boundary
-from .faces.segment import find_faces
+from .faces.segment import FaceSearch, find_faces, search_faces
 
 __all__ = [
     "Boundary",
@@ -12,10 +12,12 @@ __all__ = [
     "Curve",
     "Face",
     "FaceKind",
+    "FaceSearch",
     "check_boundary",
     "euler_defect",
     "face_genera",
     "find_boundary",
     "find_faces",
+    "search_faces",
     "surface_normals",
 ]

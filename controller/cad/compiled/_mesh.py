@@ -14,6 +14,7 @@ from controller.arrays import FloatArray, IntArray
 from controller.cache import CacheError, Codec, converted, make_codec
 
 from ..boundary import Boundary
+from ..large import drop_derived
 from ..solid import Solid
 
 
@@ -72,12 +73,14 @@ def _solid(stored: StoredSolid) -> Solid:
 
 
 def _stored(mesh: trimesh.Trimesh) -> StoredMesh:
-    return StoredMesh(
+    stored = StoredMesh(
         np.asarray(mesh.vertices),
         np.asarray(mesh.faces),
         np.asarray(mesh.face_normals),
         np.asarray(mesh.area_faces),
     )
+    drop_derived(mesh)
+    return stored
 
 
 def _body(stored: StoredBody) -> trimesh.Trimesh:

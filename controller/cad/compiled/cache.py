@@ -16,6 +16,7 @@ from controller.config.cad_files import MARK
 
 from ..reading import digests_of
 from ..solid import Solid
+from ..stages import OnStage, no_stage
 from ._mesh import called, solids
 from .part import CompiledPart, CompileOptions, compile_part, part_name
 
@@ -62,7 +63,10 @@ def cached_part(
 
 
 def make_part(
-    path: Path, options: CompileOptions | None = None, cache: Path | None = None
+    path: Path,
+    options: CompileOptions | None = None,
+    cache: Path | None = None,
+    on_stage: OnStage = no_stage,
 ) -> CompiledPart:
     """Compile a part, keep it in the cache and return it.
 
@@ -71,6 +75,7 @@ def make_part(
     path : CAD file
     options : what it is compiled with; None for the defaults
     cache : folder, None for `cache_dir`; one that cannot be written costs time, not correctness
+    on_stage : called with the name of each stage as it begins
 
     Raises
     ------
@@ -78,9 +83,10 @@ def make_part(
     """
     options = options or CompileOptions()
     file = _file_of(path, options, cache)
-    part = compile_part(path, options)
+    part = compile_part(path, options, on_stage)
     if file is None or file != _file_of(path, options, cache):
         return part  # the CAD file was written to meanwhile: what was read may be either
+    on_stage("keeping what was found")
     part_cache().save(file, part)
     # what the next start will get, so that the first run and the second are the same
     return part_cache().load(file) or part

@@ -10,6 +10,7 @@ from controller.arrays import IntArray
 from controller.config import STEP_FORMATS, split_cad
 
 from ..boundary import euler_defect, face_genera
+from ..large import drop_derived
 from ..reading import load_solid
 from ..reading.units import check_unit
 from ..resting import (
@@ -24,6 +25,7 @@ from ..resting import (
     search_look_alikes,
 )
 from ..solid import Solid
+from ..stages import OnStage, no_stage
 from ..surfaces import SurfaceSamples, sample_surface
 from ..surfaces.features import Feature, find_features
 from ..surfaces.tolerances import Tolerance
@@ -31,6 +33,7 @@ from ..views import LineView, line_view, prepare_views
 
 UNITLESS = (".stl", ".obj", ".ply", ".off")  # formats that have no place for a unit
 MAX_SAMPLES = 200_000
+MAX_DRAWN_TRIANGLES = 50_000_000  # in the drawings of all poses: 41 of 1.2 million triangles
 MAX_NAMED = 4  # poses named one by one in a remark
 USUAL_DENSITY_G_CM3 = 2.7  # aluminium, as in a recipe that does not say
 
@@ -46,12 +49,14 @@ class CompileOptions:
     unit : of a file that does not say its own; None where nobody has said
     sample_spacing_mm, samples_per_face : how densely surfaces are sampled; a large part coarser
     max_compared : pairs of poses that are compared at most, to state which look alike
+    max_drawn_triangles : triangles in the drawings of all stable poses; rarer poses are left out
     """
 
     unit: str | None = None
     sample_spacing_mm: float = 4.0
     samples_per_face: int = 6
     max_compared: int = MAX_COMPARED
+    max_drawn_triangles: int = MAX_DRAWN_TRIANGLES
 
 
 def part_name(path: Path) -> str:
@@ -162,16 +167,24 @@ def _few(poses: Sequence[int]) -> str:
     return f"{', '.join(ids[:MAX_NAMED])} and {len(ids) - MAX_NAMED} more"
 
 
-def compile_part(path: Path, options: CompileOptions | None = None) -> CompiledPart:
+def compile_part(
+    path: Path, options: CompileOptions | None = None, on_stage: OnStage = no_stage
+) -> CompiledPart:
     """Read a CAD file and return all that follows from it.
+
+    Parameters
+    ----------
+    path : CAD file
+    options : what it is compiled with; None for the defaults
+    on_stage : called with the name of each stage as it begins
 
     Raises
     ------
     CadError : as `load_solid`
     """
     options = options or CompileOptions()
-    solid, tolerances, warnings = _read(path, options.unit)
-    return compile_solid(solid, options, tolerances, warnings)
+    solid, tolerances, warnings = _read(path, options.unit, on_stage)
+    return compile_solid(solid, options, tolerances, warnings, on_stage)
 
 
 def compile_solid(
@@ -179,6 +192,7 @@ def compile_solid(
     options: CompileOptions | None = None,
     tolerances: tuple[Tolerance, ...] = (),
     warnings: tuple[str, ...] = (),
+    on_stage: OnStage = no_stage,
 ) -> CompiledPart:
     """Return all that follows from a solid.
 
@@ -187,18 +201,37 @@ def compile_solid(
     solid : checked, as `load_solid` returns it
     options : what it is compiled with; None for the defaults
     tolerances, warnings : what its file states beside the solid
+    on_stage : called with the name of each stage as it begins
     """
     options = options or CompileOptions()
+    if not solid.faces_are_complete:
+        warnings += (
+            "Which surfaces are cylinders, cones, spheres and tori is not worked out to the end: "
+            "some of them may count as free-form.",
+        )
+    on_stage("finding symmetries")
     symmetry = part_symmetries(solid)
+    drop_derived(solid.mesh)
+    on_stage("finding stable poses")
     found = find_resting(solid)
+    pose_count = len(found.poses)
+    found = _likeliest(found, max(1, options.max_drawn_triangles // len(solid.mesh.faces)))
+    if len(found.poses) < pose_count:
+        share = 100 * sum(pose.probability for pose in found.poses)
+        warnings += (
+            f"Of {pose_count} stable poses the {len(found.poses)} likeliest are worked out, "
+            f"{share:.0f} % of all; a part in another one is not recognised.",
+        )
     resting = replace(found, poses=name_duplicates(found.poses, symmetry))
-    views = _views(solid, resting.poses)
+    views = _views(solid, resting.poses, on_stage)
+    on_stage("comparing stable poses")
     alike = search_look_alikes(solid, resting.poses, views, max_compared=options.max_compared)
     if alike.pose_count < len(resting.poses):
         warnings += (
             f"Which stable poses look alike is not worked out beyond the {alike.pose_count} "
             f"likeliest of {len(resting.poses)}: a rarer one may be taken for another.",
         )
+    on_stage("sampling surfaces, finding features")
     spacing_mm = spacing_of(solid, options.sample_spacing_mm)
     return CompiledPart(
         solid=solid,
@@ -218,15 +251,35 @@ def spacing_of(solid: Solid, asked_mm: float) -> float:
     return max(asked_mm, float(np.sqrt(solid.mesh.area / MAX_SAMPLES)))
 
 
-def _views(solid: Solid, poses: Sequence[StablePose]) -> tuple[LineView, ...]:
+def _views(solid: Solid, poses: Sequence[StablePose], on_stage: OnStage) -> tuple[LineView, ...]:
+    on_stage("finding edges")
     prepared = prepare_views(solid)
-    return tuple(line_view(solid, pose.R, prepared=prepared) for pose in poses)
+    views = []
+    for number, pose in enumerate(poses, 1):
+        on_stage(f"drawing stable pose {number} of {len(poses)}")
+        views.append(line_view(solid, pose.R, prepared=prepared))
+    return tuple(views)
 
 
-def _read(path: Path, unit: str | None) -> tuple[Solid, tuple[Tolerance, ...], tuple[str, ...]]:
+def _likeliest(resting: Resting, count: int) -> Resting:
+    """Return what is known of the likeliest poses alone."""
+    if len(resting.poses) <= count:
+        return resting
+    return replace(
+        resting,
+        poses=resting.poses[:count],
+        families=tuple(family for family in resting.families if family.pose < count),
+        facet_pose=np.where(resting.facet_pose < count, resting.facet_pose, -1).astype(np.int32),
+    )
+
+
+def _read(
+    path: Path, unit: str | None, on_stage: OnStage
+) -> tuple[Solid, tuple[Tolerance, ...], tuple[str, ...]]:
     source = split_cad(path)
     if source.ending not in STEP_FORMATS:
-        return load_solid(path, unit=unit), (), ()
+        return load_solid(path, unit=unit, on_stage=on_stage), (), ()
+    on_stage("reading the file")
     from ..reading.step.files import (
         read_step_part,  # slow to import, and only needed here
     )

@@ -14,12 +14,14 @@ from typing import Final, cast
 import numpy as np
 import trimesh
 
+from controller.arrays import FloatArray, IntArray
 from controller.config import CAD_FORMATS, split_cad
 from controller.config.cad_files import MARK, STEP_FORMATS
 
 from ..errors import UnreadableCadError
-from ..solid import Solid, make_solid
-from ._ahead import check_ahead, read_file, size_of
+from ..solid import Merged, Solid, merge_corners, solid_of
+from ..stages import OnStage, no_stage
+from ._ahead import STL_HEADER_BYTES, STL_TRIANGLE_BYTES, check_ahead, read_file, size_of
 from ._threemf import check_3mf
 from .csg import read_csg
 from .units import check_unit, read_unit
@@ -27,10 +29,13 @@ from .units import check_unit, read_unit
 # what trimesh stumbles over is told once, by our errors, and not on the terminal besides
 logging.getLogger("trimesh").addHandler(logging.NullHandler())
 
+STL_TRIANGLE: Final = np.dtype(
+    [("normal", "<f4", (3,)), ("corners", "<f4", (3, 3)), ("attribute", "<u2")]
+)
 FORMAT_NAMES: Final = "STL, OBJ, PLY, OFF, 3MF, STEP, CSG text (.csg.yaml)"
 
 
-def load_solid(path: Path, *, unit: str | None = None) -> Solid:
+def load_solid(path: Path, *, unit: str | None = None, on_stage: OnStage = no_stage) -> Solid:
     """Return the solid of a CAD file, proven to be one closed solid.
 
     Parameters
@@ -38,6 +43,7 @@ def load_solid(path: Path, *, unit: str | None = None) -> Solid:
     path : STL, OBJ, PLY, OFF, 3MF, STEP or CSG text; ``file.step#NAME`` is one body of several
     unit : of the file's lengths: mm, cm, m or inch. None: what the file says or, where its format
         has no place for it (STL, OBJ, PLY, OFF), millimetres, if these make a part of sense
+    on_stage : called with the name of each stage as it begins
 
     Raises
     ------
@@ -54,7 +60,8 @@ def load_solid(path: Path, *, unit: str | None = None) -> Solid:
         raise UnreadableCadError(
             f"{path}: only a STEP file has bodies with names; leave out {MARK}{source.body}"
         )
-    name, mm_per_unit = read_unit(unit or "mm", path)
+    on_stage("reading the file")
+    name, _ = read_unit(unit or "mm", path)
     size = size_of(path)
     if ending in STEP_FORMATS:
         from .step.files import read_step  # slow to import, and only needed here
@@ -67,30 +74,52 @@ def load_solid(path: Path, *, unit: str | None = None) -> Solid:
         check_unit(unit, solid.unit, path)
         return solid
     check_ahead(path, ending, size)
-    data = read_file(path)
-    is_declared = unit is not None
-    if ending == ".3mf":
-        stated = check_3mf(data, path)
-        check_unit(unit, stated, path)
-        (name, mm_per_unit), is_declared = read_unit(stated, path), True
-    mesh = _read_mesh(data, path, ending)
-    with np.errstate(over="ignore"):
-        mesh.vertices = np.asarray(mesh.vertices) * mm_per_unit
-    return make_solid(
-        mesh,
+    merged, content_hash, found = _read_merged(path, ending, unit)
+    return solid_of(
+        merged,
         path.stem,
-        hashlib.sha256(data).hexdigest(),
+        content_hash,
         where=str(path),
-        unit=name,
-        unit_is_declared=is_declared,
+        unit=found or name,
+        unit_is_declared=found is not None or unit is not None,
+        on_stage=on_stage,
     )
 
 
-def _read_mesh(data: bytes, path: Path, ending: str) -> trimesh.Trimesh:
-    """Return the triangles in the file's unit.
+def _read_merged(path: Path, ending: str, unit: str | None) -> tuple[Merged, str, str | None]:
+    """Return a file's triangles in mm, its SHA-256, and the unit it names, if it names one.
+
+    What was read, three corners a triangle, is given up before anything is worked out.
+    """
+    data, stated = read_file(path), None
+    _, mm_per_unit = read_unit(unit or "mm", path)
+    if ending == ".3mf":
+        named = check_3mf(data, path)
+        check_unit(unit, named, path)
+        stated, mm_per_unit = read_unit(named, path)
+    vertices, triangles = _read_mesh(data, path, ending)
+    content_hash = hashlib.sha256(data).hexdigest()
+    del data
+    if mm_per_unit != 1.0:
+        with np.errstate(over="ignore"):
+            vertices = vertices * mm_per_unit
+    is_declared = unit is not None or stated is not None
+    merged = merge_corners(vertices, triangles, str(path), unit_is_declared=is_declared)
+    return merged, content_hash, stated
+
+
+def _read_mesh(data: bytes, path: Path, ending: str) -> tuple[FloatArray, IntArray]:
+    """Return corners (v, 3) in the file's unit and triangles (n, 3).
 
     A stream has no folder, so that no file beside it (a texture, a material) is read unasked.
     """
+    if ending == ".stl":
+        count = int.from_bytes(data[STL_HEADER_BYTES - 4 : STL_HEADER_BYTES], "little")
+        if len(data) == STL_HEADER_BYTES + STL_TRIANGLE_BYTES * count:
+            # binary; trimesh reads it as well, in three times the memory
+            rows = np.frombuffer(data, STL_TRIANGLE, count, STL_HEADER_BYTES)
+            corners = rows["corners"].astype(np.float64).reshape(-1, 3)
+            return corners, np.arange(3 * count, dtype=np.int64).reshape(-1, 3)
     try:
         with np.errstate(all="ignore"), warnings.catch_warnings():
             warnings.simplefilter("error")  # numpy warns where a text breaks off, and goes on
@@ -99,7 +128,8 @@ def _read_mesh(data: bytes, path: Path, ending: str) -> trimesh.Trimesh:
                 io.BytesIO(data), file_type=ending[1:], force="mesh", process=False
             )
         mesh = cast("trimesh.Trimesh", loaded)  # forced to be one
-        faces, vertices = np.asarray(mesh.faces), np.asarray(mesh.vertices)
+        faces = np.asarray(mesh.faces, dtype=np.int64)
+        vertices = np.asarray(mesh.vertices, dtype=np.float64)
     except Exception as error:
         reason = " ".join(str(error).split())
         raise UnreadableCadError(
@@ -110,9 +140,9 @@ def _read_mesh(data: bytes, path: Path, ending: str) -> trimesh.Trimesh:
         raise UnreadableCadError(
             f"{path}: its corners have other than three coordinates each; export it again"
         )
-    if len(faces) and not 0 <= faces.min() <= faces.max() < len(mesh.vertices):
+    if len(faces) and not 0 <= faces.min() <= faces.max() < len(vertices):
         raise UnreadableCadError(
-            f"{path}: a triangle names corner {int(faces.max())} of {len(mesh.vertices)}; "
+            f"{path}: a triangle names corner {int(faces.max())} of {len(vertices)}; "
             "export it again"
         )
-    return mesh
+    return vertices, faces

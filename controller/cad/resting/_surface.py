@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 
 from controller.arrays import FloatArray, IntArray
 
+from ..large import spans
 from ._curves import BULGE_CAP_MM, SMOOTH_RAD
 
 TARGET_COUNT = 20_000  # points on the surface that lead to the nearest triangles
@@ -37,26 +38,22 @@ class Surface:
 
     def __init__(self, mesh: trimesh.Trimesh, centre_mm: FloatArray, tolerance_mm: float) -> None:
         self.vertices = np.asarray(mesh.vertices, dtype=np.float64) - centre_mm
-        self._triangles = self.vertices[np.asarray(mesh.faces)]
+        self._triangles = np.asarray(mesh.faces)
         self._normals = np.asarray(mesh.face_normals, dtype=np.float64)
         areas = np.asarray(mesh.area_faces, dtype=np.float64)
         bulge_mm = bulge_of(mesh)
         self.tolerance_mm = tolerance_mm + bulge_mm
         self.corner_mm = 4 * (CORNER_MM + bulge_mm)
-        self._low, self._high = self._triangles.min(axis=1), self._triangles.max(axis=1)
-        ids, targets = _spread(self._triangles, areas)
+        ids, targets = _spread(self.vertices, self._triangles, areas)
         self._ids, self._tree = ids, cKDTree(targets)
         self._cover_mm = COVER * float(np.sqrt(areas.sum() / TARGET_COUNT))
-        probes = np.concatenate([self.vertices, self._triangles.mean(axis=1), targets])
         # corners first in the draw, since small features have nothing else
         rng = np.random.default_rng(0)
         kinds = (len(self.vertices), len(self._triangles), len(targets))
-        starts = np.cumsum((0, *kinds))
-        picks = [
-            start + rng.permutation(count)[: PROBE_COUNT // 3]
-            for start, count in zip(starts[:-1], kinds, strict=True)
-        ]
-        self._probes = probes[rng.permutation(np.concatenate(picks))]
+        picks = [rng.permutation(count)[: PROBE_COUNT // 3] for count in kinds]
+        middles = self.vertices[self._triangles[picks[1]]].mean(axis=1)
+        probes = np.concatenate([self.vertices[picks[0]], middles, targets[picks[2]]])
+        self._probes = probes[rng.permutation(len(probes))]
 
     def maps_to_itself(self, R: FloatArray, shift: FloatArray | None = None) -> bool:
         """Return whether an orthogonal matrix (3, 3) and a small shift carry the part to itself."""
@@ -115,11 +112,21 @@ class Surface:
     def _touches(self, point: FloatArray) -> bool:
         """Return whether a point (3,) is on the surface, trying every triangle that is near."""
         far = self.tolerance_mm
-        ids = np.flatnonzero(((self._low - far <= point) & (point <= self._high + far)).all(axis=1))
+        ids = np.concatenate(
+            [some.start + self._boxes_round(point, some) for some in spans(len(self._triangles))]
+        )
         if not len(ids):
             return False
-        foot = trimesh.triangles.closest_point(self._triangles[ids], np.tile(point, (len(ids), 1)))
+        corners = self.vertices[self._triangles[ids]]
+        foot = trimesh.triangles.closest_point(corners, np.tile(point, (len(ids), 1)))
         return bool(np.linalg.norm(foot - point, axis=1).min() <= far)
+
+    def _boxes_round(self, point: FloatArray, some: slice) -> IntArray:
+        """Return which of some triangles have a point (3,) in their box, or near it."""
+        far = self.tolerance_mm
+        corners = self.vertices[self._triangles[some]]
+        low, high = corners.min(axis=1), corners.max(axis=1)
+        return np.flatnonzero(((low - far <= point) & (point <= high + far)).all(axis=1))
 
     def _measure(self, points: FloatArray, count: int) -> tuple[FloatArray, IntArray, FloatArray]:
         """Return distances (n,), nearest triangles (n,) and the points on them (n, 3)."""
@@ -128,7 +135,7 @@ class Surface:
         ids = self._ids[np.reshape(found, (len(points), count))]
         many = np.repeat(points, count, axis=0)
         foot = np.asarray(
-            trimesh.triangles.closest_point(self._triangles[ids.ravel()], many)
+            trimesh.triangles.closest_point(self.vertices[self._triangles[ids.ravel()]], many)
         ).reshape(len(points), count, 3)
         off = np.linalg.norm(foot - points[:, None], axis=2)
         best = np.argmin(off, axis=1)
@@ -149,7 +156,9 @@ def bulge_of(mesh: trimesh.Trimesh) -> float:
     return float(min((width / 2 * np.tan(angles[smooth] / 4)).max(), BULGE_CAP_MM))
 
 
-def _spread(triangles: FloatArray, areas: FloatArray) -> tuple[IntArray, FloatArray]:
+def _spread(
+    vertices: FloatArray, triangles: IntArray, areas: FloatArray
+) -> tuple[IntArray, FloatArray]:
     """Return points spread over triangles, and the triangle each is on; one at least on each."""
     count = np.maximum(np.ceil(TARGET_COUNT * areas / areas.sum()), 1).astype(np.int64)
     ids = np.repeat(np.arange(len(triangles)), count)
@@ -158,7 +167,7 @@ def _spread(triangles: FloatArray, areas: FloatArray) -> tuple[IntArray, FloatAr
     u, v = (nth * 0.7548776662466927 + 1 / 3) % 1, (nth * 0.5698402909980532 + 1 / 3) % 1
     over = u + v > 1
     u, v = np.where(over, 1 - u, u), np.where(over, 1 - v, v)
-    a, b, c = (triangles[ids, i] for i in range(3))
+    a, b, c = (vertices[triangles[ids, i]] for i in range(3))
     return ids, a + u[:, None] * (b - a) + v[:, None] * (c - a)
 
 

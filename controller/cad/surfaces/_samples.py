@@ -65,7 +65,7 @@ def sample_surface(solid: Solid, spacing_mm: float = 4.0, per_face: int = 6) -> 
     a, b = np.where(flip, 1 - a, a), np.where(flip, 1 - b, b)
     # kept off all three edges, where a ray may slip between two triangles
     a, b = OFF_EDGE + (1 - 3 * OFF_EDGE) * a, OFF_EDGE + (1 - 3 * OFF_EDGE) * b
-    c = np.asarray(solid.mesh.triangles)[chosen]
+    c = np.asarray(solid.mesh.vertices)[np.asarray(solid.mesh.faces)[chosen]]
     points = c[:, 0] + a[:, None] * (c[:, 1] - c[:, 0]) + b[:, None] * (c[:, 2] - c[:, 0])
     facets = np.asarray(solid.mesh.face_normals)[chosen]
     return SurfaceSamples(

@@ -12,6 +12,7 @@ from controller.arrays import BoolArray, FloatArray, Int32Array
 from controller.imaging import RayCaster
 
 from ..boundary import Crease
+from ..large import spans
 from ..solid import Solid
 
 
@@ -56,12 +57,13 @@ def prepare_views(solid: Solid) -> ViewModel:
     vertices = np.asarray(solid.mesh.vertices, dtype=np.float64)
     triangles = np.asarray(solid.mesh.faces, dtype=np.int32)
     ends, sides, across = _mesh_edges(triangles, len(vertices))
-    corners = vertices[triangles]
-    span = corners[:, [1, 2, 0]] - corners
-    cross = np.cross(span[:, 0], -span[:, 2])
-    double_area = np.linalg.norm(cross, axis=1)
-    longest = np.linalg.norm(span, axis=2).max(axis=1)
-    heights = double_area / np.maximum(longest, 1e-300)
+    cross, longest = np.empty((len(triangles), 3)), np.empty(len(triangles))
+    for some in spans(len(triangles)):
+        corners = vertices[triangles[some]]
+        sides_mm = corners[:, [1, 2, 0]] - corners
+        cross[some] = np.cross(sides_mm[:, 0], -sides_mm[:, 2])
+        longest[some] = np.linalg.norm(sides_mm, axis=2).max(axis=1)
+    heights = np.linalg.norm(cross, axis=1) / np.maximum(longest, 1e-300)
     # the corner of the second triangle that is not on the edge: below the first one on a ridge
     far = triangles[sides[:, 1]].sum(axis=1) - ends.sum(axis=1)
     above = ((vertices[far] - vertices[ends[:, 0]]) * cross[sides[:, 0]]).sum(axis=1)

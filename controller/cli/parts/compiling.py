@@ -16,6 +16,7 @@ from controller.cad.compiled import (
     cached_part,
     compile_part,
     make_part,
+    part_name,
 )
 from controller.cad.reading.step.choosing import size_text
 from controller.catalogue import LOCAL, Jobs, Made, Work
@@ -34,6 +35,7 @@ from ..planning.characteristics import print_characteristics
 from ..terminal.output import emit, print_line, stdout, warn
 from .bodies import BodyFiles, every_body
 from .part_json import certified_json, part_json
+from .progress import shown_progress
 
 
 def compile_parts(
@@ -85,7 +87,9 @@ def compile_parts(
         for number, one in enumerate(listed.files):
             file = one.file
             try:
-                part, from_cache, seconds = _compiled(file, made(number), use_cache=use_cache)
+                part, from_cache, seconds = _compiled(
+                    file, made(number), use_cache=use_cache, as_json=as_json
+                )
             except CadError as error:
                 warn(f"cellctl: {error}")
                 if all_bodies:
@@ -146,7 +150,7 @@ def _work(file: PartFile, cell: Path | None, density_g_cm3: float | None) -> Wor
 
 
 def _compiled(
-    file: PartFile, ahead: Made | None, *, use_cache: bool
+    file: PartFile, ahead: Made | None, *, use_cache: bool, as_json: bool
 ) -> tuple[CompiledPart, bool, float]:
     """Return a part, whether the cache had it, and the seconds that compiling took."""
     path, options = file.path, file.options
@@ -154,11 +158,14 @@ def _compiled(
     if done is not None and done.error is not None:
         raise done.error
     started = time.perf_counter()
-    if not use_cache:
-        part, was_kept = compile_part(path, options), False
-    else:
-        kept = cached_part(path, options)
-        part, was_kept = kept or make_part(path, options), kept is not None
+    with shown_progress(part_name(path), as_json=as_json) as progress:
+        if not use_cache:
+            part, was_kept = compile_part(path, options, progress.begin), False
+        else:
+            progress.begin("looking into the cache")
+            kept = cached_part(path, options)
+            was_kept = kept is not None
+            part = kept or make_part(path, options, on_stage=progress.begin)
     if done is not None:
         return part, done.was_kept, done.seconds
     return part, was_kept, time.perf_counter() - started

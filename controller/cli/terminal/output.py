@@ -82,6 +82,12 @@ def warn(text: str) -> None:
     stderr.print(printable(text, stderr.encoding), markup=False)
 
 
+def write_error_line(text: str) -> None:
+    """Write a line as it is on stderr, neither wrapped nor marked up."""
+    _err.write(printable(text, sys.stderr.encoding) + "\n")
+    _err.flush()
+
+
 def write_control(text: str) -> None:
     """Write control sequences to the terminal that stdout is; our own alone."""
     _out.write(text)

@@ -5,6 +5,7 @@ import trimesh
 
 from controller.arrays import FloatArray, Int32Array, IntArray
 
+from ...large import sums_by
 from .._types import NO_DIRECTION, Face
 from ..formulas.primitives import Primitive
 
@@ -34,8 +35,8 @@ def describe(
     normals = np.asarray(mesh.face_normals)
     middles = np.asarray(mesh.triangles_center)
     share = np.bincount(face, weights=weights)
-    mean = _sums(face, normals * areas[:, None])
-    centre = _sums(face, middles * weights[:, None]) / share[:, None]
+    mean = sums_by(face, normals * areas[:, None])
+    centre = sums_by(face, middles * weights[:, None]) / share[:, None]
     formula = [primitives[numbers[i]] for i in order]
     outward = _outward(formula, face, middles, normals, areas)
     faces = tuple(
@@ -43,10 +44,6 @@ def describe(
         for i in range(len(order))
     )
     return faces, face.astype(np.int32)
-
-
-def _sums(labels: IntArray, values: FloatArray) -> FloatArray:
-    return np.column_stack([np.bincount(labels, weights=values[:, k]) for k in range(3)])
 
 
 def _outward(

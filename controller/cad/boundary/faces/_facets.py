@@ -8,6 +8,7 @@ import trimesh
 from controller.arrays import BoolArray, FloatArray, IntArray
 
 from ...graph import components, distinct
+from ...large import ADJACENCY, drop_derived, spans, sums_by
 from .._normals import unit
 
 COPLANAR_RAD = np.radians(0.2)
@@ -62,33 +63,32 @@ def find_facets(mesh: trimesh.Trimesh) -> Facets:
     count = len(mesh.faces)
     areas = np.asarray(mesh.area_faces)
     normals = np.asarray(mesh.face_normals)
-    corners = np.asarray(mesh.triangles)
     rounding = rounding_mm(mesh)
-    sides = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)
-    heights = 2 * areas / np.maximum(sides.max(axis=1), 1e-12)
+    longest, centres = _measured(mesh)
+    heights = 2 * areas / np.maximum(longest, 1e-12)
     sliver = heights < SLIVER * rounding
     pairs = np.asarray(mesh.face_adjacency, dtype=np.int64)
     angles = np.asarray(mesh.face_adjacency_angles)
+    drop_derived(mesh, *ADJACENCY)
     ambiguity = 2 * rounding / np.maximum(heights, 1e-12)
     limit = np.minimum(COPLANAR_RAD + ambiguity[pairs].sum(axis=1), SMOOTH_RAD / 4)
     sound = ~sliver[pairs].any(axis=1)
     flat = pairs[sound & (angles < limit)]
     raw = components(count, flat[:, 0], flat[:, 1])
-    raw = _exploded(raw, sliver, corners, normals, areas)
+    raw = _exploded(raw, sliver, mesh, centres)
     raw = _slivers_joined(raw, sliver, mesh, pairs, areas)
     of = np.asarray(np.unique(raw, return_inverse=True)[1], dtype=np.int64).ravel()
     total = np.bincount(of, weights=areas).astype(np.float64)
     weights = np.where(sliver, 1e-12, 1.0) * np.maximum(areas, 1e-12)
-    mean = _sums(of, normals * weights[:, None])
-    middles = _sums(of, corners.mean(axis=1) * weights[:, None])
+    mean = sums_by(of, normals * weights[:, None])
+    middles = sums_by(of, centres * weights[:, None])
     middles /= np.bincount(of, weights=weights)[:, None]
     facet_normals = unit(mean)
     apart = of[pairs[:, 0]] != of[pairs[:, 1]]
     a, b = of[pairs[apart, 0]], of[pairs[apart, 1]]
     cosine = (facet_normals[a] * facet_normals[b]).sum(axis=1)
     smooth = cosine > np.cos(SMOOTH_RAD)
-    edges = np.asarray(mesh.vertices)[np.asarray(mesh.face_adjacency_edges)[apart]]
-    lengths = np.linalg.norm(edges[:, 0] - edges[:, 1], axis=1)
+    lengths = _lengths(mesh, np.asarray(mesh.face_adjacency_edges)[apart])
     ends, both = np.append(a, b), np.append(lengths, lengths)
     rims = np.bincount(ends, weights=both, minlength=len(total)).astype(np.float64)
     a, b, lengths = a[smooth], b[smooth], lengths[smooth]
@@ -97,23 +97,40 @@ def find_facets(mesh: trimesh.Trimesh) -> Facets:
     return Facets(of, order, start, facet_normals, middles, total, a, b, lengths, rims)
 
 
-def _sums(labels: IntArray, values: FloatArray) -> FloatArray:
-    return np.column_stack([np.bincount(labels, weights=values[:, k]) for k in range(3)])
+def _measured(mesh: trimesh.Trimesh) -> tuple[FloatArray, FloatArray]:
+    """Return the longest side of each triangle (n,) and the middle of its corners (n, 3)."""
+    vertices, triangles = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+    longest, centres = np.empty(len(triangles)), np.empty((len(triangles), 3))
+    for some in spans(len(triangles)):
+        corners = vertices[triangles[some]]
+        sides = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)
+        longest[some], centres[some] = sides.max(axis=1), corners.mean(axis=1)
+    return longest, centres
+
+
+def _lengths(mesh: trimesh.Trimesh, edges: IntArray) -> FloatArray:
+    """Return how long edges (e, 2) between two vertices each are [mm]."""
+    vertices, lengths = np.asarray(mesh.vertices), np.empty(len(edges))
+    for some in spans(len(edges)):
+        ends = vertices[edges[some]]
+        lengths[some] = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
+    return lengths
 
 
 def _exploded(
-    raw: IntArray,
-    sliver: BoolArray,
-    corners: FloatArray,
-    normals: FloatArray,
-    areas: FloatArray,
+    raw: IntArray, sliver: BoolArray, mesh: trimesh.Trimesh, centres: FloatArray
 ) -> IntArray:
     """Return facets (n,) with those taken apart that bend: a wall of very many segments."""
+    normals, areas = np.asarray(mesh.face_normals), np.asarray(mesh.area_faces)
     weights = np.where(sliver, 1e-12, 1.0) * np.maximum(areas, 1e-12)
     total = np.bincount(raw, weights=weights)
-    mean = unit(_sums(raw, normals * weights[:, None]))
-    middle = _sums(raw, corners.mean(axis=1) * weights[:, None]) / total[:, None]
-    off = np.abs(((corners - middle[raw][:, None]) * mean[raw][:, None]).sum(axis=2)).max(axis=1)
+    mean = unit(sums_by(raw, normals * weights[:, None]))
+    middle = sums_by(raw, centres * weights[:, None]) / total[:, None]
+    vertices, triangles = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+    off = np.empty(len(triangles))
+    for some in spans(len(triangles)):
+        away = vertices[triangles[some]] - middle[raw[some]][:, None]
+        off[some] = np.abs((away * mean[raw[some]][:, None]).sum(axis=2)).max(axis=1)
     tilted = (normals * mean[raw]).sum(axis=1) < np.cos(FLAT_RAD)
     bends = np.zeros(len(total), dtype=bool)
     bends[raw[~sliver & ((off > FLAT_MM) | tilted)]] = True
@@ -133,9 +150,7 @@ def _slivers_joined(
     if not sliver.any():
         return raw
     joined = raw.copy()
-    edges = np.asarray(mesh.face_adjacency_edges)
-    vertices = np.asarray(mesh.vertices)
-    lengths = np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1)
+    lengths = _lengths(mesh, np.asarray(mesh.face_adjacency_edges))
     waiting = sliver.copy()
     one = np.concatenate([pairs[:, 0], pairs[:, 1]])
     other = np.concatenate([pairs[:, 1], pairs[:, 0]])

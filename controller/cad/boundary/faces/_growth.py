@@ -32,6 +32,7 @@ FAILED_SEEDS = 24  # in a row: then the rest of the run has no formula
 MIN_SEEDS = 4  # if nearly all runs failed so far,
 TIRING_RUNS = 20  # halved after so many of them, and so on
 FAILED_RUNS = 200  # largest first: then the rest of the part is noise,
+MAX_SEEDS = 10_000  # tried in a part: seven times what the largest drawn part at hand needs
 CHANCE_RUNS = 3  # if so many failed for each that did not: by chance some noise fits a ball
 
 
@@ -50,12 +51,19 @@ class Grower:
     Parameters
     ----------
     pieces : of the part
+    max_seeds : facets that surfaces are grown from at most; then only whole runs are tried
     """
 
-    def __init__(self, pieces: Pieces) -> None:
+    def __init__(self, pieces: Pieces, max_seeds: int = MAX_SEEDS) -> None:
         self._pieces = pieces
+        self._seeds_left = max_seeds
         self._second = (SECOND_TRY * self._pieces.tight_mm, SECOND_TURN_RAD)
         self._failed_runs = self._good_runs = 0
+
+    @property
+    def is_spent(self) -> bool:
+        """Whether seeds ran out, so that surfaces with a formula may count as free-form."""
+        return self._seeds_left <= 0
 
     def whole(self, facets: IntArray) -> Found | None:
         """Return the surface a whole run of facets is, if it is one."""
@@ -138,6 +146,9 @@ class Grower:
                 break
             if not free[seed] or seed in is_tried:
                 continue
+            if self.is_spent:
+                break
+            self._seeds_left -= 1
             best: Found | None = None
             best_area = 0.0
             known: list[IntArray] = []
@@ -223,11 +234,9 @@ class Grower:
                 if not kept[: len(patch)].all():
                     return None
                 facets = facets[kept]
-        cloud = self._pieces.cloud(facets)
-        if primitive.kind == "plane":
-            enough = len(facets) >= MIN_FACETS
-            return Found(primitive, facets, tolerance_mm) if enough else None
-        if not self._is_sound(primitive, cloud, turn_rad):
+        if len(facets) < MIN_FACETS:
+            return None
+        if not self._is_sound(primitive, self._pieces.cloud(facets), turn_rad):
             return None
         # a true arc ends where it ends; one that only osculates goes on with a wider tolerance
         wider = self._pieces.spread(primitive, facets, links, free, 8 * tolerance_mm)

@@ -1,10 +1,12 @@
 """Pieces of a part: facets with their corners, whether they lie on a surface, rings round them."""
 
 import numpy as np
+import trimesh
 
-from controller.arrays import BoolArray, FloatArray, IntArray
+from controller.arrays import BoolArray, IntArray
 
-from ..formulas.fits import Cloud
+from ...large import AT_ONCE, spans
+from ..formulas.fits import Cloud, thinning
 from ..formulas.primitives import Primitive
 from ._facets import Facets
 from ._neighbours import Neighbours, rows
@@ -21,30 +23,32 @@ class Pieces:
     Parameters
     ----------
     facets : the m facets of the part
-    corners : (t, 3, 3) of its triangles, CAD frame [mm]
+    mesh : the part, CAD frame [mm]
     is_corner : (t, 3) which of them lie on the surface that is tessellated
     tight_mm : how near corners have to lie to a surface guessed from few facets; never less than
         `TIGHT_MM`
     """
 
     def __init__(
-        self, facets: Facets, corners: FloatArray, is_corner: BoolArray, tight_mm: float
+        self, facets: Facets, mesh: trimesh.Trimesh, is_corner: BoolArray, tight_mm: float
     ) -> None:
         self.facets = facets
         self.tight_mm = max(TIGHT_MM, tight_mm)
+        self._vertices = np.asarray(mesh.vertices, dtype=np.float64)
         # facet by facet, as their triangles are listed
-        self._corners = corners[facets.triangles]
+        self._triangles = np.asarray(mesh.faces)[facets.triangles].astype(np.int32)
         self._is_corner = is_corner[facets.triangles]
         self._seen = np.zeros(facets.count, dtype=np.int64)
         self._tick = 0
 
     def cloud(self, facets: IntArray) -> Cloud:
-        """Return corners and facets of a piece."""
+        """Return corners and facets of a piece; of a large one every so-many-th corner."""
         f = self.facets
         at = rows(f.start, facets)
-        points = self._corners[at][self._is_corner[at]]
-        if len(points) == 0:
-            points = self._corners[at].reshape(-1, 3)
+        vertices = self._triangles[at][self._is_corner[at]]
+        if len(vertices) == 0:
+            vertices = self._triangles[at].ravel()
+        points = self._vertices[vertices[:: thinning(len(vertices))]]
         return Cloud(points, f.normals[facets], f.centres[facets], f.areas[facets])
 
     def is_on(self, primitive: Primitive, facets: IntArray, tolerance_mm: float) -> BoolArray:
@@ -56,13 +60,20 @@ class Pieces:
         facets : (k,) numbers of the facets asked about
         tolerance_mm : how far a corner may be off the surface
         """
+        if len(facets) <= AT_ONCE:
+            return self._lies_on(primitive, facets, tolerance_mm)
+        return np.concatenate(
+            [self._lies_on(primitive, facets[some], tolerance_mm) for some in spans(len(facets))]
+        )
+
+    def _lies_on(self, primitive: Primitive, facets: IntArray, tolerance_mm: float) -> BoolArray:
         f = self.facets
         at = rows(f.start, facets)
         sizes = f.start[facets + 1] - f.start[facets]
         first = sizes.cumsum() - sizes
         is_corner = self._is_corner[at]
         normals = np.repeat(f.normals[facets], sizes, axis=0)[:, None]
-        off, cosine, away = primitive.seen_from(self._corners[at], normals)
+        off, cosine, away = primitive.seen_from(self._vertices[self._triangles[at]], normals)
         bad = is_corner & (off > tolerance_mm)
         far = np.logical_or.reduceat(bad.any(axis=1), first)
         if primitive.kind == "plane":

@@ -5,6 +5,8 @@ the strips it may run into. So planes are taken first, what is left is grown acr
 nearly smooth, and last the neighbours that turn out to lie on one surface are made one.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 import trimesh
 
@@ -15,7 +17,7 @@ from .._types import Face
 from ..formulas.primitives import Primitive
 from ._describe import describe
 from ._facets import Facets, find_facets, rounding_mm, true_corners
-from ._growth import Found, Grower
+from ._growth import MAX_SEEDS, Found, Grower
 from ._neighbours import Neighbours, along_long_sides
 from ._pieces import MIN_FACETS, Pieces
 from ._specks import specks_absorbed
@@ -27,26 +29,58 @@ NEAR = 20.0  # times the tightest fit: planes whose middles are farther apart ar
 ABSORB = 5.0  # of the fit's own tolerance: where surfaces meet, kernels put corners less exactly
 
 
+@dataclass(frozen=True, eq=False, slots=True)
+class FaceSearch:
+    """The surfaces found in a mesh.
+
+    Attributes
+    ----------
+    faces : from the largest to the smallest, each in one piece
+    face_of_triangle : (n,) id of each triangle's surface
+    is_complete : False where the budget ran out: surfaces with a formula may be among the free-form
+    """
+
+    faces: tuple[Face, ...]
+    face_of_triangle: Int32Array
+    is_complete: bool
+
+
 def find_faces(mesh: trimesh.Trimesh) -> tuple[tuple[Face, ...], Int32Array]:
     """Return the surfaces of a mesh and, per triangle, the id of its surface (n,).
 
     Each surface is in one piece. Ids run from the largest surface to the smallest.
     """
+    found = search_faces(mesh)
+    return found.faces, found.face_of_triangle
+
+
+def search_faces(mesh: trimesh.Trimesh, max_seeds: int = MAX_SEEDS) -> FaceSearch:
+    """Return the surfaces of a mesh, as far as a budget goes.
+
+    The budget is a number of tries, not of seconds, so that a part compiles to the same on any
+    machine.
+
+    Parameters
+    ----------
+    mesh : closed
+    max_seeds : facets that surfaces are grown from at most, where they run into each other smoothly
+    """
     if len(mesh.faces) == 0:
-        return (), np.zeros(0, dtype=np.int32)
+        return FaceSearch((), np.zeros(0, dtype=np.int32), is_complete=True)
     facets = find_facets(mesh)
-    corners = np.asarray(mesh.triangles, dtype=np.float64)
     is_corner = true_corners(mesh, facets.of_triangle)
-    pieces = Pieces(facets, corners, is_corner, 10 * rounding_mm(mesh))
+    pieces = Pieces(facets, mesh, is_corner, 10 * rounding_mm(mesh))
     curved = ~_planes(facets)
-    found = _surfaces(facets, Grower(pieces), curved)
+    grower = Grower(pieces, max_seeds)
+    found = _surfaces(facets, grower, curved)
     owner, primitives = _owners(facets, found)
     tolerances_mm = [max(ABSORB * pieces.tight_mm, surface.tolerance_mm) for surface in found]
     _absorb(facets, pieces, owner, primitives, tolerances_mm)
     _leave_rest(facets, owner, primitives)
     owner = _merged(facets, pieces, owner, primitives)
     owner = specks_absorbed(facets, pieces, owner, primitives)
-    return describe(mesh, owner[facets.of_triangle], primitives)
+    faces, face_of_triangle = describe(mesh, owner[facets.of_triangle], primitives)
+    return FaceSearch(faces, face_of_triangle, is_complete=not grower.is_spent)
 
 
 def _planes(facets: Facets) -> BoolArray:

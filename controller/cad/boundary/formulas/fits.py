@@ -34,9 +34,13 @@ class Cloud:
 
     def thinned(self) -> "Cloud":
         """Return every so-many-th point and facet, few enough for a quick fit."""
-        i = max(1, len(self.points) // FIT_POINTS)
-        k = max(1, len(self.normals) // FIT_POINTS)
+        i, k = thinning(len(self.points)), thinning(len(self.normals))
         return Cloud(self.points[::i], self.normals[::k], self.centres[::k], self.areas[::k])
+
+
+def thinning(count: int) -> int:
+    """Return the step that leaves enough of ``count`` points for a fit, and not many more."""
+    return max(1, count // FIT_POINTS)
 
 
 def fits(cloud: Cloud, aim_mm: float = 0.0) -> Iterator[Primitive]:

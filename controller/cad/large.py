@@ -1,0 +1,65 @@
+"""How a mesh of a million triangles is gone through without holding all its corners at once.
+
+Nine numbers a triangle are 90 MB at 1.2 million triangles, and each step of a formula makes as many
+again. What is worked out triangle by triangle is so done in spans; the results are the same.
+"""
+
+import ctypes
+import gc
+from collections.abc import Iterator
+from contextlib import suppress
+
+import numpy as np
+import trimesh
+
+from controller.arrays import FloatArray, IntArray
+
+AT_ONCE = 100_000  # rows of a span: 7 MB of corners
+LASTING = ("face_normals", "area_faces", "convex_hull")  # of what trimesh works out and keeps
+
+# what it knows of neighbours, worth keeping from one stage of the compile to the next
+ADJACENCY = ("face_adjacency", "face_adjacency_edges", "face_adjacency_angles")
+
+
+def spans(count: int, at_once: int = AT_ONCE) -> Iterator[slice]:
+    """Yield slices that go through ``count`` rows in order, ``at_once`` at a time."""
+    for begin in range(0, count, at_once):
+        yield slice(begin, min(begin + at_once, count))
+
+
+def sums_by(labels: IntArray, values: FloatArray, count: int | None = None) -> FloatArray:
+    """Return the sums (k, 3) of rows by their label.
+
+    Parameters
+    ----------
+    labels : (n,) from 0
+    values : (n, 3)
+    count : of the sums at least, however large the labels; None for as many as there are labels
+    """
+    return np.column_stack(
+        [np.bincount(labels, weights=values[:, i], minlength=count or 0) for i in range(3)]
+    )
+
+
+def drop_derived(mesh: trimesh.Trimesh, *kept: str) -> None:
+    """Forget what trimesh has worked out of a mesh, but for normals, areas and what is named.
+
+    Parameters
+    ----------
+    mesh : stays as it is; what is forgotten is worked out again where it is needed
+    kept : more names of `trimesh.Trimesh` whose values are worth their memory
+    """
+    lasting = {*LASTING, *kept}
+    cache = mesh._cache  # noqa: SLF001 - trimesh has no other way to give up single values
+    cache.verify()
+    for name in [name for name in cache.cache if name not in lasting]:
+        del cache.cache[name]
+    if len(mesh.faces) > AT_ONCE:
+        give_back()
+
+
+def give_back() -> None:
+    """Return memory to the system that is free, but in pieces that the allocator would keep."""
+    gc.collect()  # trimesh's meshes hold themselves in circles
+    with suppress(AttributeError, OSError):  # another C library than glibc
+        ctypes.CDLL(None).malloc_trim(0)

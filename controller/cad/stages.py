@@ -1,0 +1,9 @@
+"""How a caller hears which stage of compiling a part has begun."""
+
+from collections.abc import Callable
+
+OnStage = Callable[[str], None]  # called with a stage's name, in words for a person, as it begins
+
+
+def no_stage(stage: str) -> None:
+    """Pass over a stage: nobody watches."""
