@@ -2,7 +2,7 @@
 
     python benchmarks/trace_pictures.py PART... -o FOLDER --count 40 --seed 1 --mode both
            [--unknown PART...] [--multi 0.2] [--front-share 0.5] [--camera truth.json]
-           [--spp 48] [--small] [--wide]
+           [--scene apart|touching|leaving] [--spp 48] [--small] [--wide]
 
 Writes into FOLDER, picture by picture, so that others may read while it grows:
     img_NNNN.png      1280 x 1024, 8 bit, as a camera with noise, blur and vignetting gives it
@@ -18,6 +18,8 @@ parts. A part lies in one of its stable poses of 1 % or more, drawn by the squar
 odds, so that rare ones turn up; all of it is inside the picture, and parts are 4 mm apart.
 `--wide` draws surfaces and lamps from further apart: painted, milled, brushed along one direction,
 blackened or anodised parts; one to three bar lamps, a ring, or both, and a table with a grain.
+`--scene touching` lays two to six parts against each other, `--scene leaving` one or two so that
+the picture's edge cuts them (`trace_touching`); of these truth.json also has the `free_share`.
 `--camera` takes the `camera` of another truth.json; `--small` traces a quarter of the rays and
 writes only the small pictures. `--edges` measures instead of tracing: how far edges in FOLDER's
 unsaturated backlit pictures lie off the true outline.
@@ -57,6 +59,7 @@ from trace_placing import (  # noqa: E402
     turn,
 )
 from trace_scene import Body, NoTracerError, PixelRays, radiance, tracer  # noqa: E402
+from trace_touching import put_touching  # noqa: E402
 
 from controller.cad import CadError, outline  # noqa: E402
 from controller.imaging import Camera  # noqa: E402
@@ -268,7 +271,10 @@ def make_picture(
     is_front = rng.random() < args.front_share
     if mode == "both":
         mode = "front" if is_front else "back"
-    kind, placed = put_down(known, unknown, args.multi, camera, rng)
+    if args.scene == "apart":
+        kind, placed = put_down(known, unknown, args.multi, camera, rng)
+    else:
+        kind, placed = put_touching(known, unknown, args.scene == "leaving", camera, rng)
     is_wide_light = args.wide and mode == "front"
     light = draw_wide_light(rng) if is_wide_light else draw_light(mode, rng)
     sensor = draw_sensor(mode, rng)
@@ -355,6 +361,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--front-share", type=float, default=0.5, help="with --mode both")
     parser.add_argument("--unknown", nargs="+", type=Path, default=[], metavar="PART")
     parser.add_argument("--multi", type=float, default=0.2, help="share with several parts")
+    parser.add_argument("--scene", choices=("apart", "touching", "leaving"), default="apart")
     parser.add_argument("--camera", type=Path, help="a truth.json whose camera is used")
     parser.add_argument("--spp", type=int, default=48, help="rays a pixel")
     parser.add_argument("--wide", action="store_true", help="more kinds of surfaces and lamps")

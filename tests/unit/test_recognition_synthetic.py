@@ -185,12 +185,46 @@ def test_two_parts_apart_are_two_answers_largest_first() -> None:
     assert first.area_mm2 > second.area_mm2
 
 
-def test_two_parts_that_touch_are_one_unknown_object() -> None:
+def test_two_parts_that_touch_are_both_named() -> None:
     T_plate = resting(solids()["plate"], poses("plate")[0].R, -20.0, 0.0, 0.0)
-    T_block = resting(solids()["block"], poses("block")[0].R, 34.5, 0.0, 0.0)
-    (seen,) = look(picture([shape("plate", T_plate), shape("block", T_block)]))
+    T_block = resting(solids()["block"], poses("block")[0].R, 35.0, 3.0, 0.0)
+    seen = look(picture([shape("plate", T_plate), shape("block", T_block)]))
+    plate, block = sorted(seen, key=lambda s: s.x_mm)
+    assert_right(plate, "plate", T_plate, 0.05)
+    assert_right(block, "block", T_block, 0.05)
+    # 30 of the plate's 200 mm are against the block, and of the block's 160 (its hole apart)
+    assert plate.free_share == pytest.approx(1 - 30 / (200 + 8 * np.pi), abs=0.05)
+    assert block.free_share == pytest.approx(1 - 30 / 160, abs=0.05)
+    assert [s.touching_count for s in seen] == [1, 1]
+    assert not plate.is_cut
+    assert not block.is_cut
+
+
+def test_what_touches_a_known_part_and_is_none_stays_unknown() -> None:
+    strange = solid_of(box(30, 24, 10) - rod(4, 40, 48), "strange")
+    T_plate = resting(solids()["plate"], poses("plate")[0].R, -20.0, 0.0, 0.0)
+    T_strange = resting(strange, np.eye(3), 25.0, 4.0, 0.0)
+    blob = [shape("plate", T_plate), silhouette(strange.mesh, T_strange, CAMERA)]
+    plate, other = sorted(look(picture(blob)), key=lambda s: s.x_mm)
+    assert_right(plate, "plate", T_plate, 0.05)
+    assert other.part is None
+    assert (other.x_mm, other.y_mm) == pytest.approx((25.0, 4.0), abs=2.0)
+    assert "touches known parts" in other.reason
+
+
+@pytest.mark.parametrize("length_mm", [62.0, 75.0, 95.0])
+def test_a_longer_part_is_not_a_known_one_with_something_beside_it(length_mm: float) -> None:
+    longer = solid_of(box(length_mm, 30, 20), "longer")
+    T = resting(longer, np.eye(3), 5.0, -5.0, 0.8)
+    (seen,) = look(picture([silhouette(longer.mesh, T, CAMERA)]))
     assert seen.part is None
-    assert "none of the known parts" in seen.reason
+
+
+def test_parts_that_would_have_to_be_in_one_place_are_not_both_named() -> None:
+    T_plate = resting(solids()["plate"], poses("plate")[0].R, -10.0, 0.0, 0.0)
+    T_block = resting(solids()["block"], poses("block")[0].R, 30.0, 3.0, 0.0)
+    seen = look(picture([shape("plate", T_plate), shape("block", T_block)]))
+    assert {s.part for s in seen} != {"plate", "block"}
 
 
 def test_a_strange_object_is_refused_with_what_came_nearest() -> None:
@@ -211,21 +245,28 @@ def test_a_block_of_another_size_is_not_our_block(size: tuple[float, float, floa
     assert seen.part is None
 
 
-@pytest.mark.parametrize(
-    ("x", "y"), [(98.0, 0.0), (-100.0, 10.0), (0.0, 80.0), (20.0, -82.0), (96.0, 77.0)]
-)
-def test_a_part_at_the_pictures_border_is_asked_to_move_inwards(x: float, y: float) -> None:
+@pytest.mark.parametrize(("x", "y"), [(103.0, 0.0), (0.0, 88.0), (103.0, 84.0)])
+def test_of_a_part_mostly_outside_the_picture_no_name_is_given(x: float, y: float) -> None:
     T = resting(solids()["block"], poses("block")[0].R, x, y, 0.3)
     (seen,) = look(picture([shape("block", T)]))
     assert seen.part is None
     assert "move it inwards" in seen.reason
 
 
+@pytest.mark.parametrize(("x", "y"), [(94.0, 5.0), (-95.0, 0.0), (5.0, 72.0)])
+def test_a_part_of_which_the_picture_shows_most_is_named_and_flagged(x: float, y: float) -> None:
+    T = resting(solids()["plate"], poses("plate")[0].R, x, y, 0.3)
+    (seen,) = look(picture([shape("plate", T)]))
+    assert_right(seen, "plate", T, 0.08)
+    assert seen.is_cut
+    assert 0.6 < seen.free_share < 1.0
+
+
 def test_a_part_half_off_the_glowing_area_is_asked_to_move_inwards() -> None:
     glowing = np.zeros(SIZE[::-1], dtype=bool)
     glowing[100:540, 150:650] = True
     image = picture([])
-    T = resting(solids()["block"], poses("block")[0].R, 62.0, 0.0, 0.3)
+    T = resting(solids()["block"], poses("block")[0].R, 72.0, 0.0, 0.3)
     image = picture([shape("block", T)])
     image[~glowing] = 25
     (seen,) = look(image, usable=glowing)

@@ -84,6 +84,12 @@ PARTS: Final = (
         "take it away, check it for damage, check the recipe's `part:`",
     ),
     Alarm(
+        423, "part_cut_off", _HOLD, _TABLE,
+        "the part is known, but lies partly outside the backlit area or the picture",
+        "what else is where the camera does not see",
+        "move it inwards, start again",
+    ),
+    Alarm(
         413, "wrong_part", _HOLD, "the camera that saw it",
         "another part of the recipe's `others:` is there",
         "nothing",

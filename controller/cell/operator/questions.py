@@ -25,6 +25,7 @@ _ON_TABLE: Final[Mapping[str, str]] = {
     "no_part": "I have laid a part on the table: take new pictures",
     "many_parts": "one part alone is on the table now: take new pictures",
     "unknown_object": "the table is cleared up: take new pictures",
+    "part_cut_off": "the part is inside the backlit area now: take new pictures",
     "wrong_part": "the right part is on the table now: take new pictures",
     "no_plan": "I have laid the part another way up: take new pictures",
 }

@@ -194,4 +194,7 @@ def sighting_of(row: rows.SightingFields) -> Sighting:
         box_px=row.box_px,
         residual_px=float("nan") if row.residual_px is None else row.residual_px,
         reason=row.reason,
+        free_share=row.free_share,
+        touching_count=row.touching_count,
+        is_cut=row.is_cut,
     )

@@ -173,6 +173,9 @@ def _bodies(
                 for a in s.ambiguous_with
             ],
             "reason": s.reason,
+            "free_share": s.free_share,
+            "touching_count": s.touching_count,
+            "is_cut": s.is_cut,
             **about,
         }
 
@@ -190,5 +193,17 @@ def _sentence(body: dict[str, Any]) -> str:
         also = f"; could also be {others_text}"
     return (
         f"{body['image']}: {body['part']}, pose {body['pose_index']}, at {where}, "
-        f"{body['theta_deg']:.1f} deg, score {body['score']:.3f}{also}"
+        f"{body['theta_deg']:.1f} deg, score {body['score']:.3f}{_in_part(body)}{also}"
     )
+
+
+def _in_part(body: dict[str, Any]) -> str:
+    """Return in words why not all of an outline is seen; nothing where all of it is."""
+    count, reasons = body["touching_count"], []
+    if count:
+        reasons.append("touches another object" if count == 1 else f"one of {count + 1} that touch")
+    if body["is_cut"]:
+        reasons.append("partly outside the picture")
+    if not reasons:
+        return ""
+    return f", {100 * body['free_share']:.0f} % of its outline free ({', '.join(reasons)})"

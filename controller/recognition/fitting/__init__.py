@@ -1,6 +1,13 @@
 """A posed part's visible edges, the fit of a pose to a picture, and its evidence."""
 
-from ._evidence import Evidence, ImageEdges, grey_evidence, outline_evidence, with_inside
+from ._evidence import (
+    Evidence,
+    ImageEdges,
+    grey_evidence,
+    is_predicted,
+    outline_evidence,
+    with_inside,
+)
 from ._fit import (
     EdgeFit,
     FitOptions,
@@ -36,6 +43,7 @@ __all__ = [
     "edge_shape",
     "fit_edges",
     "grey_evidence",
+    "is_predicted",
     "outline_evidence",
     "predict_edges",
     "predict_outline",

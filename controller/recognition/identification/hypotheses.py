@@ -157,12 +157,33 @@ def weigh(
                 fine.append(refined)
     fine = without_repeats(fine, library)
     if cutout.is_backlit and len(fine) > 1:
-        open_ones = [h for h in fine if h.log_odds > fine[0].log_odds - OUTLINE_DECIDES]
-        if len(open_ones) > 1:
-            looked_at = _look_inside(open_ones, cutout, camera, library, limits)
-            # with and without what lies inside, log-odds have different constants
-            fine = [*without_repeats(looked_at, library), *fine[len(open_ones) :]]
+        fine = look_inside(fine, cutout, camera, library, limits)
     return fine
+
+
+def look_inside(
+    fine: list[Hypothesis],
+    cutout: ObjectCutout,
+    camera: Camera,
+    library: Library,
+    limits: SearchLimits,
+) -> list[Hypothesis]:
+    """Return hypotheses about a backlit outline, those it leaves open weighed by what is inside.
+
+    Parameters
+    ----------
+    fine : best first
+    cutout : the object
+    camera : calibrated, in the world's frame
+    library : whose parts and stable poses the hypotheses count
+    limits : how much is tried
+    """
+    open_ones = [h for h in fine if h.log_odds > fine[0].log_odds - OUTLINE_DECIDES]
+    if len(open_ones) < 2:
+        return fine
+    looked_at = _look_inside(open_ones, cutout, camera, library, limits)
+    # with and without what lies inside, log-odds have different constants
+    return [*without_repeats(looked_at, library), *fine[len(open_ones) :]]
 
 
 def distinct(candidates: Sequence[Candidate], library: Library) -> list[Candidate]:

@@ -12,6 +12,7 @@ from typing import Literal
 
 import cv2
 import numpy as np
+from scipy.spatial import cKDTree
 
 from controller.arrays import BoolArray, FloatArray, Grey
 from controller.imaging import Camera
@@ -23,7 +24,12 @@ from ._cutout import ObjectCutout
 from .decide import Decision, decide, is_convincing
 from .hypotheses import Hypothesis, SearchLimits, is_tried, weigh, without_repeats
 from .sighting import Alternative, Recognition, Sighting, Trace
+from .touching import PartialSighting, parts_of
 
+LEFT_OVER = "touches known parts, but is none of them as far as it is seen; move it apart"
+WHOLE = 0.95  # of an outline's length, that the part itself explains
+BESIDE_MM = 3.0  # from the outline of a part that is named, farther off is something else's,
+ANOTHER_MM = 12.0  # if so much of the cluster's outer outline is
 FAR_BACKLIT = 0.6  # in the index: a whole silhouette finds its like nearby
 MAX_BY_LINES = 8
 FAR_FRONT = 1.5  # one with shaded sides missing may be farther off
@@ -81,9 +87,15 @@ def recognise(
     inner = (*lit, picture) if is_backlit else (picture, *lit)
     sightings, traces = [], []
     for region in found.regions:
-        sighting, trace = _identify(region, inner, camera, library, is_backlit, limits)
-        sightings.append(sighting)
-        traces.append(trace)
+        answers = [_identify(region, inner, camera, library, is_backlit, limits)]
+        if is_backlit and _may_be_several(*answers[0], np.sqrt(pixel_mm2)):
+            least_px = limits.min_area_mm2 / pixel_mm2
+            parts = parts_of(region, inner, camera, library, usable, least_px, limits.search)
+            if answers[0][0].part is None or len(parts) > 1:
+                answers = _of_parts(parts, camera, library, pixel_mm2) or answers
+        for sighting, trace in answers:
+            sightings.append(sighting)
+            traces.append(trace)
     return Recognition(tuple(sightings), tuple(traces), found)
 
 
@@ -123,6 +135,46 @@ def _identify(
         reason = _why_not(decision, library)
         return _unknown(region, camera, main.area_mm2, decision.score, reason), trace
     return _known(decision, decision.best, region, main.area_mm2, library), trace
+
+
+def _may_be_several(sighting: Sighting, trace: Trace, mm_per_px: float) -> bool:
+    """Return whether an outline is no known part's, or one's with something smaller beside it."""
+    if sighting.part is None:
+        return True
+    best = trace.hypotheses[0]
+    if best.evidence.explained > WHOLE:
+        return False
+    far, _ = cKDTree(best.fit.edges.pixels).query(trace.region.loops_px[0])
+    # the loop has a point each pixel
+    is_beside = np.asarray(far * mm_per_px > BESIDE_MM)
+    return float(is_beside.sum()) * mm_per_px > ANOTHER_MM
+
+
+def _of_parts(
+    parts: Sequence[PartialSighting],
+    camera: Camera,
+    library: Library,
+    pixel_mm2: float,
+) -> list[tuple[Sighting, Trace]]:
+    """Return the sightings of the parts of one cluster, and of what is left of it."""
+    out = []
+    others = len(parts) - 1
+    for one in parts:
+        area_mm2 = one.region.area_px * pixel_mm2
+        best = one.decision.best
+        if best is None:
+            seen = _unknown(one.region, camera, area_mm2, one.decision.score, LEFT_OVER)
+        else:
+            seen = _known(one.decision, best, one.region, area_mm2, library)
+        is_cut = one.region.touches_edge
+        seen = replace(
+            seen,
+            free_share=one.free_share,
+            touching_count=others,
+            is_cut=is_cut and best is not None,
+        )
+        out.append((seen, Trace(one.region, (), one.hypotheses)))
+    return out
 
 
 def _by_lines(cutout: ObjectCutout, camera: Camera, library: Library) -> list[Candidate]:

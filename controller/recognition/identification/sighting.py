@@ -44,6 +44,11 @@ class Sighting:
     area_mm2, box_px : of the object in the picture (x0, y0, x1, y1)
     residual_px : robust standard deviation of the edges from their predictions
     reason : why it is unknown
+    free_share : share of its outline by which it was recognised; the rest other objects cover, or
+        it lies outside the picture or the backlit area. Parts of one backlit cluster lie beside
+        each other on the table, none on another
+    touching_count : other objects that it is one cluster with
+    is_cut : it lies partly outside the picture or the backlit area
     """
 
     part: str | None
@@ -60,6 +65,9 @@ class Sighting:
     box_px: tuple[int, int, int, int]
     residual_px: float
     reason: str = ""
+    free_share: float = 1.0
+    touching_count: int = 0
+    is_cut: bool = False
 
     @property
     def sigma_mm(self) -> float:

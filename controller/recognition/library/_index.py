@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from controller.arrays import Float32Array, FloatArray, Int32Array
+from controller.arrays import Float32Array, FloatArray, Int32Array, IntArray
 
 from ._views import PartViews
 from .polar import HALF, TURNS, shape_of, spectra, turn_scores
@@ -91,6 +91,9 @@ class ViewIndex:
         self.centroid_mm = np.concatenate([v.centroid_mm for v in views])
         self.area_mm2 = np.concatenate([v.area_mm2 for v in views])
         self._perimeter_mm = np.concatenate([v.perimeter_mm for v in views])
+        self.outer_mm = np.concatenate([v.outer_mm for v in views])
+        self._holes_mm = np.concatenate([v.holes_mm for v in views])
+        self._looks: dict[int, tuple[Float32Array, Float32Array, Float32Array]] = {}
         self._eye = np.asarray(eye_mm, dtype=np.float64)
         self._bits = np.concatenate([v.bits for v in views])
         self._mean, self._basis = self._principal(views)
@@ -101,6 +104,45 @@ class ViewIndex:
     def view_count(self) -> int:
         """How many views there are."""
         return len(self.part)
+
+    def outline_samples(
+        self, views: IntArray, count: int
+    ) -> tuple[Float32Array, Float32Array, Float32Array]:
+        """Return points (n, m, 2), normals (n, m, 2) and weights (n, m) of some views' outlines.
+
+        Parameters
+        ----------
+        views : (n,) indices
+        count : about so many samples of each, the holes' among them; a weight is the length that
+            a sample speaks for, 0 where there is none
+        """
+        outer = self.outer_mm[views].astype(np.float32)
+        ahead = np.roll(outer, -1, axis=1) - outer
+        perimeter = np.sqrt((ahead**2).sum(axis=2)).sum(axis=1)
+        every = max(1, 3 * outer.shape[1] // (2 * count))
+        at = np.arange(0, outer.shape[1], every)
+        tangent = outer[:, (at + 2) % outer.shape[1]] - outer[:, at - 2]
+        tangent /= np.maximum(np.sqrt((tangent**2).sum(axis=2, keepdims=True)), 1e-9)
+        normals = np.stack([tangent[..., 1], -tangent[..., 0]], axis=-1)
+        holes = self._holes_mm[views][:, :: max(1, 3 * self._holes_mm.shape[1] // count)]
+        both = np.concatenate(
+            [np.concatenate([outer[:, at], normals], axis=2), holes.astype(np.float32)], axis=1
+        )
+        rest = np.maximum(self._perimeter_mm[views] - perimeter, 0.0)
+        weights = np.repeat(
+            np.stack([perimeter / len(at), rest / holes.shape[1]], axis=1).astype(np.float32),
+            [len(at), holes.shape[1]],
+            axis=1,
+        )
+        weights[~np.isfinite(both[..., 0])] = 0.0
+        both = np.nan_to_num(both)
+        return both[..., :2], both[..., 2:], weights
+
+    def looks(self, count: int) -> tuple[Float32Array, Float32Array, Float32Array]:
+        """Return `outline_samples` of all views, kept from the first time on; for small counts."""
+        if count not in self._looks:
+            self._looks[count] = self.outline_samples(np.arange(self.view_count), count)
+        return self._looks[count]
 
     def _principal(self, views: Sequence[PartViews]) -> tuple[Float32Array, Float32Array]:
         """Return mean (f,) and the directions (f, d) in which the shapes differ most."""

@@ -16,6 +16,7 @@ from controller.cad import CadError, PartSymmetry, Solid, StablePose, camera_vie
 from controller.cad.compiled import CompiledPart
 from controller.imaging import Camera, RayCaster
 
+from ..binary import StretchIndex, stretch_index
 from ..fitting import EdgeModel, EdgeShape, edge_model, edge_shape
 from ..grey import FeatureIndex, ModelFeatures, feature_index, model_features
 from ._index import ViewIndex
@@ -85,6 +86,11 @@ class Library:
         self._load = load
         self.solid = load_solid
         self._models: OrderedDict[int, EdgeModel] = OrderedDict()
+
+    @cached_property
+    def stretches(self) -> StretchIndex:
+        """Stretches of the outlines of the index' views, for outlines known in part."""
+        return stretch_index(self.index.outer_mm)
 
     @cached_property
     def grey_index(self) -> FeatureIndex:

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from controller.arrays import FloatArray, Int32Array
 from controller.cad import Solid, StablePose
-from controller.imaging import Camera, RayCaster, meet_part, transform
+from controller.imaging import Camera, RayCaster, meet_part, signed_area, trace_loops, transform
 
+from ..fitting import OutlineMeasure
 from .polar import HALF, from_raster, shape_of
 
 EMPTY_PX = 5
@@ -26,6 +27,9 @@ RASTER_PX = 128  # a shadow's longer side
 FLAT_SHARE = 0.05  # of the outline's size that perspective may move it before more views are made
 RING_SHARE = 0.65  # where the ring of views stands, between the middle and the farthest corner
 RING_VIEWS = 8
+BORDER_PX = 1.2  # a shadow's raster is blurred by, to find its border between the cells
+OUTER_SAMPLES = 192  # of an outline of 400 mm one each 2 mm
+HOLE_SAMPLES = 64  # of all holes together
 TALL_SHARE = 0.35  # perspective that moves it so much makes twice the views
 
 
@@ -58,6 +62,10 @@ class PartViews:
     shapes : (n, f) float16 what of them does not change with the turn
     ring_mm : (n,) distance within which a view speaks for a place; inf where one is enough
     lean : (n,) how far the shadow of the part's top moves as the part moves, over its foot
+    outer_mm : (n, OUTER_SAMPLES, 2) float16 the shadow's outer border at equal steps, the part to
+        the left, from the centre of mass
+    holes_mm : (n, HOLE_SAMPLES, 4) float16 borders of its holes, likewise, and unit normals away
+        from the part; nan where it has none
     """
 
     pose: Int32Array
@@ -69,6 +77,8 @@ class PartViews:
     shapes: NDArray[np.float16]
     ring_mm: FloatArray
     lean: FloatArray
+    outer_mm: NDArray[np.float16]
+    holes_mm: NDArray[np.float16]
 
 
 class Weighted(Protocol):
@@ -138,9 +148,13 @@ def view_part(
         lean = height / (station.eye_mm - height)
         for place, ring in _places(extents, station):
             T = pose_on_table(solid, pose, place[0], place[1], 0.0)
-            area, perimeter, centroid, grid = _shadow(solid, caster, T, eye)
-            rows.append((pose.index, place, area, perimeter, centroid - place, grid, ring, lean))
-    pose_of, places, areas, perimeters, centroids, grids, rings, leans = zip(*rows, strict=True)
+            area, perimeter, centroid, grid, loops = _shadow(solid, caster, T, eye)
+            outer, holes = _samples([loop - place for loop in loops])
+            about = (pose.index, place, area, perimeter, centroid - place, grid, ring, lean)
+            rows.append((*about, outer, holes))
+    pose_of, places, areas, perimeters, centroids, grids, rings, leans, outers, holes_of = zip(
+        *rows, strict=True
+    )
     packed = np.packbits(np.stack(grids) > HALF, axis=-1)
     return PartViews(
         pose=np.array(pose_of, dtype=np.int32),
@@ -152,6 +166,8 @@ def view_part(
         shapes=shape_of(np.unpackbits(packed, axis=-1) * np.uint8(255)).astype(np.float16),
         ring_mm=np.array(rings),
         lean=np.array(leans),
+        outer_mm=np.array(outers, dtype=np.float16),
+        holes_mm=np.array(holes_of, dtype=np.float16),
     )
 
 
@@ -184,8 +200,8 @@ def _around(ring_mm: float, count: int) -> FloatArray:
 
 def _shadow(
     solid: Solid, caster: RayCaster, T_world_part: FloatArray, eye: FloatArray
-) -> tuple[float, float, FloatArray, NDArray[np.uint8]]:
-    """Return area, perimeter, centroid (2,) and polar grid of a posed part's shadow."""
+) -> tuple[float, float, FloatArray, NDArray[np.uint8], list[FloatArray]]:
+    """Return area, perimeter, centroid (2,), polar grid and loops of a posed part's shadow."""
     p = transform(T_world_part, solid.mesh.vertices)
     cast = eye[:2] + (p[:, :2] - eye[:2]) * (eye[2] / (eye[2] - p[:, 2]))[:, None]
     low, high = cast.min(axis=0), cast.max(axis=0)
@@ -201,7 +217,46 @@ def _shadow(
     pixels = max(moments["m00"], 1.0)
     centre = np.array([moments["m10"], moments["m01"]]) / pixels
     grid = from_raster(raster, centre, float(np.sqrt(pixels / np.pi)))
-    return pixels * step**2, _perimeter_px(raster) * step, low + step * centre, grid
+    loops = [low + step * loop for loop in _border_px(raster)]
+    return pixels * step**2, _perimeter_px(raster) * step, low + step * centre, grid, loops
+
+
+def _border_px(raster: NDArray[np.uint8]) -> list[FloatArray]:
+    """Return the loops (n, 2) round a raster's largest piece, then its holes, between cells."""
+    field = cv2.GaussianBlur(raster, (0, 0), BORDER_PX).astype(np.float32) - 127.5
+    mask = (field > 0).astype(np.uint8)
+    chains, tree = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+    if not chains:
+        return []
+    parent = tree[0][:, 3]
+    areas = np.where(parent < 0, [cv2.contourArea(chain) for chain in chains], -1.0)
+    outer = int(areas.argmax())
+    own = [chains[outer], *(chains[i] for i in np.flatnonzero(parent == outer).tolist())]
+    kept: list[Int32Array] = [np.asarray(chain, np.int32) for chain in own if len(chain) > 2]
+    return trace_loops(kept, raster.shape, field, (0, 0)) if kept else []
+
+
+def _samples(loops: list[FloatArray]) -> tuple[FloatArray, FloatArray]:
+    """Return points on the first of some loops, and points and normals on the others."""
+    outer = np.full((OUTER_SAMPLES, 2), np.nan)
+    holes = np.full((HOLE_SAMPLES, 4), np.nan)
+    if loops:
+        outer = at_equal_steps(loops[0], OUTER_SAMPLES)
+        outer = outer if signed_area(outer) > 0 else outer[::-1]
+    if len(loops) > 1:
+        border = OutlineMeasure.of_loops(tuple(loops))
+        inner = np.column_stack([border.points, border.normals])[len(loops[0]) :]
+        holes = inner[np.linspace(0, len(inner) - 1, HOLE_SAMPLES).astype(int)]
+    return outer, holes
+
+
+def at_equal_steps(loop: FloatArray, count: int) -> FloatArray:
+    """Return so many points (count, 2) at equal steps along a closed loop (n, 2)."""
+    closed = np.concatenate([loop, loop[:1]])
+    steps = np.linalg.norm(np.diff(closed, axis=0), axis=1)
+    along = np.concatenate([[0.0], np.cumsum(steps)])
+    at = np.arange(count) * (along[-1] / count)
+    return np.column_stack([np.interp(at, along, closed[:, k]) for k in (0, 1)])
 
 
 def _perimeter_px(raster: NDArray[np.uint8]) -> float:

@@ -62,6 +62,7 @@ class RecogniseAction:
         if len(sightings) > 1:
             where = "; ".join(
                 f"{s.part or 'unknown object'} at x {s.x_mm:.0f}, y {s.y_mm:.0f} mm"
+                + (", touching another" if s.touching_count else "")
                 for s in sightings
             )
             raise PartProblemError(
@@ -75,6 +76,13 @@ class RecogniseAction:
                 "unknown_object",
                 f"the object at x {seen.x_mm:.0f}, y {seen.y_mm:.0f} mm: {seen.reason}; "
                 "take it away, or check the recipe's `part:`",
+            )
+        if seen.is_cut:
+            raise PartProblemError(
+                "part_cut_off",
+                f"{seen.part} at x {seen.x_mm:.0f}, y {seen.y_mm:.0f} mm lies partly outside the "
+                f"backlit area: {100 * seen.free_share:.0f} % of its outline is seen; move it "
+                "inwards and start again",
             )
         if seen.part != expected:
             raise PartProblemError(

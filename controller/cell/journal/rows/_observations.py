@@ -118,6 +118,9 @@ class SightingFields(Fields):
     box_px: Box
     reason: str = ""
     T_world_part: Matrix | None = None
+    free_share: float = 1.0
+    touching_count: int = 0
+    is_cut: bool = False
 
 
 class Sightings(Body):

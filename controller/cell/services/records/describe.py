@@ -72,6 +72,9 @@ def _sighting(s: Sighting) -> rows.SightingFields:
         box_px=s.box_px,
         reason=s.reason,
         T_world_part=None if s.T_world_part is None else matrix(s.T_world_part),
+        free_share=round(s.free_share, 3),
+        touching_count=s.touching_count,
+        is_cut=s.is_cut,
     )
 
 

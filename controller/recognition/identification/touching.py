@@ -1,0 +1,177 @@
+"""Sightings of parts that touch, or that the picture's edge cuts, by their free outlines.
+
+Silhouettes of whole parts say nothing here. The cluster is explained by several parts, or by one in
+part; what a place may be besides is decided as for a whole silhouette, by what is free of it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from controller.arrays import BoolArray, Grey
+from controller.imaging import Camera
+
+from ..fitting import Evidence, outline_evidence
+from ..library import Library, place_of, turn_of
+from ..partial import CELL_PX, Cluster, PartialFit, Place, explain_cluster
+from ..segmentation import Region
+from ._cutout import ObjectCutout
+from .decide import Decision, decide
+from .hypotheses import Hypothesis, SearchLimits, look_inside, without_repeats
+from .scores import SILHOUETTE, log_odds, probability
+
+MAX_SIGMA_MM = 0.4  # of an answer's position: a bar of which no end is seen may lie anywhere along
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class PartialSighting:
+    """One part of a cluster, or what is left of it when all parts are taken away.
+
+    Attributes
+    ----------
+    region : its share of the cluster; its loops are the cluster's
+    decision : what it is
+    hypotheses : what it may be, best first; none for what is left
+    free_share : of the best one's outline
+    """
+
+    region: Region
+    decision: Decision
+    hypotheses: tuple[Hypothesis, ...]
+    free_share: float
+
+
+def parts_of(
+    region: Region,
+    pictures: Sequence[Grey],
+    camera: Camera,
+    library: Library,
+    usable: BoolArray | None,
+    least_px: float,
+    limits: SearchLimits,
+) -> tuple[PartialSighting, ...]:
+    """Return the parts of a backlit cluster, and what they leave; nothing if none is sure.
+
+    Parameters
+    ----------
+    region : the cluster
+    pictures : of the scene, the backlit one last
+    camera : overhead, calibrated
+    library : of the parts that may be there
+    usable : (height, width) where parts may lie; None for everywhere
+    least_px : of the picture's pixels, below which what is left is no object
+    limits : how much is tried
+    """
+    cluster = Cluster(region, camera, usable)
+    explained = explain_cluster(cluster, library)
+    found: list[PartialSighting] = []
+    left = explained.left
+    for place in explained.places:
+        own = _own_region(place.fits[0], cluster)
+        hypotheses = _hypotheses(place, own, pictures, camera, library, limits)
+        decision = decide(hypotheses, is_backlit=True)
+        if decision.best is None or not _is_certain(decision.best, library):
+            left = left | (_within(own, region) & region.mask)
+            continue
+        best = next(fit for fit in place.fits if _is_of(decision.best, fit))
+        found.append(PartialSighting(own, decision, tuple(hypotheses), best.free_share))
+    if not found:
+        return ()
+    return (*found, *_what_is_left(left, region, least_px))
+
+
+def _hypotheses(
+    place: Place,
+    own: Region,
+    pictures: Sequence[Grey],
+    camera: Camera,
+    library: Library,
+    limits: SearchLimits,
+) -> list[Hypothesis]:
+    middle = place.fits[0].fit.T_world_part[:2, 3]
+    mm = camera.mm_per_px(np.array([*middle, 0.0]))
+    cutout = ObjectCutout(own, pictures, mm, [own.loops_px], is_backlit=True)
+    found = []
+    for fit, share in zip(place.fits, place.explained, strict=True):
+        c, entry = fit.candidate, library.entries[fit.candidate.part]
+        evidence = _evidence(fit, share, mm)
+        found.append(
+            Hypothesis(
+                part=c.part,
+                pose=c.pose,
+                theta_rad=turn_of(entry.pose(c.pose).R, fit.fit.T_world_part),
+                place_mm=place_of(entry, fit.fit.T_world_part),
+                fit=fit.free_fit,
+                evidence=evidence,
+                probability=probability(evidence, SILHOUETTE),
+                log_odds=log_odds(evidence, is_lit=cutout.is_lit),
+                overlap=c.overlap,
+                source="stretches",
+            )
+        )
+    return look_inside(without_repeats(found, library), cutout, camera, library, limits)
+
+
+def _evidence(fit: PartialFit, explained: float, mm_per_px: float) -> Evidence:
+    known = outline_evidence(fit.free_fit, fit.cluster.measure, mm_per_px)
+    return replace(known, outline=fit.agreement, explained=explained, misfit_px=fit.misfit_px)
+
+
+def _is_certain(best: Hypothesis, library: Library) -> bool:
+    """Return whether what is free of a part fixes where it lies."""
+    spread = best.fit.covariance
+    return bool(np.sqrt(max(spread[0, 0], spread[1, 1])) < MAX_SIGMA_MM)
+
+
+def _is_of(h: Hypothesis, fit: PartialFit) -> bool:
+    return h.fit.T_world_part is fit.fit.T_world_part
+
+
+def _own_region(fit: PartialFit, cluster: Cluster) -> Region:
+    """Return a part's share of a cluster."""
+    whole = cluster.region
+    shadow = cluster.raster(fit.shadow).astype(np.uint8)
+    mask = whole.mask & (cv2.dilate(shadow, np.ones((CELL_PX, CELL_PX), np.uint8)) > 0)
+    return _cut_out(mask, whole, fit.free_share < 1.0)
+
+
+def _cut_out(mask: BoolArray, whole: Region, is_cut: bool) -> Region:
+    x0, y0, _, _ = whole.box_px
+    left, top, width, height = cv2.boundingRect(mask.astype(np.uint8))
+    margin = 4
+    left, top, right, bottom = (
+        max(left - margin, 0),
+        max(top - margin, 0),
+        min(left + width + margin, mask.shape[1]),
+        min(top + height + margin, mask.shape[0]),
+    )
+    return Region(
+        box_px=(x0 + left, y0 + top, x0 + right, y0 + bottom),
+        mask=mask[top:bottom, left:right].copy(),
+        loops_px=whole.loops_px,
+        touches_edge=whole.touches_edge and is_cut,
+        area_px=float(mask.sum()),
+        alternatives=(),
+    )
+
+
+def _within(own: Region, whole: Region) -> BoolArray:
+    """Return a region's mask in the box of the cluster that it is of."""
+    out = np.zeros_like(whole.mask)
+    x, y = own.box_px[0] - whole.box_px[0], own.box_px[1] - whole.box_px[1]
+    height, width = own.mask.shape
+    out[y : y + height, x : x + width] = own.mask
+    return out
+
+
+def _what_is_left(left: BoolArray, whole: Region, least_px: float) -> list[PartialSighting]:
+    """Return the connected pieces of what no part covers, as unknown objects."""
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(left.astype(np.uint8), connectivity=8)
+    nothing = Decision(None, 1.0, (), None)
+    return [
+        PartialSighting(_cut_out(labels == k, whole, True), nothing, (), 0.0)
+        for k in range(1, len(stats))
+        if stats[k, cv2.CC_STAT_AREA] >= least_px
+    ]

@@ -1,0 +1,18 @@
+"""Parts of which the outline is known in part: they touch others, or leave the picture."""
+
+from .candidates import propose_partial
+from .cluster import CELL_PX, Cluster
+from .fits import PartialFit, fit_partial
+from .parts import Explained, PartialLimits, Place, explain_cluster
+
+__all__ = [
+    "CELL_PX",
+    "Cluster",
+    "Explained",
+    "PartialFit",
+    "PartialLimits",
+    "Place",
+    "explain_cluster",
+    "fit_partial",
+    "propose_partial",
+]

@@ -1,0 +1,190 @@
+"""Poses that stretches of an outline propose, weighed by how much of a view's outline is there."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from controller.arrays import BoolArray, FloatArray, IntArray
+
+from ..binary import STRETCHES_MM, like, observed_stretches
+from ..library import Candidate, Library
+from .cluster import BEYOND, OUTSIDE, Cluster
+
+STEP_MM = 1.0  # between the anchors that are tried
+NEAR_MM = (0.6, 1.0)  # of stretches, by their length
+MAX_PAIR_COUNT = 40000  # of one length
+LOOK_SAMPLES, SAMPLES = 24, 96  # of a view's outline: many poses, then few
+LOOK_SHARE = 0.25  # of the first samples that have to be found
+SAME_NORMAL = 0.6  # cosine
+FOUND_MM = 1.1  # from the outline: a view's raster, and what perspective leaves of it
+SLACK_SHARE = 0.6  # of how far off its place may be, so much may be an outline's point
+MAX_SLACK_MM = 6.0
+MIN_FOUND = 0.4  # of a view's outline
+MAX_OUTSIDE = 0.15
+ROUND_SHARE = 0.02  # of its radius, by which a round outline's radius varies
+ROUND_TURNS = 120
+SAME_MM, SAME_RAD = 6.0, np.radians(8.0)
+PER_POSE = 8  # places of one pose
+MAX_CANDIDATE_COUNT = 70
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Poses:
+    """Views turned and moved: which (n,), turn (n,), shift (n, 2)."""
+
+    view: IntArray
+    turn_rad: FloatArray
+    shift_mm: FloatArray
+
+    def at(self, which: IntArray | BoolArray) -> "_Poses":
+        return _Poses(self.view[which], self.turn_rad[which], self.shift_mm[which])
+
+
+def propose_partial(cluster: Cluster, library: Library, is_open: BoolArray) -> list[Candidate]:
+    """Return what stretches of a cluster's outline may be of, most outline found first.
+
+    Parameters
+    ----------
+    cluster : several parts, or one that is cut
+    library : of the parts that may be there
+    is_open : (m,) of the cluster's outline points, those that nothing explains yet
+    """
+    poses = _from_stretches(cluster, library, is_open)
+    poses = _with_turns(poses, library)
+    found, _ = _weighed(poses, cluster, library, is_open, LOOK_SAMPLES)
+    poses = poses.at(found > LOOK_SHARE)
+    found, outside = _weighed(poses, cluster, library, is_open, SAMPLES)
+    good = (found > MIN_FOUND) & (outside < MAX_OUTSIDE)
+    poses, score = poses.at(good), (found - outside)[good]
+    return _best(poses, score, library)
+
+
+def _from_stretches(cluster: Cluster, library: Library, is_open: BoolArray) -> _Poses:
+    index = library.index
+    own, named = cluster.by_loop(is_open)
+    views, turns, shifts = [], [], []
+    for length, near, stretches in zip(
+        STRETCHES_MM, NEAR_MM, library.stretches.by_length, strict=True
+    ):
+        observed = observed_stretches(cluster.loops_mm, own, named, length, STEP_MM)
+        mine, theirs = like(observed, stretches, near, MAX_PAIR_COUNT)
+        turn = observed.direction[mine] * stretches.direction[theirs].conj()
+        shift = observed.middle[mine] - turn * stretches.middle[theirs]
+        views.append(stretches.owner[theirs])
+        turns.append(turn)
+        shifts.append(shift)
+    view = np.concatenate(views)
+    turn, shift = np.concatenate(turns), np.concatenate(shifts)
+    poses = _Poses(view, np.angle(turn), np.column_stack([shift.real, shift.imag]))
+    return poses.at(_apart_mm(poses, library) <= index.ring_mm[view])
+
+
+def _apart_mm(poses: _Poses, library: Library) -> FloatArray:
+    """Return how far (n,) poses are from the place their views were made for."""
+    index = library.index
+    c, s = np.cos(poses.turn_rad), np.sin(poses.turn_rad)
+    x, y = index.place_mm[poses.view].T
+    made = np.column_stack([c * x - s * y, s * x + c * y])
+    return np.asarray(np.linalg.norm(poses.shift_mm - library.eye_mm[:2] - made, axis=1))
+
+
+def _with_turns(poses: _Poses, library: Library) -> _Poses:
+    """Return poses, those of round outlines with holes at all turns: only these show the turn."""
+    views, at = np.unique(poses.view, return_inverse=True)
+    outer = library.index.outer_mm[views].astype(np.float64)
+    middle = outer.mean(axis=1)
+    radius = np.linalg.norm(outer - middle[:, None], axis=2)
+    is_round = (np.ptp(radius, axis=1) < ROUND_SHARE * radius.mean(axis=1))[at]
+    if not is_round.any():
+        return poses
+    round_ones, middle = poses.at(is_round), middle[at][is_round]
+    # one of each place is enough
+    at = np.exp(1j * round_ones.turn_rad) * (middle[:, 0] + 1j * middle[:, 1])
+    centre = round_ones.shift_mm + np.column_stack([at.real, at.imag])
+    keys = np.column_stack([round_ones.view, np.round(centre / 3.0).astype(np.int64)])
+    _, first = np.unique(keys, axis=0, return_index=True)
+    view = np.repeat(round_ones.view[first], ROUND_TURNS)
+    turn = np.tile(np.arange(ROUND_TURNS) * (2 * np.pi / ROUND_TURNS), len(first))
+    arm = np.exp(1j * turn) * np.repeat(middle[first, 0] + 1j * middle[first, 1], ROUND_TURNS)
+    shift = np.repeat(centre[first], ROUND_TURNS, axis=0) - np.column_stack([arm.real, arm.imag])
+    rest = poses.at(~is_round)
+    return _Poses(
+        np.concatenate([rest.view, view]),
+        np.concatenate([rest.turn_rad, turn]),
+        np.concatenate([rest.shift_mm, shift]),
+    )
+
+
+def _weighed(
+    poses: _Poses, cluster: Cluster, library: Library, is_open: BoolArray, count: int
+) -> tuple[FloatArray, FloatArray]:
+    """Return which shares (n,) of views' outlines are found, and lie where nothing is."""
+    found, outside = np.zeros(len(poses.view)), np.zeros(len(poses.view))
+    slack = _apart_mm(poses, library) * library.index.lean[poses.view]
+    near = FOUND_MM + SLACK_SHARE * np.minimum(slack, MAX_SLACK_MM)
+    for begin in range(0, len(poses.view), 4000):
+        some = slice(begin, begin + 4000)
+        view = poses.view[some]
+        if count <= LOOK_SAMPLES:
+            points, normals, weight = (kept[view] for kept in library.index.looks(count))
+        else:
+            points, normals, weight = library.index.outline_samples(view, count)
+        c, s = np.cos(poses.turn_rad[some])[:, None], np.sin(poses.turn_rad[some])[:, None]
+        x, y = points[..., 0], points[..., 1]
+        moved = np.stack([c * x - s * y, s * x + c * y], axis=-1) + poses.shift_mm[some, None]
+        x, y = normals[..., 0], normals[..., 1]
+        turned = np.stack([c * x - s * y, s * x + c * y], axis=-1)
+        far, nearest, state = cluster.map.look(moved)
+        close = far < near[some, None]
+        theirs = cluster.map.normals[nearest]
+        agrees = close & ((theirs * turned).sum(axis=-1) > SAME_NORMAL) & (state != BEYOND)
+        agrees &= is_open[nearest]
+        total = np.maximum(weight.sum(axis=1), 1e-9)
+        found[some] = (agrees * weight).sum(axis=1) / total
+        outside[some] = ((~close & (state == OUTSIDE)) * weight).sum(axis=1) / total
+    return found, outside
+
+
+def _best(poses: _Poses, score: FloatArray, library: Library) -> list[Candidate]:
+    """Return the best poses as candidates, each place of a stable pose once."""
+    index = library.index
+    kept: list[int] = []
+    count: dict[tuple[int, int], int] = {}
+    apart = _apart_mm(poses, library)
+    for k in np.argsort(-score, kind="stable").tolist():
+        view = poses.view[k]
+        name = (int(index.part[view]), int(index.pose[view]))
+        if count.get(name, 0) == PER_POSE:
+            continue
+        if any(_is_same(poses, k, other, name, library) for other in kept):
+            continue
+        count[name] = count.get(name, 0) + 1
+        kept.append(k)
+        if len(kept) == MAX_CANDIDATE_COUNT:
+            break
+    return [
+        Candidate(
+            int(index.part[poses.view[k]]),
+            int(index.pose[poses.view[k]]),
+            float(poses.turn_rad[k]),
+            float(poses.shift_mm[k, 0]),
+            float(poses.shift_mm[k, 1]),
+            float(score[k]),
+            0.0,
+            float(apart[k] * index.lean[poses.view[k]]),
+        )
+        for k in kept
+    ]
+
+
+def _is_same(poses: _Poses, a: int, b: int, name: tuple[int, int], library: Library) -> bool:
+    index = library.index
+    if (int(index.part[poses.view[b]]), int(index.pose[poses.view[b]])) != name:
+        return False
+    if float(np.linalg.norm(poses.shift_mm[a] - poses.shift_mm[b])) > SAME_MM:
+        return False
+    turns = library.entries[name[0]].turns_of(name[1])
+    if len(turns) == 0:
+        return True
+    gap = poses.turn_rad[a] - poses.turn_rad[b] - turns
+    return bool(np.abs((gap + np.pi) % (2 * np.pi) - np.pi).min() < SAME_RAD)

@@ -1,0 +1,196 @@
+"""What a picture shows of a cluster that is more, or less, than one part.
+
+Its outline is taken as it is, but for where the picture or the backlit area ends: there nothing is
+known of the part. Where parts meet, the outline turns inwards: corners of the paper's boundary
+string (references.md P3.1) whose turn is negative.
+"""
+
+from dataclasses import replace
+from functools import cached_property
+
+import cv2
+import numpy as np
+
+from controller.arrays import BoolArray, FloatArray, IntArray
+from controller.imaging import Camera, Contour, signed_area
+
+from ..binary import BinaryTolerances, NoOutlineError, boundary_string
+from ..fitting import OutlineMeasure
+from ..segmentation import Region
+
+CELL_MM = 0.7  # of the map of nearest outline points
+MARGIN_MM = 5.0  # of that map round the cluster
+RIM_PX = 4  # from the end of the picture, within which an outline is its and not the part's
+CELL_PX = 3  # between the sight lines by which parts are compared with the cluster
+MIN_LOOP_PX = 12
+
+OUTSIDE, INSIDE, BEYOND = 0, 1, 2
+
+
+class Cluster:
+    """A region of a backlit picture whose outline holds several parts, or one that is cut.
+
+    Parameters
+    ----------
+    region : as it was cut out
+    camera : overhead, calibrated
+    usable : (height, width) where parts may lie; None for everywhere
+    """
+
+    def __init__(self, region: Region, camera: Camera, usable: BoolArray | None = None) -> None:
+        self.region, self.camera = region, camera
+        self._hidden = _beyond(camera, usable)
+        loops_px = [_directed(loop, k == 0) for k, loop in enumerate(region.loops_px)]
+        self.loops_px = tuple(loop for loop in loops_px if len(loop) >= MIN_LOOP_PX)
+        self.loops_mm = tuple(camera.on_plane(loop)[:, :2] for loop in self.loops_px)
+        every = OutlineMeasure.of_loops(self.loops_px)
+        self._own = ~self.is_beyond(every.points)
+        self.points_px, self.normals_px = every.points[self._own], every.normals[self._own]
+
+    def is_beyond(self, pixels: FloatArray) -> BoolArray:
+        """Return which points (n, 2) of the picture lie where nothing is known."""
+        height, width = self._hidden.shape
+        x, y = np.round(np.nan_to_num(pixels, nan=-1.0)).astype(np.int64).T
+        outside = (x < 0) | (y < 0) | (x >= width) | (y >= height)
+        hidden = self._hidden[np.clip(y, 0, height - 1), np.clip(x, 0, width - 1)]
+        return np.asarray(outside | hidden)
+
+    def is_inside(self, pixels: FloatArray) -> BoolArray:
+        """Return which points (n, 2) of the picture lie on the cluster."""
+        x0, y0, x1, y1 = self.region.box_px
+        x, y = np.round(np.nan_to_num(pixels, nan=-1.0)).astype(np.int64).T
+        within = (x >= x0) & (y >= y0) & (x < x1) & (y < y1)
+        return np.asarray(
+            within & self.region.mask[np.clip(y, y0, y1 - 1) - y0, np.clip(x, x0, x1 - 1) - x0]
+        )
+
+    def by_loop(self, which: BoolArray) -> tuple[tuple[BoolArray, ...], tuple[BoolArray, ...]]:
+        """Return of each loop's points which are the parts' own, and which of them are named.
+
+        Parameters
+        ----------
+        which : (m,) of ``points_px``
+        """
+        named = np.zeros(len(self._own), dtype=np.bool_)
+        named[self._own] = which
+        ends = np.cumsum([len(loop) for loop in self.loops_px])[:-1]
+        return tuple(np.split(self._own, ends)), tuple(np.split(named, ends))
+
+    @cached_property
+    def measure(self) -> OutlineMeasure:
+        """What poses are fitted to."""
+        return OutlineMeasure(Contour(self.points_px, self.normals_px))
+
+    @cached_property
+    def map(self) -> "NearestMap":
+        """The outline in the table plane."""
+        return NearestMap(self)
+
+    @cached_property
+    def meetings_px(self) -> FloatArray:
+        """(n, 2) corners at which the outline turns inwards: where parts may meet."""
+        scale = self.camera.mm_per_px(np.zeros(3))
+        usual = BinaryTolerances.for_pixels(scale)
+        # blur rounds narrow notches, and next to a corner that juts out long chords see neither
+        short = replace(usual, corner_box_mm=0.5 * usual.corner_box_mm, corner_sharpness=0.5)
+        found = [np.zeros((0, 2))]
+        for k, loop in enumerate(self.loops_mm):
+            for limits in (usual, short):
+                try:
+                    string = boundary_string([loop], [False], limits)
+                except NoOutlineError:
+                    continue
+                # what juts out of a hole is a notch of the part
+                turn = string.corner_turn_rad * (1.0 if k == 0 else -1.0)
+                found.append(string.corner_mm[turn < 0])
+        at = np.concatenate(found)
+        if len(at) == 0:
+            return np.zeros((0, 2))
+        return self.camera.project(np.column_stack([at, np.zeros(len(at))]))
+
+    @cached_property
+    def cells(self) -> tuple[FloatArray, IntArray, BoolArray]:
+        """Sight lines (n, 3) all over the box, row and column (n, 2), which meet it (n,)."""
+        x0, y0, x1, y1 = self.region.box_px
+        v, u = np.mgrid[y0:y1:CELL_PX, x0:x1:CELL_PX]
+        pixels = np.column_stack([u.ravel(), v.ravel()]).astype(np.float64)
+        lines = self.camera.sight_lines(pixels)
+        cells = np.column_stack([(v.ravel() - y0) // CELL_PX, (u.ravel() - x0) // CELL_PX])
+        return lines, cells, self.region.mask[::CELL_PX, ::CELL_PX].ravel()
+
+    def looks_up(self, cells: BoolArray, pixels: FloatArray) -> BoolArray:
+        """Return at which points (n, 2) cells (m,) are set, or those beside them."""
+        height, width = self.region.mask.shape
+        grid = cells.reshape(-(-height // CELL_PX), -(-width // CELL_PX)).astype(np.uint8)
+        grid = np.asarray(cv2.dilate(grid, np.ones((3, 3), np.uint8)))
+        at = ((pixels - self.region.box_px[:2]) // CELL_PX).astype(np.int64)
+        at = np.clip(at, 0, [grid.shape[1] - 1, grid.shape[0] - 1])
+        return np.asarray(grid[at[:, 1], at[:, 0]] > 0)
+
+    def raster(self, cells: BoolArray) -> BoolArray:
+        """Return cells (n,) as pixels (h, w) of the cluster's box."""
+        height, width = self.region.mask.shape
+        rows, columns = -(-height // CELL_PX), -(-width // CELL_PX)
+        out = cells.reshape(rows, columns).repeat(CELL_PX, axis=0).repeat(CELL_PX, axis=1)
+        return np.asarray(out[:height, :width])
+
+
+class NearestMap:
+    """Nearest outline point for any place of the table near a cluster, and what is there."""
+
+    def __init__(self, cluster: Cluster) -> None:
+        px = cluster.points_px
+        self.points = cluster.camera.on_plane(px)[:, :2]
+        ahead = cluster.camera.on_plane(px + cluster.normals_px)[:, :2] - self.points
+        self.normals = ahead / np.maximum(np.linalg.norm(ahead, axis=1, keepdims=True), 1e-9)
+        every = np.concatenate(cluster.loops_mm)
+        self._low = every.min(axis=0) - MARGIN_MM
+        size = np.ceil((every.max(axis=0) + MARGIN_MM - self._low) / CELL_MM).astype(int) + 1
+        x, y = np.meshgrid(*(self._low[k] + CELL_MM * np.arange(size[k]) for k in (0, 1)))
+        places = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
+        pixels = cluster.camera.project(places)
+        state = np.where(cluster.is_inside(pixels), INSIDE, OUTSIDE)
+        state[cluster.is_beyond(pixels)] = BEYOND
+        self._state = state.reshape(x.shape)
+        ground = np.ones(x.shape, dtype=np.uint8)
+        column, row = self._cell(self.points)
+        ground[row, column] = 0
+        _, label = cv2.distanceTransformWithLabels(
+            ground, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
+        )
+        point_of = np.zeros(int(label.max()) + 1, dtype=np.int64)
+        point_of[label[row, column]] = np.arange(len(self.points))
+        self._nearest = point_of[label]
+
+    def _cell(self, places: FloatArray) -> tuple[IntArray, IntArray]:
+        cell = np.round((places - self._low) / CELL_MM).astype(np.int64)
+        rows, columns = self._state.shape
+        return np.clip(cell[..., 0], 0, columns - 1), np.clip(cell[..., 1], 0, rows - 1)
+
+    def look(self, places: FloatArray) -> tuple[FloatArray, IntArray, IntArray]:
+        """Return distance (...) to the nearest outline point, which that is, and what is there.
+
+        Parameters
+        ----------
+        places : (..., 2) on the table [mm]
+        """
+        column, row = self._cell(places)
+        nearest = self._nearest[row, column]
+        far = np.linalg.norm(places - self.points[nearest], axis=-1)
+        return far, nearest, self._state[row, column]
+
+
+def _directed(loop: FloatArray, is_outer: bool) -> FloatArray:
+    """Return a loop with the part at the left hand where y runs up, right where it runs down."""
+    return loop if (signed_area(loop) < 0) == is_outer else loop[::-1]
+
+
+def _beyond(camera: Camera, usable: BoolArray | None) -> BoolArray:
+    """Return where (height, width) nothing is known of an outline."""
+    width, height = camera.size_px
+    out = np.zeros((height, width), dtype=np.uint8)
+    if usable is not None:
+        out[~usable] = 1
+        out = np.asarray(cv2.dilate(out, np.ones((2 * RIM_PX + 1,) * 2, np.uint8)))
+    out[:RIM_PX], out[-RIM_PX:], out[:, :RIM_PX], out[:, -RIM_PX:] = 1, 1, 1, 1
+    return out.astype(np.bool_)

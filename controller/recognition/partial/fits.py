@@ -1,0 +1,228 @@
+"""A pose fitted to what a cluster shows of it, and what the picture says for and against it.
+
+A point of the predicted outline is found, or covered: the cluster goes on outside it, or the
+picture ends. Where it is neither, the picture contradicts it. Covered stretches end where outlines
+meet: there the cluster's outline turns inwards. One that ends elsewhere is a known neighbour's
+work, flush with it, or else the outline of another part, longer or without that hole.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from controller.arrays import BoolArray, FloatArray
+from controller.imaging import inverse_pose, transform
+
+from ..fitting import (
+    EdgeFit,
+    EdgeModel,
+    EdgePoints,
+    FitOptions,
+    Gaps,
+    at_rest,
+    fit_edges,
+    is_predicted,
+)
+from ..library import Candidate, Library, pose_on_table
+from .cluster import CELL_PX, Cluster
+
+NEAR_PX = 1.3  # an edge this near its prediction is where it should be
+FAR_PX = 2.5
+COVERED_PX = 2.0  # so far outside an outline the cluster goes on where something covers it
+MEETING_MM = 5.0  # from the end of a covered stretch: a narrow wedge of light fills up with blur
+SHORT_MM = 2.5  # covered stretches as short as that are touched at a point
+FIRST_MM = 5.0  # how far off a candidate may lie, a tall part's slack aside
+COVERED_SHARE = 0.9  # of a stretch, that its neighbours have to cover
+COARSE_SAMPLES, SAMPLES = 250, 600
+COARSE_SHARE = 0.6
+GOES_ON_MM = 8.0  # below the table, where sight lines come back from
+
+
+@dataclass(frozen=True, eq=False)
+class PartialFit:
+    """A candidate, fitted.
+
+    Attributes
+    ----------
+    candidate, model : what it is
+    fit : its whole predicted outline, covered or not
+    is_found, is_covered : (n,) of the predicted points; neither is contradicted
+    is_unmet : (n,) of the covered ones, those whose stretch ends where no outlines meet
+    explains : (m,) which of the cluster's outline points it predicts
+    cluster : what it was fitted to
+    """
+
+    candidate: Candidate
+    model: EdgeModel
+    fit: EdgeFit
+    is_found: BoolArray
+    is_covered: BoolArray
+    is_unmet: BoolArray
+    explains: BoolArray
+    cluster: Cluster
+
+    @property
+    def free_share(self) -> float:
+        """Share of the predicted outline that nothing covers."""
+        return float(1.0 - self.is_covered.mean())
+
+    @property
+    def agreement(self) -> float:
+        """Share of what nothing covers that is found."""
+        free = int((~self.is_covered).sum())
+        return float(self.is_found.sum()) / free if free else 0.0
+
+    @property
+    def misfit_px(self) -> float:
+        """Root mean square distance of the free outline; what is not found counts `FAR_PX`."""
+        off = np.fmin(np.abs(self.fit.gaps.gap_px), FAR_PX)
+        off = np.where(self.is_found, off, FAR_PX)[~self.is_covered]
+        return float(np.sqrt(np.mean(off**2))) if len(off) else FAR_PX
+
+    @property
+    def rank(self) -> float:
+        """By what fits are tried first: how much they explain, and how well."""
+        free = int((~self.is_covered | self.is_unmet).sum())
+        sure = float(self.is_found.sum()) / max(free, 1)
+        return float(self.explains.sum()) * sure / (0.3 + self.misfit_px)
+
+    @cached_property
+    def free_fit(self) -> EdgeFit:
+        """The fit with what is free of its edges alone."""
+        free = ~self.is_covered
+        fit = self.fit
+        gaps = Gaps(fit.gaps.gap_px[free], fit.gaps.weight[free])
+        return EdgeFit(fit.T_world_part, fit.edges.at(free), gaps, fit.sigma_px, fit.covariance)
+
+    @cached_property
+    def depths(self) -> tuple[FloatArray, FloatArray]:
+        """Depths (n,) at which the sight lines enter and leave the part, nan where they miss it."""
+        lines, _, _ = self.cluster.cells
+        x0, y0, _, _ = self.cluster.region.box_px
+        low = (self.fit.edges.pixels.min(axis=0) - [x0, y0]) / CELL_PX - 1
+        high = (self.fit.edges.pixels.max(axis=0) - [x0, y0]) / CELL_PX + 1
+        cell = self.cluster.cells[1][:, ::-1]
+        asked = np.flatnonzero(((cell >= low) & (cell <= high)).all(axis=1))
+        enter, leave = np.full(len(lines), np.nan), np.full(len(lines), np.nan)
+        eye = self.cluster.camera.position_mm
+        T = inverse_pose(self.fit.T_world_part)
+        some = lines[asked]
+        # from below the table back to the eye, where the line leaves is met first
+        whole = (eye[2] + GOES_ON_MM) / -some[:, 2]
+        begin, way = transform(T, eye[None])[0], some @ T[:3, :3].T
+        triangle, far = self.model.caster.first_hit(begin, way)
+        hit = triangle >= 0
+        enter[asked[hit]] = far[hit]
+        last = begin + whole[:, None] * way
+        triangle, back = self.model.caster.first_hit(last[hit], -way[hit])
+        met = triangle >= 0
+        leave[asked[hit]] = np.where(met, whole[hit] - back, far[hit])
+        return enter, leave
+
+    def needs(self, others: Sequence["PartialFit"]) -> bool:
+        """Return whether what covers it, where no outlines meet, is none of some other parts."""
+        if self.is_unmet.sum() * self.fit.edges.step_mm < SHORT_MM:
+            return False
+        edges = self.fit.edges
+        outside = (edges.pixels + COVERED_PX * edges.normals)[self.is_unmet]
+        if not others:
+            return True
+        by_others = np.any([other.shadow for other in others], axis=0)
+        return bool(self.cluster.looks_up(by_others, outside).mean() < COVERED_SHARE)
+
+    @cached_property
+    def shadow(self) -> BoolArray:
+        """(n,) which of the cluster's sight lines meet the part."""
+        return np.isfinite(self.depths[0])
+
+
+def fit_partial(
+    candidate: Candidate, cluster: Cluster, library: Library, tilt_rad: float
+) -> PartialFit | None:
+    """Return a candidate fitted to a cluster; None where what is free of it does not agree.
+
+    Parameters
+    ----------
+    candidate : about where it lies
+    cluster : what is seen
+    library : whose parts and stable poses the candidate counts
+    tilt_rad : standard deviation of the table's tilt
+    """
+    model = library.model(candidate.part)
+    pose = library.entries[candidate.part].pose(candidate.pose)
+    T = pose_on_table(model, pose, candidate.x_mm, candidate.y_mm, candidate.theta_rad)
+    mm_per_px = cluster.camera.mm_per_px(np.array([candidate.x_mm, candidate.y_mm, 0.0]))
+    reach_px = (FIRST_MM + 0.5 * candidate.slack_mm) / mm_per_px
+    coarse = FitOptions(reach_px=(reach_px,), steps=3, most=COARSE_SAMPLES)
+    fit = fit_edges(model, T, cluster.camera, cluster.measure, coarse)
+    if fit is None or _nearness(fit, cluster) < COARSE_SHARE:
+        return None
+    fine = FitOptions(
+        reach_px=(1.5 / mm_per_px, 0.8 / mm_per_px), steps=3, prior=at_rest(tilt_rad), most=SAMPLES
+    )
+    fit = fit_edges(model, fit.T_world_part, cluster.camera, cluster.measure, fine)
+    if fit is None:
+        return None
+    found = np.abs(np.nan_to_num(fit.gaps.gap_px, nan=99.0)) < NEAR_PX
+    covered, beyond = _covered(fit.edges, cluster)
+    beyond &= ~found
+    covered &= ~found & ~beyond
+    unmet = covered & ~_ends_at_meetings(fit.edges, covered, beyond, cluster, mm_per_px)
+    explains = is_predicted(cluster.points_px, fit.edges, fit.edges.step_mm / mm_per_px)
+    return PartialFit(candidate, model, fit, found, covered | beyond, unmet, explains, cluster)
+
+
+def _covered(edges: EdgePoints, cluster: Cluster) -> tuple[BoolArray, BoolArray]:
+    """Return outside which edges the cluster goes on, and which lie where nothing is known."""
+    outside = cluster.is_inside(edges.pixels + COVERED_PX * edges.normals)
+    return outside, cluster.is_beyond(edges.pixels)
+
+
+def _nearness(fit: EdgeFit, cluster: Cluster) -> float:
+    """Return the share of free predicted edges that are about where they should be."""
+    off = np.abs(np.nan_to_num(fit.gaps.gap_px, nan=99.0))
+    near = np.exp(-0.5 * (off / 2.0) ** 2)
+    covered, beyond = _covered(fit.edges, cluster)
+    free = ~(covered | beyond) | (off < FAR_PX)
+    return float(near[free].mean()) if free.mean() > 0.2 else 0.0
+
+
+def _ends_at_meetings(
+    edges: EdgePoints, covered: BoolArray, beyond: BoolArray, cluster: Cluster, mm_per_px: float
+) -> BoolArray:
+    """Return which covered edges (n,) are of a stretch that ends where outlines meet."""
+    answer = covered.copy()
+    at = np.flatnonzero(covered)
+    if len(at) == 0:
+        return answer
+    step_px = edges.step_mm / mm_per_px
+    link_px = 2.2 * step_px + 1.0
+    tree = cKDTree(edges.pixels[at])
+    pairs = tree.query_pairs(link_px, output_type="ndarray")
+    graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(at),) * 2)
+    _, stretch = connected_components(graph, directed=False)
+    near_free = _are_near(edges.pixels[at], edges.pixels[~(covered | beyond)], link_px)
+    near_rim = _are_near(edges.pixels[at], edges.pixels[beyond], link_px)
+    # an end is a sample or two off the place itself
+    meets = _are_near(edges.pixels[at], cluster.meetings_px, MEETING_MM / mm_per_px + link_px)
+    for k in range(int(stretch.max()) + 1):
+        mine = stretch == k
+        if mine.sum() * edges.step_mm < SHORT_MM:
+            continue
+        ends = mine & near_free
+        if not ((ends.any() or (mine & near_rim).any()) and meets[ends].all()):
+            answer[at[mine]] = False
+    return answer
+
+
+def _are_near(points: FloatArray, others: FloatArray, within_px: float) -> BoolArray:
+    """Return which points (n, 2) have one of some others (m, 2) near them."""
+    if len(others) == 0:
+        return np.zeros(len(points), dtype=np.bool_)
+    far, _ = cKDTree(others).query(points)
+    return np.asarray(far < within_px)

@@ -1,0 +1,246 @@
+"""Which parts a cluster is made of: fitted poses, those taken that explain it together.
+
+Two parts cannot be where the other one is: along each line of sight they have to lie one behind
+the other. Of all sets of parts that can be so, the one is taken whose outlines explain most of
+the cluster's.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from scipy.spatial import cKDTree
+
+from controller.arrays import BoolArray
+
+from ..library import Candidate, Library
+from .candidates import propose_partial
+from .cluster import CELL_PX, Cluster
+from .fits import PartialFit, fit_partial
+
+SAME_SHADOW = 0.7  # of the cells of two shadows together, from which two poses are one place
+BURIED_MM = 1.5  # along a line of sight, by which two parts are in one place
+BURIED_SHARE = 0.02  # of the smaller shadow
+BURIED_CELLS = 6
+PART_COST = 24  # of the cluster's outline points, about 6 mm, that another part must explain
+ABOUT_PX = 8.0  # outside a part's outline, what its own would have been found in
+LEFT_CELLS = 1.5  # half the width of what is left over when all is explained, in cells
+
+
+@dataclass(frozen=True, slots=True)
+class PartialLimits:
+    """What is tried, and what an answer needs, each with its reason.
+
+    Attributes
+    ----------
+    least_free : share of its outline by which a part is named; with less, others look like it
+    agreement : share of its free outline that has to be found
+    misfit_px : root mean square distance of the free outline at most, as for a whole one
+    tilt_rad, rocking_rad : as the search for whole outlines has them
+    most_fits : places that are weighed against each other
+    give_up : after so many candidates in turn that do not agree, likelier ones first
+    max_rounds : how often parts are looked for in what is left unexplained
+    """
+
+    least_free: float = 0.65
+    agreement: float = 0.9
+    misfit_px: float = 0.65
+    tilt_rad: float = 0.0015
+    rocking_rad: float = 0.02
+    most_fits: int = 16
+    give_up: int = 24
+    max_rounds: int = 4
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Place:
+    """Where a part is.
+
+    Attributes
+    ----------
+    fits : what it may be, best first
+    explained : with each of them, the share of the cluster's outline on it and beside it that the
+        parts predict
+    """
+
+    fits: tuple[PartialFit, ...]
+    explained: tuple[float, ...]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Explained:
+    """What a cluster is made of.
+
+    Attributes
+    ----------
+    places : the parts that are there
+    left : (h, w) of the cluster's box, what none of the parts covers
+    fits : all that agreed with the picture, for the record
+    """
+
+    places: tuple[Place, ...]
+    left: BoolArray
+    fits: tuple[PartialFit, ...]
+
+
+def explain_cluster(
+    cluster: Cluster, library: Library, limits: PartialLimits | None = None
+) -> Explained:
+    """Return the parts that explain a cluster together, with what they leave unexplained.
+
+    Parameters
+    ----------
+    cluster : several parts that touch, or one that is cut
+    library : of the parts that may be there
+    limits : how much is tried and how much has to agree; None for the defaults
+    """
+    limits = limits or PartialLimits()
+    fits: list[PartialFit] = []
+    chosen: list[list[PartialFit]] = []
+    is_open = np.ones(len(cluster.points_px), dtype=np.bool_)
+    for _ in range(limits.max_rounds):
+        new = _fitted(propose_partial(cluster, library, is_open), cluster, library, limits)
+        fits = sorted([*fits, *new], key=lambda fit: -fit.rank)
+        before = len(chosen)
+        chosen = _chosen(fits, limits)
+        for place in chosen:
+            is_open &= ~place[0].explains
+        if len(chosen) <= before or is_open.sum() < PART_COST:
+            break
+    found = [_not_buried(place, [p[0] for p in chosen if p is not place]) for place in chosen]
+    firsts = [place[0] for place in found]
+    described = []
+    for k, place in enumerate(found):
+        others = [first for j, first in enumerate(firsts) if j != k]
+        shares = tuple(_explained_about(fit, [fit, *others]) for fit in place)
+        described.append(Place(tuple(place), shares))
+    return Explained(tuple(described), _left(firsts, cluster), tuple(fits))
+
+
+def _fitted(
+    candidates: Sequence[Candidate], cluster: Cluster, library: Library, limits: PartialLimits
+) -> list[PartialFit]:
+    """Return the candidates that agree with what is seen, fitted."""
+    fits: list[PartialFit] = []
+    failed = 0
+    for candidate in candidates:
+        if failed == limits.give_up:
+            break
+        failed += 1
+        pose = library.entries[candidate.part].pose(candidate.pose)
+        tilt = limits.rocking_rad if pose.rocking or pose.rolling else limits.tilt_rad
+        fit = fit_partial(candidate, cluster, library, tilt)
+        if (
+            fit is not None
+            and fit.free_share >= limits.least_free
+            and fit.agreement >= limits.agreement
+            and fit.misfit_px <= limits.misfit_px
+        ):
+            fits.append(fit)
+            failed = 0
+    return fits
+
+
+def _chosen(fits: Sequence[PartialFit], limits: PartialLimits) -> list[list[PartialFit]]:
+    """Return the places whose best fits explain a cluster together, each one's neighbours known."""
+    fits = list(fits)
+    while True:
+        places = _places(fits, limits.most_fits)
+        chosen = [places[k] for k in _best_set([place[0] for place in places])]
+        firsts = [place[0] for place in chosen]
+        alone = [one for one in firsts if one.needs([fit for fit in firsts if fit is not one])]
+        if not alone:
+            return chosen
+        fits = [fit for fit in fits if not any(fit is one for one in alone)]
+
+
+def _not_buried(place: Sequence[PartialFit], others: Sequence[PartialFit]) -> list[PartialFit]:
+    return [
+        fit
+        for k, fit in enumerate(place)
+        if k == 0 or not any(are_buried(fit, other) for other in others)
+    ]
+
+
+def _places(fits: Sequence[PartialFit], most: int) -> list[list[PartialFit]]:
+    """Return fits by the place they are about, best first."""
+    places: list[list[PartialFit]] = []
+    for fit in fits:
+        for place in places:
+            if _are_one_place(place[0], fit):
+                place.append(fit)
+                break
+        else:
+            if len(places) < most:
+                places.append([fit])
+    return places
+
+
+def _are_one_place(a: PartialFit, b: PartialFit) -> bool:
+    both = int((a.shadow & b.shadow).sum())
+    return both > SAME_SHADOW * int((a.shadow | b.shadow).sum())
+
+
+def are_buried(a: PartialFit, b: PartialFit) -> bool:
+    """Return whether two parts would have to be in one place."""
+    (enter_a, leave_a), (enter_b, leave_b) = a.depths, b.depths
+    with np.errstate(invalid="ignore"):
+        shared = np.fmin(leave_a, leave_b) - np.fmax(enter_a, enter_b)
+        both = np.isfinite(enter_a) & np.isfinite(enter_b) & (shared > BURIED_MM)
+    smaller = min(int(a.shadow.sum()), int(b.shadow.sum()))
+    return int(both.sum()) > BURIED_CELLS + BURIED_SHARE * smaller
+
+
+def _best_set(fits: Sequence[PartialFit]) -> list[int]:
+    """Return which fits, none of them buried in another, explain most of the outline."""
+    count = len(fits)
+    apart = np.ones((count, count), dtype=np.bool_)
+    for i in range(count):
+        for j in range(i):
+            apart[i, j] = apart[j, i] = not are_buried(fits[i], fits[j])
+    gains = [int(fit.explains.sum()) - PART_COST for fit in fits]
+    best: tuple[float, list[int]] = (0.0, [])
+
+    def search(k: int, taken: list[int], explained: BoolArray | None, value: float) -> None:
+        nonlocal best
+        if value > best[0]:
+            best = (value, list(taken))
+        if k == count or value + sum(max(g, 0) for g in gains[k:]) <= best[0]:
+            return
+        if all(apart[k, j] for j in taken):
+            mine = fits[k].explains
+            new = mine if explained is None else mine & ~explained
+            together = mine if explained is None else mine | explained
+            worth = float(new.sum()) - PART_COST - 4.0 * fits[k].misfit_px
+            search(k + 1, [*taken, k], together, value + worth)
+        search(k + 1, taken, explained, value)
+
+    search(0, [], None, 0.0)
+    return best[1]
+
+
+def _explained_about(fit: PartialFit, chosen: Sequence[PartialFit]) -> float:
+    """Return the share of the cluster's outline on a part and close beside it that is predicted."""
+    cluster = fit.cluster
+    explained = np.any([one.explains for one in chosen], axis=0)
+    shadow = cv2.erode(cluster.raster(fit.shadow).astype(np.uint8), np.ones((7, 7), np.uint8))
+    x, y = np.round(cluster.points_px - cluster.region.box_px[:2]).astype(np.int64).T
+    about = shadow[np.clip(y, 0, len(shadow) - 1), np.clip(x, 0, shadow.shape[1] - 1)] > 0
+    free = fit.fit.edges.pixels[~fit.is_covered]
+    far, nearest = cKDTree(free).query(cluster.points_px)
+    normals = fit.fit.edges.normals[~fit.is_covered][nearest]
+    same = (normals * cluster.normals_px).sum(axis=1) > 0.7
+    about |= (far < ABOUT_PX) & same
+    return float((explained & about).sum()) / max(int(about.sum()), 1)
+
+
+def _left(fits: Sequence[PartialFit], cluster: Cluster) -> BoolArray:
+    """Return what of a cluster (h, w) none of the fits covers, but for their rims."""
+    left = cluster.cells[2].copy()
+    for fit in fits:
+        left &= ~fit.shadow
+    size = CELL_PX * (2 * int(np.ceil(LEFT_CELLS)) + 1)
+    raster = cluster.raster(left).astype(np.uint8)
+    opened = cv2.morphologyEx(raster, cv2.MORPH_OPEN, np.ones((size, size), np.uint8))
+    return np.asarray((opened > 0) & cluster.region.mask)
