@@ -27,7 +27,10 @@ DECIDING = ("numpy", "scipy", "trimesh", "manifold3d", "embreex")  # of what a f
 
 
 def load_part(
-    path: Path, options: CompileOptions | None = None, cache: Path | None = None
+    path: Path,
+    options: CompileOptions | None = None,
+    cache: Path | None = None,
+    on_stage: OnStage = no_stage,
 ) -> CompiledPart:
     """Return a compiled part, from the cache where it is there and sound.
 
@@ -36,12 +39,14 @@ def load_part(
     path : CAD file
     options : what it is compiled with
     cache : folder, `cache_dir` otherwise; one that cannot be written costs time, not correctness
+    on_stage : called with the name of each stage as it begins
 
     Raises
     ------
     CadError : as `load_solid`
     """
-    return cached_part(path, options, cache) or make_part(path, options, cache)
+    on_stage("looking into the cache")
+    return cached_part(path, options, cache) or make_part(path, options, cache, on_stage)
 
 
 def cached_part(

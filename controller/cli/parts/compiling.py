@@ -30,12 +30,12 @@ from controller.setup.planner import PlannerSetup, planner_setup
 from ..inputs.ahead import working_ahead
 from ..inputs.checks import check_writable_folder
 from ..inputs.part_files import PartFile
-from ..planning.certificates import print_certificates
+from ..planning.certificates import certified_each, print_certificates
 from ..planning.characteristics import print_characteristics
 from ..terminal.output import emit, print_line, stdout, warn
+from ..terminal.progress import shown_progress
 from .bodies import BodyFiles, every_body
 from .part_json import certified_json, part_json
-from .progress import shown_progress
 
 
 def compile_parts(
@@ -119,7 +119,8 @@ def compile_parts(
                 if not as_json:
                     print_line(setup.sentence)
                 planning = PlanCache(part, setup.layout, setup.options, use_cache=use_cache)
-                certified = [planning.certified(pose) for pose in part.poses]
+                with shown_progress(part.solid.name, as_json=as_json) as progress:
+                    certified = list(certified_each(planning, part.poses, progress))
                 body |= {"planned_with": setup.as_json()} | certified_json(certified, setup)
             if as_json:
                 emit(body)

@@ -1,15 +1,19 @@
 """The proof of a plan, and the certificates of stable poses, in words."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 
 from rich.box import SIMPLE
 from rich.table import Table
 
-from controller.planning import Certificate, Plan
+from controller.cad import StablePose
+from controller.cell.plans import Certified, PlanCache
+from controller.planning import Certificate, NoPlanError, Plan
 from controller.results.moments import view_count
 from controller.setup.planner import PlannerSetup
 
 from ..terminal.output import stdout
+from ..terminal.progress import Progress
 
 
 def proof_words(plan: Plan) -> str:
@@ -46,6 +50,26 @@ def certificate_words(certificate: Certificate, setup: PlannerSetup) -> str:
     if setup.density_from == "assumed":
         held = f"; held up to {setup.heaviest_g_cm3(plan):.1f} g/cm3, the density is assumed"
     return f"{views}, {regrasps}, {plan.forecast_s:.0f} s, {shown:.1%} of what can be shown{held}"
+
+
+def certified_each(
+    planning: PlanCache, poses: Sequence[StablePose], progress: Progress
+) -> Iterator[Certified]:
+    """Yield the certificate of each stable pose, in order, each as soon as it is made.
+
+    Parameters
+    ----------
+    planning : plans of the part in the cell
+    poses : stable poses
+    progress : what is printed meanwhile
+    """
+    if not planning.is_prepared:
+        progress.begin("grasps and views for the cell")
+        with suppress(NoPlanError):  # the certificates have the reason
+            planning.prepared()
+    for number, pose in enumerate(poses, 1):
+        progress.begin(f"certificate of stable pose {pose.index}, {number} of {len(poses)}")
+        yield planning.certified(pose)
 
 
 def print_certificates(certificates: Sequence[Certificate], setup: PlannerSetup) -> None:

@@ -2,13 +2,14 @@
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from itertools import repeat
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from controller.cad import StablePose
-from controller.cad.compiled import CompiledPart, load_part
+from controller.cad.compiled import CompiledPart, load_part, part_name
 from controller.catalogue import LOCAL, Jobs, Work
 from controller.cell.plans import KeptPlan, PlanCache
 from controller.config import Cell, ConfigError, load_cell
@@ -21,7 +22,8 @@ from ..inputs.ahead import working_ahead
 from ..inputs.checks import Place, check_writable_folder, parse_place
 from ..inputs.part_files import PartFile, stable_pose
 from ..terminal.output import emit, print_line, warn
-from .certificates import counted, print_certificates, proof_words
+from ..terminal.progress import Progress, shown_progress
+from .certificates import certified_each, counted, print_certificates, proof_words
 from .plan_json import certificate_json, plan_json
 
 
@@ -61,7 +63,8 @@ def plan_part_file(
     if report is not None:
         check_writable_folder(report.parent, "--report in")
     place = parse_place(at, cell, is_on_table=False)
-    compiled = load_part(part.path, part.options)
+    with shown_progress(part_name(part.path), as_json=as_json) as progress:
+        compiled = load_part(part.path, part.options, on_stage=progress.begin)
     setup = planner_setup(part.recipe, cell, compiled)
     left_out = _left_out(part, compiled)
     poses = _asked(compiled, pose_index)
@@ -76,9 +79,10 @@ def plan_part_file(
         work = Work(part.path, part.options, cell_path, part.recipe)
         with working_ahead(jobs, [work]) as made:
             made(0)
-    kept, certificates = _plan_all(
-        planning, poses, place, report_plan, is_one=pose_index is not None
-    )
+    with shown_progress(compiled.solid.name, as_json=as_json) as progress:
+        kept, certificates = _plan_all(
+            planning, poses, place, report_plan, progress, is_one=pose_index is not None
+        )
     seconds = time.monotonic() - started
     if as_json:
         body = _head(compiled, cell, kept, place) | {"planned_with": setup.as_json()}
@@ -144,6 +148,7 @@ def _plan_all(
     poses: Sequence[StablePose],
     place: Place,
     report_plan: Callable[[KeptPlan], None] | None,
+    progress: Progress,
     *,
     is_one: bool,
 ) -> tuple[KeptPlan, tuple[Certificate, ...]]:
@@ -152,16 +157,19 @@ def _plan_all(
     Parameters
     ----------
     report_plan : called with the plan when it is ready, before the other poses are done
+    progress : what is printed meanwhile
     is_one : one pose was requested, so there are no certificates
     """
     x_mm, y_mm, theta_deg = place
     theta_rad = float(np.radians(theta_deg))
     certificates: dict[int, Certificate] = {}
     chosen: KeptPlan | None = None
-    for pose in poses:
-        if not is_one:
-            certificates[pose.index] = planning.certified(pose).certificate
+    each = repeat(None) if is_one else certified_each(planning, poses, progress)
+    for pose, certified in zip(poses, each, strict=False):
+        if certified is not None:
+            certificates[pose.index] = certified.certificate
         if chosen is None or chosen.plan is None:
+            progress.begin(f"plan from stable pose {pose.index}")
             kept = planning.plan_at(pose, x_mm, y_mm, theta_rad)
             if chosen is None or kept.plan is not None:
                 chosen = kept

@@ -1,6 +1,6 @@
-"""Progress of a long compile on stderr: which stage it is in, and since when.
+"""Progress of a long compile or plan on stderr: which stage it is in, and since when.
 
-A compile of less than some seconds prints nothing. A thread prints, so that a stage that takes long
+What takes less than some seconds prints nothing. A thread prints, so that a stage that takes long
 reports itself while it lasts.
 """
 
@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
-from ..terminal.output import write_error_line
+from .output import write_error_line
 
 QUIET_S = 3.0  # a part compiled within is reported by its result alone
 EVERY_S = 5.0  # one line in so many seconds, and one for each stage that begins after the first
@@ -19,7 +19,7 @@ EVERY_S = 5.0  # one line in so many seconds, and one for each stage that begins
 
 @dataclass(eq=False, slots=True)
 class Progress:
-    """What is printed of one part's compile.
+    """What is printed of the work on one part.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class Progress:
         self._is_over.set()
 
     def watch(self) -> None:
-        """Print the stage from time to time until the compile ends; run in a thread of its own."""
+        """Print the stage from time to time until the work ends; run in a thread of its own."""
         wait_s = QUIET_S
         while not self._is_over.wait(wait_s):
             write_error_line(self.line(time.monotonic()))

@@ -1,14 +1,21 @@
-"""What `cellctl compile` prints on stderr of a part that takes long, and of one that does not."""
+"""What `compile` and `plan` print on stderr of a part that takes long, and of one that does not."""
 
 from __future__ import annotations
 
 import json
 import threading
+from pathlib import Path
 
 import pytest
+from cad_solids import box, mesh_of
 
-from controller.cli.parts import progress as progress_module
-from controller.cli.parts.progress import Progress, shown_progress
+from controller.cad.compiled import load_part
+from controller.cell.plans import PlanCache
+from controller.cli.planning.certificates import certified_each
+from controller.cli.terminal import progress as progress_module
+from controller.cli.terminal.progress import Progress, shown_progress
+from controller.config import EMULATED_CELL, load_cell
+from controller.setup.planner import planner_setup
 
 
 def test_a_line_names_the_stage_and_how_long_it_has_lasted() -> None:
@@ -51,3 +58,21 @@ def test_a_stage_that_lasts_reports_itself(monkeypatch: pytest.MonkeyPatch) -> N
     # the thread has ended with the part: nobody is left to write another line
     assert "progress" not in [thread.name for thread in threading.enumerate()]
     assert len(written) == count
+
+
+def test_each_certificate_is_a_stage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    path = tmp_path / "wide.stl"  # nothing can hold it, so that its certificates are quick
+    mesh_of(box(200, 190, 180)).export(path)
+    part = load_part(path)
+    setup = planner_setup(None, load_cell(EMULATED_CELL), part)
+    stages: list[str] = []
+    progress = Progress("wide", as_json=False)
+    monkeypatch.setattr(Progress, "begin", lambda _, stage: stages.append(stage))
+    planning = PlanCache(part, setup.layout, setup.options)
+    certified = list(certified_each(planning, part.poses, progress))
+    assert [c.certificate.pose_index for c in certified] == [p.index for p in part.poses]
+    assert stages[0] == "grasps and views for the cell"
+    for pose, stage in zip(part.poses, stages[1:], strict=True):
+        assert stage.startswith(f"certificate of stable pose {pose.index}, ")
+        assert stage.endswith(f" of {len(part.poses)}")
