@@ -73,9 +73,23 @@ class Gathered:
     seen: list[Seen]
 
 
-def gather(pictures: Pictures, most: int | None, *, is_held_out: bool) -> Gathered:
-    """Recognise a set, pictures large and small, and compare each hypothesis with the truth."""
-    files = [(f, options_among(f, None)) for _, f in sorted(cad_files(pictures.parts).items())]
+def gather(
+    pictures: Pictures, most: int | None, *, is_held_out: bool, without: Sequence[str] = ()
+) -> Gathered:
+    """Recognise a set, pictures large and small, and compare each hypothesis with the truth.
+
+    Parameters
+    ----------
+    most : pictures; None for all
+    is_held_out : it is reported only
+    without : parts that are left out of the library, so that they are strangers
+    """
+    files = [
+        (f, options_among(f, None))
+        for name, f in sorted(cad_files(pictures.parts).items())
+        if name not in without
+    ]
+    known = [replace(t, is_known=t.is_known and t.part not in without) for t in pictures.things]
     judge = Judge(surfaces(pictures.parts))
     images = [entry["image"] for entry in pictures.truth["images"]]
     if most is not None and most < len(images):  # spread over the set
@@ -90,7 +104,7 @@ def gather(pictures: Pictures, most: int | None, *, is_held_out: bool) -> Gather
             assert grey is not None, path
             lighting, library = LIGHTING[mode], libraries[size]
             found = recognise(grey, cameras[size], library, lighting)  # type: ignore[arg-type]
-            things = [t for t in pictures.things if t.image == path.name]
+            things = [t for t in known if t.image == path.name]
             pairs = pair(things, [_answer(path.name, s) for s in found.sightings])
             tried, missed = tried + 1, missed + len(things) - len(pairs)
             truth = {j: things[i] for i, j, _ in pairs}
@@ -100,7 +114,20 @@ def gather(pictures: Pictures, most: int | None, *, is_held_out: bool) -> Gather
                     what = f"{light} {path.name} {thing.part if thing is not None else 'nothing'}"
                     compared = compare(trace.hypotheses, thing, judge, library, PLACE_MM[size])
                     seen.append(_seen(what, mode, thing, trace.hypotheses, compared))
-    return Gathered(pictures.name, is_held_out, tried, len(files), missed, seen)
+    name = f"{pictures.name} less {len(without)} parts" if without else pictures.name
+    return Gathered(name, is_held_out, tried, len(files), missed, seen)
+
+
+def halves(pictures: Pictures) -> tuple[list[str], list[str]]:
+    """Return a set's parts in two halves by name; mirror images stay together."""
+    names = sorted(cad_files(pictures.parts))
+    families = sorted({name.removesuffix("_mirror") for name in names})
+    first = set(families[: len(families) // 2])
+    is_first = [name.removesuffix("_mirror") in first for name in names]
+    return (
+        [name for name, mine in zip(names, is_first, strict=True) if mine],
+        [name for name, mine in zip(names, is_first, strict=True) if not mine],
+    )
 
 
 def _answer(image: str, s: Sighting) -> Answer:
@@ -311,6 +338,9 @@ def read_arguments(argv: Sequence[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--calibration", type=Path, help="camera; by the set's boards otherwise")
     parser.add_argument("--lo-calibration", type=Path, help="camera of the small pictures")
     parser.add_argument("--most", type=int, help="pictures of a set, spread over it")
+    parser.add_argument(
+        "--halves", action="store_true", help="each set with half of its parts unknown, too"
+    )
     parser.add_argument("--json", action="store_true", help="one JSON object")
     args = parser.parse_args(argv)
     if not any(not is_held_out for _, is_held_out, _ in args.sets or ()):
@@ -339,6 +369,9 @@ def main() -> int:
             into.mkdir()
             pictures = read_set(folder.resolve(), asked, into)
             sets.append(gather(pictures, args.most, is_held_out=is_held_out))
+            for without in halves(pictures) if args.halves else ():
+                half = gather(pictures, args.most, is_held_out=is_held_out, without=without)
+                sets.append(replace(half, name=f"{half.name}, from {without[0]}"))
     told = told_of(sets) | {"seconds": time.perf_counter() - begin, "load": os.getloadavg()[0]}
     if args.json:
         print(json.dumps(told))

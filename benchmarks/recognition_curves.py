@@ -29,7 +29,15 @@ NEXT = 3  # hypotheses after the best among which the right one may have been
 RIDGE = 0.005  # on the summed loss: keeps weights finite where right and wrong do not mix
 
 # what may count, and which way: more of it makes a hypothesis likelier, or less likely
-SIGNS = {"outline": 1, "explained": 1, "inner": 1, "misfit": -1, "sigma": -1, "shading": 1}
+SIGNS = {
+    "outline": 1,
+    "explained": 1,
+    "inner": 1,
+    "misfit": -1,
+    "sigma": -1,
+    "shading": 1,
+    "length": 1,
+}
 # an outline that is known whole is judged without what lies inside it
 COUNTS = {"back": ("outline", "explained", "misfit", "sigma"), "front": tuple(SIGNS)}
 
@@ -75,11 +83,11 @@ class Seen:
 
 
 def terms(evidence: Evidence) -> Array:
-    """Return what the weights after the bias multiply, in the order of `SIGNS`, (6,)."""
+    """Return what the weights after the bias multiply, in the order of `SIGNS`, (7,)."""
     share = evidence.inner_mm / (evidence.inner_mm + INNER_HALF_MM)
     inner = share * evidence.inner + (1 - share) * evidence.outline
     values = (evidence.outline, evidence.explained, inner, evidence.misfit_px, evidence.sigma_px)
-    return np.array([*values, evidence.shading])
+    return np.array([*values, evidence.shading, np.log1p(evidence.image_px)])
 
 
 def fit_curve(evidence: Array, is_right: Bools, signs: Array, ridge: float = RIDGE) -> Array:
@@ -124,7 +132,7 @@ def rescaled(curve: Array, evidence: Array, is_right: Bools) -> Array:
 
 
 def examples(seen: Sequence[Seen]) -> tuple[Array, Bools, Bools]:
-    """Return evidence (n, 6), whether it is right (n,) and whether it is a best one (n,)."""
+    """Return evidence (n, 7), whether it is right (n,) and whether it is a best one (n,)."""
     chosen: list[tuple[Compared, bool]] = []
     for one in seen:
         best = one.compared[0]

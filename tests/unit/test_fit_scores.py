@@ -19,8 +19,8 @@ from controller.recognition.fitting import Evidence
 from controller.recognition.identification.scores import Weights, probability
 
 Array = NDArray[np.float64]
-LOW = Evidence(0.2, 0.2, 0.0, 0.0, 0.0, 0.0, 0.1, 0.1, 50.0, 0.0, 1.0, 100.0)
-HIGH = Evidence(1.0, 1.0, 1.0, 90.0, 1.0, 90.0, 0.8, 1.5, 300.0, 1.0, 60.0, 900.0)
+LOW = Evidence(0.2, 0.2, 0.0, 0.0, 0.0, 0.0, 0.1, 0.1, 50.0, 0.0, 1.0, 100.0, 0.0, 40.0)
+HIGH = Evidence(1.0, 1.0, 1.0, 90.0, 1.0, 90.0, 0.8, 1.5, 300.0, 1.0, 60.0, 900.0, 0.5, 900.0)
 
 
 def some_evidence(rng: np.random.Generator) -> Evidence:
@@ -47,7 +47,7 @@ def hypothesis(misfit_px: float, *, is_right: bool) -> Compared:
 
 def test_terms_and_weights_make_the_probability_that_recognition_uses() -> None:
     rng = np.random.default_rng(1)
-    weights = Weights(-1.0, 0.7, 1.1, -0.6, -0.9, 0.4, 1.3)
+    weights = Weights(-1.0, 0.7, 1.1, -0.6, -0.9, 0.4, 1.3, 0.8)
     for _ in range(50):
         evidence = some_evidence(rng)
         z = weights.bias + terms(evidence) @ np.array(astuple(weights))[1:]
@@ -71,7 +71,7 @@ def test_a_known_curve_comes_back_from_readings_drawn_from_it() -> None:
     ("mode", "true"),
     [
         ("back", Weights(-4.0, 1.0, 7.0, 0.0, -1.5, -1.0, 0.0)),
-        ("front", Weights(-5.0, 2.0, 4.0, 3.0, -1.0, -1.0, 2.0)),
+        ("front", Weights(-10.0, 2.0, 4.0, 3.0, -1.0, -1.0, 2.0, 0.9)),
     ],
 )
 def test_weights_fitted_to_objects_give_the_probabilities_they_were_drawn_by(
@@ -81,7 +81,7 @@ def test_weights_fitted_to_objects_give_the_probabilities_they_were_drawn_by(
     found = fitted(seen(rng, true, mode, 6000), mode)
     others = [some_evidence(rng) for _ in range(300)]
     off = [probability(e, found) - probability(e, true) for e in others]
-    # of some 6000 hypotheses a probability is known to sqrt(7 weights / 6000) / 2 = 0.017
+    # of some 6000 hypotheses a probability is known to sqrt(8 weights / 6000) / 2 = 0.018
     assert np.sqrt(np.mean(np.square(off))) < 0.03
 
 
@@ -147,6 +147,6 @@ def test_a_best_reading_that_should_have_come_later_teaches_nothing() -> None:
 
 
 def test_weights_are_printed_as_they_stand_in_the_source() -> None:
-    weights = Weights(-6.404, 0.0, 12.218, -0.0, -3.66, -1.451, 0.001)
-    assert pasted(weights) == "Weights(-6.4, 0.0, 12.22, 0.0, -3.66, -1.45, 0.0)"
-    assert eval(pasted(weights)) == Weights(-6.4, 0.0, 12.22, 0.0, -3.66, -1.45, 0.0)
+    weights = Weights(-6.404, 0.0, 12.218, -0.0, -3.66, -1.451, 0.001, 0.5)
+    assert pasted(weights) == "Weights(-6.4, 0.0, 12.22, 0.0, -3.66, -1.45, 0.0, 0.5)"
+    assert eval(pasted(weights)) == Weights(-6.4, 0.0, 12.22, 0.0, -3.66, -1.45, 0.0, 0.5)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import cache
 
+import cv2
 import numpy as np
 import pytest
 import shapely
@@ -17,6 +18,10 @@ from controller.cad import CadError, Solid, StablePose, sample_surface, stable_p
 from controller.cad.compiled import compile_solid
 from controller.imaging import Camera, PointLamp, inverse_pose, transform
 from controller.recognition import Library, Sighting, make_library, pose_on_table, recognise
+from controller.recognition.identification.cutout import ObjectCutout
+from controller.recognition.identification.hypotheses import SearchLimits, weigh
+from controller.recognition.library import Candidate
+from controller.recognition.segmentation import segment
 
 Array = NDArray[np.float64]
 CAMERA = overhead()
@@ -468,3 +473,44 @@ def test_a_tall_part_is_known_between_the_places_its_views_were_made_for(
     assert sighting.T_world_part is not None
     off = transform(sighting.T_world_part, solid.mesh.vertices) - transform(T, solid.mesh.vertices)
     assert np.abs(off).max() < 0.2
+
+
+def lit_tower(T: Array) -> NDArray[np.uint8]:
+    """A tower under lamps: its tops bright, its walls dim, the table dark."""
+    tops = [
+        [(15, -13, 110), (15, 13, 110), (-15, 13, 110), (-15, -13, 110)],
+        [(7, 10, 96), (7, 22, 96), (-7, 22, 96), (-7, 10, 96)],
+    ]
+    whole = coverage(silhouette(tower_library()[0].mesh, T, wide()), SIZE)
+    low, high = (
+        coverage(shapely.Polygon(wide().project(transform(T, np.array(top, float)))), SIZE)
+        for top in reversed(tops)
+    )
+    grey = 40.0 + 45.0 * whole
+    grey += (150.0 - grey) * low
+    grey += (170.0 - grey) * high
+    grey = cv2.GaussianBlur(grey, (0, 0), 0.7)
+    grey += np.random.default_rng(1).normal(0.0, 0.5, grey.shape)
+    return np.asarray(np.clip(np.round(grey), 0, 255), dtype=np.uint8)
+
+
+@pytest.mark.parametrize("source", ["outline", "lines"])
+def test_under_lamps_an_outline_leads_to_edges_that_are_farther_off_than_each_other(
+    source: str,
+) -> None:
+    solid, known = tower_library()
+    at = wide().position_mm[:2] + np.array([60.0, -40.0])
+    T = resting(solid, np.eye(3), float(at[0]), float(at[1]), 0.9)
+    grey = lit_tower(T)
+    (region,) = segment(grey, "front").regions
+    mm_per_px = wide().mm_per_px(np.array([*at, 0.0]))
+    cutout = ObjectCutout(region, (grey,), mm_per_px, [region.loops_px], is_backlit=False)
+    (upright,) = [p.index for p in known.entries[0].poses if np.allclose(p.R, np.eye(3))]
+    off_mm = []
+    for side in np.radians(range(0, 360, 60)):
+        x, y = at + 6.5 * np.array([np.cos(side), np.sin(side)])
+        candidate = Candidate(0, upright, 0.9, float(x), float(y), 0.97, 0.1, 3.0)
+        found = weigh([candidate], cutout, wide(), known, SearchLimits(), source)
+        off_mm.append(float(np.linalg.norm(found[0].place_mm - at)) if found else np.inf)
+    # lines say where they are; what a silhouette says is off by as much as the part leans
+    assert (max(off_mm) < 0.3) == (source == "outline")

@@ -45,9 +45,14 @@ class ImageEdges:
     strength: FloatArray
     every: int = 1
 
+    @property
+    def length_px(self) -> int:
+        """How many pixels they are together, those left out among them."""
+        return len(self.points_px) * self.every
+
     def length_mm(self, mm_per_px: float) -> float:
         """Return how long they are together, those left out among them."""
-        return len(self.points_px) * self.every * mm_per_px
+        return self.length_px * mm_per_px
 
     @staticmethod
     def of(measure: GreyMeasure, within: BoolArray) -> "ImageEdges":
@@ -86,6 +91,8 @@ class Evidence:
     inner_mm : length of these, by how well they should show
     chance : of such edges placed beside where they are predicted, that are found all the same:
         marks, dust and grain; known where a pose is compared with others by what is inside
+    image_px : length of the picture's strong edges in pixels: in few pixels, chance explains as
+        much of them as in many is explained by the right pose alone
     inner_explained : of the picture's strong edges inside the part that is predicted
     image_mm : length of these
     sigma_px : of the edges found
@@ -111,6 +118,7 @@ class Evidence:
     residual: float
     area_mm2: float
     chance: float = 0.0
+    image_px: float = 0.0
 
 
 def outline_evidence(fit: EdgeFit, outline: OutlineMeasure, mm_per_px: float) -> Evidence:
@@ -180,6 +188,7 @@ def with_inside(
         residual=residual,
         area_mm2=sum(one.area_px * mm_per_px**2 for one in shadings),
         chance=_chance(own, greys),
+        image_px=float(sum(image_edges.length_px for image_edges, _ in shown)),
     )
 
 
@@ -243,6 +252,7 @@ def grey_evidence(
         shading=shading.explained,
         residual=shading.residual,
         area_mm2=shading.area_px * mm_per_px**2,
+        image_px=float(image_edges.length_px),
     )
 
 

@@ -28,7 +28,7 @@ from ..fitting import (
     with_inside,
 )
 from ..library import Candidate, Library, place_of, pose_on_table, turn_of
-from ._cutout import ObjectCutout
+from .cutout import ObjectCutout
 from .scores import FRONT, SILHOUETTE, log_odds, log_odds_of_all, probability
 
 SAME_TURN_RAD = np.radians(4.0)
@@ -129,13 +129,14 @@ def weigh(
     """
     fine: list[Hypothesis] = []
     held: list[tuple[float, Candidate, EdgeFit]] = []
-    bound = -np.inf
+    bound, lead = -np.inf, 0.0
     most = limits.max_coarse if cutout.is_backlit else limits.max_lit
     for candidate in distinct(candidates, library)[:most]:
         if candidate.overlap < bound:
             break  # one fits perfectly, and this one's outline is another
-        by_outline = source == "outline"
-        coarse, score = _coarse(candidate, cutout, camera, library, limits, by_outline=by_outline)
+        worth = limits.coarse_share * lead if lead >= limits.sure_coarse else 0.0
+        coarse, score = _coarse(candidate, cutout, camera, library, limits, source, worth)
+        lead = max(lead, score)
         if coarse is None:
             continue
         if score < limits.sure_coarse:
@@ -265,25 +266,28 @@ def _coarse(
     camera: Camera,
     library: Library,
     limits: SearchLimits,
-    *,
-    by_outline: bool,
+    source: str,
+    worth: float,
 ) -> tuple[EdgeFit | None, float]:
     """Return a candidate's first fit and its score; a tall part's place is looked for farther off.
 
     A longer reach is a second try, since it also finds more edges that are another's. Under lamps
     edges of the inside are near each other, and a view made for another place may be off by more
     than that: there the outline of the silhouette it was found by is fitted before them.
+
+    Parameters
+    ----------
+    candidate, cutout, camera, library, limits, source : of `weigh`
+    worth : score that a candidate needs now that another one fits; under lamps, one that falls
+        short of it gets no second try
     """
     pose = library.entries[candidate.part].pose(candidate.pose)
     model = library.model(candidate.part)
     T = pose_on_table(model, pose, candidate.x_mm, candidate.y_mm, candidate.theta_rad)
     best, best_score = None, 0.0
-    if not cutout.is_backlit and by_outline:
-        reach_mm = limits.first_reach_mm + candidate.slack_mm
-        best, best_score = _coarse_by_outline(
-            model, T, candidate.silhouette, reach_mm, cutout, camera, limits
-        )
-        if best_score >= limits.sure_coarse:
+    if not cutout.is_backlit and source == "outline":
+        best, best_score = _coarse_by_outline(model, T, candidate, cutout, camera, limits)
+        if best_score >= limits.sure_coarse or best_score < worth:
             return best, best_score
     reaches_mm = [limits.first_reach_mm]
     if cutout.is_backlit and candidate.slack_mm >= limits.slack_mm:  # under lamps lines say more
@@ -306,8 +310,7 @@ def _coarse(
 def _coarse_by_outline(
     model: EdgeModel,
     T_world_part: FloatArray,
-    silhouette: int,
-    reach_mm: float,
+    candidate: Candidate,
     cutout: ObjectCutout,
     camera: Camera,
     limits: SearchLimits,
@@ -316,9 +319,10 @@ def _coarse_by_outline(
 
     The silhouette that found it may lack dark walls: then the likeliest outline may do better.
     """
-    options = FitOptions((_reach_px(reach_mm, cutout),), steps=3, most=limits.coarse_samples)
+    reach_px = _reach_px(limits.first_reach_mm + candidate.slack_mm, cutout)
+    options = FitOptions((reach_px,), steps=3, most=limits.coarse_samples)
     start, best_score = None, 0.0
-    for which in dict.fromkeys((silhouette, 0)):
+    for which in dict.fromkeys((candidate.silhouette, 0)):
         fit = fit_edges(model, T_world_part, camera, cutout.outline_of(which), options)
         score = 0.0 if fit is None else _coarse_score(fit)
         if fit is not None and score > best_score:

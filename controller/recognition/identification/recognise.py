@@ -20,7 +20,7 @@ from controller.imaging import Camera
 from ..grey import image_features, propose
 from ..library import Candidate, Entry, Library, Silhouette, polar_grid
 from ..segmentation import Region, segment
-from ._cutout import ObjectCutout
+from .cutout import ObjectCutout
 from .decide import Decision, decide, is_convincing
 from .hypotheses import Hypothesis, SearchLimits, is_tried, weigh, without_repeats
 from .sighting import Alternative, Recognition, Sighting, Trace
