@@ -17,7 +17,7 @@ from ..fitting import Evidence, outline_evidence
 from ..library import Library, place_of, turn_of
 from ..partial import CELL_PX, Cluster, PartialFit, Place, explain_cluster
 from ..segmentation import Region
-from ._cutout import ObjectCutout
+from .cutout import ObjectCutout
 from .decide import Decision, decide
 from .hypotheses import Hypothesis, SearchLimits, look_inside, without_repeats
 from .scores import SILHOUETTE, log_odds, probability
