@@ -32,6 +32,7 @@ POSSIBLE: Final[Mapping[str, tuple[str, ...]]] = {
     "hand_off_failed": ("retry", "regrasp", *_HELD_ENDS),
     "receive_failed": ("regrasp", *_HELD_ENDS),
     "seen_too_little": ("other_view", "skip_characteristic", *_HELD_ENDS),
+    "ambiguous": _HELD_ENDS,
     "camera": ("retry", *_FREE_ENDS),
     "lights": ("retry", *_FREE_ENDS),
     "gripper": ("retry", *_FREE_ENDS),
@@ -86,6 +87,7 @@ class FaultsSection(Section):
     held_otherwise : it sits otherwise in the arm gripper than planned, or has slipped
     hand_off_failed, receive_failed : the receiver did not get it; the giver still has it
     seen_too_little : views showed less than the plan promised
+    ambiguous : it may still be another part, or is one, by the view that was to decide
     camera, lights, gripper : a picture, a lamp or the fixed gripper's reading does not come
     times_in_all : recoveries of one part, measurements (held_otherwise, seen_too_little) and
         devices aside
@@ -102,6 +104,7 @@ class FaultsSection(Section):
     hand_off_failed: FaultSteps = _rule(("retry", 1, 0), ("regrasp", 1, 0), ("park_part", 1, 0))
     receive_failed: FaultSteps = _rule(("regrasp", 2, 0), ("park_part", 1, 0))
     seen_too_little: FaultSteps = _rule(("other_view", 1, 0), ("skip_characteristic", 1, 0))
+    ambiguous: FaultSteps = _rule(("park_part", 1, 0))
     camera: FaultSteps = _rule(("retry", 3, 1), ("abort", 1, 0))
     lights: FaultSteps = _rule(("retry", 3, 1), ("abort", 1, 0))
     gripper: FaultSteps = _rule(("retry", 3, 1), ("abort", 1, 0))

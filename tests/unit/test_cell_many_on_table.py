@@ -11,7 +11,7 @@ from controller.cell.actions.perception.recognise import RecogniseAction
 from controller.cell.errors import PartProblemError
 from controller.cell.services.records import sightings_row
 from controller.cell.services.resuming import sighting_of
-from controller.recognition import Sighting
+from controller.recognition import Alternative, Sighting
 
 ANY: Any = SimpleNamespace
 
@@ -43,6 +43,31 @@ def choose(*sightings: Sighting) -> Sighting:
 def test_the_recipes_part_alone_is_taken() -> None:
     one = seen()
     assert choose(one) is one
+
+
+def test_what_may_be_the_recipes_part_is_read_as_it() -> None:
+    # the twin's centre of mass is 2 mm beside, in the part's own frame, and it lies a quarter round
+    T = np.eye(4)
+    T[:2, :2], T[:2, 3] = [[0.0, -1.0], [1.0, 0.0]], (30.0, 40.0)
+    pose = SimpleNamespace(R=np.diag([1.0, -1.0, -1.0]))
+    entry = ANY(name="plate", centroid_mm=np.array([2.0, 0.0, 5.0]), pose=lambda _: pose)
+    library: Any = ANY(entries=(ANY(name="twin"), entry))
+    own = Alternative("plate", 3, np.pi / 2, T)
+    third = Alternative("block", 1, 0.1, np.eye(4))
+    one = seen("twin", pose_index=2, theta_rad=0.5, ambiguous_with=(third, own))
+    read = one.read_as("plate", library)
+    assert (read.part, read.pose_index, read.theta_rad) == ("plate", 3, np.pi / 2)
+    assert (read.x_mm, read.y_mm) == pytest.approx((30.0, 42.0))
+    assert read.T_world_part is T
+    assert np.array_equal(read.R, pose.R)
+    assert [a.part for a in read.ambiguous_with] == ["twin", "block"]
+    assert (read.ambiguous_with[0].pose_index, read.ambiguous_with[0].theta_rad) == (2, 0.5)
+    assert choose(read) is read
+
+
+@pytest.mark.parametrize("one", [seen(), seen("twin"), seen(None)])
+def test_what_is_sure_is_read_as_what_it_is(one: Sighting) -> None:
+    assert one.read_as("plate", ANY()) is one
 
 
 def test_a_part_partly_outside_the_backlit_area_is_not_grasped() -> None:

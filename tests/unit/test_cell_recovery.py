@@ -47,6 +47,7 @@ from controller.config.view_set import load_view_set
 from controller.imaging import inverse_pose
 from controller.inspection import PartInspection, PartVerdict, Verdict, ViewResult
 from controller.planning import (
+    Ambiguity,
     GiveStep,
     Grasp,
     InArm,
@@ -66,6 +67,7 @@ from controller.planning import (
     Step,
     shown_pose,
 )
+from controller.planning.model import HeldHypothesis
 from controller.recognition import Sighting
 from controller.setup.layout import build_layout
 from drivers.clock import CellClock
@@ -289,6 +291,8 @@ class PaperCompute:
     looks: int = 0
     shift_mm: dict[str, float] = field(default_factory=dict)
     blind: set[str] = field(default_factory=set)
+    identified: tuple[int, ...] = ()
+    hold_searches: int = 0
     by_view: dict[str, np.ndarray] = field(default_factory=dict)
 
     async def prepare(self) -> float:
@@ -344,7 +348,11 @@ class PaperCompute:
         self.shown.append(re.sub(r"~\d+$", "", view))
         return ViewResult(view, True, "", T, 0.0, 0.0, 0.0, (), mask(8, 9), np.zeros((0, 2)))
 
+    async def identify(self, *args: object) -> tuple[int, ...]:
+        return self.identified
+
     async def find_hold(self, expected: Any, *args: object) -> Any:
+        self.hold_searches += 1
         return expected if self.cell.has == "arm" else None
 
     async def judge(self, set_path: Path) -> PartInspection:
@@ -674,6 +682,7 @@ BY_DEFAULT = {
     "hand_off_failed": ["retry", "regrasp", "park_part"],
     "receive_failed": ["regrasp", "regrasp", "park_part"],
     "seen_too_little": ["other_view", "skip_characteristic"],
+    "ambiguous": ["park_part"],
 }
 
 
@@ -727,6 +736,7 @@ def test_a_recipe_replaces_single_classes_of_the_cells_policy() -> None:
         (PartFault.HAND_OFF_FAILED, ["handing"]),
         (PartFault.RECEIVE_FAILED, ["handing"]),
         (PartFault.SEEN_TOO_LITTLE, ["inspecting"]),
+        (PartFault.AMBIGUOUS, ["presenting"]),
     ],
 )
 def test_the_table_takes_each_recovery_wherever_its_fault_comes_up(
@@ -757,6 +767,54 @@ def test_a_part_that_no_hand_off_takes_goes_into_the_quarantine_tray(tmp_path: P
     assert part.verdict is not None
     assert part.verdict.verdict is Verdict.INDETERMINATE  # judged PASS by what was shown
     assert part.verdict.reasons[0].startswith("parked: hand-off: the fixed gripper closed to")
+
+
+def deciding(at: float) -> Present:
+    """The view that tells a holder from its twin, and from itself in another pose."""
+    solid: Any = SimpleNamespace()
+    lying = tuple(HeldHypothesis(name, solid, EYE) for name in ("holder", "twin", "holder"))
+    return replace(show("D0", at), ambiguity=Ambiguity(lying, "backlit", 2.0))
+
+
+def test_a_part_that_the_deciding_view_knows_is_inspected(tmp_path: Path) -> None:
+    run = PaperRun(tmp_path, plan(pick(), deciding(9), show("v1", 10, 0, 1)))
+    run.compute.identified = (0,)
+    run.run().was_well()
+    assert run.troubles == []
+
+
+@pytest.mark.parametrize(
+    ("left", "reason"),
+    [
+        ((0, 1), "does not decide between holder and twin"),
+        ((0, 2), "does not decide between 2 poses of holder"),
+        ((1,), "the part in the arm gripper is twin, the recipe is for holder"),
+    ],
+)
+def test_a_part_that_may_be_another_goes_into_the_quarantine_tray(
+    tmp_path: Path, left: tuple[int, ...], reason: str
+) -> None:
+    run = PaperRun(tmp_path, plan(pick(), deciding(9), show("v1", 10, 0, 1)))
+    run.compute.identified = left
+    run.run()
+    assert run.problem is None, run.problem
+    assert run.machine.state == "complete"
+    assert run.troubles == ["ambiguous"]
+    part = run.record.finished[0]
+    assert part.tray == "quarantine"
+    assert part.verdict is not None
+    assert part.verdict.verdict is Verdict.INDETERMINATE
+    assert reason in part.verdict.reasons[0]
+    assert "v1" not in run.compute.shown  # it is not judged by the CAD of another part
+    assert run.compute.hold_searches == 0
+
+
+def test_what_looks_like_no_hypothesis_is_held_for_a_person(tmp_path: Path) -> None:
+    run = PaperRun(tmp_path, plan(pick(), deciding(9), show("v1", 10, 0, 1)))
+    run.run()
+    assert run.machine.state == "held"
+    assert run.problem is not None
+    assert run.problem.code == "unknown_object"
 
 
 def test_a_part_that_cannot_be_parked_is_held_and_a_person_is_called(tmp_path: Path) -> None:

@@ -60,7 +60,9 @@ class PlanAction:
         part, before = self.record.part, self.record.part.plan
         while await self.views.take_next() is not None:
             pass  # these views are of an earlier plan: below, the hold is measured anew
-        await self.held_pose.measure_again()
+        # of a part that may be another one nobody knows what its outline should be
+        if part.parked is None or part.parked.fault is not PartFault.AMBIGUOUS:
+            await self.held_pose.measure_again()
         start = await self._start()
         try:
             await self.preparation.wait()

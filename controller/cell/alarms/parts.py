@@ -96,10 +96,10 @@ PARTS: Final = (
         "put the recipe's part there, or start with a recipe for this one",
     ),
     Alarm(
-        414, "ambiguous", _HOLD, "inspection camera",
-        "the view does not decide between two parts, or two poses of one",
-        "which part, or which pose of it, is in the arm gripper",
-        "take it out with `cellctl recover --open arm`, sort it by hand",
+        414, "ambiguous", _RECOVERED, "inspection camera",
+        "the deciding view shows another part of `others:`, or leaves several parts or poses",
+        "which part it is, unless the message names it",
+        "sort by hand what lies in the quarantine tray",
     ),
     Alarm(
         415, "no_plan", _HOLD, "planner",

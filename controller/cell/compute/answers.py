@@ -63,7 +63,7 @@ def recognise(job: Job, backlit: Grey, lit: Mapping[str, Grey]) -> tuple[recogni
     seen = recognising.recognise(
         backlit, c.overhead, c.library, "backlit", usable=c.glowing, lit=pictures
     )
-    return seen.sightings
+    return tuple(s.read_as(c.solid.name, c.library) for s in seen.sightings)
 
 
 def prepare(job: Job) -> float:

@@ -36,6 +36,7 @@ class PartFault(StrEnum):
     HAND_OFF_FAILED = "hand_off_failed"
     RECEIVE_FAILED = "take_back_failed"
     SEEN_TOO_LITTLE = "seen_too_little"
+    AMBIGUOUS = "ambiguous"
 
     @property
     def policy_key(self) -> str:
@@ -100,6 +101,7 @@ BACK: Final[Mapping[PartFault, tuple[Event, str]]] = {
     PartFault.HAND_OFF_FAILED: (Event.PLAN_VOID, "planning on from the arm gripper"),
     PartFault.RECEIVE_FAILED: (Event.PLAN_VOID, "planning on from the fixed gripper"),
     PartFault.SEEN_TOO_LITTLE: (Event.PLAN_VOID, "planning what is still to be shown"),
+    PartFault.AMBIGUOUS: (Event.PLAN_VOID, "bringing the part to a tray"),
 }
 PARKING: Final = (Event.PLAN_VOID, "parking the part in the quarantine tray")
 # Faults in which a gripper still has the part and its pose in it is known: it may be parked.
@@ -109,6 +111,7 @@ STILL_HELD: Final = frozenset(
         PartFault.HAND_OFF_FAILED,
         PartFault.RECEIVE_FAILED,
         PartFault.SEEN_TOO_LITTLE,
+        PartFault.AMBIGUOUS,
     }
 )
 # These are measurements rather than failures: they do not count towards `times_in_all`.

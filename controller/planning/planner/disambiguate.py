@@ -4,7 +4,7 @@ A part may be ambiguous to recognition: its mirror twin, or a pose that looks al
 The part is taken with a grasp that holds whichever it is; the cheapest view that separates the
 hypotheses comes first, and the plan goes on by what it shows. If it is the part that was planned
 for, the plan just goes on; if it is that part in another pose, a new plan starts from the arm
-gripper; another part is set down (ADR 12).
+gripper; another part, or one that may still be several, goes to the quarantine tray (ADR 12).
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
 """What recognition answers, and what it keeps of its way there for whoever wants to look."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from controller.arrays import FloatArray
 
-from ..library import Candidate
+from ..library import Candidate, Library, place_of
 from ..segmentation import Region, Segmentation
 from .hypotheses import Hypothesis
 
@@ -68,6 +68,35 @@ class Sighting:
     free_share: float = 1.0
     touching_count: int = 0
     is_cut: bool = False
+
+    def read_as(self, name: str, library: Library) -> "Sighting":
+        """Return what this is if it is that part, this hypothesis being the alternative then.
+
+        Unchanged where it is that part already, or where the pictures rule that part out.
+
+        Parameters
+        ----------
+        name : of the part that is hoped for
+        library : that it was recognised by
+        """
+        own = next((a for a in self.ambiguous_with if a.part == name), None)
+        if self.part is None or self.part == name or own is None:
+            return self
+        assert self.T_world_part is not None
+        entry = next(e for e in library.entries if e.name == name)
+        x_mm, y_mm = place_of(entry, own.T_world_part).tolist()
+        this = Alternative(self.part, self.pose_index, self.theta_rad, self.T_world_part)
+        return replace(
+            self,
+            part=name,
+            pose_index=own.pose_index,
+            R=entry.pose(own.pose_index).R,
+            x_mm=x_mm,
+            y_mm=y_mm,
+            theta_rad=own.theta_rad,
+            T_world_part=own.T_world_part,
+            ambiguous_with=(this, *(a for a in self.ambiguous_with if a is not own)),
+        )
 
     @property
     def sigma_mm(self) -> float:

@@ -40,8 +40,9 @@ class Disambiguation:
 
         Raises
         ------
-        PartFaultError : the part, in another stable pose than the plan's
-        PartProblemError : another part, or not exactly one hypothesis is left
+        PartFaultError : it is in another stable pose than the plan's; it is another part, or
+            several hypotheses are left
+        PartProblemError : no hypothesis is left
         """
         part, names = self.record.part, [c.name for c in ambiguity.hypotheses]
         left = await self.compute.identify(ambiguity, q, hold.opening_mm, backlit, lit)
@@ -60,17 +61,15 @@ class Disambiguation:
                 "check it for damage and the recipe's `part:`",
             )
         if len(left) > 1:
-            raise PartProblemError(
-                "ambiguous",
-                f"the view does not decide between {_listed([names[k] for k in left])}; "
-                f"{TAKE_OUT} and sort it by hand",
+            raise PartFaultError(
+                PartFault.AMBIGUOUS,
+                f"the view does not decide between {_listed([names[k] for k in left])}",
             )
         found = ambiguity.hypotheses[left[0]]
         if found.name != names[0]:
-            raise PartProblemError(
-                "wrong_part",
-                f"the part in the arm gripper is {found.name}, the recipe is for {names[0]}; "
-                f"{TAKE_OUT}, and start with a recipe for {found.name}",
+            raise PartFaultError(
+                PartFault.AMBIGUOUS,
+                f"the part in the arm gripper is {found.name}, the recipe is for {names[0]}",
             )
         hold.T_part_tcp = inverse_pose(found.T_tcp_part)
         self.record.note_hold()
