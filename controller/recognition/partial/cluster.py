@@ -127,6 +127,16 @@ class Cluster:
         at = np.clip(at, 0, [grid.shape[1] - 1, grid.shape[0] - 1])
         return np.asarray(grid[at[:, 1], at[:, 0]] > 0)
 
+    def thick(self, cells: BoolArray, width_mm: float) -> BoolArray:
+        """Return which cells (m,) are of a piece of some cells so wide, or close beside it."""
+        height, width = self.region.mask.shape
+        grid = cells.reshape(-(-height // CELL_PX), -(-width // CELL_PX)).astype(np.uint8)
+        cell_mm = CELL_PX * self.camera.mm_per_px(np.zeros(3))
+        size = 2 * max(1, round(0.5 * width_mm / cell_mm)) + 1
+        disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
+        opened = cv2.dilate(cv2.erode(grid, disc, borderValue=0), disc)
+        return np.asarray(cv2.dilate(opened, np.ones((7, 7), np.uint8)).ravel() > 0)
+
     def raster(self, cells: BoolArray) -> BoolArray:
         """Return cells (n,) as pixels (h, w) of the cluster's box."""
         height, width = self.region.mask.shape

@@ -37,7 +37,10 @@ COVERED_PX = 2.0  # so far outside an outline the cluster goes on where somethin
 MEETING_MM = 5.0  # from the end of a covered stretch: a narrow wedge of light fills up with blur
 SHORT_MM = 2.5  # covered stretches as short as that are touched at a point
 FIRST_MM = 5.0  # how far off a candidate may lie, a tall part's slack aside
-COVERED_SHARE = 0.9  # of a stretch, that its neighbours have to cover
+# Where what covers a part is unknown, it may be more of the part itself: a boss that is taller than
+# the known part's. So the fit has to be as good as that of a part alone, and the cover no strip.
+SURE_AGREEMENT, SURE_PX = 0.98, 0.35
+THICK_MM, THICK_SHARE = 6.0, 0.5  # of what covers it, and of the stretch that is so covered
 COARSE_SAMPLES, SAMPLES = 250, 600
 COARSE_SHARE = 0.6
 GOES_ON_MM = 8.0  # below the table, where sight lines come back from
@@ -124,16 +127,28 @@ class PartialFit:
         leave[asked[hit]] = np.where(met, whole[hit] - back, far[hit])
         return enter, leave
 
-    def needs(self, others: Sequence["PartialFit"]) -> bool:
-        """Return whether what covers it, where no outlines meet, is none of some other parts."""
-        if self.is_unmet.sum() * self.fit.edges.step_mm < SHORT_MM:
+    def lacks_cover(self, others: Sequence["PartialFit"]) -> bool:
+        """Return whether what would have to cover it is neither a part nor an object of its own.
+
+        Parameters
+        ----------
+        others : the other parts that are there
+        """
+        edges, cluster = self.fit.edges, self.cluster
+        outside = edges.pixels + COVERED_PX * edges.normals
+        by_others = np.zeros(len(self.shadow), dtype=np.bool_)
+        for other in others:
+            by_others |= other.shadow
+        unknown = self.is_covered & ~cluster.is_beyond(edges.pixels)
+        unknown &= ~cluster.looks_up(by_others, outside)
+        if unknown.sum() * edges.step_mm < SHORT_MM:
             return False
-        edges = self.fit.edges
-        outside = (edges.pixels + COVERED_PX * edges.normals)[self.is_unmet]
-        if not others:
+        if (unknown & self.is_unmet).sum() * edges.step_mm >= SHORT_MM:
             return True
-        by_others = np.any([other.shadow for other in others], axis=0)
-        return bool(self.cluster.looks_up(by_others, outside).mean() < COVERED_SHARE)
+        if self.agreement < SURE_AGREEMENT or self.misfit_px > SURE_PX:
+            return True
+        thick = cluster.thick(cluster.cells[2] & ~by_others & ~self.shadow, THICK_MM)
+        return bool(cluster.looks_up(thick, outside[unknown]).mean() < THICK_SHARE)
 
     @cached_property
     def shadow(self) -> BoolArray:

@@ -149,7 +149,7 @@ def _chosen(fits: Sequence[PartialFit], limits: PartialLimits) -> list[list[Part
         places = _places(fits, limits.most_fits)
         chosen = [places[k] for k in _best_set([place[0] for place in places])]
         firsts = [place[0] for place in chosen]
-        alone = [one for one in firsts if one.needs([fit for fit in firsts if fit is not one])]
+        alone = [one for one in firsts if one.lacks_cover([f for f in firsts if f is not one])]
         if not alone:
             return chosen
         fits = [fit for fit in fits if not any(fit is one for one in alone)]
