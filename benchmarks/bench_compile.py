@@ -171,9 +171,9 @@ FAMILIES: dict[str, Callable[[int], trimesh.Trimesh]] = {
 
 def growth_child(family: str, path: Path) -> dict[str, Any]:
     """Seconds of each stage of one size of one family, and the most memory held."""
-    from controller.cad import load_solid, sample_surface
+    from controller.cad import counted_samples, load_solid
     from controller.cad.compiled.cache import part_cache
-    from controller.cad.compiled.part import CompiledPart, spacing_of
+    from controller.cad.compiled.part import CompiledPart
     from controller.cad.large import drop_derived
     from controller.cad.resting import (
         find_resting,
@@ -205,7 +205,7 @@ def growth_child(family: str, path: Path) -> dict[str, Any]:
 
     drawn = timed("views", views)
     alike = timed("alike", lambda: look_alikes(solid, poses, drawn))
-    samples = timed("samples", lambda: sample_surface(solid, spacing_of(solid, 4.0)))
+    samples = timed("samples", lambda: counted_samples(solid, 1.0))
     features = timed("features", lambda: find_features(solid))
     part = CompiledPart(solid, resting, symmetry, drawn, alike, samples, features, (), ())
     with tempfile.TemporaryDirectory() as folder:

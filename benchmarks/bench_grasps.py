@@ -93,7 +93,7 @@ def measure(path: Path, rules: GraspRules) -> dict[str, Any]:
         jaws["fixture"] = (layout.fixed_gripper, still_gravities(layout.T_world_fixed_tcp))
     started = time.process_time()
     widest = max(j.max_mm for j, _ in jaws.values()) - rules.jaw_reserve_mm
-    seeds = find_seeds(solid, part.samples, caster, widest, rules, [j for j, _ in jaws.values()])
+    seeds = find_seeds(solid, part.chosen_by, caster, widest, rules, [j for j, _ in jaws.values()])
     row: dict[str, Any] = {
         "part": path.name.split(".")[0],
         "triangles": len(solid.mesh.faces),
@@ -136,7 +136,7 @@ def materials(path: Path) -> dict[str, Any]:
     jaw = replace(emulated_layout().arm_gripper, force_n=30.0)
     caster = RayCaster(part.solid.mesh)
     seeds: Seeds = find_seeds(
-        part.solid, part.samples, caster, jaw.max_mm - BASE.jaw_reserve_mm, BASE
+        part.solid, part.chosen_by, caster, jaw.max_mm - BASE.jaw_reserve_mm, BASE
     )
     problem = GraspProblem(part.solid, seeds, caster, downs_of(part)[0], BASE)
     grasps = judge_grasps(problem, jaw, "arm").grasps

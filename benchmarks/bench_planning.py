@@ -158,14 +158,14 @@ def bench_part(
     row = PartRow(name, len(part.solid.mesh.faces), len(part.samples.points_mm))
     try:
         prepared, row.prepare_s = timed(
-            lambda: prepare_part(part.solid, part.samples, layout, options)
+            lambda: prepare_part(part.solid, part.chosen_by, layout, options, part.samples)
         )
     except NoPlanError as error:
         row.refusal = str(error)
         return row
     row.grasps = len(prepared.arm_grasps), len(prepared.fixed_grasps)
     if args.fresh:
-        again = prepare_part(part.solid, part.samples, layout, options)
+        again = prepare_part(part.solid, part.chosen_by, layout, options, part.samples)
         row.is_same = digest(again) == digest(prepared)
     poses = start_poses(part)[: args.poses]
     if poses:
@@ -191,7 +191,9 @@ def _coarse(
     try:
         plan, row.coarse_s = timed(
             lambda: plan_from(
-                prepare_part(part.solid, part.samples, layout, options.coarse()), layout, start
+                prepare_part(part.solid, part.chosen_by, layout, options.coarse(), part.samples),
+                layout,
+                start,
             )
         )
     except NoPlanError as error:

@@ -37,6 +37,7 @@ from controller.recognition.stored import open_library
 from controller.setup.drivers import require_drivers
 from controller.setup.optics import build_camera
 from controller.setup.planner import planner_setup
+from controller.setup.samples import sampled_for
 from drivers.clock import CellClock
 from drivers.errors import DeviceError
 from drivers.kinds import Arm, Camera, FixedGripper, IoBlock, LampUnit
@@ -316,7 +317,8 @@ def plan_part(
     wanted = None if recipe is None else load_recipe(Path(recipe))
     beside = EMULATED_CELL if wanted is None else wanted.cell
     cell = load_cell(beside if cell_file is None else Path(cell_file))
-    compiled = load_part(Path(part), CompileOptions(unit=None if wanted is None else wanted.unit))
+    options = CompileOptions(unit=None if wanted is None else wanted.unit)
+    compiled = load_part(Path(part), sampled_for(wanted, options))
     poses = {pose.index: pose for pose in compiled.poses}
     if not poses:
         raise NoPlanError(f"{compiled.solid.name} has no stable pose")

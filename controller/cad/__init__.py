@@ -32,7 +32,16 @@ from .resting import (
     stable_poses,
 )
 from .solid import Solid, make_solid
-from .surfaces import Feature, SurfaceSamples, find_features, sample_surface
+from .surfaces import (
+    Feature,
+    SurfaceSamples,
+    counted_samples,
+    face_shares,
+    find_features,
+    sample_surface,
+    share_of,
+    uncertainty_of,
+)
 from .views import (
     DrawnEdge,
     LineView,
@@ -75,6 +84,8 @@ __all__ = [
     "UnreadableCadError",
     "ViewModel",
     "camera_view",
+    "counted_samples",
+    "face_shares",
     "find_features",
     "find_resting",
     "line_view",
@@ -86,6 +97,8 @@ __all__ = [
     "part_symmetries",
     "prepare_views",
     "sample_surface",
+    "share_of",
     "stable_poses",
     "surface_normals",
+    "uncertainty_of",
 ]

@@ -14,8 +14,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.arrays import BoolArray
-from controller.cad import Solid, SurfaceSamples
+from controller.arrays import BoolArray, FloatArray
+from controller.cad import Solid, SurfaceSamples, uncertainty_of
 
 from ._apart import SAME_PIXELS_PX, is_turned
 from ._types import (
@@ -91,6 +91,7 @@ class PartVerdict:
     confirmed : findings that decided
     claim : what was looked for on the compared surface, as a sentence without a subject
     detections : by kind of defect what would have been found, and where
+    compared_U : expanded uncertainty (k = 2) of `compared_fraction`, from how far apart samples are
     """
 
     verdict: Verdict
@@ -101,6 +102,7 @@ class PartVerdict:
     in_sight_fraction: float = 0.0
     claim: str = ""
     detections: tuple[Detection, ...] = ()
+    compared_U: float = 0.0  # noqa: N815 (U is the symbol of the field)
 
 
 def judge(
@@ -206,8 +208,9 @@ def judge(
             f"{100 * share:.1f} % of the surface"
         )
     return PartVerdict(
-        verdict, tuple(reasons), faces, compared_share, tuple(confirmed), in_sight_share, claim
-    )
+        verdict, tuple(reasons), faces, compared_share, tuple(confirmed), in_sight_share, claim,
+        compared_U=uncertainty_of(samples, compared),
+    )  # fmt: skip
 
 
 def _any(samples: SurfaceSamples, masks: Iterator[BoolArray]) -> BoolArray:
@@ -423,12 +426,14 @@ def _face(
 ) -> FaceVerdict:
     face = solid.faces[face_id]
     mine = samples.face_ids == face_id
-    fraction = float(compared[mine].mean()) if mine.any() else 0.0
+    areas = np.where(mine, samples.areas_mm2, 0.0)
+    whole = float(areas.sum())
+    fraction = float(areas[compared].sum() / whole) if whole else 0.0
     by = tuple(v.view_id for v in views if (v.compared & mine).any())
-    rest = _rest(mine & ~compared, int(mine.sum()), excuses, plan_reason or NO_VIEW)
+    rest = _rest(np.where(compared, 0.0, areas), whole, excuses, plan_reason or NO_VIEW)
     reason = rest[0][0] if rest else ""
     verdict = Verdict.NOT_EVALUATED
-    by_check = _by_check(mine, views)
+    by_check = _by_check(areas, views)
     if found is Verdict.FAIL:
         verdict, reason = found, "differs from the CAD"
     elif found is not None:
@@ -450,25 +455,30 @@ def _face(
     )  # fmt: skip
 
 
-def _by_check(mine: BoolArray, views: Sequence[ViewResult]) -> tuple[tuple[str, float], ...]:
-    compared: dict[str, BoolArray] = {}
+def _by_check(areas: FloatArray, views: Sequence[ViewResult]) -> tuple[tuple[str, float], ...]:
+    """Return which share of a face each check compared; areas (n,) are 0 off the face."""
+    mine, compared = areas > 0.0, dict[str, BoolArray]()
     for check in (check for view in views for check in view.checks if not check.reason):
         here = check.compared & mine
         if here.any():
             compared[check.name] = compared.get(check.name, np.zeros_like(mine)) | here
-    whole = int(mine.sum())
-    return tuple((name, float(mask.sum()) / whole) for name, mask in sorted(compared.items()))
+    whole = float(areas.sum())
+    return tuple(
+        (name, float(areas[mask].sum()) / whole) for name, mask in sorted(compared.items())
+    )
 
 
 def _rest(
-    missing: BoolArray, whole: int, excuses: NDArray[np.uint8], otherwise: str
+    areas: FloatArray, whole: float, excuses: NDArray[np.uint8], otherwise: str
 ) -> tuple[tuple[str, float], ...]:
-    if not missing.any():
+    """Return by reason which share of a face was not compared; areas (n,) are 0 where it was."""
+    if not areas.any():
         return ()
     words = [otherwise, *(reason.value for reason in Unjudged)]
-    numbers, counts = np.unique(excuses[missing], return_counts=True)
+    sums = np.bincount(excuses, areas, minlength=len(words))
     shares = [
-        (words[number], float(count) / whole)
-        for number, count in zip(numbers.tolist(), counts.tolist(), strict=True)
+        (word, float(sum_mm2) / whole)
+        for word, sum_mm2 in zip(words, sums.tolist(), strict=True)
+        if sum_mm2 > 0.0
     ]
     return tuple(sorted(shares, key=lambda item: -item[1]))

@@ -25,6 +25,7 @@ from controller.setup.characteristics import (
     station_at,
 )
 from controller.setup.faces import faces_left_out
+from controller.setup.samples import sampled_for
 
 from .as_calibrated import as_calibrated
 from .pictures import read_grey
@@ -63,7 +64,9 @@ def compiled_part(set_path: Path, file: ViewSetFile) -> CompiledPart:
     """
     if not split_cad(file.part).file.is_file():
         raise ConfigError(f"{set_path}: `part`: no file {file.part}; a CAD file is expected")
-    return load_part(file.part, options_among(file.part, file.unit))
+    options = options_among(file.part, file.unit)
+    # of the recipe that the set was taken with, as its views name samples; not of the judging one
+    return load_part(file.part, sampled_for(file.recipe, options))
 
 
 def read_pictures(set_path: Path, file: ViewSetFile) -> dict[str, dict[str, Grey]]:

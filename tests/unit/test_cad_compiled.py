@@ -87,11 +87,22 @@ def test_options_and_content_have_files_of_their_own(tmp_path: Path) -> None:
     cache = tmp_path / "cache"
     path = drilled(tmp_path)
     load_part(path, cache=cache)
-    dense = load_part(path, CompileOptions(sample_spacing_mm=2.0), cache)
-    assert len(dense.samples.points_mm) > 2 * len(load_part(path, cache=cache).samples.points_mm)
+    load_part(path, CompileOptions(max_compared=7), cache)
     mesh_of(box(40, 30, 12)).export(path)
     assert load_part(path, cache=cache).solid.volume_mm3 == pytest.approx(40 * 30 * 12)
     assert len(list(cache.iterdir())) == 3
+
+
+def test_samples_of_another_spacing_are_made_from_the_same_file(tmp_path: Path) -> None:
+    cache, path = tmp_path / "cache", drilled(tmp_path)
+    usual = load_part(path, cache=cache)
+    for load in (load_part, cached_part):
+        dense = load(path, CompileOptions(sample_spacing_mm=0.4), cache)
+        assert dense is not None
+        # of four times the number on the large faces; small ones have theirs already
+        assert len(dense.samples.points_mm) > 2 * len(usual.samples.points_mm)
+        assert dense.samples.areas_mm2.sum() == pytest.approx(usual.solid.mesh.area)
+    assert len(list(cache.iterdir())) == 1
 
 
 def test_another_version_of_the_program_does_not_believe_the_file(
@@ -223,14 +234,14 @@ def test_the_oldest_files_go_when_there_are_too_many(
     request.addfinalizer(cache_module.part_cache.cache_clear)
     cache = tmp_path / "cache"
     path = drilled(tmp_path)
-    for i, spacing in enumerate((8.0, 9.0, 10.0, 11.0)):
-        load_part(path, CompileOptions(sample_spacing_mm=spacing), cache)
+    for i, count in enumerate((8, 9, 10, 11)):
+        load_part(path, CompileOptions(max_compared=count), cache)
         for file in cache.iterdir():
             if file.stat().st_mtime > 1000:
                 os.utime(file, (i, i))
     assert len(list(cache.iterdir())) == 3
-    assert cached_part(path, CompileOptions(sample_spacing_mm=8.0), cache) is None
-    assert cached_part(path, CompileOptions(sample_spacing_mm=11.0), cache) is not None
+    assert cached_part(path, CompileOptions(max_compared=8), cache) is None
+    assert cached_part(path, CompileOptions(max_compared=11), cache) is not None
 
 
 def _load_often(path: Path, cache: Path, count: int, out: Any) -> None:

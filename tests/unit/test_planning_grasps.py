@@ -264,14 +264,14 @@ def test_every_pose_of_a_recipe_part_leaves_grips_from_above_to_choose_from(
     part = load_part(PARTS / name)
     layout, options = emulated_layout(), PlanOptions()
     downs = downs_of(part.solid)
-    arm = judged(part.solid, RULES, layout.arm_gripper, downs, part.samples).grasps
+    arm = judged(part.solid, RULES, layout.arm_gripper, downs, part.chosen_by).grasps
     for pose in stable_poses(part.solid):
         if not pose.rolling:
             able = clear_of_table(resting_pose(part.solid, pose), arm, layout.arm_gripper)
             assert able.sum() >= options.arm_grasps_per_pose // 2
     assert all(g.contact_mm2 >= 40.0 for g in arm if not g.on_table)
     assert layout.fixed_gripper is not None
-    fixture = judged(part.solid, RULES, layout.fixed_gripper, downs, part.samples).grasps
+    fixture = judged(part.solid, RULES, layout.fixed_gripper, downs, part.chosen_by).grasps
     assert len(fixture) >= options.fixed_grasps
 
 
@@ -286,7 +286,7 @@ def test_no_open_hand_cuts_into_a_recipe_part_by_exact_solids(name: str) -> None
         )
     )
     assert body.volume() == pytest.approx(part.solid.volume_mm3, rel=1e-3)
-    for grasp in judged(part.solid, QUICK, HAND, downs_of(part.solid), part.samples).grasps:
+    for grasp in judged(part.solid, QUICK, HAND, downs_of(part.solid), part.chosen_by).grasps:
         for behind in (0.0, 20.0, 55.0):
             T = grasp.T_part_tcp.copy()
             T[:3, 3] -= behind * T[:3, 0]

@@ -38,8 +38,8 @@ from planning_sight import (
     pixels_of,
 )
 
-from controller.cad import sample_surface, stable_poses
-from controller.imaging import Camera
+from controller.cad import counted_samples, sample_surface, stable_poses
+from controller.imaging import Camera, RayCaster
 from controller.planning import (
     Box,
     GiveStep,
@@ -58,6 +58,7 @@ from controller.planning import (
     prepare_part,
     resting_pose,
 )
+from controller.planning.views import Counter
 
 LAYOUT = emulated_layout()
 TROUGH = box(90.0, 16.0, 16.0).translate((0.0, 0.0, 12.0))
@@ -452,3 +453,37 @@ def test_a_place_step_needs_the_part_in_the_hand(plan: Plan) -> None:
     found = check(cut, LAYOUT, SOLID, T_START)
     assert any("needs the part with the arm, the fixture has it" in t for t in found)
     assert all(isinstance(p, Place) for p in plan.place.values())
+
+
+def test_a_plan_counted_by_other_points_than_it_was_chosen_by_states_what_is_true_of_them() -> None:
+    counted = counted_samples(SOLID, 3.0)
+    prepared = prepare_part(SOLID, SAMPLES, LAYOUT, OPTIONS, counted)
+    made = plan_part(SOLID, SAMPLES, POSE, T_START, LAYOUT, prepared=prepared)
+    verdict = Judge(SOLID, counted, LAYOUT, OPTIONS).judge(made, T_START)
+    assert verdict.is_sound, verdict
+    assert verdict.claims > 1000
+    assert verdict.covered == pytest.approx(made.covered_fraction, abs=0.005)
+    assert made.covered_fraction <= made.reachable_fraction
+    # in every bit the points are others than those the views were chosen by
+    chosen_by = {tuple(p) for p in prepared.samples.points_mm.tolist()}
+    assert not chosen_by & {tuple(p) for p in counted.points_mm.tolist()}
+
+
+def test_what_the_table_camera_shows_of_the_counted_points_is_what_an_exact_caster_sees() -> None:
+    samples = counted_samples(SOLID, 2.5)
+    counter = Counter(SOLID, samples, LAYOUT, OPTIONS, RayCaster(SOLID.mesh))
+    shown = counter.on_table(T_START)
+    R, t = T_START[:3, :3], T_START[:3, 3]
+    exact = in_sight(
+        samples.points_mm @ R.T + t,
+        samples.normals @ R.T,
+        LAYOUT.overhead,
+        np.asarray(SOLID.mesh.triangles) @ R.T + t,
+        VisibilityRules(
+            np.radians(OPTIONS.max_incidence_deg), OPTIONS.min_px_per_mm, LAYOUT.overhead_sharp_mm
+        ),
+        shown,
+    )
+    assert shown.any()
+    assert not shown.all()
+    assert not ((shown != exact.seen) & ~exact.open).any()

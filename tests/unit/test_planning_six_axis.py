@@ -86,7 +86,7 @@ def test_a_recipes_part_is_shown_whole_by_an_arm_that_planning_does_not_know(nam
     part = load_part(*part_files(recipe)[0])
     setup = planner_setup(recipe, load_cell(RECIPES / "cells" / "emulated.yaml"), part)
     layout = cell_for_six_axes(setup.layout)
-    prepared = prepare_part(part.solid, part.samples, layout, setup.options)
+    prepared = prepare_part(part.solid, part.chosen_by, layout, setup.options)
     pose = max(part.poses, key=lambda p: p.probability)
     x_mm, y_mm = layout.set_down_mm.mean(axis=1).tolist()
     T = resting_pose(part.solid, pose, x_mm, y_mm)
@@ -166,7 +166,7 @@ def test_what_it_cannot_reach_is_refused_with_its_own_numbers(layout: CellLayout
     part = load_part(RECIPES / "parts" / "holder.stl")
     tray = replace(layout.trays["accept"], centre_mm=(1500.0, 0.0))
     far = replace(layout, trays={**layout.trays, "accept": tray})
-    prepared = prepare_part(part.solid, part.samples, far, PlanOptions().coarse())
+    prepared = prepare_part(part.solid, part.chosen_by, far, PlanOptions().coarse())
     pose = max(part.poses, key=lambda p: p.probability)
     T = resting_pose(part.solid, pose, 360.0, 0.0)
     # 1500 + 120 from the turret's axis; 60 + 420 + 390 to the wrist, 177 to the tip

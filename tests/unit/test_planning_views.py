@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from planning_cell import emulated_layout
 from trimesh.ray.ray_triangle import RayMeshIntersector
 
-from controller.cad import sample_surface
+from controller.cad import SurfaceSamples, sample_surface
 from controller.imaging import Camera, RayCaster, inverse_pose, transform
 from controller.planning import Box, Grasp
 from controller.planning.geometry import segments_hit
@@ -22,6 +22,7 @@ from controller.planning.views import (
     VisibilityRules,
     even_sphere,
     hidden_by_gripper,
+    hidden_ones,
     hold_up,
     holding_boxes,
     look_out,
@@ -337,3 +338,19 @@ def test_a_spot_no_view_shows_says_what_stands_before_it_or_which_rule_it_breaks
     soft = look_out(solid, samples, caster, replace(RULES, sharp_mm=(100.0, 300.0)), 60)
     assert not soft.visible.any()
     assert why_hidden(solid, soft, outside, 70.0)[0].startswith("out of focus")
+
+
+def test_down_to_a_fifth_of_a_degree_within_the_limit_no_spot_is_called_hidden() -> None:
+    width, depth = 8.0, 30.0
+    solid = solid_of(box(60, 40, 40) - box(80, width, depth).translate((0, 0, 20 - depth / 2)))
+    # on a wall of the slot, half-way along: the squarest line out passes over the other wall's lip
+    steepest = np.radians([60.0, 67.0, 69.0, 69.7, 70.3, 71.0, 75.0])
+    below = width * np.tan(steepest)
+    points = np.column_stack([np.zeros(7), np.full(7, -width / 2), 20.0 - below])
+    normals = np.tile([0.0, 1.0, 0.0], (7, 1))
+    spots = SurfaceSamples(points, normals, np.zeros(7, dtype=np.int32), np.ones(7))
+    few = even_sphere(40)
+    found = hidden_ones(solid, spots, RayCaster(solid.mesh), RULES, few)
+    assert found.is_hidden.tolist() == [False, False, False, False, True, True, True]
+    # and those that are know how square they could be seen at best, as far as was looked
+    assert (found.best_incidence_rad[4:] >= steepest[4:] - 1e-3).all()

@@ -10,6 +10,7 @@ from .part import (
     compile_solid,
     options_among,
     part_name,
+    spacing_for,
 )
 
 __all__ = [
@@ -25,4 +26,5 @@ __all__ = [
     "options_among",
     "part_name",
     "solids",
+    "spacing_for",
 ]

@@ -17,10 +17,11 @@ from controller.config.cad_files import MARK
 from ..reading import digests_of
 from ..solid import Solid
 from ..stages import OnStage, no_stage
+from ..surfaces import counted_samples
 from ._mesh import called, solids
 from .part import CompiledPart, CompileOptions, compile_part, part_name
 
-FORMAT = 2  # raised when the same source and options come to mean something else
+FORMAT = 3  # raised when the same source and options come to mean something else
 MAX_CAD_BYTES = 2**30
 SOURCES = tuple(Path(__file__).parents[2] / room for room in ("cad", "imaging"))
 DECIDING = ("numpy", "scipy", "trimesh", "manifold3d", "embreex")  # of what a file becomes
@@ -60,11 +61,12 @@ def cached_part(
     options : what it was compiled with; None for the defaults
     cache : folder; None for `cache_dir`
     """
-    file = _file_of(path, options or CompileOptions(), cache)
+    options = options or CompileOptions()
+    file = _file_of(path, options, cache)
     if file is None:
         return None
     part = part_cache().load(file)
-    return part and replace(part, solid=called(part.solid, part_name(path)))
+    return part and _sampled(replace(part, solid=called(part.solid, part_name(path))), options)
 
 
 def make_part(
@@ -88,13 +90,26 @@ def make_part(
     """
     options = options or CompileOptions()
     file = _file_of(path, options, cache)
-    part = compile_part(path, options, on_stage)
-    if file is None or file != _file_of(path, options, cache):
-        return part  # the CAD file was written to meanwhile: what was read may be either
-    on_stage("keeping what was found")
-    part_cache().save(file, part)
-    # what the next start will get, so that the first run and the second are the same
-    return part_cache().load(file) or part
+    part = compile_part(path, _usual(options), on_stage)
+    if file is not None and file == _file_of(path, options, cache):
+        on_stage("keeping what was found")
+        part_cache().save(file, part)
+        # what the next start will get, so that the first run and the second are the same
+        part = part_cache().load(file) or part
+    # else the CAD file was written to meanwhile: what was read may be either
+    return _sampled(part, options)
+
+
+def _usual(options: CompileOptions) -> CompileOptions:
+    """Return the options of what is kept: samples are quickly made, so one file does for all."""
+    return replace(options, sample_spacing_mm=CompileOptions().sample_spacing_mm)
+
+
+def _sampled(part: CompiledPart, options: CompileOptions) -> CompiledPart:
+    """Return a part with the samples that its options are for."""
+    if options == _usual(options):
+        return part
+    return replace(part, samples=counted_samples(part.solid, options.sample_spacing_mm))
 
 
 @lru_cache(maxsize=1)
@@ -128,7 +143,7 @@ def cache_key(path: Path, options: CompileOptions) -> str | None:
         FORMAT,
         "\n".join(contents),
         f"{source.ending}{body}",
-        options,
+        _usual(options),
         source_hash(*SOURCES),
         versions(*libraries),
     )

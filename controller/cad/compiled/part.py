@@ -26,7 +26,7 @@ from ..resting import (
 )
 from ..solid import Solid
 from ..stages import OnStage, no_stage
-from ..surfaces import SurfaceSamples, sample_surface
+from ..surfaces import SurfaceSamples, counted_samples, sample_surface
 from ..surfaces.features import Feature, find_features
 from ..surfaces.tolerances import Tolerance
 from ..views import LineView, line_view, prepare_views
@@ -34,6 +34,10 @@ from ..views import LineView, line_view, prepare_views
 UNITLESS = (".stl", ".obj", ".ply", ".off")  # formats that have no place for a unit
 MAX_SAMPLES = 200_000
 MAX_DRAWN_TRIANGLES = 50_000_000  # in the drawings of all poses: 41 of 1.2 million triangles
+# Samples are this share of the smallest defect apart: no spot of a defect's size is without one.
+SAMPLE_SHARE = 1 / 3
+USUAL_DEFECT_MM = 3.0
+CHOICE_SPACING_MM = 4.0  # of the samples that views are chosen by
 MAX_NAMED = 4  # poses named one by one in a remark
 USUAL_DENSITY_G_CM3 = 2.7  # aluminium, as in a recipe that does not say
 
@@ -47,14 +51,14 @@ class CompileOptions:
     Attributes
     ----------
     unit : of a file that does not say its own; None where nobody has said
-    sample_spacing_mm, samples_per_face : how densely surfaces are sampled; a large part coarser
+    sample_spacing_mm : no spot of a surface is farther than this from a sample; a large part's are
+        farther apart
     max_compared : pairs of poses that are compared at most, to state which look alike
     max_drawn_triangles : triangles in the drawings of all stable poses; rarer poses are left out
     """
 
     unit: str | None = None
-    sample_spacing_mm: float = 4.0
-    samples_per_face: int = 6
+    sample_spacing_mm: float = USUAL_DEFECT_MM * SAMPLE_SHARE
     max_compared: int = MAX_COMPARED
     max_drawn_triangles: int = MAX_DRAWN_TRIANGLES
 
@@ -69,6 +73,11 @@ def options_among(path: Path, unit: str | None) -> CompileOptions:
     return CompileOptions(unit=unit if split_cad(path).ending in UNITLESS else None)
 
 
+def spacing_for(smallest_defect_mm: float) -> float:
+    """Return how far apart samples are where defects of a size are looked for [mm]."""
+    return SAMPLE_SHARE * smallest_defect_mm
+
+
 @dataclass(frozen=True, eq=False, slots=True)
 class CompiledPart:
     """A part and what follows from it.
@@ -80,7 +89,7 @@ class CompiledPart:
     symmetry : the turns that leave it as it is
     views : of each pose of ``poses``, seen straight from above
     look_alikes : pairs of poses that look the same from above
-    samples : points on its surfaces, which coverage is counted by
+    samples : points on its surfaces, by which coverage is counted; views are chosen by others
     features : holes, slots, bosses, chamfers, fillets
     tolerances : what a drawing demands, where the file holds it as meaning
     warnings : what of the file could not be read, and what of the part was not worked out, in
@@ -101,6 +110,11 @@ class CompiledPart:
     def poses(self) -> tuple[StablePose, ...]:
         """The stable poses, likeliest first."""
         return self.resting.poses
+
+    @property
+    def chosen_by(self) -> SurfaceSamples:
+        """The samples that views are chosen by: fewer, and none of those that count coverage."""
+        return sample_surface(self.solid, spacing_of(self.solid, CHOICE_SPACING_MM))
 
     @property
     def sample_counts(self) -> IntArray:
@@ -232,14 +246,13 @@ def compile_solid(
             f"likeliest of {len(resting.poses)}: a rarer one may be taken for another.",
         )
     on_stage("sampling surfaces, finding features")
-    spacing_mm = spacing_of(solid, options.sample_spacing_mm)
     return CompiledPart(
         solid=solid,
         resting=resting,
         symmetry=symmetry,
         views=views,
         look_alikes=alike.pairs,
-        samples=sample_surface(solid, spacing_mm, options.samples_per_face),
+        samples=counted_samples(solid, options.sample_spacing_mm),
         features=find_features(solid),
         tolerances=tolerances,
         warnings=warnings,

@@ -1,6 +1,8 @@
 """What has to be inspected: points on every surface, features, tolerances."""
 
+from ._counted import counted_samples
 from ._samples import SurfaceSamples, sample_surface
+from ._shares import face_shares, share_of, uncertainty_of
 from .features import Feature, FeatureKind, FeatureWall, find_features
 
 __all__ = [
@@ -8,6 +10,10 @@ __all__ = [
     "FeatureKind",
     "FeatureWall",
     "SurfaceSamples",
+    "counted_samples",
+    "face_shares",
     "find_features",
     "sample_surface",
+    "share_of",
+    "uncertainty_of",
 ]

@@ -1,10 +1,12 @@
 """Points spread over every surface, to count coverage by."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np
 
-from controller.arrays import FloatArray, Int32Array
+from controller.arrays import FloatArray, Int32Array, IntArray
 
 from ..boundary import surface_normals
 from ..solid import Solid
@@ -30,6 +32,12 @@ class SurfaceSamples:
     face_ids: Int32Array
     areas_mm2: FloatArray
 
+    def rows(self, which: IntArray) -> SurfaceSamples:
+        """Return some of them, by number (k,)."""
+        return SurfaceSamples(
+            self.points_mm[which], self.normals[which], self.face_ids[which], self.areas_mm2[which]
+        )
+
 
 def sample_surface(solid: Solid, spacing_mm: float = 4.0, per_face: int = 6) -> SurfaceSamples:
     """Return sample points about ``spacing_mm`` apart, at least ``per_face`` on every surface.
@@ -43,29 +51,60 @@ def sample_surface(solid: Solid, spacing_mm: float = 4.0, per_face: int = 6) -> 
     per_face : least number on a face, however small
     """
     rng = np.random.default_rng(int(solid.content_hash[:8], 16))
+    areas = face_areas_mm2(solid)
+    counts = np.maximum(per_face, np.rint(areas / spacing_mm**2)).astype(np.int64)
+    counts[areas <= 0] = 0
+    # drawn surface by surface, so that one more surface leaves the larger ones' points alone
+    draws = [(rng.random(count), rng.random((2, count))) for count in counts.tolist()]
+    along = np.concatenate([draw[0] for draw in draws])
+    across = np.concatenate([draw[1] for draw in draws], axis=1)
+    return placed_samples(solid, counts, along, across, np.inf)
+
+
+def face_areas_mm2(solid: Solid) -> FloatArray:
+    """Return the area of the triangles of each face (f,)."""
+    areas = np.asarray(solid.mesh.area_faces, dtype=np.float64)
+    sums = np.bincount(solid.face_of_triangle, weights=areas, minlength=len(solid.faces))
+    return sums.astype(np.float64)
+
+
+def placed_samples(
+    solid: Solid, counts: IntArray, along: FloatArray, across: FloatArray, off_edge_mm: float
+) -> SurfaceSamples:
+    """Return so many points (f,) on each face, in equal stretches of its cumulated area.
+
+    Parameters
+    ----------
+    solid : with its faces
+    counts : points on each face; 0 only where it has no area
+    along : (n,) place of each in its stretch, 0..1
+    across : (2, n) place of each in its triangle, 0..1 along two of its sides
+    off_edge_mm : least distance of a point from the edges of its triangle; `OFF_EDGE` of its height
+        where that is less
+    """
     areas = np.asarray(solid.mesh.area_faces)
-    face_areas = np.bincount(solid.face_of_triangle, weights=areas, minlength=len(solid.faces))
-    counts = np.maximum(per_face, np.rint(face_areas / spacing_mm**2)).astype(np.int64)
-    counts[face_areas <= 0] = 0
+    face_areas = face_areas_mm2(solid)
     ids = np.repeat(np.arange(len(counts)), counts)
     order = np.argsort(solid.face_of_triangle, kind="stable")
     cumulated = np.cumsum(areas[order])
     # stratified along the cumulated area of its surface, so that no part of it is left bare
     place = np.arange(len(ids)) - np.repeat(np.cumsum(counts) - counts, counts)
-    # drawn surface by surface, so that one more surface leaves the larger ones' points alone
-    draws = [(rng.random(count), rng.random((2, count))) for count in counts.tolist()]
-    marks = (place + np.concatenate([draw[0] for draw in draws])) / counts[ids] * face_areas[ids]
+    marks = (place + along) / counts[ids] * face_areas[ids]
     ends = np.cumsum(np.bincount(solid.face_of_triangle, minlength=len(counts)))
     begins = np.concatenate([[0], ends[:-1]])
     offsets = np.concatenate([[0.0], cumulated])[begins]
     at = np.searchsorted(cumulated, offsets[ids] + marks)
     chosen = order[np.clip(at, begins[ids], ends[ids] - 1)]
-    a, b = np.concatenate([draw[1] for draw in draws], axis=1)
+    a, b = across
     flip = a + b > 1
     a, b = np.where(flip, 1 - a, a), np.where(flip, 1 - b, b)
-    # kept off all three edges, where a ray may slip between two triangles
-    a, b = OFF_EDGE + (1 - 3 * OFF_EDGE) * a, OFF_EDGE + (1 - 3 * OFF_EDGE) * b
     c = np.asarray(solid.mesh.vertices)[np.asarray(solid.mesh.faces)[chosen]]
+    # kept off all three edges, where a ray may slip between two triangles
+    opposite = np.linalg.norm(np.roll(c, -1, axis=1) - np.roll(c, -2, axis=1), axis=2)
+    heights = 2.0 * areas[chosen, None] / np.maximum(opposite, 1e-300)
+    off = np.minimum(OFF_EDGE, off_edge_mm / np.maximum(heights, 1e-300))
+    inner = 1.0 - off.sum(axis=1)
+    a, b = off[:, 1] + inner * a, off[:, 2] + inner * b
     points = c[:, 0] + a[:, None] * (c[:, 1] - c[:, 0]) + b[:, None] * (c[:, 2] - c[:, 0])
     facets = np.asarray(solid.mesh.face_normals)[chosen]
     return SurfaceSamples(

@@ -117,7 +117,7 @@ def plan_to_trays(job: Job, start: Start, avoid: frozenset[str]) -> Plan:
     NoPlanError : no path leads to the trays; the message gives the reason
     """
     prepared = _prepared(job)
-    nothing_left = np.ones(len(prepared.samples.points_mm), dtype=bool)
+    nothing_left = np.ones(len(prepared.counted_samples.points_mm), dtype=bool)
     layout = context(job).layout
     return planning.plan_from(prepared, layout, start, seen=nothing_left, avoid=avoid)
 

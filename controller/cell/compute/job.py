@@ -25,6 +25,7 @@ from controller.recognition.stored import open_library
 from controller.setup.faces import faces_left_out
 from controller.setup.optics import table_corners
 from controller.setup.planner import PlannerSetup, planner_setup
+from controller.setup.samples import sampled_for
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +120,7 @@ def load_parts(recipe: Recipe) -> list[CompiledPart]:
 def part_files(recipe: Recipe) -> list[tuple[Path, CompileOptions]]:
     """Return the CAD files of a recipe's part and of the other parts, with their options."""
     return [
-        (recipe.part, CompileOptions(unit=recipe.unit)),
+        (recipe.part, sampled_for(recipe, CompileOptions(unit=recipe.unit))),
         *((other, options_among(other, recipe.unit)) for other in recipe.others),
     ]
 

@@ -103,8 +103,9 @@ class PlanCache:
             found = self._kept.prepared.load(file) if self._use_cache else None
             if found is None:
                 self._made += 1
+                part = self._part
                 found = prepare_part(
-                    self._part.solid, self._part.samples, self._layout, self._options
+                    part.solid, part.chosen_by, self._layout, self._options, part.samples
                 )
                 if self._use_cache:
                     self._kept.prepared.save(file, found)

@@ -13,6 +13,7 @@ from functools import cached_property
 from math import isfinite
 
 import numpy as np
+from numpy.typing import NDArray
 
 from controller.arrays import FloatArray
 from controller.cache import DiskCache, given, one_of
@@ -31,9 +32,10 @@ from controller.planning import (
     Step,
 )
 from controller.planning.geometry import PartShape
+from controller.planning.model import Counted
 
 # To be raised when the meaning of stored plans changes.
-FORMAT = 4
+FORMAT = 5
 MAX_PREPARED_COUNT = 30  # megabytes each; the oldest go first
 STEPS = (Pick, Present, GiveStep, ReceiveStep, SetDown, Look)
 ROTATION_TOLERANCE = 1e-6
@@ -105,15 +107,20 @@ class Kept:
     @cached_property
     def prepared(self) -> DiskCache[PreparedPart]:
         """The cache of the prepared part; it refers to the part, which is not stored again."""
-        solid, samples, shape = self._part.solid, self._part.samples, PartShape.of(self._part.solid)
+        solid, shape = self._part.solid, PartShape.of(self._part.solid)
         return DiskCache(
             PreparedPart,
             "prepared",
             "a prepared part",
-            {Solid: given(solid), SurfaceSamples: given(samples), PartShape: given(shape)},
-            check=check_prepared,
+            {Solid: given(solid), PartShape: given(shape)},
+            check=self._check_prepared,
             max_count=MAX_PREPARED_COUNT,
         )
+
+    def _check_prepared(self, prepared: PreparedPart) -> None:
+        check_prepared(prepared)
+        counted = len(self._part.samples.points_mm)
+        _require(len(prepared.counted_samples.points_mm) == counted, "other samples to count by")
 
     def _check_kept(self, kept: KeptPlan) -> None:
         if kept.pose_index not in {pose.index for pose in self._part.poses}:
@@ -154,7 +161,7 @@ def check_plan(plan: Plan, sample_count: int, face_count: int) -> None:
     _require(plan.place.keys() == plan.park.keys(), "trays without a path to park, or the reverse")
     for name, place in plan.place.items():
         _require(place.tray == name, "a tray under another name")
-    for share in (plan.covered_fraction, plan.reachable_fraction):
+    for share in (plan.covered_fraction, plan.covered_U, plan.reachable_fraction):
         _require(0 <= share <= 1 + 1e-9, "a share outside 0..1")
     for unseen in plan.unseen:
         _require(0 <= unseen.face_id < face_count, "a surface that is not there")
@@ -166,6 +173,9 @@ def check_prepared(part: PreparedPart) -> None:
     """Raise ValueError where tables of a prepared part do not fit together."""
     samples = len(part.samples.points_mm)
     grasps, views = len(part.arm_grasps), len(part.directions.vectors)
+    _check_samples(part.samples, len(part.solid.faces))
+    if part.counted is not None:
+        _check_counted(part.counted, samples, len(part.solid.faces))
     _require(part.directions.vectors.shape == (views, 3), "directions of another shape")
     _require(part.directions.square_to.shape == (views,), "directions of another number")
     for table in (part.visible, *part.shown):
@@ -193,6 +203,33 @@ def check_prepared(part: PreparedPart) -> None:
         _require(is_pose(rest.T_world_part), "T_world_part is no pose")
     for held in (*part.arm_grasps, *part.fixed_grasps):
         _check_fields(held, samples, "grasp")
+
+
+def _check_samples(samples: SurfaceSamples, face_count: int) -> None:
+    """Raise ValueError where arrays of samples do not fit together, or lie on no face."""
+    count = len(samples.points_mm)
+    for row in (samples.points_mm, samples.normals):
+        _require(row.shape == (count, 3), "samples of another shape")
+    for numbers in (samples.face_ids, samples.areas_mm2):
+        _require(numbers.shape == (count,), "samples of another number")
+    _require(bool((samples.areas_mm2 >= 0).all()), "an area below zero")
+    _require(_are_below(samples.face_ids, face_count), "a sample on no surface")
+
+
+def _check_counted(counted: Counted, chosen_count: int, face_count: int) -> None:
+    """Raise ValueError where the points that coverage is counted by do not fit a part."""
+    _check_samples(counted.samples, face_count)
+    count, look = len(counted.samples.points_mm), counted.evidence
+    rows = (look.is_hidden, look.best_incidence_rad, look.blocker, look.too_coarse, look.blurred)
+    for row in (counted.nearest, *rows):
+        _require(row.shape == (count,), "evidence of another number of points")
+    _require(counted.of_chosen.shape == (chosen_count,), "points of other samples")
+    _require(_are_below(counted.nearest, chosen_count), "no such sample")
+    _require(_are_below(counted.of_chosen, count), "no such point")
+
+
+def _are_below(numbers: NDArray[np.integer], count: int) -> bool:
+    return bool(((numbers >= 0) & (numbers < count)).all())
 
 
 def is_pose(T: FloatArray) -> bool:

@@ -154,6 +154,7 @@ def verdict_of(row: rows.PartJudged) -> PartVerdict:
         confirmed=(),
         in_sight_fraction=row.in_sight_fraction or 0.0,
         claim=row.claim,
+        compared_U=row.compared_U or 0.0,
     )
 
 

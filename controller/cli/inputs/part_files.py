@@ -16,6 +16,7 @@ from controller.config import (
     project_recipe,
     split_cad,
 )
+from controller.setup.samples import sampled_for
 
 EMULATOR_READS = (".stl", ".obj", ".ply", ".off")
 
@@ -74,13 +75,12 @@ def part_files(
     if parts:
         recipe = recipes[0] if recipes else None
         wanted = unit if recipe is None else recipe.unit
-        files = [
-            PartFile(path, _options(path, wanted, is_from_recipe=recipe is not None), recipe)
-            for path in parts
-        ]
+        files = [PartFile(path, _options(path, wanted, recipe), recipe) for path in parts]
         return files, cell
     own = zip(recipes, recipe_files, strict=True)
-    return [PartFile(r.part, CompileOptions(unit=r.unit), r, path) for r, path in own], cell
+    return [
+        PartFile(r.part, sampled_for(r, CompileOptions(unit=r.unit)), r, path) for r, path in own
+    ], cell
 
 
 def stable_pose(part: CompiledPart, index: int) -> StablePose:
@@ -146,6 +146,8 @@ def cell_of_this_folder() -> Path:
     return EMULATED_CELL if recipe is None else load_recipe(recipe).cell
 
 
-def _options(path: Path, unit: str | None, *, is_from_recipe: bool) -> CompileOptions:
+def _options(path: Path, unit: str | None, recipe: Recipe | None) -> CompileOptions:
     """Return what a file is compiled with: a unit on the command line is checked against it."""
-    return options_among(path, unit) if is_from_recipe else CompileOptions(unit=unit)
+    if recipe is None:
+        return CompileOptions(unit=unit)
+    return sampled_for(recipe, options_among(path, unit))

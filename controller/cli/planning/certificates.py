@@ -26,6 +26,11 @@ def proof_words(plan: Plan) -> str:
     return f"within {proof.gap:.1%} of the optimum in {proof.scope}"
 
 
+def covered_words(plan: Plan) -> str:
+    """Return which share of the surface a plan shows, and how well that is known."""
+    return f"{plan.covered_fraction:.1%} (± {plan.covered_U:.1%})"
+
+
 def counted(count: int, what: str) -> str:
     """Return a count with what it counts: 1 view, 2 views."""
     return f"{count} {what}" if count == 1 else f"{count} {what}s"

@@ -23,7 +23,13 @@ from ..inputs.checks import Place, check_writable_folder, parse_place
 from ..inputs.part_files import PartFile, stable_pose
 from ..terminal.output import emit, print_line, warn
 from ..terminal.progress import Progress, shown_progress
-from .certificates import certified_each, counted, print_certificates, proof_words
+from .certificates import (
+    certified_each,
+    counted,
+    covered_words,
+    print_certificates,
+    proof_words,
+)
 from .plan_json import certificate_json, plan_json
 
 
@@ -219,7 +225,7 @@ def _print(
     for i, (label, step_s) in enumerate(plan.seconds_by_step, 1):
         print_line(f"{i:3}  {step_s:6.1f} s  {label}")
     print_line(
-        f"forecast {plan.forecast_s:.0f} s; {plan.covered_fraction:.1%} of the surface in sight; "
+        f"forecast {plan.forecast_s:.0f} s; {covered_words(plan)} of the surface in sight; "
         f"at most {plan.reachable_fraction:.1%} is possible in this cell"
     )
     print_line(proof_words(plan))

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from controller.arrays import BoolArray, FloatArray
-from controller.cad import Solid, SurfaceSamples
+from controller.cad import Solid, SurfaceSamples, face_shares
 from controller.planning import CellLayout, Certificate, Plan
 from controller.planning.motion import tcp_pose
 from controller.results.moments import Moment, MomentKind, moments, view_count
@@ -70,6 +70,8 @@ def plan_json(
         "trays": trays_json(plan, at_trays),
         "forecast_s": plan.forecast_s,
         "covered_fraction": plan.covered_fraction,
+        "covered_U": plan.covered_U,
+        "faces": _faces_json(solid, samples, seen),
         "reachable_fraction": plan.reachable_fraction,
         "regrips": plan.regrasp_count,
         "proof": {
@@ -98,6 +100,21 @@ def plan_json(
             for u in plan.unseen
         ],
     }
+
+
+def _faces_json(solid: Solid, samples: SurfaceSamples, seen: BoolArray) -> list[dict[str, Any]]:
+    """Return the share of each face in sight of some view, with its uncertainty."""
+    shares, uncertain = face_shares(samples, seen, len(solid.faces))
+    return [
+        {
+            "face": face.id,
+            "label": face.label,
+            "area_mm2": face.area_mm2,
+            "covered_fraction": float(shares[face.id]),
+            "covered_U": float(uncertain[face.id]),
+        }
+        for face in solid.faces
+    ]
 
 
 def _step_json(
@@ -150,6 +167,7 @@ def certificate_json(certificate: Certificate, setup: PlannerSetup) -> dict[str,
         "regrips": certificate.plan.regrasp_count,
         "forecast_s": certificate.plan.forecast_s,
         "covered_fraction": certificate.plan.covered_fraction,
+        "covered_U": certificate.plan.covered_U,
         "reachable_fraction": certificate.plan.reachable_fraction,
         "heaviest_g_cm3": setup.heaviest_g_cm3(certificate.plan),
     }

@@ -10,7 +10,7 @@ from controller.config import load_recipe
 from controller.results.moments import view_count
 
 from ..terminal.output import emit, print_line, warn
-from .certificates import counted
+from .certificates import counted, covered_words
 from .characteristics import characteristic_json, print_checked
 from .plan_json import certificate_json
 
@@ -57,12 +57,12 @@ def check_recipe(recipe_path: Path, cell_path: Path | None, *, as_json: bool) ->
 def _print(recipe_path: Path, checked: Checked) -> None:
     print_line(checked.setup.sentence)
     for pose in checked.poses:
-        entry = _pose_json(pose)
-        if entry["planned"]:
+        entry, plan = _pose_json(pose), pose.certified.certificate.plan
+        if plan is not None:
             print_line(
                 f"pose {entry['pose_index']} ({entry['probability']:.0%}): "
                 f"{counted(entry['views'], 'view')}, {counted(entry['regrips'], 'regrasp')}, "
-                f"{entry['covered_fraction']:.1%} of the surface in sight, "
+                f"{covered_words(plan)} of the surface in sight, "
                 f"{entry['forecast_s']:.0f} s"
             )
     print_checked(checked.characteristics)
@@ -93,4 +93,5 @@ def _pose_json(checked: CheckedPose) -> dict[str, Any]:
         "regrips": plan.regrasp_count,
         "forecast_s": plan.forecast_s,
         "covered_fraction": plan.covered_fraction,
+        "covered_U": plan.covered_U,
     }

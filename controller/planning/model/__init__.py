@@ -28,7 +28,7 @@ from .plan import (
 )
 from .prepared import HandOff, PlanOptions, PreparedPart, Rest
 from .starts import InArm, InFixedGripper, OnTable, Start
-from .visibility import Directions, VisibilityTable
+from .visibility import Counted, Directions, HiddenEvidence, VisibilityTable
 
 __all__ = [
     "JOINT_COUNT",
@@ -39,12 +39,14 @@ __all__ = [
     "ArmModel",
     "CellLayout",
     "CellTimes",
+    "Counted",
     "Directions",
     "GiveStep",
     "Grasp",
     "GraspRules",
     "HandOff",
     "HeldHypothesis",
+    "HiddenEvidence",
     "Holder",
     "InArm",
     "InFixedGripper",

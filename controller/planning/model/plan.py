@@ -257,6 +257,7 @@ class Plan:
     place, park : per tray, what comes then
     forecast_s : all steps and the slowest tray
     covered_fraction : of the surface, in sight at least once
+    covered_U : expanded uncertainty (k = 2) of that share, from how far apart its points are
     reachable_fraction : what any grasp and any view of this cell could show, regrasps aside
     """
 
@@ -265,6 +266,7 @@ class Plan:
     park: Mapping[str, Park]
     forecast_s: float
     covered_fraction: float
+    covered_U: float  # noqa: N815 (U is the symbol of the field)
     reachable_fraction: float
     unseen: tuple[Unseen, ...]
     grasps: tuple[Grasp, ...]

@@ -13,7 +13,7 @@ from controller.imaging import inverse_pose
 
 from ..geometry import Box, PartShape, PlacedShape
 from .grasp import Grasp, GraspRules
-from .visibility import Directions, VisibilityTable
+from .visibility import Counted, Directions, VisibilityTable
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,6 +81,7 @@ class PreparedPart:
 
     Attributes
     ----------
+    samples : n, of the surface, that views are chosen by
     shape : the part's triangles, to be asked what they touch
     arm_grasps : each base grasp, then each once more with the arm gripper turned over, then
         measured ones
@@ -90,6 +91,7 @@ class PreparedPart:
     hand_offs : per grasp of the fixed gripper, arm grasp -> how they meet
     covered : (g, n) samples some reachable view of an arm grasp shows
     home_q : (g, 6) one configuration of each arm grasp, in the midst of its views
+    counted : by what the coverage of plans is counted; None for the samples they are chosen by
     rests, set_downs : where the part may be set down, and per rest, arm grasp -> how; empty where
         no plan has needed them
     """
@@ -109,12 +111,18 @@ class PreparedPart:
     home_q: FloatArray
     rests: tuple[Rest, ...] = ()
     set_downs: tuple[Mapping[int, HandOff], ...] = ()
+    counted: Counted | None = None
 
     @property
     def weights(self) -> FloatArray:
         """Each sample's share of the surface (n,)."""
         areas = self.samples.areas_mm2
         return np.asarray(areas / areas.sum())
+
+    @property
+    def counted_samples(self) -> SurfaceSamples:
+        """The points (m) that plans speak of, and that their coverage is counted by."""
+        return self.samples if self.counted is None else self.counted.samples
 
     @property
     def directions(self) -> Directions:

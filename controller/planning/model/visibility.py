@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from controller.arrays import BoolArray, FloatArray, IntArray
+from controller.cad import SurfaceSamples
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,3 +40,38 @@ class VisibilityTable:
     blocker: IntArray
     too_coarse: BoolArray
     blurred: BoolArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HiddenEvidence:
+    """Which of n samples no direction shows of the bare part, and why; of others it holds nothing.
+
+    Attributes
+    ----------
+    is_hidden : (n,) bool
+    best_incidence_rad, blocker, too_coarse, blurred : (n,) as in `VisibilityTable`
+    """
+
+    is_hidden: BoolArray
+    best_incidence_rad: FloatArray
+    blocker: IntArray
+    too_coarse: BoolArray
+    blurred: BoolArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Counted:
+    """The points by which coverage is counted; views are chosen by others (ADR 57).
+
+    Attributes
+    ----------
+    samples : m of them
+    nearest : (m,) the sample that views are chosen by which is nearest, on the same face
+    of_chosen : (n,) the reverse: the point nearest to each of those samples
+    evidence : which of them no direction shows
+    """
+
+    samples: SurfaceSamples
+    nearest: IntArray
+    of_chosen: IntArray
+    evidence: HiddenEvidence

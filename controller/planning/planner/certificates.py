@@ -43,9 +43,11 @@ class Certificate:
 
     @property
     def is_complete(self) -> bool:
-        """Whether all is shown that any grasp and any view of this cell could show."""
+        """Whether all is shown that any grasp and any view could show, as far as can be counted."""
         plan = self.plan
-        return plan is not None and plan.covered_fraction >= plan.reachable_fraction - 1e-9
+        if plan is None:
+            return False
+        return plan.covered_fraction >= plan.reachable_fraction - plan.covered_U - 1e-9
 
 
 def certify(

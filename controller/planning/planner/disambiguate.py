@@ -296,7 +296,7 @@ def _up_to_deciding_view(
         q=target,
         T_world_part=T_world_part,
         direction_part=towards / np.linalg.norm(towards),
-        seen=np.zeros(len(part.samples.points_mm), dtype=bool),
+        seen=np.zeros(len(part.counted_samples.points_mm), dtype=bool),
         square_to=-1,
         expected_opening_mm=grasp.opening_mm,
         ambiguity=Ambiguity(tuple(hypotheses), first.light, first.margin),

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from controller.arrays import BoolArray, FloatArray
-from controller.cad import Solid, StablePose, SurfaceSamples
+from controller.cad import Solid, StablePose, SurfaceSamples, share_of, uncertainty_of
 
 from ..model import (
     CellLayout,
@@ -35,6 +35,7 @@ from ..search import COARSE, FULL, Problem, Solution, refuted, solve
 from .beginning import Beginning, from_arm, from_fixed_gripper, from_table
 from .build import Build, Builder, RefutedError, check_trays_in_reach
 from .costs import EdgeCosts, RegraspSite, make_edge_costs, view_seconds, worthwhile
+from .coverage import count_shown, counted_as
 from .prepare import prepare_part, with_grasps, with_rests
 from .why import nothing_shown, unseen_pieces
 
@@ -90,7 +91,8 @@ def plan_from(
     part : prepared for this cell
     layout : the cell
     start : where the part is: on the table, in the arm gripper or in the fixed one
-    seen : (n,) samples inspected before, which no view is spent on again; none if None
+    seen : (m,) of `PreparedPart.counted_samples`, inspected before: no view is spent on them again;
+        none if None
     avoid : ids of grasps of either gripper that are not to be used
     rng_seed : of the random trees; the same one gives the same plan
 
@@ -99,7 +101,8 @@ def plan_from(
     NoPlanError : and its kinds, with one sentence: what, where, what to do
     """
     check_trays_in_reach(part.solid.name, layout)
-    inspected = np.zeros(len(part.samples.points_mm), dtype=bool) if seen is None else seen
+    before = np.zeros(len(part.counted_samples.points_mm), dtype=bool) if seen is None else seen
+    inspected = before if part.counted is None else before[part.counted.of_chosen]
     match start:
         case OnTable():
             beginning = from_table(part, layout, start, inspected)
@@ -115,6 +118,7 @@ def plan_from(
         part=part,
         layout=layout,
         beginning=beginning,
+        before=before,
         seen=inspected if look is None else inspected | look.seen,
         squared=_squared_faces(part, inspected, look),
         avoid=avoid,
@@ -128,6 +132,7 @@ class _Task:
 
     Attributes
     ----------
+    before : (m,) points that coverage is counted by, inspected before
     seen : (n,) samples inspected before or shown by the look at the table
     squared : ids of faces that need not be shown squarely again
     avoid : ids of grasps not to use
@@ -136,6 +141,7 @@ class _Task:
     part: PreparedPart
     layout: CellLayout
     beginning: Beginning
+    before: BoolArray
     seen: BoolArray
     squared: frozenset[int]
     avoid: frozenset[str]
@@ -263,18 +269,22 @@ class _SolutionBuilder:
         trays, home = builder.sort(build, solution.grasps[-1])
         slowest = max(trays[t].seconds + home[t].seconds for t in trays)
         able = part.covered.any(axis=0) | task.seen
+        steps, seen = count_shown(part, layout, build.steps, task.before)
+        reachable = counted_as(part, able, seen)
         return Plan(
-            steps=tuple(build.steps),
+            steps=steps,
             place=trays,
             park=home,
             forecast_s=sum(s.seconds for s in build.steps) + slowest,
-            covered_fraction=float(part.weights[build.seen].sum()),
-            reachable_fraction=float(part.weights[able].sum()),
+            covered_fraction=share_of(part.counted_samples, seen),
+            covered_U=uncertainty_of(part.counted_samples, seen),
+            reachable_fraction=share_of(part.counted_samples, reachable),
             unseen=unseen_pieces(
                 part,
                 layout,
                 build.seen,
                 _closure(problem),
+                counted_seen=seen,
                 apart=(solution.needed & ~solution.covered)[:count],
                 dropped=problem.seen[:count] & ~task.seen,
                 lies_in=task.beginning.pose_index,

@@ -35,6 +35,7 @@ from ..views import (
     look_out,
     reachable_views,
 )
+from .choice import make_counted, with_hard_spots
 
 TURNED = "'"  # ends the ids of grasps with the arm gripper turned over
 
@@ -44,15 +45,18 @@ def prepare_part(
     samples: SurfaceSamples,
     layout: CellLayout,
     options: PlanOptions | None = None,
+    counted: SurfaceSamples | None = None,
 ) -> PreparedPart:
     """Return the grasps of both grippers, what they leave in sight, and how they hand the part off.
 
     Parameters
     ----------
     solid : the part
-    samples : of `controller.cad.sample_surface`; plans speak of these
+    samples : of `controller.cad.sample_surface`, by which views are chosen
     layout : the cell
     options : what is asked of plans; None for the defaults
+    counted : of `controller.cad.counted_samples`, by which coverage is counted and which plans
+        speak of; None for `samples`
 
     Raises
     ------
@@ -89,6 +93,8 @@ def prepare_part(
     fixed_base = [fixed[k] for k in spread(fixed, range(len(fixed)), options.fixed_grasps)]
 
     rules = VisibilityRules.of_station(layout, options.max_incidence_deg, options.min_px_per_mm)
+    if counted is not None:
+        samples = with_hard_spots(solid, samples, caster, rules, options.direction_count)
     visibility_table = look_out(solid, samples, caster, rules, options.direction_count)
     arm_grasps = (*base, *(turned_over(g) for g in base))
     fixed_grasps = (*fixed_base, *(turned_over(g) for g in fixed_base))
@@ -106,6 +112,9 @@ def prepare_part(
         hand_offs=tuple({} for _ in fixed_grasps),
         covered=np.zeros((0, len(samples.points_mm)), dtype=bool),
         home_q=np.zeros((0, 6)),
+        counted=None
+        if counted is None
+        else make_counted(solid, samples, counted, caster, rules, visibility_table),
     )
     part = with_grasps(bare, layout, arm_grasps)
     return part if _is_joined(part, layout) else with_rests(part, layout)

@@ -55,8 +55,9 @@ def unseen_pieces(
     apart: BoolArray,
     dropped: BoolArray,
     lies_in: int = -1,
+    counted_seen: BoolArray | None = None,
 ) -> tuple[Unseen, ...]:
-    """Return what is not seen (n,) per face with its reason.
+    """Return what is not seen per face with its reason.
 
     Parameters
     ----------
@@ -67,19 +68,25 @@ def unseen_pieces(
     apart : (n,) samples that a grasp shows which can be had, but not one after the plan's
     dropped : (n,) samples that a view each would have been too little for
     lies_in : index of the stable pose the part starts in, -1 if it is held
+    counted_seen : (m,) points counted by that the plan shows; None where they are the samples
     """
     found = []
+    samples = part.counted_samples
+    weights = samples.areas_mm2 / samples.areas_mm2.sum()
     weak: tuple[Grasp, ...] | None = None  # looked for where fingers hide something, and once
-    for missing in _classes(part, layout, seen, within_reach, apart, dropped, lies_in):
-        for face_id in np.unique(part.samples.face_ids[missing.mask]):
-            piece = missing.mask & (part.samples.face_ids == face_id)
-            share = float(part.weights[piece].sum())
+    classes = _classes(part, layout, seen, within_reach, apart, dropped, lies_in)
+    for missing, counted in _counted(part, classes, seen if counted_seen is None else counted_seen):
+        for face_id in np.unique(samples.face_ids[counted]):
+            which = counted & (samples.face_ids == face_id)
+            share = float(weights[which].sum())
             if share < MIN_SHARE:
                 continue
+            piece = missing.mask & (part.samples.face_ids == face_id)
             kind, reason, advice = missing.kind, missing.reason, missing.advice
             if missing.kind is Reason.HIDDEN_BY_PART:
                 limit = part.options.max_incidence_deg
-                reason, advice = why_hidden(part.solid, part.visibility_table, piece, limit)
+                evidence = part.visibility_table if part.counted is None else part.counted.evidence
+                reason, advice = why_hidden(part.solid, evidence, which, limit)
             elif missing.kind is Reason.FINGERS:
                 weak = weak_grasps(part, layout) if weak is None else weak
                 load = _load_of_a_grasp_that_shows(part, layout, piece, weak)
@@ -90,9 +97,45 @@ def unseen_pieces(
                     reason, advice = _too_weak(part, load)
             elif missing.kind is Reason.REACH:
                 reason, advice = _reach(part, layout, piece)
-            which = tuple(np.flatnonzero(piece).tolist())
-            found.append(Unseen(int(face_id), share, reason, kind, advice, which))
+            rows = tuple(np.flatnonzero(which).tolist())
+            found.append(Unseen(int(face_id), share, reason, kind, advice, rows))
     return tuple(sorted(found, key=lambda u: (-u.area_fraction, u.face_id, u.reason)))
+
+
+def _counted(
+    part: PreparedPart, classes: Sequence[Missing], seen: BoolArray
+) -> list[tuple[Missing, BoolArray]]:
+    """Return each class with the points counted by (m,) that are missing for its reason.
+
+    A point is hidden by the part itself where it was looked for from everywhere, in vain; else it
+    is missing for the reason of the sample nearest to it. Where that one is shown, the point lies
+    between the samples that views were chosen by.
+
+    Parameters
+    ----------
+    part : prepared
+    classes : of the samples that views are chosen by
+    seen : (m,) points that the plan shows
+    """
+    counted = part.counted
+    if counted is None:
+        return [(missing, missing.mask) for missing in classes]
+    left = ~seen & ~counted.evidence.is_hidden
+    out = []
+    for missing in classes:
+        if missing.kind is Reason.HIDDEN_BY_PART:
+            out.append((missing, ~seen & counted.evidence.is_hidden))
+            continue
+        mine = left & missing.mask[counted.nearest]
+        left &= ~mine
+        out.append((missing, mine))
+    between = Missing(
+        Reason.LEFT_OUT,
+        np.zeros(len(part.samples.points_mm), dtype=bool),
+        "left out: it lies between the points that the views were chosen by",
+        "a further view would show it",
+    )
+    return [*out, (between, left)]
 
 
 def nothing_shown(part: PreparedPart, layout: CellLayout, seen: BoolArray) -> OutOfReachError:

@@ -6,11 +6,13 @@ Directions are unit vectors in the part frame from its centre of mass to the cam
 from ..model import Directions, VisibilityTable
 from ._poses import Showing, hold_up, view_poses
 from ._reach import GraspViews, reachable_views
+from .counting import Counter, nearest_on_face
 from .gripper import hidden_by_gripper, holding_boxes
 from .visibility import (
     VisibilityRules,
     candidate_directions,
     even_sphere,
+    hidden_ones,
     in_picture,
     look_out,
     table_views,
@@ -19,6 +21,7 @@ from .visibility import (
 )
 
 __all__ = [
+    "Counter",
     "Directions",
     "GraspViews",
     "Showing",
@@ -27,10 +30,12 @@ __all__ = [
     "candidate_directions",
     "even_sphere",
     "hidden_by_gripper",
+    "hidden_ones",
     "hold_up",
     "holding_boxes",
     "in_picture",
     "look_out",
+    "nearest_on_face",
     "reachable_views",
     "table_views",
     "view_poses",

@@ -124,13 +124,14 @@ def standing_between(
     cone : the lines from the camera to the part
     """
     eye = layout.inspection.position_mm
-    boxes = [b for _, b in statics if not _holds(b, eye)]
+    boxes = [b for _, b in statics if not holds(b, eye)]
     if not boxes:
         return []
     return [b for b, met in zip(boxes, cone.meets(*stack(boxes)), strict=True) if met]
 
 
-def _holds(box: Box, point: FloatArray) -> bool:
+def holds(box: Box, point: FloatArray) -> bool:
+    """Return whether a point (3,) is in a box, or within a millimetre of it."""
     inside = np.abs(box.T[:3, :3].T @ (point - box.T[:3, 3])) <= box.half_mm + 1.0
     return bool(inside.all())
 

@@ -9,7 +9,7 @@ Lengths are mm, angles degrees, areas mm2, `*_fraction` 0..1, times ISO 8601 UTC
 | `header` | `part`, `number`, `serial`, `lot`, `operator`, `recipe`, `cad`, `cell` with their `_sha256`, `calibrated`, `calibration`, `software`, `start`, `end`, `part_temperature_c`, `run`, `emulated_devices` |
 | `verdict`, `reasons` | `pass`, `fail`, `indeterminate`, `not evaluated` or `no verdict` |
 | `decision_rule` | how value and uncertainty become a verdict |
-| `covered_fraction`, `in_sight_fraction`, `claim` | of all surface; what was looked for |
+| `covered_fraction`, `covered_U`, `in_sight_fraction`, `claim` | of all surface; the uncertainty (k = 2) of the first; what was looked for |
 | `found` | by kind of defect what would have been found with 90 % (docs/operating.md) |
 | `characteristics[]` | `balloon`, `id`, `kind`, `label`, `unit`, `nominal`, `lower`, `upper`, `source`, `critical`, `measured`, `deviation`, `U` (k = 2), `verdict`, `views`, `reason`, `faces`, `p_part_mm`, `looks[]` (`view`, `lamp`, `measured`, `u` (k = 1), `reason`, `budget`) |
 | `findings[]` | `number`, `kind`, `view`, `lamp`, `p_part_mm`, `size_mm`, `area_mm2`, `faces`, `verdict` |
@@ -58,6 +58,7 @@ def result_json(judged: JudgedPart) -> dict[str, Any]:
         "reasons": list(judged.reasons),
         "decision_rule": DECISION_RULE,
         "covered_fraction": verdict.compared_fraction if verdict else None,
+        "covered_U": verdict.compared_U if verdict else None,
         "in_sight_fraction": verdict.in_sight_fraction if verdict else None,
         "claim": (verdict.claim or None) if verdict else None,
         "found": [asdict(one) for one in (verdict.found if verdict else ())],

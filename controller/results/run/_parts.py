@@ -313,6 +313,7 @@ def _verdict(row: rows.PartJudged) -> VerdictReport:
         verdict=row.verdict,
         reasons=row.reasons,
         compared_fraction=row.compared_fraction,
+        compared_U=row.compared_U,
         faces=tuple(
             FaceReport(
                 face_id=f.face,

@@ -308,6 +308,7 @@ class VerdictReport:
     compared_fraction : of all surface, compared
     in_sight_fraction : in sight, compared or not
     claim : what was looked for on the compared surface
+    compared_U : expanded uncertainty (k = 2) of `compared_fraction`; None in runs that did not say
     found : by kind of defect, what would have been found; empty in runs that did not say
     """
 
@@ -318,6 +319,7 @@ class VerdictReport:
     in_sight_fraction: float | None = None
     claim: str = ""
     found: tuple[DetectionReport, ...] = ()
+    compared_U: float | None = None  # noqa: N815 (U is the symbol of the field)
 
 
 @dataclass(frozen=True, slots=True)

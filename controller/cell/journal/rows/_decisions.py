@@ -37,6 +37,7 @@ class PlanMade(Body):
     seconds: tuple[float, ...]
     forecast_s: float
     covered_fraction: float
+    covered_U: float | None = None  # noqa: N815 (U is the symbol of the field)
     reachable_fraction: float
     unseen: tuple[UnseenFields, ...] = ()
 
@@ -181,6 +182,7 @@ class PartJudged(Body):
     verdict: str
     reasons: tuple[str, ...]
     compared_fraction: float = Field(alias="covered_fraction")
+    compared_U: float | None = None  # noqa: N815 (U is the symbol of the field)
     in_sight_fraction: float | None = None
     claim: str = ""
     confirmed: tuple[ConfirmedFinding, ...] = ()

@@ -34,6 +34,7 @@ def plan_row(plan: Plan) -> rows.PlanMade:
         seconds=tuple(round(seconds, 2) for _, seconds in plan.seconds_by_step),
         forecast_s=round(plan.forecast_s, 1),
         covered_fraction=round(plan.covered_fraction, 4),
+        covered_U=round(plan.covered_U, 5),
         reachable_fraction=round(plan.reachable_fraction, 4),
         unseen=tuple(
             rows.UnseenFields(face=u.face_id, area_fraction=u.area_fraction, reason=u.reason)
@@ -124,6 +125,7 @@ def verdict_row(v: inspecting.PartVerdict) -> rows.PartJudged:
         verdict=v.verdict.value,
         reasons=v.reasons,
         compared_fraction=round(v.compared_fraction, 4),
+        compared_U=round(v.compared_U, 5),
         in_sight_fraction=round(v.in_sight_fraction, 4),
         claim=v.claim,
         confirmed=tuple(

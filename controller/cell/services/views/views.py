@@ -22,6 +22,9 @@ from controller.planning.model import CellLayout
 
 from .judging import judge_held, judge_on_table
 
+# Of the samples: fewer, on the border of what was shown, are not worth another view.
+MIN_NEW_SHARE = 0.001
+
 log = logging.getLogger(__name__)
 
 
@@ -146,7 +149,7 @@ class Views:
             await asyncio.wait(tasks)  # a stop cancels this wait, not the tasks
         judged = [t.result() for t in tasks if not t.cancelled() and t.exception() is None]
         in_sight = merged([r.in_sight for r in (*part.results, *judged) if r.evaluated])
-        return in_sight is None or bool((step.seen & ~in_sight).any())
+        return in_sight is None or float((step.seen & ~in_sight).mean()) >= MIN_NEW_SHARE
 
     def is_hold_questioned(self) -> bool:
         """Return whether a view judged meanwhile does not confirm how the part is held."""

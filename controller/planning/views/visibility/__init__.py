@@ -1,15 +1,18 @@
 """What a camera sees of the bare part from each direction, on the table, and why not the rest."""
 
-from ._directions import candidate_directions, even_sphere, look_out
+from ._directions import candidate_directions, even_sphere, hidden_ones, look_out
 from ._hidden import why_hidden
 from ._rules import VisibilityRules, in_picture
 from ._table import table_views
-from ._visible import visible_from
+from ._visible import cosines, free_sight_lines, visible_from
 
 __all__ = [
     "VisibilityRules",
     "candidate_directions",
+    "cosines",
     "even_sphere",
+    "free_sight_lines",
+    "hidden_ones",
     "in_picture",
     "look_out",
     "table_views",

@@ -13,7 +13,8 @@ from controller.arrays import BoolArray, FloatArray, IntArray
 from controller.cad import Solid, SurfaceSamples
 from controller.imaging import RayCaster
 
-from ...model import Directions, VisibilityTable
+from ...model import Directions, HiddenEvidence, VisibilityTable
+from ._fan import closest_free, eyes_along
 from ._rules import VisibilityRules
 from ._visible import (
     LIFT_MM,
@@ -30,6 +31,8 @@ SQUARE_SHARE = 0.02  # of all area: a planar face at least this large deserves a
 SAME_RAD = np.radians(3.0)
 # 3 degrees apart: a spot shown only within a narrower cone than this could not be relied on, as
 # the hold is known to two degrees
+ALIKE_RAD = np.radians(1.0)  # of two straight looks one will do
+WEDGE_RAD = np.radians(0.2)  # of two lines through narrow wedges
 SEARCHED_COUNT = 4096
 MIN_SEARCHED_COUNT = 512
 RAY_COUNT = 1_000_000
@@ -105,12 +108,7 @@ def look_out(
     (hard,) = np.nonzero(short > 0)
     if len(hard) == 0:
         return VisibilityTable(base, visible, np.arccos(best), blocker, coarse, blurred)
-    few = SurfaceSamples(
-        samples.points_mm[hard],
-        samples.normals[hard],
-        samples.face_ids[hard],
-        samples.areas_mm2[hard],
-    )
+    few = samples.rows(hard)
     bare: BoolArray = np.asarray(~visible[:, hard].any(axis=0))
     search = _search(solid, few, caster, rules, base.vectors, bare)
     near = (search.vectors @ base.vectors.T).max(axis=1) > np.cos(np.radians(0.5))
@@ -126,9 +124,7 @@ def look_out(
     best[hard] = np.maximum(best[hard], search.best_cosine)
     never = ~visible[:, hard].any(axis=0)
     coarse[hard], blurred[hard] = search.coarse & never, search.blurred & never
-    straight = _eye_along(solid, few.points_mm[never], few.normals[never], rules)
-    met = first_met(caster, few.points_mm[never] + LIFT_MM * few.normals[never], straight)
-    blocker[hard[never]] = np.where(met >= 0, solid.face_of_triangle[np.maximum(met, 0)], -1)
+    blocker[hard[never]] = _standing_before(solid, few.rows(np.flatnonzero(never)), caster, rules)
     return VisibilityTable(
         directions, visible, np.arccos(np.clip(best, 0, 1)), blocker, coarse, blurred
     )
@@ -158,6 +154,32 @@ def _search(
     # where whole parts are out of focus every sample is a hard one: fewer looks will do
     even_count = int(np.clip(RAY_COUNT // n, MIN_SEARCHED_COUNT, SEARCHED_COUNT))
     vectors = np.vstack([known, even_sphere(even_count), _straight_at(solid, samples, rules)])
+    search = _looked(solid, samples, caster, rules, vectors, bare)
+    flat = np.arccos(np.clip(search.best_cosine, 0.0, 1.0)) > rules.max_incidence_rad
+    (left,) = np.nonzero(bare & flat)
+    closer, found = closest_free(solid, samples, caster, rules, left)
+    if not found.any():
+        return search
+    added = _looked(solid, samples, caster, rules, _unlike(closer[found], WEDGE_RAD), bare)
+    return _Search(
+        np.vstack([search.vectors, added.vectors]),
+        np.vstack([search.shows, added.shows]),
+        np.maximum(search.best_cosine, added.best_cosine),
+        search.coarse | added.coarse,
+        search.blurred | added.blurred,
+    )
+
+
+def _looked(
+    solid: Solid,
+    samples: SurfaceSamples,
+    caster: RayCaster,
+    rules: VisibilityRules,
+    vectors: FloatArray,
+    bare: BoolArray,
+) -> _Search:
+    """Look at samples from some directions (d, 3); at bare ones (n,), whatever the incidence."""
+    n = len(samples.points_mm)
     shows = np.zeros((len(vectors), n), dtype=bool)
     best = np.zeros(n)
     coarse, blurred = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
@@ -174,6 +196,62 @@ def _search(
         coarse |= (allowed & ~rules.is_fine(cosine, depth)).any(axis=0)
         blurred |= (allowed & ~rules.is_sharp(depth)).any(axis=0)
     return _Search(vectors, shows, best, coarse, blurred)
+
+
+def hidden_ones(
+    solid: Solid,
+    samples: SurfaceSamples,
+    caster: RayCaster,
+    rules: VisibilityRules,
+    directions: FloatArray,
+) -> HiddenEvidence:
+    """Return which of many samples no direction shows, looked for as `look_out` does.
+
+    Parameters
+    ----------
+    solid : the part
+    samples : n, of its surface
+    caster : rays against its mesh
+    rules : how the camera stands, and what it asks of a surface
+    directions : (v, 3) those that plans choose from
+    """
+    n = len(samples.points_mm)
+    left = np.arange(n)
+    from_com = samples.points_mm - solid.centroid_mm
+    for vector in directions[:, None]:
+        eyes = eyes_of(solid, vector, rules)
+        some = samples.rows(left)
+        good = rules.shows(cosines(some, eyes), rules.depth_bounds_mm(from_com[left], vector))
+        left = left[~free_sight_lines(some, caster, good, eyes)[0]]
+        if len(left) == 0:
+            break
+    evidence = HiddenEvidence(
+        is_hidden=np.zeros(n, dtype=bool),
+        best_incidence_rad=np.zeros(n),
+        blocker=np.full(n, -1, dtype=np.int64),
+        too_coarse=np.zeros(n, dtype=bool),
+        blurred=np.zeros(n, dtype=bool),
+    )
+    if len(left) == 0:
+        return evidence
+    some = samples.rows(left)
+    search = _search(solid, some, caster, rules, directions[:0], np.ones(len(left), dtype=bool))
+    never = ~search.shows.any(axis=0)
+    left, some = left[never], some.rows(np.flatnonzero(never))
+    evidence.is_hidden[left] = True
+    evidence.best_incidence_rad[left] = np.arccos(np.clip(search.best_cosine[never], 0.0, 1.0))
+    evidence.too_coarse[left], evidence.blurred[left] = search.coarse[never], search.blurred[never]
+    evidence.blocker[left] = _standing_before(solid, some, caster, rules)
+    return evidence
+
+
+def _standing_before(
+    solid: Solid, samples: SurfaceSamples, caster: RayCaster, rules: VisibilityRules
+) -> IntArray:
+    """Return the face before a straight look at each sample (n,), -1 for none."""
+    straight = eyes_along(solid, samples.points_mm, samples.normals, rules)
+    met = first_met(caster, samples.points_mm + LIFT_MM * samples.normals, straight)
+    return np.where(met >= 0, solid.face_of_triangle[np.maximum(met, 0)], -1)
 
 
 def _chosen(shows: BoolArray, short: IntArray, bare: BoolArray, most: int) -> list[int]:
@@ -202,20 +280,14 @@ def _chosen(shows: BoolArray, short: IntArray, bare: BoolArray, most: int) -> li
 
 def _straight_at(solid: Solid, samples: SurfaceSamples, rules: VisibilityRules) -> FloatArray:
     """Return the directions from which the camera looks straight at samples, alike ones once."""
-    eyes = _eye_along(solid, samples.points_mm, samples.normals, rules)
-    d = (eyes - solid.centroid_mm) / rules.distance_mm
+    eyes = eyes_along(solid, samples.points_mm, samples.normals, rules)
+    return _unlike((eyes - solid.centroid_mm) / rules.distance_mm, ALIKE_RAD)
+
+
+def _unlike(d: FloatArray, angle_rad: float) -> FloatArray:
+    """Return unit vectors (k, 3) of (n, 3), of those within an angle of each other the first."""
     kept: list[int] = []
     for k in range(len(d)):
-        if not kept or (d[kept] @ d[k]).max() < np.cos(np.radians(1.0)):
+        if not kept or (d[kept] @ d[k]).max() < np.cos(angle_rad):
             kept.append(k)
     return np.asarray(d[kept])
-
-
-def _eye_along(
-    solid: Solid, points: FloatArray, along: FloatArray, rules: VisibilityRules
-) -> FloatArray:
-    """Return where lines from points (n, 3) meet the sphere the camera can stand on (n, 3)."""
-    offset = points - solid.centroid_mm
-    half = np.einsum("ij,ij->i", offset, along)
-    inner = half**2 - np.einsum("ij,ij->i", offset, offset) + rules.distance_mm**2
-    return np.asarray(points + (np.sqrt(np.maximum(inner, 0.0)) - half)[:, None] * along)

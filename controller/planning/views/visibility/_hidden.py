@@ -7,42 +7,45 @@ import numpy as np
 from controller.arrays import BoolArray
 from controller.cad import Solid
 
-from ...model import VisibilityTable
+from ...model import HiddenEvidence, VisibilityTable
 
 MAJORITY = 0.5  # of a piece's samples
 NEVER_RAD = np.radians(89.5)  # seen flatter than this is not seen
 
 
 def why_hidden(
-    solid: Solid, visibility_table: VisibilityTable, piece: BoolArray, max_incidence_deg: float
+    solid: Solid,
+    evidence: VisibilityTable | HiddenEvidence,
+    piece: BoolArray,
+    max_incidence_deg: float,
 ) -> tuple[str, str]:
     """Return the reason and the smallest change that would help, for samples (n,) never visible.
 
     Parameters
     ----------
     solid : the part; its faces are named
-    visibility_table : what was looked for
+    evidence : what was looked for
     piece : (n,) the samples asked about, at least one
     max_incidence_deg : up to which a sample counts as seen
     """
-    best = np.degrees(visibility_table.best_incidence_rad[piece])
-    before = visibility_table.blocker[piece]
+    best = np.degrees(evidence.best_incidence_rad[piece])
+    before = evidence.blocker[piece]
     faces, counts = np.unique(before[before >= 0], return_counts=True)
     blocker = solid.faces[int(faces[np.argmax(counts)])].label if len(faces) else ""
-    if visibility_table.too_coarse[piece].mean() >= MAJORITY:
+    if evidence.too_coarse[piece].mean() >= MAJORITY:
         return (
             f"too coarse in every picture: seen past the part {np.median(best):.0f} degrees from "
             "its normal at best, with fewer pixels to the millimetre than are required",
             "a longer focal length, a camera nearer by, or fewer pixels required in the recipe",
         )
-    if visibility_table.blurred[piece].mean() >= MAJORITY:
+    if evidence.blurred[piece].mean() >= MAJORITY:
         return (
             f"out of focus in every picture: seen past the part {np.median(best):.0f} degrees "
             "from its normal at best, but nearer or farther than the picture is sharp",
             "a smaller aperture, which is sharp over more depth",
         )
     stands = f"; {blocker} stands before a look straight at it" if blocker else ""
-    seen = visibility_table.best_incidence_rad[piece] < NEVER_RAD
+    seen = evidence.best_incidence_rad[piece] < NEVER_RAD
     if seen.mean() >= MAJORITY:
         flattest = float(np.quantile(best[seen], 0.9))
         return (

@@ -12,7 +12,7 @@ from ._rules import VisibilityRules
 
 LIFT_MM = 0.02  # sight lines start this far off the surface, or they would meet it
 # rays that pass exactly between two triangles may meet neither, and a face behind would look
-# visible (planning-facts.md 3.2): of three lines this far apart two must be free
+# visible (planning-facts.md 3.2): of four lines this far apart two must be free
 JITTER_MM = 0.03
 CHUNK_SIZE = 200_000
 
@@ -85,22 +85,40 @@ def free_sight_lines(
     eyes : (v, 3) positions of the camera, CAD frame [mm]
     """
     eye, member = np.nonzero(asked)
+    result = np.zeros_like(asked)
+    result[eye, member] = free_pairs(samples, caster, member, eyes[eye])
+    return result
+
+
+def free_pairs(
+    samples: SurfaceSamples, caster: RayCaster, member: IntArray, eyes: FloatArray
+) -> BoolArray:
+    """Return whether each of some samples (k,) sees its own eye (k, 3) past the part (k,).
+
+    Parameters
+    ----------
+    samples : of the surface, CAD frame
+    caster : rays against the part's mesh
+    member : (k,) numbers of samples
+    eyes : (k, 3) a position of the camera for each, CAD frame [mm]
+    """
     n = samples.normals[member]
     start = samples.points_mm[member] + LIFT_MM * n
-    free = first_met(caster, start, eyes[eye]) < 0
+    free: BoolArray = first_met(caster, start, eyes) < 0
     (again,) = np.nonzero(free)
     if len(again):
         n = n[again]
         side = np.cross(n, np.eye(3)[np.argmin(np.abs(n), axis=1)])
         side *= JITTER_MM / np.linalg.norm(side, axis=1)[:, None]
         other = np.cross(n, side)
-        votes = np.zeros(len(again), dtype=np.int64)
-        for step in (side, 0.87 * other - 0.5 * side):
-            votes += first_met(caster, start[again] + step, eyes[eye[again]]) < 0
-        free[again] = votes >= 1
-    result = np.zeros_like(asked)
-    result[eye, member] = free
-    return result
+        sure = np.zeros(len(again), dtype=bool)
+        # three ways, for beside an inner edge two of them may lead into the other face
+        for step in (side, 0.87 * other - 0.5 * side, -0.87 * other - 0.5 * side):
+            (left,) = np.nonzero(~sure)
+            rows = again[left]
+            sure[left] = first_met(caster, start[rows] + step[left], eyes[rows]) < 0
+        free[again] = sure
+    return free
 
 
 def first_met(caster: RayCaster, start: FloatArray, eyes: FloatArray) -> IntArray:

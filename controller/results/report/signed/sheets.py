@@ -7,7 +7,7 @@ from typing import Final
 from controller.cad import Solid
 
 from ...judged import DECISION_RULE, JudgedPart
-from ...run import CharacteristicReport, LookReport, ViewReport
+from ...run import CharacteristicReport, LookReport, VerdictReport, ViewReport
 from ...wording import utc
 from ..pictures import Pictures, Shot, bounds, window_round
 from .balloons import BalloonDrawing, balloon_drawing
@@ -160,7 +160,7 @@ def _facts(judged: JudgedPart) -> tuple[tuple[str, str], ...]:
         ("Software", f"cellctl {h.software.get('cellctl', 'of unknown version')}"),
         ("Inspected", f"{utc(h.start)} to {h.end:%H:%M:%S}"),
         ("Tray", judged.part.tray or "none"),
-        ("Surface compared", f"{100 * verdict.compared_fraction:.2f} %" if verdict else "–"),
+        ("Surface compared", compared_words(verdict) if verdict else "–"),
     ]
     return tuple(facts)
 
@@ -176,3 +176,11 @@ def _calibrated(judged: JudgedPart) -> str:
     known = ", ".join(f"{camera} {date}" for camera, date in dates.items() if date)
     dated = known or "no date in the cell file"
     return "; ".join((dated, *(judged.header.calibration or ())))
+
+
+def compared_words(verdict: VerdictReport) -> str:
+    """Return which share of the surface was compared, and how well that is known."""
+    share = f"{100 * verdict.compared_fraction:.2f} %"
+    if verdict.compared_U is None:
+        return share
+    return f"{share} (U = {100 * verdict.compared_U:.2f} %, k = 2)"

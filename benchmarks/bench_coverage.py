@@ -1,0 +1,373 @@
+"""Is the coverage that a plan states true of the surface? Face by face, on points of its own.
+
+python benchmarks/bench_coverage.py [--parts NAME...] [--files FILE...] [--poses 1] [--seed 1]
+                                    [--json FILE]
+
+Points are drawn at random, by trimesh, and seen or not by planning_sight, which is exact and shares
+no code with the planner. A plan counts what is clear of gripper and arm by 2 mm and of the
+picture's border by 12 px; so does the judge (`error`), and once more without these margins
+(`bare`), which the plan may fall short of and must not exceed. Shares are in percent of a face;
+faces of 2 mm2 or less are left out. `hidden` points that the plan calls hidden by the part itself
+are searched for a free line within the limit by lines all round (`false`). Seconds are CPU seconds.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "unit"), str(ROOT / "benchmarks")]
+
+from planning_cell import emulated_layout  # noqa: E402
+from planning_checker import Moment, follow  # noqa: E402
+from planning_contacts import Checker, finger_boxes, frames  # noqa: E402
+from planning_parts import planning_parts, start_poses  # noqa: E402
+from planning_sight import (  # noqa: E402
+    VisibilityRules,
+    blocked,
+    box_triangles,
+    in_sight,
+    pixels_of,
+)
+
+from controller.cad import Solid, SurfaceSamples, surface_normals  # noqa: E402
+from controller.cad.compiled import CompileOptions, load_part  # noqa: E402
+from controller.planning import (  # noqa: E402
+    CellLayout,
+    Look,
+    NoPlanError,
+    OnTable,
+    Plan,
+    PlanOptions,
+    PreparedPart,
+    Reason,
+    plan_from,
+    prepare_part,
+    resting_pose,
+)
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+MARGIN_MM, BORDER_PX = 2.0, 12.0
+FIRST_COUNT, FULL_COUNT = 1500, 24_000  # points on a face; the second where only some are seen
+LEAST_MM2 = 2.0
+HIDDEN_COUNT = 60  # points called hidden that are searched, per part
+LINES = 20_000
+INSIDE_RAD = float(np.radians(0.25))  # a free line must be within the limit by this
+LIFT_MM = 0.02
+AROUND_MM = 0.05  # and stay free when its point is moved so far
+
+
+@dataclass
+class Points:
+    """Random points of some faces."""
+
+    at: Array
+    normals: Array
+    faces: NDArray[np.int64]
+
+
+@dataclass
+class FaceRow:
+    """One face: what the plan states, and what is true, in percent."""
+
+    face: int
+    label: str
+    area_mm2: float
+    stated: float
+    true: float
+    bare: float
+
+    @property
+    def error(self) -> float:
+        return self.stated - self.true
+
+
+@dataclass
+class Row:
+    """One part in one pose."""
+
+    part: str
+    pose: int
+    samples: int = 0
+    counted: int = 0
+    prepare_s: float = float("nan")
+    plan_s: float = float("nan")
+    failure: str = ""
+    views: int = 0
+    stated: float = 0.0
+    stated_uncertainty: float = 0.0
+    true: float = 0.0
+    reachable: float = 0.0
+    faces: list[FaceRow] = field(default_factory=list)
+    hidden: int = 0
+    false_hidden: int = 0
+
+    @property
+    def errors(self) -> Array:
+        return np.array([abs(f.error) for f in self.faces])
+
+
+def drawn(solid: Solid, face: int, count: int, seed: int) -> Points:
+    """Return random points on one face, with the normals of its surface."""
+    (rows,) = np.nonzero(solid.face_of_triangle == face)
+    piece = solid.mesh.submesh([rows], append=True, repair=False)
+    at, triangle = trimesh.sample.sample_surface(piece, count, seed=seed)
+    at = np.asarray(at, dtype=np.float64)
+    facets = np.asarray(solid.mesh.face_normals)[rows[triangle]]
+    ids = np.full(count, face)
+    return Points(at, surface_normals(solid.faces, ids, at, facets), ids)
+
+
+class Judge:
+    """Sees points from the views of a plan."""
+
+    def __init__(self, solid: Solid, layout: CellLayout, options: PlanOptions) -> None:
+        self.solid, self.layout = solid, layout
+        self.triangles = np.asarray(solid.mesh.triangles)
+        self.checker = Checker(layout, solid)
+        angle = float(np.radians(options.max_incidence_deg))
+        least = options.min_px_per_mm
+        self.held = VisibilityRules(angle, least, layout.inspection_sharp_mm)
+        self.lying = VisibilityRules(angle, least, layout.overhead_sharp_mm)
+
+    def seen(self, moments: list[Moment], points: Points, margin_mm: float, border: float) -> Mask:
+        seen = np.zeros(len(points.at), dtype=bool)
+        for moment in moments:
+            (left,) = np.nonzero(~seen)
+            seen[left] = self._in(moment, points.at[left], points.normals[left], margin_mm, border)
+        return seen
+
+    def _in(
+        self, moment: Moment, at: Array, normals: Array, margin_mm: float, border: float
+    ) -> Mask:
+        is_look = isinstance(moment.step, Look)
+        layout = self.layout
+        camera = layout.overhead if is_look else layout.inspection
+        R, t = moment.T_world_part[:3, :3], moment.T_world_part[:3, 3]
+        occluders = [self.triangles @ R.T + t]
+        eye = camera.T_world_cam[:3, 3]
+        if not is_look:
+            tip = frames(layout, moment.q)["tip"]
+            hand = [
+                *((b.T, b.half_mm) for b in layout.arm_gripper.body),
+                *finger_boxes(layout.arm_gripper, moment.arm_opening_mm),
+            ]
+            f = frames(layout, moment.q)
+            boxes = [(tip @ T, half) for T, half in hand]
+            boxes += [(f[link.name] @ link.T, link.half_mm) for link in layout.arm.links]
+            still = self.checker.still_parts(moment.fixed_opening_mm)
+            boxes += [(T, half) for _, _, T, half in still]
+            for T, half in boxes:
+                if (np.abs((eye - T[:3, 3]) @ T[:3, :3]) > half).any():
+                    occluders.append(box_triangles(T, half + margin_mm))
+        world = at @ R.T + t
+        rules = self.lying if is_look else self.held
+        found = in_sight(world, normals @ R.T, camera, np.vstack(occluders), rules).seen
+        pixels = pixels_of(camera, world)
+        inset = np.minimum(pixels, np.array(camera.size_px) - 1 - pixels).min(axis=1)
+        return np.asarray(found & (inset >= border))
+
+
+def has_free_line(
+    judge: Judge, distance_mm: float, at: Array, normal: Array, rng: np.random.Generator
+) -> bool:
+    """Tell whether some place of the camera sees a point within the limit, by random lines."""
+    rules = judge.held
+    limit = rules.max_incidence_rad - INSIDE_RAD
+    cos = rng.uniform(np.cos(limit), 1.0, LINES)
+    turn = rng.uniform(0.0, 2 * np.pi, LINES)
+    u = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
+    u /= np.linalg.norm(u)
+    v = np.cross(normal, u)
+    sine = np.sqrt(1.0 - cos**2)[:, None]
+    along = sine * (np.cos(turn)[:, None] * u + np.sin(turn)[:, None] * v) + cos[:, None] * normal
+    offset = at - judge.solid.centroid_mm
+    half = along @ offset
+    far = np.sqrt(half**2 - offset @ offset + distance_mm**2) - half
+    # all lines meet in the point: what stands before a place of the camera hides it from the point
+    start = at + LIFT_MM * normal
+    free = ~blocked_any_way(judge.triangles, start, at + far[:, None] * along)
+    if not free.any():
+        return False
+    # near enough: pixels go with the cosine over the distance
+    focal = float(min(judge.layout.inspection.K[0, 0], judge.layout.inspection.K[1, 1]))
+    free &= focal * cos >= 1.02 * rules.min_px_per_mm * far
+    for k in range(4):
+        moved = start + AROUND_MM * (np.cos(k * np.pi / 2) * u + np.sin(k * np.pi / 2) * v)
+        (rows,) = np.nonzero(free)
+        if len(rows):
+            eyes = at + far[rows, None] * along[rows]
+            free[rows] = ~blocked_any_way(judge.triangles, moved, eyes)
+    return bool(free.any())
+
+
+def blocked_any_way(triangles: Array, eye: Array, points: Array) -> Mask:
+    """Tell which points of a half space are hidden from a point; `blocked` by quarters of it."""
+    towards = (points - eye) / np.linalg.norm(points - eye, axis=1, keepdims=True)
+    middle = towards.mean(axis=0)
+    u = np.cross(middle, np.eye(3)[int(np.argmin(np.abs(middle)))])
+    u /= np.linalg.norm(u)
+    v = np.cross(middle, u)
+    sector = np.floor(np.arctan2(towards @ v, towards @ u) / (np.pi / 3)).astype(int)
+    hidden = np.zeros(len(points), dtype=bool)
+    for k in np.unique(sector):
+        (rows,) = np.nonzero(sector == k)
+        hidden[rows] = blocked(triangles, eye, points[rows])
+    return hidden
+
+
+def shares(samples: SurfaceSamples, seen: Mask, count: int) -> Array:
+    """Return the share of each face (f,) that a plan states, in percent."""
+    whole = np.bincount(samples.face_ids, samples.areas_mm2, count)
+    part = np.bincount(samples.face_ids[seen], samples.areas_mm2[seen], count)
+    return np.asarray(100.0 * part / np.maximum(whole, 1e-300))
+
+
+def seen_by(plan: Plan, count: int) -> Mask:
+    seen = np.zeros(count, dtype=bool)
+    for step in plan.steps:
+        mask = getattr(step, "seen", None)
+        if mask is not None:
+            seen |= np.asarray(mask)
+    return seen
+
+
+def judge_plan(
+    row: Row, part: PreparedPart, layout: CellLayout, plan: Plan, start: OnTable, seed: int
+) -> None:
+    solid, samples = part.solid, part.counted_samples
+    judge = Judge(solid, layout, part.options)
+    moments = follow(plan, layout, solid, start).moments
+    seen = seen_by(plan, len(samples.points_mm))
+    stated = shares(samples, seen, len(solid.faces))
+    row.views, row.stated = len(moments), 100.0 * plan.covered_fraction
+    row.stated_uncertainty, row.reachable = 100.0 * plan.covered_U, 100.0 * plan.reachable_fraction
+    total = 0.0
+    for face in solid.faces:
+        points = drawn(solid, face.id, FIRST_COUNT, seed)
+        true = 100.0 * float(judge.seen(moments, points, MARGIN_MM, BORDER_PX).mean())
+        if 0.0 < true < 100.0 or 0.0 < stated[face.id] < 100.0:
+            points = drawn(solid, face.id, FULL_COUNT, seed + 1)
+            true = 100.0 * float(judge.seen(moments, points, MARGIN_MM, BORDER_PX).mean())
+        total += true * face.area_mm2
+        if face.area_mm2 > LEAST_MM2:
+            bare = 100.0
+            if true < 100.0:
+                bare = 100.0 * float(judge.seen(moments, points, 0.0, 0.0).mean())
+            row.faces.append(
+                FaceRow(face.id, face.label, face.area_mm2, float(stated[face.id]), true, bare)
+            )
+    row.true = total / sum(f.area_mm2 for f in solid.faces)
+    hidden = [k for u in plan.unseen if u.kind is Reason.HIDDEN_BY_PART for k in u.samples]
+    rng = np.random.default_rng(seed + 2)
+    distance = float(np.linalg.norm(layout.inspection.position_mm - layout.station_mm))
+    # random points whose nearest counted one is called hidden, and that nothing shows
+    chosen = rng.permutation(np.array(hidden, dtype=np.int64))[:HIDDEN_COUNT]
+    for k in chosen:
+        row.hidden += 1
+        at, normal = samples.points_mm[k], samples.normals[k]
+        row.false_hidden += has_free_line(judge, distance, at, normal, rng)
+
+
+def bench(name: str, path: Path, args: argparse.Namespace) -> list[Row]:
+    needs_unit = path.suffix in (".stl", ".obj", ".ply", ".off")
+    compiled = load_part(path, CompileOptions(unit="mm" if needs_unit else None))
+    layout, options, solid = emulated_layout(), PlanOptions(), compiled.solid
+    begin = time.process_time()
+    rows: list[Row] = []
+    try:
+        prepared = prepare_part(solid, compiled.chosen_by, layout, options, compiled.samples)
+    except NoPlanError as error:
+        return [Row(name, -1, failure=str(error))]
+    prepare_s = time.process_time() - begin
+    x, y = layout.set_down_mm.mean(axis=1)
+    for pose in start_poses(compiled):
+        if len([r for r in rows if not r.failure]) >= args.poses:
+            break
+        row = Row(
+            name, pose.index, len(prepared.samples.points_mm), len(compiled.samples.points_mm)
+        )
+        row.prepare_s = prepare_s
+        start = OnTable(pose.index, resting_pose(solid, pose, float(x), float(y)))
+        begin = time.process_time()
+        try:
+            plan = plan_from(prepared, layout, start)
+        except NoPlanError as error:
+            row.failure = str(error)
+            rows.append(row)
+            continue
+        row.plan_s = time.process_time() - begin
+        judge_plan(row, prepared, layout, plan, start, args.seed)
+        rows.append(row)
+    return rows
+
+
+HEAD = (
+    "part                   pose  prep s plan s views stated %  U     true %  reach %  faces  "
+    "error max  p95 over 0.5 %  over bare  hidden false"
+)
+
+
+def line(row: Row) -> str:
+    if row.failure:
+        return f"{row.part:22s} {row.pose:4d}  {row.failure[:100]}"
+    errors = row.errors
+    over = max((f.stated - f.bare for f in row.faces), default=0.0)
+    return (
+        f"{row.part:22s} {row.pose:4d} {row.prepare_s:7.1f} {row.plan_s:6.1f} {row.views:5d} "
+        f"{row.stated:8.2f} {row.stated_uncertainty:5.2f} {row.true:8.2f} {row.reachable:8.2f} "
+        f"{len(row.faces):6d} {errors.max():10.2f} {np.quantile(errors, 0.95):4.2f} "
+        f"{int((errors > 0.5).sum()):10d} {over:10.2f} {row.hidden:7d} {row.false_hidden:5d}"
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--parts", nargs="*", default=None)
+    parser.add_argument("--files", nargs="*", type=Path, default=[])
+    parser.add_argument("--poses", type=int, default=1)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--json", type=Path)
+    parser.add_argument("--worst", type=int, default=3, help="faces listed per part")
+    args = parser.parse_args()
+    files = {} if args.parts is None and args.files else planning_parts(args.parts or ())
+    files |= {f.name.split(".")[0]: f for f in args.files}
+    print(HEAD)
+    rows: list[Row] = []
+    for name, path in files.items():
+        for row in bench(name, path, args):
+            rows.append(row)
+            print(line(row), flush=True)
+            for f in sorted(row.faces, key=lambda f: -abs(f.error))[: args.worst]:
+                if abs(f.error) > 0.5:
+                    print(
+                        f"    {f.label}, {f.area_mm2:.1f} mm2: stated {f.stated:.2f}, "
+                        f"true {f.true:.2f}, bare {f.bare:.2f}"
+                    )
+    done = [r for r in rows if not r.failure]
+    if done:
+        errors = np.concatenate([r.errors for r in done])
+        print(
+            f"{len({r.part for r in done})} parts, {len(errors)} faces: |stated - true| mean "
+            f"{errors.mean():.3f} %, largest {errors.max():.2f} %, over 0.5 %: "
+            f"{int((errors > 0.5).sum())}; whole part at most "
+            f"{max(abs(r.stated - r.true) for r in done):.3f} %; false reasons "
+            f"{sum(r.false_hidden for r in done)} of {sum(r.hidden for r in done)}"
+        )
+    if args.json:
+        args.json.write_text(json.dumps([asdict(r) for r in rows], indent=1))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,94 @@
+"""Points by which coverage is counted: dense, evenly spread, denser in bores and on small faces.
+
+Plans are fitted to points of their own (`sample_surface`), so that what a plan misses between them
+shows here (ADR 57).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from controller.arrays import FloatArray, IntArray
+
+from ..solid import Solid
+from ._samples import SurfaceSamples, face_areas_mm2, placed_samples
+
+MAX_COUNT = 200_000  # of a part; one that would have more has them farther apart
+ROUND_COUNT = 24  # points round a bore
+PER_FACE = 1500  # points on a small face, for shares right to half a percent of it
+PER_SPECK = 24  # and on one of less than `SPECK_MM2`
+SPECK_MM2 = 2.0
+OFF_EDGE_MM = 0.004  # more would leave out a strip that a narrow face is blind in
+DRAWN = 8  # candidates drawn for each square of the spacing
+APART = 0.8  # nearest that two points are to each other, in spacings
+WHOLE = 0.8  # spacings that make sure of the one asked for
+FACES_APART = 1e5  # faces are moved apart, so that the nearest point is on the same
+# of the sequence that spreads points over a square most evenly, by the plastic number
+STEPS = np.array([[0.7548776662466927], [0.5698402909980532]])
+
+
+def counted_samples(solid: Solid, spacing_mm: float, stream: int = 1) -> SurfaceSamples:
+    """Return points by which coverage is counted, no spot of a face farther from one than spacing.
+
+    Bores have at least `ROUND_COUNT` round, small faces at least `PER_FACE`. Each point stands for
+    the surface that is nearest to it. Seeded by the part's content: the same file gives the same
+    points, and they are none of `sample_surface`.
+
+    Parameters
+    ----------
+    solid : with its faces
+    spacing_mm : on faces that need no finer one; a part as large as a house has a wider one
+    stream : of the draw; other streams have other points
+    """
+    rng = np.random.default_rng([int(solid.content_hash[:8], 16), stream])
+    face_mm2 = face_areas_mm2(solid)
+    spacings = _spacings_mm(solid, face_mm2, WHOLE * spacing_mm)
+    counts = np.ceil(DRAWN * face_mm2 / spacings**2).astype(np.int64)
+    number = np.arange(counts.sum())
+    across = (rng.random((2, 1)) + STEPS * number) % 1.0
+    drawn = placed_samples(solid, counts, np.full(len(number), 0.5), across, OFF_EDGE_MM)
+    scaled = drawn.points_mm / spacings[drawn.face_ids, None]
+    places = np.column_stack([scaled, FACES_APART * drawn.face_ids])
+    kept = _apart(places, rng)
+    _, nearest = cKDTree(places[kept]).query(places)
+    return SurfaceSamples(
+        points_mm=drawn.points_mm[kept],
+        normals=drawn.normals[kept],
+        face_ids=drawn.face_ids[kept],
+        areas_mm2=np.bincount(nearest, drawn.areas_mm2, len(kept)).astype(np.float64),
+    )
+
+
+def _apart(places: FloatArray, rng: np.random.Generator) -> IntArray:
+    """Return which of many places (n, d) to keep: none nearer than `APART`, and no room for more.
+
+    In rounds: of those near each other the one that comes first in a drawn order is kept.
+    """
+    pairs = cKDTree(places).query_pairs(APART, output_type="ndarray")
+    rank = rng.permutation(len(places))
+    later = rank[pairs[:, 0]] > rank[pairs[:, 1]]
+    pairs[later] = pairs[later][:, ::-1]  # the first of each pair goes before the second
+    is_open, is_kept = np.ones((2, len(places)), dtype=bool)
+    is_kept[:] = False
+    while is_open.any():
+        beaten = np.zeros(len(places), dtype=bool)
+        beaten[pairs[:, 1]] = True
+        is_kept |= is_open & ~beaten
+        is_open &= beaten
+        is_open[pairs[is_kept[pairs[:, 0]], 1]] = False
+        pairs = pairs[is_open[pairs].all(axis=1)]
+    return np.flatnonzero(is_kept)
+
+
+def _spacings_mm(solid: Solid, face_mm2: FloatArray, spacing_mm: float) -> FloatArray:
+    """Return the spacing of points on each face (f,)."""
+    wide = max(spacing_mm, float(np.sqrt(face_mm2.sum() / MAX_COUNT)))
+    most = MAX_COUNT / max(len(face_mm2), 1)
+    least = np.where(face_mm2 < SPECK_MM2, min(PER_SPECK, most), min(PER_FACE, most))
+    spacings = np.minimum(wide, np.sqrt(face_mm2 / least))
+    for face in solid.faces:
+        if face.concave and face.kind in ("cylinder", "cone") and face.radius_mm > 0.0:
+            round_mm = 2 * np.pi * face.radius_mm / ROUND_COUNT
+            spacings[face.id] = min(spacings[face.id], round_mm)
+    return np.maximum(spacings, 1e-6)

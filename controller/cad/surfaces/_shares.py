@@ -1,0 +1,72 @@
+"""Which share of a surface some of its samples stand for, and how well that is known."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from controller.arrays import BoolArray, FloatArray
+
+from ._samples import SurfaceSamples
+
+NEIGHBOUR_COUNT = 6
+FACES_APART_MM = 1e5  # faces are moved apart, so that neighbours are on the same one
+# cells of which one whole is missed with 5 %: what is smaller than a cell may have no point in it
+UNMET_CELLS = 3.0
+
+
+def share_of(samples: SurfaceSamples, chosen: BoolArray) -> float:
+    """Return the share of the surface that chosen samples (m,) stand for, 0..1."""
+    areas = samples.areas_mm2
+    return float(areas[chosen].sum() / areas.sum())
+
+
+def uncertainty_of(samples: SurfaceSamples, chosen: BoolArray) -> float:
+    """Return the expanded uncertainty (k = 2) of `share_of`, 0..1; see `face_shares`."""
+    areas = samples.areas_mm2
+    return float(_uncertain(samples, _variances_mm4(samples, chosen), areas >= 0.0))
+
+
+def face_shares(
+    samples: SurfaceSamples, chosen: BoolArray, face_count: int
+) -> tuple[FloatArray, FloatArray]:
+    """Return the share of each face (f,) that chosen samples stand for, and its U (k = 2) (f,).
+
+    A cell on the border of what is chosen, with neighbours on the other side, may belong to either
+    side; spots smaller than a cell may have no sample in them.
+
+    Parameters
+    ----------
+    samples : m of them, each for the surface nearest to it
+    chosen : (m,) bool
+    face_count : of the part
+    """
+    variances = _variances_mm4(samples, chosen)
+    shares, uncertain = np.zeros(face_count), np.ones(face_count)
+    for face in np.unique(samples.face_ids):
+        mine = samples.face_ids == face
+        shares[face] = share_of(samples.rows(np.flatnonzero(mine)), chosen[mine])
+        uncertain[face] = _uncertain(samples, variances, mine)
+    return shares, uncertain
+
+
+def _variances_mm4(samples: SurfaceSamples, chosen: BoolArray) -> FloatArray:
+    """Return the variance of the area that each sample adds to what is chosen (m,) [mm4]."""
+    count = min(NEIGHBOUR_COUNT + 1, len(chosen))
+    if count < 2:
+        return samples.areas_mm2**2
+    places = np.column_stack([samples.points_mm, FACES_APART_MM * samples.face_ids])
+    _, around = cKDTree(places).query(places, k=count)
+    others = np.asarray(samples.face_ids[around] == samples.face_ids[:, None])
+    share = (chosen[around] & others).sum(axis=1) / others.sum(axis=1)
+    return np.asarray(samples.areas_mm2**2 * share * (1.0 - share))
+
+
+def _uncertain(samples: SurfaceSamples, variances_mm4: FloatArray, mine: BoolArray) -> float:
+    """Return the expanded uncertainty of a share of the surface of some samples (m,) bool."""
+    areas = samples.areas_mm2[mine]
+    whole = float(areas.sum())
+    if whole <= 0.0:
+        return 1.0
+    unmet_mm2 = UNMET_CELLS * float((areas**2).sum()) / whole
+    return min(1.0, (2.0 * float(np.sqrt(variances_mm4[mine].sum())) + unmet_mm2) / whole)

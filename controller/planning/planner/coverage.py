@@ -1,0 +1,62 @@
+"""What the steps of a plan show, counted by points that their views were not chosen by (ADR 57)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from controller.arrays import BoolArray
+from controller.imaging import RayCaster
+
+from ..model import CellLayout, Look, PreparedPart, Present, Step
+from ..views import Counter
+
+
+def count_shown(
+    part: PreparedPart, layout: CellLayout, steps: Sequence[Step], before: BoolArray
+) -> tuple[tuple[Step, ...], BoolArray]:
+    """Return the steps with what each shows of the points counted by, and what all show (m,).
+
+    Parameters
+    ----------
+    part : prepared
+    layout : the cell
+    steps : with what each shows of the samples that views are chosen by
+    before : (m,) points inspected before
+    """
+    seen = before.copy()
+    if part.counted is None:
+        for step in steps:
+            if isinstance(step, Present | Look):
+                seen |= step.seen
+        return tuple(steps), seen
+    caster = RayCaster(part.solid.mesh)
+    counter = Counter(part.solid, part.counted.samples, layout, part.options, caster)
+    out: list[Step] = []
+    for step in steps:
+        match step:
+            case Present():
+                shown = counter.held_up(step.grasp, step.q)
+            case Look():
+                shown = counter.on_table(step.T_world_part)
+            case _:
+                out.append(step)
+                continue
+        seen |= shown
+        out.append(replace(step, seen=shown))
+    return tuple(out), seen
+
+
+def counted_as(part: PreparedPart, able: BoolArray, seen: BoolArray) -> BoolArray:
+    """Return which points counted by could be shown (m,).
+
+    Parameters
+    ----------
+    part : prepared
+    able : (n,) which of the samples that views are chosen by
+    seen : (m,) points that are shown
+    """
+    counted = part.counted
+    if counted is None:
+        return able | seen
+    return seen | (able[counted.nearest] & ~counted.evidence.is_hidden)

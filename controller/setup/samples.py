@@ -1,0 +1,20 @@
+"""How densely a part is sampled: one function for every command that counts coverage."""
+
+from dataclasses import replace
+
+from controller.cad.compiled import CompileOptions, spacing_for
+from controller.config import Recipe
+
+
+def sampled_for(recipe: Recipe | None, options: CompileOptions) -> CompileOptions:
+    """Return what a part is compiled with, its samples as near as a recipe's defects require.
+
+    Parameters
+    ----------
+    recipe : with the smallest defect to be found; None for a recipe's default
+    options : of the part
+    """
+    if recipe is None:
+        return options
+    spacing_mm = spacing_for(recipe.inspection.smallest_defect_mm)
+    return replace(options, sample_spacing_mm=spacing_mm)
