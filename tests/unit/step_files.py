@@ -25,6 +25,7 @@ KINDS = (
     "plate cut up",
     "plate of splines",
     "round things",
+    "needle",
     "two boxes",
     "open box",
 )
@@ -79,6 +80,13 @@ def _round_things():  # noqa: ANN202
     ball = BRepPrimAPI_MakeSphere(gp_Pnt(0, 0, 15), 6.0).Shape()
     ring = BRepPrimAPI_MakeTorus(gp_Ax2(gp_Pnt(0, 0, 0), gp_Dir(0, 0, 1)), 6.0, 1.0).Shape()
     return BRepAlgoAPI_Cut(BRepAlgoAPI_Fuse(cone, ball).Shape(), ring).Shape()
+
+
+def _needle():  # noqa: ANN202
+    """A cone, 8 to 1e-7 over 12 mm: its upper end is as wide as the kernel is exact."""
+    from OCP.BRepPrimAPI import BRepPrimAPI_MakeCone
+
+    return BRepPrimAPI_MakeCone(8.0, 1e-7, 12.0).Shape()
 
 
 def _two_boxes():  # noqa: ANN202
@@ -139,6 +147,7 @@ def main() -> None:
             _cut_up(_plate_with_bore()),
             _cut_up(_of_splines(_plate_with_bore())),
             _round_things(),
+            _needle(),
             _two_boxes(),
             _open_box(),
         ),

@@ -233,6 +233,20 @@ def test_cones_balls_and_rings_are_known(files: dict[str, Path]) -> None:
 
 @needs_kernel
 @pytest.mark.slow
+def test_a_cone_whose_apex_is_a_disc_of_no_size_is_mended_and_says_so(
+    files: dict[str, Path],
+) -> None:
+    part = read_step_part(files["needle"])
+    assert sorted(face.kind for face in part.solid.faces) == ["cone", "plane"]
+    assert part.solid.volume_mm3 == pytest.approx(np.pi * 8**2 * 12 / 3, rel=1e-6)
+    (cone,) = _by_kind(part, "cone")
+    assert cone.half_angle_rad == pytest.approx(np.arctan2(8, 12), abs=1e-6)
+    (stated,) = part.warnings
+    assert "mended" in stated
+
+
+@needs_kernel
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["plate cut up", "plate of splines"])
 def test_a_bore_in_several_faces_is_one_surface(files: dict[str, Path], kind: str) -> None:
     text = files[kind].read_text()

@@ -5,7 +5,8 @@ path, with limits on its memory and its time, and no part of the controller is i
 nothing of the kernel there. Its facts are the kernel's own reference pages (Open CASCADE 7.9:
 BRepMesh, BRepAdaptor, BRepGProp).
 
-Usage: ``python _step_child.py FILE OUT MEMORY_BYTES CPU_S CHORD_MM CHORD_SHARE ANGLE_RAD``.
+Usage: ``python _step_child.py FILE OUT MEMORY_BYTES CPU_S CHORD_MM CHORD_SHARE ANGLE_RAD MENDED``,
+where MENDED is 1 to mend the solid first, 0 to do so only if a surface cannot be tessellated.
 It ends with 0 and arrays in OUT, or with 3 and a JSON object in OUT that names the error class and
 the reason.
 """
@@ -21,6 +22,7 @@ from typing import Any, Final
 REFUSED: Final = 3  # exit code
 BODY: Final = ".bin"  # file of one body, in the kernel's own format; it names no unit
 CANONICAL_MM: Final = 1e-3  # a spline this close to a plane or a cylinder is one, drawn clumsily
+MENDED_SHARE: Final = 1e-3  # of its volume: what mending may change
 KINDS: Final = ("plane", "cylinder", "cone", "sphere", "torus", "freeform")
 
 
@@ -81,6 +83,31 @@ def read_shape(path: str) -> tuple[Any, str]:
             raise RefusalError("EmptyCadError", "holds no surface")
         raise RefusalError("OpenCadError", f"holds {face_count} surfaces that enclose no solid")
     return TopoDS.Solid_s(solids.FindKey(1)), unit
+
+
+def mended(solid: Any) -> Any:  # noqa: ANN401  the kernel's types have no stubs
+    """Return a solid with what the kernel can mend: seams, short edges, gaps, turned faces.
+
+    Raises
+    ------
+    RefusalError : what comes of it is no single solid, or a solid of another volume
+    """
+    from OCP.ShapeFix import ShapeFix_Shape
+    from OCP.TopAbs import TopAbs_SOLID
+    from OCP.TopoDS import TopoDS
+
+    fix = ShapeFix_Shape(solid)
+    fix.Perform()
+    solids = shapes_of(fix.Shape(), TopAbs_SOLID)
+    if solids.Extent() != 1:
+        raise RefusalError("OpenCadError", "holds no solid whose surfaces can be mended")
+    found = TopoDS.Solid_s(solids.FindKey(1))
+    before, after = (abs(mass_of(each)["volume_mm3"]) for each in (solid, found))
+    if abs(after - before) > MENDED_SHARE * before:
+        raise RefusalError(
+            "OpenCadError", f"holds {before:.1f} mm3, and would {after:.1f} mm3 when mended"
+        )
+    return found
 
 
 def shapes_of(shape: Any, kind: Any) -> Any:  # noqa: ANN401  the kernel's types have no stubs
@@ -360,14 +387,23 @@ def extent_of(solid: Any) -> float:  # noqa: ANN401
 
 def main(argv: list[str]) -> int:
     """Read, measure, tessellate, write; return the exit code, 0 unless it refuses."""
-    source, out, memory, cpu, chord, share, angle = argv
+    source, out, memory, cpu, chord, share, angle, mend = argv
     limit_resources(int(memory), int(cpu))
     import numpy as np
 
     try:
         solid, unit = (read_body(source), "") if source.endswith(BODY) else read_shape(source)
         chord_mm = max(float(chord), float(share) * extent_of(solid))
-        arrays = tessellate(solid, chord_mm, float(angle)) | surfaces_of(solid) | mass_of(solid)
+        is_mended = mend == "1"
+        solid = mended(solid) if is_mended else solid
+        try:
+            mesh = tessellate(solid, chord_mm, float(angle))
+        except RefusalError:
+            if is_mended:
+                raise
+            is_mended, solid = True, mended(solid)
+            mesh = tessellate(solid, chord_mm, float(angle))
+        arrays = mesh | surfaces_of(solid) | mass_of(solid) | {"is_mended": np.array(is_mended)}
     except RefusalError as refusal:
         return refuse(out, refusal.error, str(refusal))
     except MemoryError:

@@ -24,6 +24,7 @@ from ...boundary import Face, FaceKind
 from ...errors import (
     CadError,
     EmptyCadError,
+    InsideOutCadError,
     ManySolidsCadError,
     OpenCadError,
     SelfIntersectingCadError,
@@ -42,7 +43,12 @@ from .references import References, collect
 # of what drawn edges may be off, parts beyond 100 mm need not be finer in proportion, and 32 strips
 # make a bore round. The kernel folds some sound blends at one fineness and not at another, hence
 # two.
-TESSELLATIONS: Final = ((0.01, 1e-4, 0.2), (0.03, 0.0, 0.3))
+# in turn, while what comes of it is no closed surface: as the file has it, then mended
+TESSELLATIONS: Final = ((0.01, 1e-4, 0.2, 0), (0.03, 0.0, 0.3, 0), (0.01, 1e-4, 0.2, 1))
+MENDED: Final = (
+    "Its surfaces do not close as they stand in the file; the STEP kernel mended them. Compare the "
+    "part with its drawing, or export it again."
+)
 MESH_SHARE: Final = 0.02  # a sound tessellation misses less of the volume by far
 KINDS: Final[tuple[FaceKind, ...]] = ("plane", "cylinder", "cone", "sphere", "torus", "freeform")
 # as ISO 10303-41 and the kernel spell them; where the kernel names none it has still converted
@@ -207,31 +213,22 @@ def _read_part(
                     "_step_pmi_child.py", text, folder / "pmi.npz", [*map(str, product)], limits
                 )
             )
-        for fineness in TESSELLATIONS:
-            arguments = [str(number) for number in fineness]
-            with KernelRun(
-                "_step_child.py", source, folder / "shape.npz", arguments, limits
-            ) as shape_run:
-                written: dict[str, Any] = dict(shape_run.result(where))
-            if chosen is not None:
-                written["unit"] = np.array(chosen.unit)
-            found, into = merge_faces(written)
-            try:
-                solid = _solid(found, name, content_hash, where)
-                break
-            except SelfIntersectingCadError:
-                if fineness == TESSELLATIONS[-1]:
-                    raise
+        unit = None if chosen is None else chosen.unit
+        written, found, into, solid = _tessellated(
+            source, folder / "shape.npz", limits, (name, content_hash, where), unit
+        )
         tolerances: tuple[Tolerance, ...] = ()
         warnings: tuple[str, ...] = ()
+        if written["is_mended"]:
+            warnings = (MENDED,)
         if pmi_run is not None:
             try:
                 pmi = pmi_run.result(where)
             except CadError as error:  # the geometry stands without them
-                warnings = (f"its tolerances were not read: {error}",)
+                warnings += (f"its tolerances were not read: {error}",)
             else:
                 ids = _ranks(found["area_mm2"])[into]
-                tolerances, warnings = tolerances_from(
+                tolerances, unread = tolerances_from(
                     pmi,
                     data,
                     written["area_mm2"],
@@ -239,7 +236,44 @@ def _read_part(
                     ids,
                     is_whole_file=chosen is None,
                 )
+                warnings += unread
     return _part(found, into, solid, tolerances, warnings)
+
+
+def _tessellated(
+    source: Path,
+    out: Path,
+    limits: KernelLimits | None,
+    named: tuple[str, str, str],
+    unit: str | None,
+) -> tuple[dict[str, Any], dict[str, Any], IntArray, Solid]:
+    """Return the kernel's arrays, those with faces merged, whose each face was, and the solid.
+
+    What comes out not closed is tried again: divided in another way, then mended. Of a file that
+    stays unsound the reason is that of its surfaces as they stand in it.
+
+    Raises
+    ------
+    CadError : as `read_step`
+    """
+    name, content_hash, where = named
+    refused: CadError | None = None
+    for fineness in TESSELLATIONS:
+        arguments = [str(number) for number in fineness]
+        try:
+            with KernelRun("_step_child.py", source, out, arguments, limits) as run:
+                written: dict[str, Any] = dict(run.result(where))
+        except CadError as error:
+            raise refused or error from None
+        if unit is not None:
+            written["unit"] = np.array(unit)
+        found, into = merge_faces(written)
+        try:
+            return written, found, into, _solid(found, name, content_hash, where)
+        except (SelfIntersectingCadError, OpenCadError, InsideOutCadError) as error:
+            refused = refused or error
+    assert refused is not None
+    raise refused
 
 
 def _read_text(path: Path) -> bytes:
