@@ -15,6 +15,7 @@ import trimesh
 from cad_solids import Body, box, mesh_of, rod
 from same_values import assert_same
 
+from controller.cache import disk
 from controller.cad import OpenCadError, UnreadableCadError
 from controller.cad.compiled import (
     CompiledPart,
@@ -226,12 +227,9 @@ def test_a_refused_cad_file_leaves_nothing_behind(tmp_path: Path) -> None:
     assert not (tmp_path / "cache").exists()
 
 
-def test_the_oldest_files_go_when_there_are_too_many(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
+def test_the_oldest_files_go_when_they_are_too_large_together(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    cache_module.part_cache.cache_clear()
-    monkeypatch.setattr(cache_module, "MAX_FILE_COUNT", 3)
-    request.addfinalizer(cache_module.part_cache.cache_clear)
     cache = tmp_path / "cache"
     path = drilled(tmp_path)
     for i, count in enumerate((8, 9, 10, 11)):
@@ -239,6 +237,9 @@ def test_the_oldest_files_go_when_there_are_too_many(
         for file in cache.iterdir():
             if file.stat().st_mtime > 1000:
                 os.utime(file, (i, i))
+        if i == 0:  # room for three and a half: they differ by their samples alone
+            (first,) = cache.iterdir()
+            monkeypatch.setattr(disk, "MAX_FOLDER_BYTES", 3.5 * first.stat().st_size)
     assert len(list(cache.iterdir())) == 3
     assert cached_part(path, CompileOptions(max_compared=8), cache) is None
     assert cached_part(path, CompileOptions(max_compared=11), cache) is not None

@@ -179,15 +179,12 @@ def test_a_mirror_is_no_pose() -> None:
     assert not is_pose(np.full((4, 4), np.nan))
 
 
-def test_the_oldest_plans_go_when_there_are_too_many(
-    part: CompiledPart, file: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("controller.cell.plans.stored.MAX_PLAN_COUNT", 5)
+def test_the_plans_of_a_large_catalogue_are_all_kept(part: CompiledPart, file: Path) -> None:
     kept = Kept(part)
     refused = KeptPlan(part.poses[0].index, np.eye(4), None, "no")
-    for i in range(9):
+    for i in range(600):
         kept.plans.save(kept.plans.file("block", f"{i}"), refused)
-    assert len(list(file.parent.glob("*"))) == 5
+    assert len(list(file.parent.glob("plan-block-*"))) == 600
 
 
 def test_poses_that_a_symmetry_makes_one_are_planned_once(
