@@ -6,6 +6,7 @@ import importlib.util
 import random
 import re
 import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -278,13 +279,24 @@ def test_faces_that_meet_in_an_edge_stay_apart(files: dict[str, Path]) -> None:
 def test_tolerances_are_those_of_the_body_that_is_named(files: dict[str, Path]) -> None:
     """The plate is a body of two: its tolerances go with it, and the other one has none."""
     both = files["two boxes"].with_name("plate and boxes.step")
-    whole = read_step_part(files["plate"].with_name("toleranced.step"))
-    both.write_text(_with_tolerances(_beside(files["plate"], files["two boxes"])))
+    alone = files["plate"].with_name("plate alone.step")
+    alone.write_text(_with_tolerances(files["plate"].read_text()))
+    whole = read_step_part(alone)
+    both.write_text(_beside(alone, files["two boxes"]))
     plate, *others = list_bodies(both).distinct
     part = read_step_part(both, body=plate.name)
     assert part.tolerances == whole.tolerances
     assert len(part.tolerances) == 3
     assert [read_step_part(both, body=other.name).tolerances for other in others] == [()]
+
+
+def test_a_solid_is_known_by_how_many_faces_it_has_or_not_at_all(files: dict[str, Path]) -> None:
+    text = _beside(files["plate"], files["two boxes"])  # of 7, 6 and 6 faces
+    part = Part21(text)
+    assert len(part.faces_of_solid(7)) == 7
+    assert len(part.faces_of_solid(19)) == 19  # the whole file's
+    assert part.faces_of_solid(6) == []
+    assert part.faces_of_solid(5) == []
 
 
 def _beside(one: Path, other: Path) -> str:
@@ -464,7 +476,7 @@ def test_damaged_text_of_tolerances_raises_nothing_unforeseen(cut: int, flip: in
     text = TOLERANCES.format(shape="#1", brep="#2", frame="#3", bore="#4", top="#5")
     text = text[:flip] + chr(ord(text[flip % len(text)]) ^ 1) + text[flip + 1 :]
     part = Part21(text[:cut])
-    for ask in (part.dimensions, part.datum_surfaces, part.shell_faces):
+    for ask in (part.dimensions, part.datum_surfaces, partial(part.faces_of_solid, 7)):
         try:
             ask()
         except (Part21Error, IndexError, KeyError, TypeError, ValueError):

@@ -233,9 +233,9 @@ def _datums(
     for each in stated["datums"]:
         if each["letter"]:
             faces.setdefault(each["letter"], set()).update(_faces(each["faces"], ids))
-    shell = part.shell_faces()
-    if len(shell) == len(rank):  # the kernel keeps their order
-        place = {face: int(rank[i]) for i, face in enumerate(shell)}
+    # the kernel keeps their order
+    place = {face: int(rank[i]) for i, face in enumerate(part.faces_of_solid(len(rank)))}
+    if place:
         for letter, surfaces in part.datum_surfaces().items():
             faces.setdefault(letter, set()).update(place[f] for f in surfaces if f in place)
     return [Datum(letter, tuple(sorted(faces[letter]))) for letter in sorted(faces)]

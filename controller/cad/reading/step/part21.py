@@ -146,10 +146,22 @@ class Part21:
                             todo.append(part)
         return found
 
-    def shell_faces(self) -> list["Reference"]:
-        """Return the faces of the file's shells in their order."""
+    def faces_of_solid(self, count: int) -> list["Reference"]:
+        """Return the faces of the file's solid of so many faces in their order.
+
+        Empty where no solid of the file has so many, or several have: nothing in the text tells
+        which of them is meant.
+
+        Parameters
+        ----------
+        count : of the solid's faces
+        """
         shells = [record["CLOSED_SHELL"][1] for _, record in self.all_of("CLOSED_SHELL")]
-        return [face for shell in shells for face in shell]
+        every = [face for shell in shells for face in shell]
+        if len(every) == count:
+            return every
+        fitting = [shell for shell in shells if len(shell) == count]
+        return list(fitting[0]) if len(fitting) == 1 else []
 
     def _deviations(
         self,
