@@ -243,22 +243,32 @@ async def test_an_arm_that_no_path_leads_home_is_a_persons(record: BatchRecord) 
 @pytest.mark.parametrize(
     ("names", "left", "says"),
     [
-        (("holder", "widget"), (), "looks like none of holder, widget; take it out with"),
-        (("holder", "widget"), (1,), "is widget, the recipe is for holder; take it out with"),
-        (("holder", "widget"), (0, 1), "decide between holder and widget; take it out with"),
-        (("holder", "holder"), (0, 1), "decide between 2 poses of holder; take it out with"),
+        (("holder", "widget"), (1,), "is widget, the recipe is for holder"),
+        (("holder", "widget"), (0, 1), "decide between holder and widget"),
+        (("holder", "holder"), (0, 1), "decide between 2 poses of holder"),
     ],
 )
-async def test_a_view_that_does_not_show_the_recipes_part_is_a_persons(
+async def test_a_view_that_does_not_show_the_recipes_part_alone_is_a_part_fault(
     record: BatchRecord, names: tuple[str, ...], left: tuple[int, ...], says: str
 ) -> None:
+    with pytest.raises(PartFaultError, match=says) as error:
+        await resolved(record, names, left)
+    assert error.value.fault is PartFault.AMBIGUOUS
+
+
+async def test_a_view_of_no_hypothesis_is_a_persons(record: BatchRecord) -> None:
+    says = "looks like none of holder, widget; take it out with"
+    with pytest.raises(PartProblemError, match=says):
+        await resolved(record, ("holder", "widget"), ())
+
+
+async def resolved(record: BatchRecord, names: tuple[str, ...], left: tuple[int, ...]) -> None:
     async def identify(*_: object) -> tuple[int, ...]:
         return left
 
     ambiguity = ANY(hypotheses=[ANY(name=name) for name in names], light="backlit")
     view = Disambiguation(ANY(identify=identify), record)
-    with pytest.raises(PartProblemError, match=says):
-        await view.resolve(ambiguity, ANY(width_mm=20.0, opening_mm=20.0), at(0), ANY(), ())
+    await view.resolve(ambiguity, ANY(width_mm=20.0, opening_mm=20.0), at(0), ANY(), ())
 
 
 @pytest.mark.parametrize(

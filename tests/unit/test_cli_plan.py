@@ -69,7 +69,8 @@ def block(folder: Path) -> Path:
 def told(block: Path, capsys: pytest.CaptureFixture[str]) -> Any:
     assert main(["plan", str(block), "--cell", str(CELL), "--pose", "0", "--json"]) == 0
     out = capsys.readouterr()
-    assert out.err == ""
+    # on a slow machine it reports that it is at work; nothing else
+    assert all(json.loads(line)["event"] == "progress" for line in out.err.splitlines())
     return json.loads(out.out)
 
 
