@@ -1,8 +1,9 @@
 """The order of the work: parts are finished in the order in which they are wanted."""
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Future, wait
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, wait
 from dataclasses import dataclass, field
+from heapq import heappop, heappush
 from typing import Any, Final
 
 from .pool import Pool
@@ -91,7 +92,7 @@ class Ahead:
         task = self._running.pop(future)
         try:
             result = future.result()
-        except (Exception, CancelledError) as error:  # noqa: BLE001 - met again, and shown then
+        except Exception as error:  # noqa: BLE001 - met again, and shown then
             self.failure = self.failure or error
             return
         self._parts[task.number].left -= 1
@@ -99,11 +100,10 @@ class Ahead:
 
     def _feed(self) -> None:
         """Hand out what is next, so much that no worker waits."""
-        self._waiting.sort()
         while (
             self._waiting and self.failure is None and len(self._running) < AHEAD * self._pool.count
         ):
-            task = self._waiting.pop(0)
+            task = heappop(self._waiting)
             try:
                 future = self._pool.executor.submit(task.call, *task.arguments)
             except (BrokenExecutor, OSError, RuntimeError) as error:
@@ -115,7 +115,7 @@ class Ahead:
         self, number: int, call: Callable[..., Any], arguments: tuple[Any, ...], finish: Finish
     ) -> None:
         self._turn += 1
-        self._waiting.append(_Task(number, self._turn, call, arguments, finish))
+        heappush(self._waiting, _Task(number, self._turn, call, arguments, finish))
 
     def _compiled(self, number: int) -> Finish:
         """Return what follows compiling: one task for all poses, or one for each share of them."""

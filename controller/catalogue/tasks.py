@@ -31,7 +31,6 @@ class Work:
     cell : cell file, to plan in it; None to plan nowhere
     recipe : whose values apply to plans
     density_g_cm3 : from the command line, None for the recipe's or the file's
-    poses : stable poses to certify, by index; None for all
     camera : overhead, to keep the part's views as it sees them; None to keep none
     """
 
@@ -40,7 +39,6 @@ class Work:
     cell: Path | None = None
     recipe: Recipe | None = None
     density_g_cm3: float | None = None
-    poses: tuple[int, ...] | None = None
     camera: Camera | None = None
 
 
@@ -77,14 +75,8 @@ def compile_one(work: Work) -> Compiled:
             keep_entry(work.path, work.options, work.camera)
     except CadError as error:
         return Compiled(time.perf_counter() - began, error=error)
-    indices = {p.index for p in part.poses} if work.poses is None else set(work.poses)
-    firsts = {
-        p.index if p.same_as in (-1, p.index) else p.same_as
-        for p in part.poses
-        if p.index in indices
-    }
-    seconds = time.perf_counter() - began
-    return Compiled(seconds, kept is not None, distinct=tuple(sorted(firsts)))
+    distinct = tuple(p.index for p in part.poses if p.same_as in (-1, p.index))
+    return Compiled(time.perf_counter() - began, kept is not None, distinct=distinct)
 
 
 def prepare_one(work: Work) -> None:
@@ -121,7 +113,7 @@ _last: list[tuple[Work, CompiledPart, PlanCache]] = []
 def _planning(work: Work) -> tuple[CompiledPart, PlanCache]:
     """Return a part and its plans; a worker goes on with the part that it had last."""
     assert work.cell is not None
-    of_plans = replace(work, poses=None, camera=None)
+    of_plans = replace(work, camera=None)
     if not _last or _last[0][0] != of_plans:
         part = load_part(work.path, work.options)
         setup = planner_setup(work.recipe, load_cell(work.cell), part, work.density_g_cm3)

@@ -1,7 +1,7 @@
 """Everything that follows from a part alone, computed once and kept in the cache."""
 
 from ._mesh import solids
-from .cache import cache_key, cached_part, load_part, make_part
+from .cache import cache_key, cached_part, is_kept, load_part, make_part
 from .part import (
     UNITLESS,
     CompiledPart,
@@ -21,6 +21,7 @@ __all__ = [
     "cached_part",
     "compile_part",
     "compile_solid",
+    "is_kept",
     "load_part",
     "make_part",
     "options_among",

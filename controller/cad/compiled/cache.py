@@ -69,6 +69,17 @@ def cached_part(
     return part and _sampled(replace(part, solid=called(part.solid, part_name(path))), options)
 
 
+def is_kept(path: Path, options: CompileOptions | None = None, cache: Path | None = None) -> bool:
+    """Return whether the cache has a file of a CAD file's compiled part, sound or not.
+
+    Parameters
+    ----------
+    path, options, cache : as for `cached_part`, which reads the file
+    """
+    file = _file_of(path, options or CompileOptions(), cache)
+    return file is not None and file.exists()
+
+
 def make_part(
     path: Path,
     options: CompileOptions | None = None,

@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 
 from controller import catalogue
-from controller.cad.compiled import cached_part
+from controller.cad.compiled import is_kept
 from controller.catalogue import Ahead, Jobs, Made, Work, open_pool
 from controller.config import ConfigError
 
@@ -64,7 +64,7 @@ def working_ahead(jobs: Jobs, works: Sequence[Work]) -> Iterator[MadeAhead]:
                 warn(f"cellctl: the other processes ended early ({words}); this one goes on alone")
             if made.compiled is None or made.compiled.error is not None or is_elsewhere:
                 return made
-            if cached_part(works[number].path, works[number].options) is None:
+            if not is_kept(works[number].path, works[number].options):
                 is_elsewhere = True
                 warn(
                     "cellctl: the other processes keep another cache; give them the same "

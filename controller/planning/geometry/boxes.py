@@ -151,13 +151,21 @@ def segments_hit(
     end = np.broadcast_to(end, start.shape)
     for box in boxes:
         R, centre, half = box.T[:3, :3], box.T[:3, 3], box.half_mm + grow_mm
-        origin = (start - centre) @ R
-        step = (end - start) @ R
+        origin, target = (start - centre) @ R, (end - centre) @ R
+        # most segments end on one side of most boxes
+        near = np.ones(len(start), dtype=bool)
+        for k in range(3):
+            near &= np.minimum(origin[:, k], target[:, k]) <= half[k] + _EPS
+            near &= np.maximum(origin[:, k], target[:, k]) >= -half[k] - _EPS
+        (left,) = np.nonzero(near & ~hit)
+        if not len(left):
+            continue
+        origin, step = origin[left], (end[left] - start[left]) @ R
         step = np.where(np.abs(step) < 1e-12, 1e-12, step)
         t1, t2 = (-half - origin) / step, (half - origin) / step
         enter = np.minimum(t1, t2).max(axis=1)
         leave = np.maximum(t1, t2).min(axis=1)
-        hit |= (enter <= leave) & (leave >= 0.0) & (enter <= 1.0)
+        hit[left] = (enter <= leave) & (leave >= 0.0) & (enter <= 1.0)
     return hit
 
 

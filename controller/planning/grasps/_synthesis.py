@@ -167,7 +167,9 @@ def judge_grasps(
             "little enough weight", bound, rules.max_load, " of the friction limit", most=True
         )
     )
-    able, score, area = _sorted_out(judge, tried, seeds, _picks(judge, tried, tables))
+    able, score, area = _sorted_out(
+        judge, tried, seeds, _picks(judge, tried, tables), rules.min_line_contact_mm2
+    )
     picks = _picks(judge, able, tables)
     firm = judge.tally.require(
         "enough contact off the table", area, SORTING_SHARE * rules.min_contact_mm2, " mm2"
@@ -221,11 +223,11 @@ def _from_above(judge: Judge, problem: GraspProblem, down: FloatArray) -> _Measu
     least_mm2 = rules.min_rim_contact_mm2 if is_thin else rules.min_line_contact_mm2
     tried = from_above(problem.solid, problem.caster, down, jaw, rules, problem.clearance_mm)
     tried = tried.take(_picks(judge, tried, down[None])[0])
-    able, score, _ = _sorted_out(
-        judge, tried, problem.seeds, np.zeros((0, len(tried.T)), bool), least_mm2
-    )
-    some = cover(able.T, score, np.zeros((0, len(able.T)), bool), rules.fine_count // 4, 0)
-    return _measured(judge, able, np.array(some, dtype=np.int64), down, least_mm2)
+    none = _picks(judge, tried, np.zeros((0, 3)))
+    able, score, _ = _sorted_out(judge, tried, problem.seeds, none, least_mm2)
+    every = np.arange(len(able.T))
+    rows = _cover_of(every, able, score, none[:, every], rules.fine_count // 4, 0)
+    return _measured(judge, able, rows, down, least_mm2)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -271,16 +273,15 @@ def _sorted_out(
     tried: Candidates,
     seeds: Seeds,
     picks: BoolArray,
-    contact_mm2: float | None = None,
+    contact_mm2: float,
 ) -> tuple[Candidates, FloatArray, FloatArray]:
     """Return the candidates that hold by coarse rays, clear of the part; their scores and contacts.
 
     In batches that take from every pose's picks and from all in turn, until there are
     `enough_count`: a part that is easy to hold is done soon, a hard one is looked at to the last
-    candidate. `contact_mm2` is the least of either pad; None for what two lines give.
+    candidate. `contact_mm2` is the least of either pad.
     """
     rules, jaw = judge.rules, judge.jaw
-    least_mm2 = rules.min_line_contact_mm2 if contact_mm2 is None else contact_mm2
     order = _in_turn([*picks, np.ones(len(tried.T), dtype=bool)])
     part = PartTriangles(judge.solid)
     kept, values, count = [tried.take(order[:0])], [np.zeros((2, 0))], 0
@@ -290,7 +291,7 @@ def _sorted_out(
         batch = batch.take(approach_seems_free(batch, seeds, jaw, rules))
         judge.tally.count("approach seems free", len(batch.T))
         found = judge.close(batch.T, batch.gap, batch.inner, judge.coarse)
-        good = judge.sort_out(found, batch.inner, judge.coarse, least_mm2)
+        good = judge.sort_out(found, batch.inner, judge.coarse, contact_mm2)
         shut = closed(batch, found, good)
         clear = clear_of_part(part, shut.T, shut.gap, shut.inner, jaw, rules)
         judge.tally.count("clear of the part", int(clear.sum()))

@@ -86,9 +86,10 @@ class Counter:
         good &= in_picture(camera, points)
         normals = samples.normals[left] @ T_world_part[:3, :3].T
         good &= px_per_mm(camera, points, normals) >= options.min_px_per_mm
-        good &= ~segments_hit(points, camera.position_mm, boxes, FINGER_SHADOW_MM)
+        left, points = left[good], points[good]
+        left = left[~segments_hit(points, camera.position_mm, boxes, FINGER_SHADOW_MM)]
         asked = np.zeros((1, len(cosine)), dtype=bool)
-        asked[0, left[good]] = True
+        asked[0, left] = True
         return np.asarray(free_sight_lines(samples, self.caster, asked, eye)[0])
 
 
