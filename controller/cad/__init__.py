@@ -35,6 +35,7 @@ from .solid import Solid, make_solid
 from .surfaces import (
     Feature,
     SurfaceSamples,
+    by_face,
     counted_samples,
     face_shares,
     find_features,
@@ -83,6 +84,7 @@ __all__ = [
     "UnitCadError",
     "UnreadableCadError",
     "ViewModel",
+    "by_face",
     "camera_view",
     "counted_samples",
     "face_shares",

@@ -1,7 +1,7 @@
 """What has to be inspected: points on every surface, features, tolerances."""
 
 from ._counted import counted_samples
-from ._samples import SurfaceSamples, sample_surface
+from ._samples import SurfaceSamples, by_face, sample_surface
 from ._shares import face_shares, share_of, uncertainty_of
 from .features import Feature, FeatureKind, FeatureWall, find_features
 
@@ -10,6 +10,7 @@ __all__ = [
     "FeatureKind",
     "FeatureWall",
     "SurfaceSamples",
+    "by_face",
     "counted_samples",
     "face_shares",
     "find_features",

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from controller.arrays import FloatArray, IntArray
 
 from ..solid import Solid
-from ._samples import SurfaceSamples, face_areas_mm2, placed_samples
+from ._samples import SurfaceSamples, by_face, face_areas_mm2, placed_samples
 
 MAX_COUNT = 200_000  # of a part; one that would have more has them farther apart
 ROUND_COUNT = 24  # points round a bore
@@ -23,7 +23,6 @@ OFF_EDGE_MM = 0.004  # more would leave out a strip that a narrow face is blind 
 DRAWN = 8  # candidates drawn for each square of the spacing
 APART = 0.8  # nearest that two points are to each other, in spacings
 WHOLE = 0.8  # spacings that make sure of the one asked for
-FACES_APART = 1e5  # faces are moved apart, so that the nearest point is on the same
 # of the sequence that spreads points over a square most evenly, by the plastic number
 STEPS = np.array([[0.7548776662466927], [0.5698402909980532]])
 
@@ -48,8 +47,7 @@ def counted_samples(solid: Solid, spacing_mm: float, stream: int = 1) -> Surface
     number = np.arange(counts.sum())
     across = (rng.random((2, 1)) + STEPS * number) % 1.0
     drawn = placed_samples(solid, counts, np.full(len(number), 0.5), across, OFF_EDGE_MM)
-    scaled = drawn.points_mm / spacings[drawn.face_ids, None]
-    places = np.column_stack([scaled, FACES_APART * drawn.face_ids])
+    places = by_face(drawn.points_mm / spacings[drawn.face_ids, None], drawn.face_ids)
     kept = _apart(places, rng)
     _, nearest = cKDTree(places[kept]).query(places)
     return SurfaceSamples(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from controller.arrays import FloatArray, Int32Array, IntArray
 
@@ -12,6 +13,7 @@ from ..boundary import surface_normals
 from ..solid import Solid
 
 OFF_EDGE = 0.04  # least barycentric coordinate of a sample in its triangle
+FACES_APART_MM = 1e5  # in a fourth direction, far beyond the size of any part
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -37,6 +39,17 @@ class SurfaceSamples:
         return SurfaceSamples(
             self.points_mm[which], self.normals[which], self.face_ids[which], self.areas_mm2[which]
         )
+
+
+def by_face(points_mm: FloatArray, face_ids: NDArray[np.integer]) -> FloatArray:
+    """Return places (n, 4) of points such that the nearest place is on the same face.
+
+    Parameters
+    ----------
+    points_mm : (n, 3)
+    face_ids : (n,) surface of each
+    """
+    return np.column_stack([points_mm, FACES_APART_MM * face_ids])
 
 
 def sample_surface(solid: Solid, spacing_mm: float = 4.0, per_face: int = 6) -> SurfaceSamples:

@@ -7,10 +7,9 @@ from scipy.spatial import cKDTree
 
 from controller.arrays import BoolArray, FloatArray
 
-from ._samples import SurfaceSamples
+from ._samples import SurfaceSamples, by_face
 
 NEIGHBOUR_COUNT = 6
-FACES_APART_MM = 1e5  # faces are moved apart, so that neighbours are on the same one
 # cells of which one whole is missed with 5 %: what is smaller than a cell may have no point in it
 UNMET_CELLS = 3.0
 
@@ -55,7 +54,7 @@ def _variances_mm4(samples: SurfaceSamples, chosen: BoolArray) -> FloatArray:
     count = min(NEIGHBOUR_COUNT + 1, len(chosen))
     if count < 2:
         return samples.areas_mm2**2
-    places = np.column_stack([samples.points_mm, FACES_APART_MM * samples.face_ids])
+    places = by_face(samples.points_mm, samples.face_ids)
     _, around = cKDTree(places).query(places, k=count)
     others = np.asarray(samples.face_ids[around] == samples.face_ids[:, None])
     share = (chosen[around] & others).sum(axis=1) / others.sum(axis=1)

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from controller.arrays import BoolArray, FloatArray, IntArray
-from controller.cad import Solid, SurfaceSamples
+from controller.cad import Solid, SurfaceSamples, by_face
 from controller.imaging import Camera, RayCaster, inverse_pose, transform
 
 from ..geometry import Box, segments_hit
@@ -23,14 +23,11 @@ from .gripper import FINGER_SHADOW_MM, holding_boxes
 from .visibility import cosines, free_sight_lines, in_picture
 
 STEP_MM = 0.05  # along the surface, to count the pixels of a millimetre
-FACES_APART_MM = 1e5  # faces are moved apart, so that the nearest sample is on the same one
 
 
 def nearest_on_face(samples: SurfaceSamples, points: SurfaceSamples) -> IntArray:
     """Return for each of some points (m,) the nearest of the samples on its face."""
-    places, targets = (
-        np.column_stack([s.points_mm, FACES_APART_MM * s.face_ids]) for s in (samples, points)
-    )
+    places, targets = (by_face(s.points_mm, s.face_ids) for s in (samples, points))
     return np.asarray(cKDTree(places).query(targets)[1], dtype=np.int64)
 
 
