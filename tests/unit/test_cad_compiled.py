@@ -16,6 +16,7 @@ from cad_solids import Body, box, mesh_of, rod
 from same_values import assert_same
 
 from controller.cache import disk
+from controller.cache.file import pack, unpack
 from controller.cad import OpenCadError, UnreadableCadError
 from controller.cad.compiled import (
     CompiledPart,
@@ -94,16 +95,30 @@ def test_options_and_content_have_files_of_their_own(tmp_path: Path) -> None:
     assert len(list(cache.iterdir())) == 3
 
 
-def test_samples_of_another_spacing_are_made_from_the_same_file(tmp_path: Path) -> None:
+def test_samples_of_another_spacing_are_made_once_from_the_same_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     cache, path = tmp_path / "cache", drilled(tmp_path)
-    usual = load_part(path, cache=cache)
-    for load in (load_part, cached_part):
-        dense = load(path, CompileOptions(sample_spacing_mm=0.4), cache)
-        assert dense is not None
-        # of four times the number on the large faces; small ones have theirs already
-        assert len(dense.samples.points_mm) > 2 * len(usual.samples.points_mm)
-        assert dense.samples.areas_mm2.sum() == pytest.approx(usual.solid.mesh.area)
-    assert len(list(cache.iterdir())) == 1
+    usual, options = load_part(path, cache=cache), CompileOptions(sample_spacing_mm=0.4)
+    dense = load_part(path, options, cache)
+    # of four times the number on the large faces; small ones have theirs already
+    assert len(dense.samples.points_mm) > 2 * len(usual.samples.points_mm)
+    assert dense.samples.areas_mm2.sum() == pytest.approx(usual.solid.mesh.area)
+    assert len(list(cache.iterdir())) == 2
+    (kept,) = cache.glob("samples-*")
+    with monkeypatch.context() as patch:
+        patch.setattr(cache_module, "counted_samples", None)  # would not answer
+        for load in (load_part, cached_part):
+            again = load(path, options, cache)
+            assert again is not None
+            assert_same(again.samples, dense.samples)
+    # samples of another part, under this one's key, are not believed
+    mesh_of(box(40, 30, 12)).export(tmp_path / "other.stl")
+    load_part(tmp_path / "other.stl", options, cache)
+    (foreign,) = set(cache.glob("samples-*")) - {kept}
+    tree, arrays = unpack(foreign.read_bytes())
+    kept.write_bytes(pack(tree | {"key": kept.stem}, arrays))
+    assert_same(load_part(path, options, cache).samples, dense.samples)
 
 
 def test_another_version_of_the_program_does_not_believe_the_file(

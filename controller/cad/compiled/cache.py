@@ -3,12 +3,14 @@
 A file's name holds the part and a key: hash of the CAD file and of those it names, its
 ending, the body, the options, the format, our own source and the libraries that decide. Another key
 is another file; so nothing has to be found out about an old one. The file repeats the key, the
-shape of what it holds, and a digest.
+shape of what it holds, and a digest. Samples for another smallest defect stand in files beside it.
 """
 
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
+
+import numpy as np
 
 from controller.cache import DiskCache, digest_of, source_hash, versions
 from controller.config import STEP_FORMATS, split_cad
@@ -17,7 +19,7 @@ from controller.config.cad_files import MARK
 from ..reading import digests_of
 from ..solid import Solid
 from ..stages import OnStage, no_stage
-from ..surfaces import counted_samples
+from ..surfaces import SurfaceSamples, counted_samples
 from ._mesh import called, solids
 from .part import CompiledPart, CompileOptions, compile_part, part_name
 
@@ -66,7 +68,9 @@ def cached_part(
     if file is None:
         return None
     part = part_cache().load(file)
-    return part and _sampled(replace(part, solid=called(part.solid, part_name(path))), options)
+    if part is None:
+        return None
+    return _sampled(replace(part, solid=called(part.solid, part_name(path))), options, file)
 
 
 def is_kept(path: Path, options: CompileOptions | None = None, cache: Path | None = None) -> bool:
@@ -102,31 +106,73 @@ def make_part(
     options = options or CompileOptions()
     file = _file_of(path, options, cache)
     part = compile_part(path, _usual(options), on_stage)
-    if file is not None and file == _file_of(path, options, cache):
-        on_stage("keeping what was found")
-        part_cache().save(file, part)
-        # what the next start will get, so that the first run and the second are the same
-        part = part_cache().load(file) or part
-    # else the CAD file was written to meanwhile: what was read may be either
-    return _sampled(part, options)
+    if file is None or file != _file_of(path, options, cache):
+        # the CAD file was written to meanwhile: what was read may be either
+        return _sampled(part, options, None)
+    on_stage("keeping what was found")
+    part_cache().save(file, part)
+    # what the next start will get, so that the first run and the second are the same
+    return _sampled(part_cache().load(file) or part, options, file)
 
 
 def _usual(options: CompileOptions) -> CompileOptions:
-    """Return the options of what is kept: samples are quickly made, so one file does for all."""
+    """Return the options of a compiled part's file; other samples have a file of their own."""
     return replace(options, sample_spacing_mm=CompileOptions().sample_spacing_mm)
 
 
-def _sampled(part: CompiledPart, options: CompileOptions) -> CompiledPart:
-    """Return a part with the samples that its options are for."""
+def _sampled(part: CompiledPart, options: CompileOptions, file: Path | None) -> CompiledPart:
+    """Return a part with the samples that its options are for.
+
+    Parameters
+    ----------
+    part : with the usual samples
+    options : what it was compiled with
+    file : of the part in the cache, beside which its samples are kept; None to keep none
+    """
     if options == _usual(options):
         return part
-    return replace(part, samples=counted_samples(part.solid, options.sample_spacing_mm))
+    kept = None
+    if file is not None:
+        key = digest_of(file.stem, options.sample_spacing_mm)
+        kept = samples_cache().file(part.solid.name, key, file.parent)
+    samples = None if kept is None else samples_cache().load(kept)
+    if samples is None or not _is_of(samples, part):
+        samples = counted_samples(part.solid, options.sample_spacing_mm)
+        if kept is not None:
+            samples_cache().save(kept, samples)
+    return replace(part, samples=samples)
+
+
+def _is_of(samples: SurfaceSamples, part: CompiledPart) -> bool:
+    """Return whether samples can be of a part: they are on the same faces, and of as much area."""
+    own = part.samples
+    same_faces = np.array_equal(np.unique(samples.face_ids), np.unique(own.face_ids))
+    return same_faces and bool(np.isclose(samples.areas_mm2.sum(), own.areas_mm2.sum()))
+
+
+def _check_samples(samples: SurfaceSamples) -> None:
+    """Check that samples are rows of one table.
+
+    Raises
+    ------
+    ValueError : they are not
+    """
+    count, ids = len(samples.points_mm), samples.face_ids
+    shapes = [a.shape for a in (samples.points_mm, samples.normals, ids, samples.areas_mm2)]
+    if shapes != [(count, 3), (count, 3), (count,), (count,)]:
+        raise ValueError(f"samples of {shapes}")
 
 
 @lru_cache(maxsize=1)
 def part_cache() -> DiskCache[CompiledPart]:
     """Return the cache of compiled parts."""
     return DiskCache(CompiledPart, "part", "a compiled part", {Solid: solids()})
+
+
+@lru_cache(maxsize=1)
+def samples_cache() -> DiskCache[SurfaceSamples]:
+    """Return the cache of samples for other than the usual smallest defect."""
+    return DiskCache(SurfaceSamples, "samples", "samples of a part", check=_check_samples)
 
 
 def _file_of(path: Path, options: CompileOptions, cache: Path | None) -> Path | None:
