@@ -46,7 +46,7 @@ def cost(path: Path, cell_file: Path) -> dict[str, Any]:
     poses: dict[int, float] = {}
     planned = 0
     for pose in part.poses:
-        if pose.same_as in (-1, pose.index):
+        if pose.is_distinct:
             began = time.process_time()
             planned += planning.certified(pose).certificate.plan is not None
             poses[pose.index] = time.process_time() - began

@@ -74,7 +74,7 @@ def grade(seen: tuple[Sighting, ...], part: CompiledPart, pose: StablePose, T: A
 def same(index: int, part: CompiledPart) -> int:
     """Return the first of the poses that look the same by symmetry."""
     pose = next(p for p in part.poses if p.index == index)
-    return pose.same_as if pose.same_as >= 0 else pose.index
+    return pose.first_alike
 
 
 def run(path: Path, places: int, seed: int, least_mm: float) -> list[dict[str, Any]]:

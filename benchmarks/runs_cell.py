@@ -121,7 +121,7 @@ class Bench:
         return [
             p.index
             for p in self.context.poses
-            if p.probability >= MIN_PROBABILITY and not p.marginal and p.same_as in (-1, p.index)
+            if p.probability >= MIN_PROBABILITY and not p.marginal and p.is_distinct
         ]
 
     async def run_group(

@@ -75,7 +75,7 @@ def compile_one(work: Work) -> Compiled:
             keep_entry(work.path, work.options, work.camera)
     except CadError as error:
         return Compiled(time.perf_counter() - began, error=error)
-    distinct = tuple(p.index for p in part.poses if p.same_as in (-1, p.index))
+    distinct = tuple(p.index for p in part.poses if p.is_distinct)
     return Compiled(time.perf_counter() - began, kept is not None, distinct=distinct)
 
 

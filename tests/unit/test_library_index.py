@@ -62,7 +62,7 @@ def compiled(name: str) -> CompiledPart:
 
 @cache
 def views(name: str) -> PartViews:
-    lasting = tuple(p for p in poses(name) if p.same_as in (-1, p.index))
+    lasting = tuple(p for p in poses(name) if p.is_distinct)
     return view_part(solid(name), lasting, model(name).caster, STATION)
 
 

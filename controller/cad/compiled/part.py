@@ -160,7 +160,7 @@ class CompiledPart:
                 )
                 shape = {"other": "a curve"}.get(family.kind, f"a {family.kind}")
                 found.append(f"rolls {turn} on {shape} of {len(family.downs)} strips")
-        if pose.same_as not in (-1, pose.index):
+        if not pose.is_distinct:
             found.append(f"the same as pose {pose.same_as} by a symmetry of the part")
         for evidence, what in (("edges", "outline and edges"), ("outline", "outline")):
             others = [

@@ -59,6 +59,16 @@ class StablePose:
     rocking: bool = False
     same_as: int = -1
 
+    @property
+    def first_alike(self) -> int:
+        """The likeliest pose that a symmetry of the part makes this one; itself if none."""
+        return self.index if self.same_as < 0 else self.same_as
+
+    @property
+    def is_distinct(self) -> bool:
+        """Whether no symmetry of the part makes it a likelier pose."""
+        return self.first_alike == self.index
+
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Resting:

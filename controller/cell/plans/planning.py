@@ -143,7 +143,7 @@ class PlanCache:
 
         Of poses that a symmetry of the part makes one, the first is planned, for all.
         """
-        if pose.same_as not in (-1, pose.index):
+        if not pose.is_distinct:
             first = self.certified(self._part.poses[pose.same_as])
             own = replace(
                 first.certificate,

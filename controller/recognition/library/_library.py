@@ -172,8 +172,8 @@ def _distinct_poses(poses: Sequence[StablePose], least: float) -> tuple[StablePo
     """
     probability: dict[int, float] = {}
     for pose in poses:
-        first = pose.same_as if pose.same_as >= 0 else pose.index
-        probability[first] = probability.get(first, 0.0) + pose.probability
+        total = probability.get(pose.first_alike, 0.0)
+        probability[pose.first_alike] = total + pose.probability
     # what would roll on or tip at a touch is seen lying all the same; planning refuses it
     return tuple(p for p in poses if probability.get(p.index, 0.0) >= least)
 
