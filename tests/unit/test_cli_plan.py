@@ -33,8 +33,6 @@ CELL = ROOT / "recipes/cells/emulated.yaml"
 HOLDER = ROOT / "recipes/parts/holder.stl"
 KINDS = {"pick", "present", "hand_over", "take_back", "set_down", "look", "place", "park"}
 
-pytestmark = pytest.mark.xdist_group("cli_plan")  # one plan is made once and asked for often
-
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:

@@ -43,8 +43,6 @@ inspection: {{max_incidence_deg: 65, min_coverage: 0.5, smallest_defect_mm: 2.5,
 grasp: {{force_n: 30, width_tolerance_mm: 0.5}}
 """
 
-pytestmark = pytest.mark.xdist_group("cli_planned_with")  # plans are made once and asked for often
-
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:

@@ -86,7 +86,6 @@ def test_a_wrong_input_is_answered_with_one_sentence(
     assert sorted(folder.rglob("*")) == before  # nothing was begun
 
 
-@pytest.mark.xdist_group("cli_wrong_inputs")  # one process imports for all of them
 @pytest.mark.parametrize("name", OWN_PROCESS)
 def test_it_takes_little_memory(name: str, folder: Path, forker: Forker) -> None:
     row = BY_NAME[name]

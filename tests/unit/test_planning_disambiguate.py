@@ -26,7 +26,6 @@ from controller.planning import (
 )
 
 LAYOUT = emulated_layout()
-pytestmark = pytest.mark.xdist_group("settling")  # one worker prepares the part for all
 
 
 def stepped(cut: tuple[float, float, float]) -> Solid:

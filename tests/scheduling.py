@@ -1,0 +1,68 @@
+"""Which process runs which tests: whole files, the longest first.
+
+What the tests of a file share (a compiled part, a plan, a recorded run) is prepared by the process
+that runs them. A file whose tests go to two processes is prepared twice, so a file is a unit and
+goes to one. Some files start processes of their own that keep time; these are one unit together.
+
+The groups of pytest-xdist's own `--dist loadgroup` are not relied on: it writes a group into
+`Item._nodeid`, which pytest 9.2 does not read, so that each test is a unit. That what is shared is
+made once is held by `test_shared_work.py`.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from xdist.scheduler import LoadScopeScheduling
+
+if TYPE_CHECKING:
+    import pytest
+    from xdist.workermanage import WorkerController
+
+HERE = Path(__file__).parent
+# seconds that each unit takes, those of less than one left out; `benchmarks/bench_suite.py --keep`
+TYPICAL = HERE / "data" / "typical_seconds.json"
+# Each of these starts processes of its own that keep time: two of them at once would only wait. A
+# file belongs to the first group that names the start of its path.
+GROUPS = {
+    "whole cells": (
+        "cell/",
+        "cross/test_emulated_cell",
+        "cross/test_python_page",
+        "unit/test_emu_world_app",
+    ),
+    "wires": ("cross/", "unit/test_emu_camera", "unit/test_conformance_plugin"),
+}
+
+
+def unit_of(nodeid: str) -> str:
+    """Return the group of a test, or else its file."""
+    file = nodeid.partition("::")[0].removeprefix("tests/")
+    for group, starts in GROUPS.items():
+        if file.startswith(starts):
+            return group
+    return file
+
+
+class LongestFirst(LoadScopeScheduling):
+    """Hands out units, the longest first, so that no process is left alone with a long one."""
+
+    def __init__(self, config: pytest.Config, log: Any, seconds: Mapping[str, float]) -> None:
+        super().__init__(config, log)
+        self._seconds = seconds
+
+    def _split_scope(self, nodeid: str) -> str:
+        return unit_of(nodeid)
+
+    def _assign_work_unit(self, node: WorkerController) -> None:
+        longest = max(self.workqueue, key=lambda unit: self._seconds.get(unit, 0.0))
+        self.workqueue.move_to_end(longest, last=False)
+        super()._assign_work_unit(node)
+
+
+def typical_seconds() -> dict[str, float]:
+    """Return the seconds that each unit took when they were last kept."""
+    return {str(k): float(v) for k, v in json.loads(TYPICAL.read_text()).items()}

@@ -1,0 +1,103 @@
+"""What tests of a file share is prepared once, and what keeps time runs one after the other."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+from collections import Counter
+from pathlib import Path
+
+import pytest
+from scheduling import GROUPS, typical_seconds, unit_of
+
+ROOT = Path(__file__).parents[2]
+TEST_COUNT = 8
+SHARING = f"""
+import os, time
+from pathlib import Path
+import pytest
+
+def note(what):
+    with open("noted", "a") as file:
+        file.write(f"{{what}} {{Path(__file__).stem}} {{os.getpid()}}\\n")
+
+@pytest.fixture(scope="module")
+def shared():
+    note("made")
+    time.sleep(0.2)
+
+@pytest.mark.parametrize("number", range({TEST_COUNT}))
+def test_it(shared, number):
+    note("began")
+    time.sleep(0.01)
+    note("ended")
+"""
+FILES = (
+    "cell/test_one.py", "cross/test_python_page.py", "cross/test_line.py",
+    "unit/test_emu_camera_a.py", "unit/test_long.py", "unit/test_middle.py", "unit/test_new.py",
+)  # fmt: skip
+SECONDS = {"unit/test_middle.py": 20.0, "unit/test_long.py": 30.0}
+
+
+def noted(folder: Path, *options: str) -> list[list[str]]:
+    """Return what the tests of a small project note, which is configured as this one."""
+    for name in ("pyproject.toml", "tests/conftest.py", "tests/scheduling.py"):
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(ROOT / name, folder / name)
+    for name in FILES:
+        (folder / "tests" / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / "tests" / name).write_text(SHARING)
+    (folder / "tests" / "data").mkdir()
+    (folder / "tests" / "data" / "typical_seconds.json").write_text(json.dumps(SECONDS))
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *options],
+        cwd=folder, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr
+    return [line.split() for line in (folder / "noted").read_text().splitlines()]
+
+
+def test_what_a_file_shares_is_made_once_and_the_longest_begins_first(tmp_path: Path) -> None:
+    rows = noted(tmp_path)
+    made = [(file, process) for what, file, process in rows if what == "made"]
+    assert sorted(file for file, _ in made) == sorted(Path(name).stem for name in FILES)
+    assert {process for _, process in made} == {process for *_, process in rows}
+    assert len({process for _, process in made}) == 2
+    assert {file for file, _ in made[:2]} == {"test_long", "test_middle"}
+    assert Counter(what for what, *_ in rows)["ended"] == TEST_COUNT * len(FILES)
+
+    in_group = {name: {p for _, file, p in rows if file == Path(name).stem} for name in FILES}
+    for group in (FILES[:2], FILES[2:4]):
+        (process,) = set.union(*(in_group[name] for name in group))
+        assert process
+
+
+def test_tests_that_are_handed_out_one_by_one_prepare_more_than_once(tmp_path: Path) -> None:
+    # what the test above would see if a release of pytest or xdist no longer heeds us
+    made = [file for what, file, _ in noted(tmp_path, "--dist", "load") if what == "made"]
+    assert len(made) > len(FILES)
+
+
+@pytest.mark.parametrize(
+    ("nodeid", "unit"),
+    [
+        ("tests/unit/test_cache.py::test_a[x::y]", "unit/test_cache.py"),
+        ("tests/cell/test_ends.py::test_a", "whole cells"),
+        ("tests/cross/test_python_page.py::test_a", "whole cells"),
+        ("tests/cross/test_chute.py::test_a", "wires"),
+        ("tests/unit/test_emu_camera_fuse.py::test_a", "wires"),
+        ("tests/unit/test_emu_surfaces.py::test_a", "unit/test_emu_surfaces.py"),
+    ],
+)
+def test_a_test_belongs_to_its_file_or_to_what_keeps_time(nodeid: str, unit: str) -> None:
+    assert unit_of(nodeid) == unit
+
+
+def test_every_unit_with_kept_seconds_is_still_there() -> None:
+    files = {path.relative_to(ROOT / "tests").as_posix() for path in ROOT.glob("tests/*/test_*.py")}
+    assert set(typical_seconds()) <= files | set(GROUPS)
+    for starts in GROUPS.values():
+        for start in starts:
+            assert any(file.startswith(start) for file in files), start
