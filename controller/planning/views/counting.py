@@ -6,7 +6,7 @@ where the tables that plans are chosen by have to hold for every roll.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -19,10 +19,13 @@ from ..geometry import Box, segments_hit
 from ..model import CellLayout, Grasp, PlanOptions
 from ..motion import Scene, link_boxes, shown_pose
 from ._arm import holds
+from ._lens import SureRegion, stretches
 from .gripper import FINGER_SHADOW_MM, holding_boxes
-from .visibility import cosines, free_sight_lines, in_picture
+from .visibility import free_pairs, in_picture
 
 STEP_MM = 0.05  # along the surface, to count the pixels of a millimetre
+CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
+DEPTH_MM_MIN = 1.0  # of a box before the camera that is looked at in the picture
 
 
 def nearest_on_face(samples: SurfaceSamples, points: SurfaceSamples) -> IntArray:
@@ -31,11 +34,10 @@ def nearest_on_face(samples: SurfaceSamples, points: SurfaceSamples) -> IntArray
     return np.asarray(cKDTree(places).query(targets)[1], dtype=np.int64)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class Counter:
     """Counts what views show of a part.
 
-    Attributes
+    Parameters
     ----------
     solid : the part
     samples : m points to count by
@@ -44,15 +46,30 @@ class Counter:
     caster : rays against the part's mesh
     """
 
-    solid: Solid
-    samples: SurfaceSamples
-    layout: CellLayout
-    options: PlanOptions
-    caster: RayCaster
+    def __init__(
+        self,
+        solid: Solid,
+        samples: SurfaceSamples,
+        layout: CellLayout,
+        options: PlanOptions,
+        caster: RayCaster,
+    ) -> None:
+        self._solid, self._samples, self._layout = solid, samples, layout
+        self._options, self._caster = options, caster
+        points, normals = samples.points_mm, samples.normals
+        self._ahead = np.einsum("ij,ij->i", points, normals)
+        self._square = np.einsum("ij,ij->i", points, points)
+        self._sure: dict[int, SureRegion] = {}
+
+    def of_rows(self, which: IntArray) -> Counter:
+        """Return the same for some of the points, by number (k,)."""
+        return Counter(
+            self._solid, self._samples.rows(which), self._layout, self._options, self._caster
+        )
 
     def held_up(self, grasp: Grasp, q: FloatArray) -> BoolArray:
         """Return what the inspection camera shows (m,) of a part in a grasp, the arm at q (6,)."""
-        layout = self.layout
+        layout = self._layout
         T_world_part = shown_pose(layout, q, grasp.T_part_tcp)
         T_world_tcp = T_world_part @ grasp.T_part_tcp
         boxes = [b.placed(T_world_tcp) for b in holding_boxes(layout.arm_gripper, grasp)]
@@ -64,7 +81,7 @@ class Counter:
 
     def on_table(self, T_world_part: FloatArray) -> BoolArray:
         """Return what the overhead camera shows of the part at rest (m,)."""
-        return self._shown(T_world_part, self.layout.overhead, self.layout.overhead_sharp_mm, [])
+        return self._shown(T_world_part, self._layout.overhead, self._layout.overhead_sharp_mm, [])
 
     def _shown(
         self,
@@ -73,21 +90,100 @@ class Counter:
         sharp_mm: tuple[float, float],
         boxes: list[Box],
     ) -> BoolArray:
-        samples, options = self.samples, self.options
-        eye = transform(inverse_pose(T_world_part), camera.position_mm[None])
-        cosine = cosines(samples, eye)[0]
-        (left,) = np.nonzero(cosine >= np.cos(np.radians(options.max_incidence_deg)))
-        points = transform(T_world_part, samples.points_mm[left])
-        depth = (points - camera.position_mm) @ camera.T_world_cam[:3, 2]
+        samples, options = self._samples, self._options
+        T_cam_world = inverse_pose(camera.T_world_cam)
+        T_cam_part = T_cam_world @ T_world_part
+        eye = inverse_pose(T_cam_part)[:3, 3]
+        left, cosine = self._facing(eye, float(np.cos(np.radians(options.max_incidence_deg))))
+        p_cam_mm = transform(T_cam_part, samples.points_mm[left])
+        depth = p_cam_mm[:, 2]
         good = (depth > 0.0) & (depth >= sharp_mm[0]) & (depth <= sharp_mm[1])
-        good &= in_picture(camera, points)
-        normals = samples.normals[left] @ T_world_part[:3, :3].T
-        good &= px_per_mm(camera, points, normals) >= options.min_px_per_mm
-        left, points = left[good], points[good]
-        left = left[~segments_hit(points, camera.position_mm, boxes, FINGER_SHADOW_MM)]
-        asked = np.zeros((1, len(cosine)), dtype=bool)
-        asked[0, left] = True
-        return np.asarray(free_sight_lines(samples, self.caster, asked, eye)[0])
+        left, cosine, p_cam_mm = left[good], cosine[good], p_cam_mm[good]
+        good = self._is_in_picture(camera, p_cam_mm)
+        left, cosine, p_cam_mm = left[good], cosine[good], p_cam_mm[good]
+        good = self._is_fine(camera, p_cam_mm, cosine, left, T_cam_part)
+        left, p_cam_mm = left[good], p_cam_mm[good]
+        in_camera = [box.placed(T_cam_world) for box in boxes]
+        left = left[~behind_boxes(p_cam_mm, in_camera, FINGER_SHADOW_MM)]
+        shown = np.zeros(len(samples.points_mm), dtype=bool)
+        eyes = np.broadcast_to(eye, (len(left), 3))
+        shown[left] = free_pairs(samples, self._caster, left, eyes)
+        return shown
+
+    def _facing(self, eye: FloatArray, least: float) -> tuple[IntArray, FloatArray]:
+        """Return the points (k,) at which an eye (3,) looks squarely enough, and the cosines."""
+        ahead = self._samples.normals @ eye - self._ahead
+        (left,) = np.nonzero(ahead > 0.0)
+        square = self._square[left] - 2.0 * (self._samples.points_mm[left] @ eye) + eye @ eye
+        cosine = ahead[left] / np.sqrt(square)
+        good = cosine >= least
+        return left[good], cosine[good]
+
+    def _sure_of(self, camera: Camera) -> SureRegion:
+        if id(camera) not in self._sure:
+            self._sure[id(camera)] = SureRegion.of(camera)
+        return self._sure[id(camera)]
+
+    def _is_in_picture(self, camera: Camera, p_cam_mm: FloatArray) -> BoolArray:
+        """Return which points before a camera (k, 3) are in its picture, clear of the border."""
+        sure = self._sure_of(camera)
+        inside = sure.holds(p_cam_mm[:, 0] / p_cam_mm[:, 2], p_cam_mm[:, 1] / p_cam_mm[:, 2])
+        (rows,) = np.nonzero(~inside)
+        inside[rows] = in_picture(camera, transform(camera.T_world_cam, p_cam_mm[rows]))
+        return inside
+
+    def _is_fine(
+        self,
+        camera: Camera,
+        p_cam_mm: FloatArray,
+        cosine: FloatArray,
+        members: IntArray,
+        T_cam_part: FloatArray,
+    ) -> BoolArray:
+        """Return which points of a picture (k,) have pixels enough to the millimetre."""
+        least, (low_px, high_px) = self._options.min_px_per_mm, self._sure_of(camera).focal_px
+        # straight ahead a surface looked at askance has fewest pixels, so this is a bound
+        fine = np.asarray(low_px * cosine >= least * p_cam_mm[:, 2])
+        (rows,) = np.nonzero(~fine)
+        p_cam_mm = p_cam_mm[rows]
+        normals = self._samples.normals[members[rows]] @ T_cam_part[:3, :3].T
+        per_mm = pinhole_per_mm(p_cam_mm, normals)
+        fine[rows] = low_px * per_mm >= least
+        unsure = ~fine[rows] & (high_px * per_mm >= least)
+        T = camera.T_world_cam
+        points = transform(T, p_cam_mm[unsure])
+        fine[rows[unsure]] = px_per_mm(camera, points, normals[unsure] @ T[:3, :3].T) >= least
+        return fine
+
+
+def behind_boxes(p_cam_mm: FloatArray, boxes: Sequence[Box], grow_mm: float) -> BoolArray:
+    """Return which points a camera sees past none of some boxes (k,).
+
+    Parameters
+    ----------
+    p_cam_mm : (k, 3) before the camera, in its frame
+    boxes : in its frame
+    grow_mm : by which every box is larger on all sides
+    """
+    hidden = np.zeros(len(p_cam_mm), dtype=bool)
+    if not len(p_cam_mm):
+        return hidden
+    x, y, depth = p_cam_mm[:, 0] / p_cam_mm[:, 2], p_cam_mm[:, 1] / p_cam_mm[:, 2], p_cam_mm[:, 2]
+    for box in boxes:
+        corners = transform(box.T, CORNERS * (box.half_mm + grow_mm))
+        may_be = ~hidden
+        nearest = float(corners[:, 2].min())
+        if nearest > DEPTH_MM_MIN:  # what it hides is within its own picture, and farther away
+            (x0, y0), (x1, y1) = (
+                f(corners[:, :2] / corners[:, 2:], axis=0) for f in (np.min, np.max)
+            )
+            may_be &= (x >= x0) & (x <= x1) & (y >= y0) & (y <= y1) & (depth >= nearest)
+        elif corners[:, 2].max() <= 0.0:
+            continue
+        (rows,) = np.nonzero(may_be)
+        if len(rows):
+            hidden[rows] = segments_hit(p_cam_mm[rows], np.zeros(3), [box], grow_mm)
+    return hidden
 
 
 def px_per_mm(camera: Camera, points_mm: FloatArray, normals: FloatArray) -> FloatArray:
@@ -101,14 +197,29 @@ def px_per_mm(camera: Camera, points_mm: FloatArray, normals: FloatArray) -> Flo
     """
     if len(points_mm) == 0:
         return np.zeros(0)
-    u = np.cross(normals, np.eye(3)[np.argmin(np.abs(normals), axis=1)])
-    u /= np.linalg.norm(u, axis=1, keepdims=True)
     a, b = (
         (camera.project(points_mm + STEP_MM / 2 * d) - camera.project(points_mm - STEP_MM / 2 * d))
         / STEP_MM
-        for d in (u, np.cross(normals, u))
+        for d in _along(normals)
     )
-    # the smaller singular value of the matrix whose columns they are
-    half = ((a * a).sum(axis=1) + (b * b).sum(axis=1)) / 2.0
-    area = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
-    return np.asarray(np.sqrt(np.maximum(half - np.sqrt(np.maximum(half**2 - area**2, 0.0)), 0.0)))
+    return np.asarray(stretches(a, b)[0])
+
+
+def pinhole_per_mm(p_cam_mm: FloatArray, normals: FloatArray) -> FloatArray:
+    """Return how far a millimetre along a surface reaches in the plane at depth 1, at least (n,).
+
+    Parameters
+    ----------
+    p_cam_mm : (n, 3) on the surface, before the camera, in its frame
+    normals : (n, 3) unit, in that frame
+    """
+    at = p_cam_mm[:, :2] / p_cam_mm[:, 2:]
+    a, b = ((d[:, :2] - at * d[:, 2:]) / p_cam_mm[:, 2:] for d in _along(normals))
+    return np.asarray(stretches(a, b)[0])
+
+
+def _along(normals: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return two directions along each surface, square to each other (n, 3)."""
+    u = np.cross(normals, np.eye(3)[np.argmin(np.abs(normals), axis=1)])
+    u /= np.linalg.norm(u, axis=1, keepdims=True)
+    return u, np.cross(normals, u)

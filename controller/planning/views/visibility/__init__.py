@@ -2,16 +2,16 @@
 
 from ._directions import candidate_directions, even_sphere, hidden_ones, look_out
 from ._hidden import why_hidden
-from ._rules import VisibilityRules, in_picture
+from ._rules import PICTURE_MARGIN_PX, VisibilityRules, in_picture
 from ._table import table_views
-from ._visible import cosines, free_sight_lines, visible_from
+from ._visible import free_pairs, visible_from
 
 __all__ = [
+    "PICTURE_MARGIN_PX",
     "VisibilityRules",
     "candidate_directions",
-    "cosines",
     "even_sphere",
-    "free_sight_lines",
+    "free_pairs",
     "hidden_ones",
     "in_picture",
     "look_out",
