@@ -1,7 +1,7 @@
 """The bodies of a STEP file: listed by name, size and place, and each to be had by its name.
 
 A body is a solid, in the coordinates of its own product, as if that had been exported alone. Bodies
-of one shape are listed once. The kernel works in a child process (`_step_bodies_child`).
+of one shape are listed once. The kernel works in a child process (`controller.step_kernel`).
 """
 
 import hashlib
@@ -138,9 +138,7 @@ def _listed(
             (inputs / name).parent.mkdir(parents=True, exist_ok=True)
             (inputs / name).write_bytes(files.found[name])
         arguments = (str(shapes), "1" if with_names else "0")
-        with KernelRun(
-            "_step_bodies_child.py", source, Path(folder) / "bodies.npz", arguments, limits
-        ) as run:
+        with KernelRun("bodies", source, Path(folder) / "bodies.npz", arguments, limits) as run:
             found = run.result(str(path))
         stated = json.loads(str(found["listing"]))
         content = [(shapes / f"{i}.bin").read_bytes() for i in range(len(stated["bodies"]))]

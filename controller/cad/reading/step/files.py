@@ -1,6 +1,6 @@
 """STEP files: the solid with the surfaces the file names, exact, and its semantic tolerances.
 
-The kernel works in a child process (`_step_child`, `_step_pmi_child`). Here its arrays become a
+The kernel works in a child process (`controller.step_kernel`). Here its arrays become a
 `Solid`: one face of ours per surface, largest first, however many faces the file cuts it into. The
 mesh is for the rooms that look at triangles; volume, centroid, areas, axes and radii are the
 kernel's exact ones.
@@ -209,9 +209,7 @@ def _read_part(
         if SEMANTIC.search(data) and (chosen is None or len(chosen.files.found) == 1):
             product = ("", "0") if chosen is None else (chosen.body.product, chosen.body.number)
             pmi_run = stack.enter_context(
-                KernelRun(
-                    "_step_pmi_child.py", text, folder / "pmi.npz", [*map(str, product)], limits
-                )
+                KernelRun("tolerances", text, folder / "pmi.npz", [*map(str, product)], limits)
             )
         unit = None if chosen is None else chosen.unit
         written, found, into, solid = _tessellated(
@@ -261,7 +259,7 @@ def _tessellated(
     for fineness in TESSELLATIONS:
         arguments = [str(number) for number in fineness]
         try:
-            with KernelRun("_step_child.py", source, out, arguments, limits) as run:
+            with KernelRun("solid", source, out, arguments, limits) as run:
                 written: dict[str, Any] = dict(run.result(where))
         except CadError as error:
             raise refused or error from None

@@ -23,6 +23,8 @@ from numpy.typing import NDArray
 from ... import errors
 from ...errors import CadError, UnreadableCadError
 
+PACKAGE: Final = "controller.step_kernel"
+ROOT: Final = Path(__file__).parents[4]  # where the child is to find that package
 REFUSED: Final = 3  # exit code of a child that says why
 GRANT: Final = "CELLCTL_STEP_CPU_S"  # of the environment: time that any file is granted [CPU s]
 # sound files take 1 to 3 s for each MB, and up to 11 s where surfaces are hard to divide
@@ -71,20 +73,20 @@ class KernelLimits:
 
 
 class KernelRun:
-    """One run of a child script on one file; use it as a context, it leaves no process behind.
+    """One run of the kernel on one file; use it as a context, it leaves no process behind.
 
     Parameters
     ----------
-    script : name of one beside this module, or a path
+    program : name of a module of `controller.step_kernel`, or the path of a script
     source : the file
     out : where the child leaves its arrays
-    arguments : what the script takes after file, output, memory and time
+    arguments : what the program takes after file, output, memory and time
     limits : on memory and time; None for the usual ones
     """
 
     def __init__(
         self,
-        script: str | Path,
+        program: str | Path,
         source: Path,
         out: Path,
         arguments: Sequence[str] = (),
@@ -94,14 +96,17 @@ class KernelRun:
         self._time_s = limits.time_for_s(source.stat().st_size)
         self._deadline = time.monotonic() + PATIENCE * self._time_s  # but see `_wait`
         self._out = out
-        command = [sys.executable, "-P", str(Path(__file__).parent / script)]
+        started = [str(program)] if isinstance(program, Path) else ["-m", f"{PACKAGE}.{program}"]
+        command = [sys.executable, "-P", *started]
         command += [str(source), str(out), str(limits.memory_bytes), str(ceil(self._time_s))]
+        paths = [str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
         # the kernel talks to the terminal about each entity; what matters is in the output file
         self._process = subprocess.Popen(
             [*command, *arguments],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
         )
 
     def __enter__(self) -> "KernelRun":

@@ -11,13 +11,20 @@ import numpy as np
 
 from controller.arrays import FloatArray, IntArray
 
-KINDS: Final = ("plane", "cylinder", "cone", "sphere", "torus", "freeform")  # of `_step_child`
+KINDS: Final = (
+    "plane",
+    "cylinder",
+    "cone",
+    "sphere",
+    "torus",
+    "freeform",
+)  # of the kernel's measures
 SAME_MM: Final = 1e-3
 SAME_COS: Final = 1 - 5e-7  # 0.06 degrees: small faces say little about their own direction
 
 
 def merge_faces(found: dict[str, Any]) -> tuple[dict[str, Any], IntArray]:
-    """Return what `_step_child` leaves with one face for each surface, and whose each face was.
+    """Return what the kernel leaves with one face for each surface, and whose each face was.
 
     Parameters
     ----------
@@ -72,7 +79,7 @@ def distance(found: dict[str, Any], face: int, points: FloatArray) -> FloatArray
 
     Parameters
     ----------
-    found : arrays by name, as `_step_child` leaves them
+    found : arrays by name, as the kernel leaves them
     face : number of the face; no freeform
     points : (n, 3) [mm]
     """

@@ -1,24 +1,25 @@
 """List the bodies of one STEP file with the STEP kernel, and leave each as a file of its own.
 
-Runs as a process, for the reasons of `_step_child`, whose way to end it shares: 0 and arrays in
-OUT, or 3 and a JSON object there. Facts: the kernel's reference pages (Open CASCADE 7.9:
-STEPCAFControl_Reader, XCAFDoc_ShapeTool, BinTools).
+Runs as a process, which ends as that of `solid`: with 0 and arrays in OUT, or with 3 and a JSON
+object there. Facts: the kernel's reference pages (Open CASCADE 7.9: STEPCAFControl_Reader,
+XCAFDoc_ShapeTool, BinTools).
 
-Usage: ``python _step_bodies_child.py FILE OUT MEMORY_BYTES CPU_S FOLDER NAMES``; with NAMES 0 the
-product structure is left alone, since reading it crashes on files whose geometry is sound. In OUT
-are ``listing`` (JSON text) and, of body i, ``points_i`` (n, 3), ``sizes_i`` (n, 2): what stays
-where it is, however the body is placed: kind and size of what the point belongs to. In FOLDER,
-``i.bin`` is the body in the coordinates of its own product.
+Usage: ``python -m controller.step_kernel.bodies FILE OUT MEMORY_BYTES CPU_S FOLDER NAMES``; with
+NAMES 0 the product structure is left alone, since reading it crashes on files whose geometry is
+sound. In OUT are ``listing`` (JSON text) and, of body i, ``points_i`` (n, 3), ``sizes_i`` (n, 2):
+what stays where it is, however the body is placed: kind and size of what the point belongs to. In
+FOLDER, ``i.bin`` is the body in the coordinates of its own product.
 """
 
 import json
-import resource
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
 
-REFUSED: Final = 3  # exit code
+from .ending import limit_resources, refuse
+from .shapes import labels_of, read_document, shapes_of, unit_of, xyz
+
 MAX_BODY_COUNT: Final = 5000
 MAX_OCCURRENCE_COUNT: Final = 100_000
 SHARES: Final = (0.25, 0.5, 0.75)  # of an edge's length: the same points from either end
@@ -93,21 +94,6 @@ class Product:
         return bool(shapes_of(self._shape, TopAbs_FACE).Extent())
 
 
-def shapes_of(shape: Any, kind: Any) -> Any:  # noqa: ANN401  the kernel's types have no stubs
-    """Return the parts of a shape of one kind, each once, numbered from 1."""
-    from OCP.TopExp import TopExp
-    from OCP.TopTools import TopTools_IndexedMapOfShape
-
-    found = TopTools_IndexedMapOfShape()
-    TopExp.MapShapes_s(shape, kind, found)
-    return found
-
-
-def xyz(p: Any) -> tuple[float, float, float]:  # noqa: ANN401
-    """Return a kernel's point as numbers."""
-    return p.X(), p.Y(), p.Z()
-
-
 def rows_of(move: Any) -> list[list[float]]:  # noqa: ANN401
     """Return a kernel's placing as a pose (4, 4)."""
     trsf = move.Transformation()
@@ -121,25 +107,11 @@ def read_named(path: str) -> tuple[Listing, str]:
     ------
     ValueError : the kernel does not read the file, or there are too many
     """
-    from OCP.IFSelect import IFSelect_RetDone
-    from OCP.Interface import Interface_Static
-    from OCP.STEPCAFControl import STEPCAFControl_Reader
-    from OCP.TCollection import TCollection_ExtendedString
     from OCP.TDF import TDF_LabelSequence
-    from OCP.TDocStd import TDocStd_Document
     from OCP.TopLoc import TopLoc_Location
-    from OCP.XCAFApp import XCAFApp_Application
     from OCP.XCAFDoc import XCAFDoc_DocumentTool
 
-    kind = TCollection_ExtendedString("MDTV-XCAF")
-    document = TDocStd_Document(kind)
-    XCAFApp_Application.GetApplication_s().NewDocument(kind, document)
-    reader = STEPCAFControl_Reader()
-    Interface_Static.SetIVal_s("read.stepcaf.subshapes.name", 1)
-    for leave_out in ("Color", "Layer", "Props", "GDT", "Mat", "View"):
-        getattr(reader, f"Set{leave_out}Mode")(False)
-    if reader.ReadFile(path) != IFSelect_RetDone or not reader.Transfer(document):
-        raise ValueError("the kernel does not read its product structure")
+    document, reader = read_document(path, has_tolerances=False)
     listing, free = Listing(), TDF_LabelSequence()
     XCAFDoc_DocumentTool.ShapeTool_s(document.Main()).GetFreeShapes(free)
     for label in labels_of(free):
@@ -201,20 +173,6 @@ def read_plain(path: str) -> tuple[Listing, str]:
     if shape is not None and not shape.IsNull():
         listing.place("", Product("", shape, []), [], TopLoc_Location())
     return listing, unit
-
-
-def unit_of(reader: Any) -> str:  # noqa: ANN401
-    """Return the length unit that a file says, in the kernel's spelling."""
-    from OCP.TColStd import TColStd_SequenceOfAsciiString
-
-    lengths, angles, solid_angles = (TColStd_SequenceOfAsciiString() for _ in range(3))
-    reader.FileUnits(lengths, angles, solid_angles)
-    return lengths.Value(1).ToCString() if lengths.Length() else ""
-
-
-def labels_of(sequence: Any) -> list[Any]:  # noqa: ANN401
-    """Return a kernel's sequence as a list."""
-    return [sequence.Value(i) for i in range(1, sequence.Length() + 1)]
 
 
 def name_of(label: Any) -> str:  # noqa: ANN401
@@ -301,9 +259,7 @@ def marks_of(solid: Any) -> tuple[Any, Any]:  # noqa: ANN401
 def main(argv: list[str]) -> int:
     """List the bodies and write them; return the exit code, 0 unless it refuses."""
     source, out, memory, cpu, folder, names = argv
-    resource.setrlimit(resource.RLIMIT_DATA, (int(memory), int(memory)))
-    resource.setrlimit(resource.RLIMIT_CPU, (int(cpu), int(cpu) + 1))
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    limit_resources(int(memory), int(cpu))
     import numpy as np
     from OCP.BinTools import BinTools
 
@@ -315,19 +271,15 @@ def main(argv: list[str]) -> int:
             arrays[f"points_{i}"], arrays[f"sizes_{i}"] = marks_of(solid)
             BinTools.Write_s(solid, str(Path(folder) / f"{i}.bin"))
     except MemoryError:
-        return refuse(out, "needs more memory than is granted")
+        return refuse(out, "UnreadableCadError", "needs more memory than is granted")
     except Exception as error:  # noqa: BLE001  whatever the kernel throws is about this file
-        return refuse(out, f"the STEP kernel gave up ({type(error).__name__}: {error})")
+        return refuse(
+            out, "UnreadableCadError", f"the STEP kernel gave up ({type(error).__name__}: {error})"
+        )
     text = json.dumps({"unit": unit, "bodies": listing.bodies, "open": listing.open_products})
     with Path(out).open("wb") as sink:
         np.savez(sink, listing=np.array(text), **arrays)
     return 0
-
-
-def refuse(out: str, reason: str) -> int:
-    """Leave the reason where the parent looks for it; return the exit code."""
-    Path(out).write_text(json.dumps({"error": "UnreadableCadError", "reason": reason}))
-    return REFUSED
 
 
 if __name__ == "__main__":

@@ -1,21 +1,23 @@
 """Read the semantic tolerances of one STEP file with the STEP kernel: runs as a process.
 
-Apart from `_step_child`, since reading with attributes crashes on files whose geometry is sound.
+Apart from `solid`, since reading with attributes crashes on files whose geometry is sound.
 Facts: the kernel's reference pages (Open CASCADE 7.9: XCAFDoc_DimTolTool, XCAFDimTolObjects) and
 cell-facts.md 4. Values of dimensions are left as the kernel gives them, which is wrong in part;
 the parent mends them from the file's text.
 
-Usage: ``python _step_pmi_child.py FILE OUT MEMORY_BYTES CPU_S PRODUCT NUMBER``: of one solid of a
-product, by the product's address as `_step_bodies_child` has it; "" and 0 for the whole file. It
-ends with 0 and in OUT the JSON text ``pmi`` and, for each surface that text names by number,
-``area_mm2`` and ``mean_mm``.
+Usage: ``python -m controller.step_kernel.tolerances FILE OUT MEMORY_BYTES CPU_S PRODUCT
+NUMBER``: of one solid of a product, by the product's address as `bodies` has it; "" and 0 for the
+whole file. It ends with 0 and in OUT the JSON text ``pmi`` and, for each surface that text names by
+number, ``area_mm2`` and ``mean_mm``.
 """
 
 import json
-import resource
 import sys
 from pathlib import Path
 from typing import Any, Final
+
+from .ending import limit_resources, refuse
+from .shapes import labels_of, read_document, shapes_of, xyz
 
 NO_DIMENSION: Final = ("Location_None", "CommonLabel", "DimensionPresentation")
 
@@ -26,21 +28,15 @@ class Surfaces:
     def __init__(self, document: Any, product: str, number: int) -> None:  # noqa: ANN401  no stubs
         from OCP.TopAbs import TopAbs_EDGE, TopAbs_FACE, TopAbs_SOLID
         from OCP.TopExp import TopExp
-        from OCP.TopTools import (
-            TopTools_IndexedDataMapOfShapeListOfShape,
-            TopTools_IndexedMapOfShape,
-        )
+        from OCP.TopTools import TopTools_IndexedDataMapOfShapeListOfShape
         from OCP.XCAFDoc import XCAFDoc_DocumentTool
 
         self.tool = XCAFDoc_DocumentTool.ShapeTool_s(document.Main())
-        self.faces = TopTools_IndexedMapOfShape()
         self.faces_at = TopTools_IndexedDataMapOfShapeListOfShape()
         whole = self.tool.GetOneShape()
         if product:
-            solids = TopTools_IndexedMapOfShape()
-            TopExp.MapShapes_s(shape_at(document, product), TopAbs_SOLID, solids)
-            whole = solids.FindKey(number)
-        TopExp.MapShapes_s(whole, TopAbs_FACE, self.faces)
+            whole = shapes_of(shape_at(document, product), TopAbs_SOLID).FindKey(number)
+        self.faces = shapes_of(whole, TopAbs_FACE)
         TopExp.MapShapesAndAncestors_s(whole, TopAbs_EDGE, TopAbs_FACE, self.faces_at)
 
     def named(self, labels: Any) -> list[int]:  # noqa: ANN401
@@ -73,9 +69,8 @@ class Surfaces:
         for i in range(1, self.faces.Extent() + 1):
             measured = GProp_GProps()
             BRepGProp.SurfaceProperties_s(self.faces.FindKey(i), measured)
-            p = measured.CentreOfMass()
             area.append(measured.Mass())
-            mean.append((p.X(), p.Y(), p.Z()))
+            mean.append(xyz(measured.CentreOfMass()))
         return {"area_mm2": np.array(area), "mean_mm": np.array(mean).reshape(-1, 3)}
 
 
@@ -88,29 +83,6 @@ def shape_at(document: Any, entry: str) -> Any:  # noqa: ANN401
     label = TDF_Label()
     TDF_Tool.Label_s(document.GetData(), TCollection_AsciiString(entry), label)
     return XCAFDoc_ShapeTool.GetShape_s(label)
-
-
-def read_document(path: str) -> Any:  # noqa: ANN401
-    """Return the document of a file, geometry and tolerances.
-
-    Raises
-    ------
-    ValueError : the kernel does not read the file, or not its attributes
-    """
-    from OCP.IFSelect import IFSelect_RetDone
-    from OCP.STEPCAFControl import STEPCAFControl_Reader
-    from OCP.TCollection import TCollection_ExtendedString
-    from OCP.TDocStd import TDocStd_Document
-    from OCP.XCAFApp import XCAFApp_Application
-
-    kind = TCollection_ExtendedString("MDTV-XCAF")
-    document = TDocStd_Document(kind)
-    XCAFApp_Application.GetApplication_s().NewDocument(kind, document)
-    reader = STEPCAFControl_Reader()
-    reader.SetGDTMode(True)
-    if reader.ReadFile(path) != IFSelect_RetDone or not reader.Transfer(document):
-        raise ValueError("the kernel does not read its attributes")
-    return document
 
 
 def name_of(value: Any, prefix: str) -> str:  # noqa: ANN401
@@ -135,11 +107,6 @@ def read_pmi(document: Any, surfaces: Surfaces) -> dict[str, Any]:  # noqa: ANN4
         "tolerances": [tolerance(label, tool, surfaces) for label in labels_of(tolerances)],
         "datums": [datum(label, surfaces) for label in labels_of(datums)],
     }
-
-
-def labels_of(sequence: Any) -> list[Any]:  # noqa: ANN401
-    """Return a kernel's sequence as a list."""
-    return [sequence.Value(i) for i in range(1, sequence.Length() + 1)]
 
 
 def references(label: Any, surfaces: Surfaces) -> tuple[list[int], list[int]]:  # noqa: ANN401
@@ -215,19 +182,16 @@ def datum(label: Any, surfaces: Surfaces) -> dict[str, Any]:  # noqa: ANN401
 def main(argv: list[str]) -> int:
     """Read the tolerances and write them; return the exit code, 0 unless it refuses."""
     source, out, memory, cpu, product, number = argv
-    resource.setrlimit(resource.RLIMIT_DATA, (int(memory), int(memory)))
-    resource.setrlimit(resource.RLIMIT_CPU, (int(cpu), int(cpu) + 1))
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    limit_resources(int(memory), int(cpu))
     import numpy as np
 
     try:
-        document = read_document(source)
+        document, _ = read_document(source, has_tolerances=True)
         surfaces = Surfaces(document, product, int(number))
         pmi, measures = read_pmi(document, surfaces), surfaces.measures()
     except Exception as error:  # noqa: BLE001  whatever the kernel throws is about this file
         reason = f"the STEP kernel gave up ({type(error).__name__}: {error})"
-        Path(out).write_text(json.dumps({"error": "UnreadableCadError", "reason": reason}))
-        return 3
+        return refuse(out, "UnreadableCadError", reason)
     with Path(out).open("wb") as sink:
         np.savez(sink, pmi=np.array(json.dumps(pmi)), **measures)
     return 0

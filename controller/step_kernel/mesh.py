@@ -1,0 +1,146 @@
+"""The mesh of a solid: faces divided each for itself, joined at the edges they share."""
+
+from typing import Any
+
+from .ending import RefusalError
+from .measures import curves_of
+from .shapes import shapes_of, xyz
+
+
+class Weld:
+    """Numbers for mesh corners, some of which turn out to be one."""
+
+    def __init__(self) -> None:
+        self.points: list[tuple[float, float, float]] = []
+        self.parent: list[int] = []
+
+    def add(self, point: tuple[float, float, float]) -> int:
+        """Add a corner and return its number."""
+        self.points.append(point)
+        self.parent.append(len(self.parent))
+        return len(self.parent) - 1
+
+    def root(self, i: int) -> int:
+        """Return the number of the corner that a corner has turned out to be."""
+        while self.parent[i] != i:
+            self.parent[i] = self.parent[self.parent[i]]
+            i = self.parent[i]
+        return i
+
+    def join(self, i: int, j: int) -> None:
+        """Make two corners one."""
+        i, j = self.root(i), self.root(j)
+        self.parent[max(i, j)] = min(i, j)
+
+
+def tessellate(solid: Any, chord_mm: float, angle_rad: float) -> dict[str, Any]:  # noqa: ANN401
+    """Return the mesh, its face numbers and the edges' runs; corners of shared edges are shared.
+
+    Faces are meshed each for itself, along edges that are divided once. What joins them here is
+    the topology, the number of a point on its edge, never a distance.
+
+    Parameters
+    ----------
+    solid : the kernel's ``TopoDS_Solid`` [mm]
+    chord_mm : most a chord may be off its curve
+    angle_rad : most the direction may turn from one chord to the next
+
+    Returns
+    -------
+    arrays by name : ``vertices_mm`` (v, 3); ``triangles`` (t, 3); ``face_of_triangle`` (t,);
+        ``chain`` (c,), vertices of all edges one after the other; ``chain_start`` (e + 1,), where
+        each edge begins in it; ``edge_faces`` (e, 2), -1 where three faces meet and more; those of
+        `curves_of`
+
+    Raises
+    ------
+    RefusalError : a face cannot be tessellated, or two faces disagree about their common edge
+    """
+    import numpy as np
+    from OCP.BRep import BRep_Tool
+    from OCP.BRepMesh import BRepMesh_IncrementalMesh
+    from OCP.TopAbs import (
+        TopAbs_EDGE,
+        TopAbs_FACE,
+        TopAbs_FORWARD,
+        TopAbs_REVERSED,
+        TopAbs_VERTEX,
+    )
+    from OCP.TopExp import TopExp, TopExp_Explorer
+    from OCP.TopLoc import TopLoc_Location
+    from OCP.TopoDS import TopoDS
+
+    BRepMesh_IncrementalMesh(solid, chord_mm, False, angle_rad, False)
+    faces, edges = shapes_of(solid, TopAbs_FACE), shapes_of(solid, TopAbs_EDGE)
+    vertices = shapes_of(solid, TopAbs_VERTEX)
+    weld = Weld()
+    for i in range(1, vertices.Extent() + 1):
+        weld.add(xyz(BRep_Tool.Pnt_s(TopoDS.Vertex_s(vertices.FindKey(i)))))
+    chains: dict[int, list[int]] = {}
+    edge_faces: dict[int, list[int]] = {}
+    corners: list[tuple[int, int, int]] = []
+    face_of: list[int] = []
+    for f in range(1, faces.Extent() + 1):
+        face = TopoDS.Face_s(faces.FindKey(f))
+        place = TopLoc_Location()
+        mesh = BRep_Tool.Triangulation_s(face, place)
+        if mesh is None or mesh.NbTriangles() == 0:
+            raise RefusalError("OpenCadError", f"surface {f} cannot be tessellated")
+        move = place.Transformation()
+        nodes = [xyz(mesh.Node(i).Transformed(move)) for i in range(1, mesh.NbNodes() + 1)]
+        number: dict[int, int] = {}
+        walk = TopExp_Explorer(face, TopAbs_EDGE)
+        while walk.More():
+            edge = TopoDS.Edge_s(walk.Current())
+            walk.Next()
+            line = BRep_Tool.PolygonOnTriangulation_s(edge, mesh, place)
+            if line is None:
+                continue
+            e = edges.FindIndex(edge)
+            run = [line.Node(i) - 1 for i in range(1, line.NbNodes() + 1)]
+            forward = TopoDS.Edge_s(edge.Oriented(TopAbs_FORWARD))
+            ends = [
+                vertices.FindIndex(v) - 1
+                for v in (TopExp.FirstVertex_s(forward), TopExp.LastVertex_s(forward))
+            ]
+            if BRep_Tool.Degenerated_s(edge):
+                ids = [ends[0]] * len(run)  # a pole: one point, however often it is listed
+            else:
+                if e not in chains:
+                    middle = [weld.add(nodes[n]) for n in run[1:-1]]
+                    chains[e] = [ends[0], *middle, ends[1]]
+                ids = chains[e]
+                edge_faces.setdefault(e, []).append(f - 1)
+            if len(ids) != len(run):
+                raise RefusalError("OpenCadError", f"two surfaces disagree about edge {e}")
+            for n, i in zip(run, ids, strict=True):
+                if n in number:
+                    weld.join(number[n], i)
+                number[n] = i
+        ids = [number[n] if n in number else weld.add(p) for n, p in enumerate(nodes)]
+        turned = face.Orientation() == TopAbs_REVERSED
+        for i in range(1, mesh.NbTriangles() + 1):
+            a, b, c = mesh.Triangle(i).Get()
+            corners.append(
+                (ids[a - 1], ids[c - 1], ids[b - 1])
+                if turned
+                else (ids[a - 1], ids[b - 1], ids[c - 1])
+            )
+            face_of.append(f - 1)
+    roots = np.array([weld.root(i) for i in range(len(weld.points))])
+    used, number_of = np.unique(roots, return_inverse=True)
+    triangles = number_of[np.array(corners)]
+    is_sound = (triangles != np.roll(triangles, 1, axis=1)).all(axis=1)
+    order = sorted(chains)
+    runs = [number_of[chains[e]] for e in order]
+    starts = np.cumsum([0, *(len(run) for run in runs)])
+    sides = [(edge_faces[e] * 2)[:2] if len(edge_faces[e]) < 3 else [-1, -1] for e in order]
+    return {
+        "vertices_mm": np.array(weld.points)[used],
+        "triangles": triangles[is_sound],
+        "face_of_triangle": np.array(face_of)[is_sound],
+        "chain": np.concatenate(runs) if runs else np.zeros(0, int),
+        "chain_start": starts,
+        "edge_faces": np.array(sides).reshape(-1, 2),
+        **curves_of([edges.FindKey(e) for e in order]),
+    }
