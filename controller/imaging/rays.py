@@ -64,6 +64,13 @@ class RayCaster:
         max_distance_mm : (n,) or one for all, where the ray ends, in units of the direction's
             length; None for rays without end
         """
+        if max_distance_mm is None:  # anything will do, and need not be the first
+            shape = np.broadcast_shapes(origins_mm.shape, directions.shape)
+            met = self._scene.run(
+                np.ascontiguousarray(np.broadcast_to(origins_mm, shape), dtype=np.float32),
+                np.ascontiguousarray(np.broadcast_to(directions, shape), dtype=np.float32),
+                query="OCCLUDED",
+            )
+            return np.asarray(met) >= 0
         _, distance = self.first_hit(origins_mm, directions)
-        limit = np.inf if max_distance_mm is None else max_distance_mm
-        return np.isfinite(distance) & (distance < limit)
+        return np.isfinite(distance) & (distance < max_distance_mm)

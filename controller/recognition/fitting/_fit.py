@@ -15,7 +15,7 @@ from controller.imaging import Camera, transform
 
 from ._measure import Gaps, Measure
 from ._model import EdgeModel
-from ._predict import EdgePoints, predict_edges, predict_outline
+from ._predict import EdgePoints, cross, predict_edges, predict_outline
 
 HUBER_PX = 1.0
 MIN_POINTS = 12
@@ -183,14 +183,14 @@ def _descend(
     prior = np.array([*options.prior.shift_mm, *options.prior.rotation_rad])
     free = np.flatnonzero(prior > 0)
     stiffness = 1.0 / prior[free] ** 2
-    pixels = edges.pixels
+    pixels, moves = edges.pixels, jacobian[:, free]
     for step in range(options.steps):
         reach = max(reach_px / (1 + step), MIN_REACH_PX)
         gaps = measure.gaps(pixels, edges.normals, edges, reach)
         found = np.isfinite(gaps.gap_px)
         if found.sum() < MIN_POINTS:
             return None
-        gap, slopes = gaps.gap_px[found], jacobian[np.ix_(found, free)]
+        gap, slopes = gaps.gap_px[found], moves[found]
         spread = max(HUBER_PX, 1.48 * float(np.median(np.abs(gap))))
         weight = gaps.weight[found] / np.maximum(1.0, np.abs(gap) / spread)
         weight *= sample_information(edges.step_mm, options.noise * spread)
@@ -245,7 +245,7 @@ def edge_jacobian(
     du = np.column_stack([fx / z, zero, -fx * local[:, 0] / z**2]) @ R_cam_world
     dv = np.column_stack([zero, fy / z, -fy * local[:, 1] / z**2]) @ R_cam_world
     along = normals[:, :1] * du + normals[:, 1:] * dv
-    return np.hstack([along, np.cross(points_mm - pivot, along)])
+    return np.hstack([along, cross(points_mm - pivot, along)])
 
 
 def sample_information(step_mm: float, sigma_px: float) -> float:

@@ -170,24 +170,28 @@ class GreyMeasure:
         reach_px : about which edges count less and less; with a short one, no edge is taken by two
             points
         """
+        # a row for each step, so that rows are compared whole
         steps = np.arange(-np.ceil(reach_px) - 1, np.ceil(reach_px) + 2) * SIDE_PX
-        where = (pixels - self.corner)[:, None] + steps[:, None] * normals[:, None]
-        x, y = where[..., 0].astype(np.float32), where[..., 1].astype(np.float32)
-        slope = _sampled(self.gx, x, y) * normals[:, :1].astype(np.float32)
-        slope += _sampled(self.gy, x, y) * normals[:, 1:].astype(np.float32)
+        at_x, at_y = np.ascontiguousarray((pixels - self.corner).T)
+        normal_x, normal_y = np.ascontiguousarray(normals.T)
+        x = (at_x + steps[:, None] * normal_x).astype(np.float32)
+        y = (at_y + steps[:, None] * normal_y).astype(np.float32)
+        slope = _sampled(self.gx, x, y) * normal_x.astype(np.float32)
+        slope += _sampled(self.gy, x, y) * normal_y.astype(np.float32)
         size = np.abs(slope)
         nearness = np.exp(-0.5 * (steps / max(reach_px, 1.0)) ** 2).astype(np.float32)
-        inner = size[:, 1:-1]
-        is_peak = (inner >= size[:, :-2]) & (inner >= size[:, 2:]) & (inner > 3 * self.noise)
-        worth = np.where(is_peak, inner * nearness[1:-1], -1.0)
+        inner = size[1:-1]
+        is_peak = (inner >= size[:-2]) & (inner >= size[2:]) & (inner > 3 * self.noise)
+        worth = np.where(is_peak, inner * nearness[1:-1, None], np.float32(-1.0))
         if self._is_lit:
             is_clear = ~edges.on_outline & (np.abs(edges.lift) > CLEAR_LIFT)
-            wrong_sign = is_clear[:, None] & (slope[:, 1:-1] * edges.lift[:, None] < 0)
-            worth[wrong_sign & is_peak] *= WRONG_SIGN
-        best = worth.argmax(axis=1)
-        rows = np.arange(len(pixels))
-        found = worth[rows, best] > 0
-        before, at, after = (size[rows, best + k].astype(np.float64) for k in range(3))
+            brighter = np.where(is_clear, np.sign(edges.lift), 0.0).astype(np.float32)
+            wrong_sign = slope[1:-1] * brighter < 0
+            worth = np.where(wrong_sign, worth * np.float32(WRONG_SIGN), worth)
+        best = worth.argmax(axis=0)
+        columns = np.arange(len(pixels))
+        found = worth[best, columns] > 0
+        before, at, after = (size[best + k, columns].astype(np.float64) for k in range(3))
         bow = before - 2 * at + after
         offset = np.where(bow < -1e-9, 0.5 * (before - after) / np.minimum(bow, -1e-9), 0.0)
         gap = steps[1:-1][best] + np.clip(offset, -0.5, 0.5) * SIDE_PX
@@ -222,6 +226,11 @@ def _sampled(slope: Float32Array, x: Float32Array, y: Float32Array) -> Float32Ar
     return np.asarray(cv2.remap(slope, x, y, cv2.INTER_LINEAR), np.float32)
 
 
+def _tree(points: FloatArray) -> cKDTree:
+    """Return a tree that is asked once: building it well would take longer than asking it."""
+    return cKDTree(points, balanced_tree=False, compact_nodes=False)
+
+
 def _is_anothers(pixels: FloatArray, normals: FloatArray, gap: FloatArray) -> BoolArray:
     """Return which edges found (n,) belong to another predicted edge that lies nearer.
 
@@ -233,7 +242,7 @@ def _is_anothers(pixels: FloatArray, normals: FloatArray, gap: FloatArray) -> Bo
     if len(asked) == 0:
         return answer
     at = pixels[asked] + gap[asked, None] * normals[asked]
-    distance, nearest = cKDTree(pixels).query(at)
+    distance, nearest = _tree(pixels).query(at)
     alike = np.abs((normals[nearest] * normals[asked]).sum(axis=1)) > 0.7
     answer[asked] = alike & (distance < np.abs(gap[asked]) - OWN_PX)
     return answer

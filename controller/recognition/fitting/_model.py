@@ -50,6 +50,8 @@ class EdgeModel:
     out : (e, 3) unit direction out of the material, half-way between the two normals
     is_crease : (e,) part of a CAD edge at which two surfaces meet at an angle
     sides : (e, 2) the two triangles beside it
+    middle_mm : (e, 3) of each mesh edge
+    seen_by : (3, e) squared lengths of ``along_mm`` and ``middle_mm``, and their product
     """
 
     centroid_mm: FloatArray
@@ -63,6 +65,8 @@ class EdgeModel:
     out: FloatArray
     is_crease: BoolArray
     sides: Int32Array
+    middle_mm: FloatArray
+    seen_by: FloatArray
 
 
 def edge_shape(solid: Solid) -> EdgeShape:
@@ -93,18 +97,23 @@ def edge_model(shape: EdgeShape | Solid) -> EdgeModel:
     both = normals[shape.sides].sum(axis=1)
     # where two triangles fold back on each other any direction is as good as another
     out = both / np.maximum(np.linalg.norm(both, axis=1, keepdims=True), 1e-6)
+    along = end - start
+    middle = start + 0.5 * along
+    pairs = (along, along), (middle, middle), (middle, along)
     return EdgeModel(
         centroid_mm=shape.centroid_mm,
         caster=RayCaster(trimesh.Trimesh(vertices, triangles, process=False, validate=False)),
         normals=normals,
         start_mm=start,
-        along_mm=end - start,
-        length_mm=np.linalg.norm(end - start, axis=1),
+        along_mm=along,
+        length_mm=np.linalg.norm(along, axis=1),
         first=planes[shape.sides[:, 0]],
         second=planes[shape.sides[:, 1]],
         out=out,
         is_crease=shape.is_crease,
         sides=shape.sides,
+        middle_mm=middle,
+        seen_by=np.stack([np.einsum("ij,ij->i", a, b) for a, b in pairs]),
     )
 
 

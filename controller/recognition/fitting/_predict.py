@@ -108,19 +108,20 @@ def predict_edges(
     samples = samples.at(depth > 1.0 - HIDDEN_MM / samples.distance)
     ahead = samples.points - eye
     close, aside = CLOSE_MM * samples.across, BESIDE_MM * samples.across
-    looks = np.concatenate([ahead + close, ahead - close, ahead + aside, ahead - aside])
-    triangle, depth = _look(model, eye, looks)
-    free_a, free_b, no_a, no_b = (triangle < 0).reshape(4, -1)
+    free_a, free_b = _is_free(model, eye, np.concatenate([ahead + close, ahead - close]), 2)
     on_outline = free_a | free_b
-    hit = triangle.reshape(4, -1)[2:]
+    triangle, depth = _look(model, eye, np.concatenate([ahead + aside, ahead - aside]))
+    hit = triangle.reshape(2, -1)
+    no_a, no_b = hit < 0
     normal_a = np.where(no_a[:, None], 0.0, model.normals[hit[0]])
     normal_b = np.where(no_b[:, None], 0.0, model.normals[hit[1]])
-    bend = np.linalg.norm(normal_a - normal_b, axis=1)
-    far_a, far_b = np.where(np.isfinite(depth), depth, 0.0).reshape(4, -1)[2:]
+    bent = normal_a - normal_b
+    bend = np.sqrt(np.einsum("ij,ij->i", bent, bent))
+    far_a, far_b = np.where(np.isfinite(depth), depth, 0.0).reshape(2, -1)
     jump = np.where(no_a | no_b | on_outline, 0.0, np.abs(far_a - far_b) * samples.distance)
     shows = on_outline | is_rim[samples.edge] | (bend > CREASE_BEND) | (jump > STEP_MM)
     towards = -ahead / samples.distance[:, None]
-    lift = np.einsum("ij,ij->i", normal_a - normal_b, towards)
+    lift = np.einsum("ij,ij->i", bent, towards)
     turned = free_b & ~free_a  # there the normal runs to side b
     lift[turned] *= -1.0
     return _seen(samples, turned, on_outline, lift, jump, T_world_part, camera, step, shows)
@@ -147,8 +148,7 @@ def predict_outline(
     is_rim, _ = _rims(model, eye)
     samples, step = _sample(model, np.flatnonzero(is_rim), eye, most, min_step_mm)
     ahead, close = samples.points - eye, CLOSE_MM * samples.across
-    triangle, _ = _look(model, eye, np.concatenate([ahead + close, ahead - close]))
-    free_a, free_b = (triangle < 0).reshape(2, -1)
+    free_a, free_b = _is_free(model, eye, np.concatenate([ahead + close, ahead - close]), 2)
     free = free_a | free_b
     nothing = np.zeros(len(free))
     return _seen(
@@ -173,11 +173,12 @@ def _sample(
 ) -> tuple[_Samples, float]:
     edge, share, step = _spread(_seen_length(model, chosen, eye), most, min_step_mm)
     edge = chosen[edge]
-    points = model.start_mm[edge] + share[:, None] * model.along_mm[edge]
-    along = model.along_mm[edge] / np.maximum(model.length_mm[edge], 1e-12)[:, None]
+    along = model.along_mm[edge]
+    points = model.start_mm[edge] + share[:, None] * along
+    along /= np.maximum(model.length_mm[edge], 1e-12)[:, None]
     ahead = points - eye
     distance = np.sqrt(np.einsum("ij,ij->i", ahead, ahead))
-    across = _cross(ahead, along)
+    across = cross(ahead, along)
     size = np.sqrt(np.einsum("ij,ij->i", across, across))
     across /= np.maximum(size, 1e-12)[:, None]
     samples = _Samples(edge, points, along, across, distance)
@@ -186,6 +187,11 @@ def _sample(
 
 def _look(model: EdgeModel, eye: FloatArray, looks: FloatArray) -> tuple[Int32Array, FloatArray]:
     return model.caster.first_hit(eye, looks)
+
+
+def _is_free(model: EdgeModel, eye: FloatArray, looks: FloatArray, parts: int) -> BoolArray:
+    """Return which looks meet nothing, in so many rows."""
+    return ~model.caster.blocked(eye, looks).reshape(parts, -1)
 
 
 def _seen(
@@ -209,9 +215,11 @@ def _seen(
     projected = camera.project(np.concatenate([points_mm, beside_mm, along_mm]))
     pixels, beside, ahead = projected.reshape(3, -1, 2)
     tangent = ahead - pixels
-    normals = np.column_stack([-tangent[:, 1], tangent[:, 0]])
-    normals /= np.maximum(np.sqrt((normals**2).sum(axis=1, keepdims=True)), 1e-12)
-    normals[((beside - pixels) * normals).sum(axis=1) < 0] *= -1
+    along_x, along_y = tangent.T
+    size = np.maximum(np.sqrt(along_x * along_x + along_y * along_y), 1e-12)
+    out_x, out_y = (beside - pixels).T
+    size[out_y * along_x < out_x * along_y] *= -1.0
+    normals = np.column_stack([-along_y / size, along_x / size])
     return EdgePoints(
         points_mm,
         pixels,
@@ -224,7 +232,7 @@ def _seen(
     )
 
 
-def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+def cross(a: FloatArray, b: FloatArray) -> FloatArray:
     """Return the cross products of rows; a quarter of numpy's time for some hundred rows."""
     ax, ay, az = a.T
     bx, by, bz = b.T
@@ -233,10 +241,11 @@ def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
 
 def _seen_length(model: EdgeModel, chosen: IntArray, eye: FloatArray) -> FloatArray:
     """Return how long edges look from the eye [mm]: upright ones are seen end-on."""
-    ahead = model.start_mm[chosen] + 0.5 * model.along_mm[chosen] - eye
-    across = _cross(ahead, model.along_mm[chosen])
-    squares = np.einsum("ij,ij->i", across, across) / np.einsum("ij,ij->i", ahead, ahead)
-    return np.asarray(np.sqrt(squares))
+    along2, middle2, middle_along = model.seen_by[:, chosen]
+    # |a x b|^2 = |a|^2 |b|^2 - (a b)^2, of the way to an edge's middle and along it
+    way_along = middle_along - (model.along_mm @ eye)[chosen]
+    way2 = middle2 - 2.0 * (model.middle_mm @ eye)[chosen] + eye @ eye
+    return np.asarray(np.sqrt(np.maximum(along2 - way_along * way_along / way2, 0.0)))
 
 
 def _spread(

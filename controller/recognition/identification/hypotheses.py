@@ -5,8 +5,9 @@ coarse fit with few samples weeds out most, and what cannot come near the best i
 all. What lies inside an outline is looked at only where the outline leaves a choice.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
 
@@ -131,7 +132,7 @@ def weigh(
     held: list[tuple[float, Candidate, EdgeFit]] = []
     bound, lead = -np.inf, 0.0
     most = limits.max_coarse if cutout.is_backlit else limits.max_lit
-    for candidate in distinct(candidates, library)[:most]:
+    for candidate in islice(_distinct_ones(candidates, library), most):
         if candidate.overlap < bound:
             break  # one fits perfectly, and this one's outline is another
         worth = limits.coarse_share * lead if lead >= limits.sure_coarse else 0.0
@@ -189,11 +190,16 @@ def look_inside(
 
 def distinct(candidates: Sequence[Candidate], library: Library) -> list[Candidate]:
     """Return candidates without those that a symmetry of the part makes the same, in order."""
+    return list(_distinct_ones(candidates, library))
+
+
+def _distinct_ones(candidates: Sequence[Candidate], library: Library) -> Iterator[Candidate]:
+    """Yield `distinct` candidates as they are needed: mostly the first few are."""
     kept: list[Candidate] = []
     for c in candidates:
         if not any(is_same_reading(k, c, library, 4 * SAME_PLACE_MM) for k in kept):
             kept.append(c)
-    return kept
+            yield c
 
 
 def is_tried(candidate: Candidate, hypotheses: Sequence[Hypothesis], library: Library) -> bool:

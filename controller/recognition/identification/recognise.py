@@ -117,8 +117,7 @@ def _identify(
     candidates: list[Candidate] = []
     for which, silhouette in enumerate(seen):
         far = FAR_BACKLIT if is_backlit else FAR_FRONT
-        found = library.index.search(silhouette, far=far)
-        candidates += [replace(candidate, silhouette=which) for candidate in found]
+        candidates += library.index.search(silhouette, far=far, silhouette=which)
     candidates.sort(key=lambda c: -c.overlap)
     mm = camera.mm_per_px(np.array([*main.centroid_mm, 0.0]))
     cutout = ObjectCutout(region, pictures, mm, outlines, is_backlit=is_backlit)

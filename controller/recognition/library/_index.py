@@ -168,6 +168,7 @@ class ViewIndex:
         turns_each: int = 4,
         within: float = 0.05,
         far: float = 0.6,
+        silhouette: int = 0,
     ) -> list[Candidate]:
         """Return what a silhouette may be, best overlap first.
 
@@ -178,6 +179,7 @@ class ViewIndex:
         turns_each : so many turns of one view at most, for near-symmetric outlines
         within : overlap a turn may fall short of the view's best one
         far : distance in the index beyond which nothing is looked at
+        silhouette : which of the object's this is, for the record
         """
         coarse = np.where(seen.grid > HALF, np.uint8(255), np.uint8(0))
         point = self._point(
@@ -194,71 +196,95 @@ class ViewIndex:
         grids = np.unpackbits(self._bits[nearest], axis=-1) * np.uint8(255)
         scores = turn_scores(spectra(grids), spectra(seen.grid))
         best = scores.max(axis=1)
-        found = []
-        for row in np.flatnonzero(best > best.max() - OTHER_SHAPE).tolist():
-            view = int(nearest[row])
-            found += self._turns(view, scores[row], float(distance[row]), seen, turns_each, within)
-        found.sort(key=lambda c: -c.overlap)
-        return _distinct(found)
+        rows = np.flatnonzero(best > best.max() - OTHER_SHAPE)
+        return self._turns(
+            nearest[rows], scores[rows], distance[rows], seen, turns_each, within, silhouette
+        )
 
     def _turns(
         self,
-        view: int,
+        views: IntArray,
         scores: Float32Array,
-        distance: float,
+        distance: FloatArray,
         seen: Silhouette,
         turns_each: int,
         within: float,
+        silhouette: int,
     ) -> list[Candidate]:
-        peak = (scores >= np.roll(scores, 1)) & (scores > np.roll(scores, -1))
-        peak &= scores > scores.max() - within
-        at = np.flatnonzero(peak)
-        if len(at) == 0:  # a disc: all turns are as good
-            at = np.array([int(scores.argmax())])
-        at = at[np.argsort(-scores[at], kind="stable")][: 3 * turns_each]
+        """Return the best turns of some views (v,) by their scores (v, TURNS), best first."""
+        before, after = np.roll(scores, 1, axis=1), np.roll(scores, -1, axis=1)
+        best = scores.max(axis=1)
+        peak = (scores >= before) & (scores > after) & (scores > best[:, None] - np.float32(within))
+        even = np.flatnonzero(~peak.any(axis=1))  # a disc: all turns are as good
+        peak[even, scores[even].argmax(axis=1)] = True
+        row, k = np.nonzero(peak)
+        order = np.lexsort((-scores[row, k], row))  # stable: of equal turns the first
+        row, k = row[order], k[order]
+        kept = _place_in(row) < 3 * turns_each
+        row, k = row[kept], k[kept]
+        view = views[row]
+        levels = (before[row, k], scores[row, k], after[row, k])
+        theta = 2 * np.pi * (k + _vertex(*(level.astype(np.float64) for level in levels))) / TURNS
+        c, s = np.cos(theta), np.sin(theta)
         foot = self._eye[:2]
-        found: list[Candidate] = []
-        for k in at.tolist():
-            theta = 2 * np.pi * (k + _vertex(scores, k)) / TURNS
-            c, s = np.cos(theta), np.sin(theta)
-            R = np.array([[c, -s], [s, c]])
-            place = seen.centroid_mm - R @ self.centroid_mm[view] - foot
-            apart = float(np.linalg.norm(place - R @ self.place_mm[view]))
-            if apart > self.ring_mm[view]:
-                continue  # seen from that side it would look otherwise
-            x, y = place + foot
-            found.append(
-                Candidate(
-                    int(self.part[view]),
-                    int(self.pose[view]),
-                    float(np.arctan2(s, c)),
-                    float(x),
-                    float(y),
-                    float(scores[k]),
-                    distance,
-                    apart * float(self.lean[view]),
-                )
+        place = seen.centroid_mm - _turned(c, s, self.centroid_mm[view]) - foot
+        away = place - _turned(c, s, self.place_mm[view])
+        apart = np.sqrt((away**2).sum(axis=1))
+        near = np.flatnonzero(apart <= self.ring_mm[view])  # from elsewhere it would look otherwise
+        near = near[_place_in(row[near]) < turns_each]
+        overlap = levels[1]
+        near = near[np.argsort(-overlap[near], kind="stable")]
+        turn = np.arctan2(s, c)
+        near = near[_distinct(self.part[view[near]], self.pose[view[near]], turn[near])]
+        view = view[near]
+        columns = (
+            self.part[view],
+            self.pose[view],
+            turn[near],
+            *(place[near] + foot).T,
+            overlap[near],
+            distance[row[near]],
+            apart[near] * self.lean[view],
+        )
+        return [
+            Candidate(part, pose, turned, x, y, score, far, slack, silhouette)
+            for part, pose, turned, x, y, score, far, slack in zip(
+                *(column.tolist() for column in columns), strict=True
             )
-            if len(found) == turns_each:
-                break
-        return found
+        ]
 
 
-def _vertex(scores: Float32Array, k: int) -> float:
-    before, at, after = (float(scores[(k + d) % len(scores)]) for d in (-1, 0, 1))
+def _place_in(row: IntArray) -> IntArray:
+    """Return the how manieth (n,) each entry of sorted rows is in its row."""
+    return np.arange(len(row)) - np.searchsorted(row, row)
+
+
+def _turned(c: FloatArray, s: FloatArray, points: FloatArray) -> FloatArray:
+    """Return points (n, 2), each turned by its own angle."""
+    x, y = points.T
+    return np.column_stack([c * x - s * y, s * x + c * y])
+
+
+def _vertex(before: FloatArray, at: FloatArray, after: FloatArray) -> FloatArray:
+    """Return how far (n,) from the middle of three values the top of their parabola is."""
     bow = before - 2 * at + after
-    return 0.0 if bow > -1e-9 else float(np.clip(0.5 * (before - after) / bow, -0.5, 0.5))
+    top = np.clip(0.5 * (before - after) / np.minimum(bow, -1e-9), -0.5, 0.5)
+    return np.asarray(np.where(bow > -1e-9, 0.0, top))
 
 
-def _distinct(candidates: list[Candidate], apart_rad: float = 0.09) -> list[Candidate]:
-    """Drop what is the same part, pose and turn again, from a neighbouring view."""
-    kept: list[Candidate] = []
-    for c in candidates:
+def _distinct(
+    part: Int32Array, pose: Int32Array, theta_rad: FloatArray, apart_rad: float = 0.09
+) -> list[int]:
+    """Return which (n,) are not the same part, pose and turn again, from a neighbouring view."""
+    kept: list[int] = []
+    turns: dict[tuple[int, int], list[float]] = {}
+    for k, (*name, theta) in enumerate(
+        zip(part.tolist(), pose.tolist(), theta_rad.tolist(), strict=True)
+    ):
+        known = turns.setdefault((name[0], name[1]), [])
         if not any(
-            k.part == c.part
-            and k.pose == c.pose
-            and abs((k.theta_rad - c.theta_rad + np.pi) % (2 * np.pi) - np.pi) < apart_rad
-            for k in kept
+            abs((other - theta + np.pi) % (2 * np.pi) - np.pi) < apart_rad for other in known
         ):
-            kept.append(c)
+            known.append(theta)
+            kept.append(k)
     return kept
