@@ -46,6 +46,8 @@ from emulators.world import (
     tray_of,
 )
 from emulators.world import LayoutError as LayoutError
+from emulators.world.matter.parts import AWAY, HELD, RESTING
+from emulators.world.poses import transform
 
 log = logging.getLogger(__name__)
 
@@ -55,6 +57,8 @@ IO_UNIT: Final = 1
 GRIPPER_BAUD: Final = 115_200
 LIGHTS_BAUD: Final = 9_600  # what the light modules leave the factory with
 PICTURE_S: Final = 0.1  # from exposure to buffer, a camera takes no longer
+DROP_TRY_COUNT: Final = 200
+APART_MM: Final = 2.0  # between parts that are dropped, by their bounds
 _PRESENCE_S: Final = 0.05  # how often the fixed gripper's light barrier is looked at
 
 Line = TcpGateway | RtuOverTcpServer | RtuPtyServer | TcpServer
@@ -221,11 +225,13 @@ class Cell:
             rest: int | Rest | None = options.rest
             if is_first and options.orientation is not None:
                 rest = solid.rest_near(options.orientation)
-            self.world.drop(index, x_mm, y_mm, rest, theta_rad)
+            T_world_part = self.world.draw(index, x_mm, y_mm, rest, theta_rad)
+            if not is_first:
+                T_world_part = self._kept_apart(index, T_world_part)
+            self.world.place(index, T_world_part)
             self.world.settle()
             if isinstance(rest, Rest):
                 self._require_kept(index, rest)
-            self._keep_apart(index)
 
     def _require_kept(self, index: int, rest: Rest) -> None:
         """Raise LayoutError if a part that was put down in a rest has tipped out of it."""
@@ -238,15 +244,21 @@ class Cell:
                 f"tips or rolls by {math.degrees(off_rad):.0f} deg; name another with --pose"
             )
 
-    def _keep_apart(self, index: int) -> None:
-        """Drop a part elsewhere for as long as it is on top of another one."""
-        for _ in range(50):
-            low, high = self.world.parts[index].bounds_mm
-            others = [part.bounds_mm for part in self.world.parts[:index]]
-            if all((low > h).any() or (high < o).any() for o, h in others):
-                return
-            self.world.drop(index, rest=self.options.rest)
-            self.world.settle()
+    def _kept_apart(self, index: int, T_world_part: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return a pose (4, 4) in which a part falls on no other one; drawn anew until it is so."""
+        solid = self.world.parts[index].solid
+        others = [
+            part.bounds_mm
+            for part in self.world.parts
+            if part.index != index and part.state not in (AWAY, HELD)
+        ]
+        for _ in range(DROP_TRY_COUNT):
+            corners = transform(T_world_part, solid.hull_mm)[:, :2]
+            low, high = corners.min(axis=0) - APART_MM, corners.max(axis=0) + APART_MM
+            if all((low > h[:2]).any() or (high < o[:2]).any() for o, h in others):
+                break
+            T_world_part = self.world.draw(index, rest=self.options.rest)
+        return T_world_part
 
     def knock_camera(self, name: str, T: NDArray[np.float64]) -> None:
         """Move a camera by T (4, 4) in its own frame [mm].
@@ -409,13 +421,23 @@ class Cell:
             self._presence_s = 0.0
             self.signals.is_part_between_jaws = self.world.is_part_in_fixed_gripper
             self._feed()
+            if len(self.world.parts) > 1:
+                self._empty_trays()
         self.desk.note(self.now_s)
 
     def _feed(self) -> None:
         """Drop the next part once the last one is in a tray and has been let go."""
         if self._feed_left and tray_of(self.world, 0) is not None:
             self._feed_left -= 1
-            self.world.drop(0)
+            self.world.place(0, self._kept_apart(0, self.world.draw(0)))
+
+    def _empty_trays(self) -> None:
+        """Take away what is in a tray once the arm holds another part, as a person would."""
+        if self.world.arm_gripper.hold is None:
+            return
+        for part in self.world.parts:
+            if part.state == RESTING and tray_of(self.world, part.index) is not None:
+                self.world.remove(part.index)
 
     def tick(self) -> None:
         """Let the clock run on, up to where the world is, and not past an overdue picture."""

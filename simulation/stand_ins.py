@@ -21,6 +21,7 @@ from controller import inspection as inspecting
 from controller.cache import digest_of
 from controller.cell.compute import Compute, Holder, Job, context
 from controller.cell.devices.lamps import STATION_PANEL, TABLE_PANEL
+from controller.cell.journal.rows import SightingFields
 from controller.cell.services import plain_name
 from controller.config.view_set import load_view_set
 from controller.imaging import Camera, inverse_pose, transform
@@ -150,15 +151,22 @@ class StandIns(Compute):
         start: Start,
         seen: Mask | None,
         avoid: frozenset[str],
-        candidates: tuple[Alternative, ...],
+        alternatives: tuple[Alternative, ...],
+        others: tuple[SightingFields, ...] = (),
     ) -> Plan:
         """Return the planner's plan; of one start it is made once."""
         await self._take("plan")
-        key = digest_of(str(self.job.recipe_path), start, seen, tuple(sorted(avoid)))
+        key = digest_of(
+            str(self.job.recipe_path),
+            start,
+            seen,
+            tuple(sorted(avoid)),
+            [o.box_px for o in others],
+        )
         found = _plans.pop(key, None)
         if found is None:
             try:
-                found = await super().plan(start, seen, avoid, candidates)
+                found = await super().plan(start, seen, avoid, alternatives, others)
             except NoPlanError as error:
                 found = str(error)
             if len(_plans) >= MAX_PLANS:

@@ -370,7 +370,7 @@ class World:
         rest: int | Rest | None = None,
         theta_rad: float | None = None,
     ) -> None:
-        """Let a part fall a few millimetres onto the table.
+        """Let a part fall a few millimetres onto the table; the place is that of `draw`.
 
         Parameters
         ----------
@@ -378,6 +378,22 @@ class World:
         x_mm, y_mm : its centre of mass; in the layout's drop area at random where None
         rest : a rest or its number in ``solid.rests``; None for a stable one, by its solid angle
         theta_rad : turn about z; at random where None
+        """
+        self.place(index, self.draw(index, x_mm, y_mm, rest, theta_rad))
+
+    def draw(
+        self,
+        index: int,
+        x_mm: float | None = None,
+        y_mm: float | None = None,
+        rest: int | Rest | None = None,
+        theta_rad: float | None = None,
+    ) -> Array:
+        """Return where a part is to be dropped, (4, 4); what is not given is drawn at random.
+
+        Parameters
+        ----------
+        index, x_mm, y_mm, rest, theta_rad : as `drop`
         """
         low, high = self.layout.drop_low_mm, self.layout.drop_high_mm
         # the same draws whatever is given: an order for one part does not move the next one
@@ -389,7 +405,7 @@ class World:
         theta = math.tau * turn if theta_rad is None else theta_rad
         x = float(spot[0]) if x_mm is None else x_mm
         y = float(spot[1]) if y_mm is None else y_mm
-        self.place(index, solid.pose_at_rest(chosen, x, y, theta))
+        return solid.pose_at_rest(chosen, x, y, theta)
 
     def place(self, index: int, T_world_part: Array) -> None:
         """Put a part anywhere and let it fall from there."""

@@ -146,9 +146,14 @@ def test_the_person_reads_what_comes_too_close() -> None:
 
 def test_the_proof_is_for_the_part_as_the_grippers_have_it_and_their_openings_as_read() -> None:
     left, world = left_by(), replace(WORLD, arm_mm=ARM_MM - 0.3, fixed_mm=61.0)
+    beside_it = rows.SightingFields(
+        part=None, pose_index=-1, x_mm=1.0, y_mm=2.0, theta_deg=0.0, score=1.0, box_px=(0, 0, 9, 9)
+    )
+    left.take(rows.Sightings(sightings=(beside_it, beside_it), taken=0))
     beside = beside_path(left, world, classify(left, world))
     assert beside is not None
-    q, begin, arm_mm, T_part_tcp, fixed_mm, T_part_fixed = beside.arguments
+    q, begin, arm_mm, T_part_tcp, fixed_mm, T_part_fixed, others = beside.arguments
+    assert others == (beside_it,)
     np.testing.assert_array_equal([q, begin], [STANDS, POINTS[1]])
     assert (arm_mm, fixed_mm, T_part_fixed) == (ARM_MM - 0.3, 61.0, None)
     np.testing.assert_array_equal(T_part_tcp, np.eye(4))

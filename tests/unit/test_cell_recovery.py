@@ -310,7 +310,10 @@ class PaperCompute:
             ),
         )  # fmt: skip
 
-    async def plan(self, start: Start, seen: Any, avoid: frozenset[str], candidates: Any) -> Plan:
+    async def plan(
+        self, start: Start, seen: Any, avoid: frozenset[str], alternatives: Any, others: Any
+    ) -> Plan:
+        assert others == ()
         self.starts.append(start)
         self.asked_seen.append(None if seen is None else seen.copy())
         self.avoided.append(avoid)
@@ -321,7 +324,7 @@ class PaperCompute:
             self.by_view[step.view_id] = step.seen
         return answer
 
-    async def plan_to_trays(self, start: Start, avoid: frozenset[str]) -> Plan:
+    async def plan_to_trays(self, start: Start, avoid: frozenset[str], others: Any) -> Plan:
         self.parkings.append(start)
         if self.to_trays is None:
             raise NoPlanError("no way to a tray")

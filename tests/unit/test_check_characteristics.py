@@ -10,7 +10,7 @@ import pytest
 from cad_solids import box, rod, solid_of
 
 from controller.cad.compiled import CompiledPart, compile_solid
-from controller.cell.compute.check_characteristics import (
+from controller.cell.compute.checks import (
     CheckedCharacteristic,
     check_characteristics,
 )

@@ -14,7 +14,7 @@ from controller.cache import digest_of
 from controller.cad.compiled import load_part
 from controller.cell import compute
 from controller.cell.compute import answers
-from controller.cell.compute.checking import check_job
+from controller.cell.compute.checks import check_job
 from controller.cell.plans import PlanCache
 from controller.cli import main
 from controller.cli.planning.plan_json import certificate_json, plan_json

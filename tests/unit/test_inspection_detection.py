@@ -14,7 +14,7 @@ from cad_solids import box, rod, solid_of
 from numpy.typing import NDArray
 
 from controller.cad import Solid, SurfaceSamples, sample_surface
-from controller.cell.compute.check_defects import check_defects
+from controller.cell.compute.checks import check_defects
 from controller.cli import main
 from controller.config import ConfigError, load_cell, load_recipe
 from controller.config.shipped import EMULATED_CELL

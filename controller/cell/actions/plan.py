@@ -101,8 +101,10 @@ class PlanAction:
         for avoid in (own | avoided, own):
             try:
                 if part.parked is not None:
-                    return await self.compute.plan_to_trays(start, avoid)
-                return await self.compute.plan(start, part.in_sight, avoid, part.alternatives)
+                    return await self.compute.plan_to_trays(start, avoid, part.neighbours)
+                return await self.compute.plan(
+                    start, part.in_sight, avoid, part.alternatives, part.neighbours
+                )
             except NoPlanError:
                 if avoid == own:
                     raise

@@ -193,7 +193,9 @@ class RecoverAction:
                 part.tray = None if left.intent is None else left.intent.tray
                 arm_mm, fixed_mm = await self.grippers.openings_mm()
                 q = await self.motion.read_q()
-                await self.motion.follow(await self.compute.path_home(q, arm_mm, fixed_mm, None))
+                await self.motion.follow(
+                    await self.compute.path_home(q, arm_mm, fixed_mm, None, part.neighbours)
+                )
                 self.motion.mark_free()
                 return Event.PLACED
         part.hold = None

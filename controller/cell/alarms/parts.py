@@ -73,9 +73,9 @@ PARTS: Final = (
     ),
     Alarm(
         411, "many_parts", _HOLD, _TABLE,
-        "more than one object is on the table",
-        "which of them is meant",
-        "leave one part, start again",
+        "several objects are on the table, and none of them can be taken for the part",
+        "which of them is meant, where several may be",
+        "move them apart, or take the others away; start again",
     ),
     Alarm(
         412, "unknown_object", _HOLD, "the camera that saw it",

@@ -111,6 +111,7 @@ def assemble(
     operator: Operator = NOBODY,
     calibration: SetCalibration | None = None,
     *,
+    serials: tuple[str, ...] = (),
     is_stepwise: bool = False,
 ) -> Batch:
     """Return a cell that is ready for one batch; no device is moved or read.
@@ -126,6 +127,7 @@ def assemble(
     folder : of the run, for its pictures
     progress, on_progress : what the operator sees; called after each change of it
     operator : answers questions
+    serials : of the parts, in the order they are worked on; empty where they have none
     is_stepwise : the operator lets each motion begin
     calibration : what of the cell's calibrations no longer counts
     """
@@ -177,7 +179,7 @@ def assemble(
             resumption, motion, grippers, record, gripper, compute, layout
         ),
         Effect.ACQUIRE: AcquireAction(imaging, gate, record),
-        Effect.RECOGNISE: RecogniseAction(compute, recipe, record),
+        Effect.RECOGNISE: RecogniseAction(compute, recipe, record, serials),
         Effect.PLAN: PlanAction(compute, preparation, views, held_pose, motion, record),
         Effect.GRASP: GraspAction(steps, motion, grippers, views, record, layout),
         Effect.PRESENT: PresentAction(

@@ -166,6 +166,7 @@ async def run_batch(
             show,
             decider,
             calibration,
+            serials=order.papers.serials,
             is_stepwise=order.is_stepwise,
         )
         dispatcher = batch.dispatcher

@@ -7,6 +7,7 @@ what cannot be sent between processes (`job.context`). None of them moves anythi
 
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from controller import recognition as recognising
 from controller.arrays import BoolArray, FloatArray, Grey
 from controller.cad.compiled import load_part
 from controller.cell.devices.lamps import STATION_PANEL
+from controller.cell.journal.rows import SightingFields
 from controller.config.view_set import load_view_set
 from controller.imaging import inverse_pose
 from controller.planning import (
@@ -38,6 +40,7 @@ from controller.planning.motion import (
     prove_move,
     prove_sweep,
 )
+from controller.planning.regrasps import pick_paths
 from controller.setup.optics import build_lamps, panel_corners, table_corners
 from controller.stored import Judging, judge_views, read_pictures
 
@@ -45,6 +48,7 @@ from ..devices.lamps import TABLE_LAMPS
 from ..plans import PlanCache
 from . import held_search
 from .job import Job, context, inspection_limits, part_files
+from .neighbours import layout_among
 
 Holder = tuple[inspecting.WorldBox, ...]
 
@@ -79,6 +83,7 @@ def plan(
     seen: BoolArray | None,
     avoid: frozenset[str],
     alternatives: tuple[recognising.Alternative, ...],
+    others: tuple[SightingFields, ...] = (),
 ) -> Plan:
     """Return a plan for the part, which a gripper or the table has.
 
@@ -89,21 +94,49 @@ def plan(
     seen : (n,) bool, samples that need not be shown again
     avoid : ids of grasps that have failed
     alternatives : the other parts and poses that recognition has not excluded
+    others : what else is on the table
 
     Raises
     ------
     NoPlanError : there is no plan; the message gives the reason
     """
-    prepared, layout = _prepared(job), context(job).layout
+    prepared, layout = _prepared(job), layout_among(context(job), others)
     if isinstance(start, OnTable) and alternatives:
-        others = _hypotheses(job, alternatives)
+        hypotheses = _hypotheses(job, alternatives)
         return planning.plan_under_ambiguity(
-            prepared, layout, start, others, seen=seen, avoid=avoid
+            prepared, layout, start, hypotheses, seen=seen, avoid=avoid
         )
     return planning.plan_from(prepared, layout, start, seen=seen, avoid=avoid)
 
 
-def plan_to_trays(job: Job, start: Start, avoid: frozenset[str]) -> Plan:
+def pick_counts(job: Job, sightings: tuple[SightingFields, ...]) -> tuple[int, ...]:
+    """Return by how many paths each part could be taken from among the others.
+
+    Of a part that is none of the recipe's, that is no count: 0.
+
+    Parameters
+    ----------
+    job : which recipe on which cell
+    sightings : all that is on the table
+    """
+    name, prepared = context(job).solid.name, _prepared(job)
+    counts = []
+    for number, seen in enumerate(sightings):
+        others = (*sightings[:number], *sightings[number + 1 :])
+        count = 0
+        if seen.part == name and seen.T_world_part is not None:
+            with suppress(planning.NoPlanError):
+                paths = pick_paths(
+                    prepared, layout_among(context(job), others), np.array(seen.T_world_part)
+                )
+                count = len(paths)
+        counts.append(count)
+    return tuple(counts)
+
+
+def plan_to_trays(
+    job: Job, start: Start, avoid: frozenset[str], others: tuple[SightingFields, ...] = ()
+) -> Plan:
     """Return a plan that brings the part to a tray and shows nothing on the way.
 
     Parameters
@@ -111,6 +144,7 @@ def plan_to_trays(job: Job, start: Start, avoid: frozenset[str]) -> Plan:
     job : which recipe on which cell
     start : where the part is
     avoid : ids of grasps that have failed
+    others : what else is on the table
 
     Raises
     ------
@@ -118,7 +152,7 @@ def plan_to_trays(job: Job, start: Start, avoid: frozenset[str]) -> Plan:
     """
     prepared = _prepared(job)
     nothing_left = np.ones(len(prepared.counted_samples.points_mm), dtype=bool)
-    layout = context(job).layout
+    layout = layout_among(context(job), others)
     return planning.plan_from(prepared, layout, start, seen=nothing_left, avoid=avoid)
 
 
@@ -127,8 +161,8 @@ def _hypotheses(
 ) -> list[TableHypothesis]:
     """Return each other hypothesis about the picture, with the solid of its part."""
     c = context(job)
-    others = (load_part(*file) for file in part_files(c.recipe)[1:])
-    solids = {part.solid.name: part.solid for part in (*others, c.part)}
+    rest = (load_part(*file) for file in part_files(c.recipe)[1:])
+    solids = {part.solid.name: part.solid for part in (*rest, c.part)}
     return [TableHypothesis(a.part, solids[a.part], a.T_world_part) for a in alternatives]
 
 
@@ -159,6 +193,7 @@ def path_home(
     arm_opening_mm: float,
     fixed_opening_mm: float,
     T_part_tcp: FloatArray | None,
+    others: tuple[SightingFields, ...] = (),
 ) -> JointPath:
     """Return a joint path from any configuration to the park position.
 
@@ -168,6 +203,7 @@ def path_home(
     q : (6,) configuration of the arm
     arm_opening_mm, fixed_opening_mm : how wide both grippers are open
     T_part_tcp : (4, 4) of a part that may still be in the arm gripper, or None
+    others : what else is on the table
 
     Raises
     ------
@@ -175,7 +211,7 @@ def path_home(
     """
     c = context(job)
     carried = None if T_part_tcp is None else _part_box(job, inverse_pose(T_part_tcp))
-    scene = Scene(c.layout, arm_opening_mm, fixed_opening_mm, carried)
+    scene = Scene(layout_among(c, others), arm_opening_mm, fixed_opening_mm, carried)
     return connect(q, c.layout.park_q, scene, f"{c.solid.name}: path home")
 
 
@@ -187,6 +223,7 @@ def homing_swept(
     T_part_tcp: FloatArray | None,
     fixed_opening_mm: float,
     T_part_fixed: FloatArray | None,
+    others: tuple[SightingFields, ...] = (),
 ) -> Swept:
     """Return whether homing that opens no jaw touches nothing on all its way.
 
@@ -198,8 +235,9 @@ def homing_swept(
     T_part_tcp : (4, 4) of a part in the arm gripper, or None
     fixed_opening_mm : of the fixed gripper
     T_part_fixed : (4, 4) T_part_tcp of a part in the fixed gripper, or None
+    others : what else is on the table
     """
-    layout = context(job).layout
+    layout = layout_among(context(job), others)
     phases = layout.arm.homing_sweep(low, high)
     if not phases:
         return Swept(phase="it homes", touches="everything: this arm has no homing with a part")
@@ -224,6 +262,7 @@ def proven_back(
     T_part_tcp: FloatArray | None,
     fixed_opening_mm: float,
     T_part_fixed: FloatArray | None,
+    others: tuple[SightingFields, ...] = (),
 ) -> ProvenMove:
     """Return the move back to where one began, free of contact whichever axis goes first.
 
@@ -235,8 +274,9 @@ def proven_back(
     arm_opening_mm, fixed_opening_mm : of the two grippers
     T_part_tcp : (4, 4) of a part in the arm gripper, or None
     T_part_fixed : (4, 4) T_part_tcp of a part in the fixed gripper, or None
+    others : what else is on the table
     """
-    layout = context(job).layout
+    layout = layout_among(context(job), others)
     carried, standing = _held(job, T_part_tcp, T_part_fixed)
     scene = Scene(layout, arm_opening_mm, fixed_opening_mm, carried, standing)
     return prove_move(scene, q, q_begin)

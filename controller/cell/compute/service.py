@@ -61,6 +61,7 @@ class Compute:
     prepare = Question(answers.prepare)
     recognise = Question(answers.recognise)
     plan = Question(answers.plan)
+    pick_counts = Question(answers.pick_counts)
     plan_to_trays = Question(answers.plan_to_trays)
     identify = Question(answers.identify)
     path_home = Question(answers.path_home)

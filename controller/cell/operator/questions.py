@@ -23,7 +23,7 @@ _AWAY: Final = Choice(OUT, "I took the part off the table: go on with the next p
 # What leads back to the work where the part is on the table, or should be.
 _ON_TABLE: Final[Mapping[str, str]] = {
     "no_part": "I have laid a part on the table: take new pictures",
-    "many_parts": "one part alone is on the table now: take new pictures",
+    "many_parts": "the table is cleared up, or parts lie further apart: take new pictures",
     "unknown_object": "the table is cleared up: take new pictures",
     "part_cut_off": "the part is inside the backlit area now: take new pictures",
     "wrong_part": "the right part is on the table now: take new pictures",

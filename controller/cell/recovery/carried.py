@@ -8,6 +8,7 @@ import numpy as np
 from controller.arrays import FloatArray
 
 from ..custody import Custody
+from ..journal.rows import SightingFields
 from .interrupted import Interrupted
 
 
@@ -21,17 +22,25 @@ class Carried:
     T_part_tcp : (4, 4) of a part in the arm gripper, or None
     fixed_opening_mm : of the fixed gripper
     T_part_fixed : (4, 4) of a part in the fixed gripper, T_part_tcp of that one, or None
+    neighbours : what else is on the table
     """
 
     arm_opening_mm: float | None
     T_part_tcp: FloatArray | None
     fixed_opening_mm: float
     T_part_fixed: FloatArray | None
+    neighbours: tuple[SightingFields, ...] = ()
 
     @property
     def carried(self) -> tuple[Any, ...]:
         """The last arguments of `homing_swept` and `proven_back` of the compute service."""
-        return self.arm_opening_mm, self.T_part_tcp, self.fixed_opening_mm, self.T_part_fixed
+        return (
+            self.arm_opening_mm,
+            self.T_part_tcp,
+            self.fixed_opening_mm,
+            self.T_part_fixed,
+            self.neighbours,
+        )
 
 
 def part_in_gripper(

@@ -39,6 +39,7 @@ class Interrupted:
     trail : the way the arm came
     views : in order, with the digests of their files in `digests`
     table_pictures, sightings, sighting : the part on the table, as seen last
+    neighbours : what else was on the table then
     is_ambiguous : pictures of the table leave other hypotheses, and no view has decided
     recoveries, avoid : part faults so far, and grasps that failed
     plan_count, hold_count, look_count : plans made, grasps taken, pictures of the table
@@ -66,6 +67,7 @@ class Interrupted:
     views: list[TakenView] = field(default_factory=list)
     digests: dict[str, str] = field(default_factory=dict)
     sighting: rows.SightingFields | None = None
+    neighbours: tuple[rows.SightingFields, ...] = ()
     is_ambiguous: bool = False
     recoveries: list[rows.RecoveryBegun] = field(default_factory=list)
     avoid: list[str] = field(default_factory=list)
@@ -111,7 +113,7 @@ class Interrupted:
                 self._take_hold(row)
             case rows.Sightings():
                 self.sightings = row
-                (self.sighting,) = row.sightings if len(row.sightings) == 1 else (None,)
+                self.sighting, self.neighbours = row.parted()
                 self.is_ambiguous = bool(self.sighting and self.sighting.ambiguous_with)
             case rows.AmbiguityResolved():
                 self.is_ambiguous = len(row.left) != 1

@@ -130,6 +130,7 @@ def _part(left: Interrupted) -> PartRecord:
     )
     if left.sighting is not None:
         part.sighting = sighting_of(left.sighting)
+        part.neighbours = left.neighbours
         if left.is_ambiguous:
             part.alternatives = part.sighting.ambiguous_with
     part.recoveries = [

@@ -6,7 +6,7 @@ from typing import Any, Final
 from rich.box import SIMPLE
 from rich.table import Table
 
-from controller.cell.compute.check_characteristics import CheckedCharacteristic
+from controller.cell.compute.checks import CheckedCharacteristic
 from controller.inspection.characteristics import Capability, Characteristic, place_of
 
 from ..terminal.output import print_line, stdout

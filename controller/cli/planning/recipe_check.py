@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from controller.cell.compute import Job
-from controller.cell.compute.checking import Checked, CheckedPose, check_job
+from controller.cell.compute.checks import Checked, CheckedPose, check_job
 from controller.config import load_recipe
 from controller.results.moments import view_count
 

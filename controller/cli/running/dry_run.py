@@ -10,7 +10,7 @@ from controller.cad.reading import files_of
 from controller.cell.batch import new_run_id
 from controller.cell.commissioning.dry import DryOrder, DryPlan, DrySession, dry_plan
 from controller.cell.compute import Job, context
-from controller.cell.compute.checking import check_sizes
+from controller.cell.compute.checks import check_sizes
 from controller.cell.plans import PlanCache
 from controller.commissioning.procedure import Outcome, StepRecord
 from controller.config import Cell, ConfigError, Recipe, load_cell, load_recipe

@@ -25,7 +25,7 @@ from controller.cell.batch import (
     run_batch,
 )
 from controller.cell.compute import Job, context, load_parts, worker_pool
-from controller.cell.compute.checking import check_plans, check_sizes
+from controller.cell.compute.checks import check_plans, check_sizes
 from controller.cell.control import socket_path
 from controller.cell.devices.clocks import FoundClock, devices_with_time, find_clock
 from controller.cell.devices.emulator import emulated_cell, emulator_args, emulator_command
@@ -135,7 +135,7 @@ def run_recipe(options: RunOptions) -> int:
     _warn_of_emulation(emulated, clock, options.speed, seed)
     parts = tuple(for_emulator(path, part, folder) for path, part in on_table if emulated)
     part_count = options.count or recipe.count
-    fed = ("--feed", str(part_count - 1)) if part_count > 1 and parts else ()
+    fed = ("--feed", str(part_count - len(parts))) if part_count > len(parts) > 0 else ()
     placed = emulator_args(
         orientation, options.at, options.control, options.as_built, options.surfaces
     )

@@ -47,6 +47,17 @@ class PartShape:
         """Return the shape of a solid."""
         return cls(np.asarray(solid.mesh.vertices), np.asarray(solid.mesh.faces))
 
+    def shrunk(self, by_mm: float) -> PartShape:
+        """Return the shape made smaller in proportion: its bounding box by `by_mm` on each side.
+
+        Parameters
+        ----------
+        by_mm : where that is more than a quarter of an edge of the box, half of the edge is left
+        """
+        centre, half = self.box.T[:3, 3], self.box.half_mm
+        scale = np.maximum(1.0 - by_mm / half, 0.5)
+        return PartShape(centre + (self._vertices_mm - centre) * scale, self._faces)
+
     def __getstate__(self) -> dict[str, Any]:
         """Leave FCL's model behind: it is built anew where it is asked for."""
         return {**self.__dict__, "_model": None}
@@ -100,6 +111,11 @@ class Triangles:
         """Put the part at a pose (4, 4)."""
         self._T = T_world_part
         self._object.setTransform(fcl.Transform(T_world_part[:3, :3], T_world_part[:3, 3]))
+
+    def meets(self, other: Triangles) -> bool:
+        """Return whether the surfaces of two placed parts cut each other."""
+        result = fcl.CollisionResult()
+        return bool(fcl.collide(self._object, other._object, self._request, result))
 
     def lowest_mm(self) -> float:
         """Return the height of the part's lowest point."""

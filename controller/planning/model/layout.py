@@ -14,7 +14,7 @@ import numpy as np
 from controller.arrays import FloatArray
 from controller.imaging import Camera
 
-from ..geometry import Box
+from ..geometry import Box, PlacedShape
 from .arm import ArmModel
 
 
@@ -178,6 +178,7 @@ class CellLayout:
         every margin to what stands in the cell is wider by `clearance_mm`
     fixed_held : mm and rad, by how much the fixed gripper may stand elsewhere along its pads and
         turned in their plane, where a calibration measured that plane alone
+    neighbours : what else is on the table now, beside the part that is planned for
     """
 
     arm: ArmModel
@@ -194,6 +195,7 @@ class CellLayout:
     park_q: FloatArray
     place_u_mm: float = 0.0
     fixed_held: tuple[float, float] = (0.0, 0.0)
+    neighbours: tuple[PlacedShape, ...] = ()
     cell_times: CellTimes = field(default_factory=CellTimes)
     inspection_sharp_mm: tuple[float, float] = (0.0, float("inf"))
     overhead_sharp_mm: tuple[float, float] = (0.0, float("inf"))

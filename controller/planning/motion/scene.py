@@ -21,6 +21,7 @@ from ..model import CellLayout, Jaw
 from ._kinematics import link_boxes, link_frames, placed_boxes, tcp_pose
 
 STANDING = "the part standing there"
+NEIGHBOUR = "another object on the table"
 _NONE = np.iinfo(np.int64).max
 _COLUMN_COUNT = 1  # at the end of what stands, with an index in `names` of its own
 SELF_MARGIN_MM = 3.0  # links know each other's place better than the world's
@@ -60,9 +61,15 @@ class Scene:
             object.__setattr__(self, "carried", self.carried_mesh.box)
 
     def statics(self) -> list[tuple[str, Box]]:
-        """Return the world boxes by name; those that bound `standing_meshes` come last."""
+        """Return the world boxes by name; those that bound triangles come last."""
         named = [(name, box) for name, box in self._boxes() if name not in self.ignore]
+        named += [(NEIGHBOUR, mesh.box) for mesh in self.layout.neighbours]
         return named + [(STANDING, mesh.box) for mesh in self.standing_meshes]
+
+    @property
+    def _meshes(self) -> tuple[PlacedShape, ...]:
+        """All that stands as triangles, in the order of `statics`."""
+        return (*self.layout.neighbours, *self.standing_meshes)
 
     def _boxes(self) -> list[tuple[str, Box]]:
         layout = self.layout
@@ -156,14 +163,15 @@ class Scene:
         loose = np.zeros(len(row), dtype=bool)
         if moving.shape is not None:
             loose |= body == moving.centres.shape[1] - 1
-        if self.standing_meshes:
+        meshes = self._meshes
+        if meshes:
             last = 1 + still - _COLUMN_COUNT
-            loose |= (name >= last - len(self.standing_meshes)) & (name < last)
+            loose |= (name >= last - len(meshes)) & (name < last)
         found = np.full(n, _NONE)
         np.minimum.at(found, row[~loose], name[~loose])
         loose &= found[row] == _NONE
         if loose.any():
-            exact = _Exact(self._still(), self.standing_meshes, moving, margin, floor, own)
+            exact = _Exact(self._still(), meshes, moving, margin, floor, own)
             order = np.lexsort((body[loose], name[loose], row[loose]))
             for k in np.flatnonzero(loose)[order]:
                 if found[row[k]] == _NONE and exact.stands(int(row[k]), int(body[k]), int(name[k])):

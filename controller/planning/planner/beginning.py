@@ -28,6 +28,7 @@ from .build import Build, Builder, RefutedError
 from .costs import RegraspSite, first_seconds, take_seconds
 
 PICK_COUNT = 3  # pick paths of one grasp that are tried, the nearest first
+AMONG_COUNT = 8  # the same among neighbours, which are in the way of many
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,7 +76,7 @@ def from_table(
         picks.setdefault(path.grasp, []).append(path)
     for paths in picks.values():
         paths.sort(key=lambda p: float(segment_seconds(layout, q, p.down[0])))
-        del paths[PICK_COUNT:]
+        del paths[AMONG_COUNT if layout.neighbours else PICK_COUNT :]
 
     def pick(builder: Builder, build: Build, g: int) -> None:
         builder.pick(build, picks[g], start.T_world_part)
@@ -146,7 +147,8 @@ def _overhead_look(
     part: PreparedPart, layout: CellLayout, T_world_part: FloatArray, inspected: BoolArray
 ) -> Look | None:
     options = part.options
-    if not options.table_views:
+    # a neighbour may hide the part's sides, and throws light on them
+    if not options.table_views or layout.neighbours:
         return None
     (seen,) = table_views(
         part.samples,

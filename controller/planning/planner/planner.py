@@ -36,7 +36,7 @@ from .beginning import Beginning, from_arm, from_fixed_gripper, from_table
 from .build import Build, Builder, RefutedError, check_trays_in_reach
 from .costs import EdgeCosts, RegraspSite, make_edge_costs, view_seconds, worthwhile
 from .coverage import count_shown, counted_as
-from .prepare import prepare_part, with_grasps, with_rests
+from .prepare import among_neighbours, prepare_part, with_grasps, with_rests
 from .why import nothing_shown, unseen_pieces
 
 REBUILD_COUNT = 40  # solutions of the search worked out before giving up
@@ -101,6 +101,7 @@ def plan_from(
     NoPlanError : and its kinds, with one sentence: what, where, what to do
     """
     check_trays_in_reach(part.solid.name, layout)
+    part = among_neighbours(part, layout)
     before = np.zeros(len(part.counted_samples.points_mm), dtype=bool) if seen is None else seen
     inspected = before if part.counted is None else before[part.counted.of_chosen]
     match start:

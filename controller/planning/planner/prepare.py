@@ -26,7 +26,7 @@ from ..grasps import (
 )
 from ..model import CellLayout, Grasp, HandOff, NotGraspableError, PlanOptions, PreparedPart
 from ..motion import Scene, segment_seconds
-from ..regrasps import hand_offs, rests, set_downs
+from ..regrasps import clear_hand_offs, hand_offs, rests, set_downs
 from ..views import (
     VisibilityRules,
     hidden_by_gripper,
@@ -201,6 +201,20 @@ def with_rests(part: PreparedPart, layout: CellLayout) -> PreparedPart:
         rests=places,
         set_downs=tuple(set_downs(layout, part.shape, r, part.arm_grasps) for r in places),
     )
+
+
+def among_neighbours(part: PreparedPart, layout: CellLayout) -> PreparedPart:
+    """Return the part without what its neighbours on the table are in the way of (ADR 66).
+
+    Parameters
+    ----------
+    part : prepared for this cell, which had no neighbours then; left as it is
+    layout : the cell, with what is on the table now
+    """
+    if not layout.neighbours:
+        return part
+    clear = clear_hand_offs(part, layout)
+    return with_rests(clear, layout) if part.rests else clear
 
 
 def _is_joined(part: PreparedPart, layout: CellLayout) -> bool:

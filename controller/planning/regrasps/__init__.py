@@ -1,6 +1,7 @@
 """Taking the part up, passing it over, putting it down."""
 
 from ._handoff import hand_offs
+from ._neighbours import clear_hand_offs
 from ._pick import PickPath, is_pickable, pick_paths
 from ._place import PlacePath, place_paths
 from ._table import rests, set_downs
@@ -8,6 +9,7 @@ from ._table import rests, set_downs
 __all__ = [
     "PickPath",
     "PlacePath",
+    "clear_hand_offs",
     "hand_offs",
     "is_pickable",
     "pick_paths",

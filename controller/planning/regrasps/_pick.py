@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import ceil
 
 import numpy as np
@@ -25,8 +25,8 @@ from ..model import (
 )
 from ..motion import Scene, fewest_waypoints, inverse_rows, passed_limit, same_branch
 from ._handoff import CLOSE_MARGIN_MM, PART_MARGIN_MM
+from ._neighbours import beside_alone, lift_mm, what_covers
 
-LIFT_MM = 85.0
 STEP_MM = 10.0
 RIM_STEP_MM = 0.5  # between the heights at which pads are tried
 
@@ -87,11 +87,13 @@ def _free_paths(
     members = np.flatnonzero(clear_of_table(T_world_part, grasps, layout.arm_gripper))
     if len(members) == 0:
         raise NotGraspableError(f"{where}: {_no_grasp_from_above(part, layout, T_world_part)}")
+    if (reason := what_covers(part, layout, T_world_part)) is not None:
+        raise NoMotionError(f"{where}: {reason}")
     T_hold = T_world_part @ np.stack([grasps[k].T_part_tcp for k in members])
     index, branch, q = inverse_rows(layout, T_hold)
     if len(index) == 0:
         raise _out_of_reach(layout, T_hold, where)
-    k = np.arange(1, round(LIFT_MM / STEP_MM) + 1) * STEP_MM
+    k = np.arange(1, ceil(lift_mm(part, layout, T_world_part) / STEP_MM) + 1) * STEP_MM
     T_above = np.repeat(T_hold[index][:, None], len(k), axis=1)
     T_above[..., :3, 3] -= k[None, :, None] * T_hold[index][:, None, :3, 0]
     T_up = np.repeat(T_hold[index][:, None], len(k), axis=1)
@@ -103,17 +105,24 @@ def _free_paths(
     down = np.concatenate([above[rows][:, ::-1], q[rows][:, None]], axis=1)
     lift = np.concatenate([q[rows][:, None], up[rows]], axis=1)
     open_scene = Scene(layout, 0.0, layout.fixed_open_mm)
-    touched = np.hstack(
-        [
-            _contacts(open_scene, down, _open_grippers(layout, held), TABLE_MARGIN_MM),
-            _contacts(
-                open_scene, lift, _full_grippers(layout, held), -1.0, PART_MARGIN_MM, (part, held)
-            ),
-        ]
-    )
-    names = open_scene.names()
-    blocked = {names[k] for k in touched.max(axis=1, initial=-1) if k >= 0}
-    free = np.flatnonzero((touched < 0).all(axis=1))
+    # what is straight above the part was looked at; beside it the part may touch a neighbour
+    bare = Scene(replace(layout, neighbours=()), 0.0, layout.fixed_open_mm)
+    full = _full_grippers(layout, held)
+    phases = [
+        (open_scene, _contacts(open_scene, down, _open_grippers(layout, held), TABLE_MARGIN_MM)),
+        (bare, _contacts(bare, lift, full, -1.0, PART_MARGIN_MM, (part, held))),
+    ]
+    if layout.neighbours:
+        beside = Scene(beside_alone(layout), 0.0, 0.0)
+        phases.append((beside, _contacts(beside, lift, full, -1.0)))
+    blocked = {
+        scene.names()[k]
+        for scene, touched in phases
+        for k in touched.max(axis=1, initial=-1)
+        if k >= 0
+    }
+    clear = np.hstack([touched < 0 for _, touched in phases]).all(axis=1)
+    free = np.flatnonzero(clear)
     if len(free) == 0:
         if blocked:
             raise NoMotionError(

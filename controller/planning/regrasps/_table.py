@@ -20,6 +20,7 @@ from ..grasps import clear_of_table, resting_pose
 from ..model import TABLE_MARGIN_MM, CellLayout, Grasp, HandOff, Rest
 from ..motion import Scene, inverse_rows, same_branch
 from ._handoff import APPROACH_MM, CLOSE_MARGIN_MM, PART_MARGIN_MM, STEP_MM
+from ._neighbours import free_spot
 
 TURN_COUNT = 8  # about the vertical, per stable pose
 KEPT_BRANCH_COUNT = 2
@@ -30,6 +31,8 @@ PART_TABLE_MARGIN_MM = -1.0
 def rests(solid: Solid, poses: Sequence[StablePose], layout: CellLayout) -> tuple[Rest, ...]:
     """Return where and how the part may be set down: stably, in the middle of the area for that.
 
+    With neighbours on the table it is where the area is farthest from them.
+
     A pose that tips when it is lifted by half a millimetre, or rolls, or rocks, is none to aim at
     (planning-facts.md 4).
 
@@ -39,7 +42,7 @@ def rests(solid: Solid, poses: Sequence[StablePose], layout: CellLayout) -> tupl
     poses : its stable poses
     layout : the cell; `set_down_mm` is that area
     """
-    x, y = layout.set_down_mm.mean(axis=1)
+    x, y = free_spot(layout)
     return tuple(
         Rest(pose.index, resting_pose(solid, pose, float(x), float(y), 2 * np.pi * k / TURN_COUNT))
         for pose in poses

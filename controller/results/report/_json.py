@@ -22,7 +22,7 @@ are cell seconds, `wall_s` is wall seconds. Unknown is null, never a made-up num
 | `parts[].findings[]` | `number`, `view`, `kind`, `lamp`, `size_mm`, `area_mm2`, `at_px`, `box_px`, `p_part_mm`, `faces`, `verdict` |
 | `parts[].views[]` | `view`, `evaluated` (null: never judged), `reason`, `shift_mm`, `turn_deg`, `residual_px`, `checks` (`check`, `reason` why it was not made, `compared_samples`, `size_mm`, `length_mm`), `findings` (numbers), `pictures` |
 | `parts[].steps[]` | `label`, `forecast_s`, `seconds` (null: not finished), `view`, `tray` |
-| `parts[].sightings[]`, `looks`, `grips_missed`, `forecast_s`, `table_pictures` | what led to the grasp |
+| `parts[].sightings[]`, `looks`, `grips_missed`, `forecast_s`, `table_pictures` | what led to the grasp; `is_taken` tells the part from what was left alone |
 | `pictures.<lamp>` | `file` (in the run's folder), `sha256` (null: the file is missing) |
 | `dry` | null, or of a dry run (motions without a part) its steps: `label`, `pose_index`, `motions`, `lifted_mm` (least, most), `left_out` (reasons), `seconds` |
 | `stages[]` | `state`, `visits`, `wall_s` |

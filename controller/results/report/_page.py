@@ -137,8 +137,9 @@ def _table(part: PartReport, pictures: Pictures, optics: Optics | None) -> tuple
     marks = tuple(Mark(i, s.box_px) for i, s in enumerate(part.sightings, start=1))
     bar = SCALE_BAR_MM / optics.table_mm_per_px if optics else None
     arrow: tuple[float, ...] = ()
-    if optics and len(part.sightings) == 1:
-        arrow = _arrow(part.sightings[0], optics)
+    taken = next((s for s in part.sightings if s.is_taken), None)
+    if optics and taken is not None:
+        arrow = _arrow(taken, optics)
     panels: list[Panel] = []
     for lamp, name in part.table_pictures.items():
         # the first picture shows the whole table, the others what is on it

@@ -68,7 +68,8 @@ class PartFold:
                 self.looks += 1
                 self.table_pictures = row.root
             case rows.Sightings():
-                self.sightings = tuple(_sighting(s) for s in row.sightings)
+                taken, _ = row.parted()
+                self.sightings = tuple(_sighting(s, is_taken=s is taken) for s in row.sightings)
             case rows.PlanMade():
                 self.plan, self.steps = _plan(row), []
             case rows.StepDone():
@@ -154,7 +155,7 @@ def _unconfirmed(name: str, custody: Custody) -> str:
     )
 
 
-def _sighting(s: rows.SightingFields) -> SightingReport:
+def _sighting(s: rows.SightingFields, *, is_taken: bool) -> SightingReport:
     return SightingReport(
         part=s.part,
         pose_index=s.pose_index,
@@ -170,6 +171,7 @@ def _sighting(s: rows.SightingFields) -> SightingReport:
             f"{a.part}, pose {a.pose_index}, {a.theta_deg:.1f} deg" for a in s.ambiguous_with
         ),
         reason=s.reason,
+        is_taken=is_taken,
     )
 
 

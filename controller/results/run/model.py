@@ -55,6 +55,7 @@ class SightingReport:
     residual_px : standard deviation of the edges from their predictions, None if unknown
     box_px : x0, y0, x1, y1 in the overhead picture
     ambiguous_with : other hypotheses that fit as well, in words
+    is_taken : the cell went on with it; what else was there was left alone
     """
 
     part: str | None
@@ -69,6 +70,7 @@ class SightingReport:
     box_px: Box
     ambiguous_with: tuple[str, ...]
     reason: str
+    is_taken: bool = False
 
 
 @dataclass(frozen=True, slots=True)

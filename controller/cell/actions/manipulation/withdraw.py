@@ -48,7 +48,9 @@ class WithdrawAction:
             arm_mm, fixed_mm = await self.grippers.openings_mm()
             q = await self.motion.read_q()
             with suppress(NoMotionError):
-                path = await self.compute.path_home(q, arm_mm, fixed_mm, T_part_tcp)
+                path = await self.compute.path_home(
+                    q, arm_mm, fixed_mm, T_part_tcp, part.neighbours
+                )
                 break
             if not self.motion.can_go_back:
                 raise PartProblemError(

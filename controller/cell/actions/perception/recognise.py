@@ -1,4 +1,4 @@
-"""Recognising: which part is on the table, in which stable pose, and where."""
+"""Recognising: which part on the table is the next one, in which stable pose, and where."""
 
 from dataclasses import dataclass
 
@@ -9,88 +9,81 @@ from controller.cell.compute import Compute
 from controller.cell.custody import Custody
 from controller.cell.devices.lamps import TABLE_LAMPS, TABLE_PANEL
 from controller.cell.errors import PartFaultError, PartProblemError
+from controller.cell.journal.rows import SightingFields
 from controller.cell.machine import Event, PartFault
 from controller.cell.services.records import BatchRecord, sightings_row
+from controller.cell.services.table import Wanted, candidates, chosen
 from controller.config import Recipe
-from controller.recognition import Sighting
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecogniseAction:
-    """Finds the recipe's part, and it alone, on the table.
+    """Finds the recipe's part on the table; what else is there is left alone.
 
     Attributes
     ----------
     compute : recognises, in the worker process
     recipe : says which part is wanted
     record : of the batch; gets what was recognised
+    serials : of the parts, in order; empty where they have none
     """
 
     compute: Compute
     recipe: Recipe
     record: BatchRecord
+    serials: tuple[str, ...] = ()
 
     async def run(self) -> Event:
         """Recognise what the pictures of the table show; return ``PART_RECOGNISED``.
 
         Raises
         ------
-        PartFaultError : the part was lost, and nothing is on the table
-        PartProblemError : nothing, too much, or something else is on the table
+        PartFaultError : the part was lost, and nothing else than before is on the table
+        PartProblemError : nothing is there, or nothing that can be taken for the part
         """
         self.record.show("recognising")
         part = self.record.part
         lit = {lamp: part.pictures[lamp] for lamp in TABLE_LAMPS}
         sightings = await self.compute.recognise(part.pictures[TABLE_PANEL], lit)
-        self.record.note(sightings_row(sightings))
-        part.sighting = s = self._choose(sightings)
+        row = sightings_row(sightings)
+        try:
+            taken = await self._choose(row.sightings)
+        except PartProblemError:
+            self.record.note(row)
+            raise
+        row = row.model_copy(update={"taken": taken})
+        self.record.note(row)
+        part.sighting = s = sightings[taken]
+        _, part.neighbours = row.parted()
         part.alternatives = s.ambiguous_with
         if part.custody is not Custody.ON_TABLE:
             part.hold = None
             await self.record.set_custody(Custody.ON_TABLE, "found again")
+        beside = f", {len(part.neighbours)} left alone" if part.neighbours else ""
         self.record.show(
             "recognised",
             part_pose=f"{s.part}, pose {s.pose_index}, x {s.x_mm:.1f} y {s.y_mm:.1f} mm, "
-            f"{np.degrees(s.theta_rad):.1f} deg",
+            f"{np.degrees(s.theta_rad):.1f} deg{beside}",
         )
         return Event.PART_RECOGNISED
 
-    def _choose(self, sightings: tuple[Sighting, ...]) -> Sighting:
-        """Return the one sighting of the recipe's part."""
-        if not sightings:
+    async def _choose(self, seen: tuple[SightingFields, ...]) -> int:
+        """Return the number of the object that the cell goes on with."""
+        part, serials = self.record.part, self.serials
+        found = candidates(
+            seen,
+            Wanted(
+                name=part_name(self.recipe.part),
+                is_sought_again=part.sighting is not None,
+                neighbours=part.neighbours,
+                serial=serials[part.number - 1] if part.number <= len(serials) else "",
+            ),
+        )
+        if not found:
             raise self._nothing_found()
-        if len(sightings) > 1:
-            where = "; ".join(
-                f"{s.part or 'unknown object'} at x {s.x_mm:.0f}, y {s.y_mm:.0f} mm"
-                + (", touching another" if s.touching_count else "")
-                for s in sightings
-            )
-            raise PartProblemError(
-                "many_parts",
-                f"{len(sightings)} objects on the table: {where}; leave one part and start again",
-            )
-        (seen,) = sightings
-        expected = part_name(self.recipe.part)
-        if seen.part is None:
-            raise PartProblemError(
-                "unknown_object",
-                f"the object at x {seen.x_mm:.0f}, y {seen.y_mm:.0f} mm: {seen.reason}; "
-                "take it away, or check the recipe's `part:`",
-            )
-        if seen.is_cut:
-            raise PartProblemError(
-                "part_cut_off",
-                f"{seen.part} at x {seen.x_mm:.0f}, y {seen.y_mm:.0f} mm lies partly outside the "
-                f"backlit area: {100 * seen.free_share:.0f} % of its outline is seen; move it "
-                "inwards and start again",
-            )
-        if seen.part != expected:
-            raise PartProblemError(
-                "wrong_part",
-                f"{seen.part} is at x {seen.x_mm:.0f}, y {seen.y_mm:.0f} mm, the recipe is for "
-                f"{expected}; put that there, or start with a recipe for {seen.part}",
-            )
-        return seen
+        if len(seen) == 1:
+            return found[0]
+        return chosen(seen, found, await self.compute.pick_counts(seen))
 
     def _nothing_found(self) -> PartProblemError:
         part = self.record.part

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from controller.cad import CadError
 from controller.cell.compute import Job
-from controller.cell.compute.checking import check_job
+from controller.cell.compute.checks import check_job
 from controller.config import ConfigError, load_recipe
 
 

@@ -124,11 +124,22 @@ class SightingFields(Fields):
 
 
 class Sightings(Body):
-    """What was recognised on the table."""
+    """What was recognised on the table; `taken` is the number of the one the cell goes on with."""
 
     kind = "observation"
     row_name = "sightings"
     sightings: tuple[SightingFields, ...]
+    taken: int | None = None
+
+    def parted(self) -> tuple[SightingFields | None, tuple[SightingFields, ...]]:
+        """Return the part that is taken, and all that is left alone.
+
+        One object alone is the part, whether it was taken or not.
+        """
+        taken = 0 if self.taken is None and len(self.sightings) == 1 else self.taken
+        if taken is None:
+            return None, self.sightings
+        return self.sightings[taken], (*self.sightings[:taken], *self.sightings[taken + 1 :])
 
 
 class ViewHold(Fields):

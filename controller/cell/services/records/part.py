@@ -9,6 +9,7 @@ import numpy as np
 from controller import inspection as inspecting
 from controller.arrays import BoolArray, FloatArray, Grey
 from controller.cell.custody import Custody
+from controller.cell.journal.rows import SightingFields
 from controller.cell.machine import Recovery
 from controller.planning import Grasp, Look, Plan, Present
 from controller.recognition import Alternative, Sighting
@@ -72,6 +73,7 @@ class PartRecord:
     pictures, picture_names : of the last look at the table
     look_count : how often the table was looked at
     alternatives : what else it may be, by the pictures of the table
+    neighbours : what else was on the table at the last look; it stays there
     plan, next_step : the plan being followed, and the number of its next step
     plan_count : how many plans were made
     hold : how the arm gripper holds it, None where that is empty
@@ -95,6 +97,7 @@ class PartRecord:
     look_count: int = 0
     sighting: Sighting | None = None
     alternatives: tuple[Alternative, ...] = ()
+    neighbours: tuple[SightingFields, ...] = ()
     plan: Plan | None = None
     plan_count: int = 0
     next_step: int = 0

@@ -23,10 +23,10 @@ from controller.config import (
 from controller.setup.drivers import require_drivers, require_force
 from controller.setup.planner import PlannerSetup
 
-from ..plans import Certified, PlanCache
-from . import Job, context, part_files
-from .check_characteristics import CheckedCharacteristic, check_characteristics
-from .check_defects import check_defects
+from ...plans import Certified, PlanCache
+from .. import Job, context, part_files
+from .characteristics import CheckedCharacteristic, check_characteristics
+from .defects import check_defects
 
 # A stable pose less probable than this is no reason to refuse a recipe.
 LIKELY = 0.03
