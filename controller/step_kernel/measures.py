@@ -7,6 +7,7 @@ from typing import Any, Final
 from .shapes import shapes_of, xyz
 
 CANONICAL_MM: Final = 1e-3  # a spline this close to a plane or a cylinder is one, drawn clumsily
+COARSE: Final = 0.01  # of the size
 KINDS: Final = ("plane", "cylinder", "cone", "sphere", "torus", "freeform")
 
 
@@ -122,10 +123,16 @@ def mass_of(solid: Any) -> dict[str, Any]:  # noqa: ANN401
 
 
 def extent_of(solid: Any) -> float:  # noqa: ANN401
-    """Return the diagonal of the solid's box [mm]."""
+    """Return the diagonal of the solid's box [mm], to `COARSE`.
+
+    A spline's own box is that of its poles, up to half as long again; so it is divided coarsely.
+    """
     from OCP.Bnd import Bnd_Box
     from OCP.BRepBndLib import BRepBndLib
+    from OCP.BRepMesh import BRepMesh_IncrementalMesh
 
-    box = Bnd_Box()
-    BRepBndLib.Add_s(solid, box)
+    loose, box = Bnd_Box(), Bnd_Box()
+    BRepBndLib.Add_s(solid, loose, False)
+    BRepMesh_IncrementalMesh(solid, COARSE * sqrt(float(loose.SquareExtent())), False, 1.0, False)
+    BRepBndLib.Add_s(solid, box, True)
     return sqrt(float(box.SquareExtent()))

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from .dividing import divide
 from .ending import RefusalError
 from .measures import curves_of
 from .shapes import shapes_of, xyz
@@ -58,7 +59,6 @@ def tessellate(solid: Any, chord_mm: float, angle_rad: float) -> dict[str, Any]:
     """
     import numpy as np
     from OCP.BRep import BRep_Tool
-    from OCP.BRepMesh import BRepMesh_IncrementalMesh
     from OCP.TopAbs import (
         TopAbs_EDGE,
         TopAbs_FACE,
@@ -70,7 +70,7 @@ def tessellate(solid: Any, chord_mm: float, angle_rad: float) -> dict[str, Any]:
     from OCP.TopLoc import TopLoc_Location
     from OCP.TopoDS import TopoDS
 
-    BRepMesh_IncrementalMesh(solid, chord_mm, False, angle_rad, False)
+    divide(solid, chord_mm, angle_rad)
     faces, edges = shapes_of(solid, TopAbs_FACE), shapes_of(solid, TopAbs_EDGE)
     vertices = shapes_of(solid, TopAbs_VERTEX)
     weld = Weld()

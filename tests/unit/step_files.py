@@ -126,7 +126,7 @@ def _open_box():  # noqa: ANN202
     return shell
 
 
-def _write(shape, out: str, unit: str = "MM") -> None:  # noqa: ANN001
+def write_step(shape, out: str, unit: str = "MM") -> None:  # noqa: ANN001
     from OCP.Interface import Interface_Static
     from OCP.STEPControl import STEPControl_AsIs, STEPControl_Writer
 
@@ -153,7 +153,7 @@ def main() -> None:
         ),
         strict=True,
     ):
-        _write(shape, str(folder / f"{kind}.step"), "INCH" if "inches" in kind else "MM")
+        write_step(shape, str(folder / f"{kind}.step"), "INCH" if "inches" in kind else "MM")
 
 
 if __name__ == "__main__":

@@ -39,12 +39,10 @@ from .kernel import KernelLimits, KernelRun, check_installed
 from .merging import merge_faces
 from .references import References, collect
 
-# chord error [mm], the same as a share of the diagonal, angle [rad]. A chord of 0.01 mm is a fifth
-# of what drawn edges may be off, parts beyond 100 mm need not be finer in proportion, and 32 strips
-# make a bore round. The kernel folds some sound blends at one fineness and not at another, hence
-# two.
-# in turn, while what comes of it is no closed surface: as the file has it, then mended
-TESSELLATIONS: Final = ((0.01, 1e-4, 0.2, 0), (0.03, 0.0, 0.3, 0), (0.01, 1e-4, 0.2, 1))
+# How finely, in turn, while what comes of it is no closed surface: chord error in parts of what the
+# kernel's process grants a part of its size, angle [rad], 1 to mend the solid first. The kernel
+# folds some sound blends at one fineness and not at another, hence four.
+TESSELLATIONS: Final = ((1.0, 0.3, 0), (0.3, 0.2, 0), (2.0, 0.3, 0), (1.0, 0.3, 1))
 MENDED: Final = (
     "Its surfaces do not close as they stand in the file; the STEP kernel mended them. Compare the "
     "part with its drawing, or export it again."
