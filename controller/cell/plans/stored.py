@@ -219,6 +219,7 @@ def _check_samples(samples: SurfaceSamples, face_count: int) -> None:
 def _check_counted(counted: Counted, chosen_count: int, face_count: int) -> None:
     """Raise ValueError where the points that coverage is counted by do not fit a part."""
     _check_samples(counted.samples, face_count)
+    _check_samples(counted.probes, face_count)
     count, look = len(counted.samples.points_mm), counted.evidence
     rows = (look.is_hidden, look.best_incidence_rad, look.blocker, look.too_coarse, look.blurred)
     for row in (counted.nearest, *rows):

@@ -61,17 +61,20 @@ class HiddenEvidence:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Counted:
-    """The points by which coverage is counted; views are chosen by others (ADR 57).
+    """The points by which coverage is counted; views are chosen by others (ADR 57, 64).
 
     Attributes
     ----------
     samples : m of them
+    probes : other points, as dense, that some direction shows: by these it is found what chosen
+        views leave blind, and further ones are chosen
     nearest : (m,) the sample that views are chosen by which is nearest, on the same face
     of_chosen : (n,) the reverse: the point nearest to each of those samples
     evidence : which of them no direction shows
     """
 
     samples: SurfaceSamples
+    probes: SurfaceSamples
     nearest: IntArray
     of_chosen: IntArray
     evidence: HiddenEvidence

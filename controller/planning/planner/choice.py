@@ -1,15 +1,18 @@
-"""The points that views are chosen by, and those that count what the chosen ones show (ADR 57).
+"""The points that views are chosen by, and those that count what the chosen ones show (ADR 57, 64).
 
 Views are chosen from tables of every direction and grasp, which fewer points have to do for: some
-millimetres apart, and closer where few directions show anything, in bores and pockets. What the
-plan then shows is counted by the denser points of `controller.cad.counted_samples`.
+millimetres apart, and closer where few directions show anything, in bores and pockets. What these
+views leave blind is found by denser points, for further views. What the plan then shows is counted
+by points of a third draw, `controller.cad.counted_samples`, that chose nothing.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from controller.arrays import IntArray
+from controller.arrays import FloatArray, IntArray
 from controller.cad import Solid, SurfaceSamples, counted_samples
 from controller.imaging import RayCaster
 
@@ -17,9 +20,11 @@ from ..model import Counted, VisibilityTable
 from ..views import (
     VisibilityRules,
     candidate_directions,
+    directions_into_wedges,
     hidden_ones,
     nearest_on_face,
     visible_from,
+    with_directions,
 )
 
 SPACING_MM = 1.5  # of the points among which hard spots are found
@@ -29,19 +34,28 @@ MIN_ADDED = 150
 STREAM = 2  # of the draw: these points are not the ones that coverage is counted by
 
 
-def with_hard_spots(
-    solid: Solid,
-    samples: SurfaceSamples,
-    caster: RayCaster,
-    rules: VisibilityRules,
-    direction_count: int,
-) -> SurfaceSamples:
-    """Return samples with more of them where few directions show the surface.
+# a view is taken for a hundredth of a face, or for a spot of the usual smallest defect's size
+FACE_SHARE = 0.01
+SPOT_MM2 = 7.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Dense:
+    """Points close together, and how many of some directions (d, 3) show each, up to `FEW`."""
+
+    samples: SurfaceSamples
+    shown_count: IntArray
+    directions: FloatArray
+
+
+def dense_points(
+    solid: Solid, caster: RayCaster, rules: VisibilityRules, direction_count: int
+) -> Dense:
+    """Return points close together on all of a part, and which of them few directions show.
 
     Parameters
     ----------
     solid : the part
-    samples : n, of its surface
     caster : rays against its mesh
     rules : how the camera stands, and what it asks of a surface
     direction_count : of the even sphere
@@ -52,24 +66,72 @@ def with_hard_spots(
     for vector in vectors[_scattered(len(vectors)), None]:
         count[left] += visible_from(solid, dense.rows(left), caster, vector, rules)[0]
         left = left[count[left] < FEW]
-    hard = left[count[left] > 0]
+    return Dense(dense, count, vectors)
+
+
+def with_hard_spots(samples: SurfaceSamples, dense: Dense) -> SurfaceSamples:
+    """Return samples (n) with more of them where few directions show the surface."""
+    (hard,) = np.nonzero((dense.shown_count > 0) & (dense.shown_count < FEW))
     most = max(MIN_ADDED, int(MAX_ADDED_SHARE * len(samples.points_mm)))
+    points = dense.samples
     if len(hard) > most:
-        by_face = hard[np.argsort(dense.face_ids[hard], kind="stable")]
+        by_face = hard[np.argsort(points.face_ids[hard], kind="stable")]
         hard = by_face[np.linspace(0, len(hard) - 1, most).round().astype(int)]
-    points, normals, faces = (
-        np.concatenate([getattr(samples, name), getattr(dense, name)[hard]])
+    at, normals, faces = (
+        np.concatenate([getattr(samples, name), getattr(points, name)[hard]])
         for name in ("points_mm", "normals", "face_ids")
     )
-    both = SurfaceSamples(points, normals, faces, np.zeros(len(points)))
-    areas = np.bincount(nearest_on_face(both, dense), dense.areas_mm2, len(points))
-    return SurfaceSamples(points, normals, faces, areas.astype(np.float64))
+    both = SurfaceSamples(at, normals, faces, np.zeros(len(at)))
+    areas = np.bincount(nearest_on_face(both, points), points.areas_mm2, len(at))
+    return SurfaceSamples(at, normals, faces, areas.astype(np.float64))
+
+
+def into_wedges(
+    dense: Dense,
+    table: VisibilityTable,
+    solid: Solid,
+    samples: SurfaceSamples,
+    caster: RayCaster,
+    rules: VisibilityRules,
+) -> tuple[VisibilityTable, SurfaceSamples]:
+    """Return the table with directions that only dense points need, and the points (k) it shows.
+
+    Parameters
+    ----------
+    dense : of `dense_points`
+    table : of `look_out` for the samples; its first directions are those of `dense`
+    solid : the part
+    samples : n, that views are chosen by
+    caster : rays against its mesh
+    rules : how the camera stands, and what it asks of a surface
+    """
+    points, shown = dense.samples, dense.shown_count > 0
+
+    def look(vectors: FloatArray) -> None:
+        (left,) = np.nonzero(~shown)
+        shown[left] = visible_from(solid, points.rows(left), caster, vectors, rules).any(axis=0)
+
+    look(table.directions.vectors[len(dense.directions) :])
+    (left,) = np.nonzero(~shown)
+    worth = worth_of(points)[left]
+    vectors = directions_into_wedges(solid, points.rows(left), caster, rules, worth)
+    look(vectors)
+    more = with_directions(table, vectors, solid, samples, caster, rules)
+    return more, points.rows(np.flatnonzero(shown))
+
+
+def worth_of(points: SurfaceSamples) -> FloatArray:
+    """Return what it is worth to show each point (k,): together 1 or more is worth a view."""
+    face_mm2 = np.bincount(points.face_ids, points.areas_mm2)
+    enough_mm2 = np.minimum(FACE_SHARE * face_mm2, SPOT_MM2)
+    return np.asarray(points.areas_mm2 / enough_mm2[points.face_ids])
 
 
 def make_counted(
     solid: Solid,
     chosen_by: SurfaceSamples,
     counted: SurfaceSamples,
+    probes: SurfaceSamples,
     caster: RayCaster,
     rules: VisibilityRules,
     visibility_table: VisibilityTable,
@@ -81,6 +143,7 @@ def make_counted(
     solid : the part
     chosen_by : n samples that views are chosen by
     counted : m samples
+    probes : by which blind spots are found
     caster : rays against its mesh
     rules : how the camera stands, and what it asks of a surface
     visibility_table : of the n samples
@@ -90,6 +153,7 @@ def make_counted(
     vectors = visibility_table.directions.vectors[order]
     return Counted(
         samples=counted,
+        probes=probes,
         nearest=nearest_on_face(chosen_by, counted),
         of_chosen=nearest_on_face(counted, chosen_by),
         evidence=hidden_ones(solid, counted, caster, rules, vectors),

@@ -37,6 +37,7 @@ from .build import Build, Builder, RefutedError, check_trays_in_reach
 from .costs import EdgeCosts, RegraspSite, make_edge_costs, view_seconds, worthwhile
 from .coverage import count_shown, counted_as
 from .prepare import among_neighbours, prepare_part, with_grasps, with_rests
+from .second_choice import SecondChoice
 from .why import nothing_shown, unseen_pieces
 
 REBUILD_COUNT = 40  # solutions of the search worked out before giving up
@@ -200,14 +201,16 @@ def _plan(task: _Task, seed: int) -> Plan:
         problem = replace(problem, seen=problem.seen | ~kept)
         solution = solve(problem, effort=effort, incumbent=solution)
     builder = _SolutionBuilder(task, costs, seed)
+    second = SecondChoice(task.part, task.layout, costs, task.before, task.beginning.look)
     failure: NoPlanError | None = None
     for _ in range(REBUILD_COUNT):
         if solution is None:
             break
         if not solution.needed.any() and not task.seen.any():
             raise nothing_shown(task.part, task.layout, task.seen)
+        whole = second.added_to(problem, solution)
         try:
-            return builder.plan(problem, solution)
+            return builder.plan(problem, whole, whole.view_count - solution.view_count)
         except RefutedError as error:
             failure = failure or error.reason
             problem = refuted(
@@ -217,10 +220,22 @@ def _plan(task: _Task, seed: int) -> Plan:
                 firsts=error.firsts,
                 lasts=error.lasts,
             )
-            solution = solve(problem, effort=effort, incumbent=solution)
+            if not _is_of_second_choice(error, solution, costs):
+                solution = solve(problem, effort=effort, incumbent=solution)
     raise failure or NoMotionError(
         f"{task.part.solid.name} {task.beginning.where}: no grasp within reach leads to a tray"
     )
+
+
+def _is_of_second_choice(error: RefutedError, solution: Solution, costs: EdgeCosts) -> bool:
+    """Return whether only views cannot be driven that the search has not chosen."""
+    chosen = {
+        (g, int(costs.views[g][row]))
+        for g, rows in zip(solution.grasps, solution.views, strict=True)
+        for row in rows
+    }
+    others = (*error.regrasps, *error.firsts, *error.lasts)
+    return not others and not chosen & set(error.views)
 
 
 class _SolutionBuilder:
@@ -238,13 +253,14 @@ class _SolutionBuilder:
         self._costs = costs
         self._builder = Builder(task.part, task.layout, seed)
 
-    def plan(self, problem: Problem, solution: Solution) -> Plan:
+    def plan(self, problem: Problem, solution: Solution, second_count: int) -> Plan:
         """Return the plan that a solution stands for.
 
         Parameters
         ----------
         problem : that was solved
         solution : of it
+        second_count : how many views it has more than the search chose
 
         Raises
         ------
@@ -295,7 +311,7 @@ class _SolutionBuilder:
             proof=Proof(
                 solution.cost_s,
                 solution.bound_s if solution.is_complete else 0.0,
-                _scope(task, costs),
+                _scope(task, costs, second_count),
             ),
         )
 
@@ -342,17 +358,26 @@ class _SolutionBuilder:
             raise NoMotionError(str(error)) from error
 
 
-def _scope(task: _Task, costs: EdgeCosts) -> str:
-    """Return over which sets a plan of the task is proven optimal."""
+def _scope(task: _Task, costs: EdgeCosts, second_count: int) -> str:
+    """Return over which sets a plan of the task is proven optimal.
+
+    Parameters
+    ----------
+    task : what the plan has to show
+    costs : of the task
+    second_count : views more than the proof is about, for spots between the samples
+    """
     part = task.part
     fixed = sum(s.fixed_grasp_index >= 0 for s in costs.sites)
     set_down_count = len(costs.sites) - fixed
     gain = part.options.least_gain
     left_out = f"; views that add less than {gain:.2%} of the surface are left out" if gain else ""
+    views = "view" if second_count == 1 else "views"
+    more = f"; {second_count} {views} more for spots between the samples" if second_count else ""
     return (
         f"regrasp time, regrasp risk and {view_seconds(task.layout):.1f} s per view over "
         f"{len(part.arm_grasps)} arm grasps, {fixed} fixed-gripper grasps, {set_down_count} poses "
-        f"on the table, {len(part.directions.vectors)} directions{left_out}"
+        f"on the table, {len(part.directions.vectors)} directions{left_out}{more}"
     )
 
 

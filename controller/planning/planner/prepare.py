@@ -24,7 +24,15 @@ from ..grasps import (
     synthesise_grasps,
     turned_over,
 )
-from ..model import CellLayout, Grasp, HandOff, NotGraspableError, PlanOptions, PreparedPart
+from ..model import (
+    CellLayout,
+    Counted,
+    Grasp,
+    HandOff,
+    NotGraspableError,
+    PlanOptions,
+    PreparedPart,
+)
 from ..motion import Scene, segment_seconds
 from ..regrasps import clear_hand_offs, hand_offs, rests, set_downs
 from ..views import (
@@ -35,7 +43,7 @@ from ..views import (
     look_out,
     reachable_views,
 )
-from .choice import make_counted, with_hard_spots
+from .choice import dense_points, into_wedges, make_counted, with_hard_spots
 
 TURNED = "'"  # ends the ids of grasps with the arm gripper turned over
 
@@ -93,9 +101,17 @@ def prepare_part(
     fixed_base = [fixed[k] for k in spread(fixed, range(len(fixed)), options.fixed_grasps)]
 
     rules = VisibilityRules.of_station(layout, options.max_incidence_deg, options.min_px_per_mm)
-    if counted is not None:
-        samples = with_hard_spots(solid, samples, caster, rules, options.direction_count)
-    visibility_table = look_out(solid, samples, caster, rules, options.direction_count)
+    by: Counted | None = None
+    if counted is None:
+        visibility_table = look_out(solid, samples, caster, rules, options.direction_count)
+    else:
+        dense = dense_points(solid, caster, rules, options.direction_count)
+        samples = with_hard_spots(samples, dense)
+        visibility_table = look_out(solid, samples, caster, rules, options.direction_count)
+        visibility_table, probes = into_wedges(
+            dense, visibility_table, solid, samples, caster, rules
+        )
+        by = make_counted(solid, samples, counted, probes, caster, rules, visibility_table)
     arm_grasps = (*base, *(turned_over(g) for g in base))
     fixed_grasps = (*fixed_base, *(turned_over(g) for g in fixed_base))
     bare = PreparedPart(
@@ -112,9 +128,7 @@ def prepare_part(
         hand_offs=tuple({} for _ in fixed_grasps),
         covered=np.zeros((0, len(samples.points_mm)), dtype=bool),
         home_q=np.zeros((0, 6)),
-        counted=None
-        if counted is None
-        else make_counted(solid, samples, counted, caster, rules, visibility_table),
+        counted=by,
     )
     part = with_grasps(bare, layout, arm_grasps)
     return part if _is_joined(part, layout) else with_rests(part, layout)

@@ -1,5 +1,6 @@
 """Which grasps to hold the part with in turn, and which views to take under each."""
 
+from ._exact import exact_cover
 from ._greedy import greedy
 from ._problem import (
     MAX_GRASP_COUNT,
@@ -22,6 +23,7 @@ __all__ = [
     "Problem",
     "Solution",
     "best_order",
+    "exact_cover",
     "greedy",
     "live_grasps",
     "needed_of",

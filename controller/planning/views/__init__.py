@@ -11,13 +11,16 @@ from .gripper import hidden_by_gripper, holding_boxes
 from .visibility import (
     VisibilityRules,
     candidate_directions,
+    directions_into_wedges,
     even_sphere,
     hidden_ones,
     in_picture,
     look_out,
+    most_worth,
     table_views,
     visible_from,
     why_hidden,
+    with_directions,
 )
 
 __all__ = [
@@ -28,6 +31,7 @@ __all__ = [
     "VisibilityRules",
     "VisibilityTable",
     "candidate_directions",
+    "directions_into_wedges",
     "even_sphere",
     "hidden_by_gripper",
     "hidden_ones",
@@ -35,10 +39,12 @@ __all__ = [
     "holding_boxes",
     "in_picture",
     "look_out",
+    "most_worth",
     "nearest_on_face",
     "reachable_views",
     "table_views",
     "view_poses",
     "visible_from",
     "why_hidden",
+    "with_directions",
 ]

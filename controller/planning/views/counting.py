@@ -15,7 +15,7 @@ from controller.arrays import BoolArray, FloatArray, IntArray
 from controller.cad import Solid, SurfaceSamples, by_face
 from controller.imaging import Camera, RayCaster, inverse_pose, transform
 
-from ..geometry import Box, segments_hit
+from ..geometry import Box, segments_hit, stack
 from ..model import CellLayout, Grasp, PlanOptions
 from ..motion import Scene, link_boxes, shown_pose
 from ._arm import holds
@@ -60,12 +60,15 @@ class Counter:
         self._ahead = np.einsum("ij,ij->i", points, normals)
         self._square = np.einsum("ij,ij->i", points, points)
         self._sure: dict[int, SureRegion] = {}
+        self._standing: list[Box] = []
 
     def of_rows(self, which: IntArray) -> Counter:
         """Return the same for some of the points, by number (k,)."""
-        return Counter(
+        some = Counter(
             self._solid, self._samples.rows(which), self._layout, self._options, self._caster
         )
+        some._sure, some._standing = self._sure, self._standing
+        return some
 
     def held_up(self, grasp: Grasp, q: FloatArray) -> BoolArray:
         """Return what the inspection camera shows (m,) of a part in a grasp, the arm at q (6,)."""
@@ -75,8 +78,11 @@ class Counter:
         boxes = [b.placed(T_world_tcp) for b in holding_boxes(layout.arm_gripper, grasp)]
         T_links, half_mm = link_boxes(layout, q[None])
         boxes += [Box(T, half) for T, half in zip(T_links[0], half_mm[0], strict=True)]
-        scene = Scene(layout, grasp.opening_mm, layout.fixed_open_mm)
-        boxes += [b for _, b in scene.statics() if not holds(b, layout.inspection.position_mm)]
+        if not self._standing:
+            statics = Scene(layout, grasp.opening_mm, layout.fixed_open_mm).statics()
+            eye = layout.inspection.position_mm
+            self._standing += [b for _, b in statics if not holds(b, eye)]
+        boxes += self._standing
         return self._shown(T_world_part, layout.inspection, layout.inspection_sharp_mm, boxes)
 
     def on_table(self, T_world_part: FloatArray) -> BoolArray:
@@ -106,8 +112,9 @@ class Counter:
         in_camera = [box.placed(T_cam_world) for box in boxes]
         left = left[~behind_boxes(p_cam_mm, in_camera, FINGER_SHADOW_MM)]
         shown = np.zeros(len(samples.points_mm), dtype=bool)
-        eyes = np.broadcast_to(eye, (len(left), 3))
-        shown[left] = free_pairs(samples, self._caster, left, eyes)
+        if len(left):
+            eyes = np.broadcast_to(eye, (len(left), 3))
+            shown[left] = free_pairs(samples, self._caster, left, eyes)
         return shown
 
     def _facing(self, eye: FloatArray, least: float) -> tuple[IntArray, FloatArray]:
@@ -166,23 +173,29 @@ def behind_boxes(p_cam_mm: FloatArray, boxes: Sequence[Box], grow_mm: float) -> 
     grow_mm : by which every box is larger on all sides
     """
     hidden = np.zeros(len(p_cam_mm), dtype=bool)
-    if not len(p_cam_mm):
+    if not len(p_cam_mm) or not len(boxes):
         return hidden
-    x, y, depth = p_cam_mm[:, 0] / p_cam_mm[:, 2], p_cam_mm[:, 1] / p_cam_mm[:, 2], p_cam_mm[:, 2]
-    for box in boxes:
-        corners = transform(box.T, CORNERS * (box.half_mm + grow_mm))
+    at, depth = p_cam_mm[:, :2] / p_cam_mm[:, 2:], p_cam_mm[:, 2]
+    T, half_mm = stack(boxes)
+    corners = np.einsum("bij,bkj->bki", T[:, :3, :3], CORNERS * (half_mm[:, None] + grow_mm))
+    corners += T[:, None, :3, 3]
+    nearest, farthest = corners[..., 2].min(axis=1), corners[..., 2].max(axis=1)
+    is_before = nearest > DEPTH_MM_MIN
+    # what a box before the camera hides is within its own picture, and farther away
+    pictured = corners[..., :2] / np.where(is_before[:, None], corners[..., 2], 1.0)[..., None]
+    low, high = pictured.min(axis=1), pictured.max(axis=1)
+    may_meet = ~is_before & (farthest > 0.0)
+    may_meet |= is_before & (nearest <= depth.max()) & (high >= at.min(axis=0)).all(axis=1)
+    may_meet &= ~is_before | (low <= at.max(axis=0)).all(axis=1)
+    for k in np.flatnonzero(may_meet).tolist():
         may_be = ~hidden
-        nearest = float(corners[:, 2].min())
-        if nearest > DEPTH_MM_MIN:  # what it hides is within its own picture, and farther away
-            (x0, y0), (x1, y1) = (
-                f(corners[:, :2] / corners[:, 2:], axis=0) for f in (np.min, np.max)
-            )
-            may_be &= (x >= x0) & (x <= x1) & (y >= y0) & (y <= y1) & (depth >= nearest)
-        elif corners[:, 2].max() <= 0.0:
-            continue
+        if is_before[k]:
+            (x0, y0), (x1, y1) = low[k], high[k]
+            may_be &= (at[:, 0] >= x0) & (at[:, 0] <= x1) & (at[:, 1] >= y0) & (at[:, 1] <= y1)
+            may_be &= depth >= nearest[k]
         (rows,) = np.nonzero(may_be)
         if len(rows):
-            hidden[rows] = segments_hit(p_cam_mm[rows], np.zeros(3), [box], grow_mm)
+            hidden[rows] = segments_hit(p_cam_mm[rows], np.zeros(3), [boxes[k]], grow_mm)
     return hidden
 
 

@@ -1,6 +1,14 @@
 """What a camera sees of the bare part from each direction, on the table, and why not the rest."""
 
-from ._directions import candidate_directions, even_sphere, hidden_ones, look_out
+from ._directions import (
+    candidate_directions,
+    directions_into_wedges,
+    even_sphere,
+    hidden_ones,
+    look_out,
+    most_worth,
+    with_directions,
+)
 from ._hidden import why_hidden
 from ._rules import PICTURE_MARGIN_PX, VisibilityRules, in_picture
 from ._table import table_views
@@ -10,12 +18,15 @@ __all__ = [
     "PICTURE_MARGIN_PX",
     "VisibilityRules",
     "candidate_directions",
+    "directions_into_wedges",
     "even_sphere",
     "free_pairs",
     "hidden_ones",
     "in_picture",
     "look_out",
+    "most_worth",
     "table_views",
     "visible_from",
     "why_hidden",
+    "with_directions",
 ]

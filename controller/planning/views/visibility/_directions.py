@@ -5,7 +5,7 @@ Directions are unit vectors in the part frame from its centre of mass to the cam
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -39,6 +39,7 @@ RAY_COUNT = 1_000_000
 # a spot with one direction is lost if a finger or a joint limit takes that one
 WANTED_COUNT = 3
 FIRST_WORTH = 1e3  # of a first direction, beside a further one
+MAX_WEDGE_COUNT = 24  # directions for points that no other shows
 MAX_ADDED = 0.5  # of the even sphere's number, for spots that have a direction already
 
 
@@ -74,6 +75,35 @@ def candidate_directions(solid: Solid, count: int = SPHERE_COUNT) -> Directions:
     return Directions(np.stack(vectors), np.array(square))
 
 
+def with_directions(
+    table: VisibilityTable,
+    vectors: FloatArray,
+    solid: Solid,
+    samples: SurfaceSamples,
+    caster: RayCaster,
+    rules: VisibilityRules,
+) -> VisibilityTable:
+    """Return a table with more directions.
+
+    Parameters
+    ----------
+    table : of the samples
+    vectors : (k, 3) to be added
+    solid, samples, caster, rules : as `look_out`
+    """
+    if len(vectors) == 0:
+        return table
+    square_to = table.directions.square_to
+    return replace(
+        table,
+        directions=Directions(
+            np.vstack([table.directions.vectors, vectors]),
+            np.concatenate([square_to, np.full(len(vectors), -1, dtype=square_to.dtype)]),
+        ),
+        visible=np.vstack([table.visible, visible_from(solid, samples, caster, vectors, rules)]),
+    )
+
+
 def look_out(
     solid: Solid,
     samples: SurfaceSamples,
@@ -106,27 +136,28 @@ def look_out(
     coarse, blurred = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
     short = WANTED_COUNT - visible.sum(axis=0)
     (hard,) = np.nonzero(short > 0)
+    incidence = np.arccos(np.minimum(best, 1.0))
+    table = VisibilityTable(base, visible, incidence, blocker, coarse, blurred)
     if len(hard) == 0:
-        return VisibilityTable(base, visible, np.arccos(best), blocker, coarse, blurred)
+        return table
     few = samples.rows(hard)
     bare: BoolArray = np.asarray(~visible[:, hard].any(axis=0))
     search = _search(solid, few, caster, rules, base.vectors, bare)
     near = (search.vectors @ base.vectors.T).max(axis=1) > np.cos(np.radians(0.5))
     useful = search.shows.any(axis=1) & ~near
-    table = search.shows[useful]
-    added = search.vectors[useful][_chosen(table, short[hard], bare, int(MAX_ADDED * count))]
-    if len(added):
-        visible = np.vstack([visible, visible_from(solid, samples, caster, added, rules)])
-    directions = Directions(
-        np.vstack([base.vectors, added]),
-        np.concatenate([base.square_to, np.full(len(added), -1, dtype=base.square_to.dtype)]),
-    )
+    added = _chosen(search.shows[useful], short[hard], bare, int(MAX_ADDED * count))
+    vectors = search.vectors[useful][added]
+    table = with_directions(table, vectors, solid, samples, caster, rules)
     best[hard] = np.maximum(best[hard], search.best_cosine)
-    never = ~visible[:, hard].any(axis=0)
+    never = ~table.visible[:, hard].any(axis=0)
     coarse[hard], blurred[hard] = search.coarse & never, search.blurred & never
     blocker[hard[never]] = _standing_before(solid, few.rows(np.flatnonzero(never)), caster, rules)
-    return VisibilityTable(
-        directions, visible, np.arccos(np.clip(best, 0, 1)), blocker, coarse, blurred
+    return replace(
+        table,
+        best_incidence_rad=np.arccos(np.clip(best, 0, 1)),
+        blocker=blocker,
+        too_coarse=coarse,
+        blurred=blurred,
     )
 
 
@@ -243,6 +274,52 @@ def hidden_ones(
     evidence.too_coarse[left], evidence.blurred[left] = search.coarse[never], search.blurred[never]
     evidence.blocker[left] = _standing_before(solid, some, caster, rules)
     return evidence
+
+
+def directions_into_wedges(
+    solid: Solid,
+    samples: SurfaceSamples,
+    caster: RayCaster,
+    rules: VisibilityRules,
+    worth: FloatArray,
+) -> FloatArray:
+    """Return directions (k, 3) for samples that no even direction shows, what shows most first.
+
+    Parameters
+    ----------
+    solid : the part
+    samples : n, of its surface, that no direction known so far shows
+    caster : rays against its mesh
+    rules : how the camera stands, and what it asks of a surface
+    worth : (n,) of each sample; directions that show less than 1 in all are left
+    """
+    n = len(samples.points_mm)
+    if n == 0:
+        return np.zeros((0, 3))
+    none = np.zeros((0, 3))
+    search = _search(solid, samples, caster, rules, none, np.ones(n, dtype=bool))
+    chosen = most_worth(search.shows, worth)[:MAX_WEDGE_COUNT]
+    return search.vectors[chosen]
+
+
+def most_worth(shows: BoolArray, worth: FloatArray) -> list[int]:
+    """Return the rows (r, n) that add most worth (n,), one after the other, while it is 1 or more.
+
+    Parameters
+    ----------
+    shows : (r, n) which row shows what
+    worth : (n,) of what is shown
+    """
+    table, left = shows.astype(np.float64), worth.copy()
+    chosen: list[int] = []
+    while len(table):
+        gain = table @ left
+        k = int(np.argmax(gain))
+        if gain[k] < 1.0:
+            break
+        chosen.append(k)
+        left *= ~shows[k]
+    return chosen
 
 
 def _standing_before(
