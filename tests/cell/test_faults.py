@@ -70,6 +70,7 @@ def test_a_part_that_falls_off_the_table_is_noticed_looked_for_and_asked_for(
     assert sum(r.name == "table_pictures" for r in rows) == 4
 
 
+@pytest.mark.slow
 def test_ctrl_c_stops_the_arm_and_releases_nothing(start: Callable[..., Run]) -> None:
     ran = start("recipes/holder.yaml", "--seed", "8").follow(
         once_in("presenting", lambda run: run.interrupt())

@@ -64,7 +64,12 @@ def seen_lying(side: int, turn_deg: float, seed: int, off_mm: float, tmp_path: P
 # small moves its outline by more than which hub is up
 @pytest.mark.parametrize(
     ("side", "turn_deg", "seed", "off_mm"),
-    [(1, -155.2, 2, 0.1), (1, -165.7, 3, 0.1), (0, 31.7, 4, -0.1), (0, -7.5, 5, -0.1)],
+    [
+        (1, -155.2, 2, 0.1),
+        pytest.param(1, -165.7, 3, 0.1, marks=pytest.mark.slow),
+        (0, 31.7, 4, -0.1),
+        pytest.param(0, -7.5, 5, -0.1, marks=pytest.mark.slow),
+    ],
 )
 def test_a_machined_flange_is_told_from_itself_turned_over(
     side: int, turn_deg: float, seed: int, off_mm: float, tmp_path: Path

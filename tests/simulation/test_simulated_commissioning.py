@@ -145,7 +145,12 @@ def test_an_emergency_stop_half_way_is_latched_until_somebody_has_seen_it(tmp_pa
 
 
 @pytest.mark.parametrize(
-    ("device", "word"), [("arm", "arm"), ("gripper", "gripper"), ("io", "supply|estop|I/O|link")]
+    ("device", "word"),
+    [
+        ("arm", "arm"),
+        pytest.param("gripper", "gripper", marks=pytest.mark.slow),
+        ("io", "supply|estop|I/O|link"),
+    ],
 )
 def test_a_device_that_is_lost_half_way_is_named_and_nothing_is_lost(
     tmp_path: Path, device: str, word: str

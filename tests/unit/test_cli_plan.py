@@ -20,6 +20,7 @@ from controller.cad.compiled import load_part
 from controller.cell.plans import planning as plans
 from controller.cli import main
 from controller.cli.planning import site
+from controller.cli.terminal import progress
 from controller.commissioning.siting import PartScore, SiteReport, SiteScore, site_of
 from controller.config import load_cell
 from controller.planning import Box, GraspRules, NotGraspableError, PlanOptions
@@ -50,6 +51,7 @@ def _coarse(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         rules=GraspRules().coarse(),
     )
     monkeypatch.setattr(planner, "PlanOptions", lambda: few)
+    monkeypatch.setattr(progress, "QUIET_S", 3600.0)  # a busy machine takes longer, and reports it
     monkeypatch.setenv("XDG_CACHE_HOME", str(folder / "cache"))
     monkeypatch.setattr(strip, "WIDTHS_PX", (60, 60, 60))
     monkeypatch.setattr(coverage, "SIZE_PX", (60, 48))

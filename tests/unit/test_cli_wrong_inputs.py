@@ -16,6 +16,7 @@ from wrong_inputs import ROWS, Forker, Row, cost_of, lay_out
 
 from controller.cli import app as app_module
 from controller.cli import main
+from controller.cli.terminal import progress
 
 ROOT = Path(__file__).parents[2]
 MAX_BYTES = 220 * 2**20  # imports alone take 196
@@ -38,6 +39,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     lay_out(place)
     monkeypatch.chdir(place)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setattr(progress, "QUIET_S", 3600.0)  # a busy machine takes longer, and reports it
     return place
 
 
@@ -206,7 +208,8 @@ def test_a_reader_that_has_read_enough_is_no_error(folder: Path) -> None:
     finally:
         os.close(writing)
     assert done.returncode == 0  # what it was asked for is done
-    assert done.stderr == ""
+    # on a slow machine it reports that it is at work; nothing else
+    assert all(line.endswith(" s so far)") for line in done.stderr.splitlines()), done.stderr
 
 
 def test_every_command_is_asked_through_the_same_door() -> None:

@@ -43,10 +43,14 @@ RUNS_WHAT_IT_READS = {"pickle", "cPickle", "dill", "cloudpickle", "joblib", "mar
 SHELLS = {("os", "system"), ("os", "popen"), ("subprocess", "getoutput"), ("pty", "spawn")}
 
 
-def modules() -> Iterator[tuple[str, ast.Module]]:
-    for package in PACKAGES:
-        for path in sorted((ROOT / package).rglob("*.py")):
-            yield str(path.relative_to(ROOT)), ast.parse(path.read_text())
+@pytest.fixture(scope="module")
+def modules() -> list[tuple[str, ast.Module]]:
+    """Return every module of ours, read once for all tests here."""
+    return [
+        (str(path.relative_to(ROOT)), ast.parse(path.read_text()))
+        for package in PACKAGES
+        for path in sorted((ROOT / package).rglob("*.py"))
+    ]
 
 
 def imported(tree: ast.Module) -> set[str]:
@@ -84,10 +88,12 @@ def faults_of(tree: ast.Module) -> list[str]:
     return found
 
 
-def test_nothing_unpickles_runs_or_gives_to_a_shell_what_it_reads() -> None:
-    found = {name: faults for name, tree in modules() if (faults := faults_of(tree))}
+def test_nothing_unpickles_runs_or_gives_to_a_shell_what_it_reads(
+    modules: list[tuple[str, ast.Module]],
+) -> None:
+    found = {name: faults for name, tree in modules if (faults := faults_of(tree))}
     assert found == {}
-    pipes = {name for name, tree in modules() if "multiprocessing" in imported(tree)}
+    pipes = {name for name, tree in modules if "multiprocessing" in imported(tree)}
     assert pipes == PIPES
 
 
@@ -108,8 +114,10 @@ def test_that_would_be_seen(text: str) -> None:
     assert faults_of(ast.parse(text))
 
 
-def test_no_source_names_an_address_that_others_reach() -> None:
-    for name, tree in modules():
+def test_no_source_names_an_address_that_others_reach(
+    modules: list[tuple[str, ast.Module]],
+) -> None:
+    for name, tree in modules:
         for node in ast.walk(tree):
             if isinstance(node, ast.Constant) and isinstance(node.value, str):
                 assert node.value not in ("0.0.0.0", "::"), f"{name}:{node.lineno}"

@@ -1026,7 +1026,7 @@ ROWS: tuple[Row, ...] = (
     # what the cell or the part says no to
     Row(
         "part that nothing can hold",
-        write("big.stl", stl_box(300, 200, 150)),
+        write("big.stl", stl_box(90, 87, 84)),
         ("plan", "big.stl", "--cell", "cells/emulated.yaml", "--unit", "mm"),
         "cellctl",
         1,
