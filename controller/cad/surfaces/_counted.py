@@ -22,6 +22,8 @@ SPECK_MM2 = 2.0
 OFF_EDGE_MM = 0.004  # more would leave out a strip that a narrow face is blind in
 DRAWN = 8  # candidates drawn for each square of the spacing
 APART = 0.8  # nearest that two points are to each other, in spacings
+TOGETHER = 8  # of so many candidates one is compared in pairs, the others with what is kept
+FEW_COUNT = 2000  # that are compared in pairs all at once
 WHOLE = 0.8  # spacings that make sure of the one asked for
 # of the sequence that spreads points over a square most evenly, by the plastic number
 STEPS = np.array([[0.7548776662466927], [0.5698402909980532]])
@@ -61,12 +63,29 @@ def counted_samples(solid: Solid, spacing_mm: float, stream: int = 1) -> Surface
 def _apart(places: FloatArray, rng: np.random.Generator) -> IntArray:
     """Return which of many places (n, d) to keep: none nearer than `APART`, and no room for more.
 
-    In rounds: of those near each other the one that comes first in a drawn order is kept.
+    Each is kept that has none before it, in a drawn order, that is kept and near. The first of them
+    decide about most of the others, so that few are compared in pairs.
+    """
+    order = np.argsort(rng.permutation(len(places)))
+    kept: list[IntArray] = []
+    while len(order):
+        count = max(len(order) // TOGETHER, FEW_COUNT)
+        first, order = order[:count], order[count:]
+        kept.append(first[_first_apart(places[first])])
+        near, _ = cKDTree(places[kept[-1]]).query(
+            places[order], distance_upper_bound=np.nextafter(APART, 1.0)
+        )
+        order = order[near > APART]
+    return np.sort(np.concatenate(kept)) if kept else order
+
+
+def _first_apart(places: FloatArray) -> IntArray:
+    """Return which places to keep that none kept before them is near.
+
+    In rounds: of those near each other the one that comes first is kept.
     """
     pairs = cKDTree(places).query_pairs(APART, output_type="ndarray")
-    rank = rng.permutation(len(places))
-    later = rank[pairs[:, 0]] > rank[pairs[:, 1]]
-    pairs[later] = pairs[later][:, ::-1]  # the first of each pair goes before the second
+    pairs.sort(axis=1)  # the first of each pair goes before the second
     is_open, is_kept = np.ones((2, len(places)), dtype=bool)
     is_kept[:] = False
     while is_open.any():
