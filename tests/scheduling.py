@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from xdist.workermanage import WorkerController
 
 HERE = Path(__file__).parent
-# seconds that each unit takes, those of less than one left out; `benchmarks/bench_suite.py --keep`
+# CPU seconds of each unit of one and more, as `benchmarks/bench_suite.py --keep` last wrote them
 TYPICAL = HERE / "data" / "typical_seconds.json"
 # Each of these starts processes of its own that keep time: two of them at once would only wait. A
 # file belongs to the first group that names the start of its path.
@@ -64,5 +64,5 @@ class LongestFirst(LoadScopeScheduling):
 
 
 def typical_seconds() -> dict[str, float]:
-    """Return the seconds that each unit took when they were last kept."""
+    """Return the CPU seconds that each unit took when they were last kept."""
     return {str(k): float(v) for k, v in json.loads(TYPICAL.read_text()).items()}
