@@ -432,11 +432,12 @@ class Cell:
             self.world.place(0, self._kept_apart(0, self.world.draw(0)))
 
     def _empty_trays(self) -> None:
-        """Take away what is in a tray once the arm holds another part, as a person would."""
+        """Take away what is in a tray without nests once the arm holds another part."""
         if self.world.arm_gripper.hold is None:
             return
+        kept = {None, *(tray.name for tray in self.layout.trays if tray.has_nests)}
         for part in self.world.parts:
-            if part.state == RESTING and tray_of(self.world, part.index) is not None:
+            if part.state == RESTING and tray_of(self.world, part.index) not in kept:
                 self.world.remove(part.index)
 
     def tick(self) -> None:

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from controller import inspection as inspecting
 from controller.cache import digest_of
 from controller.cell.compute import Compute, Holder, Job, context
+from controller.cell.custody import ALONE, Around
 from controller.cell.devices.lamps import STATION_PANEL, TABLE_PANEL
-from controller.cell.journal.rows import SightingFields
 from controller.cell.services import plain_name
 from controller.config.view_set import load_view_set
 from controller.imaging import Camera, inverse_pose, transform
@@ -152,7 +152,7 @@ class StandIns(Compute):
         seen: Mask | None,
         avoid: frozenset[str],
         alternatives: tuple[Alternative, ...],
-        others: tuple[SightingFields, ...] = (),
+        around: Around = ALONE,
     ) -> Plan:
         """Return the planner's plan; of one start it is made once."""
         await self._take("plan")
@@ -161,12 +161,12 @@ class StandIns(Compute):
             start,
             seen,
             tuple(sorted(avoid)),
-            [o.box_px for o in others],
+            repr(around),
         )
         found = _plans.pop(key, None)
         if found is None:
             try:
-                found = await super().plan(start, seen, avoid, alternatives, others)
+                found = await super().plan(start, seen, avoid, alternatives, around)
             except NoPlanError as error:
                 found = str(error)
             if len(_plans) >= MAX_PLANS:

@@ -479,11 +479,85 @@ class ChuteSection(Section):
     walls: dict[str, Box] = Field(default_factory=dict)
 
 
+class NestSection(Section):
+    """A place for one part in a tray.
+
+    Attributes
+    ----------
+    at : x, y from the tray's middle, along the world's axes
+    size : room along x and y; the part's outline stays within it
+    turn : angle about the vertical that parts are turned to, deg; None for any
+    """
+
+    at: Vec2
+    size: Size
+    turn: float | None = Field(None, ge=-360, le=360)
+
+
+class NestGridSection(Section):
+    """Nests side by side that share a tray evenly.
+
+    Attributes
+    ----------
+    columns, rows : along x and along y
+    turn : angle about the vertical that parts are turned to, deg; None for any
+    """
+
+    columns: int = Field(ge=1, le=20)
+    rows: int = Field(ge=1, le=20)
+    turn: float | None = Field(None, ge=-360, le=360)
+
+
 class TraySection(Section):
-    """A place to put parts."""
+    """A place to put parts.
+
+    Attributes
+    ----------
+    nests : places for one part each, filled in order and counted; None for a tray with one place
+        in its middle that nobody counts: somebody empties it after each part
+    walls_mm : height of the tray's walls above its floor
+    """
 
     centre: Vec2
     size: Size
+    nests: NestGridSection | Annotated[list[NestSection], Field(min_length=1)] | None = None
+    walls_mm: float = Field(0.0, ge=0, le=200)
+
+    def places(self) -> list[NestSection]:
+        """Return the nests, in the order in which they are filled; none if nobody counts."""
+        if not isinstance(self.nests, NestGridSection):
+            return list(self.nests or [])
+        grid = self.nests
+        room = (self.size[0] / grid.columns, self.size[1] / grid.rows)
+        return [
+            NestSection(
+                at=(
+                    (column + 0.5) * room[0] - self.size[0] / 2,
+                    (row + 0.5) * room[1] - self.size[1] / 2,
+                ),
+                size=room,
+                turn=grid.turn,
+            )
+            for row in range(grid.rows)
+            for column in range(grid.columns)
+        ]
+
+    @model_validator(mode="after")
+    def _nests_are_within(self) -> "TraySection":
+        for number, nest in enumerate(self.places(), start=1):
+            for axis, name in enumerate("xy"):
+                out = abs(nest.at[axis]) + (nest.size[axis] - self.size[axis]) / 2
+                if out > 1e-6:
+                    raise ValueError(f"nest {number} is {out:g} mm beyond the tray along {name}")
+        for k, one in enumerate(self.places()):
+            for number, other in enumerate(self.places()[:k], start=1):
+                gaps = [
+                    abs(one.at[axis] - other.at[axis]) - (one.size[axis] + other.size[axis]) / 2
+                    for axis in (0, 1)
+                ]
+                if max(gaps) < -1e-6:
+                    raise ValueError(f"nests {number} and {k + 1} overlap")
+        return self
 
 
 class InterlocksSection(Section):

@@ -11,6 +11,7 @@ from controller.config.cell import (
     Cell,
     ChuteSection,
     OtherArmSection,
+    TraySection,
     UmiSection,
 )
 from controller.config.cell import Box as BoxNumbers
@@ -22,6 +23,7 @@ from controller.planning.model import (
     CellLayout,
     CellTimes,
     Jaw,
+    Nest,
     Pads,
     Tray,
 )
@@ -30,6 +32,8 @@ from drivers.umi_scara import ArmGeometry, UmiModel
 
 from .drivers import describe_arm
 from .optics import build_camera
+
+TRAY_WALL_MM = 3.0  # how thick the walls of trays are
 
 
 def build_layout(cell: Cell) -> CellLayout:
@@ -53,6 +57,13 @@ def build_layout(cell: Cell) -> CellLayout:
         described, column = _umi(arm), arm.links.column
     obstacles = {name: Box.from_bounds(*box) for name, box in cell.obstacles.items()}
     obstacles |= _chute(cell.chute)
+    trays = {
+        "accept": cell.trays.accept,
+        "reject": cell.trays.reject,
+        "quarantine": cell.trays.quarantine,
+    }
+    for name, section in trays.items():
+        obstacles |= _walls(name, section)
     obstacles["fixture_post"] = Box.from_bounds(*cell.fixed_gripper.post)
     return CellLayout(
         arm=described.model,
@@ -72,18 +83,42 @@ def build_layout(cell: Cell) -> CellLayout:
         inspection=build_camera(cell.cameras.inspection),
         overhead=build_camera(cell.cameras.overhead),
         set_down_mm=np.array([cell.table.drop_area.x, cell.table.drop_area.y], dtype=float),
-        trays={
-            name: Tray(section.centre, section.size)
-            for name, section in (
-                ("accept", cell.trays.accept),
-                ("reject", cell.trays.reject),
-                ("quarantine", cell.trays.quarantine),
-            )
-        },
+        trays={name: _tray(section) for name, section in trays.items()},
         park_q=described.park_q,
         cell_times=_times(arm.jaws, cell.fixed_gripper.jaws),
         place_u_mm=arm.uncertainty.position_mm if isinstance(arm, UmiSection) else 0.0,
     )
+
+
+def _tray(section: TraySection) -> Tray:
+    x, y = section.centre
+    nests = tuple(
+        Nest(
+            (x + place.at[0], y + place.at[1]),
+            place.size,
+            None if place.turn is None else float(np.radians(place.turn)),
+        )
+        for place in section.places()
+    )
+    return Tray(section.centre, section.size, nests)
+
+
+def _walls(name: str, section: TraySection) -> dict[str, Box]:
+    """Return the walls of a tray as boxes that nothing may touch, by name; none if it has none."""
+    if section.walls_mm == 0:
+        return {}
+    (x, y), (half_x, half_y) = section.centre, (section.size[0] / 2, section.size[1] / 2)
+    out = TRAY_WALL_MM
+    sides = [
+        (x - half_x - out, x - half_x, y - half_y - out, y + half_y + out),
+        (x + half_x, x + half_x + out, y - half_y - out, y + half_y + out),
+        (x - half_x, x + half_x, y - half_y - out, y - half_y),
+        (x - half_x, x + half_x, y + half_y, y + half_y + out),
+    ]
+    return {
+        f"wall {k} of tray {name}": Box.from_bounds(*side, 0.0, section.walls_mm)
+        for k, side in enumerate(sides, start=1)
+    }
 
 
 def _column(arm: ArmSection, bounds: BoxNumbers) -> Box:

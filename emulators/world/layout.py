@@ -18,6 +18,7 @@ from ruamel.yaml.events import AliasEvent, CollectionEndEvent, CollectionStartEv
 Array = NDArray[np.float64]
 
 MM_PER_M: Final = 1000.0
+_TRAY_WALL_MM: Final = 3.0  # how thick the walls of trays are
 _TEXT_BYTES_MAX: Final = 1_000_000
 _DEPTH_MAX: Final = 20
 RING_WIDTH_MM: Final = 8.0  # of a ring's light, unless the cell file says otherwise
@@ -139,11 +140,17 @@ class LampLayout:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrayLayout:
-    """A tray: a floor at z = 0 with low walls."""
+    """A tray: a floor at z = 0 with low walls.
+
+    Attributes
+    ----------
+    has_nests : parts stay in it; another one is emptied before the next part comes
+    """
 
     name: str
     centre_mm: Array
     size_mm: Array
+    has_nests: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -270,6 +277,29 @@ def load_plain(path: Path) -> Any:  # noqa: ANN401  (of a file)
     return YAML(typ="safe", pure=True).load(text)
 
 
+def _tray_walls(trays: dict[str, Any]) -> list[Box]:
+    """Return the walls of all trays that have any: four boxes round the floor of each."""
+    walls = []
+    for name, tray in trays.items():
+        height = float(tray.get("walls_mm", 0.0))
+        if height <= 0.0:
+            continue
+        centre, half = np.array(tray["centre"], float), np.array(tray["size"], float) / 2.0
+        low, high = centre - half, centre + half
+        outer_low, outer_high = low - _TRAY_WALL_MM, high + _TRAY_WALL_MM
+        for side, (a, b) in enumerate(
+            (
+                (outer_low, np.array((low[0], outer_high[1]))),
+                (np.array((high[0], outer_low[1])), outer_high),
+                (np.array((low[0], outer_low[1])), np.array((high[0], low[1]))),
+                (np.array((low[0], high[1])), np.array((high[0], outer_high[1]))),
+            ),
+            start=1,
+        ):
+            walls.append(Box(f"wall {side} of {name}", np.append(a, 0.0), np.append(b, height)))
+    return walls
+
+
 def _layout(raw: dict[str, Any]) -> Layout:
     drop, fixed = raw["table"]["drop_area"], _renamed(raw, "fixed_gripper", "fixture")
     return Layout(
@@ -287,10 +317,15 @@ def _layout(raw: dict[str, Any]) -> Layout:
             jaw_max_mm=float(fixed["jaw_max_mm"]),
         ),
         post=_box("post", fixed["post"]),
-        obstacles=_boxes(raw["obstacles"]),
+        obstacles=(*_boxes(raw["obstacles"]), *_tray_walls(raw["trays"])),
         chute=_chute(raw.get("chute") or {}),
         trays=tuple(
-            TrayLayout(name, np.array(one["centre"], float), np.array(one["size"], float))
+            TrayLayout(
+                name,
+                np.array(one["centre"], float),
+                np.array(one["size"], float),
+                one.get("nests") is not None,
+            )
             for name, one in raw["trays"].items()
         ),
         inputs={name: int(channel) for name, channel in raw["interlocks"].items()},

@@ -152,8 +152,8 @@ def test_the_proof_is_for_the_part_as_the_grippers_have_it_and_their_openings_as
     left.take(rows.Sightings(sightings=(beside_it, beside_it), taken=0))
     beside = beside_path(left, world, classify(left, world))
     assert beside is not None
-    q, begin, arm_mm, T_part_tcp, fixed_mm, T_part_fixed, others = beside.arguments
-    assert others == (beside_it,)
+    q, begin, arm_mm, T_part_tcp, fixed_mm, T_part_fixed, around = beside.arguments
+    assert around.neighbours == (beside_it,)
     np.testing.assert_array_equal([q, begin], [STANDS, POINTS[1]])
     assert (arm_mm, fixed_mm, T_part_fixed) == (ARM_MM - 0.3, 61.0, None)
     np.testing.assert_array_equal(T_part_tcp, np.eye(4))

@@ -20,7 +20,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from controller.cell.batch import PartRecord, Progress, assemble
-from controller.cell.custody import Custody
+from controller.cell.custody import ALONE, Custody
 from controller.cell.custody.release_guard import ReleaseGuard
 from controller.cell.errors import PartFaultError, PartProblemError, ReleaseRefusedError
 from controller.cell.journal import Journal, read_rows
@@ -311,9 +311,9 @@ class PaperCompute:
         )  # fmt: skip
 
     async def plan(
-        self, start: Start, seen: Any, avoid: frozenset[str], alternatives: Any, others: Any
+        self, start: Start, seen: Any, avoid: frozenset[str], alternatives: Any, around: Any
     ) -> Plan:
-        assert others == ()
+        assert around == ALONE
         self.starts.append(start)
         self.asked_seen.append(None if seen is None else seen.copy())
         self.avoided.append(avoid)
@@ -324,7 +324,7 @@ class PaperCompute:
             self.by_view[step.view_id] = step.seen
         return answer
 
-    async def plan_to_trays(self, start: Start, avoid: frozenset[str], others: Any) -> Plan:
+    async def plan_to_trays(self, start: Start, avoid: frozenset[str], around: Any) -> Plan:
         self.parkings.append(start)
         if self.to_trays is None:
             raise NoPlanError("no way to a tray")

@@ -10,6 +10,7 @@ from planning_cell import emulated_layout
 
 from controller.cad import make_solid
 from controller.cell.compute.neighbours import UNKNOWN_HEIGHT_MM, layout_among
+from controller.cell.custody import ALONE, Around
 from controller.cell.journal.rows import OtherHypothesis, SightingFields
 
 LAYOUT = emulated_layout()
@@ -53,11 +54,11 @@ def bounds_of(shape: Any) -> np.ndarray:
 
 
 def test_nothing_beside_the_part_leaves_the_cell_as_it_is() -> None:
-    assert layout_among(KNOWN, ()) is LAYOUT
+    assert layout_among(KNOWN, ALONE) is LAYOUT
 
 
 def test_a_known_part_is_there_as_its_triangles() -> None:
-    layout = layout_among(KNOWN, (seen("block", T_world_part=standing_at(300.0, 50.0)),))
+    layout = layout_among(KNOWN, Around((seen("block", T_world_part=standing_at(300.0, 50.0)),)))
     (shape,) = layout.neighbours
     np.testing.assert_allclose(bounds_of(shape), [[270, 30, 0], [330, 70, 30]], atol=1e-9)
 
@@ -67,7 +68,7 @@ def test_a_part_that_may_lie_otherwise_is_there_in_each_way() -> None:
         part="block", pose_index=1, theta_deg=0.0, T_world_part=standing_at(310.0, 50.0)
     )
     one = seen("block", T_world_part=standing_at(300.0, 50.0), ambiguous_with=(other,))
-    assert [n.T[0, 3] for n in layout_among(KNOWN, (one,)).neighbours] == [300.0, 310.0]
+    assert [n.T[0, 3] for n in layout_among(KNOWN, Around((one,))).neighbours] == [300.0, 310.0]
 
 
 @pytest.mark.parametrize(
@@ -76,7 +77,7 @@ def test_a_part_that_may_lie_otherwise_is_there_in_each_way() -> None:
 def test_an_object_nobody_knows_is_a_column_round_all_it_can_be(one: SightingFields) -> None:
     # whatever stands within its outline, up to that height, is inside: a post in each corner and
     # in the middle of the outline, seen by the camera at both ends
-    (column,) = layout_among(KNOWN, (one,)).neighbours
+    (column,) = layout_among(KNOWN, Around((one,))).neighbours
     (low, high) = bounds_of(column)
     assert low[2] == pytest.approx(0.0)
     assert high[2] == pytest.approx(UNKNOWN_HEIGHT_MM)

@@ -7,6 +7,7 @@ import pytest
 import trimesh
 
 from emulators.in_process import Cell, CellOptions
+from emulators.world import tray_of
 
 ROOT = Path(__file__).parents[2]
 CELL = ROOT / "recipes" / "cells" / "emulated.yaml"
@@ -47,3 +48,31 @@ def test_the_first_part_is_where_it_is_without_the_others(
         poses.append(cell.world.parts[0].T_world_part.copy())
         cell.world.close()
     np.testing.assert_allclose(poses[0], poses[1], atol=0.01)
+
+
+@pytest.mark.parametrize("nests", [False, True])
+def test_a_tray_without_nests_is_emptied_before_the_next_part_comes(
+    blocks: tuple[Path, ...], nests: bool, tmp_path: Path
+) -> None:
+    text = CELL.read_text()
+    line = "accept:     {centre: [100, 390], size: [150, 150]}"
+    assert line in text
+    if nests:
+        more = "{centre: [100, 390], size: [150, 150], nests: {columns: 2, rows: 2}, walls_mm: 9}"
+        text = text.replace(line, f"accept:     {more}")
+    file = tmp_path / "cell.yaml"
+    file.write_text(text)
+    cell = Cell(CellOptions(cell=file, parts=blocks[:2], seed=1), tmp_path)
+    world, solid = cell.world, cell.world.parts[0].solid
+    world.place(0, solid.pose_at_rest(solid.rests[0], 100.0, 390.0, 0.0))
+    world.settle()
+    cell._empty_trays()
+    assert tray_of(world, 0) == "accept"  # the last one stays until the next one comes
+    # the arm gripper takes the other block, across its width of 40 mm
+    seat = world.arm_gripper.pads.seat(world.parts[1].scene, np.eye(4), 85.0)
+    world.arm_gripper.capture(1, seat, np.eye(4), 40.0)
+    cell._empty_trays()
+    assert tray_of(world, 0) == ("accept" if nests else None)
+    walls = [box.name for box in cell.layout.obstacles if box.name.endswith("of accept")]
+    assert len(walls) == (4 if nests else 0)
+    world.close()

@@ -6,7 +6,7 @@ from typing import Final
 
 from controller.cell.machine import Event
 from controller.cell.operator import Operator
-from controller.cell.operator.questions import LOOK, NOT_EMPTY, OUT, STOP, question_for
+from controller.cell.operator.questions import LOOK, NOT_EMPTY, OUT, STOP, TRAY_FULL, question_for
 
 from ..services.records import BatchRecord
 
@@ -39,6 +39,8 @@ class ConsultAction:
             return Event.UNATTENDED
         # nobody believes a statement about a gripper: it is checked before anything opens
         self.record.part.is_said_to_be_out = answer.key == OUT
+        if code == TRAY_FULL and answer.key == LOOK:
+            await self.record.empty_trays(self.record.trays.full())
         if code == NOT_EMPTY and answer.key == LOOK:
             return Event.RESET  # reads the gripper before anything moves
         return EVENT_OF[answer.key]

@@ -97,13 +97,13 @@ class PlanAction:
         NoPlanError : there is none
         """
         part, avoided = self.record.part, self.record.budgets.grasps
-        own = frozenset(part.avoid)
+        own, around = frozenset(part.avoid), self.record.around
         for avoid in (own | avoided, own):
             try:
                 if part.parked is not None:
-                    return await self.compute.plan_to_trays(start, avoid, part.neighbours)
+                    return await self.compute.plan_to_trays(start, avoid, around)
                 return await self.compute.plan(
-                    start, part.in_sight, avoid, part.alternatives, part.neighbours
+                    start, part.in_sight, avoid, part.alternatives, around
                 )
             except NoPlanError:
                 if avoid == own:

@@ -194,7 +194,7 @@ class RecoverAction:
                 arm_mm, fixed_mm = await self.grippers.openings_mm()
                 q = await self.motion.read_q()
                 await self.motion.follow(
-                    await self.compute.path_home(q, arm_mm, fixed_mm, None, part.neighbours)
+                    await self.compute.path_home(q, arm_mm, fixed_mm, None, self.record.around)
                 )
                 self.motion.mark_free()
                 return Event.PLACED

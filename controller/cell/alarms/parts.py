@@ -78,6 +78,12 @@ PARTS: Final = (
         "move them apart, or take the others away; start again",
     ),
     Alarm(
+        424, "tray_full", _HOLD, "trays",
+        "each nest of a tray has a part",
+        "nothing",
+        "empty the tray and answer; unattended, empty it and start again with --trays-empty",
+    ),
+    Alarm(
         412, "unknown_object", _HOLD, "the camera that saw it",
         "the object looks like none of the parts of the recipe",
         "what it is",

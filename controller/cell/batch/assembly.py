@@ -37,11 +37,13 @@ from ..actions import (
     WithdrawAction,
 )
 from ..compute import Compute
+from ..custody import TrayRecord
 from ..devices import Devices
 from ..devices.in_use import counted
 from ..devices.interlocks import rules_of
 from ..devices.stopping import Stopping
 from ..journal import Journal
+from ..journal.rows import StoredFields
 from ..machine import Budgets, Effect
 from ..operator import NOBODY, Operator
 from ..services import (
@@ -112,6 +114,7 @@ def assemble(
     calibration: SetCalibration | None = None,
     *,
     serials: tuple[str, ...] = (),
+    stored: tuple[StoredFields, ...] = (),
     is_stepwise: bool = False,
 ) -> Batch:
     """Return a cell that is ready for one batch; no device is moved or read.
@@ -128,6 +131,7 @@ def assemble(
     progress, on_progress : what the operator sees; called after each change of it
     operator : answers questions
     serials : of the parts, in the order they are worked on; empty where they have none
+    stored : parts that stand in the trays
     is_stepwise : the operator lets each motion begin
     calibration : what of the cell's calibrations no longer counts
     """
@@ -141,7 +145,9 @@ def assemble(
 
     faults = faults_section(cell, recipe)
     budgets = Budgets(faults.demote_after, faults.window)
-    record = BatchRecord(journal, progress, on_progress, budgets)
+    nest_counts = {name: len(tray.nests) for name, tray in layout.trays.items() if tray.nests}
+    trays = TrayRecord(nest_counts, stored)
+    record = BatchRecord(journal, progress, on_progress, budgets, trays)
     gate = Gate(Permits(journal), clock, Approval(operator) if is_stepwise else None)
     policy = fault_policy(faults)
     retries = Retries(record, policy, clock)

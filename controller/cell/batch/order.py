@@ -45,6 +45,7 @@ class RunOrder:
     papers : who runs it, and which parts, for the report
     recovery : what to do with a part that an earlier run left in a gripper
     is_stepwise : the operator lets each motion begin
+    are_trays_empty : the operator states that nothing stands in the trays
     """
 
     recipe_path: Path
@@ -61,6 +62,7 @@ class RunOrder:
     papers: Papers = NO_PAPERS
     recovery: RecoveryPolicy = "refuse"
     is_stepwise: bool = False
+    are_trays_empty: bool = False
 
     @property
     def folder(self) -> Path:

@@ -20,7 +20,7 @@ from controller.setup.software import software_versions
 from drivers.clock import CellClock
 
 from ..compute import Compute, Job
-from ..custody import CellIdentity, Held, fold_custody, where_it_is
+from ..custody import CellIdentity, Held, fold_custody, left_in_trays, where_it_is
 from ..custody.known_journals import note_journal, rows_of_all_journals
 from ..devices import Devices, resolve
 from ..devices.clocks import Speed, devices_with_time
@@ -140,6 +140,8 @@ async def run_batch(
         for notice in left:
             journal.write(rows.EmulatedCellEnded(message=notice))
             on_notice(notice)
+        stored = await asyncio.to_thread(_stand_in_trays, order, journal, began)
+        journal.write(rows.TraysStood(stored=stored))
         clock = order.clock.open()
         devices = outfit.devices(order.cell, where, clock)
         progress = Progress()
@@ -167,6 +169,7 @@ async def run_batch(
             decider,
             calibration,
             serials=order.papers.serials,
+            stored=stored,
             is_stepwise=order.is_stepwise,
         )
         dispatcher = batch.dispatcher
@@ -223,6 +226,15 @@ async def run_batch(
         return RunResult(outcome, parts, speed, why)
     finally:
         await asyncio.to_thread(journal.close)
+
+
+def _stand_in_trays(
+    order: RunOrder, journal: Journal, began: rows.RunBegan
+) -> tuple[rows.StoredFields, ...]:
+    """Return what stands in the nests, by earlier runs at this cell; nothing if they are empty."""
+    if order.are_trays_empty:
+        return ()
+    return left_in_trays(journal.path, journal.run, began)
 
 
 def sweep_by(compute: Compute) -> Sweep:

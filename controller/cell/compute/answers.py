@@ -18,6 +18,7 @@ from controller import planning
 from controller import recognition as recognising
 from controller.arrays import BoolArray, FloatArray, Grey
 from controller.cad.compiled import load_part
+from controller.cell.custody import ALONE, Around
 from controller.cell.devices.lamps import STATION_PANEL
 from controller.cell.journal.rows import SightingFields
 from controller.config.view_set import load_view_set
@@ -83,7 +84,7 @@ def plan(
     seen: BoolArray | None,
     avoid: frozenset[str],
     alternatives: tuple[recognising.Alternative, ...],
-    others: tuple[SightingFields, ...] = (),
+    around: Around = ALONE,
 ) -> Plan:
     """Return a plan for the part, which a gripper or the table has.
 
@@ -94,13 +95,13 @@ def plan(
     seen : (n,) bool, samples that need not be shown again
     avoid : ids of grasps that have failed
     alternatives : the other parts and poses that recognition has not excluded
-    others : what else is on the table
+    around : what else is in the cell
 
     Raises
     ------
     NoPlanError : there is no plan; the message gives the reason
     """
-    prepared, layout = _prepared(job), layout_among(context(job), others)
+    prepared, layout = _prepared(job), layout_among(context(job), around)
     if isinstance(start, OnTable) and alternatives:
         hypotheses = _hypotheses(job, alternatives)
         return planning.plan_under_ambiguity(
@@ -127,16 +128,16 @@ def pick_counts(job: Job, sightings: tuple[SightingFields, ...]) -> tuple[int, .
         if seen.part == name and seen.T_world_part is not None:
             with suppress(planning.NoPlanError):
                 paths = pick_paths(
-                    prepared, layout_among(context(job), others), np.array(seen.T_world_part)
+                    prepared,
+                    layout_among(context(job), Around(others)),
+                    np.array(seen.T_world_part),
                 )
                 count = len(paths)
         counts.append(count)
     return tuple(counts)
 
 
-def plan_to_trays(
-    job: Job, start: Start, avoid: frozenset[str], others: tuple[SightingFields, ...] = ()
-) -> Plan:
+def plan_to_trays(job: Job, start: Start, avoid: frozenset[str], around: Around = ALONE) -> Plan:
     """Return a plan that brings the part to a tray and shows nothing on the way.
 
     Parameters
@@ -144,7 +145,7 @@ def plan_to_trays(
     job : which recipe on which cell
     start : where the part is
     avoid : ids of grasps that have failed
-    others : what else is on the table
+    around : what else is in the cell
 
     Raises
     ------
@@ -152,7 +153,7 @@ def plan_to_trays(
     """
     prepared = _prepared(job)
     nothing_left = np.ones(len(prepared.counted_samples.points_mm), dtype=bool)
-    layout = layout_among(context(job), others)
+    layout = layout_among(context(job), around)
     return planning.plan_from(prepared, layout, start, seen=nothing_left, avoid=avoid)
 
 
@@ -193,7 +194,7 @@ def path_home(
     arm_opening_mm: float,
     fixed_opening_mm: float,
     T_part_tcp: FloatArray | None,
-    others: tuple[SightingFields, ...] = (),
+    around: Around = ALONE,
 ) -> JointPath:
     """Return a joint path from any configuration to the park position.
 
@@ -203,7 +204,7 @@ def path_home(
     q : (6,) configuration of the arm
     arm_opening_mm, fixed_opening_mm : how wide both grippers are open
     T_part_tcp : (4, 4) of a part that may still be in the arm gripper, or None
-    others : what else is on the table
+    around : what else is in the cell
 
     Raises
     ------
@@ -211,7 +212,7 @@ def path_home(
     """
     c = context(job)
     carried = None if T_part_tcp is None else _part_box(job, inverse_pose(T_part_tcp))
-    scene = Scene(layout_among(c, others), arm_opening_mm, fixed_opening_mm, carried)
+    scene = Scene(layout_among(c, around), arm_opening_mm, fixed_opening_mm, carried)
     return connect(q, c.layout.park_q, scene, f"{c.solid.name}: path home")
 
 
@@ -223,7 +224,7 @@ def homing_swept(
     T_part_tcp: FloatArray | None,
     fixed_opening_mm: float,
     T_part_fixed: FloatArray | None,
-    others: tuple[SightingFields, ...] = (),
+    around: Around = ALONE,
 ) -> Swept:
     """Return whether homing that opens no jaw touches nothing on all its way.
 
@@ -235,9 +236,9 @@ def homing_swept(
     T_part_tcp : (4, 4) of a part in the arm gripper, or None
     fixed_opening_mm : of the fixed gripper
     T_part_fixed : (4, 4) T_part_tcp of a part in the fixed gripper, or None
-    others : what else is on the table
+    around : what else is in the cell
     """
-    layout = layout_among(context(job), others)
+    layout = layout_among(context(job), around)
     phases = layout.arm.homing_sweep(low, high)
     if not phases:
         return Swept(phase="it homes", touches="everything: this arm has no homing with a part")
@@ -262,7 +263,7 @@ def proven_back(
     T_part_tcp: FloatArray | None,
     fixed_opening_mm: float,
     T_part_fixed: FloatArray | None,
-    others: tuple[SightingFields, ...] = (),
+    around: Around = ALONE,
 ) -> ProvenMove:
     """Return the move back to where one began, free of contact whichever axis goes first.
 
@@ -274,9 +275,9 @@ def proven_back(
     arm_opening_mm, fixed_opening_mm : of the two grippers
     T_part_tcp : (4, 4) of a part in the arm gripper, or None
     T_part_fixed : (4, 4) T_part_tcp of a part in the fixed gripper, or None
-    others : what else is on the table
+    around : what else is in the cell
     """
-    layout = layout_among(context(job), others)
+    layout = layout_among(context(job), around)
     carried, standing = _held(job, T_part_tcp, T_part_fixed)
     scene = Scene(layout, arm_opening_mm, fixed_opening_mm, carried, standing)
     return prove_move(scene, q, q_begin)

@@ -1,4 +1,4 @@
-"""What else is on the table, as planning needs it: the triangles of known parts, columns of others.
+"""What stands about a part, as planning needs it: triangles of known parts, columns of others.
 
 Of an unknown object only its outline in the picture is known. It is taken for a column that holds
 all it can be: over the box round its outline, seen on the table and at the column's top, and as
@@ -13,28 +13,53 @@ from typing import Final
 import numpy as np
 
 from controller.arrays import FloatArray
-from controller.cell.journal.rows import SightingFields
+from controller.cell.custody import Around, next_nest
+from controller.cell.journal.rows import SightingFields, StoredFields
 from controller.imaging import Camera
 from controller.planning.geometry import PartShape, PlacedShape
-from controller.planning.model import CellLayout
+from controller.planning.model import CellLayout, Tray
 
 from .job import Context
 
 UNKNOWN_HEIGHT_MM: Final = 120.0
 
 
-def layout_among(known: Context, others: Sequence[SightingFields]) -> CellLayout:
-    """Return the cell with other objects on the table.
+def layout_among(known: Context, around: Around) -> CellLayout:
+    """Return the cell with other objects in it, and the next part's nests.
 
     Parameters
     ----------
     known : recipe, cell and parts
-    others : what was seen beside the part; each is there as everything that it may be
+    around : what else is in the cell
     """
-    if not others:
-        return known.layout
-    placed = [shape for one in others for shape in _placed(known, one)]
-    return replace(known.layout, neighbours=tuple(placed))
+    layout = known.layout
+    if around.neighbours:
+        placed = [shape for one in around.neighbours for shape in _placed(known, one)]
+        layout = replace(layout, neighbours=tuple(placed))
+    if around.stored:
+        trays = {name: _next(tray, name, around.stored) for name, tray in layout.trays.items()}
+        in_trays = tuple(_in_nest(known, layout, one) for one in around.stored)
+        layout = replace(layout, trays=trays, stored=in_trays)
+    return layout
+
+
+def _next(tray: Tray, name: str, stored: Sequence[StoredFields]) -> Tray:
+    """Return a tray with its first free nest next; a full one with its last, as the cell asks."""
+    free = next_nest(stored, name, len(tray.nests))
+    return replace(tray, next_nest=len(tray.nests) - 1 if free is None else free)
+
+
+def _in_nest(known: Context, layout: CellLayout, one: StoredFields) -> PlacedShape:
+    """Return a part in its nest; one that this recipe does not know fills the nest."""
+    shape = _shape(known, one.part)
+    if shape is not None:
+        return PlacedShape(shape, np.array(one.T_world_part))
+    tray = layout.trays[one.tray]
+    nest = tray.nests[min(one.nest, len(tray.nests) - 1)]
+    half = (nest.size_mm[0] / 2, nest.size_mm[1] / 2, UNKNOWN_HEIGHT_MM / 2)
+    T = np.eye(4)
+    T[:3, 3] = *nest.centre_mm, UNKNOWN_HEIGHT_MM / 2
+    return PlacedShape(_block(half), T)
 
 
 def _placed(known: Context, seen: SightingFields) -> list[PlacedShape]:

@@ -2,8 +2,8 @@
 
 `fold.py` works custody out from the rows of all runs, `known_journals.py` finds those rows,
 `openings.py` reads the grippers, `start_check.py` refuses a start while a gripper may hold a part,
-`releasing.py` opens a gripper for a person, and `release_guard.py` is the only module that opens
-jaws in a run.
+`trays.py` counts the parts in the trays, `releasing.py` opens a gripper for a person, and
+`release_guard.py` is the only module that opens jaws in a run.
 """
 
 from .fold import (
@@ -15,13 +15,19 @@ from .fold import (
     read_folded,
     where_it_is,
 )
+from .trays import ALONE, Around, TrayRecord, left_in_trays, next_nest
 
 __all__ = [
+    "ALONE",
+    "Around",
     "CellIdentity",
     "Custody",
     "GripperName",
     "Held",
+    "TrayRecord",
     "fold_custody",
+    "left_in_trays",
+    "next_nest",
     "read_folded",
     "where_it_is",
 ]

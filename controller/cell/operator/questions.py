@@ -14,6 +14,8 @@ STOP: Final = "stop"
 
 # The problem of a cell that has not been homed: to look again there is to reset it again.
 NOT_EMPTY: Final = "fixture_not_empty"
+# The problem of a tray without a free nest: to look again there is to state that it is empty.
+TRAY_FULL: Final = "tray_full"
 
 _STOP: Final = Choice(STOP, "end the run; nothing is released")
 _OUT: Final = Choice(
@@ -56,6 +58,9 @@ def question_for(code: str, message: str, custody: str) -> Question:
     if code in _ON_TABLE:
         text = f"{message}."
         choices = (Choice(LOOK, _ON_TABLE[code]), _AWAY, _STOP)
+    elif code == TRAY_FULL:
+        text = f"{message}."
+        choices = (Choice(LOOK, "they are empty now: go on with the next part"), _STOP)
     elif code == NOT_EMPTY:
         text = f"{message}. The cell has not been homed."
         choices = (Choice(LOOK, "I took it out: look at the fixed gripper again"), _STOP)

@@ -66,7 +66,7 @@ def beside_path(left: Interrupted, world: World, case: Case) -> Beside | None:
         T_part_tcp=T_part_tcp,
         fixed_opening_mm=world.fixed_mm,
         T_part_fixed=T_part_fixed,
-        neighbours=left.neighbours,
+        around=left.around,
     )
 
 

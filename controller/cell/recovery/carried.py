@@ -7,8 +7,7 @@ import numpy as np
 
 from controller.arrays import FloatArray
 
-from ..custody import Custody
-from ..journal.rows import SightingFields
+from ..custody import ALONE, Around, Custody
 from .interrupted import Interrupted
 
 
@@ -22,14 +21,14 @@ class Carried:
     T_part_tcp : (4, 4) of a part in the arm gripper, or None
     fixed_opening_mm : of the fixed gripper
     T_part_fixed : (4, 4) of a part in the fixed gripper, T_part_tcp of that one, or None
-    neighbours : what else is on the table
+    around : what else is in the cell
     """
 
     arm_opening_mm: float | None
     T_part_tcp: FloatArray | None
     fixed_opening_mm: float
     T_part_fixed: FloatArray | None
-    neighbours: tuple[SightingFields, ...] = ()
+    around: Around = ALONE
 
     @property
     def carried(self) -> tuple[Any, ...]:
@@ -39,7 +38,7 @@ class Carried:
             self.T_part_tcp,
             self.fixed_opening_mm,
             self.T_part_fixed,
-            self.neighbours,
+            self.around,
         )
 
 

@@ -86,7 +86,7 @@ def lost_bounds(left: Interrupted, world: World, layout: CellLayout) -> Bounds:
         T_part_tcp=T_part_tcp,
         fixed_opening_mm=world.fixed_mm,
         T_part_fixed=T_part_fixed,
-        neighbours=left.neighbours,
+        around=left.around,
     )
 
 

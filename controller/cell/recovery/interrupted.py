@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
-from ..custody import Custody
+from ..custody import Around, Custody, TrayRecord
 from ..journal import Row, read_row, rows
 from .trail import Trail
 
@@ -40,6 +40,7 @@ class Interrupted:
     views : in order, with the digests of their files in `digests`
     table_pictures, sightings, sighting : the part on the table, as seen last
     neighbours : what else was on the table then
+    trays : what stands in them
     is_ambiguous : pictures of the table leave other hypotheses, and no view has decided
     recoveries, avoid : part faults so far, and grasps that failed
     plan_count, hold_count, look_count : plans made, grasps taken, pictures of the table
@@ -68,6 +69,7 @@ class Interrupted:
     digests: dict[str, str] = field(default_factory=dict)
     sighting: rows.SightingFields | None = None
     neighbours: tuple[rows.SightingFields, ...] = ()
+    trays: TrayRecord = field(default_factory=TrayRecord)
     is_ambiguous: bool = False
     recoveries: list[rows.RecoveryBegun] = field(default_factory=list)
     avoid: list[str] = field(default_factory=list)
@@ -94,6 +96,11 @@ class Interrupted:
     def lot(self) -> str:
         """The part's lot; empty if it has none."""
         return self.began.lot if self.resumed is None else self.resumed.lot
+
+    @property
+    def around(self) -> Around:
+        """What else was in the cell."""
+        return Around(self.neighbours, self.trays.stored)
 
     def take(self, row: rows.Body) -> None:
         """Take one row that is about this part."""
@@ -173,6 +180,7 @@ def fold_interrupted(found: Iterable[Row], run: str, part: int) -> Interrupted |
         elif isinstance(row, rows.RunEnded | rows.RunBrokeOff):
             has_ended = True
         elif known is not None and row is not None:
+            known.trays.take(row)
             if one.part == part:
                 known.take(row)
             else:

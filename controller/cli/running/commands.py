@@ -61,6 +61,13 @@ def run(
             help="state that you took the part out of the grippers; the journal keeps it",
         ),
     ] = False,
+    trays_empty: Annotated[
+        bool,
+        typer.Option(
+            "--trays-empty",
+            help="state that nothing stands in the nests of the trays; the journal keeps it",
+        ),
+    ] = False,
     auto_recover: Annotated[
         bool,
         typer.Option(
@@ -160,6 +167,7 @@ def run(
         control=control,
         runs_dir=runs,
         is_part_removed=part_removed,
+        are_trays_empty=trays_empty,
         is_recovery_automatic=auto_recover,
         papers=Papers(operator, lot, tuple(serial or ()), part_temperature),
         waits=wait,

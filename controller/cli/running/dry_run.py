@@ -67,6 +67,7 @@ def _check_options(options: RunOptions) -> None:
         "--surfaces": options.surfaces is not None,
         "--record": options.record is not None,
         "--part-removed": options.is_part_removed,
+        "--trays-empty": options.are_trays_empty,
         "--auto-recover": options.is_recovery_automatic,
         "--lot": bool(options.papers.lot),
         "--serial": bool(options.papers.serials),

@@ -72,6 +72,7 @@ class RunOptions:
     operator : decides on that in advance, None for whoever is there
     papers : who runs it, and which parts
     waits : wait for an answer where a person has to decide, also without a terminal
+    are_trays_empty : the operator states that nothing stands in the trays
     is_stepwise : a person lets each motion begin
     is_dry : drive all motions, lifted and slow, without a part
     record : file to keep all wires in, None for none
@@ -97,6 +98,7 @@ class RunOptions:
     as_json: bool
     operator: Operator | None = None
     waits: bool = False
+    are_trays_empty: bool = False
     is_stepwise: bool = False
     is_dry: bool = False
     record: Path | None = None
@@ -165,6 +167,7 @@ def run_recipe(options: RunOptions) -> int:
                 runs_dir=runs_dir,
                 run_id=run_id,
                 is_part_removed=options.is_part_removed,
+                are_trays_empty=options.are_trays_empty,
                 papers=options.papers,
                 recovery=_recovery_policy(options),
                 is_stepwise=options.is_stepwise,

@@ -7,7 +7,7 @@ from .arm import JOINT_COUNT, ArmLink, ArmModel, JointLimit, TimingModel
 from .errors import NoMotionError, NoPlanError, NotGraspableError, OutOfReachError
 from .grasp import TABLE_MARGIN_MM, Grasp, GraspRules, Holder
 from .hypotheses import LIGHTS, HeldHypothesis, Light
-from .layout import CellLayout, CellTimes, Jaw, Pads, Tray
+from .layout import CellLayout, CellTimes, Jaw, Nest, Pads, Tray
 from .plan import (
     Ambiguity,
     GiveStep,
@@ -55,6 +55,7 @@ __all__ = [
     "JointPath",
     "Light",
     "Look",
+    "Nest",
     "NoMotionError",
     "NoPlanError",
     "NotGraspableError",

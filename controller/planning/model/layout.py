@@ -80,11 +80,46 @@ class Jaw:
 
 
 @dataclass(frozen=True, slots=True)
-class Tray:
-    """Where parts of one verdict are put down."""
+class Nest:
+    """A place for one part in a tray.
+
+    Attributes
+    ----------
+    centre_mm : its middle, x and y in the world
+    size_mm : room along x and y that the part's outline stays within
+    turn_rad : by which the part is turned about the vertical, from where its stable pose has it;
+        None for any
+    """
 
     centre_mm: tuple[float, float]
     size_mm: tuple[float, float]
+    turn_rad: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Tray:
+    """Where parts of one verdict are put down.
+
+    Attributes
+    ----------
+    nests : its places for one part each; empty where there is one place, its middle
+    next_nest : number of the nest that the next part goes into
+    """
+
+    centre_mm: tuple[float, float]
+    size_mm: tuple[float, float]
+    nests: tuple[Nest, ...] = ()
+    next_nest: int = 0
+
+    @property
+    def nest(self) -> Nest | None:
+        """The nest that the next part goes into; None where there are none."""
+        return self.nests[self.next_nest] if self.nests else None
+
+    @property
+    def target_mm(self) -> tuple[float, float]:
+        """Where the next part's centre of mass is put, or the middle of its outline in a nest."""
+        return self.centre_mm if self.nest is None else self.nest.centre_mm
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,6 +214,7 @@ class CellLayout:
     fixed_held : mm and rad, by how much the fixed gripper may stand elsewhere along its pads and
         turned in their plane, where a calibration measured that plane alone
     neighbours : what else is on the table now, beside the part that is planned for
+    stored : parts that stand in the trays now
     """
 
     arm: ArmModel
@@ -196,6 +232,7 @@ class CellLayout:
     place_u_mm: float = 0.0
     fixed_held: tuple[float, float] = (0.0, 0.0)
     neighbours: tuple[PlacedShape, ...] = ()
+    stored: tuple[PlacedShape, ...] = ()
     cell_times: CellTimes = field(default_factory=CellTimes)
     inspection_sharp_mm: tuple[float, float] = (0.0, float("inf"))
     overhead_sharp_mm: tuple[float, float] = (0.0, float("inf"))

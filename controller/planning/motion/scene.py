@@ -22,6 +22,7 @@ from ._kinematics import link_boxes, link_frames, placed_boxes, tcp_pose
 
 STANDING = "the part standing there"
 NEIGHBOUR = "another object on the table"
+STORED = "a part in a tray"
 _NONE = np.iinfo(np.int64).max
 _COLUMN_COUNT = 1  # at the end of what stands, with an index in `names` of its own
 SELF_MARGIN_MM = 3.0  # links know each other's place better than the world's
@@ -64,12 +65,13 @@ class Scene:
         """Return the world boxes by name; those that bound triangles come last."""
         named = [(name, box) for name, box in self._boxes() if name not in self.ignore]
         named += [(NEIGHBOUR, mesh.box) for mesh in self.layout.neighbours]
+        named += [(STORED, mesh.box) for mesh in self.layout.stored]
         return named + [(STANDING, mesh.box) for mesh in self.standing_meshes]
 
     @property
     def _meshes(self) -> tuple[PlacedShape, ...]:
         """All that stands as triangles, in the order of `statics`."""
-        return (*self.layout.neighbours, *self.standing_meshes)
+        return (*self.layout.neighbours, *self.layout.stored, *self.standing_meshes)
 
     def _boxes(self) -> list[tuple[str, Box]]:
         layout = self.layout

@@ -365,6 +365,16 @@ class Builder:
     def _tray_missed(self, g: int, name: str) -> OutOfReachError:
         arm, tray = self._layout.arm, self._layout.trays[name]
         away, limit = tray_distance_mm(self._layout, tray), arm.reach_mm
+        if tray.nest is not None:
+            x, y = tray.nest.size_mm
+            return OutOfReachError(
+                f"{self._part.solid.name}: grasp {self._part.arm_grasps[g].id} cannot set it down "
+                f"flat in nest {tray.next_nest + 1} of tray {name}, which has room for {x:.0f} x "
+                f"{y:.0f} mm, clear of what stands in the tray; make its nests larger or fewer",
+                reach_mm=away,
+                limit_mm=limit,
+                where=f"tray {name}",
+            )
         return OutOfReachError(
             f"{self._part.solid.name}: grasp {self._part.arm_grasps[g].id} cannot release it "
             f"anywhere over tray {name}, {away:.0f} mm from the arm's axis (the wrist "

@@ -27,7 +27,7 @@ INTO_MM = 0.5
 
 def beside_alone(layout: CellLayout) -> CellLayout:
     """Return the cell with nothing in it but the arm, its column, the table and the neighbours."""
-    return replace(layout, obstacles={}, fixed_gripper=None)
+    return replace(layout, obstacles={}, fixed_gripper=None, stored=())
 
 
 def lift_mm(part: PreparedPart, layout: CellLayout, T_world_part: FloatArray) -> float:

@@ -20,6 +20,7 @@ MARGIN_MM = 3.0
 TRIED_COUNT = 60
 RISEN_COUNT = 20
 BATCH_SIZE = 8
+FLAT_RAD = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,8 +38,9 @@ def place_paths(
 ) -> list[PlacePath]:
     """Return the paths on which one grasp releases the part in a tray, the flattest first.
 
-    Those from which the arm can rise come before those in which it may be trapped; none is a
-    result.
+    In a nest the part is set down flat, with its outline within the nest, and turned as the nest
+    has it. Paths from which the arm can rise come before those in which it may be trapped; none is
+    a result.
 
     Parameters
     ----------
@@ -48,11 +50,14 @@ def place_paths(
     tray : where to
     count : at most so many
     """
-    R_all = _gripper_orientations()
+    nest = tray.nest
+    if nest is not None and nest.turn_rad is not None:
+        R_part = np.stack([_turned(nest.turn_rad) @ pose.R for pose in part.poses])
+    else:
+        R_part = _gripper_orientations() @ grasp.T_part_tcp[:3, :3].T
     hull = np.asarray(part.solid.mesh.convex_hull.vertices)
-    R_part_tcp = grasp.T_part_tcp[:3, :3]
-    T_part = np.tile(np.eye(4), (len(R_all), 1, 1))
-    T_part[:, :3, :3] = R_all @ R_part_tcp.T
+    T_part = np.tile(np.eye(4), (len(R_part), 1, 1))
+    T_part[:, :3, :3] = R_part
     tilts = np.arccos(
         np.clip(np.stack([T_part[:, 2, :3] @ p.R[2] for p in part.poses], axis=1), -1, 1)
     ).min(axis=1)
@@ -61,11 +66,17 @@ def place_paths(
     for leaning in np.flatnonzero((tilts > 1e-6) & (tilts < np.radians(3.0))):
         T_part[leaning, :3, :3] = _flattened(T_part[leaning, :3, :3], part)
         tilts[leaning] = 0.0
-    centre = T_part[:, :3, :3] @ part.solid.centroid_mm
-    lowest = np.einsum("nj,kj->nk", T_part[:, 2, :3], hull).min(axis=1)
-    T_part[:, 0, 3] = tray.centre_mm[0] - centre[:, 0]
-    T_part[:, 1, 3] = tray.centre_mm[1] - centre[:, 1]
-    T_part[:, 2, 3] = RELEASE_MM - lowest
+    points = np.einsum("nij,kj->nki", T_part[:, :3, :3], hull)
+    low, high = points.min(axis=1), points.max(axis=1)
+    centre = T_part[:, :3, :3] @ part.solid.centroid_mm if nest is None else (low + high) / 2
+    T_part[:, :2, 3] = np.array(tray.target_mm) - centre[:, :2]
+    T_part[:, 2, 3] = RELEASE_MM - low[:, 2]
+    if nest is not None:
+        fits = (high - low)[:, :2] <= np.array(nest.size_mm)
+        within = fits.all(axis=1) & (tilts < FLAT_RAD)
+        T_part, tilts = T_part[within], tilts[within]
+        if len(T_part) == 0:
+            return []
     T_hold = T_part @ grasp.T_part_tcp
     index, branch, q = inverse_rows(layout, T_hold)
     if len(index) == 0:
@@ -107,6 +118,11 @@ def place_paths(
             if len(rising) == count:
                 return rising
     return (rising + trapped)[:count]
+
+
+def _turned(turn_rad: float) -> FloatArray:
+    c, s = np.cos(turn_rad), np.sin(turn_rad)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def _all_free(

@@ -53,6 +53,7 @@ class PartFold:
     findings: tuple[rows.PartFindingFields, ...] | None = None
     verdict: VerdictReport | None = None
     tray: str | None = None
+    nest: int | None = None
     custody: Custody = Custody.ON_TABLE
     custody_detail: str = ""
     resumed: rows.PartResumed | None = None
@@ -67,6 +68,8 @@ class PartFold:
             case rows.TablePictures():
                 self.looks += 1
                 self.table_pictures = row.root
+            case rows.PartStored():
+                self.nest = row.part.nest + 1
             case rows.Sightings():
                 taken, _ = row.parted()
                 self.sightings = tuple(_sighting(s, is_taken=s is taken) for s in row.sightings)
@@ -128,6 +131,7 @@ class PartFold:
             views=_with_findings(self.views, self.findings),
             verdict=self.verdict,
             tray=self.tray,
+            nest=self.nest,
             custody=self.custody,
             custody_detail=self.custody_detail,
             unconfirmed=_unconfirmed(ambiguity[-1], self.custody) if ambiguity else "",

@@ -338,6 +338,7 @@ class PartReport:
     unconfirmed : what was begun and never confirmed; where not empty, `custody` may be out of date
     resumed : the interrupted run that the part was taken over from; None for a part of this run
     tray : the one it was placed in; None if it was not placed
+    nest : of the tray, from 1; None where its parts are not counted
     characteristics : in the order of their balloons
     start, end : times of its first and its last row
     """
@@ -352,6 +353,7 @@ class PartReport:
     views: tuple[ViewReport, ...]
     verdict: VerdictReport | None
     tray: str | None
+    nest: int | None
     custody: Custody
     custody_detail: str
     unconfirmed: str

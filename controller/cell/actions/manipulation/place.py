@@ -49,6 +49,9 @@ class PlaceAction:
         self.motion.reach(SafePoint.BEFORE_PLACING)
         await self.motion.lower(step.motion_down)
         await self.grippers.press_and_require_hold()
+        # before the jaws open: a nest counted as taken too early harms nothing
+        if part.sighting is not None and part.sighting.part is not None:
+            self.record.note_stored(tray, part.sighting.part, step.T_world_part)
         intent = Intent(name=Once.SORT, tray=tray)
         await self.grippers.let_go(intent, step.open_mm, step.motion_up)
         part.tray = tray

@@ -49,7 +49,7 @@ class WithdrawAction:
             q = await self.motion.read_q()
             with suppress(NoMotionError):
                 path = await self.compute.path_home(
-                    q, arm_mm, fixed_mm, T_part_tcp, part.neighbours
+                    q, arm_mm, fixed_mm, T_part_tcp, self.record.around
                 )
                 break
             if not self.motion.can_go_back:

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from controller.arrays import Grey
+from controller.cell.custody import TrayRecord
 from controller.cell.devices.lamps import TABLE_LAMPS, TABLE_PANEL
-from controller.cell.errors import CellError
+from controller.cell.errors import CellError, PartProblemError
 from controller.cell.journal.rows import TablePictures
 from controller.cell.machine import Event
 from controller.cell.services import Gate, Imaging, NextMotion
@@ -37,8 +38,10 @@ class AcquireAction:
         Raises
         ------
         CellError : the light table is dark
+        PartProblemError : a tray that the part may have to go to is full
         """
         await self.gate.wait(_look)
+        require_room(self.record.trays)
         self.record.begin_part()
         self.record.show("taking pictures of the table", step=0, step_count=0, remaining_s=None)
         part = self.record.part
@@ -62,6 +65,22 @@ class AcquireAction:
 
 async def _look() -> NextMotion:
     return NextMotion("nothing moves yet: pictures of the table are taken")
+
+
+def require_room(trays: TrayRecord) -> None:
+    """Check that each tray has a free nest, since no verdict is known beforehand.
+
+    Raises
+    ------
+    PartProblemError : a tray has none
+    """
+    full = trays.full()
+    if full:
+        raise PartProblemError(
+            "tray_full",
+            " and ".join(f"tray {name} ({trays.nest_counts[name]} parts)" for name in full)
+            + f" {'is' if len(full) == 1 else 'are'} full; the next part may have to go there",
+        )
 
 
 def _require_glow(picture: Grey) -> None:

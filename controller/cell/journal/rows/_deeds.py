@@ -1,6 +1,6 @@
 """What is done: intents, outcomes, custody, leases."""
 
-from ._body import Body, EffectClass, Joints, NamedBody
+from ._body import Body, EffectClass, Fields, Joints, Matrix, NamedBody
 
 
 class Intent(NamedBody):
@@ -98,6 +98,43 @@ class PositionsTakenOver(Body):
     kind = "outcome"
     row_name = "positions_taken_over"
     q: Joints
+
+
+class StoredFields(Fields):
+    """A part in a nest of a tray, at the pose in which it was put there; nests count from 0."""
+
+    tray: str
+    nest: int
+    part: str
+    T_world_part: Matrix
+    run: str = ""
+    number: int = 0
+    serial: str = ""
+
+
+class PartStored(Body):
+    """A part was put into a nest."""
+
+    kind = "outcome"
+    row_name = "part_stored"
+    part: StoredFields
+
+
+class TraysStood(Body):
+    """What stands in the nests of the trays as the run begins."""
+
+    kind = "observation"
+    row_name = "trays_stood"
+    stored: tuple[StoredFields, ...] = ()
+
+
+class TrayEmptied(Body):
+    """A person has stated that a tray is empty."""
+
+    kind = "decision"
+    row_name = "tray_emptied"
+    tray: str
+    count: int = 0
 
 
 class StepDone(Body):

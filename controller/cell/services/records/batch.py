@@ -4,16 +4,17 @@
 never repeated before the jaws have been checked (cell-facts.md 2).
 """
 
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
 
+from controller.arrays import FloatArray
 from controller.cell.alarms import alarm_of
-from controller.cell.custody import Custody
+from controller.cell.custody import Around, Custody, TrayRecord
 from controller.cell.journal import Body, Journal, rows
 from controller.cell.machine import Act, Budgets, Recovery
 from controller.planning import Grasp
 
-from .holds import arm_hold_row, fixed_hold_row
+from .holds import arm_hold_row, fixed_hold_row, matrix
 from .part import PartInGripper, PartRecord
 from .progress import Progress
 
@@ -28,6 +29,7 @@ class BatchRecord:
     journal : of the run
     progress, on_progress : what the operator sees; called after each change of it
     budgets : what the batch learns of its grasps and views; None for none that is ever avoided
+    trays : what stands in them; None where nobody counts
     """
 
     def __init__(
@@ -36,7 +38,9 @@ class BatchRecord:
         progress: Progress,
         on_progress: Callable[[], None],
         budgets: Budgets | None = None,
+        trays: TrayRecord | None = None,
     ) -> None:
+        self.trays = trays or TrayRecord()
         self.budgets = budgets or Budgets(demote_after=UNLIMITED, window=UNLIMITED)
         self._journal = journal
         self._progress = progress
@@ -74,6 +78,44 @@ class BatchRecord:
         """Count the part at hand among those done."""
         self._finished.append(self.part)
         self.parts_left -= 1
+
+    @property
+    def around(self) -> Around:
+        """What else is in the cell while the part at hand is worked on."""
+        return Around(self.part.neighbours, self.trays.stored)
+
+    def note_stored(self, tray: str, name: str, T_world_part: FloatArray) -> None:
+        """Count and journal the part at hand as one in the next nest of a tray, if that has any.
+
+        Parameters
+        ----------
+        tray : the tray's name
+        name : of the part, as its recipe has it
+        T_world_part : (4, 4) as it was put there
+        """
+        nest = self.trays.next_nest(tray)
+        if nest is None:
+            return
+        row = rows.PartStored(
+            part=rows.StoredFields(
+                tray=tray,
+                nest=nest,
+                part=name,
+                T_world_part=matrix(T_world_part),
+                run=self._journal.run,
+                number=self.part.number,
+            )
+        )
+        self.trays.take(row)
+        self.note(row)
+
+    async def empty_trays(self, names: Sequence[str]) -> None:
+        """Count trays as empty, as a person states; on the disk when this returns."""
+        for name in names:
+            count = sum(one.tray == name for one in self.trays.stored)
+            row = rows.TrayEmptied(tray=name, count=count)
+            self.trays.take(row)
+            await self.note_secured(row)
 
     def held(self) -> PartInGripper:
         """Return how the arm gripper holds the part; it must hold it."""
