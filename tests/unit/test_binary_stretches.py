@@ -34,8 +34,9 @@ def test_stretches_of_an_outline_half_gone_propose_where_it_lies(turn_rad: float
     known = [np.arange(800) < 400]
     observed = observed_stretches([seen], known, everything, LENGTH_MM, 1.0)
     mine, theirs = like(observed, views, 0.5, 1000)
-    turn = observed.direction[mine] * views.direction[theirs].conj()
-    shift = observed.middle[mine] - turn * views.middle[theirs]
+    found = views.stretches
+    turn = observed.direction[mine] * found.direction[theirs].conj()
+    shift = observed.middle[mine] - turn * found.middle[theirs]
     # near enough for a fit that looks 5 mm about
     right = (np.abs(np.angle(turn * np.exp(-1j * turn_rad))) < 0.1) & (
         np.abs(shift - (30.0 - 12.0j)) < 4.0
@@ -67,4 +68,35 @@ def test_stretches_that_are_not_the_parts_own_or_explained_already_are_left_out(
 
 def test_views_without_an_outline_have_no_stretches() -> None:
     index = stretch_index(np.full((2, 192, 2), np.nan, dtype=np.float16))
-    assert [len(stretches.middle) for stretches in index.by_length] == [0, 0]
+    assert [len(leaves.stretches.middle) for leaves in index.by_length] == [0, 0]
+    seen = outline(L, 800)
+    every = [np.ones(800, dtype=np.bool_)]
+    observed = observed_stretches([seen], every, every, LENGTH_MM, 1.0)
+    assert [len(pairs) for pairs in like(observed, index.by_length[0], 0.5, 1000)] == [0, 0]
+
+
+def test_leaves_leave_out_no_pair_that_is_alike() -> None:
+    rng = np.random.default_rng(8)
+    turns = np.linspace(0, 2 * np.pi, 192, endpoint=False)
+    harmonics = np.arange(2, 9)
+    views = []
+    for _ in range(160):
+        size = rng.normal(0.0, 3.0, 7) / harmonics
+        radius = 25.0 + size @ np.cos(np.outer(harmonics, turns) + rng.uniform(0, 6.3, (7, 1)))
+        views.append(radius[:, None] * np.column_stack([np.cos(turns), np.sin(turns)]))
+    leaves = stretch_index(np.array(views, dtype=np.float16)).by_length[0]
+    assert len(leaves.low) > 4  # or nothing could be left out
+    seen = np.array(views[7])
+    every = [np.ones(192, dtype=np.bool_)]
+    observed = observed_stretches([seen], every, every, LENGTH_MM, 1.0)
+    a, b = observed.shape.astype(np.float64), leaves.stretches.shape.astype(np.float64)
+    far = np.sqrt(((a[:, None] - b[None]) ** 2).sum(axis=2))
+    # the nearest of neighbours along the outline, by all distances
+    padded = np.pad(far, ((1, 1), (0, 0)), constant_values=np.inf)
+    best = (far < 0.5) & (far <= padded[:-2]) & (far <= padded[2:])
+    expected = set(zip(*(at.tolist() for at in np.nonzero(best)), strict=True))
+    mine, theirs = like(observed, leaves, 0.5, 10**6)
+    found = set(zip(mine.tolist(), theirs.tolist(), strict=True))
+    # single precision may decide otherwise between two that are as near
+    assert len(expected) > 100
+    assert len(expected ^ found) <= 0.01 * len(expected)

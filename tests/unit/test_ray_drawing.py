@@ -26,6 +26,9 @@ def test_rays_from_one_point_and_parallel_ones_meet_a_box_where_it_is() -> None:
     again, reach = cast(caster, eye, origins * [1, 1, 0] + [0, 0, 5.0] - eye, (3, 2))
     assert np.array_equal(again >= 0, triangle >= 0)
     assert reach[:, 1:] == pytest.approx(1.0)
+    ways = origins * [1, 1, 0] + [0, 0, 5.0] - eye
+    assert np.array_equal(caster.blocked(eye, ways), again.ravel() >= 0)
+    assert not caster.blocked(eye, ways, 0.99).any()
 
 
 def test_neighbours_differ_where_the_numbers_do_and_nowhere_else() -> None:

@@ -6,7 +6,7 @@ straight ones fit everywhere and are left out. That is the paper's correlation o
 corners of like turn (references.md P3.1), for outlines of which the perimeter is not known.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,6 +21,10 @@ ANCHORS = 12  # of a view
 TRIED_ANCHORS = 48
 MIN_PERIMETER = 1.4  # of a view, in lengths of the stretch
 BLOCK = 2000  # views at a time
+DIMENSIONS = 4  # in which leaves have bounds
+LEAF = 256  # stretches of a leaf at most
+LEAVES_AT_ONCE = 512
+MAX_FOR_BASIS = 20000
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -43,15 +47,76 @@ class Stretches:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
+class Leaves:
+    """Stretches of one length, those of like shape beside each other.
+
+    Attributes
+    ----------
+    stretches : leaf by leaf
+    rank : (n,) their places before that
+    ends : (k + 1,) where leaves begin, and where the last one ends
+    mean, basis : (2 POINTS,), (2 POINTS, DIMENSIONS) the directions in which shapes differ most
+    low, high : (k, DIMENSIONS) bounds of each leaf's shapes along these
+    """
+
+    stretches: Stretches
+    rank: IntArray
+    ends: IntArray
+    mean: Float32Array
+    basis: Float32Array
+    low: Float32Array
+    high: Float32Array
+
+
+@dataclass(frozen=True, eq=False, slots=True)
 class StretchIndex:
     """Stretches of all views of a library, by their lengths."""
 
-    by_length: tuple[Stretches, ...]
+    by_length: tuple[Leaves, ...]
 
 
 def stretch_index(outer_mm: NDArray[np.float16]) -> StretchIndex:
     """Return the stretches of views by their outer borders (n, samples, 2), nan for none."""
-    return StretchIndex(tuple(_of_views(outer_mm, length) for length in STRETCHES_MM))
+    return StretchIndex(tuple(leaves_of(_of_views(outer_mm, length)) for length in STRETCHES_MM))
+
+
+def leaves_of(stretches: Stretches) -> Leaves:
+    """Return stretches so that those of like shape are found together."""
+    shape = stretches.shape
+    some = shape[:: max(1, len(shape) // MAX_FOR_BASIS)].astype(np.float64)
+    mean = some.sum(axis=0) / max(len(some), 1)
+    _, directions = np.linalg.eigh((some - mean).T @ (some - mean))
+    basis = directions[:, ::-1][:, :DIMENSIONS].astype(np.float32)
+    mean = mean.astype(np.float32)
+    places = (shape - mean) @ basis
+    leaves = [np.arange(len(shape))]
+    while len(leaves[0]) > LEAF:
+        leaves = [half for leaf in leaves for half in _halves(leaf, places)]
+    rank = np.concatenate(leaves)
+    bounds = [(places[leaf].min(axis=0), places[leaf].max(axis=0)) for leaf in leaves if len(leaf)]
+    return Leaves(
+        Stretches(
+            shape[rank],
+            stretches.middle[rank],
+            stretches.direction[rank],
+            stretches.owner[rank],
+        ),
+        rank,
+        np.cumsum([0, *(len(leaf) for leaf in leaves if len(leaf))]),
+        mean,
+        basis,
+        np.array([low for low, _ in bounds], np.float32).reshape(-1, DIMENSIONS),
+        np.array([high for _, high in bounds], np.float32).reshape(-1, DIMENSIONS),
+    )
+
+
+def _halves(leaf: IntArray, places: Float32Array) -> tuple[IntArray, IntArray]:
+    """Return a leaf cut in two across the direction in which it is longest."""
+    own = places[leaf]
+    column = own[:, int(np.ptp(own, axis=0).argmax())]
+    middle = len(leaf) // 2
+    order = np.argpartition(column, middle)
+    return leaf[order[:middle]], leaf[order[middle:]]
 
 
 def _of_views(outer_mm: NDArray[np.float16], length_mm: float) -> Stretches:
@@ -171,8 +236,10 @@ def observed_stretches(
     )
 
 
-def like(observed: Stretches, views: Stretches, near_mm: float, most: int) -> tuple[IntArray, ...]:
+def like(observed: Stretches, views: Leaves, near_mm: float, most: int) -> tuple[IntArray, ...]:
     """Return the pairs (observed, of a view) of stretches that are alike, the best of neighbours.
+
+    Leaves whose bounds are farther from an observed stretch than that have none like it.
 
     Parameters
     ----------
@@ -181,21 +248,48 @@ def like(observed: Stretches, views: Stretches, near_mm: float, most: int) -> tu
     near_mm : root mean square distance of points up to which they are
     most : so many pairs, the most alike
     """
-    if len(observed.shape) < 1 or len(views.shape) == 0:
-        return np.zeros(0, np.int64), np.zeros(0, np.int64)
-    a, b = observed.shape, views.shape
-    pairs: list[NDArray[np.int64]] = []
-    scores: list[Float32Array] = []
-    for begin in range(0, len(b), 8 * BLOCK):
-        block = b[begin : begin + 8 * BLOCK]
-        far = (a**2).sum(axis=1)[:, None] + (block**2).sum(axis=1) - 2 * (a @ block.T)
-        near = far < near_mm**2
-        near[1:] &= far[1:] <= far[:-1]
-        near[:-1] &= far[:-1] <= far[1:]
-        mine, theirs = np.nonzero(near)
-        pairs.append(np.stack([mine, theirs + begin]))
-        scores.append(far[mine, theirs])
-    pair, score = np.concatenate(pairs, axis=1), np.concatenate(scores)
-    if len(score) > most:
-        pair = pair[:, np.argpartition(score, most)[:most]]
-    return pair[0], pair[1]
+    pairs: list[NDArray[np.int64]] = [np.zeros((2, 0), np.int64)]
+    levels: list[Float32Array] = [np.zeros(0, np.float32)]
+    a, b = observed.shape, views.stretches.shape
+    # one product gives half the squared distance, below 0
+    rows = np.column_stack([a, -0.5 * (a**2).sum(axis=1), np.ones(len(a), np.float32)])
+    columns = np.column_stack([b, np.ones(len(b), np.float32), -0.5 * (b**2).sum(axis=1)])
+    for number, asked in _near_leaves(observed, views, near_mm):
+        begin, end = views.ends[number : number + 2]
+        level = rows[asked] @ columns[begin:end].T
+        mine, theirs = divmod(np.flatnonzero(level > -0.5 * near_mm**2), end - begin)
+        at = level[mine, theirs]
+        best = np.ones(len(mine), dtype=np.bool_)
+        for step in (-1, 1):
+            beside = np.clip(mine + step, 0, len(asked) - 1)
+            is_next = asked[beside] == asked[mine] + step
+            best &= ~is_next | (at >= level[beside, theirs])
+        pairs.append(np.stack([asked[mine], theirs + begin])[:, best])
+        levels.append(at[best])
+    pair, found = np.concatenate(pairs, axis=1), np.concatenate(levels)
+    if len(found) > most:
+        pair = pair[:, np.argpartition(-found, most)[:most]]
+    order = np.argsort(pair[0] * len(b) + views.rank[pair[1]])
+    return pair[0, order], pair[1, order]
+
+
+def _near_leaves(
+    observed: Stretches, views: Leaves, near_mm: float
+) -> Iterator[tuple[int, IntArray]]:
+    """Yield leaves with the observed stretches that may have one alike there, and those beside."""
+    if len(observed.shape) == 0:
+        return
+    places = (observed.shape - views.mean) @ views.basis
+    slack = 1.0 + 1e-3  # for what single precision leaves out
+    for begin in range(0, len(views.low), LEAVES_AT_ONCE):
+        low, high = (b[begin : begin + LEAVES_AT_ONCE] for b in (views.low, views.high))
+        away2 = np.zeros((len(low), len(places)), np.float32)
+        for k in range(DIMENSIONS):
+            away = np.maximum(low[:, k, None] - places[:, k], places[:, k] - high[:, k, None])
+            away2 += np.maximum(away, 0.0) ** 2
+        near = away2 < (slack * near_mm) ** 2
+        beside = near.copy()
+        beside[:, 1:] |= near[:, :-1]
+        beside[:, :-1] |= near[:, 1:]
+        for row in np.flatnonzero(near.any(axis=1)).tolist():
+            yield begin + row, np.flatnonzero(beside[row])

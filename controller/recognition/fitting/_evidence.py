@@ -283,14 +283,21 @@ def is_predicted(points_px: FloatArray, edges: EdgePoints, step_px: float) -> Bo
     pixels, normals = edges.pixels, edges.normals
     if len(pixels) == 0 or len(points_px) == 0:
         return np.zeros(len(points_px), dtype=np.bool_)
-    _, nearest = cKDTree(pixels).query(points_px, k=min(2, len(pixels)))
-    nearest = nearest.reshape(len(points_px), -1)
+    along_px = 0.75 * step_px + 2.0
+    # what is farther off than both limits together is not asked for
+    tree = cKDTree(pixels, balanced_tree=False, compact_nodes=False)
+    reach_px = float(np.hypot(NEAR_PX + 0.3, along_px)) + 1e-6
+    k = min(2, len(pixels))
+    found = tree.query(points_px, k=k, distance_upper_bound=reach_px)
+    far, nearest = (np.asarray(one).reshape(len(points_px), k) for one in found)
     answer = np.zeros(len(points_px), dtype=np.bool_)
-    for k in range(nearest.shape[1]):
-        away = points_px - pixels[nearest[:, k]]
-        across = np.abs((away * normals[nearest[:, k]]).sum(axis=1))
+    for distance, which in zip(far.T, nearest.T, strict=True):
+        at = np.flatnonzero(np.isfinite(distance))
+        which = which[at]
+        away = points_px[at] - pixels[which]
+        across = np.abs((away * normals[which]).sum(axis=1))
         along = np.sqrt(np.maximum((away**2).sum(axis=1) - across**2, 0.0))
-        answer |= (across < NEAR_PX + 0.3) & (along < 0.75 * step_px + 2.0)
+        answer[at] |= (across < NEAR_PX + 0.3) & (along < along_px)
     return answer
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from controller.arrays import Float32Array, FloatArray, Int32Array, IntArray
+from controller.arrays import BoolArray, Float32Array, FloatArray, Int32Array, IntArray
 
 from ._views import PartViews
 from .polar import HALF, TURNS, shape_of, spectra, turn_scores
@@ -93,7 +93,7 @@ class ViewIndex:
         self._perimeter_mm = np.concatenate([v.perimeter_mm for v in views])
         self.outer_mm = np.concatenate([v.outer_mm for v in views])
         self._holes_mm = np.concatenate([v.holes_mm for v in views])
-        self._looks: dict[int, tuple[Float32Array, Float32Array, Float32Array]] = {}
+        self._looks: dict[int, tuple[Float32Array, Float32Array, Float32Array, BoolArray]] = {}
         self._eye = np.asarray(eye_mm, dtype=np.float64)
         self._bits = np.concatenate([v.bits for v in views])
         self._mean, self._basis = self._principal(views)
@@ -138,11 +138,27 @@ class ViewIndex:
         both = np.nan_to_num(both)
         return both[..., :2], both[..., 2:], weights
 
-    def looks(self, count: int) -> tuple[Float32Array, Float32Array, Float32Array]:
-        """Return `outline_samples` of all views, kept from the first time on; for small counts."""
+    def looks(self, views: IntArray, count: int) -> tuple[Float32Array, Float32Array, Float32Array]:
+        """Return `outline_samples` of some views, kept from the first time on; for small counts.
+
+        Parameters
+        ----------
+        views : (n,) indices, each once
+        count : about so many samples of each
+        """
         if count not in self._looks:
-            self._looks[count] = self.outline_samples(np.arange(self.view_count), count)
-        return self._looks[count]
+            shapes = [one.shape[1:] for one in self.outline_samples(np.zeros(1, np.int64), count)]
+            points, normals, weights = (np.zeros((self.view_count, *s), np.float32) for s in shapes)
+            is_known = np.zeros(self.view_count, dtype=np.bool_)
+            self._looks[count] = points, normals, weights, is_known
+        *kept, is_known = self._looks[count]
+        new = views[~is_known[views]]
+        if len(new):
+            for into, made in zip(kept, self.outline_samples(new, count), strict=True):
+                into[new] = made
+            is_known[new] = True
+        points, normals, weights = (into[views] for into in kept)
+        return points, normals, weights
 
     def _principal(self, views: Sequence[PartViews]) -> tuple[Float32Array, Float32Array]:
         """Return mean (f,) and the directions (f, d) in which the shapes differ most."""

@@ -63,11 +63,12 @@ def _from_stretches(cluster: Cluster, library: Library, is_open: BoolArray) -> _
     index = library.index
     own, named = cluster.by_loop(is_open)
     views, turns, shifts = [], [], []
-    for length, near, stretches in zip(
+    for length, near, leaves in zip(
         STRETCHES_MM, NEAR_MM, library.stretches.by_length, strict=True
     ):
         observed = observed_stretches(cluster.loops_mm, own, named, length, STEP_MM)
-        mine, theirs = like(observed, stretches, near, MAX_PAIR_COUNT)
+        mine, theirs = like(observed, leaves, near, MAX_PAIR_COUNT)
+        stretches = leaves.stretches
         turn = observed.direction[mine] * stretches.direction[theirs].conj()
         shift = observed.middle[mine] - turn * stretches.middle[theirs]
         views.append(stretches.owner[theirs])
@@ -124,21 +125,22 @@ def _weighed(
     near = FOUND_MM + SLACK_SHARE * np.minimum(slack, MAX_SLACK_MM)
     for begin in range(0, len(poses.view), 4000):
         some = slice(begin, begin + 4000)
-        view = poses.view[some]
+        views, of = np.unique(poses.view[some], return_inverse=True)
         if count <= LOOK_SAMPLES:
-            points, normals, weight = (kept[view] for kept in library.index.looks(count))
+            samples = library.index.looks(views, count)
         else:
-            points, normals, weight = library.index.outline_samples(view, count)
+            samples = library.index.outline_samples(views, count)
+        points, normals, weight = (kept[of] for kept in samples)
         c, s = np.cos(poses.turn_rad[some])[:, None], np.sin(poses.turn_rad[some])[:, None]
+        shift_x, shift_y = poses.shift_mm[some].T
         x, y = points[..., 0], points[..., 1]
-        moved = np.stack([c * x - s * y, s * x + c * y], axis=-1) + poses.shift_mm[some, None]
-        x, y = normals[..., 0], normals[..., 1]
-        turned = np.stack([c * x - s * y, s * x + c * y], axis=-1)
-        far, nearest, state = cluster.map.look(moved)
+        moved_x, moved_y = c * x - s * y + shift_x[:, None], s * x + c * y + shift_y[:, None]
+        far, nearest, state = cluster.map.look(moved_x, moved_y)
         close = far < near[some, None]
-        theirs = cluster.map.normals[nearest]
-        agrees = close & ((theirs * turned).sum(axis=-1) > SAME_NORMAL) & (state != BEYOND)
-        agrees &= is_open[nearest]
+        x, y = normals[..., 0], normals[..., 1]
+        their_x, their_y = cluster.map.normals.T
+        agree = their_x[nearest] * (c * x - s * y) + their_y[nearest] * (s * x + c * y)
+        agrees = close & (agree > SAME_NORMAL) & (state != BEYOND) & is_open[nearest]
         total = np.maximum(weight.sum(axis=1), 1e-9)
         found[some] = (agrees * weight).sum(axis=1) / total
         outside[some] = ((~close & (state == OUTSIDE)) * weight).sum(axis=1) / total

@@ -10,6 +10,7 @@ from functools import cached_property
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from controller.arrays import BoolArray, FloatArray, IntArray
 from controller.imaging import Camera, Contour, signed_area
@@ -159,11 +160,11 @@ class NearestMap:
         x, y = np.meshgrid(*(self._low[k] + CELL_MM * np.arange(size[k]) for k in (0, 1)))
         places = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
         pixels = cluster.camera.project(places)
-        state = np.where(cluster.is_inside(pixels), INSIDE, OUTSIDE)
+        state = np.where(cluster.is_inside(pixels), INSIDE, OUTSIDE).astype(np.int8)
         state[cluster.is_beyond(pixels)] = BEYOND
         self._state = state.reshape(x.shape)
         ground = np.ones(x.shape, dtype=np.uint8)
-        column, row = self._cell(self.points)
+        column, row = self._cell(*self.points.T)
         ground[row, column] = 0
         _, label = cv2.distanceTransformWithLabels(
             ground, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
@@ -172,22 +173,28 @@ class NearestMap:
         point_of[label[row, column]] = np.arange(len(self.points))
         self._nearest = point_of[label]
 
-    def _cell(self, places: FloatArray) -> tuple[IntArray, IntArray]:
-        cell = np.round((places - self._low) / CELL_MM).astype(np.int64)
+    def _cell(self, x_mm: FloatArray, y_mm: FloatArray) -> tuple[IntArray, IntArray]:
         rows, columns = self._state.shape
-        return np.clip(cell[..., 0], 0, columns - 1), np.clip(cell[..., 1], 0, rows - 1)
+        column = np.round((x_mm - self._low[0]) / CELL_MM).astype(np.int64)
+        row = np.round((y_mm - self._low[1]) / CELL_MM).astype(np.int64)
+        return np.clip(column, 0, columns - 1), np.clip(row, 0, rows - 1)
 
-    def look(self, places: FloatArray) -> tuple[FloatArray, IntArray, IntArray]:
+    def look(
+        self, x_mm: FloatArray, y_mm: FloatArray
+    ) -> tuple[FloatArray, IntArray, NDArray[np.int8]]:
         """Return distance (...) to the nearest outline point, which that is, and what is there.
 
         Parameters
         ----------
-        places : (..., 2) on the table [mm]
+        x_mm, y_mm : (...) places on the table
         """
-        column, row = self._cell(places)
-        nearest = self._nearest[row, column]
-        far = np.linalg.norm(places - self.points[nearest], axis=-1)
-        return far, nearest, self._state[row, column]
+        column, row = self._cell(x_mm, y_mm)
+        at = row * self._state.shape[1] + column
+        nearest = self._nearest.ravel()[at]
+        x, y = self.points.T
+        away_x, away_y = x_mm - x[nearest], y_mm - y[nearest]
+        far = np.sqrt(away_x * away_x + away_y * away_y)
+        return far, nearest, self._state.ravel()[at]
 
 
 def _directed(loop: FloatArray, is_outer: bool) -> FloatArray:

@@ -239,5 +239,6 @@ def _are_near(points: FloatArray, others: FloatArray, within_px: float) -> BoolA
     """Return which points (n, 2) have one of some others (m, 2) near them."""
     if len(others) == 0:
         return np.zeros(len(points), dtype=np.bool_)
-    far, _ = cKDTree(others).query(points)
+    tree = cKDTree(others, balanced_tree=False, compact_nodes=False)
+    far, _ = tree.query(points, distance_upper_bound=within_px)
     return np.asarray(far < within_px)

@@ -1,0 +1,90 @@
+"""Standard parts of bd_warehouse as STEP files: parts nothing here was developed with.
+
+python benchmarks/warehouse_parts.py FOLDER
+
+Writes FOLDER/known and FOLDER/strangers, each with the package's licence (Apache 2.0). The package
+is no dependency of the project: pip install bd-warehouse==0.2.0 build123d==0.10.0. Threads are left
+out (their `simple` form); assemblies are not taken.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable
+from importlib.metadata import files
+from pathlib import Path
+from typing import Any
+
+Make = Callable[[], Any]
+
+
+def catalogue() -> tuple[dict[str, Make], dict[str, Make]]:
+    """Return how each known part and each stranger is made."""
+    from bd_warehouse import fastener, flange, gear, open_builds, sprocket
+
+    known: dict[str, Make] = {
+        "hex_screw": lambda: fastener.HexHeadScrew("M16-2", 60, "iso4014", simple=True),
+        "cap_screw": lambda: fastener.SocketHeadCapScrew("M16-2", 45, "iso4762", simple=True),
+        "hex_nut": lambda: fastener.HexNut("M30-3.5", "iso4032", simple=True),
+        "flange_nut": lambda: fastener.HexNutWithFlange("M20-2.5", "din1665", simple=True),
+        "domed_nut": lambda: fastener.DomedCapNut("M24-3", "din1587", simple=True),
+        "washer": lambda: fastener.PlainWasher("M30", "iso7093"),
+        "blind_flange": lambda: flange.BlindFlange("1", 150),
+        "slip_on_flange": lambda: flange.SlipOnFlange("1", 150),
+        "weld_neck_flange": lambda: flange.WeldNeckFlange("1/2", 300),
+        "sprocket_16": lambda: sprocket.Sprocket(16, 12.7, 7.9375, 0.0, 6.0, 40.0, 4, 4.5, 14.0),
+        "sprocket_11": lambda: sprocket.Sprocket(11, 12.7, 7.9375, 0.0, 9.0, 24.0, 3, 3.4, 10.0),
+        "spur_gear": lambda: gear.SpurGear(2.5, 22, 20, thickness=14),
+        "rail_20x40": lambda: open_builds.VSlotLinearRail("20x40", 70),
+        "rail_20x60": lambda: open_builds.VSlotLinearRail("20x60", 45),
+        "c_beam": lambda: open_builds.CBeamLinearRail(40),
+    }
+    strangers: dict[str, Make] = {
+        "button_screw": lambda: fastener.ButtonHeadScrew("M16-2", 50, "iso7380_1", simple=True),
+        "lapped_flange": lambda: flange.LappedFlange("1", 150),
+        "spur_gear_25": lambda: gear.SpurGear(2.5, 25, 20, thickness=12),
+        "rail_20x80": lambda: open_builds.VSlotLinearRail("20x80", 40),
+    }
+    return known, strangers
+
+
+def licence() -> str:
+    """Return the package's licence."""
+    found = [f for f in files("bd_warehouse") or [] if f.name.upper().startswith("LICENSE")]
+    return found[0].read_text() if found else ""
+
+
+def main() -> int:
+    """Write the parts, and say which could not be made."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folder", type=Path)
+    args = parser.parse_args()
+    try:
+        from build123d import Compound, export_step
+
+        kinds = catalogue()
+    except ImportError as error:
+        print(f"warehouse_parts: {error}; pip install bd-warehouse==0.2.0", file=sys.stderr)
+        return 2
+    failed = 0
+    for name, parts in zip(("known", "strangers"), kinds, strict=True):
+        into = args.folder / name
+        into.mkdir(parents=True, exist_ok=True)
+        (into / "LICENSE-bd_warehouse").write_text(licence())
+        for part, make in parts.items():
+            try:
+                solids = make().solids()
+                if len(solids) != 1:
+                    raise ValueError(f"{len(solids)} solids")
+                export_step(Compound(children=[solids[0]]), into / f"{part}.step")
+                size = solids[0].bounding_box().size
+                print(f"{name} {part}: {size.X:.1f} x {size.Y:.1f} x {size.Z:.1f} mm")
+            except Exception as error:  # noqa: BLE001  the package's own errors are of many kinds
+                failed += 1
+                print(f"{name} {part}: {error}", file=sys.stderr)
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
