@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from .acting import abort, ack, answer, pause, resume, status, step, stop
+from .acting import abort, ack, answer, pause, resume, status, step, stop, watch
 from .calibrating import camera
 from .commissioning import commission, jog, print_target, teach
 from .devices import doctor, emulate
@@ -68,6 +68,7 @@ for _command, _example in (
     (run, "cellctl run featuretype --speed 10"),
     (recover, "cellctl recover --cell cell.yaml --open arm"),
     (status, "cellctl status"),
+    (watch, "cellctl watch"),
     (pause, 'cellctl pause now --why "a screw fell on the table"'),
     (resume, "cellctl resume"),
     (step, "cellctl step"),

@@ -413,6 +413,7 @@ ROWS: tuple[Row, ...] = (
     Row("plan of a cell", nothing, ("plan", CELL_FILE), "is a cell file, not a CAD file"),
     Row("doctor of no cell", nothing, ("doctor", "--cell", "none.yaml"), "none.yaml: No such file"),
     Row("status of no run", nothing, ("status",), "no run at this cell: nobody holds", 1),
+    Row("watch of no run", nothing, ("watch",), "no run at this cell: nobody holds", 1),
     Row("pause of no run", nothing, ("pause", "now"), "Start one with `cellctl run`", 1),
     Row("pause at no time", nothing, ("pause", "soon"), "'soon' is not one of"),
     Row("resume of no run", nothing, ("resume",), "no run at this cell", 1),

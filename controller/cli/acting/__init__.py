@@ -1,5 +1,5 @@
-"""`cellctl status`, `pause`, `resume`, `step`, `stop`, `abort`, `ack`, `answer`: a running cell."""
+"""`cellctl status`, `watch`, `pause`, `resume`, `step`, `stop`, `abort`, `ack`, `answer`."""
 
-from .commands import abort, ack, answer, pause, resume, status, step, stop
+from .commands import abort, ack, answer, pause, resume, status, step, stop, watch
 
-__all__ = ["abort", "ack", "answer", "pause", "resume", "status", "step", "stop"]
+__all__ = ["abort", "ack", "answer", "pause", "resume", "status", "step", "stop", "watch"]

@@ -33,6 +33,13 @@ def status(runs: RunsOption = RUNS, json: JsonOption = False) -> None:
     raise typer.Exit(show_status(runs, as_json=json))
 
 
+def watch(runs: RunsOption = RUNS, json: JsonOption = False) -> None:
+    """Show a running cell from another terminal, until its run ends."""
+    from .watching import watch_cell
+
+    raise typer.Exit(watch_cell(runs, as_json=json))
+
+
 def pause(
     kind: Annotated[
         Kind,
