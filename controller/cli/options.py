@@ -65,6 +65,15 @@ JobsOption = Annotated[
 RunsOption = Annotated[
     Path, typer.Option("--runs", metavar="FOLDER", help="folder of all runs and of the journal")
 ]
+StoreOption = Annotated[
+    str | None,
+    typer.Option(
+        "--store",
+        metavar="URL",
+        help="store of the history (default: CELLCTL_HISTORY, else history.sqlite in the folder "
+        "of runs)",
+    ),
+]
 SpeedOption = Annotated[
     float,
     typer.Option(

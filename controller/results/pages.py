@@ -6,9 +6,11 @@ template engine, since names in a recipe are whatever somebody wrote there.
 
 import os
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from importlib import resources
 from pathlib import Path
+from typing import IO
 
 from jinja2 import DictLoader, Environment, StrictUndefined
 
@@ -34,6 +36,19 @@ def write_file(data: bytes, path: Path) -> Path:
     ------
     OSError : the file cannot be written; what was there before is still there
     """
+    with whole_file(path) as file:
+        file.write(data)
+    return path
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[IO[bytes]]:
+    """Yield a temporary file, and move it to its path once it is written.
+
+    Raises
+    ------
+    OSError : the file cannot be written; what was there before is still there
+    """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.NamedTemporaryFile(
@@ -41,16 +56,16 @@ def write_file(data: bytes, path: Path) -> Path:
         ) as file:
             part = Path(file.name)
             try:
-                file.write(data)
+                yield file
                 file.flush()
-            except OSError:
+            except BaseException:
                 part.unlink(missing_ok=True)
                 raise
         # a temporary file is private to its owner; a page is for everybody who may read the folder
         umask = os.umask(0)
         os.umask(umask)
         part.chmod(0o666 & ~umask)
-        return part.replace(path)
+        part.replace(path)
     except OSError as error:  # a full disk does not name the file
         raise OSError(error.errno, error.strerror, str(path)) from error
 

@@ -7,29 +7,38 @@ names the last row known to be on the disk, so that rows cut off the end are not
 """
 
 from ._care import CellJournal, first_flaw, open_cell_journal
-from ._form import JOURNAL_NAME, JournalError, Row, RowKind
+from ._form import GENESIS, JOURNAL_NAME, JournalError, Row, RowKind
+from ._head import Head
 from ._migrations import SCHEMA_VERSION
-from ._reader import (
+from ._writer import Journal
+from .reading import (
     BrokenRow,
+    NewRows,
     broken_rows,
     first_broken_row,
+    new_rows,
     read_rows,
     read_rows_named,
     read_rows_of_kinds,
+    row_at,
+    rows_of_parts,
+    whole_up_to,
 )
-from ._writer import Journal
 from .rows import Body, Once, is_of, is_once, read_row
 from .stamps import HOST_STAMPS, Stamps
 
 __all__ = [
+    "GENESIS",
     "HOST_STAMPS",
     "JOURNAL_NAME",
     "SCHEMA_VERSION",
     "Body",
     "BrokenRow",
     "CellJournal",
+    "Head",
     "Journal",
     "JournalError",
+    "NewRows",
     "Once",
     "Row",
     "RowKind",
@@ -39,9 +48,13 @@ __all__ = [
     "first_flaw",
     "is_of",
     "is_once",
+    "new_rows",
     "open_cell_journal",
     "read_row",
     "read_rows",
     "read_rows_named",
     "read_rows_of_kinds",
+    "row_at",
+    "rows_of_parts",
+    "whole_up_to",
 ]

@@ -13,8 +13,8 @@ from typing import Final
 from ._form import JournalError
 from ._head import SUFFIX, Head, HeadError, read_head
 from ._migrations import MIGRATIONS
-from ._reader import first_broken_row, read_rows_of_kinds
 from ._writer import Journal, last_row, require_known_version
+from .reading import first_broken_row, read_rows_of_kinds
 from .rows import JournalSetAside, PathBegun, is_once
 from .stamps import HOST_STAMPS, Stamps
 

@@ -11,6 +11,7 @@ from controller.cell.devices.emulator import EmulatorError
 from controller.cell.errors import CellError
 from controller.cell.journal import JournalError
 from controller.config import ConfigError
+from controller.history import HistoryError, NoSuchPartError
 from controller.planning import NoPlanError
 from controller.results import ResultsError, UnknownRunError
 from drivers.errors import DeviceError
@@ -18,8 +19,16 @@ from drivers.errors import DeviceError
 from ._bug import report_bug
 from .output import warn
 
-WRONG_INPUT = (ConfigError, CadError, UnknownRunError)  # exit code 2; all others 1
-SAID_NO = (CellError, DeviceError, EmulatorError, JournalError, NoPlanError, ResultsError)
+WRONG_INPUT = (ConfigError, CadError, NoSuchPartError, UnknownRunError)  # exit code 2; all others 1
+SAID_NO = (
+    CellError,
+    DeviceError,
+    EmulatorError,
+    HistoryError,
+    JournalError,
+    NoPlanError,
+    ResultsError,
+)
 
 
 def report_failure(error: BaseException, words: Sequence[str]) -> int:

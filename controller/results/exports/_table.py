@@ -33,11 +33,12 @@ def csv_text(parts: Sequence[JudgedPart]) -> str:
                 *about, c.balloon, c.id, c.label, c.kind, c.unit, c.nominal, c.lower, c.upper,
                 c.source, c.measured, c.deviation, c.U, c.verdict, " ".join(c.views), c.reason,
             )  # fmt: skip
-            writer.writerow([_cell(value) for value in row])
+            writer.writerow([csv_cell(value) for value in row])
     return out.getvalue()
 
 
-def _cell(value: str | float | None) -> str:
+def csv_cell(value: str | float | None) -> str:
+    """Return a value as the table has it: a decimal point, and no text that begins as a formula."""
     if value is None:
         return ""
     if isinstance(value, float):

@@ -4,6 +4,7 @@
 `log_words.py` puts a row in words, `proof.py` shows what was changed since.
 """
 
+from ._fold import fold
 from ._parts import PartFold
 from .load import RunSummary, find_run, list_runs, load_run
 from .log_words import row_words, stage_words
@@ -59,6 +60,7 @@ __all__ = [
     "VerdictReport",
     "ViewReport",
     "find_run",
+    "fold",
     "list_runs",
     "load_run",
     "note_results",

@@ -2,12 +2,13 @@
 
 import json
 import sqlite3
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from ._form import EARLIER_KINDS, GENESIS, JournalError, Row, RowKind, digest_of, kind_of
-from ._writer import require_known_version
+from .._form import EARLIER_KINDS, GENESIS, JournalError, Row, RowKind, digest_of, kind_of
+from .._writer import require_known_version
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,8 +74,8 @@ def _marks(values: Sequence[str]) -> str:
     return ", ".join("?" for _ in values)
 
 
-def _rows(path: Path, where: str, values: Sequence[str]) -> Iterator[Row]:
-    db = _open_to_read(path)
+def _rows(path: Path, where: str, values: Sequence[str | int]) -> Iterator[Row]:
+    db = open_to_read(path)
     try:
         require_known_version(db, path)
         query = "SELECT seq, t_utc, t_mono, run, part, kind, name, body FROM journal"
@@ -116,31 +117,53 @@ def broken_rows(path: Path) -> list[BrokenRow]:
 
 
 def _broken(path: Path) -> Iterator[BrokenRow]:
-    db = _open_to_read(path)
-    # a byte that can no longer be decoded makes a changed row like any other
-    db.text_factory = lambda raw: raw.decode("utf-8", "replace")
+    db = open_to_read(path)
+    db.text_factory = lossy_text
     try:
-        last_seq, prev = 0, GENESIS
-        for row in db.execute("SELECT * FROM journal ORDER BY seq"):
-            *fields, prev_hash, digest = row
-            seq, _, _, run, part, _, name, _ = fields
-            if digest_of(prev_hash, *fields) != digest:
-                yield BrokenRow(seq, run, part, name, "was changed")
-            elif seq != last_seq + 1:
-                gap = f"{last_seq + 1} to {seq - 1}" if seq > last_seq + 2 else f"{seq - 1}"
-                yield BrokenRow(seq, run, part, name, f"follows a gap: row {gap} was removed")
-            elif prev_hash != prev:
-                yield BrokenRow(
-                    seq, run, part, name, f"does not follow row {last_seq}, which was replaced"
-                )
-            last_seq, prev = seq, digest
+        yield from breaks(db.execute("SELECT * FROM journal ORDER BY seq"))
     except sqlite3.Error as error:
         raise JournalError(f"journal {path}: {error}; it is damaged or not a journal") from error
     finally:
         db.close()
 
 
-def _open_to_read(path: Path) -> sqlite3.Connection:
+def lossy_text(raw: bytes) -> str:
+    """Return text; a byte that can no longer be decoded makes a changed row like any other."""
+    return raw.decode("utf-8", "replace")
+
+
+def breaks(
+    found: Iterable[tuple[Any, ...]], last_seq: int = 0, prev: str = GENESIS
+) -> Iterator[BrokenRow]:
+    """Yield the rows that do not fit the chain.
+
+    Parameters
+    ----------
+    found : whole rows of the table in order
+    last_seq, prev : number and hash of the row before them
+    """
+    for row in found:
+        *fields, prev_hash, digest = row
+        seq, _, _, run, part, _, name, _ = fields
+        if digest_of(prev_hash, *fields) != digest:
+            yield BrokenRow(seq, run, part, name, "was changed")
+        elif seq != last_seq + 1:
+            gap = f"{last_seq + 1} to {seq - 1}" if seq > last_seq + 2 else f"{seq - 1}"
+            yield BrokenRow(seq, run, part, name, f"follows a gap: row {gap} was removed")
+        elif prev_hash != prev:
+            yield BrokenRow(
+                seq, run, part, name, f"does not follow row {last_seq}, which was replaced"
+            )
+        last_seq, prev = seq, digest
+
+
+def open_to_read(path: Path) -> sqlite3.Connection:
+    """Return a journal, open to be read.
+
+    Raises
+    ------
+    JournalError : no journal there
+    """
     if not path.is_file():
         raise JournalError(f"no journal at {path}")
     # as a URI, quoted by pathlib, since a folder's name may have # ? or % in it

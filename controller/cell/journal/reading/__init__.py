@@ -1,0 +1,25 @@
+"""Read journals: whole, as reports do, or bit by bit, as the history does. Nothing here writes."""
+
+from ._following import NewRows, new_rows, row_at, rows_of_parts, whole_up_to
+from ._reader import (
+    BrokenRow,
+    broken_rows,
+    first_broken_row,
+    read_rows,
+    read_rows_named,
+    read_rows_of_kinds,
+)
+
+__all__ = [
+    "BrokenRow",
+    "NewRows",
+    "broken_rows",
+    "first_broken_row",
+    "new_rows",
+    "read_rows",
+    "read_rows_named",
+    "read_rows_of_kinds",
+    "row_at",
+    "rows_of_parts",
+    "whole_up_to",
+]

@@ -1,0 +1,147 @@
+"""Short reads for a program that follows a journal while runs write it; this module never writes.
+
+A reader that stays open keeps the writer's log from being emptied, so each read here opens the
+file, takes what it needs and closes it again.
+"""
+
+import json
+import sqlite3
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+from itertools import chain
+from pathlib import Path
+from typing import Final, TypeVar
+
+from .._form import GENESIS, JournalError, Row, kind_of
+from .._head import Head
+from .._writer import require_known_version
+from ._reader import BrokenRow, breaks, lossy_text, open_to_read
+
+BATCH_COUNT: Final = 2000  # rows that one read takes
+NOTHING: Final = Head(0, GENESIS)
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class NewRows:
+    """Rows of one part of a run, or of the run itself (part None), among those asked for."""
+
+    run: str
+    part: int | None
+    first_seq: int
+    last_seq: int
+
+
+def row_at(path: Path, seq: int) -> Head | None:
+    """Return number and hash of a row; None where the journal does not have it.
+
+    Raises
+    ------
+    JournalError : no journal there, or one that cannot be read
+    """
+
+    def read(db: sqlite3.Connection) -> Head | None:
+        found = db.execute("SELECT seq, hash FROM journal WHERE seq = ?", (seq,)).fetchone()
+        return None if found is None else Head(int(found[0]), str(found[1]))
+
+    return _read(path, read)
+
+
+def whole_up_to(path: Path, after: Head = NOTHING) -> tuple[Head, BrokenRow | None]:
+    """Return the last row up to which the chain is whole, and the first that does not fit.
+
+    Parameters
+    ----------
+    path : the journal
+    after : a row up to which it is known to be whole
+
+    Raises
+    ------
+    JournalError : no journal there, one of another version, or one that cannot be read
+    """
+    while True:
+        seq = after.seq
+
+        def read(db: sqlite3.Connection, seq: int = seq) -> list[tuple[object, ...]]:
+            db.text_factory = lossy_text
+            query = "SELECT * FROM journal WHERE seq > ? ORDER BY seq LIMIT ?"
+            return db.execute(query, (seq, BATCH_COUNT)).fetchall()
+
+        batch = _read(path, read)
+        broken = next(breaks(batch, after.seq, after.hash), None)
+        for row in batch:
+            if broken is not None and row[0] == broken.seq:
+                return after, broken
+            after = Head(int(str(row[0])), str(row[-1]))
+        if len(batch) < BATCH_COUNT:
+            return after, None
+
+
+def new_rows(path: Path, after_seq: int, last_seq: int | None = None) -> tuple[NewRows, ...]:
+    """Return which parts of which runs have rows after a row, by the first of them.
+
+    Parameters
+    ----------
+    path : the journal
+    after_seq : rows up to this one do not count
+    last_seq : nor do rows after this one; None for no such row
+
+    Raises
+    ------
+    JournalError : no journal there, one of another version, or one that cannot be read
+    """
+    query = (
+        "SELECT run, nullif(part, 0), min(seq), max(seq) FROM journal "
+        "WHERE seq > ? AND seq <= ? GROUP BY 1, 2 ORDER BY 3"
+    )
+
+    def read(db: sqlite3.Connection) -> tuple[NewRows, ...]:
+        until = 2**62 if last_seq is None else last_seq
+        return tuple(NewRows(*row) for row in db.execute(query, (after_seq, until)))
+
+    return _read(path, read)
+
+
+def rows_of_parts(
+    path: Path, run: str, parts: Collection[int], last_seq: int | None = None
+) -> list[Row]:
+    """Return the rows of a run that are of some of its parts or of none, in order.
+
+    Parameters
+    ----------
+    path : the journal
+    run : its id
+    parts : numbers of the parts
+    last_seq : rows after this one are left out; None for no such row
+
+    Raises
+    ------
+    JournalError : no journal there, one of another version, or one that cannot be read
+    """
+    marks = ", ".join("?" for _ in parts)
+    query = (
+        "SELECT seq, t_utc, t_mono, run, part, kind, name, body FROM journal "
+        f"WHERE run = ? AND seq <= ? AND (coalesce(part, 0) = 0 OR part IN ({marks})) ORDER BY seq"
+    )
+
+    def read(db: sqlite3.Connection) -> list[Row]:
+        until = 2**62 if last_seq is None else last_seq
+        return [
+            Row(seq, t_utc, t_mono, run_id, part, kind_of(kind, name), name, json.loads(body))
+            for seq, t_utc, t_mono, run_id, part, kind, name, body in db.execute(
+                query, tuple(chain((run, until), parts))
+            )
+        ]
+
+    return _read(path, read)
+
+
+def _read(path: Path, read: Callable[[sqlite3.Connection], T]) -> T:
+    db = open_to_read(path)
+    try:
+        require_known_version(db, path)
+        return read(db)
+    except (sqlite3.Error, ValueError) as error:
+        raise JournalError(f"journal {path}: {error}; it is damaged or not a journal") from error
+    finally:
+        db.close()

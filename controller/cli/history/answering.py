@@ -1,0 +1,122 @@
+"""`cellctl history`: a list of parts, one part's full record, or an export."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from controller.config import ConfigError
+from controller.history import FORMS, Filters, Listed, export, find_parts, list_parts
+
+from ..inputs.checks import check_writable_folder
+from ..inputs.history_store import filled_store, instant
+from ..terminal.output import emit, print_line
+from .tables import COLUMNS, part_row, print_columns, print_record
+
+VERDICTS = ("pass", "fail", "indeterminate", "not evaluated", "no verdict")
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """The filters as words of the command line."""
+
+    recipe: str = ""
+    verdict: str = ""
+    serial: str = ""
+    lot: str = ""
+    operator: str = ""
+    run: str = ""
+    since: str | None = None
+    until: str | None = None
+
+    def filters(self) -> Filters:
+        """Return them as the store takes them.
+
+        Raises
+        ------
+        ConfigError : there is no such verdict, or a date is none
+        """
+        verdict = self.verdict.lower().replace("_", " ")
+        if verdict and verdict not in VERDICTS:
+            raise ConfigError(f"--verdict {self.verdict}: one of {', '.join(VERDICTS)}")
+        return Filters(
+            recipe=self.recipe,
+            verdict=verdict,
+            serial=self.serial,
+            lot=self.lot,
+            operator=self.operator,
+            run=self.run,
+            since=None if self.since is None else instant(self.since, "--since"),
+            until=None if self.until is None else instant(self.until, "--until", is_end=True),
+        )
+
+
+def answer(
+    part: str | None,
+    asked: Asked,
+    limit: int,
+    file: Path | None,
+    runs_dir: Path,
+    url: str | None,
+    *,
+    anew: bool,
+    as_json: bool,
+) -> int:
+    """Print what the store has; return the exit code.
+
+    Parameters
+    ----------
+    part : serial number or RUN/NUMBER; None for a list
+    asked : which parts to list
+    limit : how many at most
+    file : to export to; None to print
+    runs_dir : folder of all runs
+    url : of the store; None for the folder's own
+    anew : fill it from the journals' first row on
+    as_json : print JSON lines instead of a table
+
+    Raises
+    ------
+    ConfigError : a filter or a file is wrong
+    HistoryError : there is nothing to read, or no such part
+    """
+    filters = asked.filters()
+    if part is not None and (file is not None or asked != Asked()):
+        raise ConfigError(f"PART {part}: goes without filters and --export, as it names the part")
+    if file is not None:
+        if file.suffix.lower() not in FORMS or file.is_dir():
+            raise ConfigError(f"--export {file}: name a file that ends in {', '.join(FORMS)}")
+        check_writable_folder(file.parent, "--export in")
+    with filled_store(runs_dir, url, anew=anew) as store:
+        if part is not None:
+            for record in find_parts(store, part):
+                emit({"event": "part", **record}) if as_json else print_record(record)
+        elif file is not None:
+            count = export(store, filters, file, runs_dir)
+            _print_written(file, count, as_json=as_json)
+        else:
+            _print_list(list_parts(store, filters, limit), as_json=as_json)
+    return 0
+
+
+def _print_written(file: Path, count: int, *, as_json: bool) -> None:
+    what = "parts" if file.suffix.lower() == ".qif" else "rows"
+    if as_json:
+        emit({"event": "exported", "file": str(file), what: count})
+    else:
+        print_line(f"export: {file}, {count:,} {what}")
+
+
+def _print_list(listed: Listed, *, as_json: bool) -> None:
+    parts: tuple[Mapping[str, Any], ...] = listed.parts
+    if as_json:
+        for one in parts:
+            emit({"event": "part", **one})
+        emit({"event": "listed", "count": listed.count, "listed": len(parts)})
+        return
+    if not parts:
+        print_line("no part fits")
+        return
+    print_columns(COLUMNS, map(part_row, parts))
+    if len(parts) < listed.count:
+        print_line(f"{len(parts):,} of {listed.count:,} parts, newest first (--limit)")

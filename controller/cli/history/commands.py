@@ -1,0 +1,68 @@
+"""Arguments and help of `cellctl history`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ..options import JsonOption, RunsOption, StoreOption
+
+
+def history(
+    part: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="[PART]",
+            help="serial number, or RUN/NUMBER, of a part to show with all that is known of it",
+        ),
+    ] = None,
+    recipe: Annotated[str, typer.Option(metavar="NAME", help="parts of this recipe")] = "",
+    verdict: Annotated[
+        str,
+        typer.Option(
+            metavar="VERDICT",
+            help="parts of this verdict: pass, fail, indeterminate, no verdict",
+        ),
+    ] = "",
+    serial: Annotated[str, typer.Option(metavar="SERIAL", help="parts of this serial number")] = "",
+    lot: Annotated[str, typer.Option(metavar="LOT", help="parts of this lot")] = "",
+    operator: Annotated[str, typer.Option(metavar="NAME", help="parts of this operator")] = "",
+    run: Annotated[
+        str, typer.Option(metavar="RUN", help="parts of runs whose id begins like this")
+    ] = "",
+    since: Annotated[
+        str | None, typer.Option(metavar="DATE", help="parts begun at this date or later (UTC)")
+    ] = None,
+    until: Annotated[
+        str | None, typer.Option(metavar="DATE", help="parts begun at this date or before (UTC)")
+    ] = None,
+    limit: Annotated[
+        int, typer.Option(metavar="N", min=1, max=1_000_000, help="how many parts to list")
+    ] = 50,
+    export: Annotated[
+        Path | None,
+        typer.Option(
+            "--export",
+            metavar="FILE",
+            help="write all these parts with their characteristics (.csv, .parquet, .qif)",
+        ),
+    ] = None,
+    refill: Annotated[
+        bool,
+        typer.Option(
+            "--refill", help="fill the store anew from the journals, which are right, first"
+        ),
+    ] = False,
+    store: StoreOption = None,
+    runs: RunsOption = Path("runs"),
+    json: JsonOption = False,
+) -> None:
+    """List the parts of all runs, newest first, or show one with all that is known of it.
+
+    The list comes from a store that is filled from the journals before each answer; the cell knows
+    nothing of it.
+    """
+    from .answering import Asked, answer
+
+    asked = Asked(recipe, verdict, serial, lot, operator, run, since, until)
+    raise typer.Exit(answer(part, asked, limit, export, runs, store, anew=refill, as_json=json))

@@ -1,0 +1,101 @@
+"""Parts of the history as tables for people."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from controller.results.wording import num, span
+
+from ..terminal.output import print_line, printable, stdout
+
+TEXT_COLUMNS = 220
+COLUMNS = (
+    "begun (UTC)", "part", "serial", "lot", "recipe", "operator", "verdict", "tray", "s",
+    "forecast", "findings", "recoveries",
+)  # fmt: skip
+
+
+def print_columns(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
+    """Print a table, wide where there is no terminal."""
+    table = Table(box=box.SIMPLE_HEAD)
+    for name in columns:
+        table.add_column(Text(name), overflow="fold")
+    for row in rows:
+        # as Text: rich would read brackets as markup
+        table.add_row(*(Text(printable(cell, stdout.encoding)) for cell in row))
+    console = stdout
+    if not stdout.is_terminal:
+        console = Console(file=stdout.file, width=TEXT_COLUMNS, highlight=False)
+    console.print(table)
+
+
+def part_row(part: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return the cells of a part in the list."""
+    is_done = part["done_forecast_s"] > 0
+    return (
+        str(part["start"])[:19].replace("T", " "),
+        str(part["part"]),
+        str(part["serial"]),
+        str(part["lot"]),
+        str(part["recipe"]),
+        str(part["operator"]),
+        str(part["verdict"]),
+        str(part["tray"]) or str(part["custody"]).replace("_", " "),
+        num(part["done_actual_s"]) if is_done else "–",
+        num(part["done_forecast_s"]) if is_done else "–",
+        str(part["finding_count"]),
+        str(part["recovery_count"]),
+    )
+
+
+def print_record(part: Mapping[str, Any]) -> None:
+    """Print all that is known of a part."""
+    print_line(f"{part['part']}: {str(part['verdict']).upper()}", style="bold")
+    emulated = " (emulated)" if part["is_emulated"] else ""
+    about = {
+        "serial": part["serial"],
+        "lot": part["lot"],
+        "recipe": part["recipe"],
+        "cell": f"{part['cell']}{emulated}",
+        "operator": part["operator"],
+        "begun": f"{str(part['start'])[:19].replace('T', ' ')} UTC, {span(part['wall_s'])}",
+        "tray": part["tray"] or f"none, {str(part['custody']).replace('_', ' ')}",
+        "run": f"{part['run']}, {part['outcome']}",
+        "reason": part["reason"],
+    }
+    for name, value in about.items():
+        if value:
+            print_line(f"  {name:9} {value}")
+    if part["characteristics"]:
+        print_columns(
+            ("", "characteristic", "nominal", "lower", "upper", "measured", "U", "verdict", ""),
+            map(_characteristic, part["characteristics"]),
+        )
+    for f in part["findings"]:
+        at = ", ".join(num(f[axis]) for axis in ("x_mm", "y_mm", "z_mm"))
+        on = " and ".join(f["faces"]) or "no face"
+        print_line(
+            f"  finding {f['number']}: {f['kind']} on {on}, {num(f['size_mm'])} mm at ({at}) mm, "
+            f"view {f['view']}, {f['lamp']}{', ' + f['verdict'] if f['verdict'] else ''}"
+        )
+    if part["steps"]:
+        rows = [(s["label"], num(s["actual_s"]), num(s["forecast_s"])) for s in part["steps"]]
+        print_columns(("step", "s", "forecast"), rows)
+    for r in part["recoveries"]:
+        print_line(f"  recovery: {r['fault']}, then {r['action']}: {r['reason']}")
+    for a in part["alarms"]:
+        print_line(f"  alarm {a['alarm']} ({a['code']}) {a['device']}".rstrip())
+
+
+def _characteristic(c: Mapping[str, Any]) -> tuple[str, ...]:
+    return (
+        str(c["balloon"]),
+        str(c["label"] or c["id"]),
+        *(num(c[key], 3) for key in ("nominal", "lower", "upper", "measured", "U")),
+        str(c["verdict"]),
+        str(c["reason"]),
+    )

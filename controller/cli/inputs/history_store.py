@@ -1,0 +1,71 @@
+"""The store of the history as commands have it: opened, filled, with what did not go in said."""
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import UTC, date, datetime, time, timedelta
+from pathlib import Path
+
+from controller.config import ConfigError
+from controller.history import HistoryError, Store, fill, journals_in, open_store, store_url
+
+from ..terminal.output import warn
+
+NAMED_COUNT = 5  # problems that are printed one by one
+
+
+@contextmanager
+def filled_store(runs_dir: Path, named: str | None, *, anew: bool = False) -> Iterator[Store]:
+    """Yield the store of a folder of runs, filled with what its journals have by now.
+
+    Parameters
+    ----------
+    runs_dir : folder of all runs
+    named : URL of the store; None for the one of the environment, else the folder's own
+    anew : read the journals from their first row on
+
+    Raises
+    ------
+    HistoryError : there is neither journal nor store, or the store cannot be opened
+    """
+    url = store_url(runs_dir, named, os.environ)
+    own = url == store_url(runs_dir, None, {})
+    if own and not journals_in(runs_dir) and not Path(url.removeprefix("sqlite:///")).is_file():
+        raise HistoryError(
+            f"no journal at {runs_dir}: nothing ran here yet; name the folder of runs with --runs"
+        )
+    store = open_store(url)
+    try:
+        problems = fill(store, runs_dir, anew=anew).problems
+        for problem in problems[:NAMED_COUNT]:
+            warn(f"history: {problem}")
+        if len(problems) > NAMED_COUNT:
+            warn(f"history: and {len(problems) - NAMED_COUNT} more")
+        yield store
+    finally:
+        store.close()
+
+
+def instant(text: str, option: str, *, is_end: bool = False) -> datetime:
+    """Return an instant, UTC without a zone, from a date or a date and time in ISO form.
+
+    Parameters
+    ----------
+    text : without a zone it is UTC
+    option : that it was given by, for the message
+    is_end : a date alone means the end of that day
+
+    Raises
+    ------
+    ConfigError : it is no date
+    """
+    try:
+        if len(text) == len("2026-03-01"):
+            day = datetime.combine(date.fromisoformat(text), time())
+            return day + timedelta(days=1) if is_end else day
+        found = datetime.fromisoformat(text)
+        return found.astimezone(UTC).replace(tzinfo=None) if found.tzinfo else found
+    except (ValueError, OverflowError) as error:
+        raise ConfigError(
+            f"{option} {text}: name a date as 2026-03-01 or a time as 2026-03-01T14:30 (UTC)"
+        ) from error

@@ -1,0 +1,40 @@
+"""The history: one store for all runs of a cell, filled from their journals. Controls nothing.
+
+`open_store` opens it, `fill` brings in what the journals have new, `list_parts`, `find_parts` and
+`figures` read it. The journal is the evidence, the store an index of it that can be made anew.
+"""
+
+from .errors import HistoryError, NoSuchPartError
+from .exporting import FORMS, export
+from .figures import GROUPS, Figures, Group, Tally, figures, group_json
+from .filling import Filled, fill, folded, journals_in
+from .migrations import SCHEMA_VERSION
+from .queries import Filters, Listed, find_parts, list_parts
+from .store import STORE_NAME, VARIABLE, Store, open_store, store_url
+
+__all__ = [
+    "FORMS",
+    "GROUPS",
+    "SCHEMA_VERSION",
+    "STORE_NAME",
+    "VARIABLE",
+    "Figures",
+    "Filled",
+    "Filters",
+    "Group",
+    "HistoryError",
+    "Listed",
+    "NoSuchPartError",
+    "Store",
+    "Tally",
+    "export",
+    "figures",
+    "fill",
+    "find_parts",
+    "folded",
+    "group_json",
+    "journals_in",
+    "list_parts",
+    "open_store",
+    "store_url",
+]

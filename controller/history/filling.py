@@ -1,0 +1,385 @@
+"""Fills the store from the journals of a folder of runs; reads them only, in short reads.
+
+Nothing here belongs to a run: a command fills before it answers. What is in the store of a part is
+replaced whole, in one transaction, so that filling again changes nothing and a filler that was
+killed leaves no half part. Where store and journal disagree, the journal is right (ADR 67).
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+
+from sqlalchemy import Connection, Table, delete, func, insert, select, update
+
+from controller.cell.journal import (
+    GENESIS,
+    JOURNAL_NAME,
+    Head,
+    JournalError,
+    NewRows,
+    new_rows,
+    row_at,
+    rows,
+    rows_of_parts,
+    whole_up_to,
+)
+from controller.results import ResultsError, RunRecord
+from controller.results.run import fold
+
+from .rows_of import PartRows, alarm_rows, part_id, part_rows, run_row
+from .store import Store
+from .tables import (
+    ALARMS,
+    CHARACTERISTICS,
+    JOURNALS,
+    LEFT_OUT,
+    MEASUREMENTS,
+    OF_PART,
+    PARTS,
+    RUNS,
+)
+
+CHUNK_COUNT: Final = 16  # parts folded at once: their rows are in memory together
+SET_ASIDE: Final = "journal-set-aside-*.sqlite"
+
+
+@dataclass(slots=True)
+class Filled:
+    """What filling did.
+
+    Attributes
+    ----------
+    part_count : parts written, new or once more
+    problems : what did not go in, and why, as sentences
+    """
+
+    part_count: int = 0
+    problems: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True, slots=True)
+class _Source:
+    """A journal that the store is filled from.
+
+    Attributes
+    ----------
+    number : in the store
+    seen : the row up to which the store has it
+    whole : the row up to which its chain is whole now
+    is_broken : rows follow that do not fit
+    """
+
+    path: Path
+    number: int
+    seen: Head
+    whole: Head
+    is_broken: bool
+
+
+def journals_in(runs_dir: Path) -> tuple[Path, ...]:
+    """Return the journals of a folder of runs: those set aside, then the one that is written."""
+    found = sorted(runs_dir.glob(SET_ASIDE))
+    current = runs_dir / JOURNAL_NAME
+    return (*found, *([current] if current.is_file() else []))
+
+
+def fill(
+    store: Store,
+    runs_dir: Path,
+    *,
+    anew: bool = False,
+    on_run: Callable[[str, int], None] = lambda run, parts: None,
+) -> Filled:
+    """Fill the store with what the journals have that it has not, and return what was done.
+
+    Parameters
+    ----------
+    store : to fill
+    runs_dir : folder of all runs
+    anew : read the journals from their first row on, also one that is not as it was
+    on_run : called with the id of a run that went in, and how many of its parts
+
+    Raises
+    ------
+    HistoryError : the store cannot be written
+    """
+    filled = Filled()
+    for path in journals_in(runs_dir):
+        try:
+            source = _source(store, path, filled, anew=anew)
+            if source is not None:
+                _fill_from(store, source, filled, on_run)
+        except (JournalError, OSError) as error:
+            filled.problems.append(f"{error}; nothing of it went in")
+    with store.reading() as db:
+        query = select(LEFT_OUT.c.run_id, LEFT_OUT.c.number, LEFT_OUT.c.why)
+        for run, number, why in db.execute(query.order_by(LEFT_OUT.c.run_id, LEFT_OUT.c.number)):
+            what = f"run {run} part {number}" if number else f"run {run}"
+            filled.problems.append(f"{what} is left out: {why}")
+    return filled
+
+
+def folded(path: Path, run: str, parts: Sequence[int], last_seq: int | None = None) -> RunRecord:
+    """Return a run with some of its parts, folded from the journal.
+
+    Parameters
+    ----------
+    path : the journal
+    run : its id
+    parts : their numbers
+    last_seq : the last row that counts; None for all
+
+    Raises
+    ------
+    JournalError : the journal cannot be read
+    ResultsError : a row is not what this version of cellctl writes
+    """
+    found = rows_of_parts(path, run, parts, last_seq)
+    if not found:
+        raise ResultsError(f"journal {path}: has no run {run}")
+    return fold(run, path.parent / run, found, None)
+
+
+def _source(store: Store, path: Path, filled: Filled, *, anew: bool) -> _Source | None:
+    """Return a journal with what is known of it; None where there is nothing to read."""
+    first = row_at(path, 1)
+    if first is None:
+        return None
+    with store.writing() as db:
+        found = db.execute(select(JOURNALS).where(JOURNALS.c.key == first.hash)).one_or_none()
+        if found is None:
+            values = {"key": first.hash, "file": path.name, "last_seq": 0, "last_hash": GENESIS}
+            made = db.execute(insert(JOURNALS).values(values)).inserted_primary_key
+            assert made is not None
+            number, seen = int(made[0]), Head(0, GENESIS)
+        else:
+            number, seen = int(found.journal_no), Head(int(found.last_seq), found.last_hash)
+            if found.file != path.name:
+                _at(db, number, file=path.name)
+        if anew:
+            seen = Head(0, GENESIS)
+            _at(db, number, last_seq=0, last_hash=GENESIS)
+            db.execute(delete(LEFT_OUT).where(LEFT_OUT.c.journal_no == number))
+    if seen.seq and row_at(path, seen.seq) != seen:
+        filled.problems.append(
+            f"journal {path}: its row {seen.seq} is not the one that the store was filled by; what "
+            "is in the store stays, nothing new goes in (`cellctl history --refill` takes the "
+            "journal as it is now)"
+        )
+        return None
+    whole, broken = whole_up_to(path, seen)
+    if broken is not None:
+        filled.problems.append(
+            f"journal {path}: row {broken.seq} of run {broken.run} {broken.why}; runs with rows "
+            "from there on stay out (`cellctl verify`)"
+        )
+    source = _Source(path, number, seen, whole, broken is not None)
+    if anew:
+        _forget_gone(store, source)
+    return source
+
+
+def _at(db: Connection, journal_no: int, **values: object) -> None:
+    db.execute(update(JOURNALS).where(JOURNALS.c.journal_no == journal_no).values(**values))
+
+
+def _fill_from(
+    store: Store, source: _Source, filled: Filled, on_run: Callable[[str, int], None]
+) -> None:
+    new = new_rows(source.path, source.seen.seq, source.whole.seq)
+    beyond = {one.run for one in new_rows(source.path, source.whole.seq)}
+    by_run: dict[str, list[NewRows]] = {}
+    for one in new:
+        if not (source.is_broken and one.run in beyond):
+            by_run.setdefault(one.run, []).append(one)
+    # runs that write at the same time have their rows between each other's
+    waiting = sorted(by_run, key=lambda run: by_run[run][0].first_seq)
+    for i, run in enumerate(waiting):
+        _fill_run(store, source, run, by_run[run], filled)
+        on_run(run, sum(one.part is not None for one in by_run[run]))
+        rest = [by_run[later][0].first_seq for later in waiting[i + 1 :]]
+        _note_seen(store, source, min(rest) - 1 if rest else source.whole.seq)
+    if not waiting:
+        _note_seen(store, source, source.whole.seq)
+
+
+def _forget_gone(store: Store, source: _Source) -> None:
+    """Delete runs and parts of a journal that it no longer has; the rest is written once more."""
+    there = new_rows(source.path, 0, source.whole.seq)
+    runs = {one.run for one in there}
+    parts = {(one.run, one.part) for one in there}
+    with store.writing() as db:
+        of_journal = RUNS.c.journal_no == source.number
+        known = db.execute(select(RUNS.c.run_no, RUNS.c.run_id).where(of_journal)).all()
+        numbers = [int(run_no) for run_no, _ in known]
+        for run_no, run in known:
+            ids = db.execute(
+                select(PARTS.c.part_id, PARTS.c.number).where(PARTS.c.run_no == run_no)
+            )
+            for key, number in ids.all():
+                if (run, number) not in parts:
+                    _delete_part(db, int(key))
+            if run not in runs:
+                db.execute(delete(ALARMS).where(ALARMS.c.run_no == run_no))
+                db.execute(delete(RUNS).where(RUNS.c.run_no == run_no))
+        # what was read of a journal that was longer then must not stand against this one
+        for number in numbers:
+            db.execute(update(PARTS).where(PARTS.c.run_no == number).values(read_seq=0))
+        db.execute(update(RUNS).where(of_journal).values(read_seq=0))
+
+
+def _delete_part(db: Connection, key: int) -> None:
+    for table in OF_PART:
+        db.execute(delete(table).where(table.c.part_id == key))
+    db.execute(delete(PARTS).where(PARTS.c.part_id == key))
+
+
+def _note_seen(store: Store, source: _Source, seq: int) -> None:
+    """Note up to which row the store has a journal; never an earlier one than is noted."""
+    head = row_at(source.path, seq)
+    if head is None or seq <= source.seen.seq:
+        return
+    with store.writing() as db:
+        db.execute(
+            update(JOURNALS)
+            .where(JOURNALS.c.journal_no == source.number, JOURNALS.c.last_seq < seq)
+            .values(last_seq=seq, last_hash=head.hash)
+        )
+
+
+def _fill_run(
+    store: Store, source: _Source, run: str, new: Sequence[NewRows], filled: Filled
+) -> None:
+    numbers = {one.part for one in new if one.part is not None}
+    with store.reading() as db:
+        still_open = select(PARTS.c.number).join(RUNS).where(RUNS.c.run_id == run, PARTS.c.is_open)
+        numbers |= {int(number) for number in db.execute(still_open).scalars()}
+        last = db.execute(select(func.max(PARTS.c.number)).join(RUNS).where(RUNS.c.run_id == run))
+        # the run's end is told by its last part
+        numbers |= {int(number) for number in last.scalars() if number is not None}
+    ordered = sorted(numbers)
+    chunks = [ordered[i : i + CHUNK_COUNT] for i in range(0, len(ordered), CHUNK_COUNT)] or [[]]
+    for chunk in chunks:
+        for record, why in _records(source, run, chunk):
+            if isinstance(record, RunRecord):
+                filled.part_count += _write(store, source, record)
+            else:
+                _leave_out(store, source, run, record, why)
+
+
+def _records(
+    source: _Source, run: str, chunk: Sequence[int]
+) -> Iterator[tuple[RunRecord | int, str]]:
+    """Yield a run with parts of it, and the number and reason of each that cannot be read."""
+    try:
+        yield folded(source.path, run, chunk, source.whole.seq), ""
+    except ResultsError as error:
+        if len(chunk) == 0:
+            yield 0, str(error)
+        for number in chunk if len(chunk) > 1 else ():
+            yield from _records(source, run, [number])
+        if len(chunk) == 1:
+            yield chunk[0], str(error)
+
+
+def _leave_out(store: Store, source: _Source, run: str, number: int, why: str) -> None:
+    with store.writing() as db:
+        _take_back(db, source, run, number)
+        db.execute(
+            insert(LEFT_OUT).values(
+                journal_no=source.number, run_id=run[:200], number=number, why=why
+            )
+        )
+
+
+def _take_back(db: Connection, source: _Source, run: str, number: int) -> None:
+    """Forget that a part, or a run, was left out."""
+    db.execute(
+        delete(LEFT_OUT).where(
+            LEFT_OUT.c.journal_no == source.number,
+            LEFT_OUT.c.run_id == run[:200],
+            LEFT_OUT.c.number == number,
+        )
+    )
+
+
+def _write(store: Store, source: _Source, record: RunRecord) -> int:
+    """Write a run and parts of it; return how many parts."""
+    if not any(isinstance(entry.row, rows.RunBegan) for entry in record.log):
+        return 0  # an acknowledgement, or a report noted later: no run of its own
+    found, count = part_rows(record), 0
+    with store.writing() as db:
+        run_no = _write_run(db, source, record)
+        if run_no is None:
+            return 0
+        for part in found:
+            count += _write_part(db, source, run_no, part)
+            _take_back(db, source, record.run_id, part.number)
+    return count
+
+
+def _write_run(db: Connection, source: _Source, record: RunRecord) -> int | None:
+    """Write the row of a run and its alarms; return its number, None if another journal has it."""
+    values = {**run_row(record), "journal_no": source.number, "read_seq": source.whole.seq}
+    known = db.execute(select(RUNS).where(RUNS.c.run_id == record.run_id)).one_or_none()
+    if known is None:
+        made = db.execute(insert(RUNS).values(run_id=record.run_id, **values)).inserted_primary_key
+        assert made is not None
+        run_no = int(made[0])
+    elif known.journal_no != source.number:
+        return None  # a copy of a journal: the first one that was read has it
+    else:
+        run_no = int(known.run_no)
+        if known.read_seq <= source.whole.seq:
+            db.execute(update(RUNS).where(RUNS.c.run_no == run_no).values(**values))
+    alarms = alarm_rows(record)
+    if alarms:
+        seqs = [alarm["seq"] for alarm in alarms]
+        db.execute(delete(ALARMS).where(ALARMS.c.run_no == run_no, ALARMS.c.seq.in_(seqs)))
+        db.execute(insert(ALARMS), [{"run_no": run_no, **alarm} for alarm in alarms])
+    return run_no
+
+
+def _write_part(db: Connection, source: _Source, run_no: int, found: PartRows) -> int:
+    key = part_id(run_no, found.number)
+    read = db.execute(select(PARTS.c.read_seq).where(PARTS.c.part_id == key)).scalar_one_or_none()
+    if read is not None and read > source.whole.seq:
+        return 0  # another process has read more of the journal meanwhile
+    if read is not None:
+        _delete_part(db, key)
+    keys = {"part_id": key, "run_no": run_no, "read_seq": source.whole.seq}
+    db.execute(insert(PARTS).values(**keys, **found.part))
+    numbers = _characteristics(db, found)
+    for table in OF_PART:
+        values = [{"part_id": key, **one} for one in found.of_part[table]]
+        if table is MEASUREMENTS:
+            for one in values:
+                one["characteristic_no"] = numbers[one["characteristic_no"]]
+        _insert(db, table, values)
+    return 1
+
+
+def _insert(db: Connection, table: Table, values: list[dict[str, object]]) -> None:
+    if values:
+        db.execute(insert(table), values)
+
+
+def _characteristics(db: Connection, found: PartRows) -> dict[str, int]:
+    """Return the number of each characteristic by its key; new ones are written."""
+    wanted = found.characteristics
+    if not wanted:
+        return {}
+    c = CHARACTERISTICS.c
+    known = {
+        str(key): int(number)
+        for key, number in db.execute(
+            select(c.key, c.characteristic_no).where(c.key.in_(list(wanted)))
+        )
+    }
+    for key, values in wanted.items():
+        if key not in known:
+            made = db.execute(insert(CHARACTERISTICS).values(key=key, **values))
+            assert made.inserted_primary_key is not None
+            known[key] = int(made.inserted_primary_key[0])
+    return known

@@ -1,0 +1,199 @@
+"""Parts as the store has them: a list by filters, and one part with all that hangs on it."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any, Final
+
+from sqlalchemy import ColumnElement, Connection, and_, func, select
+
+from .errors import HistoryError, NoSuchPartError
+from .store import Store
+from .tables import (
+    ALARMS,
+    CHARACTERISTICS,
+    FINDING_FACES,
+    FINDINGS,
+    MEASUREMENTS,
+    PARTS,
+    RECOVERIES,
+    RUNS,
+    STEPS,
+)
+
+NAMED_COUNT: Final = 12  # runs that an error names
+_HIDDEN: Final = frozenset({"part_id", "run_no", "ordinal", "read_seq", "characteristic_no", "key"})
+
+
+@dataclass(frozen=True, slots=True)
+class Filters:
+    """Which parts are meant; None and empty leave a matter open.
+
+    Attributes
+    ----------
+    since, until : the part's first row is at or after the one, before the other; UTC, no zone
+    """
+
+    recipe: str = ""
+    verdict: str = ""
+    serial: str = ""
+    lot: str = ""
+    operator: str = ""
+    run: str = ""
+    since: datetime | None = None
+    until: datetime | None = None
+
+    def clause(self) -> ColumnElement[bool]:
+        """Return the condition on `PARTS`; joins `RUNS` where a run is named."""
+        c = PARTS.c
+        named = {
+            c.recipe: self.recipe,
+            c.verdict: self.verdict,
+            c.serial: self.serial,
+            c.lot: self.lot,
+            c.operator: self.operator,
+        }
+        clauses = [column == value for column, value in named.items() if value]
+        if self.run:
+            clauses.append(
+                c.run_no.in_(
+                    select(RUNS.c.run_no).where(RUNS.c.run_id.startswith(self.run, autoescape=True))
+                )
+            )
+        if self.since is not None:
+            clauses.append(c.start >= self.since)
+        if self.until is not None:
+            clauses.append(c.start < self.until)
+        return and_(True, *clauses)
+
+
+@dataclass(frozen=True, slots=True)
+class Listed:
+    """Parts of a list, newest first, and how many there are in all."""
+
+    count: int
+    parts: tuple[Mapping[str, Any], ...]
+
+
+def list_parts(store: Store, filters: Filters, limit: int) -> Listed:
+    """Return the newest parts that filters let through.
+
+    Parameters
+    ----------
+    store : to read
+    filters : which parts
+    limit : how many at most
+
+    Raises
+    ------
+    HistoryError : the store cannot be read
+    """
+    clause = filters.clause()
+    query = (
+        select(PARTS, RUNS.c.run_id)
+        .join(RUNS)
+        .where(clause)
+        .order_by(PARTS.c.start.desc(), PARTS.c.part_id.desc())
+        .limit(limit)
+    )
+    with store.reading() as db:
+        count = db.execute(select(func.count()).select_from(PARTS).where(clause)).scalar_one()
+        found = tuple(part_json(row) for row in db.execute(query).mappings())
+    return Listed(int(count), found)
+
+
+def find_parts(store: Store, word: str) -> tuple[Mapping[str, Any], ...]:
+    """Return the full records of a part, oldest first: more than one where it came more than once.
+
+    Parameters
+    ----------
+    store : to read
+    word : a serial number, or ``RUN/NUMBER`` with a run's id or an unambiguous beginning of it
+
+    Raises
+    ------
+    NoSuchPartError : there is none
+    HistoryError : several runs begin so, or the store cannot be read
+    """
+    with store.reading() as db:
+        query = select(PARTS, RUNS.c.run_id, RUNS.c.cell, RUNS.c.outcome).join(RUNS)
+        found = (
+            db.execute(query.where(PARTS.c.serial == word).order_by(PARTS.c.start, PARTS.c.part_id))
+            .mappings()
+            .all()
+        )
+        run, _, number = word.rpartition("/")
+        if not found and run and number.isdecimal() and len(number) < 10:
+            run_no = _run_no(db, run)
+            found = (
+                db.execute(query.where(PARTS.c.run_no == run_no, PARTS.c.number == int(number)))
+                .mappings()
+                .all()
+            )
+        if not found:
+            raise NoSuchPartError(
+                f"no part `{word}` in store {store.name}: name a serial number, or a run and the "
+                "number of the part in it as RUN/NUMBER (`cellctl history` lists them)"
+            )
+        return tuple(_full(db, row) for row in found)
+
+
+def _run_no(db: Connection, run: str) -> int:
+    found = db.execute(
+        select(RUNS.c.run_no, RUNS.c.run_id)
+        .where(RUNS.c.run_id.startswith(run, autoescape=True))
+        .order_by(RUNS.c.run_id)
+    ).all()
+    exact = [one for one in found if one.run_id == run] or found
+    if len(exact) > 1:
+        names = ", ".join(one.run_id for one in exact[:NAMED_COUNT])
+        raise HistoryError(f"{len(exact)} runs begin with `{run}`; name one: {names}")
+    return int(exact[0].run_no) if exact else -1
+
+
+def part_json(row: Mapping[Any, Any]) -> Mapping[str, Any]:
+    """Return a row as plain JSON values, without the store's own keys; a part gets its name."""
+    found: dict[str, Any] = {key: _plain(value) for key, value in row.items() if key not in _HIDDEN}
+    if "run_id" in found and "number" in found:
+        run = found.pop("run_id")
+        return {"part": f"{run}/{found['number']}", "run": run, **found}
+    return found
+
+
+def _plain(value: object) -> object:
+    return f"{value.isoformat()}+00:00" if isinstance(value, datetime) else value
+
+
+def _full(db: Connection, part: Mapping[Any, Any]) -> Mapping[str, Any]:
+    key = part["part_id"]
+    measured = (
+        select(CHARACTERISTICS, MEASUREMENTS)
+        .join(MEASUREMENTS)
+        .where(MEASUREMENTS.c.part_id == key)
+        .order_by(MEASUREMENTS.c.ordinal)
+    )
+    alarms = (
+        select(ALARMS)
+        .where(ALARMS.c.run_no == part["run_no"], ALARMS.c.part == part["number"])
+        .order_by(ALARMS.c.seq)
+    )
+    faces: dict[int, list[str]] = {}
+    on = select(FINDING_FACES).where(FINDING_FACES.c.part_id == key)
+    for row in db.execute(on.order_by(FINDING_FACES.c.ordinal)):
+        faces.setdefault(row.finding, []).append(row.label)
+
+    def of(table: Any) -> Sequence[Mapping[Any, Any]]:  # noqa: ANN401 - one of OF_PART
+        query = select(table).where(table.c.part_id == key).order_by(table.c.ordinal)
+        return list(db.execute(query).mappings())
+
+    return {
+        **part_json(part),
+        "characteristics": [part_json(row) for row in db.execute(measured).mappings()],
+        "findings": [
+            {"number": row["ordinal"], **part_json(row), "faces": faces.get(row["ordinal"], [])}
+            for row in of(FINDINGS)
+        ],
+        "steps": [part_json(row) for row in of(STEPS)],
+        "recoveries": [part_json(row) for row in of(RECOVERIES)],
+        "alarms": [part_json(row) for row in db.execute(alarms).mappings()],
+    }

@@ -1,0 +1,245 @@
+"""What the store keeps of a run: rows of its tables, from the run as folded from the journal."""
+
+import hashlib
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from typing import Any, Final
+
+from sqlalchemy import Table
+
+from controller.cell.alarms import ALARMS as CATALOGUE
+from controller.cell.custody import Custody
+from controller.cell.journal import rows
+from controller.results import JudgedPart, RunRecord, judged_parts
+from controller.results.run import CharacteristicReport, LogEntry
+
+from .tables import (
+    FINDING_FACES,
+    FINDINGS,
+    MEASUREMENTS,
+    PART_BITS,
+    PARTS_MAX,
+    RECOVERIES,
+    STEPS,
+)
+
+Values = dict[str, Any]
+CODES: Final[Mapping[int, str]] = {alarm.number: alarm.code for alarm in CATALOGUE}
+NO_VERDICT: Final = "no verdict"
+
+
+@dataclass(frozen=True, slots=True)
+class PartRows:
+    """A part and all that hangs on it.
+
+    Attributes
+    ----------
+    part : of `PARTS`, but for `run_no`, `part_id` and `read_seq`
+    of_part : of the other tables, but for `part_id`; measurements name their characteristic by key
+    characteristics : of `CHARACTERISTICS`, by key
+    """
+
+    number: int
+    part: Values
+    of_part: dict[Table, list[Values]] = field(default_factory=dict)
+    characteristics: dict[str, Values] = field(default_factory=dict)
+
+
+def part_id(run_no: int, number: int) -> int:
+    """Return the key of a part.
+
+    Raises
+    ------
+    ValueError : a run has no so many parts
+    """
+    if not 0 < number <= PARTS_MAX:
+        raise ValueError(f"part {number}: a run has 1 to {PARTS_MAX} parts")
+    return (run_no << PART_BITS) | number
+
+
+def utc(at: datetime) -> datetime:
+    """Return a time as the store keeps it: UTC, without a zone."""
+    return at.astimezone(UTC).replace(tzinfo=None)
+
+
+def run_row(record: RunRecord) -> Values:
+    """Return the row of `RUNS`, but for its keys and `read_seq`."""
+    files = [*record.files.values()]
+    judged = judged_parts(record)
+    return {
+        "recipe": record.recipe_name,
+        "cell": record.cell_name,
+        "operator": record.operator,
+        "lot": record.lot,
+        "recipe_sha256": files[0][:64] if files else "",
+        "cad_sha256": judged[-1].header.cad_sha256[:64] if judged else "",
+        "ordered": record.ordered,
+        "speed": record.speed,
+        "is_dry": record.dry is not None,
+        "is_emulated": bool(record.emulated_devices),
+        "start": utc(record.start),
+        "end": utc(record.end),
+        "wall_s": record.wall_s,
+        "outcome": record.outcome.end,
+        "message": record.outcome.message,
+    }
+
+
+def part_rows(record: RunRecord) -> list[PartRows]:
+    """Return the rows of a run's parts."""
+    recoveries: dict[int, list[LogEntry]] = {}
+    for entry in record.log:
+        if entry.part and isinstance(entry.row, rows.RecoveryBegun):
+            recoveries.setdefault(entry.part, []).append(entry)
+    return [
+        _part(record, judged, recoveries.get(judged.part.number, []))
+        for judged in judged_parts(record)
+    ]
+
+
+def _part(record: RunRecord, judged: JudgedPart, recoveries: Iterable[LogEntry]) -> PartRows:
+    header, part, verdict = judged.header, judged.part, judged.part.verdict
+    timed = [s for s in part.steps if s.actual_s is not None and s.forecast_s is not None]
+    begun = [entry for entry in recoveries if isinstance(entry.row, rows.RecoveryBegun)]
+    start, end = utc(header.start), utc(header.end)
+    found = PartRows(
+        part.number,
+        {
+            "number": part.number,
+            "recipe": record.recipe_name,
+            "serial": header.serial,
+            "lot": header.lot,
+            "operator": header.operator,
+            "verdict": judged.verdict,
+            "reason": judged.reasons[0] if judged.reasons else "",
+            "tray": part.tray or "",
+            "custody": part.custody.key,
+            "start": start,
+            "end": end,
+            "day": start.date().isoformat(),
+            "wall_s": (end - start).total_seconds(),
+            "forecast_s": part.plan.forecast_s if part.plan else None,
+            "done_forecast_s": sum(s.forecast_s for s in timed if s.forecast_s is not None),
+            "done_actual_s": sum(s.actual_s for s in timed if s.actual_s is not None),
+            "compared_fraction": verdict.compared_fraction if verdict else None,
+            "looks": part.looks,
+            "recovery_count": len(begun),
+            "finding_count": len(part.findings),
+            "is_emulated": bool(record.emulated_devices),
+            # its custody may still be made certain by how the run ends
+            "is_open": part.custody is not Custody.PLACED or bool(part.unconfirmed),
+        },
+    )
+    keys = [_characteristic(found, record.recipe_name, c) for c in part.characteristics]
+    found.of_part[MEASUREMENTS] = [
+        {
+            "ordinal": i,
+            "characteristic_no": key,
+            "measured": c.measured,
+            "U": c.U,
+            "verdict": c.verdict,
+            "reason": c.reason,
+        }
+        for i, (key, c) in enumerate(zip(keys, part.characteristics, strict=True), 1)
+    ]
+    found.of_part[FINDINGS] = [
+        {
+            "ordinal": f.number,
+            "kind": f.kind,
+            "view": f.view_id,
+            "lamp": f.lamp,
+            "size_mm": f.size_mm,
+            "area_mm2": f.area_mm2,
+            **dict(zip(("x_mm", "y_mm", "z_mm"), (*f.p_part_mm, None, None, None), strict=False)),
+            "verdict": f.verdict,
+        }
+        for f in part.findings
+    ]
+    labels = {face.face_id: face.label for face in (verdict.faces if verdict else ())}
+    on = [(f.number, face) for f in part.findings for face in f.face_ids]
+    found.of_part[FINDING_FACES] = [
+        {
+            "ordinal": i,
+            "finding": number,
+            "face": face,
+            "label": labels.get(face, f"F{face}"),
+        }
+        for i, (number, face) in enumerate(on, 1)
+    ]
+    found.of_part[STEPS] = [
+        {
+            "ordinal": i,
+            "label": s.label,
+            "view": s.view,
+            "forecast_s": s.forecast_s,
+            "actual_s": s.actual_s,
+        }
+        for i, s in enumerate(part.steps, 1)
+    ]
+    found.of_part[RECOVERIES] = [
+        {
+            "ordinal": i,
+            "at": utc(entry.at),
+            "fault": entry.row.fault,
+            "action": entry.row.action,
+            "reason": entry.row.reason,
+            "custody": entry.row.custody,
+            "alarm": entry.row.alarm,
+        }
+        for i, entry in enumerate(begun, 1)
+        if isinstance(entry.row, rows.RecoveryBegun)
+    ]
+    return found
+
+
+def _characteristic(found: PartRows, recipe: str, c: CharacteristicReport) -> str:
+    values: Values = {
+        "recipe": recipe,
+        "id": c.id,
+        "balloon": c.balloon,
+        "label": c.label,
+        "kind": c.kind,
+        "unit": c.unit,
+        "nominal": c.nominal,
+        "lower": c.lower,
+        "upper": c.upper,
+        "source": c.source,
+        "is_critical": c.is_critical,
+    }
+    key = hashlib.sha256(json.dumps(values).encode()).hexdigest()
+    found.characteristics[key] = values
+    return key
+
+
+def alarm_rows(record: RunRecord) -> list[Values]:
+    """Return the rows of `ALARMS`, but for `run_no`.
+
+    The alarm that the run came to rest with is a row of its own only where no event has it.
+    """
+    found = []
+    of_events = set()
+    for entry in record.log:
+        alarm: rows.AlarmFields | int | None = getattr(entry.row, "alarm", None)
+        if not alarm:
+            continue
+        if isinstance(alarm, rows.AlarmFields):
+            if isinstance(entry.row, rows.AtRest) and alarm.number in of_events:
+                continue
+            number, code, device = alarm.number, alarm.code, alarm.device
+            of_events.add(number)
+        else:
+            number, code = alarm, CODES.get(alarm, str(alarm))
+            device = str(getattr(entry.row, "device", ""))
+        found.append(
+            {
+                "seq": entry.seq,
+                "part": entry.part or None,
+                "at": utc(entry.at),
+                "alarm": number,
+                "code": code,
+                "device": device,
+            }
+        )
+    return found
