@@ -27,6 +27,7 @@ TURN_SHARE: Final = 2.0  # of the chords' angle: what the kernel allows inside a
 LEVELS: Final = (8.0, 4.0, 2.0, 1.4, 1.0)
 MEASURED_COUNT: Final = 400  # triangles of a free-form face, the largest first
 INSIDE: Final = ((1 / 3, 1 / 3, 1 / 3), (0.5, 0.5, 0.0), (0.0, 0.5, 0.5), (0.5, 0.0, 0.5))
+EXACT: Final = 0.1  # of the chord: how exact edges are taken to be
 KEPT: Final = 1e-9  # the deflection that makes the kernel keep a face as it is divided
 
 
@@ -46,10 +47,13 @@ def divide(solid: Any, chord_mm: float, angle_rad: float) -> None:  # noqa: ANN4
     angle_rad : most the direction may turn from one chord to the next
     """
     from OCP.BRepTools import BRepTools
+    from OCP.ShapeFix import ShapeFix_ShapeTolerance
     from OCP.TopAbs import TopAbs_FACE
     from OCP.TopoDS import TopoDS
 
     BRepTools.Clean_s(solid)
+    # the kernel divides no finer than edges are exact, and files state that of some too coarsely
+    ShapeFix_ShapeTolerance().LimitTolerance(solid, 0.0, EXACT * chord_mm)
     found = shapes_of(solid, TopAbs_FACE)
     faces = [TopoDS.Face_s(found.FindKey(i)) for i in range(1, found.Extent() + 1)]
     curved = [(face, *surface_of(face)) for face in faces]

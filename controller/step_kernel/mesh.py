@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from .closing import close
 from .dividing import divide
 from .ending import RefusalError
 from .measures import curves_of
@@ -34,7 +35,23 @@ class Weld:
         self.parent[max(i, j)] = min(i, j)
 
 
-def tessellate(solid: Any, chord_mm: float, angle_rad: float) -> dict[str, Any]:  # noqa: ANN401
+class UndividedError(RefusalError):
+    """The kernel makes no triangles of some faces."""
+
+    def __init__(self, faces: list[Any], numbers: list[int]) -> None:
+        named = ", ".join(map(str, numbers))
+        which = f"surface {named}" if len(faces) == 1 else f"surfaces {named}"
+        super().__init__("OpenCadError", f"{which} cannot be tessellated")
+        self.faces = faces
+
+
+def tessellate(
+    solid: Any,  # noqa: ANN401
+    chord_mm: float,
+    angle_rad: float,
+    *,
+    leaves_out: bool = False,
+) -> dict[str, Any]:
     """Return the mesh, its face numbers and the edges' runs; corners of shared edges are shared.
 
     Faces are meshed each for itself, along edges that are divided once. What joins them here is
@@ -45,17 +62,19 @@ def tessellate(solid: Any, chord_mm: float, angle_rad: float) -> dict[str, Any]:
     solid : the kernel's ``TopoDS_Solid`` [mm]
     chord_mm : most a chord may be off its curve
     angle_rad : most the direction may turn from one chord to the next
+    leaves_out : True to close the gap where a face cannot be tessellated, and go on
 
     Returns
     -------
     arrays by name : ``vertices_mm`` (v, 3); ``triangles`` (t, 3); ``face_of_triangle`` (t,);
         ``chain`` (c,), vertices of all edges one after the other; ``chain_start`` (e + 1,), where
         each edge begins in it; ``edge_faces`` (e, 2), -1 where three faces meet and more; those of
-        `curves_of`
+        `curves_of`; ``left_out`` (k,) numbers of faces that straight pieces stand in for
 
     Raises
     ------
-    RefusalError : a face cannot be tessellated, or two faces disagree about their common edge
+    UndividedError : faces cannot be tessellated
+    RefusalError : two faces disagree about their common edge; what is left out leaves no clear gap
     """
     import numpy as np
     from OCP.BRep import BRep_Tool
@@ -80,12 +99,14 @@ def tessellate(solid: Any, chord_mm: float, angle_rad: float) -> dict[str, Any]:
     edge_faces: dict[int, list[int]] = {}
     corners: list[tuple[int, int, int]] = []
     face_of: list[int] = []
+    undivided: list[int] = []
     for f in range(1, faces.Extent() + 1):
         face = TopoDS.Face_s(faces.FindKey(f))
         place = TopLoc_Location()
         mesh = BRep_Tool.Triangulation_s(face, place)
         if mesh is None or mesh.NbTriangles() == 0:
-            raise RefusalError("OpenCadError", f"surface {f} cannot be tessellated")
+            undivided.append(f)
+            continue
         move = place.Transformation()
         nodes = [xyz(mesh.Node(i).Transformed(move)) for i in range(1, mesh.NbNodes() + 1)]
         number: dict[int, int] = {}
@@ -127,18 +148,32 @@ def tessellate(solid: Any, chord_mm: float, angle_rad: float) -> dict[str, Any]:
                 else (ids[a - 1], ids[b - 1], ids[c - 1])
             )
             face_of.append(f - 1)
+    if undivided and not (leaves_out and corners):
+        raise UndividedError([TopoDS.Face_s(faces.FindKey(f)) for f in undivided], undivided)
     roots = np.array([weld.root(i) for i in range(len(weld.points))])
     used, number_of = np.unique(roots, return_inverse=True)
     triangles = number_of[np.array(corners)]
     is_sound = (triangles != np.roll(triangles, 1, axis=1)).all(axis=1)
+    triangles, of = triangles[is_sound], np.array(face_of)[is_sound]
+    vertices_mm = np.array(weld.points)[used]
+    along: dict[int, set[int]] = {f - 1: set() for f in undivided}
+    for f in undivided:
+        own = shapes_of(faces.FindKey(f), TopAbs_EDGE)
+        for e in {edges.FindIndex(own.FindKey(i)) for i in range(1, own.Extent() + 1)}:
+            if e in chains:
+                along[f - 1].update(number_of[chains[e]].tolist())
+                edge_faces[e].append(f - 1)
+    for f, closed in close(vertices_mm, triangles, along).items() if along else ():
+        triangles, of = np.vstack([triangles, closed]), np.append(of, np.full(len(closed), f))
     order = sorted(chains)
     runs = [number_of[chains[e]] for e in order]
     starts = np.cumsum([0, *(len(run) for run in runs)])
     sides = [(edge_faces[e] * 2)[:2] if len(edge_faces[e]) < 3 else [-1, -1] for e in order]
     return {
-        "vertices_mm": np.array(weld.points)[used],
-        "triangles": triangles[is_sound],
-        "face_of_triangle": np.array(face_of)[is_sound],
+        "vertices_mm": vertices_mm,
+        "triangles": triangles,
+        "face_of_triangle": of,
+        "left_out": np.array(sorted(along), dtype=int),
         "chain": np.concatenate(runs) if runs else np.zeros(0, int),
         "chain_start": starts,
         "edge_faces": np.array(sides).reshape(-1, 2),

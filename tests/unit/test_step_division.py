@@ -1,15 +1,19 @@
-"""How finely solids of STEP files are divided: against formulas, and no finer than is of use."""
+"""How solids of STEP files are divided: as finely as is of use, and with a face that cannot be."""
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
-from step_bodies import BALL_MM, RING_MM, write_bodies
+import trimesh
+from step_bodies import BALL_MM, LUNE_MM, RING_MM, write_bodies
 from step_files import needs_kernel
 
-from controller.cad import Solid, load_solid
+from controller.cad import OpenCadError, Solid, load_solid
+from controller.cad.reading.step.files import read_step_part
+from controller.cad.reading.step.kernel import KernelRun
 
 PI = np.pi
 STRAY_SHARE = 3.2e-4  # of the diagonal: 0.02 mm of a part of 50 mm, whose diagonal is about 65
@@ -90,3 +94,85 @@ def test_a_larger_part_of_the_same_form_has_about_as_many_triangles(
 ) -> None:
     middle, large = (len(load_solid(files[f"ball {r:g}"]).mesh.faces) for r in (25, 120))
     assert large <= 4 * middle
+
+
+def _with_cone(files: dict[str, Path], name: str, point: str, direction: str) -> Path:
+    """Return the sunk plate's file with the cone somewhere else than its edges are."""
+    text = re.sub(r"\n\s+", "", files["sunk"].read_text())
+    place = re.search(r"= CONICAL_SURFACE\('',#(\d+),", text)
+    assert place
+    axis = re.search(rf"#{place[1]} = AXIS2_PLACEMENT_3D\('',#(\d+),#(\d+),", text)
+    assert axis
+    for number, stated in zip(axis.groups(), (point, direction), strict=True):
+        text, count = re.subn(rf"(#{number} = \w+\('',)\([^)]*\)", rf"\1({stated})", text)
+        assert count == 1
+    path = files["sunk"].with_name(f"{name}.step")
+    path.write_text(text)
+    return path
+
+
+SUNK_MM3 = 60 * 40 * 10 - PI * 16 * 6 - PI * 4 / 3 * (16 + 32 + 64)
+
+
+@needs_kernel
+@pytest.mark.parametrize(
+    ("name", "point", "direction"),
+    [("beside", "26.,15.,6.", "0.,0.,1."), ("upside down", "20.,15.,6.", "0.,0.,-1.")],
+)
+def test_a_cone_that_cannot_be_divided_is_left_out_by_name_and_the_part_is_whole(
+    files: dict[str, Path], name: str, point: str, direction: str
+) -> None:
+    sound = read_step_part(files["sunk"])
+    assert sound.warnings == ()
+    assert sound.solid.volume_mm3 == pytest.approx(SUNK_MM3, rel=1e-9)
+    part = read_step_part(_with_cone(files, name, point, direction))
+    (warning,) = part.warnings
+    place = re.search(r"Surface \d+ of the file, about \(([^)]*)\) mm", warning)
+    assert place
+    assert [float(x) for x in place[1].split(",")] == pytest.approx((20, 15, 8), abs=0.3)
+    assert "left out" in warning
+    # between two circles straight pieces are the cone itself, but for chords
+    area = PI * (4 + 8) * np.hypot(4, 4)
+    left_out = [face for face in part.solid.faces if face.kind == "freeform"]
+    assert [face.area_mm2 for face in left_out] == pytest.approx([area], rel=0.01)
+    assert [face.kind for face in part.solid.faces].count("plane") == 6
+    assert part.solid.mesh.is_watertight
+    assert part.solid.volume_mm3 == pytest.approx(SUNK_MM3, abs=2 * area * 0.02)
+    assert part.area_mm2 == pytest.approx(sound.area_mm2, rel=1e-3)
+    assert part.solid.centroid_mm == pytest.approx(sound.solid.centroid_mm, abs=0.01)
+    assert part.inertia_mm5 == pytest.approx(sound.inertia_mm5, rel=1e-3, abs=1e-3 * 1e7)
+
+
+@needs_kernel
+def test_what_has_no_clear_border_is_refused_for_its_surface(files: dict[str, Path]) -> None:
+    text = re.sub(r"\n\s+", "", files["sunk"].read_text())
+    face = re.search(r"= ADVANCED_FACE\('',\(#\d+,#\d+\),#\d+,\.[TF]\.\)", text)
+    assert face  # the top or the bottom, with the rim of the hole
+    outer, inner = re.findall(r"#\d+", face[0])[:2]
+    loops = [re.search(rf"{n} = FACE_BOUND\('',(#\d+),", text) for n in (outer, inner)]
+    assert loops[0]
+    assert loops[1]
+    path = files["sunk"].with_name("no inside.step")
+    path.write_text(text.replace(f"FACE_BOUND('',{loops[0][1]},", f"FACE_BOUND('',{loops[1][1]},"))
+    with pytest.raises(OpenCadError):
+        read_step_part(path)
+
+
+@needs_kernel
+@pytest.mark.parametrize("name", ["lune", "ball 25", "sunk"])
+def test_new_borders_are_the_borders_that_were_there(
+    files: dict[str, Path], name: str, tmp_path: Path
+) -> None:
+    volume_mm3 = {
+        "lune": PI / 3 * LUNE_MM**3,
+        "ball 25": 4 / 3 * PI * 25**3,
+        "sunk": SUNK_MM3,
+    }[name]
+    with KernelRun("solid", files[name], tmp_path / "out.npz", ["1", "0.3", "2"]) as run:
+        found = run.result(name)
+    assert str(found["how"]) == "2"
+    assert found["volume_mm3"] == pytest.approx(volume_mm3, rel=1e-5)
+    mesh = trimesh.Trimesh(found["vertices_mm"], found["triangles"], process=False)
+    assert mesh.is_watertight
+    assert mesh.is_winding_consistent
+    assert mesh.volume == pytest.approx(volume_mm3, rel=0.005)

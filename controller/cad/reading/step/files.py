@@ -39,14 +39,21 @@ from .kernel import KernelLimits, KernelRun, check_installed
 from .merging import merge_faces
 from .references import References, collect
 
-# How finely, in turn, while what comes of it is no closed surface: chord error in parts of what the
-# kernel's process grants a part of its size, angle [rad], 1 to mend the solid first. The kernel
-# folds some sound blends at one fineness and not at another, hence four.
-TESSELLATIONS: Final = ((1.0, 0.3, 0), (0.3, 0.2, 0), (2.0, 0.3, 0), (1.0, 0.3, 1))
-MENDED: Final = (
-    "Its surfaces do not close as they stand in the file; the STEP kernel mended them. Compare the "
-    "part with its drawing, or export it again."
+# How finely, in turn, while what comes of it is no closed surface: chord error as a multiple of
+# what the kernel's process has for a part of its size, angle [rad], what is done to it first.
+# The kernel folds some sound blends at one fineness and not at another, hence two.
+TESSELLATIONS: Final = (
+    (1.0, 0.3, 0),
+    (2.0, 0.3, 0),
+    (1.0, 0.3, 2),
+    (1.0, 0.3, 1),
 )
+CHANGED: Final = {
+    "1": "Its surfaces do not close as they stand in the file; the STEP kernel mended them. "
+    "Compare the part with its drawing, or export it again.",
+    "2": "The STEP kernel misreads borders of its surfaces; they were worked out anew from their "
+    "edges. Compare the part with its drawing, or export it again.",
+}
 MESH_SHARE: Final = 0.02  # a sound tessellation misses less of the volume by far
 KINDS: Final[tuple[FaceKind, ...]] = ("plane", "cylinder", "cone", "sphere", "torus", "freeform")
 # as ISO 10303-41 and the kernel spell them; where the kernel names none it has still converted
@@ -215,8 +222,9 @@ def _read_part(
         )
         tolerances: tuple[Tolerance, ...] = ()
         warnings: tuple[str, ...] = ()
-        if written["is_mended"]:
-            warnings = (MENDED,)
+        if str(written["how"]) in CHANGED:
+            warnings = (CHANGED[str(written["how"])],)
+        warnings += tuple(_left_out_text(written, face) for face in written["left_out"].tolist())
         if pmi_run is not None:
             try:
                 pmi = pmi_run.result(where)
@@ -259,8 +267,12 @@ def _tessellated(
         try:
             with KernelRun("solid", source, out, arguments, limits) as run:
                 written: dict[str, Any] = dict(run.result(where))
-        except CadError as error:
+        except UnreadableCadError as error:
             raise refused or error from None
+        except CadError:
+            if refused is None:
+                raise
+            continue
         if unit is not None:
             written["unit"] = np.array(unit)
         found, into = merge_faces(written)
@@ -270,6 +282,16 @@ def _tessellated(
             refused = refused or error
     assert refused is not None
     raise refused
+
+
+def _left_out_text(written: dict[str, Any], face: int) -> str:
+    """Return the sentence on a surface that straight pieces stand in for."""
+    x, y, z = written["mean_mm"][face]
+    return (
+        f"Surface {face + 1} of the file, about ({x:.1f}, {y:.1f}, {z:.1f}) mm, cannot be divided. "
+        "It was left out, and the gap closed by straight pieces between its borders. Compare the "
+        "part with its drawing there, or export it again."
+    )
 
 
 def _read_text(path: Path) -> bytes:
