@@ -37,7 +37,7 @@ from ..model import (
 )
 from ..motion import Scene, connect, fewest_waypoints, move_seconds, segment_seconds, shown_pose
 from ..regrasps import PickPath, PlacePath, place_paths
-from ..search import best_order
+from ..search import EXACT_STOPS, best_order
 
 MOTION_TRIES = 12
 
@@ -294,17 +294,20 @@ class Builder:
         scene = self._carrying(grasp)
         todo = {v: part.view_q[g][v] for v in views}
         tries = 0
+        order: list[tuple[int, int]] = []
         while todo:
-            names = list(todo)
-            order = best_order(build.q, [todo[v] for v in names], end, self._segment_s)
-            i, k = order[0]
-            v = names[i]
+            # the fewer of many views are left, the better is their order found; a dozen's exactly
+            if not order or len(todo) % EXACT_STOPS == 0:
+                names = list(todo)
+                found = best_order(build.q, [todo[v] for v in names], end, self._segment_s)
+                order = [(names[i], k) for i, k in found]
+            v, k = order.pop(0)
             q = todo[v][k]
             try:
                 motion = self._connect(build, q, scene, f"path to view {v}")
             except NoMotionError as error:
                 tries += 1
-                todo[v] = np.delete(todo[v], k, axis=0)
+                todo[v], order = np.delete(todo[v], k, axis=0), []
                 if len(todo[v]) == 0 or tries > MOTION_TRIES:
                     raise RefutedError(error, views=[(g, v)]) from error
                 continue

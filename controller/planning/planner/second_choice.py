@@ -17,7 +17,7 @@ from controller.imaging import RayCaster
 
 from ..model import CellLayout, Look, PreparedPart
 from ..search import Problem, Solution, exact_cover, solution_of
-from ..views import Counter, most_worth, nearest_on_face
+from ..views import Counter, Sighting, most_worth, nearest_on_face
 from .choice import worth_of
 from .costs import EdgeCosts
 
@@ -46,6 +46,7 @@ class SecondChoice:
         look: Look | None,
     ) -> None:
         self._part, self._costs = part, costs
+        self._sightings: dict[tuple[int, int], Sighting] = {}
         self._left: IntArray = np.zeros(0, dtype=np.int64)  # probes that nothing has shown yet
         if part.counted is None:
             return
@@ -112,8 +113,10 @@ class SecondChoice:
 
     def _shown_by(self, counter: Counter, rows: _Rows, k: int) -> BoolArray:
         g, view = rows.grasps[k], rows.views[k]
-        q = self._part.view_q[g][int(self._costs.views[g][view])]
-        return counter.held_up(self._part.arm_grasps[g], q[0])
+        if (g, view) not in self._sightings:
+            q = self._part.view_q[g][int(self._costs.views[g][view])]
+            self._sightings[g, view] = counter.sighting(self._part.arm_grasps[g], q[0])
+        return counter.shown(self._sightings[g, view])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

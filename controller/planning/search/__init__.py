@@ -13,10 +13,11 @@ from ._problem import (
 )
 from ._search import COARSE, FULL, Effort
 from ._solve import solve
-from .order import best_order
+from .order import EXACT_STOPS, best_order
 
 __all__ = [
     "COARSE",
+    "EXACT_STOPS",
     "FULL",
     "MAX_GRASP_COUNT",
     "Effort",

@@ -6,7 +6,7 @@ Directions are unit vectors in the part frame from its centre of mass to the cam
 from ..model import Directions, VisibilityTable
 from ._poses import Showing, hold_up, view_poses
 from ._reach import GraspViews, reachable_views
-from .counting import Counter, nearest_on_face
+from .counting import Counter, Sighting, nearest_on_face
 from .gripper import hidden_by_gripper, holding_boxes
 from .visibility import (
     VisibilityRules,
@@ -28,6 +28,7 @@ __all__ = [
     "Directions",
     "GraspViews",
     "Showing",
+    "Sighting",
     "VisibilityRules",
     "VisibilityTable",
     "candidate_directions",

@@ -7,6 +7,7 @@ where the tables that plans are chosen by have to hold for every roll.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -32,6 +33,24 @@ def nearest_on_face(samples: SurfaceSamples, points: SurfaceSamples) -> IntArray
     """Return for each of some points (m,) the nearest of the samples on its face."""
     places, targets = (by_face(s.points_mm, s.face_ids) for s in (samples, points))
     return np.asarray(cKDTree(places).query(targets)[1], dtype=np.int64)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sighting:
+    """How a camera sees a part, and what stands before it.
+
+    Attributes
+    ----------
+    camera : which looks
+    sharp_mm : depths between which its picture is sharp
+    T_cam_part : (4, 4) of the part
+    boxes : that may hide some of it, in the camera's frame
+    """
+
+    camera: Camera
+    sharp_mm: tuple[float, float]
+    T_cam_part: FloatArray
+    boxes: tuple[Box, ...]
 
 
 class Counter:
@@ -72,46 +91,48 @@ class Counter:
 
     def held_up(self, grasp: Grasp, q: FloatArray) -> BoolArray:
         """Return what the inspection camera shows (m,) of a part in a grasp, the arm at q (6,)."""
-        layout = self._layout
-        T_world_part = shown_pose(layout, q, grasp.T_part_tcp)
-        T_world_tcp = T_world_part @ grasp.T_part_tcp
-        boxes = [b.placed(T_world_tcp) for b in holding_boxes(layout.arm_gripper, grasp)]
-        T_links, half_mm = link_boxes(layout, q[None])
-        boxes += [Box(T, half) for T, half in zip(T_links[0], half_mm[0], strict=True)]
-        if not self._standing:
-            statics = Scene(layout, grasp.opening_mm, layout.fixed_open_mm).statics()
-            eye = layout.inspection.position_mm
-            self._standing += [b for _, b in statics if not holds(b, eye)]
-        boxes += self._standing
-        return self._shown(T_world_part, layout.inspection, layout.inspection_sharp_mm, boxes)
+        return self.shown(self.sighting(grasp, q))
 
     def on_table(self, T_world_part: FloatArray) -> BoolArray:
         """Return what the overhead camera shows of the part at rest (m,)."""
-        return self._shown(T_world_part, self._layout.overhead, self._layout.overhead_sharp_mm, [])
+        layout = self._layout
+        T_cam_part = inverse_pose(layout.overhead.T_world_cam) @ T_world_part
+        return self.shown(Sighting(layout.overhead, layout.overhead_sharp_mm, T_cam_part, ()))
 
-    def _shown(
-        self,
-        T_world_part: FloatArray,
-        camera: Camera,
-        sharp_mm: tuple[float, float],
-        boxes: list[Box],
-    ) -> BoolArray:
-        samples, options = self._samples, self._options
-        T_cam_world = inverse_pose(camera.T_world_cam)
-        T_cam_part = T_cam_world @ T_world_part
+    def sighting(self, grasp: Grasp, q: FloatArray) -> Sighting:
+        """Return how the inspection camera sees a part in a grasp, the arm at q (6,)."""
+        layout = self._layout
+        camera = layout.inspection
+        T_world_part = shown_pose(layout, q, grasp.T_part_tcp)
+        T_cam_part = inverse_pose(camera.T_world_cam) @ T_world_part
+        T_cam_tcp = T_cam_part @ grasp.T_part_tcp
+        boxes = [b.placed(T_cam_tcp) for b in holding_boxes(layout.arm_gripper, grasp)]
+        T_links, half_mm = link_boxes(layout, q[None])
+        links = (Box(T, half) for T, half in zip(T_links[0], half_mm[0], strict=True))
+        boxes += [b.placed(inverse_pose(camera.T_world_cam)) for b in links]
+        if not self._standing:
+            statics = [b for _, b in Scene(layout, 0.0, layout.fixed_open_mm).statics()]
+            others = [b for b in statics if not holds(b, camera.position_mm)]
+            self._standing += [b.placed(inverse_pose(camera.T_world_cam)) for b in others]
+        boxes += self._standing
+        return Sighting(camera, layout.inspection_sharp_mm, T_cam_part, tuple(boxes))
+
+    def shown(self, sighting: Sighting) -> BoolArray:
+        """Return what a camera shows of the part (m,)."""
+        samples, options, camera = self._samples, self._options, sighting.camera
+        T_cam_part, (sharp_from, sharp_to) = sighting.T_cam_part, sighting.sharp_mm
+        shown = np.zeros(len(samples.points_mm), dtype=bool)
         eye = inverse_pose(T_cam_part)[:3, 3]
         left, cosine = self._facing(eye, float(np.cos(np.radians(options.max_incidence_deg))))
         p_cam_mm = transform(T_cam_part, samples.points_mm[left])
         depth = p_cam_mm[:, 2]
-        good = (depth > 0.0) & (depth >= sharp_mm[0]) & (depth <= sharp_mm[1])
+        good = (depth > 0.0) & (depth >= sharp_from) & (depth <= sharp_to)
         left, cosine, p_cam_mm = left[good], cosine[good], p_cam_mm[good]
         good = self._is_in_picture(camera, p_cam_mm)
         left, cosine, p_cam_mm = left[good], cosine[good], p_cam_mm[good]
         good = self._is_fine(camera, p_cam_mm, cosine, left, T_cam_part)
         left, p_cam_mm = left[good], p_cam_mm[good]
-        in_camera = [box.placed(T_cam_world) for box in boxes]
-        left = left[~behind_boxes(p_cam_mm, in_camera, FINGER_SHADOW_MM)]
-        shown = np.zeros(len(samples.points_mm), dtype=bool)
+        left = left[~behind_boxes(p_cam_mm, sighting.boxes, FINGER_SHADOW_MM)]
         if len(left):
             eyes = np.broadcast_to(eye, (len(left), 3))
             shown[left] = free_pairs(samples, self._caster, left, eyes)
