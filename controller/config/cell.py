@@ -688,6 +688,7 @@ class Cell(Section):
     accuracy: AccuracySection = AccuracySection()
     faults: FaultsSection = FaultsSection()
     detection: DetectionSection = DetectionSection()
+    on_alarm: tuple[str, ...] = Field((), max_length=50)  # program and arguments
     _folder: Path = PrivateAttr(default=Path())
 
     @model_validator(mode="before")

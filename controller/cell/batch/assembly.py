@@ -43,7 +43,7 @@ from ..devices.in_use import counted
 from ..devices.interlocks import rules_of
 from ..devices.stopping import Stopping
 from ..journal import Journal
-from ..journal.rows import StoredFields
+from ..journal.rows import CellEvent, StoredFields
 from ..machine import Budgets, Effect
 from ..operator import NOBODY, Operator
 from ..services import (
@@ -115,6 +115,7 @@ def assemble(
     *,
     serials: tuple[str, ...] = (),
     stored: tuple[StoredFields, ...] = (),
+    on_alarm: Callable[[CellEvent], None] = lambda _: None,
     is_stepwise: bool = False,
 ) -> Batch:
     """Return a cell that is ready for one batch; no device is moved or read.
@@ -132,6 +133,7 @@ def assemble(
     operator : answers questions
     serials : of the parts, in the order they are worked on; empty where they have none
     stored : parts that stand in the trays
+    on_alarm : called with each event that raises an alarm; must return at once
     is_stepwise : the operator lets each motion begin
     calibration : what of the cell's calibrations no longer counts
     """
@@ -222,5 +224,7 @@ def assemble(
         ModbusWatcher(gripper, lights, retries, cell.detection.device_beat_s, clock),
         LoopWatcher(record, cell.detection.loop_late_s, clock),
     )
-    dispatcher = Dispatcher(actions, record, stopping, watchers, journal, gate, resumption.first)
+    dispatcher = Dispatcher(
+        actions, record, stopping, watchers, journal, gate, resumption.first, on_alarm
+    )
     return Batch(record, motion, gate, actions, dispatcher, resumption)

@@ -107,6 +107,7 @@ class Dispatcher:
     journal : of the run
     gate : opened and closed, and given its permit, as the machine decides
     first : returns what the ready cell begins with
+    on_alarm : called with each event that raises an alarm; must return at once
     """
 
     def __init__(
@@ -118,7 +119,9 @@ class Dispatcher:
         journal: Journal,
         gate: Gate,
         first: Callable[[], Event] = lambda: Event.START,
+        on_alarm: Callable[[rows.CellEvent], None] = lambda _: None,
     ) -> None:
+        self._on_alarm = on_alarm
         self._first = first
         self._actions = actions
         self._record = record
@@ -306,7 +309,8 @@ class Dispatcher:
     async def _take(self, note: _Note) -> None:
         decision = self._machine.dispatch(note.event)
         step = self._step_of(note)
-        self._journal.write(_event_row(note, decision, step))
+        row = _event_row(note, decision, step)
+        self._journal.write(row)
         if decision.answer == "handled":
             if decision.permits:
                 self._gate.permits.issue(note.event.value)
@@ -323,6 +327,7 @@ class Dispatcher:
         if note.message:
             self._message, self._code = note.message, note.code
             self._step = step
+            self._on_alarm(row)
         if note.event is Event.PART_PROBLEM:
             self._record.problem = (note.code, note.message)
         state = decision.target.removeprefix("execute_")

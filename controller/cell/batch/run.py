@@ -38,6 +38,7 @@ from ..journal import (
 )
 from ..journal.usage import usage_of
 from ..operator import NOBODY, Journaled, Operator, require_acknowledged
+from ..operator.notices import Notices
 from ..recovery import Back, Beside, Bounds, Interrupted, Sweep
 from ..services import INPUTS
 from ..services.records import PartRecord, Progress
@@ -153,6 +154,11 @@ async def run_batch(
             progress.speed = speed
             on_progress(progress)
 
+        notices = Notices(
+            order.cell.on_alarm,
+            order.cell.folder,
+            {"run": order.run_id, "recipe": order.recipe.name, "cell": order.cell.name},
+        )
         layout = build_layout(order.cell)
         compute = outfit.compute(Job(order.recipe_path, order.cell_path), pool)
         batch = assemble(
@@ -170,6 +176,7 @@ async def run_batch(
             calibration,
             serials=order.papers.serials,
             stored=stored,
+            on_alarm=notices.take,
             is_stepwise=order.is_stepwise,
         )
         dispatcher = batch.dispatcher
@@ -212,6 +219,7 @@ async def run_batch(
             raise
         finally:
             clock.close()
+            await asyncio.to_thread(notices.close)
         parts = batch.record.parts
         ended = rows.RunEnded(
             end=outcome.end,
