@@ -6,7 +6,7 @@
 
 from .errors import HistoryError, NoSuchPartError
 from .exporting import FORMS, export
-from .figures import GROUPS, Figures, Group, Tally, figures, group_json
+from .figures import GROUPS, Figures, Group, Tally, figures, group_json, tally_json
 from .filling import Filled, fill, folded, journals_in
 from .migrations import SCHEMA_VERSION
 from .queries import Filters, Listed, find_parts, list_parts
@@ -37,4 +37,5 @@ __all__ = [
     "list_parts",
     "open_store",
     "store_url",
+    "tally_json",
 ]

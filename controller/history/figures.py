@@ -145,6 +145,22 @@ def figures(store: Store, filters: Filters, by: str = "recipe") -> Figures:
     return Figures(groups, findings, recoveries, alarms)
 
 
+def tally_json(what: str, tally: Tally) -> Mapping[str, Any]:
+    """Return a count as plain JSON values.
+
+    Parameters
+    ----------
+    what : ``finding``, ``recovery`` or ``alarm``
+    tally : of it
+    """
+    names = {
+        "finding": ("kind", "face"),
+        "recovery": ("fault", "action"),
+        "alarm": ("number", "code", "device"),
+    }[what]
+    return {**dict(zip(names, tally.names, strict=True)), "count": tally.count}
+
+
 def _counts(table: Any) -> tuple[ColumnElement[int], ColumnElement[int]]:  # noqa: ANN401
     return func.count(), func.count(func.distinct(table.c.part_id))
 

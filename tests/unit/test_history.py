@@ -529,3 +529,30 @@ def test_a_password_is_in_no_message() -> None:
     with pytest.raises(HistoryError) as caught:
         open_store("postgresql+pg8000://cell:secret@127.0.0.1:9/history")
     assert "secret" not in str(caught.value)
+
+
+def test_yields_on_the_command_line(runs: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    writer = on(RunWriter(runs, "20260301-a", papers=Papers(lot="L1")), 2026, 3, 1)
+    part(writer)
+    part(writer, Verdict.FAIL, "reject")
+    writer.end()
+    writer = on(RunWriter(runs, "20260302-b", papers=Papers(lot="L2")), 2026, 3, 2)
+    part(writer)
+    writer.end()
+    where = ["--runs", str(runs)]
+    assert main(["stats", *where, "--by", "lot", "--json"]) == 0
+    first, second = (one for one in printed(capsys) if one["event"] == "group")
+    assert (first["name"], first["parts"], first["first_pass_yield"]) == ("L1", 2, 0.5)
+    assert (second["name"], second["parts"], second["first_pass_yield"]) == ("L2", 1, 1.0)
+    # each part took 29.75 s where 28 s were forecast: 106 %
+    assert main(["stats", "featuretype", *where, "--by", "day", "--until", "2026-03-01"]) == 0
+    said = capsys.readouterr().out
+    assert "2026-03-01" in said
+    assert "2026-03-02" not in said
+    assert "50.0 %" in said
+    assert "106 %" in said
+    assert main(["stats", *where]) == 0
+    assert "66.7 %" in capsys.readouterr().out
+    assert main(["stats", *where, "--by", "moon"]) == 2
+    assert main(["stats", "featuretype", *where]) == 0  # as before: no characteristic here
+    assert "no characteristic was measured" in capsys.readouterr().out

@@ -1007,6 +1007,14 @@ ROWS: tuple[Row, ...] = (
     Row("replay of no run", nothing, ("replay", "nonsense"), "no run `nonsense` in runs"),
     Row("verify of no run", nothing, ("verify", "nonsense"), "no run `nonsense` in runs"),
     Row("statistics of no runs", nothing, ("stats", "none.yaml"), "no journal at runs", 1),
+    Row("yields of no runs", nothing, ("stats",), "no journal at runs", 1),
+    Row("yields by nothing", nothing, ("stats", "--by", "moon"), "--by moon: one of day, run"),
+    Row(
+        "statistics of a recipe and a lot",
+        nothing,
+        ("stats", "block", "--lot", "L7"),
+        "go with --by",
+    ),
     Row("history of no runs", nothing, ("history",), "no journal at runs", 1),
     Row(
         "history of a wrong date",

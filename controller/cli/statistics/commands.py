@@ -5,11 +5,33 @@ from typing import Annotated
 
 import typer
 
-from ..options import JsonOption, RunsOption
+from ..options import JsonOption, RunsOption, StoreOption
 
 
 def stats(
-    recipe: Annotated[str, typer.Argument(metavar="RECIPE", help="name of the recipe")],
+    recipe: Annotated[
+        str | None, typer.Argument(metavar="[RECIPE]", help="name of the recipe (default: all)")
+    ] = None,
+    by: Annotated[
+        str | None,
+        typer.Option(
+            "--by",
+            metavar="GROUP",
+            help="yield, time against forecast, findings and recoveries by day, run, recipe, lot "
+            "or operator (default without RECIPE: recipe)",
+        ),
+    ] = None,
+    lot: Annotated[str, typer.Option(metavar="LOT", help="with --by: parts of this lot")] = "",
+    operator: Annotated[
+        str, typer.Option(metavar="NAME", help="with --by: parts of this operator")
+    ] = "",
+    since: Annotated[
+        str | None, typer.Option(metavar="DATE", help="with --by: parts begun then or later (UTC)")
+    ] = None,
+    until: Annotated[
+        str | None, typer.Option(metavar="DATE", help="with --by: parts begun then or before (UTC)")
+    ] = None,
+    store: StoreOption = None,
     report: Annotated[
         Path | None,
         typer.Option("--report", metavar="FILE", help="page (HTML) with run charts to write"),
@@ -17,13 +39,21 @@ def stats(
     runs: RunsOption = Path("runs"),
     json: JsonOption = False,
 ) -> None:
-    """Report how the measured values of a recipe's parts scatter.
+    """Report how the measured values of a recipe's parts scatter, or the yield of many parts.
 
-    For each characteristic: count, mean, spread, Cp, Cpk, Pp and Ppk with their 95 % intervals,
-    and the rules of Nelson that the values break.
+    Of a recipe, for each characteristic: count, mean, spread, Cp, Cpk, Pp and Ppk with their 95 %
+    intervals, and the rules of Nelson that the values break. With --by, or of all recipes: yield,
+    time against forecast, findings by kind and face, recoveries and alarms, from the history.
     """
+    if recipe is None or by is not None:
+        from .yields import Chosen, report_yields
+
+        chosen = Chosen(recipe or "", lot, operator, since, until)
+        raise typer.Exit(report_yields(runs, store, chosen, by or "recipe", report, as_json=json))
     from .series_table import report_series
 
+    if lot or operator or since or until or store:
+        raise typer.BadParameter("--lot, --operator, --since, --until and --store go with --by")
     raise typer.Exit(report_series(runs, recipe, report, as_json=json))
 
 
