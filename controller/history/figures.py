@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
-from sqlalchemy import ColumnElement, Integer, case, cast, func, literal, select
+from sqlalchemy import ColumnElement, Integer, and_, case, cast, func, literal, or_, select
 
 from .queries import Filters
 from .rows_of import NO_VERDICT
@@ -169,9 +169,18 @@ def _groups(clause: ColumnElement[bool], by: str) -> Any:  # noqa: ANN401 - a qu
     p = PARTS.c
     is_judged = p.verdict != NO_VERDICT
     # among all parts, not those of the filters: a part judged in May is no new one in June
-    turn = func.row_number().over(partition_by=(p.recipe, p.serial), order_by=(p.start, p.part_id))
-    later = select(p.part_id, turn.label("turn")).where(is_judged, p.serial != "").subquery("later")
-    is_first = is_judged & (func.coalesce(later.c.turn, 1) == 1)
+    other = PARTS.alias("other")
+    is_before = or_(
+        other.c.start < p.start, and_(other.c.start == p.start, other.c.part_id < p.part_id)
+    )
+    earlier = select(other.c.part_id).where(
+        p.serial != "",
+        other.c.serial == p.serial,
+        other.c.recipe == p.recipe,
+        other.c.verdict != NO_VERDICT,
+        is_before,
+    )
+    is_first = is_judged & ~earlier.exists()
     name = RUNS.c.run_id if by == "run" else p[by]
 
     def count(condition: ColumnElement[bool]) -> ColumnElement[int]:
@@ -194,7 +203,7 @@ def _groups(clause: ColumnElement[bool], by: str) -> Any:  # noqa: ANN401 - a qu
             func.sum(p.recovery_count),
             func.sum(cast(p.is_emulated, Integer)),
         )
-        .select_from(PARTS.join(RUNS).outerjoin(later, later.c.part_id == p.part_id))
+        .select_from(PARTS.join(RUNS) if by == "run" else PARTS)
         .where(clause)
         .group_by(name)
         .order_by(name)

@@ -1015,6 +1015,15 @@ ROWS: tuple[Row, ...] = (
         ("stats", "block", "--lot", "L7"),
         "go with --by",
     ),
+    Row("backup of no runs", nothing, ("backup", "b.tar"), "no journal at runs", 1),
+    Row("restore of no file", nothing, ("backup", "b.tar", "--restore"), "b.tar: No such file", 1),
+    Row(
+        "restore of another file",
+        nothing,
+        ("backup", "block.stl", "--restore"),
+        "block.stl: is no backup, or damaged",
+        1,
+    ),
     Row("history of no runs", nothing, ("history",), "no journal at runs", 1),
     Row(
         "history of a wrong date",

@@ -1,5 +1,5 @@
-"""`cellctl history`: all parts that the cell inspected, and all that is known of one."""
+"""`cellctl history` and `backup`: all parts that the cell inspected, and keeping what it wrote."""
 
-from .commands import history
+from .commands import backup, history
 
-__all__ = ["history"]
+__all__ = ["backup", "history"]

@@ -1,4 +1,4 @@
-"""Arguments and help of `cellctl history`."""
+"""Arguments and help of `cellctl history` and `backup`."""
 
 from pathlib import Path
 from typing import Annotated
@@ -66,3 +66,27 @@ def history(
 
     asked = Asked(recipe, verdict, serial, lot, operator, run, since, until)
     raise typer.Exit(answer(part, asked, limit, export, runs, store, anew=refill, as_json=json))
+
+
+def backup(
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", help="backup to write (.tar, .tar.gz), or to restore")
+    ],
+    restore: Annotated[
+        bool, typer.Option("--restore", help="restore FILE to the folder of --runs, new or empty")
+    ] = False,
+    pictures: Annotated[
+        bool, typer.Option("--pictures/--no-pictures", help="pictures of the runs, too")
+    ] = True,
+    runs: RunsOption = Path("runs"),
+    json: JsonOption = False,
+) -> None:
+    """Back up a folder of runs: journals, reports, store, pictures; or restore a backup.
+
+    Each file is verified by its SHA-256. A cell may run meanwhile.
+    """
+    from .keeping import read_backup, write_backup
+
+    if restore:
+        raise typer.Exit(read_backup(file, runs, as_json=json))
+    raise typer.Exit(write_backup(file, runs, with_pictures=pictures, as_json=json))
