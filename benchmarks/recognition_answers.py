@@ -10,7 +10,8 @@ standard deviations) within 1e-5. The camera is the one in truth.json. Milliseco
 processor, the least of the repeats, so that what others do on the machine counts little; the first
 picture of a light, which reads what is kept of the parts, is recognised once more.
 
-Pictures count by what lies there: one known part, one stranger, several parts. Exit code 1 where an
+Pictures count by what lies there: one part of the library, one stranger, several. Names
+are compared with the truth, poses are not (that does `bench_recognition.py`). Exit code 1 where an
 answer differs.
 """
 
@@ -38,7 +39,7 @@ from recognition_runs import from_truth, smaller  # noqa: E402
 from controller.cad.compiled import CompileOptions  # noqa: E402
 from controller.cli.inputs.calibration_file import load_calibration  # noqa: E402
 from controller.imaging import Camera  # noqa: E402
-from controller.recognition import Library, Sighting, recognise  # noqa: E402
+from controller.recognition import Library, Recognition, Sighting, recognise  # noqa: E402
 from controller.recognition.stored import open_library  # noqa: E402
 
 SAME = 1e-5  # millimetres, radians and shares: sums in another order differ by less
@@ -63,11 +64,16 @@ def apart(before: list[dict[str, Any]], now: list[dict[str, Any]]) -> float:
     return float(max((np.abs(gap).max() for gap in gaps), default=0.0))
 
 
-def kind_of(entry: dict[str, Any]) -> str:
+def kind_of(entry: dict[str, Any], names: set[str]) -> str:
     """Return "known", "stranger" or "several" by what truth.json says of a picture."""
     if len(entry["objects"]) != 1:
         return "several"
-    return "known" if entry["objects"][0]["known"] else "stranger"
+    return "known" if entry["objects"][0]["part"] in names else "stranger"
+
+
+def named(seen: Recognition) -> list[str]:
+    """Return the names of the parts that were seen, sorted."""
+    return sorted(s.part for s in seen.sightings if s.part is not None)
 
 
 def measure(
@@ -75,6 +81,7 @@ def measure(
     lights: list[str],
     libraries: Libraries,
     repeats: int,
+    most: int | None,
     profile: cProfile.Profile | None,
 ) -> dict[str, dict[str, Any]]:
     """Return answers, kind and milliseconds of each picture of a set, by set, light and name."""
@@ -83,7 +90,8 @@ def measure(
     for light in lights:
         size, mode = LIGHTS[light]
         camera, library = libraries.of(folder, truth, size)
-        entries = [e for e in truth["images"] if e["mode"] == mode]
+        names = {one.name for one in library.entries}
+        entries = [e for e in truth["images"] if e["mode"] == mode][:most]
         for number, entry in enumerate(entries):
             file = (folder / "lo" if size == "lo" else folder) / entry["image"]
             picture = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
@@ -102,7 +110,9 @@ def measure(
                     profile.disable()
             out[f"{folder.name} {light} {entry['image']}"] = {
                 "light": light,
-                "kind": kind_of(entry),
+                "kind": kind_of(entry, names),
+                "right": named(seen)
+                == sorted(o["part"] for o in entry["objects"] if o["part"] in names),
                 "ms": 1e3 * min(took),
                 "answers": [answer(s) for s in seen.sightings],
             }
@@ -131,18 +141,20 @@ class Libraries:
 
 def summary(rows: dict[str, dict[str, Any]]) -> dict[str, dict[str, float]]:
     """Return median, 95 % and largest milliseconds by light and kind of picture."""
-    groups: dict[str, list[float]] = {}
+    groups: dict[str, list[dict[str, Any]]] = {}
     for row in rows.values():
-        groups.setdefault(f"{row['light']}, {row['kind']}", []).append(row["ms"])
-    return {
-        name: {
-            "pictures": len(ms),
+        groups.setdefault(f"{row['light']}, {row['kind']}", []).append(row)
+    out = {}
+    for name, of in sorted(groups.items()):
+        ms = [row["ms"] for row in of]
+        out[name] = {
+            "pictures": len(of),
+            "named_right": sum(row.get("right", False) for row in of),
             "median_ms": float(np.median(ms)),
             "p95_ms": float(np.percentile(ms, 95)),
             "worst_ms": max(ms),
         }
-        for name, ms in sorted(groups.items())
-    }
+    return out
 
 
 def main() -> int:
@@ -154,6 +166,7 @@ def main() -> int:
     parser.add_argument("--save", type=Path, help="keep the answers in this file")
     parser.add_argument("--compare", type=Path, help="with the answers kept in this file")
     parser.add_argument("--repeats", type=int, default=1)
+    parser.add_argument("--most", type=int, help="pictures of each set and light")
     parser.add_argument("--profile", type=Path, help="write cProfile's figures to this file")
     parser.add_argument("--json", action="store_true", help="one JSON object")
     args = parser.parse_args()
@@ -163,7 +176,7 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as scratch:
         libraries = Libraries(args.parts, Path(scratch))
         for folder in args.set:
-            rows |= measure(folder, args.lights, libraries, args.repeats, profile)
+            rows |= measure(folder, args.lights, libraries, args.repeats, args.most, profile)
     if profile is not None:
         profile.dump_stats(args.profile)
     if args.save:
@@ -189,8 +202,9 @@ def main() -> int:
         was = body["before"].get(name)
         ago = "" if was is None else f" (before {was['median_ms']:.0f})"
         print(
-            f"{name}: {row['pictures']} pictures, median {row['median_ms']:.0f} ms{ago}, "
-            f"95 % {row['p95_ms']:.0f} ms, worst {row['worst_ms']:.0f} ms"
+            f"{name}: {row['pictures']} pictures, {row['named_right']} with all names right, "
+            f"median {row['median_ms']:.0f} ms{ago}, 95 % {row['p95_ms']:.0f} ms, "
+            f"worst {row['worst_ms']:.0f} ms"
         )
     if args.compare:
         print(

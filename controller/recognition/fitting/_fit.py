@@ -104,6 +104,7 @@ def fit_edges(
     camera: Camera,
     measure: Measure,
     options: FitOptions | None = None,
+    first: EdgePoints | None = None,
 ) -> EdgeFit | None:
     """Fit a pose to a picture's edges, as far as the prior lets it move.
 
@@ -114,6 +115,7 @@ def fit_edges(
     camera : calibrated, in the world's frame
     measure : how edges are found in the picture
     options : how far and how often, and what may move; None for a part that lies level
+    first : what `first_edges` gives where it begins, if that is known
 
     Returns
     -------
@@ -121,9 +123,9 @@ def fit_edges(
     """
     options = options or FitOptions()
     T = T_world_part
-    predict = predict_edges if measure.sees_inside else predict_outline
     for reach in options.reach_px:
-        edges = predict(model, T, camera, options.most)
+        edges = first or first_edges(model, T, camera, measure, options)
+        first = None
         if len(edges.pixels) < MIN_POINTS:
             return None
         pivot = transform(T, model.centroid_mm[None])[0]
@@ -146,6 +148,23 @@ def fit_edges(
     weight = gaps.weight[found] / np.maximum(1.0, np.abs(residual) / max(HUBER_PX, 2 * sigma))
     covariance = _covariance(jacobian[found][:, ON_TABLE], weight, sigma, edges.step_mm)
     return EdgeFit(T, edges, gaps, sigma, covariance)
+
+
+def first_edges(
+    model: EdgeModel,
+    T_world_part: FloatArray,
+    camera: Camera,
+    measure: Measure,
+    options: FitOptions,
+) -> EdgePoints:
+    """Return the edges that a fit begins with: for several that begin in one place.
+
+    Parameters
+    ----------
+    model, T_world_part, camera, measure, options : as `fit_edges`
+    """
+    predict = predict_edges if measure.sees_inside else predict_outline
+    return predict(model, T_world_part, camera, options.most)
 
 
 def _away(T_world_part: FloatArray, prior: Prior, centroid_mm: FloatArray) -> FloatArray:

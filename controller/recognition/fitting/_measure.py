@@ -242,9 +242,11 @@ def _is_anothers(pixels: FloatArray, normals: FloatArray, gap: FloatArray) -> Bo
     if len(asked) == 0:
         return answer
     at = pixels[asked] + gap[asked, None] * normals[asked]
-    distance, nearest = _tree(pixels).query(at)
-    alike = np.abs((normals[nearest] * normals[asked]).sum(axis=1)) > 0.7
-    answer[asked] = alike & (distance < np.abs(gap[asked]) - OWN_PX)
+    nearer = np.abs(gap[asked]) - OWN_PX
+    distance, nearest = _tree(pixels).query(at, distance_upper_bound=float(nearer.max()))
+    some = np.flatnonzero(distance < nearer)
+    asked, nearest = asked[some], np.asarray(nearest)[some]
+    answer[asked] = np.abs((normals[nearest] * normals[asked]).sum(axis=1)) > 0.7
     return answer
 
 

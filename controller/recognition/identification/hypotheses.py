@@ -21,6 +21,7 @@ from ..fitting import (
     FitOptions,
     Shading,
     at_rest,
+    first_edges,
     fit_edges,
     grey_evidence,
     outline_evidence,
@@ -328,8 +329,10 @@ def _coarse_by_outline(
     reach_px = _reach_px(limits.first_reach_mm + candidate.slack_mm, cutout)
     options = FitOptions((reach_px,), steps=3, most=limits.coarse_samples)
     start, best_score = None, 0.0
+    first = first_edges(model, T_world_part, camera, cutout.outline, options)
     for which in dict.fromkeys((candidate.silhouette, 0)):
-        fit = fit_edges(model, T_world_part, camera, cutout.outline_of(which), options)
+        outline = cutout.outline_of(which)
+        fit = fit_edges(model, T_world_part, camera, outline, options, first)
         score = 0.0 if fit is None else _coarse_score(fit)
         if fit is not None and score > best_score:
             start, best_score = fit.T_world_part, score
