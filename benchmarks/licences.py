@@ -1,20 +1,22 @@
 """Licences of all that cellctl needs, from the metadata of what is installed.
 
-``python benchmarks/licences.py > docs/licences.md``: every package that the program, its extra
-`step` and its tests need, directly or through another, with its licence and who needs it. A licence
-that is not allowed is an error; `tests/unit/test_licences.py` holds the page against what is
-installed.
+``python benchmarks/licences.py > docs/licences.md``: every package that the program, its extras
+`step` and `page`, and its tests need, directly or through another, with its licence and who needs
+it, and the files of others that are kept in the repository. A licence that is not allowed is an
+error; `tests/unit/test_licences.py` holds the page against what is installed.
 """
 
 import sys
 from collections.abc import Iterator
+from hashlib import sha256
 from importlib.metadata import Distribution, PackageNotFoundError, distribution, distributions
+from pathlib import Path
 
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 PROJECT = "cellctl"
-EXTRAS = ("step", "test")
+EXTRAS = ("page", "step", "test")
 ALLOWED = frozenset(
     {
         *("0BSD", "Apache-2.0", "BSD-2-Clause", "BSD-3-Clause", "CC0-1.0", "ISC", "MIT"),
@@ -44,6 +46,20 @@ BUNDLED = {
     "cadquery-ocp-novtk": "OpenCASCADE, LGPL-2.1-only WITH OCCT-exception-1.0",
     "opencv-python-headless": "FFmpeg, LGPL-2.1-or-later, as a library of its own",
 }
+
+# Kept in the repository as published: licence, version, where, and what stands in the package.
+KEPT = {
+    "three": ("MIT", "0.180.0", "controller/page/static/three", "the page"),
+}
+ROOT = Path(__file__).resolve().parents[1]
+
+
+def kept() -> Iterator[tuple[str, str, str]]:
+    """Return each file that is kept: its path, the package with its version, its SHA-256."""
+    for name, (_, version, folder, _) in KEPT.items():
+        for path in sorted((ROOT / folder).iterdir()):
+            digest = sha256(path.read_bytes()).hexdigest()
+            yield path.relative_to(ROOT).as_posix(), f"{name} {version}", digest
 
 
 def licence_of(package: Distribution) -> str:
@@ -140,6 +156,21 @@ def page() -> str:
             raise ValueError(f"{name}: {licence} is not allowed")
         by = ", ".join(sorted(parents))
         lines.append(f"| {name} | {licence} | {by} | {BUNDLED.get(name, '')} |")
+    lines += [
+        "",
+        "## Kept in the repository",
+        "",
+        "Files of npm packages, as published, with their licence; nothing is fetched at run time.",
+        "",
+        "| npm package | licence | used by |",
+        "|---|---|---|",
+    ]
+    for name, (licence, version, _, use) in KEPT.items():
+        if not is_allowed(licence):
+            raise ValueError(f"{name}: {licence} is not allowed")
+        lines.append(f"| `{name}` {version} | {licence} | {use} |")
+    lines += ["", "| file | of | SHA-256 |", "|---|---|---|"]
+    lines += [f"| `{path}` | {of} | `{digest}` |" for path, of, digest in kept()]
     return "\n".join(lines) + "\n"
 
 

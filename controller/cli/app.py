@@ -20,6 +20,7 @@ from .planning import check, plan
 from .project import init
 from .recognising import recognise
 from .running import recover, report, run
+from .serving import account, serve
 from .statistics import gauge, stats
 from .terminal.help import PlainCommand, PlainGroup
 
@@ -77,6 +78,8 @@ for _command, _example in (
     (abort, "cellctl abort"),
     (ack, 'cellctl ack --why "the door was opened by mistake, the cell is clear"'),
     (answer, 'cellctl answer look --why "the part lies beside the tray"'),
+    (serve, "cellctl serve --runs runs"),
+    (account, "cellctl account anna --role operator"),
     (check, "cellctl check flange_xy"),
     (compile_, "cellctl compile recipes/parts/featuretype.stl --report featuretype.html"),
     (recognise, "cellctl recognise table.png --parts recipes/parts --calibration camera.json"),

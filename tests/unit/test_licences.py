@@ -46,6 +46,14 @@ def test_the_page_lists_what_is_needed_with_its_licence() -> None:
     assert missing == [], "python benchmarks/licences.py > docs/licences.md"
 
 
+def test_the_page_lists_the_files_that_are_kept_as_they_are() -> None:
+    page = (ROOT / "docs" / "licences.md").read_text()
+    listed = set(re.findall(r"^\| `([^`]+)` \| ([^|]+) \| `([0-9a-f]{64})` \|", page, re.MULTILINE))
+    assert listed == set(licences.kept())
+    for name, (_, _, folder, _) in licences.KEPT.items():
+        assert (ROOT / folder / "LICENSE").is_file(), name
+
+
 def test_nothing_installed_has_a_licence_that_is_not_allowed() -> None:
     assert licences.not_allowed() == {}
 

@@ -5,10 +5,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from controller.config import Cell, Recipe
+from controller.config.interlock_rules import SIGNALS
 from controller.config.view_set import SetCalibration
 from controller.planning.model import CellLayout
 from drivers.clock import CellClock
-from drivers.kinds import Camera
+from drivers.kinds import Camera, Signal
 
 from ..actions import (
     AbortMotionAction,
@@ -225,6 +226,19 @@ def assemble(
         LoopWatcher(record, cell.detection.loop_late_s, clock),
     )
     dispatcher = Dispatcher(
-        actions, record, stopping, watchers, journal, gate, resumption.first, on_alarm
+        actions,
+        record,
+        stopping,
+        watchers,
+        journal,
+        gate,
+        resumption.first,
+        on_alarm,
+        lambda: {name: _is_ok(io.signal(name)) for name in SIGNALS},
     )
     return Batch(record, motion, gate, actions, dispatcher, resumption)
+
+
+def _is_ok(signal: Signal) -> bool | None:
+    """Return whether an input is OK; None where nobody knows."""
+    return None if signal is Signal.UNKNOWN else signal.is_ok

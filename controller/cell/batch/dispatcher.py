@@ -7,7 +7,7 @@ waiting at the gate; what begins or ends the pause runs beside it.
 
 import asyncio
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import BrokenExecutor
 from contextlib import suppress
 from dataclasses import dataclass
@@ -108,6 +108,7 @@ class Dispatcher:
     gate : opened and closed, and given its permit, as the machine decides
     first : returns what the ready cell begins with
     on_alarm : called with each event that raises an alarm; must return at once
+    signals : returns which inputs of the I/O block are OK, None where nobody knows; for the status
     """
 
     def __init__(
@@ -120,9 +121,11 @@ class Dispatcher:
         gate: Gate,
         first: Callable[[], Event] = lambda: Event.START,
         on_alarm: Callable[[rows.CellEvent], None] = lambda _: None,
+        signals: Callable[[], Mapping[str, bool | None]] = dict,
     ) -> None:
         self._on_alarm = on_alarm
         self._first = first
+        self._signals = signals
         self._actions = actions
         self._record = record
         self._stopping = stopping
@@ -173,6 +176,7 @@ class Dispatcher:
             wanted=self._gate.wanted,
             pause_s={kind: self._gate.seconds_to(kind) for kind in PauseKind if can_pause},
             first=await self._gate.next_motion() if is_paused else None,
+            signals=self._signals(),
         )
 
     def request_stop(self, message: str = "stopped by the operator", code: str = "stop") -> None:

@@ -1,7 +1,7 @@
 """How a running cell stands, for whoever looks at it from outside."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from ..custody import Custody
 from ..machine import PauseKind, SafePoint
@@ -26,6 +26,7 @@ class CellStatus:
     wanted : the pause that is wanted and not reached yet
     pause_s : how long each kind of pause takes to begin, at most [cell s]
     first : what moves first when the pause ends; None where nothing is paused
+    signals : inputs of the I/O block by name: whether each is OK, None where nobody knows
     """
 
     at_s: float
@@ -41,3 +42,4 @@ class CellStatus:
     wanted: PauseKind | None
     pause_s: Mapping[PauseKind, float | None]
     first: NextMotion | None
+    signals: Mapping[str, bool | None] = field(default_factory=dict)

@@ -96,7 +96,8 @@ class HolderReply(_Body):
 class StatusReply(_Body):
     """How the cell stands; durations are cell seconds, null where nobody knows.
 
-    `at_s` is the cell's clock; only differences of it mean something.
+    `at_s` is the cell's clock; only differences of it mean something. `signals` are the inputs of
+    the I/O block by name: whether each is OK, null where nobody knows.
     """
 
     run: str
@@ -115,6 +116,7 @@ class StatusReply(_Body):
     question: QuestionReply | None
     alarms: tuple[str, ...]
     holder: HolderReply
+    signals: dict[str, bool | None] = {}
 
 
 class ErrorReply(_Body):

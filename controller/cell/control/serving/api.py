@@ -115,6 +115,7 @@ class Control:
             question=_question(self._desk),
             alarms=(found.alarm,) if found.alarm else (),
             holder=_holder(self._holder),
+            signals=dict(found.signals),
         )
 
     async def pause(self, peer: Peer, body: BaseModel) -> Reply:

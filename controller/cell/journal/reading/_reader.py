@@ -70,6 +70,39 @@ def read_rows_named(path: Path, names: Sequence[str]) -> Iterator[Row]:
     yield from _rows(path, f" WHERE name IN ({_marks(names)})", [*names])
 
 
+def read_rows_after(path: Path, seq: int, run: str) -> Iterator[Row]:
+    """Yield the rows of a run that were written after a row, in order.
+
+    Parameters
+    ----------
+    path : the journal
+    seq : number of the last row that is known, 0 for none
+    run : its name
+
+    Raises
+    ------
+    JournalError : no journal there, or one of another version
+    """
+    yield from _rows(path, " WHERE run = ? AND seq > ?", (run, seq))
+
+
+def newest_run(path: Path) -> str | None:
+    """Return the run that wrote the last row; None where there is no row yet.
+
+    Raises
+    ------
+    JournalError : no journal there, or it cannot be read
+    """
+    db = open_to_read(path)
+    try:
+        found = db.execute("SELECT run FROM journal ORDER BY seq DESC LIMIT 1").fetchone()
+    except sqlite3.Error as error:
+        raise JournalError(f"journal {path}: {error}; it is damaged or not a journal") from error
+    finally:
+        db.close()
+    return None if found is None else str(found[0])
+
+
 def _marks(values: Sequence[str]) -> str:
     return ", ".join("?" for _ in values)
 

@@ -1,0 +1,95 @@
+"""Arguments and help of the commands about the page."""
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ..options import JsonOption, RunsOption
+
+RUNS = Path("runs")
+
+
+class RoleName(StrEnum):
+    """What an account may do."""
+
+    VIEWER = "viewer"
+    OPERATOR = "operator"
+    ENGINEER = "engineer"
+
+
+def serve(
+    runs: RunsOption = RUNS,
+    host: Annotated[
+        str,
+        typer.Option(
+            "--host",
+            metavar="ADDRESS",
+            help="where to listen; other addresses than this machine's own need --tls-cert and "
+            "--tls-key, or --behind",
+        ),
+    ] = "127.0.0.1",
+    port: Annotated[
+        int, typer.Option("--port", metavar="PORT", min=1, max=65535, help="where to listen")
+    ] = 8470,
+    tls_cert: Annotated[
+        Path | None, typer.Option("--tls-cert", metavar="FILE", help="certificate (PEM), for https")
+    ] = None,
+    tls_key: Annotated[
+        Path | None, typer.Option("--tls-key", metavar="FILE", help="its private key (PEM)")
+    ] = None,
+    behind: Annotated[
+        str | None,
+        typer.Option(
+            "--behind",
+            metavar="ORIGIN",
+            help="a reverse proxy serves the page as https://NAME; it runs on this machine, or at "
+            "the addresses of --proxy",
+        ),
+    ] = None,
+    proxy: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--proxy", metavar="ADDRESS", help="address of that proxy (default: this machine)"
+        ),
+    ] = None,
+    name: Annotated[
+        list[str] | None,
+        typer.Option("--name", metavar="NAME", help="host name by which browsers reach the page"),
+    ] = None,
+    json: JsonOption = False,
+) -> None:
+    """Serve a page that shows the cell in a browser and acts on it; prints a link that logs in."""
+    from .server import serve_page
+
+    raise typer.Exit(
+        serve_page(
+            runs,
+            host,
+            port,
+            (tls_cert, tls_key),
+            behind,
+            tuple(proxy or ()),
+            tuple(name or ()),
+            as_json=json,
+        )
+    )
+
+
+def account(
+    name: Annotated[
+        str | None, typer.Argument(metavar="NAME", help="of the account (default: list all)")
+    ] = None,
+    role: Annotated[
+        RoleName | None,
+        typer.Option("--role", help="add the account, or change it; asks for a password"),
+    ] = None,
+    remove: Annotated[bool, typer.Option("--remove", help="remove the account")] = False,
+    json: JsonOption = False,
+) -> None:
+    """List, add, change or remove who may log in to the page."""
+    from .people import change_accounts
+
+    role_word = None if role is None else role.value
+    raise typer.Exit(change_accounts(name, role_word, is_removed=remove, as_json=json))

@@ -1,0 +1,60 @@
+"""Changes who may log in to the page."""
+
+import sys
+from getpass import getpass
+
+from controller.config import ConfigError
+from controller.page.security import Accounts, AccountsError, Role, accounts_path, require_name
+
+from ..terminal.output import emit, print_line
+
+
+def change_accounts(name: str | None, role: str | None, *, is_removed: bool, as_json: bool) -> int:
+    """List, add, change or remove accounts; return 0.
+
+    Parameters
+    ----------
+    name : of the account, None for all
+    role : which it gets, None to leave it
+    is_removed : remove it
+    as_json : print one JSON object for each account that is there then
+
+    Raises
+    ------
+    ConfigError : name, role or password cannot be taken, or the file of accounts is wrong
+    """
+    accounts = Accounts(accounts_path())
+    try:
+        if name is None:
+            if role is not None or is_removed:
+                raise ConfigError("name the account")
+        elif is_removed:
+            if role is not None:
+                raise ConfigError("--remove and --role exclude each other")
+            accounts.remove(name)
+        elif role is None:
+            raise ConfigError(f"what about `{name}`? --role ROLE adds or changes it, or --remove")
+        else:
+            require_name(name)  # before a password is typed for nothing
+            accounts.put(name, Role[role.upper()], _password())
+        found = accounts.names()
+    except AccountsError as error:
+        raise ConfigError(str(error)) from error
+    for one, its_role in sorted(found.items()):
+        if as_json:
+            emit({"event": "account", "name": one, "role": its_role.word})
+        else:
+            print_line(f"{one}: {its_role.word}")
+    if not found and not as_json:
+        print_line("no account; `cellctl account NAME --role operator` adds one")
+    return 0
+
+
+def _password() -> str:
+    """Return a password: typed twice at a terminal, else the first line of stdin."""
+    if not sys.stdin.isatty():
+        return sys.stdin.readline().rstrip("\n")
+    first = getpass("password: ")
+    if getpass("once more: ") != first:
+        raise ConfigError("the two passwords differ")
+    return first

@@ -1,0 +1,121 @@
+"""Serves the page, where its packages are installed and the address is allowed."""
+
+import getpass
+import socket
+from importlib.util import find_spec
+from pathlib import Path
+
+from controller.config import ConfigError
+
+from ..terminal.output import emit, print_line
+
+PACKAGES = ("starlette", "uvicorn")
+
+
+def serve_page(
+    runs_dir: Path,
+    host: str,
+    port: int,
+    tls: tuple[Path | None, Path | None],
+    behind: str | None,
+    proxies: tuple[str, ...],
+    names: tuple[str, ...],
+    *,
+    as_json: bool,
+) -> int:
+    """Serve the page until a signal ends it; return 0.
+
+    Parameters
+    ----------
+    runs_dir : folder of all runs
+    host, port : where to listen
+    tls : files of certificate and key
+    behind : origin under which a reverse proxy serves it
+    proxies : addresses of that proxy
+    names : host names by which browsers reach it
+    as_json : print the link as JSON
+
+    Raises
+    ------
+    ConfigError : the packages are missing, the address is not allowed or taken, or a file is wrong
+    """
+    require_packages()
+    from controller.page.security import Account, Accounts, Role, Sessions, Site, accounts_path
+    from controller.page.security.addresses import is_loopback
+    from controller.page.serving import Serving, build, serve
+
+    cert, key = tls
+    if (cert is None) != (key is None):
+        raise ConfigError("--tls-cert and --tls-key belong together")
+    if behind is not None and cert is not None:
+        raise ConfigError(
+            "--behind: the proxy speaks https, this server does not; leave out --tls-*"
+        )
+    if proxies and behind is None:
+        raise ConfigError("--proxy: name the proxy's origin with --behind")
+    if cert is None and behind is None and not is_loopback(host):
+        raise ConfigError(
+            f"--host {host}: others could read along there; give --tls-cert and --tls-key, or the "
+            "origin of a reverse proxy with --behind"
+        )
+    try:
+        site = (
+            Site.served(host, port, with_tls=cert is not None, names=names)
+            if behind is None
+            else Site.behind(behind)
+        )
+    except ValueError as error:
+        raise ConfigError(f"--behind: {error}") from error
+    require_free(host, port)
+    sessions = Sessions()
+    # who starts the server may do all that it can do anyway
+    token = sessions.link(Account(getpass.getuser(), Role.ENGINEER))
+    app = build(runs_dir, site, Accounts(accounts_path()), sessions)
+    origin = behind or (
+        f"https://{names[0]}:{port}" if cert and names else _origin(host, port, cert)
+    )
+    link = f"{origin.rstrip('/')}/enter?token={token}"
+    if as_json:
+        emit({"event": "ready", "url": origin, "link": link})
+    else:
+        print_line(f"the page of {runs_dir}: {link}")
+        print_line("the link logs in once, within 10 minutes; ctrl-c ends the page, not the cell")
+    try:
+        serve(app, Serving(host, port, cert, key, (proxies or ("127.0.0.1",)) if behind else ()))
+    except OSError as error:
+        raise ConfigError(f"--tls-cert, --tls-key: {error}") from error
+    return 0
+
+
+def require_packages() -> None:
+    """Check that what the page needs is installed.
+
+    Raises
+    ------
+    ConfigError : it is not; the message says how to install it
+    """
+    missing = [name for name in PACKAGES if find_spec(name) is None]
+    if missing:
+        raise ConfigError(f"the page needs {' and '.join(missing)}: pip install 'cellctl[page]'")
+
+
+def require_free(host: str, port: int) -> None:
+    """Check that an address can be listened at.
+
+    Raises
+    ------
+    ConfigError : it is taken, or not of this machine
+    """
+    try:
+        family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
+        with socket.socket(family, socket.SOCK_STREAM) as tried:
+            tried.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            tried.bind((host, port))
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise ConfigError(f"--host {host} --port {port}: {reason}") from error
+
+
+def _origin(host: str, port: int, cert: Path | None) -> str:
+    shown = f"[{host}]" if ":" in host else host
+    return f"{'http' if cert is None else 'https'}://{shown}:{port}"

@@ -1,0 +1,271 @@
+"""One poller for all browsers: looks at journal and control socket, hands on what has changed.
+
+The journal's tail is read every 100 ms, and only if its file has changed. The control socket is
+asked right after a new row, and else twice a second: while a cell is paused, its status asks the
+arm where it stands. Nothing here writes, and nobody waits for it: a page that is killed is not
+noticed.
+"""
+
+import asyncio
+import json
+import logging
+import time
+from collections.abc import AsyncIterator, Callable
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+from controller.cell.alarms import ALARMS
+from controller.cell.control import ControlError, NoRunError, RunningCell, StatusReply, facts
+from controller.cell.journal import JOURNAL_NAME, JournalError, newest_run, read_rows_after
+
+from .fold import RunFold
+from .scene import CellScene
+
+log = logging.getLogger(__name__)
+
+POLL_WALL_S: Final = 0.1
+STATUS_WALL_S: Final = 0.5
+BEAT_WALL_S: Final = 5.0
+WATCHER_MAX_COUNT: Final = 40
+
+
+class TooManyWatchersError(Exception):
+    """More browsers look than the page has room for."""
+
+
+@dataclass(slots=True, eq=False)
+class Watcher:
+    """A browser that looks. What it has not read yet is replaced, never queued.
+
+    Attributes
+    ----------
+    waiting : messages by kind, in the order in which they came
+    """
+
+    waiting: dict[str, str] = field(default_factory=dict)
+    has_more: asyncio.Event = field(default_factory=asyncio.Event)
+
+    def put(self, kind: str, message: str) -> None:
+        """Leave a message."""
+        self.waiting[kind] = message
+        self.has_more.set()
+
+
+class Live:
+    """What is known of the cell now.
+
+    Parameters
+    ----------
+    runs_dir : folder of all runs
+    clock : UTC, seconds since 1970
+    """
+
+    def __init__(self, runs_dir: Path, clock: Callable[[], float] = time.time) -> None:
+        self._runs_dir = runs_dir
+        self._journal = runs_dir / JOURNAL_NAME
+        self._clock = clock
+        self._cell = RunningCell(runs_dir)
+        self._stamp: tuple[object, ...] = ()
+        self._watchers: set[Watcher] = set()
+        self._sent: dict[str, str] = {}
+        self._status: StatusReply | None = None
+        self._why_no_status = ""
+        self._why_no_journal = ""
+        self._has_run = False
+        self._ask_again = asyncio.Event()
+        self.fold: RunFold | None = None
+        self.scene: CellScene | None = None
+
+    async def run(self) -> None:
+        """Look, until it is cancelled."""
+        async with asyncio.TaskGroup() as tasks:
+            tasks.create_task(self._follow_journal())
+            tasks.create_task(self._follow_status())
+
+    async def watch(self) -> AsyncIterator[tuple[str, str]]:
+        """Yield what is known, then each change: its kind and its JSON.
+
+        Raises
+        ------
+        TooManyWatchersError : there are as many already as the page has room for
+        """
+        if len(self._watchers) >= WATCHER_MAX_COUNT:
+            raise TooManyWatchersError
+        watcher = Watcher()
+        for kind, message in self._sent.items():
+            watcher.put(kind, message)
+        self._watchers.add(watcher)
+        try:
+            while True:
+                with suppress(TimeoutError):
+                    async with asyncio.timeout(BEAT_WALL_S):
+                        await watcher.has_more.wait()
+                watcher.has_more.clear()
+                waiting, watcher.waiting = watcher.waiting, {}
+                for kind, message in waiting.items() or (("beat", "{}"),):
+                    yield kind, message
+        finally:
+            self._watchers.discard(watcher)
+
+    def refresh(self) -> None:
+        """Have the status read at once, after an order."""
+        self._ask_again.set()
+
+    async def _follow_journal(self) -> None:
+        while True:
+            try:
+                has_new = await asyncio.to_thread(self.look)
+            except (JournalError, OSError) as error:
+                has_new, self._why_no_journal = False, str(error)
+            else:
+                self._why_no_journal = ""
+            if has_new:
+                self._ask_again.set()
+            self.publish()
+            await asyncio.sleep(POLL_WALL_S)
+
+    async def _follow_status(self) -> None:
+        while True:
+            self._ask_again.clear()
+            try:
+                self._status = await asyncio.to_thread(self._cell.status)
+                self._has_run, self._why_no_status = True, ""
+            except NoRunError:
+                self._status, self._has_run, self._why_no_status = None, False, ""
+            except ControlError as error:
+                self._status, self._has_run, self._why_no_status = None, True, str(error)
+            except OSError as error:
+                self._status, self._has_run, self._why_no_status = None, False, str(error)
+            self.publish()
+            with suppress(TimeoutError):
+                async with asyncio.timeout(STATUS_WALL_S):
+                    await self._ask_again.wait()
+            await asyncio.sleep(POLL_WALL_S)
+
+    def look(self) -> bool:
+        """Take new rows of the journal; return whether anything has changed."""
+        stamp = self._stamped()
+        if stamp == self._stamp:
+            return False
+        if not self._journal.is_file():
+            self._stamp, self.fold, self.scene = stamp, None, None
+            return True
+        run = newest_run(self._journal)
+        if run is None:
+            self._stamp = stamp
+            return False
+        fold = self.fold
+        if fold is None or fold.run != run or (self._stamp and self._stamp[0] != stamp[0]):
+            fold = RunFold(run)
+        has_new = False
+        for row in read_rows_after(self._journal, fold.seq, run):
+            fold.take(row)
+            has_new = True
+        if self.fold is not fold:
+            self.scene = _scene_of(fold)
+        self.fold, self._stamp = fold, stamp
+        return has_new
+
+    def _stamped(self) -> tuple[object, ...]:
+        """Return what changes with the journal: which file it is, sizes and times."""
+        found: list[object] = []
+        for path in (self._journal, self._journal.with_name(f"{JOURNAL_NAME}-wal")):
+            try:
+                stat = path.stat()
+            except FileNotFoundError:
+                found.append(None)
+            else:
+                found += [stat.st_ino, stat.st_size, stat.st_mtime_ns]
+        return tuple(found)
+
+    def publish(self) -> None:
+        """Hand on what has changed."""
+        self._put("now", self.now())
+        fold, scene = self.fold, self.scene
+        if fold is not None and scene is not None:
+            speed = fold.speed
+            self._put("moment", scene.moment(fold.arm, fold.part, self._clock(), speed))
+
+    def _put(self, kind: str, message: dict[str, Any]) -> None:
+        text = json.dumps(message, ensure_ascii=False, separators=(",", ":"))
+        if self._sent.get(kind) == text:
+            return
+        self._sent[kind] = text
+        for watcher in self._watchers:
+            watcher.put(kind, text)
+
+    def now(self) -> dict[str, Any]:
+        """Return the state of the cell and its last run, as JSON."""
+        status = self._status
+        fold = self.fold
+        state = fold.state if fold is not None else ""
+        if status is not None:
+            state = status.state
+        return {
+            "runs": self._has_run,
+            "silent": self._why_no_status,
+            "journal": self._why_no_journal,
+            "state": state,
+            "light": light_of(status, self._has_run, state),
+            "status": None if status is None else _status(status),
+            "run": None if fold is None else fold.facts(),
+        }
+
+
+def light_of(status: StatusReply | None, has_run: bool, state: str) -> str:
+    """Return the light of the stack: fault, attention, question, working, resting or off.
+
+    Parameters
+    ----------
+    status : of the running cell, None without one
+    has_run : somebody has the cell
+    state : of the machine
+    """
+    mode = state.partition("_")[0]
+    if mode in ("aborting", "aborted"):
+        return "fault"
+    if not has_run:
+        return "off"
+    if status is None:
+        return "attention"
+    if status.question is not None:
+        return "question"
+    if mode in ("suspending", "suspended", "unsuspending", "holding", "held", "stopping"):
+        return "attention"
+    return "working" if mode in ("execute", "completing", "resetting", "starting") else "resting"
+
+
+_ALARMS: Final = {alarm.number: alarm for alarm in ALARMS}
+
+
+def _status(status: StatusReply) -> dict[str, Any]:
+    """Return a status as JSON, its alarms with what a person does about them."""
+    found = facts(status)
+    del found["at_s"]  # changes with each reading, and nobody looks at it
+    alarms = []
+    for text in status.alarms:
+        number, _, words = text.partition(" ")
+        alarm = _ALARMS.get(int(number)) if number.isdigit() else None
+        alarms.append(
+            {
+                "number": int(number) if number.isdigit() else 0,
+                "words": words,
+                "message": status.message,
+                "severity": "" if alarm is None else alarm.severity.value,
+                "unknown": "" if alarm is None else alarm.unknown,
+                "todo": "" if alarm is None else alarm.action,
+            }
+        )
+    return {**found, "alarms": alarms}
+
+
+def _scene_of(fold: RunFold) -> CellScene | None:
+    if fold.began is None:
+        return None
+    try:
+        return CellScene.of(fold.began.cell)
+    except Exception:  # a scene less; a driver of another make may raise anything
+        log.exception("the cell of run %s cannot be drawn", fold.run)
+        return None

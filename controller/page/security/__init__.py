@@ -1,0 +1,20 @@
+"""Who may look at the page and act through it: accounts, sessions, and a guard before all else."""
+
+from .accounts import Account, Accounts, AccountsError, Role, accounts_path, require_name
+from .addresses import Site
+from .guard import Guard
+from .sessions import Attempts, Session, Sessions
+
+__all__ = [
+    "Account",
+    "Accounts",
+    "AccountsError",
+    "Attempts",
+    "Guard",
+    "Role",
+    "Session",
+    "Sessions",
+    "Site",
+    "accounts_path",
+    "require_name",
+]

@@ -1,0 +1,216 @@
+"""The local accounts of the page: a file of this user, with a hash of each password."""
+
+import json
+import os
+import re
+import secrets
+import stat
+from base64 import b64decode, b64encode
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import IntEnum
+from hashlib import scrypt
+from hmac import compare_digest
+from pathlib import Path
+from typing import Final, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+# scrypt's cost: 128 MiB and about half a second for each password that is tried
+COST: Final = 2**17
+BLOCK: Final = 8
+SPARE_BYTES: Final = 2**20  # that OpenSSL takes beside what scrypt needs by its definition
+MAX_ACCOUNT_COUNT: Final = 200
+MIN_PASSWORD: Final = 10
+MAX_PASSWORD: Final = 200
+NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,39}")
+
+
+class AccountsError(Exception):
+    """The accounts cannot be read or changed."""
+
+
+class Role(IntEnum):
+    """What a person may do; each role may do what the one before it may."""
+
+    VIEWER = 1
+    """Look."""
+    OPERATOR = 2
+    """Pause, resume, stop, answer."""
+    ENGINEER = 3
+    """What changes recipes and the cell, once the page has it."""
+
+    @property
+    def word(self) -> str:
+        """Its word in files and on the command line."""
+        return self.name.lower()
+
+
+@dataclass(frozen=True, slots=True)
+class Account:
+    """A person who may log in."""
+
+    name: str
+    role: Role
+
+
+class _Stored(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+    role: Literal["viewer", "operator", "engineer"]
+    salt: str
+    hash: str
+    cost: int = Field(ge=2**4, le=2**20)
+
+
+class _File(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+    accounts: dict[str, _Stored] = Field(default_factory=dict, max_length=MAX_ACCOUNT_COUNT)
+
+
+def accounts_path() -> Path:
+    """Return the file of this user's accounts: $XDG_CONFIG_HOME/cellctl/accounts.json."""
+    base = os.environ.get("XDG_CONFIG_HOME") or str(Path.home() / ".config")
+    return Path(base) / "cellctl" / "accounts.json"
+
+
+def require_name(name: str) -> None:
+    """Check that an account may have a name.
+
+    Raises
+    ------
+    AccountsError : it may not
+    """
+    if not NAME.fullmatch(name):
+        raise AccountsError(
+            f"`{name}`: a name has letters, digits, `.`, `_` or `-`, 40 at most, and begins "
+            "with a letter or digit"
+        )
+
+
+class Accounts:
+    """The accounts of a file, read anew whenever somebody logs in.
+
+    Parameters
+    ----------
+    path : the file; it need not exist
+    cost : of hashes that are made from now on
+    """
+
+    def __init__(self, path: Path, cost: int = COST) -> None:
+        self._path = path
+        self._cost = cost
+
+    def names(self) -> Mapping[str, Role]:
+        """Return the role of each account.
+
+        Raises
+        ------
+        AccountsError : others may read or change the file, or it makes no sense
+        """
+        return {name: Role[one.role.upper()] for name, one in self._read().accounts.items()}
+
+    def find(self, name: str, password: str) -> Account | None:
+        """Return the account of a name if the password is right; slow on purpose.
+
+        Parameters
+        ----------
+        name, password : as typed
+
+        Raises
+        ------
+        AccountsError : others may read or change the file, or it makes no sense
+        """
+        stored = self._read().accounts.get(name)
+        if len(password) > MAX_PASSWORD:
+            return None
+        if stored is None:
+            # as slow as for a name that exists, so that the time betrays no name
+            _hashed(password, b"\0" * 16, self._cost)
+            return None
+        found = _hashed(password, b64decode(stored.salt), stored.cost)
+        if not compare_digest(found, b64decode(stored.hash)):
+            return None
+        return Account(name, Role[stored.role.upper()])
+
+    def put(self, name: str, role: Role, password: str) -> None:
+        """Add an account, or give it another role and password.
+
+        Parameters
+        ----------
+        name, role : of the account
+        password : as typed; only its hash is kept
+
+        Raises
+        ------
+        AccountsError : name or password cannot be taken, or the file cannot be read or written
+        """
+        require_name(name)
+        if not MIN_PASSWORD <= len(password) <= MAX_PASSWORD:
+            raise AccountsError(f"a password has {MIN_PASSWORD} to {MAX_PASSWORD} characters")
+        salt = secrets.token_bytes(16)
+        digest = _hashed(password, salt, self._cost)
+        found = dict(self._read().accounts)
+        if name not in found and len(found) >= MAX_ACCOUNT_COUNT:
+            raise AccountsError(f"there are {MAX_ACCOUNT_COUNT} accounts, more are not kept")
+        found[name] = _Stored.model_validate(
+            {
+                "role": role.word,
+                "salt": b64encode(salt).decode(),
+                "hash": b64encode(digest).decode(),
+                "cost": self._cost,
+            }
+        )
+        self._write(_File(accounts=found))
+
+    def remove(self, name: str) -> None:
+        """Remove an account.
+
+        Raises
+        ------
+        AccountsError : there is none of that name, or the file cannot be read or written
+        """
+        found = dict(self._read().accounts)
+        if found.pop(name, None) is None:
+            raise AccountsError(f"no account `{name}`; there are: {', '.join(found) or 'none'}")
+        self._write(_File(accounts=found))
+
+    def _read(self) -> _File:
+        try:
+            with self._path.open("rb") as file:
+                found = os.fstat(file.fileno())
+                if found.st_uid != os.getuid() or stat.S_IMODE(found.st_mode) & 0o077:
+                    raise AccountsError(
+                        f"{self._path}: others may read or change it; chmod 600 {self._path}"
+                    )
+                return _File.model_validate_json(file.read(1_000_000))
+        except FileNotFoundError:
+            return _File()
+        except OSError as error:
+            raise AccountsError(f"{self._path}: {error.strerror}") from error
+        except ValidationError as error:
+            raise AccountsError(
+                f"{self._path}: not a file of accounts; move it away and add them anew"
+            ) from error
+
+    def _write(self, content: _File) -> None:
+        text = json.dumps(content.model_dump(), indent=1) + "\n"
+        fresh = self._path.with_name(f"{self._path.name}.{os.getpid()}")
+        try:
+            self._path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+            with os.fdopen(os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "w") as to:
+                to.write(text)
+            fresh.replace(self._path)
+        except OSError as error:
+            raise AccountsError(f"{self._path}: {error.strerror}") from error
+
+
+def _hashed(password: str, salt: bytes, cost: int) -> bytes:
+    return scrypt(
+        password.encode(),
+        salt=salt,
+        n=cost,
+        r=BLOCK,
+        p=1,
+        maxmem=128 * BLOCK * cost + SPARE_BYTES,
+        dklen=32,
+    )

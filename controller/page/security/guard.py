@@ -1,0 +1,165 @@
+"""Stands before all of the page: refuses what no browser of a person at this site sends.
+
+It reads the whole request before the page sees it, within a size and a time, and puts the headers
+on every answer that keep a browser from doing what the page never does.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from typing import TYPE_CHECKING, Final
+
+from .addresses import Site
+
+if TYPE_CHECKING:  # accounts are kept without the packages of the server
+    from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+BODY_MAX_BYTES: Final = 65_536
+BODY_WALL_S: Final = 10.0
+# An answer whose reader takes nothing for so long is given up.
+SEND_WALL_S: Final = 20.0
+PATH_MAX: Final = 1024
+HEADER_MAX_BYTES: Final = 16_384
+
+POLICY: Final = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; connect-src 'self'; "
+    "font-src 'self'; manifest-src 'self'; form-action 'self'; base-uri 'none'; "
+    "frame-ancestors 'none'; require-trusted-types-for 'script'"
+)
+HEADERS: Final = (
+    (b"content-security-policy", POLICY.encode()),
+    (b"x-content-type-options", b"nosniff"),
+    (b"x-frame-options", b"DENY"),
+    (b"referrer-policy", b"no-referrer"),
+    (b"cross-origin-opener-policy", b"same-origin"),
+    (b"cross-origin-resource-policy", b"same-origin"),
+    (b"cross-origin-embedder-policy", b"require-corp"),
+    (b"permissions-policy", b"camera=(), microphone=(), geolocation=(), usb=(), serial=()"),
+    (b"x-robots-tag", b"noindex"),
+)
+STRICT_TRANSPORT: Final = (b"strict-transport-security", b"max-age=31536000")
+
+
+class Guard:
+    """The outermost layer of the server.
+
+    Parameters
+    ----------
+    app : what it stands before
+    site : under which addresses browsers find it
+    """
+
+    def __init__(self, app: ASGIApp, site: Site) -> None:
+        self._app = app
+        self._site = site
+        self._hosts = frozenset(host.encode() for host in site.hosts)
+        self._origins = frozenset(origin.encode() for origin in site.origins)
+        self._headers = (*HEADERS, *((STRICT_TRANSPORT,) if site.is_secure else ()))
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Serve a request, or refuse it."""
+        if scope["type"] == "lifespan":
+            await self._app(scope, receive, send)
+            return
+        if scope["type"] != "http":  # the page has no websocket
+            await send({"type": "websocket.close", "code": 1008})
+            return
+        guarded = self._guarded(send)
+        refusal = self._refusal(scope)
+        if refusal is None:
+            try:
+                async with asyncio.timeout(BODY_WALL_S):
+                    body = await _read(receive)
+            except TimeoutError:
+                refusal = (408, "the request did not arrive in time")
+            else:
+                if body is None:
+                    refusal = (413, f"a request has {BODY_MAX_BYTES} bytes at most")
+                else:
+                    await self._app(scope, _again(body, receive), guarded)
+                    return
+        await _refuse(guarded, *refusal)
+
+    def _refusal(self, scope: Scope) -> tuple[int, str] | None:
+        """Return the status and the reason with which a request is refused, None if it is not."""
+        headers: list[tuple[bytes, bytes]] = scope["headers"]
+
+        def every(name: bytes) -> list[bytes]:
+            return [value for key, value in headers if key == name]
+
+        host = every(b"host")
+        if len(host) != 1 or host[0].lower() not in self._hosts:
+            # another name for this address is how a foreign page gets round the same-origin rule
+            return 421, "this server is not known by that name"
+        if scope["method"] not in ("GET", "HEAD", "POST"):
+            return 405, "there is no such method here"
+        if len(scope["path"]) > PATH_MAX:
+            return 414, "the address is too long"
+        if sum(len(key) + len(value) for key, value in headers) > HEADER_MAX_BYTES:
+            return 431, f"a header has {HEADER_MAX_BYTES} bytes at most"
+        length = every(b"content-length")
+        if length and (not length[0].isdigit() or int(length[0]) > BODY_MAX_BYTES):
+            return 413, f"a request has {BODY_MAX_BYTES} bytes at most"
+        origin, fetched = every(b"origin"), every(b"sec-fetch-site")
+        if scope["method"] == "POST":
+            if len(origin) != 1 or origin[0].lower() not in self._origins:
+                return 403, "the request comes from another page"
+            if fetched and fetched[0] != b"same-origin":
+                return 403, "the request comes from another page"
+        elif origin and origin[0].lower() not in self._origins:
+            return 403, "the request comes from another page"
+        return None
+
+    def _guarded(self, send: Send) -> Send:
+        async def guarded(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                own = {name for name, _ in self._headers}
+                kept = [pair for pair in message.get("headers", ()) if pair[0].lower() not in own]
+                names = {name.lower() for name, _ in kept}
+                if b"cache-control" not in names:
+                    kept.append((b"cache-control", b"no-store"))
+                message = {**message, "headers": [*kept, *self._headers]}
+            async with asyncio.timeout(SEND_WALL_S):
+                await send(message)
+
+        return guarded
+
+
+async def _read(receive: Receive) -> bytes | None:
+    """Return the body of a request, None where it is too large."""
+    body = bytearray()
+    while True:
+        message = await receive()
+        if message["type"] == "http.disconnect":
+            return bytes(body)
+        body += message.get("body", b"")
+        if len(body) > BODY_MAX_BYTES:
+            return None
+        if not message.get("more_body", False):
+            return bytes(body)
+
+
+def _again(body: bytes, receive: Receive) -> Receive:
+    """Return what hands out a body that was read, and then what comes after it."""
+    is_read = False
+
+    async def again() -> Message:
+        nonlocal is_read
+        if is_read:
+            return await receive()
+        is_read = True
+        return {"type": "http.request", "body": body, "more_body": False}
+
+    return again
+
+
+async def _refuse(send: Send, status: int, reason: str) -> None:
+    body = json.dumps({"error": reason}).encode()
+    headers = [
+        (b"content-type", b"application/json"),
+        (b"content-length", str(len(body)).encode()),
+        (b"connection", b"close"),
+    ]
+    await send({"type": "http.response.start", "status": status, "headers": headers})
+    await send({"type": "http.response.body", "body": body})

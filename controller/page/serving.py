@@ -1,0 +1,146 @@
+"""The server's process: uvicorn with the page's limits, and the poller beside it."""
+
+import asyncio
+import ssl
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import uvicorn
+from starlette.applications import Starlette
+from uvicorn.protocols.http.h11_impl import H11Protocol
+
+from .live import Live
+from .routes import Page, build_app
+from .security import Accounts, Sessions, Site
+from .security.guard import HEADER_MAX_BYTES
+
+HEADER_WALL_S: Final = 10.0
+CONNECTION_MAX_COUNT: Final = 200
+KEEP_ALIVE_WALL_S: Final = 15
+END_WALL_S: Final = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Serving:
+    """How the page is served.
+
+    Attributes
+    ----------
+    host, port : where it listens
+    cert, key : files of the certificate and its key, None for plain HTTP
+    proxies : addresses of reverse proxies whose word on the browser's address counts
+    """
+
+    host: str
+    port: int
+    cert: Path | None = None
+    key: Path | None = None
+    proxies: tuple[str, ...] = ()
+
+
+class PatientProtocol(H11Protocol):
+    """uvicorn's protocol, but a request whose header does not arrive in time is given up."""
+
+    _waiting: asyncio.TimerHandle | None = None
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        """Begin to wait for the first header."""
+        super().connection_made(transport)
+        self._wait()
+
+    def data_received(self, data: bytes) -> None:
+        """Take what has arrived; wait for the rest of a header."""
+        super().data_received(data)
+        if self.cycle is None or self.cycle.response_complete:
+            if self._waiting is None:
+                self._wait()
+        else:
+            self._wait_no_more()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Wait no more."""
+        self._wait_no_more()
+        super().connection_lost(exc)
+
+    def _wait(self) -> None:
+        self._waiting = self.loop.call_later(HEADER_WALL_S, self._give_up)
+
+    def _wait_no_more(self) -> None:
+        if self._waiting is not None:
+            self._waiting.cancel()
+            self._waiting = None
+
+    def _give_up(self) -> None:
+        self._waiting = None
+        self.transport.abort()
+
+
+def build(runs_dir: Path, site: Site, accounts: Accounts, sessions: Sessions) -> Starlette:
+    """Return the whole page of a folder of runs, with its poller.
+
+    Parameters
+    ----------
+    runs_dir : folder of all runs
+    site : under which addresses browsers find it
+    accounts, sessions : who may log in, and who has
+    """
+    live = Live(runs_dir)
+
+    @asynccontextmanager
+    async def beside(_: Starlette) -> AsyncIterator[None]:
+        poller = asyncio.create_task(live.run())
+        try:
+            yield
+        finally:
+            poller.cancel()
+            with suppress(asyncio.CancelledError):
+                await poller
+
+    return build_app(Page(runs_dir, site, accounts, sessions, live), beside)
+
+
+def serve(app: Starlette, serving: Serving) -> None:
+    """Serve the page until a signal ends it.
+
+    Raises
+    ------
+    OSError : certificate or key cannot be read
+    """
+    server_of(app, serving).run()
+
+
+def server_of(app: Starlette, serving: Serving) -> uvicorn.Server:
+    """Return the server, with its limits.
+
+    Raises
+    ------
+    OSError : certificate or key cannot be read
+    """
+    options: dict[str, Any] = {}
+    if serving.cert is not None and serving.key is not None:
+        context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+        context.minimum_version = ssl.TLSVersion.TLSv1_2
+        context.load_cert_chain(serving.cert, serving.key)  # fails here, with the reason
+        options = {"ssl_certfile": str(serving.cert), "ssl_keyfile": str(serving.key)}
+    config = uvicorn.Config(
+        app,
+        host=serving.host,
+        port=serving.port,
+        http=PatientProtocol,
+        ws="none",
+        log_config=None,
+        access_log=False,
+        server_header=False,
+        date_header=True,
+        proxy_headers=bool(serving.proxies),
+        forwarded_allow_ips=list(serving.proxies) or None,
+        limit_concurrency=CONNECTION_MAX_COUNT,
+        h11_max_incomplete_event_size=HEADER_MAX_BYTES,
+        timeout_keep_alive=KEEP_ALIVE_WALL_S,
+        timeout_graceful_shutdown=END_WALL_S,
+        **options,
+    )
+    return uvicorn.Server(config)

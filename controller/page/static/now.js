@@ -1,0 +1,391 @@
+// Page "Now": shows what the server streams, and sends orders. All text goes in as text, never as HTML.
+const words = JSON.parse(document.getElementById("words").textContent);
+const csrf = document.querySelector('meta[name="csrf"]').content;
+const language = document.documentElement.lang;
+const t = (text, values = {}) => {
+  let found = words[text] || text;
+  for (const [name, value] of Object.entries(values)) found = found.replace(`{${name}}`, String(value));
+  return found;
+};
+const $ = (id) => document.getElementById(id);
+const el = (tag, text = "", kind = "") => {
+  const made = document.createElement(tag);
+  if (text !== "") made.textContent = text;
+  if (kind) made.className = kind;
+  return made;
+};
+const svg = (tag, attributes) => {
+  const made = document.createElementNS("http://www.w3.org/2000/svg", tag);
+  for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);
+  return made;
+};
+const number = (value, digits = 0) =>
+  value.toLocaleString(language, { minimumFractionDigits: digits, maximumFractionDigits: digits });
+const time = (utc) => new Date(utc).toLocaleTimeString(language);
+
+const MODES = {
+  execute: "Execute", suspending: "Suspending", suspended: "Suspended", unsuspending: "Unsuspending",
+  resetting: "Resetting", idle: "Idle", stopping: "Stopping", stopped: "Stopped", aborting: "Aborting",
+  aborted: "Aborted", clearing: "Clearing", holding: "Holding", held: "Held", completing: "Completing",
+  complete: "Complete", starting: "Starting",
+};
+const LIGHTS = {
+  fault: "Fault: a person has to look at the cell", attention: "Attention: the cell stands, or will",
+  question: "Question: the cell waits for an answer", working: "Working", resting: "Resting",
+  off: "No run: nobody has the cell",
+};
+const SIGNALS = {
+  estop_ok: "Emergency stop released", guard_closed: "Door closed", supply_ok: "Supply",
+  part_in_nest: "Part in the fixed gripper's barrier", part_in_gripper: "Part in the arm gripper's barrier",
+  acknowledge: "Acknowledge button",
+};
+const STATUS_WORDS = { pass: "PASS", fail: "FAIL", indeterminate: "INDETERMINATE", not_evaluated: "NOT EVALUATED" };
+
+let last = null;
+let isLost = true;
+let isActing = false;
+const shown = new Map();
+
+// Draws a section anew only where its content has changed, so that focus and selection stay.
+function onChange(name, content, draw) {
+  const text = JSON.stringify(content);
+  if (shown.get(name) === text) return;
+  shown.set(name, text);
+  draw(content);
+}
+
+function stateWords(state) {
+  const [mode, ...stage] = (state || "").split("_");
+  const name = t(MODES[mode] || (state ? state : "No run yet"));
+  return stage.length ? `${name}: ${t(stage.join("_"))}` : name;
+}
+
+function show(now) {
+  last = now;
+  const { status, run } = now;
+  onChange("run", [run && run.run, run && run.emulated.length], () => {
+    $("run").textContent = run ? `${t("Run")} ${run.run}${run.emulated.length ? ` · ${t("emulated")}` : ""}` : "";
+  });
+  onChange("light", now.light, (light) => {
+    for (const lamp of document.querySelectorAll("[data-light]")) {
+      lamp.classList.toggle("lit", lamp.dataset.light === light);
+    }
+    $("light").textContent = t(LIGHTS[light]);
+  });
+  onChange("state", [now.state, now.runs], () => {
+    $("state-name").textContent = stateWords(now.state);
+    document.title = `${stateWords(now.state)} · cellctl`;
+  });
+  const doing = [];
+  if (now.silent) doing.push(t("The cell does not answer: {why}", { why: now.silent }));
+  if (now.journal) doing.push(t("The journal cannot be read: {why}", { why: now.journal }));
+  if (status) {
+    if (status.label) doing.push(status.label);
+    if (status.safe_point) doing.push(t("stands {where}", { where: status.safe_point }));
+    if (status.message) doing.push(status.message);
+  } else if (!now.runs && run) {
+    doing.push(run.end ? t("The last run ended: {end}. {message}", run.end) : t("The last run broke off."));
+  } else if (!run) {
+    doing.push(t("Start one with `cellctl run`; it shows here by itself."));
+  }
+  onChange("doing", doing, () => { $("doing").textContent = doing.join(" · "); });
+  onChange("facts", factsOf(now), drawFacts);
+  onChange("question", status && status.question, drawQuestion);
+  onChange("acts", [status && [status.pause_seconds, status.pausing, status.first_motion, status.state], now.runs, isLost], drawActs);
+  onChange("alarms", [status ? status.alarms : [], run ? run.alarms : []], drawAlarms);
+  onChange("steps", [run && run.plan, status && status.step], drawSteps);
+  onChange("views", [run && run.run, run && run.views, run && run.table], drawViews);
+  onChange("interlocks", [status ? status.signals : {}, now.runs], drawInterlocks);
+  onChange("parts", [run && run.parts, run && run.counts, run && run.count], drawParts);
+  onChange("people", run ? run.acts : [], drawPeople);
+}
+
+function factsOf({ status, run }) {
+  const found = [];
+  if (!run) return found;
+  found.push([t("Recipe"), run.recipe]);
+  if (run.part) found.push([t("Part"), run.count ? t("{k} of {n}", { k: run.part, n: run.count }) : String(run.part)]);
+  if (run.lot) found.push([t("Lot"), run.lot]);
+  if (run.operator) found.push([t("Operator"), run.operator]);
+  found.push([t("Custody"), t(status ? status.custody : run.custody)]);
+  if (status && status.step_count) found.push([t("Step"), t("{k} of {n}", { k: status.step, n: status.step_count })]);
+  if (status && status.seconds_left !== null) found.push([t("Left, about"), `${number(status.seconds_left)} s`]);
+  if (run.verdict) found.push([t("Verdict"), STATUS_WORDS[run.verdict.verdict] || run.verdict.verdict]);
+  return found;
+}
+
+function drawFacts(found) {
+  $("facts").replaceChildren(...found.map(([name, value]) => {
+    const box = el("div");
+    box.append(el("dt", name), el("dd", value));
+    return box;
+  }));
+}
+
+function drawQuestion(question) {
+  $("question").hidden = !question;
+  if (!question) return;
+  $("question-head").textContent = t("Question {n}", { n: question.number });
+  $("question-text").textContent = question.text;
+  $("choices").replaceChildren(...question.choices.map((choice) => {
+    const button = el("button");
+    button.type = "button";
+    button.dataset.answer = choice.key;
+    button.append(el("b", choice.words || choice.key));
+    button.append(el("small", choice.first ? t("moves first: {what}", { what: choice.first }) : choice.key));
+    button.disabled = document.querySelector("main").dataset.mayAct !== "yes";
+    button.addEventListener("click", () => act("answer", { key: choice.key, number: question.number }));
+    return button;
+  }));
+}
+
+function within(seconds) {
+  return seconds === null || seconds === undefined
+    ? t("nobody knows when it stands") : t("stands within {s} s", { s: number(Math.ceil(seconds)) });
+}
+
+function drawActs() {
+  if (!$("buttons")) return;
+  const status = last && last.status;
+  const isThere = Boolean(status) && !isLost;
+  const state = status ? status.state : "";
+  for (const button of document.querySelectorAll("[data-pause]")) {
+    const kind = button.dataset.pause;
+    const can = isThere && kind in status.pause_seconds;
+    button.disabled = !can;
+    const words_ = can ? within(status.pause_seconds[kind]) : t("not now");
+    button.querySelector("small").textContent = status && status.pausing === kind ? `${t("pausing")}, ${words_}` : words_;
+  }
+  const first = status && status.first_motion;
+  const isPaused = isThere && state.startsWith("suspended");
+  $("resume").disabled = !isPaused;
+  $("resume").querySelector("small").textContent = isPaused
+    ? (first ? t("moves first: {what}", { what: first.words }) : t("what moves first is not known yet"))
+    : t("the cell is not paused");
+  $("stop").disabled = !isThere;
+}
+
+function drawAlarms([standing, past]) {
+  const row = (alarm, isStanding) => {
+    const item = el("li", "", isStanding ? "standing" : "");
+    const when = isStanding ? t("stands now") : `${time(alarm.at)}${alarm.times > 1 ? ` · ${t("{n} times", { n: alarm.times })}` : ""}`;
+    item.append(el("b", `▲ ${alarm.number} ${alarm.words}`), el("p", `${alarm.severity ? `${t(alarm.severity)} · ` : ""}${when}`, "quiet"));
+    if (alarm.message) item.append(el("p", `${t("Cause")}: ${alarm.message}`));
+    if (alarm.unknown && alarm.unknown !== "nothing") item.append(el("p", `${t("Not known since")}: ${alarm.unknown}`));
+    if (alarm.todo) item.append(el("p", `${t("What to do")}: ${alarm.todo}`));
+    return item;
+  };
+  const every = [...standing.map((a) => row(a, true)), ...past.map((a) => row(a, false))];
+  $("alarms").replaceChildren(...(every.length ? every : [el("li", t("None."), "none")]));
+}
+
+function drawSteps([plan, step]) {
+  const steps = plan ? plan.steps : [];
+  $("course-words").textContent = steps.length
+    ? t("Forecast of the plan: {s} s.", { s: number(plan.forecast_s) }) : t("There is no plan yet.");
+  const most = Math.max(1, ...steps.map((one) => Math.max(one.forecast_s, one.seconds || 0)));
+  $("steps").replaceChildren(...steps.map((one, k) => {
+    const item = el("li");
+    if (step === k + 1) item.setAttribute("aria-current", "step");
+    const mark = one.seconds !== null ? "✓" : step === k + 1 ? "▶" : "·";
+    item.append(el("span", `${mark} ${k + 1} ${one.label}`));
+    const actual = one.seconds === null ? "" : `${number(one.seconds, 1)} s`;
+    item.append(el("span", `${actual} / ${number(one.forecast_s, 1)} s`, "seconds"));
+    const bars = el("span", "", "bars");
+    const bar = (kind, seconds) => {
+      const made = el("span", "", `bar ${kind}`);
+      made.style.width = `${(100 * seconds) / most}%`;
+      bars.append(made);
+    };
+    bar("forecast", one.forecast_s);
+    if (one.seconds !== null) bar(one.seconds > 1.25 * one.forecast_s ? "actual late" : "actual", one.seconds);
+    item.append(bars);
+    return item;
+  }));
+}
+
+function drawViews() {
+  const run = last.run;
+  const views = run ? [...run.views].reverse() : [];
+  const figures = [];
+  for (const view of views) {
+    if (!view.pictures.length) continue;
+    figures.push(figureOf(run.run, view, view.pictures[0]));
+  }
+  if (!figures.length && run && run.table.length) {
+    figures.push(figureOf(run.run, { view: t("the table") }, run.table[0]));
+  }
+  $("views").replaceChildren(...(figures.length ? figures : [el("p", t("No picture yet."))]));
+}
+
+function figureOf(run, view, picture) {
+  const size = last.run.size; // the outline is in pixels of the whole picture
+  const figure = el("figure");
+  const box = el("div", "", "picture");
+  const image = el("img");
+  image.src = `/picture/${encodeURIComponent(run)}/${picture.picture}`;
+  image.width = 640;
+  image.height = Math.round((640 * size[1]) / size[0]);
+  image.alt = t("Picture of view {view} under {lamp}", { view: view.view, lamp: picture.lamp });
+  box.append(image);
+  if (view.outline) {
+    const over = svg("svg", { viewBox: `0 0 ${size[0]} ${size[1]}`, "aria-hidden": "true" });
+    over.append(svg("path", { class: "outline", d: view.outline.map(([x, y]) => `M${x} ${y}h.1`).join("") }));
+    for (const finding of view.findings) {
+      const [x0, y0, x1, y1] = finding.box;
+      over.append(svg("rect", { class: "finding", x: x0 - 12, y: y0 - 12, width: x1 - x0 + 24, height: y1 - y0 + 24 }));
+    }
+    box.append(over);
+  }
+  const caption = el("figcaption", `${view.view}: `);
+  let words_ = t("picture taken");
+  if (view.judged) {
+    words_ = !view.evaluated ? t("not evaluated: {why}", { why: view.reason })
+      : view.findings.length
+        ? view.findings.map((f) => `⚠ ${f.kind} ${number(f.size_mm, 1)} mm`).join(", ")
+        : t("✓ no finding");
+  }
+  caption.append(words_);
+  figure.append(box, caption);
+  return figure;
+}
+
+function drawInterlocks([signals, runs]) {
+  const rows = Object.entries(signals).map(([name, isOk]) => {
+    const item = el("li");
+    const sign = isOk === null ? "?" : isOk ? "●" : "○";
+    const word = isOk === null ? t("unknown") : isOk ? t("yes") : t("no");
+    item.append(el("span", sign, "sign"), `${t(SIGNALS[name] || name)}: ${word}`);
+    return item;
+  });
+  $("interlocks").replaceChildren(...(rows.length ? rows : [el("li", runs ? t("Not read yet.") : t("Nobody reads them: no run."))]));
+}
+
+function drawParts([parts, counts]) {
+  $("counts").textContent = counts
+    ? Object.entries(counts).map(([verdict, n]) => `${STATUS_WORDS[verdict] || verdict}: ${n}`).join(" · ") : "";
+  $("parts").replaceChildren(...[...(parts || [])].reverse().map((one) =>
+    el("li", `${t("Part")} ${one.part}: ${STATUS_WORDS[one.verdict] || one.verdict}${one.tray ? ` → ${t(one.tray)}` : ""}`)));
+}
+
+function drawPeople(acts) {
+  $("people").replaceChildren(...(acts.length ? acts.map((one) => el("li",
+    `${time(one.at)} ${one.who}: ${one.act.replaceAll("_", " ")}${one.why ? ` (${one.why})` : ""}${one.answer === "handled" ? "" : `: ${t(one.answer)}`}`))
+    : [el("li", t("Nobody yet."))]));
+}
+
+async function act(name, body) {
+  if (isActing) return;
+  isActing = true;
+  $("said").textContent = t("sent …");
+  const why = $("why") ? $("why").value : "";
+  try {
+    const reply = await fetch(`/act/${name}`, {
+      method: "POST", credentials: "same-origin",
+      headers: { "Content-Type": "application/json", "X-CSRF-Token": csrf },
+      body: JSON.stringify({ ...body, why }),
+    });
+    const said = await reply.json();
+    if (said.error) $("said").textContent = `✗ ${said.error}`;
+    else if (said.decision === "refused") $("said").textContent = `✗ ${t("refused")}: ${said.reason}`;
+    else if (said.decision === "ignored") $("said").textContent = `– ${t("nothing to do")}: ${said.reason}`;
+    else {
+      $("said").textContent = `✓ ${t("taken")}: ${stateWords(said.state)}`;
+      if ($("why")) $("why").value = "";
+    }
+    if (reply.status === 401) location.assign("/login");
+  } catch {
+    $("said").textContent = `✗ ${t("The order did not reach the page. Look at the cell before you repeat it.")}`;
+  } finally {
+    isActing = false;
+  }
+}
+
+for (const button of document.querySelectorAll("[data-pause]")) {
+  button.addEventListener("click", () => act("pause", { kind: button.dataset.pause }));
+}
+if ($("resume")) {
+  $("resume").addEventListener("click", () => {
+    const first = last && last.status && last.status.first_motion;
+    act("resume", { first: first ? first.words : null });
+  });
+  $("stop").addEventListener("click", () => act("stop", {}));
+}
+$("logout").addEventListener("click", async () => {
+  await fetch("/logout", { method: "POST", credentials: "same-origin", headers: { "X-CSRF-Token": csrf } });
+  location.assign("/login");
+});
+
+// The stream. The server sends a beat every 5 s; without one the connection counts as lost.
+const LOST_MS = 12000;
+let heard = 0;
+let stream = null;
+let scene = null;
+let moment = null;
+
+function lose(lost) {
+  if (isLost === lost) return;
+  isLost = lost;
+  $("lost").hidden = !lost || !last;
+  drawActs();
+}
+
+function listen() {
+  if (stream) stream.close();
+  stream = new EventSource("/events");
+  heard = Date.now();
+  const hear = (kind, take) => stream.addEventListener(kind, (event) => {
+    heard = Date.now();
+    lose(false);
+    take(JSON.parse(event.data));
+  });
+  hear("beat", () => {});
+  hear("now", (now) => { show(now); if (now.run) wantScene(now.run.run); });
+  hear("moment", (found) => { moment = found; if (scene) scene.show(found); sceneWords(found); });
+  hear("end", () => location.assign("/login"));
+  stream.onerror = async () => {
+    lose(true);
+    if (stream.readyState !== EventSource.CLOSED) return;
+    // the stream was refused, not interrupted: nobody is logged in any more, or the page is full
+    try {
+      const who = await fetch("/session", { credentials: "same-origin" });
+      if (who.status === 401) location.assign("/login");
+    } catch { /* the server is away: tried again below */ }
+  };
+}
+
+setInterval(() => {
+  if (Date.now() - heard > LOST_MS) {
+    lose(true);
+    listen();
+  }
+}, 1500);
+document.addEventListener("visibilitychange", () => {
+  if (!document.hidden && Date.now() - heard > LOST_MS) listen();
+});
+
+function sceneWords(found) {
+  if (scene === false) return;
+  $("scene-words").textContent = !found.known ? t("Where the arm stands is not known yet.")
+    : found.moves ? t("The arm moves; between the ends of its path this is where its timing model has it.")
+      : t("The arm stands.");
+}
+
+let sceneRun = "";
+async function wantScene(run) {
+  if (sceneRun === run || scene === false) return;
+  sceneRun = run;
+  try {
+    const { CellView } = await import("./scene.js");
+    if (!scene) scene = new CellView($("scene"));
+    await scene.load();
+    if (moment) scene.show(moment);
+  } catch (error) {
+    sceneRun = "";
+    scene = false;
+    $("scene").hidden = true;
+    $("scene-words").textContent = t("The cell cannot be drawn in this browser: {why}", { why: error.message });
+  }
+}
+
+listen();

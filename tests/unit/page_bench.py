@@ -1,0 +1,109 @@
+"""A page before a journal that was written here, and a browser without a screen."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from starlette.testclient import TestClient
+
+from controller.cell.journal import JOURNAL_NAME, Journal, rows
+from controller.config import load_cell
+from controller.page.live import Live
+from controller.page.routes import Page, build_app
+from controller.page.security import Account, Accounts, Attempts, Role, Sessions, Site
+
+ROOT = Path(__file__).resolve().parents[2]
+CELL = ROOT / "recipes" / "cells" / "emulated.yaml"
+RUN = "20261124-080000-001-holder"
+ORIGIN = "http://127.0.0.1:8470"
+PASSWORD = "correct horse battery"
+CHEAP = 2**4  # scrypt's least cost: what a hash costs is no matter of these tests
+HERE = (0.5, -0.25, 0.5, -100.0, -1.0, 0.25)
+THERE = (0.25, 0.5, 0.25, -300.0, -0.5, 0.5)
+EYE = ((1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+
+
+class Clock:
+    """Seconds that go by when the test says so."""
+
+    def __init__(self) -> None:
+        self.now_s = 1000.0
+
+    def __call__(self) -> float:
+        return self.now_s
+
+
+def journal(runs: Path, run: str = RUN, *, with_cell: bool = True) -> Journal:
+    """Return the journal of a run that has begun; without a cell there is nothing to draw."""
+    runs.mkdir(exist_ok=True)
+    found = Journal(runs / JOURNAL_NAME, run)
+    cell = load_cell(CELL).model_dump(mode="json") if with_cell else {}
+    found.write(
+        rows.RunBegan(recipe={"name": "holder", "part": "none.stl"}, cell=cell, count=3, speed=2.0)
+    )
+    return found
+
+
+def picture(runs: Path, name: str, run: str = RUN) -> Path:
+    """Write a picture, 1280 x 1024, and return its file."""
+    path = runs / run / name
+    path.parent.mkdir(parents=True, exist_ok=True)
+    cv2.imwrite(str(path), np.full((1024, 1280), 90, np.uint8))
+    return path
+
+
+@dataclass
+class Bench:
+    """A page, and what it stands on.
+
+    `client` logs in as nobody until `log_in`.
+    """
+
+    page: Page
+    client: TestClient
+    clock: Clock
+
+    def read(self) -> None:
+        """Have the poller look at the journal once."""
+        self.page.live.look()
+
+    def log_in(self, role: Role = Role.OPERATOR, name: str = "ada") -> str:
+        """Log in by a link; return the token that orders must carry."""
+        token = self.page.sessions.link(Account(name, role))
+        self.client.get(f"/enter?token={token}")
+        return self.csrf()
+
+    def csrf(self) -> str:
+        """Return the token in the page."""
+        found = re.search(r'name="csrf" content="([^"]+)"', self.client.get("/now").text)
+        assert found is not None
+        return found[1]
+
+    def act(self, name: str, body: object, csrf: str, **headers: str) -> tuple[int, str]:
+        """Send an order as the page does; return status and text."""
+        reply = self.client.post(
+            f"/act/{name}",
+            json=body,
+            headers={"Origin": ORIGIN, "X-CSRF-Token": csrf, **headers},
+        )
+        return reply.status_code, reply.text
+
+
+def bench(folder: Path, site: Site | None = None) -> Bench:
+    """Return a page of `folder/runs`, with the accounts of `folder/accounts.json`."""
+    clock = Clock()
+    runs = folder / "runs"
+    page = Page(
+        runs,
+        site or Site.served("127.0.0.1", 8470, with_tls=False),
+        Accounts(folder / "accounts.json", CHEAP),
+        Sessions(clock),
+        Live(runs),
+        Attempts(clock),
+    )
+    client = TestClient(build_app(page), base_url=ORIGIN, follow_redirects=False)
+    return Bench(page, client, clock)

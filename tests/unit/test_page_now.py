@@ -1,0 +1,382 @@
+"""What the page knows of the cell: folded from rows that the journal's own writer wrote."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("starlette", reason="the page's packages are not installed (extra `page`)")
+pytest.importorskip("httpx2", reason="starlette's client for tests needs it")
+
+from page_bench import CELL, EYE, HERE, RUN, THERE, bench, journal, picture
+
+from controller.cell.control import DecisionReply, NoRunError, RunningCell, StatusReply
+from controller.cell.custody import Custody
+from controller.cell.journal import JOURNAL_NAME, newest_run, read_rows, read_rows_after, rows
+from controller.config import load_cell
+from controller.page.fold import Arm, HeldPart, RunFold
+from controller.page.fold import Path as ArmPath
+from controller.page.live import Live, TooManyWatchersError, light_of
+from controller.page.scene import CellScene
+from controller.planning.motion import segment_seconds, tcp_pose
+from controller.setup.layout import build_layout
+
+STATUS: dict[str, Any] = {
+    "run": RUN,
+    "at_s": 3.0,
+    "state": "execute_grasping",
+    "label": "grasp",
+    "step": 1,
+    "step_count": 2,
+    "custody": "on the table",
+    "seconds_left": 12.0,
+    "message": "",
+    "safe_point": None,
+    "pausing": None,
+    "pause_seconds": {"step": 9.0, "safe": 4.0, "now": 0.6},
+    "first_motion": None,
+    "question": None,
+    "alarms": [],
+    "holder": {"run": RUN, "user": "me", "host": "here", "pid": 1, "since": "now"},
+    "signals": {"estop_ok": True, "guard_closed": None},
+}
+
+
+def folded(runs: Path) -> RunFold:
+    fold = RunFold(RUN)
+    for row in read_rows(runs / JOURNAL_NAME, RUN):
+        fold.take(row)
+    return fold
+
+
+def plan_row() -> rows.PlanMade:
+    return rows.PlanMade(
+        steps=("pick", "show", "place"),
+        seconds=(9.0, 4.0, 7.0),
+        forecast_s=20.0,
+        covered_fraction=0.9,
+        reachable_fraction=1.0,
+    )
+
+
+def test_steps_have_their_forecast_and_what_they_took(tmp_path: Path) -> None:
+    writer = journal(tmp_path)
+    writer.write(plan_row(), 1)
+    writer.write(rows.StepDone(label="pick", forecast_s=9.0, seconds=9.5), 1)
+    writer.close()
+    plan = folded(tmp_path).facts()["plan"]
+    assert [(one["label"], one["forecast_s"], one["seconds"]) for one in plan["steps"]] == [
+        ("pick", 9.0, 9.5),
+        ("show", 4.0, None),
+        ("place", 7.0, None),
+    ]
+    assert (plan["done"], plan["forecast_s"]) == (1, 20.0)
+
+
+def test_the_next_part_begins_with_nothing_of_the_last(tmp_path: Path) -> None:
+    writer = journal(tmp_path)
+    writer.write(plan_row(), 1)
+    writer.write(rows.ViewPicturesTaken(view="V1", pictures={"ring": "a.png"}, q=HERE), 1)
+    writer.write(rows.PartDone(verdict="pass", tray="accept"), 1)
+    writer.write(rows.TablePictures({"ring": "b.png"}), 2)
+    writer.close()
+    facts = folded(tmp_path).facts()
+    assert (facts["part"], facts["views"], facts["plan"]["steps"]) == (2, [], [])
+    assert facts["parts"] == [{"part": 1, "verdict": "pass", "tray": "accept"}]
+    assert facts["counts"] == {"pass": 1}
+    assert facts["table"] == [{"lamp": "ring", "picture": 1}]
+
+
+def test_a_view_gets_its_outline_and_findings_once_it_is_judged(tmp_path: Path) -> None:
+    writer = journal(tmp_path)
+    writer.write(rows.ViewPicturesTaken(view="V1", pictures={"ring": "a.png"}, q=HERE), 1)
+    finding = rows.FindingFields(
+        kind="dent",
+        lamp="ring",
+        area_mm2=3.0,
+        size_mm=2.5,
+        at_px=(10.0, 20.0),
+        box_px=(5, 15, 15, 25),
+        p_part_mm=(0.0, 0.0, 0.0),
+        faces=(4,),
+    )
+    outline = tuple((x, 7) for x in range(1000))
+    writer.write(
+        rows.ViewJudged(view="V1", evaluated=True, outline_px=outline, findings=(finding,)), 1
+    )
+    writer.close()
+    (view,) = folded(tmp_path).facts()["views"]
+    assert view["pictures"] == [{"lamp": "ring", "picture": 0}]
+    assert [(f["kind"], f["size_mm"], f["box"]) for f in view["findings"]] == [
+        ("dent", 2.5, [5, 15, 15, 25])
+    ]
+    assert view["outline"][0] == [0, 7]
+    assert 100 < len(view["outline"]) <= 240
+
+
+def test_an_alarm_has_number_cause_and_what_to_do_and_is_counted(tmp_path: Path) -> None:
+    writer = journal(tmp_path)
+    for _ in range(3):
+        writer.write(
+            rows.DeviceRetried(device="lights", error="no answer", number=1, alarm=910), None
+        )
+    writer.close()
+    (alarm,) = folded(tmp_path).facts()["alarms"]
+    assert (alarm["number"], alarm["message"], alarm["times"]) == (910, "no answer", 3)
+    assert alarm["words"]
+    assert alarm["todo"]
+
+
+def test_who_acted_is_shown_with_the_reason(tmp_path: Path) -> None:
+    writer = journal(tmp_path)
+    event = {"answer": "handled", "from": "execute_planning", "to": "suspending_planning"}
+    writer.write(
+        rows.CellEvent.model_validate(
+            {**event, "name": "pause_now", "who": "ada, page (me)", "why": "a screw"}
+        )
+    )
+    writer.close()
+    facts = folded(tmp_path).facts()
+    assert facts["state"] == "suspending_planning"
+    assert [(a["act"], a["who"], a["why"]) for a in facts["acts"]] == [
+        ("pause_now", "ada, page (me)", "a screw")
+    ]
+
+
+def test_a_row_of_another_version_changes_nothing(tmp_path: Path) -> None:
+    writer = journal(tmp_path)
+    writer.write(plan_row(), 1)
+    writer.close()
+    fold = folded(tmp_path)
+    before = fold.facts()
+    (*_, row) = read_rows(tmp_path / JOURNAL_NAME, RUN)
+    from dataclasses import replace
+
+    fold.take(replace(row, seq=row.seq + 1, body={"steps": 7}))
+    assert fold.facts() == before
+    assert fold.seq == row.seq + 1
+
+
+def test_rows_are_read_from_the_last_one_on(tmp_path: Path) -> None:
+    writer = journal(tmp_path)
+    writer.write(plan_row(), 1)
+    path = tmp_path / JOURNAL_NAME
+    assert newest_run(path) == RUN
+    seen = [row.seq for row in read_rows_after(path, 0, RUN)]
+    assert len(seen) == 2
+    assert list(read_rows_after(path, seen[-1], RUN)) == []
+    writer.write(rows.PathEnded(), 1)
+    assert [row.name for row in read_rows_after(path, seen[-1], RUN)] == ["path_ended"]
+    assert list(read_rows_after(path, 0, "another")) == []
+    writer.close()
+
+
+@pytest.fixture(scope="module")
+def scene() -> CellScene:
+    return CellScene(build_layout(load_cell(CELL)))
+
+
+def test_the_arm_is_where_its_path_has_it(scene: CellScene) -> None:
+    """Independent of the page: a joint line passes its ends, at the times of the timing model."""
+    layout = scene.layout
+    seconds = float(segment_seconds(layout, np.array(HERE), np.array(THERE)))
+    arm = Arm(HERE, ArmPath(HERE, (THERE,), 100.0))
+    for elapsed_s, expected in ((0.0, HERE), (seconds, THERE), (seconds + 50.0, THERE)):
+        found = scene.joints(arm, 100.0 + elapsed_s / 5.0, 5.0)
+        assert found is not None
+        np.testing.assert_allclose(found, expected, atol=1e-6)
+    half = scene.joints(arm, 100.0 + seconds / 10.0, 5.0)
+    assert half is not None
+    np.testing.assert_allclose(half, (np.array(HERE) + np.array(THERE)) / 2, atol=1e-6)
+    assert scene.joints(Arm(), 0.0, 1.0) is None
+
+
+def test_the_part_moves_with_the_gripper_and_stays_where_it_was_let_go(scene: CellScene) -> None:
+    grasp = EYE  # the part's frame is the TCP's
+    held = HeldPart(Custody.IN_ARM, 1, None, grasp)
+    T = scene.moment(Arm(HERE), held, 0.0, 1.0)["part"]
+    np.testing.assert_allclose(
+        np.array(T).reshape(4, 4), tcp_pose(scene.layout, np.array(HERE)), atol=1e-3
+    )
+    left = HeldPart(Custody.IN_FIXED, 1, None, None, let_go=(HERE, grasp))
+    np.testing.assert_allclose(scene.moment(Arm(THERE), left, 0.0, 1.0)["part"], T)
+    assert scene.moment(Arm(HERE), HeldPart(Custody.LOST, 1, EYE), 0.0, 1.0)["part"] is None
+
+
+def test_the_scene_has_all_that_stands_and_moves(scene: CellScene) -> None:
+    standing = scene.standing
+    names = {box["name"] for box in standing["boxes"]}
+    assert {"column", "fixture_post", "accept", "reject", "quarantine"} <= names
+    assert [camera["name"] for camera in standing["cameras"]] == ["overhead", "inspection"]
+    moment = scene.moment(Arm(HERE), HeldPart(), 0.0, 1.0)
+    assert len(moment["T"]) == len(standing["moving"])
+    assert all(len(T) == 16 for T in moment["T"])
+    assert moment["known"]
+    assert not scene.moment(Arm(), HeldPart(), 0.0, 1.0)["known"]
+    json.dumps([standing, moment], allow_nan=False)
+
+
+@pytest.mark.parametrize(
+    ("state", "has_run", "question", "light"),
+    [
+        ("execute_grasping", True, False, "working"),
+        ("suspended_grasping", True, False, "attention"),
+        ("held", True, False, "attention"),
+        ("execute_acquiring", True, True, "question"),
+        ("aborted", True, True, "fault"),
+        ("aborted", False, False, "fault"),
+        ("stopped", False, False, "off"),
+        ("idle", True, False, "resting"),
+    ],
+)
+def test_each_state_has_its_light(state: str, has_run: bool, question: bool, light: str) -> None:
+    asked = {"number": 1, "code": "c", "text": "t", "choices": []} if question else None
+    status = StatusReply.model_validate({**STATUS, "state": state, "question": asked})
+    assert light_of(status if has_run else None, has_run, state) == light
+
+
+def test_a_cell_that_does_not_answer_needs_attention() -> None:
+    assert light_of(None, True, "execute_grasping") == "attention"
+
+
+async def changes(live: Live, kinds: int) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    async for kind, message in live.watch():
+        found[kind] = json.loads(message)
+        if len(found) >= kinds:
+            break
+    return found
+
+
+async def test_a_row_reaches_a_browser_and_no_run_is_no_fault(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def nobody(_: RunningCell) -> StatusReply:
+        raise NoRunError("no run")
+
+    monkeypatch.setattr(RunningCell, "status", nobody)
+    live = Live(tmp_path)
+    poller = asyncio.create_task(live.run())
+    stream = live.watch()
+    _, first = await anext(stream)
+    assert json.loads(first)["run"] is None
+    assert json.loads(first)["runs"] is False
+    writer = journal(tmp_path, with_cell=False)
+    async with asyncio.timeout(30):
+        while (now := json.loads((await anext(stream))[1])).get("run") is None:
+            pass
+    assert now["run"]["run"] == RUN
+    writer.write(plan_row(), 1)
+    async with asyncio.timeout(30):
+        while not json.loads((await anext(stream))[1])["run"]["plan"]["steps"]:
+            pass
+    writer.close()
+    poller.cancel()
+    await asyncio.gather(poller, return_exceptions=True)
+
+
+async def test_a_browser_that_reads_nothing_costs_one_message_of_each_kind(tmp_path: Path) -> None:
+    live = Live(tmp_path)
+    stream = live.watch()
+    live.publish()
+    assert (await anext(stream))[0] == "now"
+    writer = journal(tmp_path, with_cell=False)
+    for number in range(50):
+        writer.write(rows.TablePictures({"ring": f"{number}.png"}), number + 1)
+        live.look()
+        live.publish()
+    writer.close()
+    _, message = await anext(stream)
+    assert json.loads(message)["run"]["part"] == 50
+    with pytest.raises(TimeoutError):
+        async with asyncio.timeout(0.3):
+            await anext(stream)
+
+
+async def test_there_is_no_room_for_endless_browsers(tmp_path: Path) -> None:
+    live = Live(tmp_path)
+    live.publish()
+    streams = [live.watch() for _ in range(41)]
+    for stream in streams[:40]:
+        await anext(stream)
+    with pytest.raises(TooManyWatchersError):
+        await anext(streams[40])
+    await streams[0].aclose()
+    stream = live.watch()
+    await anext(stream)
+    for one in (*streams[1:40], stream):
+        await one.aclose()
+
+
+def test_another_journal_in_the_same_place_is_read_anew(tmp_path: Path) -> None:
+    writer = journal(tmp_path, with_cell=False)
+    writer.write(rows.PathEnded(), 1)
+    writer.close()
+    live = Live(tmp_path)
+    assert live.look()
+    assert not live.look()
+    for path in tmp_path.glob(f"{JOURNAL_NAME}*"):
+        path.unlink()
+    assert live.look()
+    assert live.fold is None
+    journal(tmp_path, "20261124-090000-002-holder", with_cell=False).close()
+    assert live.look()
+    assert live.fold is not None
+    assert live.fold.run == "20261124-090000-002-holder"
+
+
+def test_a_damaged_journal_is_named_and_the_page_goes_on(tmp_path: Path) -> None:
+    (tmp_path / "runs").mkdir()
+    (tmp_path / "runs" / JOURNAL_NAME).write_bytes(b"no database" * 100)
+    at = bench(tmp_path)
+    at.log_in()
+    assert at.client.get("/now").status_code == 200
+    assert at.client.get("/scene").status_code == 404
+    assert at.client.get("/mesh").status_code == 404
+
+
+def test_pictures_scene_and_mesh_are_handed_out(tmp_path: Path) -> None:
+    writer = journal(tmp_path / "runs")
+    picture(tmp_path / "runs", "pictures/a.png")
+    writer.write(rows.TablePictures({"ring": "pictures/a.png"}), 1)
+    writer.close()
+    at = bench(tmp_path)
+    at.read()
+    at.log_in()
+    reply = at.client.get(f"/picture/{RUN}/0")
+    assert reply.headers["content-type"] == "image/jpeg"
+    assert reply.content[:2] == b"\xff\xd8"
+    assert at.client.get("/scene").json()["moving"]
+    assert "why" in at.client.get("/mesh").json()  # the recipe's part is no file
+
+
+def test_orders_that_the_cell_refuses_come_back_with_its_reason(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    reply = DecisionReply(decision="refused", state="resetting", reason="homing goes on")
+    monkeypatch.setattr(RunningCell, "order", lambda *_: reply)
+    at = bench(tmp_path)
+    status, text = at.act("pause", {"kind": "now"}, at.log_in())
+    assert (status, json.loads(text)["reason"]) == (409, "homing goes on")
+
+
+def test_without_a_run_an_order_is_answered_with_a_sentence(tmp_path: Path) -> None:
+    at = bench(tmp_path)
+    status, text = at.act("stop", {}, at.log_in())
+    assert status == 503
+    assert "no run at this cell" in text
+
+
+def test_own_files_are_compressed_and_kept_by_the_browser(tmp_path: Path) -> None:
+    at = bench(tmp_path)
+    reply = at.client.get("/static/now.js")
+    assert reply.headers["content-encoding"] == "gzip"
+    again = at.client.get("/static/now.js", headers={"If-None-Match": reply.headers["etag"]})
+    assert (again.status_code, again.content) == (304, b"")
+    plain = at.client.get("/static/now.js", headers={"Accept-Encoding": "identity"})
+    assert plain.text == reply.text
