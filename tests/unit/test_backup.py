@@ -10,10 +10,11 @@ from pathlib import Path
 import pytest
 from results_bench import RunWriter, bad_run, good_run, sighting, verdict
 
+from controller.cell.journal import Journal, rows
 from controller.cli import main
 from controller.history import HistoryError
 from controller.history.keeping import back_up, restore
-from controller.results import prove_run
+from controller.results import load_run, prove_run
 
 
 @pytest.fixture
@@ -164,3 +165,35 @@ def test_a_damaged_journal_that_was_set_aside_is_kept_as_it_is(runs: Path, tmp_p
     back_up(runs, tmp_path / "cell.tar", with_pictures=False)
     restore(tmp_path / "cell.tar", tmp_path / "back")
     assert (tmp_path / "back" / aside.name).read_bytes() == aside.read_bytes()
+
+
+def test_pictures_of_old_runs_go_once_somebody_says_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    runs = tmp_path / "runs"
+    runs.mkdir()
+    old = good_run(runs)
+    stored = {f"pictures/{one.name}": "0" * 64 for one in (old / "pictures").iterdir()}
+    journal = Journal(runs / "journal.sqlite", old.name)
+    journal.write(rows.FilesStored(stored))
+    journal.close()
+    strange = old / "pictures" / "strange.png"
+    strange.write_bytes(b"of nobody")
+    new = bad_run(runs)
+    before = contents(runs)
+    words = ["history", "--runs", str(runs), "--drop-pictures-before", "2100-01-01"]
+    assert main(words) == 0
+    assert "8 pictures" in capsys.readouterr().out
+    pictures = {name for name in before if name.endswith(".png")}
+    assert pictures <= contents(runs).keys()  # dry unless --yes
+    assert main([*words[:-1], "2000-01-01", "--yes"]) == 0
+    assert pictures <= contents(runs).keys()  # no run is as old
+    assert main([*words, "--yes"]) == 0
+    assert [one.name for one in (old / "pictures").iterdir()] == ["strange.png"]
+    assert len(list((new / "pictures").iterdir())) == 8  # the newest run keeps its own
+    assert load_run(runs, old.name).parts[0].verdict is not None
+    said = [one.problem for one in prove_run(runs, old.name).tampered]
+    assert said == ["is not in the journal"]  # the strange one alone; what was dropped is known
+    capsys.readouterr()
+    assert main(["history", "--runs", str(runs), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out.splitlines()[-1])["count"] == 2

@@ -53,6 +53,18 @@ def history(
             "--refill", help="fill the store anew from the journals, which are right, first"
         ),
     ] = False,
+    drop_pictures_before: Annotated[
+        str | None,
+        typer.Option(
+            "--drop-pictures-before",
+            metavar="DATE",
+            help="list how much room the pictures of runs take that ended before this date (UTC); "
+            "delete them with --yes",
+        ),
+    ] = None,
+    yes: Annotated[
+        bool, typer.Option("--yes", help="delete the pictures; verdicts and values stay")
+    ] = False,
     store: StoreOption = None,
     runs: RunsOption = Path("runs"),
     json: JsonOption = False,
@@ -62,6 +74,12 @@ def history(
     The list comes from a store that is filled from the journals before each answer; the cell knows
     nothing of it.
     """
+    if drop_pictures_before is not None:
+        from .keeping import make_room
+
+        raise typer.Exit(make_room(drop_pictures_before, runs, store, is_dry=not yes, as_json=json))
+    if yes:
+        raise typer.BadParameter("--yes goes with --drop-pictures-before")
     from .answering import Asked, answer
 
     asked = Asked(recipe, verdict, serial, lot, operator, run, since, until)

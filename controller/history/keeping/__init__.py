@@ -1,6 +1,15 @@
-"""Keeping what the cell wrote: backups of journals, pictures and store, verified by hashes."""
+"""Keeping what the cell wrote: backups, verified by hashes, and room made for more."""
 
 from .backup import Backup, back_up
+from .pictures import OldPictures, drop_pictures, old_pictures
 from .restoring import Restored, restore
 
-__all__ = ["Backup", "Restored", "back_up", "restore"]
+__all__ = [
+    "Backup",
+    "OldPictures",
+    "Restored",
+    "back_up",
+    "drop_pictures",
+    "old_pictures",
+    "restore",
+]

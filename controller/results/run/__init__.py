@@ -31,7 +31,7 @@ from .model import (
     VerdictReport,
     ViewReport,
 )
-from .proof import RunProof, Tampering, note_results, prove_run
+from .proof import RunProof, Tampering, note_results, prove_run, stored_files
 
 __all__ = [
     "Box",
@@ -67,4 +67,5 @@ __all__ = [
     "prove_run",
     "row_words",
     "stage_words",
+    "stored_files",
 ]

@@ -218,7 +218,9 @@ def _where(part: PartReport | None) -> str:
 def _of_the_run(found: Sequence[Row]) -> Sequence[Row]:
     """Return the rows up to the run's end; reports written later are noted after it."""
     last = next((i for i, row in enumerate(found) if is_of(row, rows.RunEnded)), len(found) - 1)
-    return [*found[: last + 1], *(r for r in found[last + 1 :] if not is_of(r, rows.FilesStored))]
+    later = (rows.FilesStored, rows.PicturesDropped)
+    rest = (row for row in found[last + 1 :] if not any(is_of(row, body) for body in later))
+    return [*found[: last + 1], *rest]
 
 
 def _stages(log: Sequence[LogEntry]) -> tuple[StageReport, ...]:

@@ -6,7 +6,7 @@ Only a hash that was noted elsewhere shows that (`head`).
 
 import hashlib
 import sqlite3
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -90,7 +90,10 @@ def prove_run(runs_dir: Path, run: str | None = None, head: str | None = None) -
     if head is not None and head not in (digest for _, digest in hashes):
         tampered.append(Tampering("journal", f"has no row with the hash {head:.80}"))
     stored = stored_files(found)
-    tampered += _changed(folder, stored)
+    dropped = {
+        file for row in found if is_of(row, rows.PicturesDropped) for file in row.body["files"]
+    }
+    tampered += _changed(folder, stored, dropped)
     tampered += _strange(folder, stored)
     if not stored:
         tampered.append(
@@ -155,13 +158,17 @@ def _hashes(path: Path) -> list[tuple[int, str]]:
         db.close()
 
 
-def _changed(folder: Path, stored: dict[str, tuple[str, int]]) -> Iterator[Tampering]:
-    """Yield the files that are missing or not as they were written."""
+def _changed(
+    folder: Path, stored: dict[str, tuple[str, int]], dropped: Collection[str]
+) -> Iterator[Tampering]:
+    """Yield the files that are missing, and were not dropped, or are not as they were written."""
     root = folder.resolve()
     for file, (digest, seq) in stored.items():
         path = (folder / file).resolve()
         if not path.is_relative_to(root):
             yield Tampering(file, f"row {seq} names a file outside of the run's folder")
+        elif file in dropped and not path.exists():
+            continue
         elif not path.is_file():
             yield Tampering(file, f"is missing; row {seq} has its hash")
         else:

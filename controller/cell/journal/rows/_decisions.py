@@ -217,3 +217,13 @@ class StartRefused(Body):
     row_name = "start_refused"
     message: str
     part_removed: bool
+
+
+class PicturesDropped(Body):
+    """Pictures of a run that were deleted to make room; their hashes stay in the journal."""
+
+    kind = "decision"
+    row_name = "pictures_dropped"
+    before: str
+    files: tuple[str, ...]
+    who: str = ""
