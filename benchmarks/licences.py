@@ -50,6 +50,7 @@ BUNDLED = {
 # Kept in the repository as published: licence, version, where, and what stands in the package.
 KEPT = {
     "three": ("MIT", "0.180.0", "controller/page/static/three", "the page"),
+    "axe-core": ("MPL-2.0", "4.14.1", "tests/data/axe", "tests of the page"),
 }
 ROOT = Path(__file__).resolve().parents[1]
 

@@ -314,7 +314,7 @@ def test_no_answer_lacks_the_headers_that_bind_a_browser(at: Bench) -> None:
         assert "unsafe" not in policy
         assert headers["x-content-type-options"] == "nosniff"
         assert headers["x-frame-options"] == "DENY"
-        assert headers["referrer-policy"] == "no-referrer"
+        assert headers["referrer-policy"] == "same-origin"
     assert at.client.get("/nothing", headers={"Host": "x"}).headers["x-frame-options"] == "DENY"
 
 

@@ -1,0 +1,216 @@
+"""The page in Chromium: what a person sees, clicks and loses, with the cell's end kept in hand."""
+
+from __future__ import annotations
+
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+pytest.importorskip("starlette", reason="the page's packages are not installed (extra `page`)")
+
+from page_bench import HERE, PASSWORD, RUN, bench, journal, picture
+from playwright.sync_api import sync_playwright
+from test_page_now import STATUS, plan_row
+
+from controller.cell.control import DecisionReply, Order, RunningCell, StatusReply
+from controller.cell.journal import rows
+from controller.page import serving as serving_module
+from controller.page.security import Account, Role, Site
+
+CHROMIUM = Path("/usr/bin/chromium")
+pytestmark = pytest.mark.skipif(not CHROMIUM.is_file(), reason="no Chromium at /usr/bin/chromium")
+AXE = Path(__file__).parents[1] / "data" / "axe" / "axe.min.js"
+FLAGS = [
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+]
+QUESTION = {
+    "number": 4,
+    "code": "no_part",
+    "text": "no part <b>on</b> the table",
+    "choices": [
+        {"key": "look", "words": "look again", "first": "the arm parks"},
+        {"key": "stop", "words": "end the run", "first": ""},
+    ],
+}
+PATIENT_MS = 30_000
+
+
+def until(tab: Any, is_so: Callable[[], bool]) -> None:
+    """Wait until something is so; the page's policy allows no expression of the test's in it."""
+    for _ in range(PATIENT_MS // 50):
+        if is_so():
+            return
+        tab.wait_for_timeout(50)
+    raise AssertionError("it did not become so")
+
+
+class Served:
+    """A page at a port, before a cell whose status and orders the test has."""
+
+    def __init__(self, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.status: dict[str, Any] = dict(STATUS)
+        self.orders: list[tuple[str, Order]] = []
+        monkeypatch.setattr(
+            RunningCell, "status", lambda _: StatusReply.model_validate(self.status)
+        )
+        monkeypatch.setattr(RunningCell, "order", lambda _, name, body: self._take(name, body))
+        with socket.socket() as free:
+            free.bind(("127.0.0.1", 0))
+            port: int = free.getsockname()[1]
+        self.origin = f"http://127.0.0.1:{port}"
+        page = bench(folder, Site.served("127.0.0.1", port, with_tls=False)).page
+        page.accounts.put("vera", Role.VIEWER, PASSWORD)
+        self.sessions = page.sessions
+        app = serving_module.build(page.runs_dir, page.site, page.accounts, page.sessions)
+        self._server = serving_module.server_of(app, serving_module.Serving("127.0.0.1", port))
+        self._thread = threading.Thread(target=self._server.run)
+        self._thread.start()
+        while not self._server.started:
+            time.sleep(0.02)
+
+    def _take(self, name: str, body: Order) -> DecisionReply:
+        self.orders.append((name, body))
+        return DecisionReply(decision="handled", state="suspending_grasping")
+
+    def link(self, role: Role = Role.OPERATOR) -> str:
+        return f"{self.origin}/enter?token={self.sessions.link(Account('ada', role))}"
+
+    def end(self) -> None:
+        self._server.should_exit = True
+        self._thread.join()
+
+
+@pytest.fixture(scope="module")
+def chromium() -> Iterator[Any]:
+    with sync_playwright() as running:
+        browser = running.chromium.launch(executable_path=str(CHROMIUM), args=FLAGS)
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def served(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Served]:
+    writer = journal(tmp_path / "runs")
+    picture(tmp_path / "runs", "pictures/a.png")
+    writer.write(plan_row(), 1)
+    writer.write(rows.StepDone(label="pick", forecast_s=9.0, seconds=9.5), 1)
+    writer.write(
+        rows.ViewPicturesTaken(view="V<1>", pictures={"ring": "pictures/a.png"}, q=HERE), 1
+    )
+    writer.close()
+    found = Served(tmp_path, monkeypatch)
+    yield found
+    found.end()
+
+
+@pytest.fixture
+def tab(chromium: Any) -> Iterator[Any]:
+    context = chromium.new_context(viewport={"width": 1280, "height": 900}, locale="en")
+    context.set_default_timeout(PATIENT_MS)
+    found = context.new_page()
+    found.problems = []
+    found.on("pageerror", lambda error: found.problems.append(str(error)))
+    yield found
+    assert found.problems == []
+    context.close()
+
+
+def test_every_button_reaches_the_cell_once_in_the_persons_name(served: Served, tab: Any) -> None:
+    tab.goto(served.link())
+    for kind in ("step", "safe", "now"):
+        tab.fill("#why", f"because {kind}")
+        tab.click(f"[data-pause={kind}]:enabled")
+        until(tab, lambda: tab.input_value("#why") == "")
+    tab.click("#stop")
+    until(tab, lambda: len(served.orders) == 4)
+    first = {"words": "the arm, 3 mm", "tcp_mm": 3.0, "turn_deg": 0.0, "seconds": 1.0}
+    served.status |= {
+        "state": "suspended_grasping",
+        "pause_seconds": {},
+        "first_motion": first,
+        "question": QUESTION,
+    }
+    tab.wait_for_selector("#resume:enabled")
+    assert "the arm, 3 mm" in tab.inner_text("#resume")
+    tab.click("#resume")
+    until(tab, lambda: len(served.orders) == 5)
+    until(tab, lambda: tab.inner_text("#said").startswith("✓"))
+    assert "no part <b>on</b> the table" in tab.inner_text("#question")
+    tab.click("[data-answer=look]")
+    until(tab, lambda: len(served.orders) == 6)
+    assert [name for name, _ in served.orders] == [
+        *["pause"] * 3,
+        "stop",
+        "resume",
+        "answer",
+    ]
+    assert {order.who for _, order in served.orders} == {"ada, page"}
+    assert [order.why for _, order in served.orders[:3]] == [
+        f"because {kind}" for kind in ("step", "safe", "now")
+    ]
+    assert served.orders[4][1].model_dump()["first"] == "the arm, 3 mm"
+    assert served.orders[5][1].model_dump()["number"] == 4
+
+
+def test_a_viewer_logs_in_by_password_sees_all_and_has_no_button(served: Served, tab: Any) -> None:
+    served.status |= {"question": QUESTION}
+    tab.goto(served.origin)
+    tab.fill("[name=name]", "vera")
+    tab.fill("[name=password]", PASSWORD)
+    tab.click("button")
+    tab.wait_for_selector("[data-answer=look]:disabled")
+    assert tab.query_selector("#stop") is None
+    assert RUN in tab.inner_text("#run")
+
+
+def test_what_is_shown_is_there_after_a_reload_and_a_lost_page_says_so(
+    served: Served, tab: Any
+) -> None:
+    tab.goto(served.link())
+    for _ in range(2):
+        tab.wait_for_selector("#steps [aria-current=step]")
+        assert "9.5 s / 9.0 s" in tab.inner_text("#steps")
+        assert "Execute" in tab.inner_text("#state-name")
+        assert "V<1>" in tab.inner_text("#views")
+        tab.wait_for_selector("canvas[data-drawn]")
+        assert not tab.is_visible("#lost")
+        tab.reload()
+    tab.wait_for_selector("#stop:enabled")
+    served.end()
+    tab.wait_for_selector("#lost", state="visible")
+    assert tab.is_disabled("#stop")
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("width", [1280, 390])
+def test_axe_finds_nothing_serious_and_nothing_is_wider_than_the_screen(
+    served: Served, tab: Any, scheme: str, width: int
+) -> None:
+    served.status |= {"question": QUESTION}
+    tab.emulate_media(color_scheme=scheme)
+    tab.set_viewport_size({"width": width, "height": 844})
+    tab.goto(served.link())
+    tab.wait_for_selector("[data-answer=look]")
+    tab.wait_for_selector("#steps li")
+    assert tab.evaluate("document.documentElement.scrollWidth") <= width
+    tab.evaluate(AXE.read_text(encoding="utf-8"))
+    found = tab.evaluate("axe.run(document).then(found => found.violations)")
+    grave = [
+        (one["id"], [node["target"] for node in one["nodes"]])
+        for one in found
+        if one["impact"] in ("serious", "critical")
+    ]
+    assert grave == []
