@@ -214,7 +214,11 @@ def test_a_full_disk_loses_no_verdict_and_no_earlier_report(folder: Path) -> Non
     )
     words = ["inspect", str(folder / "SET.json"), "--json", "--report", str(report)]
     done = subprocess.run(
-        [sys.executable, "-c", limited, *words], capture_output=True, text=True, check=False
+        # -B: Python would keep a module that it compiled as far as the file could grow
+        [sys.executable, "-B", "-c", limited, *words],
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert done.returncode == 1
     assert lines_of(done.stdout)[-1]["verdict"] == "indeterminate"

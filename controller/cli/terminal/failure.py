@@ -1,6 +1,7 @@
 """Turns what ended a command into one sentence and an exit code.
 
-Knows the errors of all rooms and so imports them all; it is imported only after a failure.
+Knows the errors of all rooms and so imports them; it is imported only after a failure. Those of
+the history are errors of results, and its database is not loaded to name another failure.
 """
 
 import os
@@ -11,7 +12,6 @@ from controller.cell.devices.emulator import EmulatorError
 from controller.cell.errors import CellError
 from controller.cell.journal import JournalError
 from controller.config import ConfigError
-from controller.history import HistoryError, NoSuchPartError
 from controller.planning import NoPlanError
 from controller.results import ResultsError, UnknownRunError
 from drivers.errors import DeviceError
@@ -19,12 +19,11 @@ from drivers.errors import DeviceError
 from ._bug import report_bug
 from .output import warn
 
-WRONG_INPUT = (ConfigError, CadError, NoSuchPartError, UnknownRunError)  # exit code 2; all others 1
+WRONG_INPUT = (ConfigError, CadError, UnknownRunError)  # exit code 2; all others 1
 SAID_NO = (
     CellError,
     DeviceError,
     EmulatorError,
-    HistoryError,
     JournalError,
     NoPlanError,
     ResultsError,
