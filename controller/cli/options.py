@@ -62,6 +62,14 @@ JobsOption = Annotated[
         "scheduler (default: 1)",
     ),
 ]
+DrawingsOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--drawings",
+        metavar="FOLDER",
+        help="write pictures (PNG) and the mesh there, one part at a time; --json names them",
+    ),
+]
 RunsOption = Annotated[
     Path, typer.Option("--runs", metavar="FOLDER", help="folder of all runs and of the journal")
 ]

@@ -62,7 +62,17 @@ def smaller(image: Float32Array) -> Float32Array:
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
 
 
+def png_bytes(image: NDArray[np.uint8], compression: int) -> bytes:
+    """Return a picture, grey or blue first, as a file."""
+    _, data = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, compression])
+    return data.tobytes()
+
+
+def as_uri(png: bytes) -> str:
+    """Return a picture's file as a data URI."""
+    return "data:image/png;base64," + base64.b64encode(png).decode("ascii")
+
+
 def png_uri(image: NDArray[np.uint8], compression: int) -> str:
     """Return a picture, grey or blue first, as a data URI."""
-    _, data = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, compression])
-    return "data:image/png;base64," + base64.b64encode(data.tobytes()).decode("ascii")
+    return as_uri(png_bytes(image, compression))

@@ -393,3 +393,28 @@ def test_a_loaded_part_is_as_good_as_a_compiled_one_for_its_page(plate: Path) ->
     assert isinstance(loaded, CompiledPart)
     assert render_sheet([loaded], 2.7) == render_sheet([compiled], 2.7)
     assert isinstance(loaded.solid, solid.Solid)
+
+
+def test_drawings_are_the_mesh_and_a_picture_of_each_pose(
+    plate: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "new" / "drawings"
+    assert main(["compile", str(plate), "--json", "--drawings", str(folder)]) == 0
+    [body] = answers(capsys)
+    mesh = json.loads((folder / "mesh.json").read_text())
+    assert len(mesh["triangles"]) == 3 * body["triangles"] == 3 * len(mesh["face_of_triangle"])
+    assert set(mesh["face_of_triangle"]) == {face["face"] for face in body["faces"]}
+    extents = np.ptp(np.reshape(mesh["vertices"], (-1, 3)), axis=0)
+    assert extents == pytest.approx(body["size_mm"], abs=2e-3)
+    for pose in body["stable_poses"]:
+        image = cv2.imread(str(folder / pose["picture"]), cv2.IMREAD_GRAYSCALE)
+        assert image.min() < 150 < image.max()  # a part on white paper
+
+
+def test_drawings_of_two_parts_are_refused(
+    plate: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "drawings"
+    assert main(["compile", str(plate), str(HOLDER), "--drawings", str(folder)]) == 2
+    assert "one part at a time" in capsys.readouterr().err
+    assert not folder.exists()

@@ -10,6 +10,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from cad_solids import box, mesh_of, rod
@@ -130,6 +131,20 @@ def test_a_plan_from_the_cache_is_the_plan_made_anew_and_is_there_at_once(
     anew = json.loads(capsys.readouterr().out)
     assert not anew["from_cache"]
     assert without_clock(anew) == without_clock(again) == without_clock(told)
+
+
+def test_drawings_are_two_pictures_of_each_step(
+    block: Path, told: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["plan", str(block), "--cell", str(CELL), "--pose", "0", "--json"]
+    assert main([*words, "--drawings", str(tmp_path / "drawn")]) == 0
+    steps = json.loads(capsys.readouterr().out)["steps"]
+    assert len(steps) == len(told["steps"])
+    names = [step[key] for step in steps for key in ("picture", "picture_outside")]
+    assert len(set(names)) == 2 * len(steps)
+    for name in names:
+        image = cv2.imread(str(tmp_path / "drawn" / name))
+        assert image.std() > 1.0
 
 
 def test_an_auditor_that_has_only_the_json_finds_nothing_wrong(told: dict[str, Any]) -> None:

@@ -3,6 +3,8 @@
 import os
 import shutil
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from math import isfinite
 from pathlib import Path
 
@@ -11,6 +13,36 @@ from controller.config import Cell, ConfigError
 MIN_FREE_BYTES = 200_000_000  # pictures of a part with many views take 60 MB, and the journal grows
 MAX_SOCKET_NAME_BYTES = 100  # of a unix socket's path; the system allows 107
 Place = tuple[float, float, float]  # x [mm], y [mm], theta [deg]
+
+
+@contextmanager
+def writing(option: str, path: Path) -> Iterator[None]:
+    """Turn what hinders writing within into a message that names the option.
+
+    Raises
+    ------
+    ConfigError : instead of OSError
+    """
+    try:
+        yield
+    except OSError as error:
+        raise ConfigError(f"{option} {path}: {error.strerror or error}") from error
+
+
+def check_drawings(folder: Path | None, part_count: int) -> None:
+    """Check that drawings can be written, and are of one part; make their folder.
+
+    Raises
+    ------
+    ConfigError : there are several parts, or the folder cannot be made
+    """
+    if folder is None:
+        return
+    if part_count != 1:
+        raise ConfigError(f"--drawings {folder}: is for one part at a time")
+    check_writable_folder(folder, "--drawings")
+    with writing("--drawings", folder):
+        folder.mkdir(parents=True, exist_ok=True)
 
 
 def check_writable_folder(folder: Path, option: str, min_free_bytes: int = 0) -> None:

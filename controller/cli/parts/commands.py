@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from ..options import JobsOption, JsonOption, UnitOption, finite
+from ..options import DrawingsOption, JobsOption, JsonOption, UnitOption, finite
 
 
 def compile_(
@@ -47,6 +47,10 @@ def compile_(
         Path | None,
         typer.Option("--report", metavar="FILE", help="HTML page to write, with every stable pose"),
     ] = None,
+    drawings: DrawingsOption = None,
+    no_plans: Annotated[
+        bool, typer.Option("--no-plans", help="leave out the grasps and plans of --recipe")
+    ] = False,
     characteristics: Annotated[
         bool,
         typer.Option("--characteristics", help="list what is to be measured of the part, too"),
@@ -72,12 +76,14 @@ def compile_(
     recipes = [recipe] if recipe is not None else []
     files, recipe_cell = part_files(list(parts or ()), recipes, unit and unit.value, cell)
     has_recipe = any(file.recipe is not None for file in files)
+    in_cell = recipe_cell if has_recipe else cell
     code = compile_parts(
         files,
         all_bodies=all_bodies,
         density_g_cm3=density,
         report=report,
-        cell=recipe_cell if has_recipe else cell,
+        drawings=drawings,
+        cell=None if no_plans else in_cell,
         use_cache=not no_cache,
         jobs=jobs_among(jobs, use_cache=not no_cache),
         lists_characteristics=characteristics,

@@ -23,12 +23,12 @@ from controller.catalogue import LOCAL, Jobs, Made, Work
 from controller.cell.plans import Certified, PlanCache
 from controller.config import ConfigError, load_cell
 from controller.inspection.characteristics import Characteristic
-from controller.results.sheet import write_sheet
+from controller.results.sheet import write_part_drawings, write_sheet
 from controller.setup.characteristics import part_characteristics
 from controller.setup.planner import PlannerSetup, planner_setup
 
 from ..inputs.ahead import working_ahead
-from ..inputs.checks import check_writable_folder
+from ..inputs.checks import check_drawings, check_writable_folder, writing
 from ..inputs.part_files import PartFile
 from ..planning.certificates import certified_each, print_certificates
 from ..planning.characteristics import print_characteristics
@@ -44,6 +44,7 @@ def compile_parts(
     all_bodies: bool = False,
     density_g_cm3: float | None,
     report: Path | None,
+    drawings: Path | None = None,
     cell: Path | None,
     use_cache: bool,
     jobs: Jobs = LOCAL,
@@ -58,6 +59,7 @@ def compile_parts(
     all_bodies : compile each distinct body of them, and print a table
     density_g_cm3 : of all parts; None for the recipe's, else the file's, else aluminium's
     report : HTML page to write, None for none
+    drawings : folder for the mesh and a picture of each pose, None for none
     cell : cell file, to report grasps and a plan for each stable pose as well; None for neither
     use_cache : read and keep compiled parts and plans
     jobs : who compiles and plans ahead of what is printed
@@ -66,7 +68,7 @@ def compile_parts(
 
     Raises
     ------
-    ConfigError : the cell file is wrong, or the report cannot be written
+    ConfigError : the cell file is wrong, or report or drawings cannot be written
     """
     recipes = [file.recipe for file in files if file.recipe is not None]
     on_command_line = density_g_cm3
@@ -75,6 +77,7 @@ def compile_parts(
     density_g_cm3 = recipes[0].density_g_cm3 if recipes else on_command_line
     if report is not None:
         check_writable_folder(report.parent, "--report in")
+    check_drawings(drawings, 0 if all_bodies else len(files))
     planned_in = None if cell is None else load_cell(cell)
     code, compiled = 0, 0
     parts: list[CompiledPart] = []
@@ -105,6 +108,11 @@ def compile_parts(
                 "from_cache": from_cache,
                 **one.body,
             }
+            if drawings is not None:
+                with writing("--drawings", drawings):
+                    names = write_part_drawings(part, drawings)
+                for entry, name in zip(body["stable_poses"], names, strict=True):
+                    entry["picture"] = name
             if not as_json:
                 if all_bodies:
                     listed.print_compiled(one, part, seconds)
@@ -129,10 +137,8 @@ def compile_parts(
     if all_bodies and not as_json:
         print_line(f"{compiled} of {len(listed.files)} compiled")
     if report is not None and parts:
-        try:
+        with writing("--report", report):
             written = write_sheet(parts, density_g_cm3, report)
-        except OSError as error:
-            raise ConfigError(f"--report {report}: {error.strerror or error}") from error
         if not as_json:
             print_line(f"report: {written}")
     return code

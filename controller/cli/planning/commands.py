@@ -5,7 +5,14 @@ from typing import Annotated
 
 import typer
 
-from ..options import JobsOption, JsonOption, RecipeArg, RecipeCellOption, UnitOption
+from ..options import (
+    DrawingsOption,
+    JobsOption,
+    JsonOption,
+    RecipeArg,
+    RecipeCellOption,
+    UnitOption,
+)
 
 
 def check(
@@ -65,6 +72,7 @@ def plan(
         Path | None,
         typer.Option("--report", metavar="FILE", help="HTML page to write, with every step"),
     ] = None,
+    drawings: DrawingsOption = None,
     unit: UnitOption = None,
     site: Annotated[
         bool,
@@ -90,6 +98,7 @@ def plan(
     files, cell_file = part_files(list(parts or ()), list(recipe or ()), unit and unit.value, cell)
     if site:
         given = {"--pose": pose, "--at": at, "--report": report, "--jobs": jobs}
+        given["--drawings"] = drawings
         for name, value in given.items():
             if value is not None:
                 raise ConfigError(f"--site is about the cell: it goes without {name}")
@@ -108,6 +117,7 @@ def plan(
         pose,
         at,
         report=report,
+        drawings=drawings,
         use_cache=not no_cache,
         jobs=jobs_among(jobs, use_cache=not no_cache),
         as_json=json,

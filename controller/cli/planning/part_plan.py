@@ -19,7 +19,7 @@ from controller.setup.faces import faces_left_out
 from controller.setup.planner import PlannerSetup, planner_setup
 
 from ..inputs.ahead import working_ahead
-from ..inputs.checks import Place, check_writable_folder, parse_place
+from ..inputs.checks import Place, check_drawings, check_writable_folder, parse_place, writing
 from ..inputs.part_files import PartFile, stable_pose
 from ..terminal.output import emit, print_line, warn
 from ..terminal.progress import Progress, shown_progress
@@ -40,6 +40,7 @@ def plan_part_file(
     at: str | None,
     *,
     report: Path | None,
+    drawings: Path | None = None,
     use_cache: bool,
     jobs: Jobs = LOCAL,
     as_json: bool,
@@ -53,6 +54,7 @@ def plan_part_file(
     pose_index : stable pose to plan for, None for all
     at : planar pose, "X,Y,THETA_DEG"; None for the middle of the drop area
     report : HTML page to write, None for none
+    drawings : folder for two pictures of each step, None for none
     use_cache : read and keep compiled parts and plans
     jobs : who certifies the stable poses
     as_json : print one JSON object instead of tables
@@ -68,6 +70,7 @@ def plan_part_file(
     cell = load_cell(cell_path)
     if report is not None:
         check_writable_folder(report.parent, "--report in")
+    check_drawings(drawings, 1)
     place = parse_place(at, cell, is_on_table=False)
     with shown_progress(part_name(part.path), as_json=as_json) as progress:
         compiled = load_part(part.path, part.options, on_stage=progress.begin)
@@ -90,12 +93,29 @@ def plan_part_file(
             planning, poses, place, report_plan, progress, is_one=pose_index is not None
         )
     seconds = time.monotonic() - started
+    pictures: Sequence[tuple[str, str]] = ()
+    facts = None
+    if report is not None or drawings is not None:
+        from controller.results.plan_page import PlanFacts, write_plan_page, write_step_pictures
+
+        facts = PlanFacts(
+            compiled, cell.name, setup.layout, kept, certificates, place, setup.sentence
+        )
+    if facts is not None and drawings is not None and kept.plan is not None:
+        with (
+            shown_progress(compiled.solid.name, as_json=as_json) as progress,
+            writing("--drawings", drawings),
+        ):
+            progress.begin("drawing the steps")
+            pictures = write_step_pictures(facts, kept.plan, drawings)
     if as_json:
         body = _head(compiled, cell, kept, place) | {"planned_with": setup.as_json()}
         if kept.plan is None:
             body |= {"steps": [], "error": _no_plan(compiled, kept, certificates)}
         else:
             body |= plan_json(compiled.solid, compiled.samples, setup.layout, kept.plan, left_out)
+            for step, names in zip(body["steps"], pictures, strict=False):
+                step["picture"], step["picture_outside"] = names
         listed = [certificate_json(c, setup) for c in certificates]
         end = {"seconds": seconds, "from_cache": planning.is_from_cache}
         emit(body | {"certificates": listed} | end)
@@ -103,16 +123,9 @@ def plan_part_file(
         print_certificates(certificates, setup)
     if kept.plan is None:
         warn(f"cellctl: {_no_plan(compiled, kept, certificates)}")
-    if report is not None:
-        from controller.results.plan_page import PlanFacts, write_plan_page
-
-        facts = PlanFacts(
-            compiled, cell.name, setup.layout, kept, certificates, place, setup.sentence
-        )
-        try:
+    if facts is not None and report is not None:
+        with writing("--report", report):
             written = write_plan_page(facts, report)
-        except OSError as error:
-            raise ConfigError(f"--report {report}: {error.strerror or error}") from error
         if not as_json:
             print_line(f"report: {written}")
     return 0 if kept.plan is not None else 1

@@ -12,6 +12,7 @@ from controller.planning import CellLayout, Certificate, Plan
 
 from ..moments import moments, view_count
 from ..pages import make_environment, write_page
+from ..ray_drawing import as_uri
 from .coverage import CoverageMap, coverage_map
 from .paint import Painter
 from .strip import AGAIN, BEFORE, NEW, OUTLINE, Strip, StripFrame, width_for
@@ -80,6 +81,7 @@ def write_plan_page(facts: PlanFacts, path: Path) -> Path:
 def render_plan(facts: PlanFacts) -> str:
     """Return the page."""
     environment = make_environment(__package__, TEMPLATES)
+    environment.filters["uri"] = as_uri
     environment.filters["hex"] = lambda c: "#" + "".join(f"{round(v):02x}" for v in c)
     plan = facts.kept.plan
     return environment.get_template("plan.html.j2").render(
@@ -91,15 +93,49 @@ def render_plan(facts: PlanFacts) -> str:
     )
 
 
+def draw_steps(facts: PlanFacts, plan: Plan, painter: Painter) -> tuple[StripFrame, ...]:
+    """Return all steps of a plan, drawn.
+
+    Parameters
+    ----------
+    facts, plan : what is drawn
+    painter : colours of the part by its samples
+    """
+    samples = facts.part.samples
+    weights = np.asarray(samples.areas_mm2 / samples.areas_mm2.sum())
+    steps = moments(plan, facts.layout)
+    strip = Strip(facts.part.solid, facts.layout, painter, width_for(len(steps)))
+    return tuple(strip.frames(steps, weights))
+
+
+def write_step_pictures(facts: PlanFacts, plan: Plan, folder: Path) -> tuple[tuple[str, str], ...]:
+    """Write two pictures of each step; return their names: in close-up, and from outside.
+
+    Parameters
+    ----------
+    facts, plan : what is drawn
+    folder : is there
+
+    Raises
+    ------
+    OSError : a file cannot be written
+    """
+    names = []
+    for frame in draw_steps(facts, plan, Painter(facts.part.solid, facts.part.samples)):
+        near, outside = f"step-{frame.number}.png", f"step-{frame.number}-outside.png"
+        (folder / near).write_bytes(frame.near)
+        (folder / outside).write_bytes(frame.outside)
+        names.append((near, outside))
+    return tuple(names)
+
+
 def draw_plan(facts: PlanFacts, plan: Plan) -> Drawn:
     """Return the drawings of a plan."""
     solid, samples = facts.part.solid, facts.part.samples
-    weights = np.asarray(samples.areas_mm2 / samples.areas_mm2.sum())
     painter = Painter(solid, samples)
-    steps = moments(plan, facts.layout)
-    frames = Strip(solid, facts.layout, painter, width_for(len(steps))).frames(steps, weights)
+    frames = draw_steps(facts, plan, painter)
     return Drawn(
-        frames=tuple(frames),
+        frames=frames,
         map=coverage_map(solid, samples, plan, painter, facts.pose.R),
         timeline=timeline(frames),
         reasons=reason_rows(solid, plan),

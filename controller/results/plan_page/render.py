@@ -6,7 +6,7 @@ import numpy as np
 
 from controller.arrays import BoolArray, Float32Array, FloatArray, Int32Array, IntArray
 
-from ..ray_drawing import FINER, cast, jumps, png_uri
+from ..ray_drawing import FINER, as_uri, cast, jumps, png_bytes
 from .bodies import Stage
 from .views import Eye
 
@@ -129,7 +129,12 @@ def _edges(stage: Stage, hits: RayHits) -> BoolArray:
     return ink
 
 
+def png_of(image: Float32Array) -> bytes:
+    """Return a picture (height, width, 3), red first, as a file (PNG)."""
+    levels = np.clip(np.round(image / COLOURS_STEP) * COLOURS_STEP, 0, 255).astype(np.uint8)
+    return png_bytes(levels[..., ::-1], compression=6)
+
+
 def data_uri(image: Float32Array) -> str:
     """Return a picture (height, width, 3), red first, as a data URI (PNG)."""
-    levels = np.clip(np.round(image / COLOURS_STEP) * COLOURS_STEP, 0, 255).astype(np.uint8)
-    return png_uri(levels[..., ::-1], compression=6)
+    return as_uri(png_of(image))

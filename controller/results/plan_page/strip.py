@@ -16,7 +16,7 @@ from ..moments import Moment, MomentKind, Seat
 from ..ray_drawing import FINER, smaller
 from .bodies import PART, Body, Stage, moment_stage, not_round, standing_bodies
 from .paint import Painter
-from .render import data_uri, look, shade
+from .render import look, png_of, shade
 from .views import Eye, Slant, camera_eye, slant_over, slanting_eye, window_about
 
 # Widths of a picture, and from how many steps on the next narrower one is used.
@@ -44,7 +44,7 @@ class StripFrame:
 
     Attributes
     ----------
-    near, outside : data URIs
+    near, outside : pictures, as files (PNG)
     near_words : from where the close-up is taken
     """
 
@@ -52,9 +52,9 @@ class StripFrame:
     number: int
     from_s: float
     to_s: float
-    near: str
+    near: bytes
     near_words: str
-    outside: str
+    outside: bytes
     size: tuple[int, int]
     outside_size: tuple[int, int]
     in_sight_fraction: float
@@ -96,9 +96,9 @@ class Strip:
                     number=number,
                     from_s=from_s,
                     to_s=from_s + moment.step.seconds,
-                    near=data_uri(near),
+                    near=png_of(near),
                     near_words=words,
-                    outside=data_uri(self._outside(stage, colours)),
+                    outside=png_of(self._outside(stage, colours)),
                     size=(near.shape[1], near.shape[0]),
                     outside_size=self._square,
                     in_sight_fraction=0.0

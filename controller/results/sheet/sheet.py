@@ -1,8 +1,11 @@
 """Puts the page of compiled parts together: stable poses, features, tolerances."""
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+
+import numpy as np
 
 from controller.cad import StablePose
 from controller.cad.boundary import Crease, Curve
@@ -12,8 +15,9 @@ from controller.imaging import RayCaster
 
 from ..line_drawing import Drawing, DrawingFrame, draw, frame_of
 from ..pages import make_environment, write_page
+from ..ray_drawing import png_bytes
 from ._words_of import vector
-from .picture import rest_picture
+from .picture import rest_picture, shade
 from .tables import Row, feature_rows, tolerance_rows
 
 TEMPLATES = ("sheet.html.j2", "sheet.css")
@@ -80,6 +84,36 @@ def write_sheet(parts: Sequence[CompiledPart], density_g_cm3: float | None, path
     OSError : the file cannot be written
     """
     return write_page(render_sheet(parts, density_g_cm3), path)
+
+
+def write_part_drawings(part: CompiledPart, folder: Path) -> tuple[str, ...]:
+    """Write what another program draws a part with; return the name of each pose's picture.
+
+    ``mesh.json`` has ``vertices`` [mm, CAD frame] and ``triangles``, three numbers after another,
+    and ``face_of_triangle``.
+
+    Parameters
+    ----------
+    part : compiled
+    folder : is there
+
+    Raises
+    ------
+    OSError : a file cannot be written
+    """
+    solid = part.solid
+    mesh = {
+        "vertices": np.round(np.asarray(solid.mesh.vertices), 3).ravel().tolist(),
+        "triangles": np.asarray(solid.mesh.faces).ravel().tolist(),
+        "face_of_triangle": np.asarray(solid.face_of_triangle).tolist(),
+    }
+    (folder / "mesh.json").write_text(json.dumps(mesh, separators=(",", ":")), encoding="utf-8")
+    caster, names = RayCaster(solid.mesh), []
+    for pose in part.poses:
+        name = f"pose-{pose.index}.png"
+        (folder / name).write_bytes(png_bytes(shade(solid, caster, pose.R), compression=6))
+        names.append(name)
+    return tuple(names)
 
 
 def render_sheet(parts: Sequence[CompiledPart], density_g_cm3: float | None) -> str:
