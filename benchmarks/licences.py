@@ -49,7 +49,7 @@ BUNDLED = {
 
 # Kept in the repository as published: licence, version, where, and what stands in the package.
 KEPT = {
-    "three": ("MIT", "0.180.0", "controller/page/static/three", "the page"),
+    "three": ("MIT", "0.180.0", "controller/page/frame/static/three", "the page"),
     "axe-core": ("MPL-2.0", "4.14.1", "tests/data/axe", "tests of the page"),
 }
 ROOT = Path(__file__).resolve().parents[1]

@@ -1,9 +1,7 @@
-"""The server's process: uvicorn with the page's limits, and the poller beside it."""
+"""The server's process: uvicorn with the page's limits."""
 
 import asyncio
 import ssl
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -12,8 +10,9 @@ import uvicorn
 from starlette.applications import Starlette
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from .live import Live
-from .routes import Page, build_app
+from .app import build_app, build_screens
+from .frame.screens import Setting
+from .frame.visit import Frame
 from .security import Accounts, Sessions, Site
 from .security.guard import HEADER_MAX_BYTES
 
@@ -78,28 +77,20 @@ class PatientProtocol(H11Protocol):
         self.transport.abort()
 
 
-def build(runs_dir: Path, site: Site, accounts: Accounts, sessions: Sessions) -> Starlette:
-    """Return the whole page of a folder of runs, with its poller.
+def build(
+    runs_dir: Path, project_dir: Path, site: Site, accounts: Accounts, sessions: Sessions
+) -> Starlette:
+    """Return the whole page of a folder of runs, with what runs beside it.
 
     Parameters
     ----------
     runs_dir : folder of all runs
+    project_dir : folder of recipes and cell files
     site : under which addresses browsers find it
     accounts, sessions : who may log in, and who has
     """
-    live = Live(runs_dir)
-
-    @asynccontextmanager
-    async def beside(_: Starlette) -> AsyncIterator[None]:
-        poller = asyncio.create_task(live.run())
-        try:
-            yield
-        finally:
-            poller.cancel()
-            with suppress(asyncio.CancelledError):
-                await poller
-
-    return build_app(Page(runs_dir, site, accounts, sessions, live), beside)
+    screens = build_screens(Setting(runs_dir, project_dir))
+    return build_app(Frame(site, accounts, sessions, screens))
 
 
 def serve(app: Starlette, serving: Serving) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from pathlib import Path
+from unittest.mock import patch
 
 import cv2
 import numpy as np
@@ -12,8 +13,10 @@ from starlette.testclient import TestClient
 
 from controller.cell.journal import JOURNAL_NAME, Journal, rows
 from controller.config import load_cell
-from controller.page.live import Live
-from controller.page.routes import Page, build_app
+from controller.page import now
+from controller.page.app import build_app, build_screens
+from controller.page.frame import Frame, Setting
+from controller.page.now.live import Live
 from controller.page.security import Account, Accounts, Attempts, Role, Sessions, Site
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -63,13 +66,14 @@ class Bench:
     `client` logs in as nobody until `log_in`.
     """
 
-    page: Page
+    page: Frame
     client: TestClient
     clock: Clock
+    live: Live
 
     def read(self) -> None:
         """Have the poller look at the journal once."""
-        self.page.live.look()
+        self.live.look()
 
     def log_in(self, role: Role = Role.OPERATOR, name: str = "ada") -> str:
         """Log in by a link; return the token that orders must carry."""
@@ -86,7 +90,7 @@ class Bench:
     def act(self, name: str, body: object, csrf: str, **headers: str) -> tuple[int, str]:
         """Send an order as the page does; return status and text."""
         reply = self.client.post(
-            f"/act/{name}",
+            f"/now/act/{name}",
             json=body,
             headers={"Origin": ORIGIN, "X-CSRF-Token": csrf, **headers},
         )
@@ -97,13 +101,21 @@ def bench(folder: Path, site: Site | None = None) -> Bench:
     """Return a page of `folder/runs`, with the accounts of `folder/accounts.json`."""
     clock = Clock()
     runs = folder / "runs"
-    page = Page(
-        runs,
+    # the poller that *Now* makes for itself is the test's: it looks when the test says so
+    made: list[Live] = []
+
+    def live(runs_dir: Path) -> Live:
+        made.append(Live(runs_dir))
+        return made[-1]
+
+    with patch.object(now, "Live", live):
+        screens = build_screens(Setting(runs, folder))
+    frame = Frame(
         site or Site.served("127.0.0.1", 8470, with_tls=False),
         Accounts(folder / "accounts.json", CHEAP),
         Sessions(clock),
-        Live(runs),
+        screens,
         Attempts(clock),
     )
-    client = TestClient(build_app(page), base_url=ORIGIN, follow_redirects=False)
-    return Bench(page, client, clock)
+    client = TestClient(build_app(frame), base_url=ORIGIN, follow_redirects=False)
+    return Bench(frame, client, clock, made[0])

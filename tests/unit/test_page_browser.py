@@ -74,7 +74,7 @@ class Served:
         page = bench(folder, Site.served("127.0.0.1", port, with_tls=False)).page
         page.accounts.put("vera", Role.VIEWER, PASSWORD)
         self.sessions = page.sessions
-        app = serving_module.build(page.runs_dir, page.site, page.accounts, page.sessions)
+        app = serving_module.build(folder / "runs", folder, page.site, page.accounts, page.sessions)
         self._server = serving_module.server_of(app, serving_module.Serving("127.0.0.1", port))
         self._thread = threading.Thread(target=self._server.run)
         self._thread.start()

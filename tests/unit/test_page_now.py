@@ -19,10 +19,10 @@ from controller.cell.control import DecisionReply, NoRunError, RunningCell, Stat
 from controller.cell.custody import Custody
 from controller.cell.journal import JOURNAL_NAME, newest_run, read_rows, read_rows_after, rows
 from controller.config import load_cell
-from controller.page.fold import Arm, HeldPart, RunFold
-from controller.page.fold import Path as ArmPath
-from controller.page.live import Live, TooManyWatchersError, light_of
-from controller.page.scene import CellScene
+from controller.page.now.fold import Arm, HeldPart, RunFold
+from controller.page.now.fold import Path as ArmPath
+from controller.page.now.live import Live, TooManyWatchersError, light_of
+from controller.page.now.scene import CellScene
 from controller.planning.motion import segment_seconds, tcp_pose
 from controller.setup.layout import build_layout
 
@@ -336,8 +336,8 @@ def test_a_damaged_journal_is_named_and_the_page_goes_on(tmp_path: Path) -> None
     at = bench(tmp_path)
     at.log_in()
     assert at.client.get("/now").status_code == 200
-    assert at.client.get("/scene").status_code == 404
-    assert at.client.get("/mesh").status_code == 404
+    assert at.client.get("/now/scene").status_code == 404
+    assert at.client.get("/now/mesh").status_code == 404
 
 
 def test_pictures_scene_and_mesh_are_handed_out(tmp_path: Path) -> None:
@@ -348,11 +348,11 @@ def test_pictures_scene_and_mesh_are_handed_out(tmp_path: Path) -> None:
     at = bench(tmp_path)
     at.read()
     at.log_in()
-    reply = at.client.get(f"/picture/{RUN}/0")
+    reply = at.client.get(f"/now/picture/{RUN}/0")
     assert reply.headers["content-type"] == "image/jpeg"
     assert reply.content[:2] == b"\xff\xd8"
-    assert at.client.get("/scene").json()["moving"]
-    assert "why" in at.client.get("/mesh").json()  # the recipe's part is no file
+    assert at.client.get("/now/scene").json()["moving"]
+    assert "why" in at.client.get("/now/mesh").json()  # the recipe's part is no file
 
 
 def test_orders_that_the_cell_refuses_come_back_with_its_reason(
@@ -374,9 +374,9 @@ def test_without_a_run_an_order_is_answered_with_a_sentence(tmp_path: Path) -> N
 
 def test_own_files_are_compressed_and_kept_by_the_browser(tmp_path: Path) -> None:
     at = bench(tmp_path)
-    reply = at.client.get("/static/now.js")
+    reply = at.client.get("/static/now/now.js")
     assert reply.headers["content-encoding"] == "gzip"
-    again = at.client.get("/static/now.js", headers={"If-None-Match": reply.headers["etag"]})
+    again = at.client.get("/static/now/now.js", headers={"If-None-Match": reply.headers["etag"]})
     assert (again.status_code, again.content) == (304, b"")
-    plain = at.client.get("/static/now.js", headers={"Accept-Encoding": "identity"})
+    plain = at.client.get("/static/now/now.js", headers={"Accept-Encoding": "identity"})
     assert plain.text == reply.text

@@ -39,7 +39,7 @@ ACTS: dict[str, dict[str, Any]] = {
     "stop": {},
     "answer": {"key": "look", "number": 1},
 }
-LOOKS = ("/now", "/events", "/scene", "/mesh", f"/picture/{RUN}/0", "/session")
+LOOKS = ("/now", "/now/events", "/now/scene", "/now/mesh", f"/now/picture/{RUN}/0", "/session")
 
 
 @pytest.fixture
@@ -132,7 +132,7 @@ def test_deep_json_is_refused(at: Bench, taken: list[tuple[str, Order]]) -> None
     csrf = at.log_in()
     deep = b"[" * 30_000 + b"]" * 30_000
     reply = at.client.post(
-        "/act/pause",
+        "/now/act/pause",
         content=deep,
         headers={"Origin": ORIGIN, "X-CSRF-Token": csrf, "Content-Type": "application/json"},
     )
@@ -182,7 +182,9 @@ def test_an_order_from_another_page_is_refused(
 
 def test_an_order_without_an_origin_is_refused(at: Bench, taken: list[tuple[str, Order]]) -> None:
     csrf = at.log_in()
-    assert at.client.post("/act/stop", json={}, headers={"X-CSRF-Token": csrf}).status_code == 403
+    assert (
+        at.client.post("/now/act/stop", json={}, headers={"X-CSRF-Token": csrf}).status_code == 403
+    )
     assert taken == []
 
 
@@ -224,7 +226,7 @@ def test_other_methods_do_not_exist(at: Bench, method: str) -> None:
 
 def test_an_order_is_no_link(at: Bench, taken: list[tuple[str, Order]]) -> None:
     at.log_in()
-    assert at.client.get("/act/stop").status_code == 405
+    assert at.client.get("/now/act/stop").status_code == 405
     assert taken == []
 
 
@@ -239,24 +241,24 @@ def test_a_large_body_is_refused_before_it_is_read(at: Bench) -> None:
             yield b"x" * 8192
 
     headers = {"Origin": ORIGIN, "Content-Length": str(10 * 1024**3)}
-    assert at.client.post("/act/stop", content=b"x", headers=headers).status_code == 413
-    reply = at.client.post("/act/stop", content=endless(), headers={"Origin": ORIGIN})
+    assert at.client.post("/now/act/stop", content=b"x", headers=headers).status_code == 413
+    reply = at.client.post("/now/act/stop", content=endless(), headers={"Origin": ORIGIN})
     assert reply.status_code == 413
 
 
 @pytest.mark.parametrize(
     "path",
     [
-        "/static/../routes.py",
-        "/static/..%2froutes.py",
-        "/static/%2e%2e/routes.py",
+        "/static/../entering.py",
+        "/static/..%2fentering.py",
+        "/static/%2e%2e/entering.py",
         "/static//etc/passwd",
-        "/static/now.js%00.css",
-        "/picture/..%2f..%2fetc/0",
-        f"/picture/{RUN}/..%2f..%2fjournal.sqlite",
-        f"/picture/{RUN}/-1",
-        f"/picture/{RUN}/99",
-        "/picture/another-run/0",
+        "/static/now/now.js%00.css",
+        "/now/picture/..%2f..%2fetc/0",
+        f"/now/picture/{RUN}/..%2f..%2fjournal.sqlite",
+        f"/now/picture/{RUN}/-1",
+        f"/now/picture/{RUN}/99",
+        "/now/picture/another-run/0",
     ],
 )
 def test_a_path_leads_to_no_other_file(at: Bench, path: str) -> None:
@@ -276,7 +278,7 @@ def test_a_picture_outside_the_run_is_not_handed_out(tmp_path: Path) -> None:
     found.read()
     found.log_in()
     for number in range(len(names)):
-        assert found.client.get(f"/picture/{RUN}/{number}").status_code == 404
+        assert found.client.get(f"/now/picture/{RUN}/{number}").status_code == 404
 
 
 def test_what_is_no_picture_is_not_handed_out(tmp_path: Path) -> None:
@@ -288,7 +290,7 @@ def test_what_is_no_picture_is_not_handed_out(tmp_path: Path) -> None:
     found = bench(tmp_path)
     found.read()
     found.log_in()
-    assert found.client.get(f"/picture/{RUN}/0").status_code == 404
+    assert found.client.get(f"/now/picture/{RUN}/0").status_code == 404
 
 
 def test_a_script_in_a_name_stays_text(at: Bench) -> None:
@@ -305,7 +307,14 @@ def test_a_script_in_a_name_stays_text(at: Bench) -> None:
 
 def test_no_answer_lacks_the_headers_that_bind_a_browser(at: Bench) -> None:
     at.log_in()
-    paths = ("/login", "/now", "/session", "/static/now.js", "/nothing", f"/picture/{RUN}/0")
+    paths = (
+        "/login",
+        "/now",
+        "/session",
+        "/static/now/now.js",
+        "/nothing",
+        f"/now/picture/{RUN}/0",
+    )
     for path in paths:
         headers = at.client.get(path).headers
         policy = headers["content-security-policy"]
@@ -490,7 +499,7 @@ def served(folder: Path) -> Iterator[int]:
         port: int = free.getsockname()[1]
     there = bench(folder, Site.served("127.0.0.1", port, with_tls=False))
     page = there.page
-    app = serving_module.build(page.runs_dir, page.site, page.accounts, page.sessions)
+    app = serving_module.build(folder / "runs", folder, page.site, page.accounts, page.sessions)
     server = serving_module.server_of(app, serving_module.Serving("127.0.0.1", port))
     thread = threading.Thread(target=server.run)
     thread.start()

@@ -1,4 +1,4 @@
-"""The page's texts: each is in the catalogue, and the compiled catalogue is its source's."""
+"""The page's texts: each is in a catalogue, and each compiled catalogue is its source's."""
 
 from __future__ import annotations
 
@@ -13,61 +13,86 @@ from controller.cell.alarms import Severity
 from controller.cell.custody import Custody
 from controller.cell.machine.table import COMPLETING, STAGES
 from controller.config.interlock_rules import SIGNALS
-from controller.page.words import LANGUAGES, chosen, every_word, translator
+from controller.page.frame.screens import ORDER
+from controller.page.frame.words import LANGUAGES, chosen, every_word, translator
 
 PAGE = Path(__file__).resolve().parents[2] / "controller" / "page"
 TEXT = r'"((?:[^"\\]|\\.)*)"'
+PACKAGES = ["frame", *(name for name in ORDER if (PAGE / name).is_dir())]
+FOREIGN = sorted(set(LANGUAGES) - {"en"})
 
 
-def texts() -> set[str]:
-    """Return every text of the page, as the sources have it."""
-    found: set[str] = set()
-    for template in (PAGE / "templates").glob("*.j2"):
-        found |= set(re.findall(rf"_\({TEXT}\)", template.read_text(encoding="utf-8")))
-    script = (PAGE / "static" / "now.js").read_text(encoding="utf-8")
+def read(package: str, pattern: str) -> str:
+    found = sorted((PAGE / package).rglob(pattern))
+    return "\n".join(
+        path.read_text(encoding="utf-8") for path in found if "three" not in path.parts
+    )
+
+
+def texts(package: str) -> set[str]:
+    """Return every text of a screen or of the frame, as the sources have it.
+
+    In templates `_("...")`, in scripts `t("...")` and tables named `..._WORDS`, in Python
+    `word("...")`.
+    """
+    script = read(package, "*.js")
+    found = set(re.findall(rf"_\({TEXT}\)", read(package, "*.j2")))
     found |= set(re.findall(rf"\bt\({TEXT}", script))
-    for table in re.findall(r"^const (?:MODES|LIGHTS|SIGNALS) = \{(.*?)^\};", script, re.M | re.S):
+    for table in re.findall(r"^const \w+_WORDS = \{(.*?)^\};", script, re.M | re.S):
         found |= set(re.findall(rf": {TEXT}", table))
-    routes = (PAGE / "routes.py").read_text(encoding="utf-8")
-    found |= set(re.findall(rf"text = {TEXT}", routes))
-    return found
+    return found | set(re.findall(rf"\bword\(\s*{TEXT}", read(package, "*.py")))
 
 
-@pytest.mark.parametrize("language", sorted(set(LANGUAGES) - {"en"}))
-def test_every_text_is_in_the_catalogue(language: str) -> None:
-    known = every_word(language)
-    wanted = texts()
-    assert len(wanted) > 80
+@pytest.mark.parametrize("language", FOREIGN)
+@pytest.mark.parametrize("package", PACKAGES)
+def test_every_text_is_in_the_catalogue(package: str, language: str) -> None:
+    known = every_word(language, package)
+    wanted = texts(package)
+    assert len(wanted) > 5
     assert sorted(wanted - set(known)) == []
     assert [text for text in wanted if not known[text]] == []
 
 
-@pytest.mark.parametrize("language", sorted(set(LANGUAGES) - {"en"}))
+@pytest.mark.parametrize("language", FOREIGN)
+@pytest.mark.parametrize("package", PACKAGES)
+def test_a_screens_title_is_known_on_all_screens(package: str, language: str) -> None:
+    assert package == "frame" or package.capitalize() in every_word(language)
+
+
+@pytest.mark.parametrize("language", FOREIGN)
 def test_what_the_cell_may_be_in_is_in_the_catalogue(language: str) -> None:
-    known = every_word(language)
+    known = every_word(language, "now")
     named = {one.value for one in Custody} | {*STAGES, COMPLETING}
     named |= {one.value for one in Severity}
     assert sorted(named - set(known)) == []
-    script = (PAGE / "static" / "now.js").read_text(encoding="utf-8")
+    script = (PAGE / "now" / "static" / "now.js").read_text(encoding="utf-8")
     assert [name for name in SIGNALS if f"{name}: " not in script] == []
 
 
-@pytest.mark.parametrize("language", sorted(set(LANGUAGES) - {"en"}))
-def test_a_text_keeps_its_blanks_to_fill_in(language: str) -> None:
-    for text, word in every_word(language).items():
+@pytest.mark.parametrize("language", FOREIGN)
+@pytest.mark.parametrize("package", PACKAGES)
+def test_a_text_keeps_its_blanks_to_fill_in(package: str, language: str) -> None:
+    for text, word in every_word(language, package).items():
         assert set(re.findall(r"\{\w+\}", text)) == set(re.findall(r"\{\w+\}", word)), text
 
 
-@pytest.mark.parametrize("language", sorted(set(LANGUAGES) - {"en"}))
-def test_the_compiled_catalogue_is_that_of_its_source(language: str) -> None:
-    source = PAGE / "catalogues" / language / "LC_MESSAGES" / "page.po"
-    read = read_po(io.BytesIO(source.read_bytes()))
-    assert {one.id: one.string for one in read if one.id} == dict(every_word(language))
+@pytest.mark.parametrize("language", FOREIGN)
+@pytest.mark.parametrize("package", PACKAGES)
+def test_the_compiled_catalogue_is_that_of_its_source(package: str, language: str) -> None:
+    source = PAGE / package / "catalogues" / language / "LC_MESSAGES" / "page.po"
+    read_ = read_po(io.BytesIO(source.read_bytes()))
+    own = {one.id: one.string for one in read_ if one.id}
+    shared = {} if package == "frame" else every_word(language)
+    assert {**shared, **own} == dict(every_word(language, package))
 
 
 def test_a_language_is_chosen_by_the_person_then_by_the_browser() -> None:
     assert chosen("de", "en") == "de"
     assert chosen(None, "fr-FR, de-AT;q=0.8, en;q=0.5") == "de"
     assert chosen("klingon", "fr") == "en"
-    assert translator("de")("Stop") == "Halt"
-    assert translator("en")("Stop") == "Stop"
+    assert translator("de", "now")("Stop") == "Halt"
+    assert translator("en", "now")("Stop") == "Stop"
+
+
+def test_a_screen_without_a_text_has_that_of_the_frame() -> None:
+    assert translator("de", "now")("Log out") == translator("de")("Log out") == "Abmelden"

@@ -70,7 +70,7 @@ def serve_page(
     sessions = Sessions()
     # who starts the server may do all that it can do anyway
     token = sessions.link(Account(getpass.getuser(), Role.ENGINEER))
-    app = build(runs_dir, site, Accounts(accounts_path()), sessions)
+    app = build(runs_dir, Path.cwd(), site, Accounts(accounts_path()), sessions)
     origin = behind or (
         f"https://{names[0]}:{port}" if cert and names else _origin(host, port, cert)
     )

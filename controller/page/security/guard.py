@@ -1,13 +1,15 @@
 """Stands before all of the page: refuses what no browser of a person at this site sends.
 
 It reads the whole request before the page sees it, within a size and a time, and puts the headers
-on every answer that keep a browser from doing what the page never does.
+on every answer that keep a browser from doing what the page never does. The bytes of a file it
+leaves to whoever takes files, once their number is known and allowed.
 """
 
 from __future__ import annotations
 
 import asyncio
 import json
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Final
 
 from .addresses import Site
@@ -49,11 +51,12 @@ class Guard:
     ----------
     app : what it stands before
     site : under which addresses browsers find it
+    uploads : addresses that take a file, with its largest size [bytes]
     """
 
-    def __init__(self, app: ASGIApp, site: Site) -> None:
+    def __init__(self, app: ASGIApp, site: Site, uploads: Mapping[str, int]) -> None:
         self._app = app
-        self._site = site
+        self._uploads = uploads
         self._hosts = frozenset(host.encode() for host in site.hosts)
         self._origins = frozenset(origin.encode() for origin in site.origins)
         self._headers = (*HEADERS, *((STRICT_TRANSPORT,) if site.is_secure else ()))
@@ -68,6 +71,9 @@ class Guard:
             return
         guarded = self._guarded(send)
         refusal = self._refusal(scope)
+        if refusal is None and self._upload_bytes(scope) is not None:
+            await self._app(scope, receive, guarded)
+            return
         if refusal is None:
             try:
                 async with asyncio.timeout(BODY_WALL_S):
@@ -81,6 +87,10 @@ class Guard:
                     await self._app(scope, _again(body, receive), guarded)
                     return
         await _refuse(guarded, *refusal)
+
+    def _upload_bytes(self, scope: Scope) -> int | None:
+        """Return the largest size of the file that a request brings, None if it brings none."""
+        return self._uploads.get(scope["path"]) if scope["method"] == "POST" else None
 
     def _refusal(self, scope: Scope) -> tuple[int, str] | None:
         """Return the status and the reason with which a request is refused, None if it is not."""
@@ -100,8 +110,12 @@ class Guard:
         if sum(len(key) + len(value) for key, value in headers) > HEADER_MAX_BYTES:
             return 431, f"a header has {HEADER_MAX_BYTES} bytes at most"
         length = every(b"content-length")
-        if length and (not length[0].isdigit() or int(length[0]) > BODY_MAX_BYTES):
-            return 413, f"a request has {BODY_MAX_BYTES} bytes at most"
+        upload_bytes = self._upload_bytes(scope)
+        max_bytes = BODY_MAX_BYTES if upload_bytes is None else upload_bytes
+        if upload_bytes is not None and not length:
+            return 411, "a file is sent with its length"
+        if length and (not length[0].isdigit() or int(length[0]) > max_bytes):
+            return 413, f"a request has {max_bytes} bytes at most"
         origin, fetched = every(b"origin"), every(b"sec-fetch-site")
         if scope["method"] == "POST":
             if len(origin) != 1 or origin[0].lower() not in self._origins:

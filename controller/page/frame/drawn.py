@@ -1,66 +1,36 @@
-"""What the page hands out beside HTML: its own files, pictures of the run, the part's mesh."""
+"""What screens hand out to be drawn: pictures of a run, the mesh of its part."""
 
 import gzip
-import hashlib
 import json
-from dataclasses import dataclass
+from collections.abc import Mapping
 from functools import lru_cache
-from importlib.resources import files
 from pathlib import Path
 from typing import Any, Final
 
 import cv2
 import numpy as np
+from starlette.responses import Response
 
 from controller.cad import Solid
 from controller.results.judged import solid_of
 
-from .fold import RunFold
-
-TYPES: Final = {
-    ".css": "text/css; charset=utf-8",
-    ".js": "text/javascript; charset=utf-8",
-    ".svg": "image/svg+xml",
-}
-STATIC: Final = (
-    "now.js",
-    "scene.js",
-    "page.css",
-    "icon.svg",
-    "three/three.module.min.js",
-    "three/three.core.min.js",
-)
 PICTURE_WIDTH_PX: Final = 640
 PICTURE_QUALITY: Final = 82
 PICTURE_MAX_BYTES: Final = 64_000_000
 TRIANGLE_MAX_COUNT: Final = 150_000
 
 
-@dataclass(frozen=True, slots=True)
-class StaticFile:
-    """A file of the page.
+def file_within(folder: Path, name: str) -> Path | None:
+    """Return a file below a folder, None where its name or a link leads out of it.
 
-    Attributes
+    Parameters
     ----------
-    content, packed : its bytes, and the same compressed by gzip
-    tag : changes with the content
+    folder : of a run
+    name : as the journal has it
     """
-
-    content: bytes
-    packed: bytes
-    kind: str
-    tag: str
-
-
-def static_files() -> dict[str, StaticFile]:
-    """Return all files of the page by name; no other file can be fetched."""
-    found = {}
-    for name in STATIC:
-        content = (files(__package__) / "static").joinpath(*name.split("/")).read_bytes()
-        tag = f'"{hashlib.sha256(content).hexdigest()[:20]}"'
-        kind = TYPES[Path(name).suffix]
-        found[name] = StaticFile(content, gzip.compress(content, 6, mtime=0), kind, tag)
-    return found
+    inside = folder.resolve()
+    path = (inside / name).resolve()
+    return path if path.is_relative_to(inside) else None
 
 
 @lru_cache(maxsize=64)
@@ -83,17 +53,16 @@ def picture_bytes(path: Path) -> bytes | None:
     return jpeg.tobytes()
 
 
-def mesh_of(fold: RunFold, folder: Path) -> dict[str, Any]:
+def mesh_of(recipe: Mapping[str, Any], stored: Mapping[str, str], folder: Path) -> dict[str, Any]:
     """Return the part's mesh in its CAD frame [mm] as JSON, or why there is none to draw.
 
     Parameters
     ----------
-    fold : of the run
+    recipe : of the run
+    stored : files that the run was started with, as its first row has them
     folder : of the run
     """
-    if fold.began is None:
-        return {"why": "the run has only begun"}
-    solid = solid_of(fold.began.recipe, fold.began.files, folder)
+    solid = solid_of(recipe, stored, folder)
     if not isinstance(solid, Solid):
         return {"why": solid}
     count = len(solid.mesh.faces)
@@ -108,3 +77,8 @@ def mesh_of(fold: RunFold, folder: Path) -> dict[str, Any]:
 def packed_json(content: object) -> bytes:
     """Return JSON, compressed by gzip."""
     return gzip.compress(json.dumps(content, separators=(",", ":")).encode(), 5, mtime=0)
+
+
+def packed(content: bytes) -> Response:
+    """Return an answer of JSON that is compressed already."""
+    return Response(content, media_type="application/json", headers={"Content-Encoding": "gzip"})

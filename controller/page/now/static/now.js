@@ -1,45 +1,23 @@
 // Page "Now": shows what the server streams, and sends orders. All text goes in as text, never as HTML.
-const words = JSON.parse(document.getElementById("words").textContent);
-const csrf = document.querySelector('meta[name="csrf"]').content;
-const language = document.documentElement.lang;
-const t = (text, values = {}) => {
-  let found = words[text] || text;
-  for (const [name, value] of Object.entries(values)) found = found.replace(`{${name}}`, String(value));
-  return found;
-};
-const $ = (id) => document.getElementById(id);
-const el = (tag, text = "", kind = "") => {
-  const made = document.createElement(tag);
-  if (text !== "") made.textContent = text;
-  if (kind) made.className = kind;
-  return made;
-};
-const svg = (tag, attributes) => {
-  const made = document.createElementNS("http://www.w3.org/2000/svg", tag);
-  for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);
-  return made;
-};
-const number = (value, digits = 0) =>
-  value.toLocaleString(language, { minimumFractionDigits: digits, maximumFractionDigits: digits });
-const time = (utc) => new Date(utc).toLocaleTimeString(language);
+import { $, el, number, post, svg, t, time } from "/static/shared.js";
 
-const MODES = {
+const MODE_WORDS = {
   execute: "Execute", suspending: "Suspending", suspended: "Suspended", unsuspending: "Unsuspending",
   resetting: "Resetting", idle: "Idle", stopping: "Stopping", stopped: "Stopped", aborting: "Aborting",
   aborted: "Aborted", clearing: "Clearing", holding: "Holding", held: "Held", completing: "Completing",
   complete: "Complete", starting: "Starting",
 };
-const LIGHTS = {
+const LIGHT_WORDS = {
   fault: "Fault: a person has to look at the cell", attention: "Attention: the cell stands, or will",
   question: "Question: the cell waits for an answer", working: "Working", resting: "Resting",
   off: "No run: nobody has the cell",
 };
-const SIGNALS = {
+const SIGNAL_WORDS = {
   estop_ok: "Emergency stop released", guard_closed: "Door closed", supply_ok: "Supply",
   part_in_nest: "Part in the fixed gripper's barrier", part_in_gripper: "Part in the arm gripper's barrier",
   acknowledge: "Acknowledge button",
 };
-const STATUS_WORDS = { pass: "PASS", fail: "FAIL", indeterminate: "INDETERMINATE", not_evaluated: "NOT EVALUATED" };
+const VERDICTS = { pass: "PASS", fail: "FAIL", indeterminate: "INDETERMINATE", not_evaluated: "NOT EVALUATED" };
 
 let last = null;
 let isLost = true;
@@ -56,7 +34,7 @@ function onChange(name, content, draw) {
 
 function stateWords(state) {
   const [mode, ...stage] = (state || "").split("_");
-  const name = t(MODES[mode] || (state ? state : "No run yet"));
+  const name = t(MODE_WORDS[mode] || (state ? state : "No run yet"));
   return stage.length ? `${name}: ${t(stage.join("_"))}` : name;
 }
 
@@ -70,7 +48,7 @@ function show(now) {
     for (const lamp of document.querySelectorAll("[data-light]")) {
       lamp.classList.toggle("lit", lamp.dataset.light === light);
     }
-    $("light").textContent = t(LIGHTS[light]);
+    $("light").textContent = t(LIGHT_WORDS[light]);
   });
   onChange("state", [now.state, now.runs], () => {
     $("state-name").textContent = stateWords(now.state);
@@ -110,7 +88,7 @@ function factsOf({ status, run }) {
   found.push([t("Custody"), t(status ? status.custody : run.custody)]);
   if (status && status.step_count) found.push([t("Step"), t("{k} of {n}", { k: status.step, n: status.step_count })]);
   if (status && status.seconds_left !== null) found.push([t("Left, about"), `${number(status.seconds_left)} s`]);
-  if (run.verdict) found.push([t("Verdict"), STATUS_WORDS[run.verdict.verdict] || run.verdict.verdict]);
+  if (run.verdict) found.push([t("Verdict"), VERDICTS[run.verdict.verdict] || run.verdict.verdict]);
   return found;
 }
 
@@ -223,7 +201,7 @@ function figureOf(run, view, picture) {
   const figure = el("figure");
   const box = el("div", "", "picture");
   const image = el("img");
-  image.src = `/picture/${encodeURIComponent(run)}/${picture.picture}`;
+  image.src = `/now/picture/${encodeURIComponent(run)}/${picture.picture}`;
   image.width = 640;
   image.height = Math.round((640 * size[1]) / size[0]);
   image.alt = t("Picture of view {view} under {lamp}", { view: view.view, lamp: picture.lamp });
@@ -255,7 +233,7 @@ function drawInterlocks([signals, runs]) {
     const item = el("li");
     const sign = isOk === null ? "?" : isOk ? "●" : "○";
     const word = isOk === null ? t("unknown") : isOk ? t("yes") : t("no");
-    item.append(el("span", sign, "sign"), `${t(SIGNALS[name] || name)}: ${word}`);
+    item.append(el("span", sign, "sign"), `${t(SIGNAL_WORDS[name] || name)}: ${word}`);
     return item;
   });
   $("interlocks").replaceChildren(...(rows.length ? rows : [el("li", runs ? t("Not read yet.") : t("Nobody reads them: no run."))]));
@@ -263,9 +241,9 @@ function drawInterlocks([signals, runs]) {
 
 function drawParts([parts, counts]) {
   $("counts").textContent = counts
-    ? Object.entries(counts).map(([verdict, n]) => `${STATUS_WORDS[verdict] || verdict}: ${n}`).join(" · ") : "";
+    ? Object.entries(counts).map(([verdict, n]) => `${VERDICTS[verdict] || verdict}: ${n}`).join(" · ") : "";
   $("parts").replaceChildren(...[...(parts || [])].reverse().map((one) =>
-    el("li", `${t("Part")} ${one.part}: ${STATUS_WORDS[one.verdict] || one.verdict}${one.tray ? ` → ${t(one.tray)}` : ""}`)));
+    el("li", `${t("Part")} ${one.part}: ${VERDICTS[one.verdict] || one.verdict}${one.tray ? ` → ${t(one.tray)}` : ""}`)));
 }
 
 function drawPeople(acts) {
@@ -280,20 +258,14 @@ async function act(name, body) {
   $("said").textContent = t("sent …");
   const why = $("why") ? $("why").value : "";
   try {
-    const reply = await fetch(`/act/${name}`, {
-      method: "POST", credentials: "same-origin",
-      headers: { "Content-Type": "application/json", "X-CSRF-Token": csrf },
-      body: JSON.stringify({ ...body, why }),
-    });
-    const said = await reply.json();
-    if (said.error) $("said").textContent = `✗ ${said.error}`;
+    const said = await post(`/now/act/${name}`, { ...body, why });
+    if (said.error) $("said").textContent = `✗ ${t(said.error)}`;
     else if (said.decision === "refused") $("said").textContent = `✗ ${t("refused")}: ${said.reason}`;
     else if (said.decision === "ignored") $("said").textContent = `– ${t("nothing to do")}: ${said.reason}`;
     else {
       $("said").textContent = `✓ ${t("taken")}: ${stateWords(said.state)}`;
       if ($("why")) $("why").value = "";
     }
-    if (reply.status === 401) location.assign("/login");
   } catch {
     $("said").textContent = `✗ ${t("The order did not reach the page. Look at the cell before you repeat it.")}`;
   } finally {
@@ -311,11 +283,6 @@ if ($("resume")) {
   });
   $("stop").addEventListener("click", () => act("stop", {}));
 }
-$("logout").addEventListener("click", async () => {
-  await fetch("/logout", { method: "POST", credentials: "same-origin", headers: { "X-CSRF-Token": csrf } });
-  location.assign("/login");
-});
-
 // The stream. The server sends a beat every 5 s; without one the connection counts as lost.
 const LOST_MS = 12000;
 let heard = 0;
@@ -332,7 +299,7 @@ function lose(lost) {
 
 function listen() {
   if (stream) stream.close();
-  stream = new EventSource("/events");
+  stream = new EventSource("/now/events");
   heard = Date.now();
   const hear = (kind, take) => stream.addEventListener(kind, (event) => {
     heard = Date.now();

@@ -3,7 +3,7 @@ import {
   AmbientLight, BoxGeometry, BufferAttribute, BufferGeometry, Color, DirectionalLight, EdgesGeometry,
   GridHelper, Group, LineBasicMaterial, LineSegments, Matrix4, Mesh, MeshLambertMaterial,
   PerspectiveCamera, Scene, Vector3, WebGLRenderer,
-} from "./three/three.module.min.js";
+} from "/static/three/three.module.min.js";
 
 const COLOURS = {
   arm: 0x788ca3, gripper: 0x56677d, finger: 0xe4963c, fixed: 0x58847a, "fixed finger": 0x2ea896,
@@ -35,7 +35,7 @@ export class CellView {
   }
 
   async load() {
-    const reply = await fetch("/scene", { credentials: "same-origin" });
+    const reply = await fetch("/now/scene", { credentials: "same-origin" });
     if (!reply.ok) throw new Error((await reply.json()).error);
     const found = await reply.json();
     if (this.cell) this.scene.remove(this.cell);
@@ -56,7 +56,7 @@ export class CellView {
     this.part = null;
     this.scene.add(this.cell);
     this.draw();
-    const mesh = await (await fetch("/mesh", { credentials: "same-origin" })).json();
+    const mesh = await (await fetch("/now/mesh", { credentials: "same-origin" })).json();
     if (mesh.vertices) {
       const geometry = new BufferGeometry();
       geometry.setAttribute("position", new BufferAttribute(new Float32Array(mesh.vertices), 3));

@@ -1,0 +1,39 @@
+"""The screens of the page, and the application that serves them."""
+
+from collections.abc import AsyncIterator, Callable
+from contextlib import AsyncExitStack, asynccontextmanager
+from typing import Final
+
+from starlette.applications import Starlette
+from starlette.middleware import Middleware
+
+from . import now
+from .frame.entering import Entrance
+from .frame.routing import routes_of, upload_sizes
+from .frame.screens import ORDER, Screen, Setting
+from .frame.visit import Frame
+from .security import Guard
+
+SCREENS: Final[tuple[Callable[[Setting], Screen], ...]] = (now.screen,)
+
+
+def build_screens(setting: Setting) -> tuple[Screen, ...]:
+    """Return all screens in the order of the navigation bar."""
+    found = [make(setting) for make in SCREENS]
+    return tuple(sorted(found, key=lambda one: ORDER.index(one.name)))
+
+
+def build_app(frame: Frame) -> Starlette:
+    """Return the application; what runs beside a screen runs while it is served."""
+
+    @asynccontextmanager
+    async def beside(_: Starlette) -> AsyncIterator[None]:
+        async with AsyncExitStack() as stack:
+            for screen in frame.screens:
+                if screen.beside is not None:
+                    await stack.enter_async_context(screen.beside())
+            yield
+
+    guard = Middleware(Guard, site=frame.site, uploads=upload_sizes(frame.screens))
+    routes = [*Entrance(frame).routes, *routes_of(frame)]
+    return Starlette(routes=routes, middleware=[guard], lifespan=beside)

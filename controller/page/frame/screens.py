@@ -1,0 +1,125 @@
+"""What a screen of the page is made of: where it stands, who may see it, what it answers.
+
+A screen lists looks, acts and uploads. It makes no route itself: `routing.py` does, and puts the
+checks of session, role, token and body before each, so that none can be left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable
+from contextlib import AbstractAsyncContextManager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from pydantic import BaseModel, ConfigDict
+
+from ..security import Role
+
+if TYPE_CHECKING:
+    from starlette.responses import Response
+
+    from .uploads import Uploaded
+    from .visit import Visit
+
+# The order of the navigation bar; a screen that is not here cannot be added.
+ORDER: Final = ("now", "review", "history", "recipes", "cell")
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """What the page was started with.
+
+    Attributes
+    ----------
+    runs_dir : folder of all runs
+    project_dir : folder of recipes and cell files
+    """
+
+    runs_dir: Path
+    project_dir: Path
+
+
+class Body(BaseModel):
+    """The body of an act, as the browser sends it."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """Something that is fetched (GET) and changes nothing.
+
+    Attributes
+    ----------
+    path : below the screen, as Starlette writes it (`picture/{number:int}`); empty is the screen
+    answer : what makes the answer
+    role : the least role that may see it
+    """
+
+    path: str
+    answer: Callable[[Visit], Awaitable[Response]]
+    role: Role = Role.VIEWER
+
+
+@dataclass(frozen=True, slots=True)
+class Act:
+    """Something that is done (POST): a small JSON body, with the token of the session.
+
+    Attributes
+    ----------
+    path : below the screen
+    body : model that the body must fit
+    answer : what does it
+    role : the least role that may do it
+    """
+
+    path: str
+    body: type[Body]
+    answer: Callable[[Visit, Any], Awaitable[Response]]
+    role: Role
+
+
+@dataclass(frozen=True, slots=True)
+class Upload:
+    """A file that is taken (POST): its bytes alone are the body, its name stands in the query.
+
+    Attributes
+    ----------
+    path : below the screen, without parameters
+    max_bytes : largest size
+    suffixes : which its name may have, in small letters
+    answer : what is done with it; the file is deleted when the answer is made
+    role : the least role that may do it
+    """
+
+    path: str
+    max_bytes: int
+    suffixes: frozenset[str]
+    answer: Callable[[Visit, Uploaded], Awaitable[Response]]
+    role: Role
+
+
+@dataclass(frozen=True, slots=True)
+class Screen:
+    """A screen of the page.
+
+    Attributes
+    ----------
+    name : in small letters: the first part of its addresses, and its package below
+        `controller.page`, with `templates/`, `static/` and `catalogues/`
+    title : in English, for the navigation bar; the catalogue of `frame` has it
+    answers : what it answers
+    role : the least role to which the navigation bar shows it
+    beside : what runs while the page is served, None for nothing
+    """
+
+    name: str
+    title: str
+    answers: tuple[Look | Act | Upload, ...]
+    role: Role = Role.VIEWER
+    beside: Callable[[], AbstractAsyncContextManager[None]] | None = None
+
+    def address(self, path: str) -> str:
+        """Return the address of something below the screen."""
+        return f"/{self.name}/{path}" if path else f"/{self.name}"

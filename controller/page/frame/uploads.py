@@ -1,0 +1,129 @@
+"""Reads a file that a browser sends, within a size, a time and the room on the disk."""
+
+import asyncio
+import re
+import shutil
+import tempfile
+import zipfile
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from starlette.requests import ClientDisconnect, Request
+
+from .screens import Upload
+
+NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._+()-]{0,99}")
+WALL_S: Final = 300.0
+PIECE_WALL_S: Final = 10.0
+SPARE_BYTES: Final = 1_000_000_000  # that stay free on the disk
+# What an archive (3MF is one) may unpack to: more than any sound part, less than the memory.
+ENTRY_MAX_COUNT: Final = 1_000
+UNPACKED_MAX_BYTES: Final = 1_000_000_000
+UNPACKED_MAX_RATIO: Final = 200
+
+
+class UploadError(Exception):
+    """A file is not taken.
+
+    Attributes
+    ----------
+    status : of the answer
+    """
+
+    def __init__(self, status: int, text: str) -> None:
+        super().__init__(text)
+        self.status = status
+
+
+@dataclass(frozen=True, slots=True)
+class Uploaded:
+    """A file that was taken.
+
+    Attributes
+    ----------
+    name : as the person named it: letters, digits and a few signs, no folder
+    path : where its bytes are until the answer is made
+    """
+
+    name: str
+    path: Path
+
+
+@asynccontextmanager
+async def received(request: Request, upload: Upload) -> AsyncIterator[Uploaded]:
+    """Yield the file of a request, and delete it afterwards.
+
+    Parameters
+    ----------
+    request : whose body is the file, and whose query has its `name`
+    upload : what may be taken
+
+    Raises
+    ------
+    UploadError : name, size, time or content is not allowed, or the disk is full
+    """
+    name = request.query_params.get("name", "")
+    if not NAME.fullmatch(name):
+        raise UploadError(
+            422, "a file's name has letters, digits and ` ._+()-`, 100 at most, and no folder"
+        )
+    suffix = Path(name).suffix.lower()
+    if suffix not in upload.suffixes:
+        allowed = ", ".join(sorted(upload.suffixes))
+        raise UploadError(415, f"`{suffix}`: the file ends in one of {allowed}")
+    with tempfile.TemporaryDirectory(prefix="cellctl-upload-") as folder:
+        path = Path(folder) / f"file{suffix}"
+        length = int(request.headers.get("content-length", "0"))
+        if shutil.disk_usage(folder).free < length + SPARE_BYTES:
+            raise UploadError(507, "the disk has too little room for the file")
+        try:
+            async with asyncio.timeout(WALL_S):
+                await _write(request, path, upload.max_bytes)
+        except TimeoutError as error:
+            raise UploadError(408, "the file did not arrive in time") from error
+        except ClientDisconnect as error:
+            raise UploadError(400, "the file did not arrive whole") from error
+        except OSError as error:
+            raise UploadError(507, f"the file cannot be kept: {error.strerror}") from error
+        require_sound_archive(path)
+        yield Uploaded(name, path)
+
+
+async def _write(request: Request, path: Path, max_bytes: int) -> None:
+    pieces = request.stream()
+    size = 0
+    with path.open("xb") as file:
+        while True:
+            async with asyncio.timeout(PIECE_WALL_S):
+                piece = await anext(pieces, None)
+            if piece is None:
+                return
+            size += len(piece)
+            if size > max_bytes:
+                raise UploadError(413, f"a file has {max_bytes} bytes at most")
+            file.write(piece)
+
+
+def require_sound_archive(path: Path) -> None:
+    """Check that a file, if it is an archive, unpacks to something of sound size.
+
+    Raises
+    ------
+    UploadError : it has too many entries, or they are too large or packed too well
+    """
+    if not zipfile.is_zipfile(path):
+        return
+    try:
+        with zipfile.ZipFile(path) as archive:
+            entries = archive.infolist()
+    except (zipfile.BadZipFile, ValueError, NotImplementedError) as error:
+        raise UploadError(422, f"the archive is damaged: {error}") from error
+    unpacked = sum(one.file_size for one in entries)
+    packed = max(1, path.stat().st_size)
+    if len(entries) > ENTRY_MAX_COUNT:
+        raise UploadError(422, f"the archive has {len(entries)} entries, {ENTRY_MAX_COUNT} at most")
+    if unpacked > UNPACKED_MAX_BYTES or unpacked > UNPACKED_MAX_RATIO * packed + 1_000_000:
+        raise UploadError(422, "the archive unpacks to more than a part has")

@@ -1,0 +1,161 @@
+"""The frame round all screens, and what a screen is given with each request."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Final
+
+from jinja2 import ChoiceLoader, Environment, PackageLoader, PrefixLoader, StrictUndefined
+from starlette.requests import Request
+from starlette.responses import HTMLResponse, JSONResponse, Response
+
+from ..security import Account, Accounts, Attempts, Role, Session, Sessions, Site
+from .screens import Screen
+from .words import LANGUAGES, chosen, every_word, translator
+
+LANGUAGE_COOKIE: Final = "cellctl_language"
+YEAR_S: Final = 31_536_000
+
+
+def refused(status: int, text: str) -> JSONResponse:
+    """Return an answer that says no, with a sentence why."""
+    return JSONResponse({"error": text}, status)
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """What all screens share.
+
+    Attributes
+    ----------
+    site : under which addresses browsers find the page
+    accounts, sessions, attempts : who may log in, who has, who tried
+    screens : in the order of the navigation bar
+    one_at_a_time : is held while a password is tried
+    """
+
+    site: Site
+    accounts: Accounts
+    sessions: Sessions
+    screens: tuple[Screen, ...]
+    attempts: Attempts = field(default_factory=Attempts)
+    one_at_a_time: asyncio.Lock = field(default_factory=asyncio.Lock)
+
+    @cached_property
+    def templates(self) -> Environment:
+        """The templates: those shared by their names, a screen's below its name."""
+        own = {one.name: PackageLoader(f"controller.page.{one.name}") for one in self.screens}
+        shared = PackageLoader("controller.page.frame")
+        return Environment(
+            loader=ChoiceLoader([PrefixLoader(own), shared]),
+            autoescape=True,
+            undefined=StrictUndefined,
+        )
+
+    def session(self, request: Request) -> Session | None:
+        """Return the session of a request."""
+        secret = request.cookies.get(self.site.cookie, "")
+        return self.sessions.find(secret) if secret else None
+
+    def html(
+        self,
+        request: Request,
+        template: str,
+        values: Mapping[str, object],
+        *,
+        screen: str = "frame",
+        status: int = 200,
+    ) -> Response:
+        """Return HTML in the language of the person.
+
+        Parameters
+        ----------
+        request : what is answered
+        template : its name
+        values : what the template shows
+        screen : whose texts it has
+        status : of the answer
+        """
+        language = language_of(request)
+        text = self.templates.get_template(template).render(
+            _=translator(language, screen), language=language, languages=LANGUAGES, **values
+        )
+        response = HTMLResponse(text, status)
+        if request.query_params.get("lang") in LANGUAGES:
+            response.set_cookie(
+                LANGUAGE_COOKIE,
+                language,
+                max_age=YEAR_S,
+                samesite="strict",
+                secure=self.site.is_secure,
+                httponly=True,
+            )
+        return response
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Visit:
+    """A request of somebody who is logged in and may do what is asked.
+
+    Attributes
+    ----------
+    frame, screen : what is visited
+    request : what the browser sent; the body of an act or an upload has been read
+    session : whose it is
+    """
+
+    frame: Frame
+    screen: Screen
+    request: Request
+    session: Session
+
+    @property
+    def account(self) -> Account:
+        """Who asks."""
+        return self.session.account
+
+    @property
+    def who(self) -> str:
+        """Who asks, as the journal names it."""
+        return f"{self.account.name}, page"
+
+    @property
+    def language(self) -> str:
+        """The language of the person."""
+        return language_of(self.request)
+
+    def is_logged_in(self) -> bool:
+        """Return whether the session still lasts; for answers that go on for long."""
+        return self.frame.session(self.request) is not None
+
+    def html(self, template: str, **values: object) -> Response:
+        """Return a page of the screen; the template extends `screen.html.j2`.
+
+        Parameters
+        ----------
+        template : its name within the screen's `templates/`
+        values : what it shows, beside `who`, `role`, `may_act`, `may_edit` and what the frame needs
+        """
+        role = self.account.role
+        shared: dict[str, object] = {
+            "screen": self.screen.name,
+            "screens": [one for one in self.frame.screens if role >= one.role],
+            "path": self.request.url.path,
+            "who": self.account.name,
+            "role": role.word,
+            "may_act": role >= Role.OPERATOR,
+            "may_edit": role >= Role.ENGINEER,
+            "csrf": self.session.csrf,
+            "words": dict(every_word(self.language, self.screen.name)),
+        }
+        name = self.screen.name
+        return self.frame.html(self.request, f"{name}/{template}", shared | values, screen=name)
+
+
+def language_of(request: Request) -> str:
+    """Return the language of a request."""
+    wanted = request.query_params.get("lang") or request.cookies.get(LANGUAGE_COOKIE)
+    return chosen(wanted, request.headers.get("accept-language", ""))

@@ -1,0 +1,180 @@
+"""What *Now* answers: the stream of changes, scene, mesh, pictures, and orders to the cell."""
+
+import asyncio
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager, suppress
+from typing import Any, Final
+
+from pydantic import Field
+from starlette.responses import JSONResponse, Response, StreamingResponse
+
+from controller.cell.control import (
+    MAX_KEY,
+    MAX_WHO,
+    AnswerOrder,
+    ControlError,
+    Order,
+    PauseOrder,
+    ResumeOrder,
+    RunningCell,
+    facts,
+)
+
+from ..frame.drawn import file_within, mesh_of, packed, packed_json, picture_bytes
+from ..frame.screens import Act, Body, Look, Setting
+from ..frame.visit import Visit, refused
+from ..frame.words import word
+from ..security import Role
+from .live import Live, TooManyWatchersError
+
+FIRST_MAX: Final = 1000
+
+
+class _OrderBody(Body):
+    why: str = Field(default="", max_length=MAX_WHO)
+
+
+class PauseBody(_OrderBody):
+    """A pause, as the browser orders it."""
+
+    kind: str = Field(pattern="^(step|safe|now)$")
+
+
+class ResumeBody(_OrderBody):
+    """A resume, with the first motion that the person was shown."""
+
+    first: str | None = Field(max_length=FIRST_MAX)
+
+
+class StopBody(_OrderBody):
+    """A stop."""
+
+
+class AnswerBody(_OrderBody):
+    """An answer to the question that the person has read."""
+
+    key: str = Field(min_length=1, max_length=MAX_KEY)
+    number: int = Field(ge=1)
+
+
+ORDERS: Final[tuple[tuple[str, type[_OrderBody], type[Order]], ...]] = (
+    ("pause", PauseBody, PauseOrder),
+    ("resume", ResumeBody, ResumeOrder),
+    ("stop", StopBody, Order),
+    ("answer", AnswerBody, AnswerOrder),
+)
+
+
+class NowAnswers:
+    """The answers of *Now*.
+
+    Parameters
+    ----------
+    setting : what the page was started with
+    live : what is known of the cell
+    """
+
+    def __init__(self, setting: Setting, live: Live) -> None:
+        self._setting = setting
+        self._live = live
+        self._cell = RunningCell(setting.runs_dir)
+        self._mesh: tuple[str, bytes] | None = None
+        self._acting = asyncio.Lock()
+
+    @property
+    def every(self) -> tuple[Look | Act, ...]:
+        """All answers."""
+        return (
+            Look("", self.now),
+            Look("events", self.events),
+            Look("scene", self.scene),
+            Look("mesh", self.mesh),
+            Look("picture/{run:str}/{number:int}", self.picture),
+            *(
+                Act(f"act/{name}", body, self._order(name, order), Role.OPERATOR)
+                for name, body, order in ORDERS
+            ),
+        )
+
+    @asynccontextmanager
+    async def polling(self) -> AsyncIterator[None]:
+        """Look at the cell while the page is served."""
+        poller = asyncio.create_task(self._live.run())
+        try:
+            yield
+        finally:
+            poller.cancel()
+            with suppress(asyncio.CancelledError):
+                await poller
+
+    async def now(self, visit: Visit) -> Response:
+        """Return what the cell does now, as a page."""
+        return visit.html("now.html.j2")
+
+    async def events(self, visit: Visit) -> Response:
+        """Return a stream of what is known, then of each change, while the session lasts."""
+        stream = self._live.watch()
+        try:
+            first = await anext(stream)
+        except TooManyWatchersError:
+            return refused(503, word("too many browsers look already"))
+
+        async def lines() -> AsyncIterator[str]:
+            yield f"retry: 1000\nevent: {first[0]}\ndata: {first[1]}\n\n"
+            async for kind, message in stream:
+                if not visit.is_logged_in():
+                    yield "event: end\ndata: {}\n\n"
+                    return
+                yield f"event: {kind}\ndata: {message}\n\n"
+
+        return StreamingResponse(
+            lines(), media_type="text/event-stream", headers={"X-Accel-Buffering": "no"}
+        )
+
+    async def scene(self, _: Visit) -> Response:
+        """Return what stands in the cell."""
+        scene = self._live.scene
+        if scene is None:
+            return refused(404, word("there is no cell to draw"))
+        return packed(packed_json(scene.standing))
+
+    async def mesh(self, _: Visit) -> Response:
+        """Return the part's mesh."""
+        fold = self._live.fold
+        if fold is None:
+            return refused(404, word("there is no run"))
+        began, folder = fold.began, self._setting.runs_dir / fold.run
+        if began is None:
+            return packed(packed_json({"why": "the run has only begun"}))
+        if self._mesh is None or self._mesh[0] != fold.run:
+            found = await asyncio.to_thread(
+                lambda: packed_json(mesh_of(began.recipe, began.files, folder))
+            )
+            self._mesh = (fold.run, found)
+        return packed(self._mesh[1])
+
+    async def picture(self, visit: Visit) -> Response:
+        """Return a picture of the run by its number; its file is named by the journal alone."""
+        fold, params = self._live.fold, visit.request.path_params
+        missing = refused(404, word("there is no such picture"))
+        if fold is None or params["run"] != fold.run or params["number"] >= len(fold.pictures):
+            return missing
+        path = file_within(self._setting.runs_dir / fold.run, fold.pictures[params["number"]])
+        found = None if path is None else await asyncio.to_thread(picture_bytes, path)
+        if found is None:
+            return missing
+        headers = {"Cache-Control": "private, max-age=86400, immutable"}
+        return Response(found, media_type="image/jpeg", headers=headers)
+
+    def _order(self, name: str, model: type[Order]) -> Callable[[Visit, Any], Awaitable[Response]]:
+        async def answer(visit: Visit, body: _OrderBody) -> Response:
+            order = model.model_validate({**body.model_dump(), "who": visit.who})
+            try:
+                async with self._acting:
+                    reply = await asyncio.to_thread(self._cell.order, name, order)
+            except (ControlError, OSError) as error:
+                return refused(503, str(error))
+            self._live.refresh()
+            return JSONResponse(facts(reply), 409 if reply.decision == "refused" else 200)
+
+        return answer
