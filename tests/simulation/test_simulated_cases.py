@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from controller.cell.journal import JOURNAL_NAME, read_rows, rows
+from controller.results.takt import Use, takts_of
 from simulation.case import Case, Ended, Kill, run_case
 from simulation.cell import Scene
 from simulation.faults import IN_FIXED, STANDING
@@ -34,9 +35,19 @@ def test_a_part_goes_from_the_table_to_its_tray_in_about_the_time_forecast(tmp_p
     (placed,) = (row for row in rows if row.kind == "event" and row.name == "placed")
     # what an action does and the planner does not know of shows here
     assert placed.t_mono_s - plan.t_mono_s == pytest.approx(plan.body["forecast_s"], rel=0.1)
-    for row in rows:
-        if row.name == "step":
-            assert row.body["seconds"] == pytest.approx(row.body["forecast_s"], abs=1.5), row.body
+    steps = [row.body for row in rows if row.name == "step"]
+    for step in steps:
+        assert step["seconds"] == pytest.approx(step["forecast_s"], abs=1.5), step
+    # what its time went into, told from the same rows
+    (run,) = takts_of(tmp_path / "cell")
+    (part,) = run.parts
+    at_s = [row.cell_s for row in rows if row.cell_s is not None]
+    assert part.total_s + run.around.total_s == pytest.approx(at_s[-1] - at_s[0], abs=0.01)
+    assert part.seconds[Use.REST] < 0.01 * part.total_s
+    # steps are all that the arm does by its plan, but for the way to where it parks
+    busy_s = sum(step["seconds"] for step in steps)
+    assert busy_s < part.busy_s < busy_s + 15.0
+    assert run.around.seconds[Use.HOMING] > 10.0
 
 
 def test_a_part_goes_to_its_tray_with_a_persons_word_for_every_motion(tmp_path: Path) -> None:

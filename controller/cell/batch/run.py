@@ -144,6 +144,7 @@ async def run_batch(
         stored = await asyncio.to_thread(_stand_in_trays, order, journal, began)
         journal.write(rows.TraysStood(stored=stored))
         clock = order.clock.open()
+        journal.cell_clock = clock.now_s
         devices = outfit.devices(order.cell, where, clock)
         progress = Progress()
         speed = Speed(clock.speed)
@@ -218,6 +219,7 @@ async def run_batch(
                 )
             raise
         finally:
+            journal.cell_clock = None
             clock.close()
             await asyncio.to_thread(notices.close)
         parts = batch.record.parts

@@ -7,7 +7,7 @@ names the last row known to be on the disk, so that rows cut off the end are not
 """
 
 from ._care import CellJournal, first_flaw, open_cell_journal
-from ._form import GENESIS, JOURNAL_NAME, JournalError, Row, RowKind
+from ._form import CELL_TIME, GENESIS, JOURNAL_NAME, JournalError, Row, RowKind
 from ._head import Head
 from ._migrations import SCHEMA_VERSION
 from ._writer import Journal
@@ -30,6 +30,7 @@ from .rows import Body, Once, is_of, is_once, read_row
 from .stamps import HOST_STAMPS, Stamps
 
 __all__ = [
+    "CELL_TIME",
     "GENESIS",
     "HOST_STAMPS",
     "JOURNAL_NAME",

@@ -41,6 +41,8 @@ BEGIN SELECT RAISE(ABORT, 'the journal is append-only'); END;
 """
 GENESIS: Final = "0" * 64
 JOURNAL_NAME: Final = "journal.sqlite"
+# The key of a body under which the writer notes the instant on the cell's clock.
+CELL_TIME: Final = "cell_s"
 
 
 class JournalError(Exception):
@@ -59,6 +61,15 @@ class Row:
     kind: str
     name: str
     body: dict[str, Any]
+
+    @property
+    def cell_s(self) -> float | None:
+        """When it was written by the cell's clock [cell s]; good for differences within a run.
+
+        None for rows from before the devices had a clock, and for those that only list texts.
+        """
+        found = self.body.get(CELL_TIME)
+        return float(found) if isinstance(found, int | float) else None
 
 
 def kind_of(kind: str, name: str) -> str:

@@ -15,13 +15,14 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
-from ._form import GENESIS, JournalError, RowKind, digest_of
+from ._form import CELL_TIME, GENESIS, JournalError, RowKind, digest_of
 from ._head import Head, HeadFile
 from ._migrations import SCHEMA_VERSION, migrate
-from .rows import Body, name_of
+from .rows import Body, TextByName, name_of
 from .stamps import HOST_STAMPS, Stamps
 
 BUSY_WALL_S: Final = 10.0  # how long to wait for another writer
+CELL_DECIMALS: Final = 3
 
 
 class Journal:
@@ -36,6 +37,8 @@ class Journal:
     Attributes
     ----------
     on_row : called with number, kind and name of each row once it is in the file
+    cell_clock : reads the cell's clock [cell s], once there is one: the wall shows only roughly how
+        long something took in an emulated cell, whose time stands still where the machine is slow
 
     Raises
     ------
@@ -48,6 +51,7 @@ class Journal:
         self._stamps = stamps
         self._lock = threading.Lock()
         self.on_row: Callable[[int, str, str], None] | None = None
+        self.cell_clock: Callable[[], float] | None = None
         self._head = HeadFile(path)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -79,18 +83,25 @@ class Journal:
 
     def write(self, row: Body, part: int | None = None) -> int:
         """Append a row that survives the death of the process; return its number."""
-        return self.record(row.kind, name_of(row), row.as_json(), part)
+        return self.record(row.kind, name_of(row), self._body(row), part)
 
     async def write_secured(self, row: Body, part: int | None = None) -> int:
         """Append a row and return its number once it is on the disk."""
-        return await self.secure(row.kind, name_of(row), row.as_json(), part)
+        return await self.secure(row.kind, name_of(row), self._body(row), part)
 
     def write_synced(self, row: Body) -> int:
         """Append a row as `write_secured` does, in this thread; return its number.
 
         Not for the event loop, which it holds until the row is on the disk.
         """
-        return self._write(row.kind, name_of(row), row.as_json(), None, full=True)
+        return self._write(row.kind, name_of(row), self._body(row), None, full=True)
+
+    def _body(self, row: Body) -> dict[str, Any]:
+        """Return the body of a row with the instant on the cell's clock, where it has room."""
+        body = row.as_json()
+        if self.cell_clock is None or isinstance(row, TextByName):
+            return body
+        return {**body, CELL_TIME: round(self.cell_clock(), CELL_DECIMALS)}
 
     def record(
         self,

@@ -11,7 +11,7 @@ from controller.cell.custody import Custody
 from controller.cell.custody.openings import Opening, judge_fixed
 from controller.cell.custody.release_guard import LOST_MM, NOTHING_MM, ReleaseGuard
 from controller.cell.errors import PartFaultError, PartProblemError
-from controller.cell.journal.rows import Intent, Once
+from controller.cell.journal.rows import HoldPressed, Intent, Once
 from controller.cell.machine import GRASP, PartFault
 from controller.config import Recipe
 from controller.planning import JointPath
@@ -188,6 +188,9 @@ class Grippers:
         hold = self._record.held()
         async with self._moving("the arm gripper presses on the part, to check that it is held"):
             opening_mm = await self._arm.grasp(self._arm_force)
+        self._record.note(
+            HoldPressed(opening_mm=round(opening_mm, 3), held_mm=round(hold.opening_mm, 3))
+        )
         if opening_mm >= hold.opening_mm - LOST_MM and opening_mm >= NOTHING_MM:
             return
         self._record.part.hold = None

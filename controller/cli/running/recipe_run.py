@@ -34,6 +34,7 @@ from controller.cell.operator import Operator
 from controller.cell.wires import Recorder, WireFileError, WireWriter
 from controller.config import Cell, ConfigError, load_cell, load_recipe
 from controller.results import ResultsError, load_run, write_html
+from controller.results.takt import run_takt
 from controller.setup.drivers import require_drivers, require_force
 
 from ..inputs.checks import MIN_FREE_BYTES, check_control, check_writable_folder, parse_place
@@ -268,17 +269,19 @@ def _recorded(path: Path | None, order: RunOrder) -> Iterator[Outfit]:
 def _report(result: RunResult, runs_dir: Path, run_id: str, *, as_json: bool) -> int:
     """Write the report and print the result; return the exit code."""
     path = runs_dir / run_id / "report.html"
+    record = load_run(runs_dir, run_id)
+    takt = run_takt(record)
     try:
-        report = write_html(load_run(runs_dir, run_id), path)
+        report = write_html(record, path)
     except OSError as error:
-        print_result(result, run_id, None, as_json=as_json)
+        print_result(result, run_id, None, takt, as_json=as_json)
         warn(
             f"cellctl: {path}: {error.strerror or error}; make room, then "
             f"`cellctl report {run_id} --runs {runs_dir}` writes it"
         )
         return 1
     note_report(runs_dir, run_id, report)
-    return print_result(result, run_id, report, as_json=as_json)
+    return print_result(result, run_id, report, takt, as_json=as_json)
 
 
 def _report_if_any(runs_dir: Path, run_id: str) -> None:

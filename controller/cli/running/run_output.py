@@ -12,6 +12,7 @@ from rich.table import Table
 
 from controller.cell.alarms import device_named
 from controller.cell.batch import PartRecord, Progress, RunResult
+from controller.results.takt import TaktGroup, takt_json, takt_line
 
 from ..terminal.output import emit, print_line, stderr, warn
 
@@ -83,7 +84,14 @@ def _table(progress: Progress, elapsed_s: float) -> Table:
     return table
 
 
-def print_result(result: RunResult, run_id: str, report: Path | None, *, as_json: bool) -> int:
+def print_result(
+    result: RunResult,
+    run_id: str,
+    report: Path | None,
+    takt: TaktGroup | None = None,
+    *,
+    as_json: bool,
+) -> int:
     """Print the result of a run; return the exit code, 0 if all parts passed.
 
     Parameters
@@ -91,6 +99,7 @@ def print_result(result: RunResult, run_id: str, report: Path | None, *, as_json
     result : how the run ended, and its parts
     run_id : its name
     report : file of its report, None if it could not be written
+    takt : what the arm's time went into; None where nobody knows
     as_json : print one JSON object instead of sentences
     """
     good = result.outcome.end == "complete" and all(part.tray == "accept" for part in result.parts)
@@ -107,6 +116,7 @@ def print_result(result: RunResult, run_id: str, report: Path | None, *, as_json
                 "calibration": calibration_note(result),
                 "parts": [part_json(part) for part in result.parts],
                 "speed": result.speed.as_json(),
+                "takt": None if takt is None else takt_json(takt),
                 "report": None if report is None else str(report),
             }
         )
@@ -129,6 +139,8 @@ def print_result(result: RunResult, run_id: str, report: Path | None, *, as_json
         if note := calibration_note(result):
             warn(note)
     print_line(f"speed: {result.speed}")
+    if takt is not None and (line := takt_line(takt)):
+        print_line(line)
     if report is not None:
         print_line(f"report: {report}")
     return 0 if good else 1

@@ -18,18 +18,26 @@ def stats(
             "--by",
             metavar="GROUP",
             help="yield, time against forecast, findings and recoveries by day, run, recipe, lot "
-            "or operator (default without RECIPE: recipe)",
+            "or operator (default without RECIPE: recipe); with --takt also by part",
         ),
     ] = None,
-    lot: Annotated[str, typer.Option(metavar="LOT", help="with --by: parts of this lot")] = "",
+    takt: Annotated[
+        bool,
+        typer.Option("--takt", help="what the arm's time went into, and what it waited for"),
+    ] = False,
+    lot: Annotated[
+        str, typer.Option(metavar="LOT", help="with --by or --takt: parts of this lot")
+    ] = "",
     operator: Annotated[
-        str, typer.Option(metavar="NAME", help="with --by: parts of this operator")
+        str, typer.Option(metavar="NAME", help="with --by or --takt: parts of this operator")
     ] = "",
     since: Annotated[
-        str | None, typer.Option(metavar="DATE", help="with --by: parts begun then or later (UTC)")
+        str | None,
+        typer.Option(metavar="DATE", help="with --by or --takt: parts begun then or later (UTC)"),
     ] = None,
     until: Annotated[
-        str | None, typer.Option(metavar="DATE", help="with --by: parts begun then or before (UTC)")
+        str | None,
+        typer.Option(metavar="DATE", help="with --by or --takt: parts begun then or before (UTC)"),
     ] = None,
     store: StoreOption = None,
     report: Annotated[
@@ -44,7 +52,16 @@ def stats(
     Of a recipe, for each characteristic: count, mean, spread, Cp, Cpk, Pp and Ppk with their 95 %
     intervals, and the rules of Nelson that the values break. With --by, or of all recipes: yield,
     time against forecast, findings by kind and face, recoveries and alarms, from the history.
+    With --takt: how long the arm moved, and what it waited for, from the journal.
     """
+    if takt:
+        from .takt_table import report_takt
+        from .yields import Chosen
+
+        if report or store:
+            raise typer.BadParameter("--report and --store do not go with --takt")
+        chosen = Chosen(recipe or "", lot, operator, since, until)
+        raise typer.Exit(report_takt(runs, chosen, by or "recipe", as_json=json))
     if recipe is None or by is not None:
         from .yields import Chosen, report_yields
 

@@ -14,6 +14,7 @@ from controller.cad import Solid
 from ..judged import JudgedPart, judged_parts, solid_of_run
 from ..pages import make_environment
 from ..run import RunRecord, row_words, stage_words
+from ..takt import run_takt, takt_line
 from ..wording import utc
 from ._optics import Optics
 from ._page import PartPage, css_class, lamp_words, make_part_page
@@ -139,6 +140,7 @@ def _page(
         word=word,
         why=sentence,
         end_words=end_words(record) if record else "",
+        takt=takt_line(run_takt(record)) if record else "",
         cautions=cautions(record) if record else [],
         parts=pages,
         log=record.log[left_out:] if record else (),

@@ -4,7 +4,7 @@
 `log_words.py` puts a row in words, `proof.py` shows what was changed since.
 """
 
-from ._fold import fold
+from ._fold import entry_of, fold
 from ._parts import PartFold
 from .load import RunSummary, find_run, list_runs, load_run
 from .log_words import row_words, stage_words
@@ -59,6 +59,7 @@ __all__ = [
     "UnseenReport",
     "VerdictReport",
     "ViewReport",
+    "entry_of",
     "find_run",
     "fold",
     "list_runs",

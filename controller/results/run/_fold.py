@@ -8,7 +8,7 @@ from typing import Final, TypeVar, cast
 from pydantic import ValidationError
 
 from controller.cell.custody import Custody, where_it_is
-from controller.cell.journal import Body, Row, is_of, read_row, rows
+from controller.cell.journal import CELL_TIME, Body, Row, is_of, read_row, rows
 
 from ._parts import PartFold
 from .log_words import row_words
@@ -43,7 +43,7 @@ def fold(run_id: str, folder: Path, found: Sequence[Row], broken: int | None) ->
     ------
     ResultsError : a row is not what this version of cellctl writes
     """
-    log = tuple(_entry(row, found[0].t_mono_s) for row in _of_the_run(found))
+    log = tuple(entry_of(row, found[0].t_mono_s) for row in _of_the_run(found))
     began = _last(log, rows.RunBegan) or rows.RunBegan()
     ended = _last(log, rows.RunEnded)
     stood = _last(log, rows.CalibrationsStood)
@@ -96,7 +96,14 @@ def _dry(log: Sequence[LogEntry]) -> tuple[DryStepReport, ...]:
     )
 
 
-def _entry(row: Row, t0_s: float) -> LogEntry:
+def entry_of(row: Row, t0_s: float) -> LogEntry:
+    """Return a row with its model, where this version knows and can read it.
+
+    Parameters
+    ----------
+    row : of the journal
+    t0_s : instant of the run's first row [wall s]
+    """
     said, flaw = None, ""
     try:
         said = read_row(row.kind, row.name, row.body)
@@ -109,7 +116,8 @@ def _entry(row: Row, t0_s: float) -> LogEntry:
         part=row.part,
         kind=row.kind,
         name=row.name,
-        body=row.body,
+        body={key: value for key, value in row.body.items() if key != CELL_TIME},
+        cell_s=row.cell_s,
         row=said,
         flaw=flaw,
     )

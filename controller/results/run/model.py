@@ -377,6 +377,7 @@ class LogEntry:
     body : as the journal keeps it
     row : its model; None where this version does not know or cannot read such a row
     flaw : why it cannot be read; empty otherwise
+    cell_s : when it was written, by the cell's clock [cell s]; None where it does not say
     """
 
     seq: int
@@ -388,6 +389,7 @@ class LogEntry:
     body: Mapping[str, Any]
     row: Body | None = None
     flaw: str = ""
+    cell_s: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

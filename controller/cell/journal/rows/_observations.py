@@ -58,6 +58,15 @@ class HoldNoted(Body):
     number: int = 0
 
 
+class HoldPressed(Body):
+    """The arm gripper pressed once more on the part: where its jaws stand, and stood before."""
+
+    kind = "observation"
+    row_name = "hold_pressed"
+    opening_mm: float
+    held_mm: float
+
+
 class CalibrationFields(Fields):
     """One calibration: when it was measured, and why it no longer counts; empty while it does."""
 

@@ -1,0 +1,86 @@
+"""`cellctl stats --takt`: what the arm's time went into, from the journal."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich import box
+from rich.table import Table
+
+from controller.config import ConfigError
+from controller.results.takt import BUSY, GROUPS, TaktGroup, Use, grouped, takt_json, takts_of
+from controller.results.wording import num
+
+from ..inputs.history_store import instant
+from ..terminal.output import emit, print_line
+from ._output import print_table
+from .yields import Chosen
+
+TEXT_COLUMNS = 200
+COLUMNS = ("parts", "s a part", "of forecast", "busy", "execute")
+
+
+def report_takt(runs_dir: Path, chosen: Chosen, by: str, *, as_json: bool) -> int:
+    """Print what the arm's time went into, group by group; return the exit code.
+
+    Parameters
+    ----------
+    runs_dir : folder of all runs
+    chosen : which parts
+    by : what a group is
+    as_json : print JSON lines instead of a table
+
+    Raises
+    ------
+    ConfigError : there is no such group, or a date is none
+    ResultsError : no journal, or one that cannot be read
+    """
+    if by not in GROUPS:
+        raise ConfigError(f"--by {by}: with --takt one of {', '.join(GROUPS)}")
+    since = None if chosen.since is None else instant(chosen.since, "--since")
+    until = None if chosen.until is None else instant(chosen.until, "--until", is_end=True)
+    runs = [
+        run
+        for run in takts_of(runs_dir)
+        if chosen.recipe in ("", run.recipe)
+        and chosen.lot in ("", run.lot)
+        and chosen.operator in ("", run.operator)
+        and (since is None or run.start >= since)
+        and (until is None or run.start <= until)
+    ]
+    groups = grouped(runs, by)
+    if as_json:
+        for group in groups:
+            emit({"event": "takt", "by": by, **takt_json(group)})
+    elif not groups:
+        print_line("no part fits")
+    else:
+        used = [use for use in Use if any(shown(group.seconds[use]) for group in groups)]
+        columns = (by, *COLUMNS, *(use.value.replace("_", " ") for use in used), "")
+        rows = [_row(group, used) for group in groups]
+        print_table(Table(box=box.SIMPLE_HEAD), columns, rows, TEXT_COLUMNS)
+        print_line(
+            f"cell seconds; busy is {', '.join(use.value for use in Use if use in BUSY)}, as a "
+            "share of Execute; rest is what no rule names"
+        )
+    return 0
+
+
+def shown(seconds: float) -> str:
+    """Return seconds for a table; nothing where they round to none."""
+    return num(seconds) if seconds >= 0.05 else ""
+
+
+def _row(group: TaktGroup, used: Sequence[Use]) -> tuple[str, ...]:
+    share = group.busy_share
+    is_timed = group.forecast_s > 0 and group.has_cell_clock
+    ratio = group.forecast_took_s / group.forecast_s if is_timed else None
+    return (
+        group.name or "(none)",
+        str(group.part_count),
+        num(group.part_s),
+        "–" if ratio is None else f"{100 * ratio:.0f} %",
+        "–" if share is None else f"{100 * share:.1f} %",
+        num(group.execute_s),
+        *(shown(group.seconds[use]) for use in used),
+        "" if group.has_cell_clock else "by the wall clock",
+    )

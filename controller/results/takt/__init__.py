@@ -1,0 +1,24 @@
+"""Takt: what the arm's time went into, folded from the journal; a run's time is the arm's.
+
+`uses.py` names what time goes into, `_spans.py` cuts a run's rows into spans of one use each,
+`folding.py` adds them up by part and by run, `groups.py` by whatever runs have in common.
+"""
+
+from .folding import PartTakt, RunTakt, takt_of, takts_of
+from .groups import GROUPS, TaktGroup, grouped, run_takt, takt_json, takt_line
+from .uses import BUSY, Use
+
+__all__ = [
+    "BUSY",
+    "GROUPS",
+    "PartTakt",
+    "RunTakt",
+    "TaktGroup",
+    "Use",
+    "grouped",
+    "run_takt",
+    "takt_json",
+    "takt_line",
+    "takt_of",
+    "takts_of",
+]

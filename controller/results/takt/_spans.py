@@ -1,0 +1,176 @@
+"""Cuts a run into spans of one use each, by the rows between which it lies.
+
+Every instant between two rows goes into exactly one use, so that the uses add up to the whole. What
+no rule names is `Use.REST`.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from controller.cell.journal import Body, rows
+from controller.cell.machine import Mode, mode_of, work_of
+
+from ..run import LogEntry
+from .uses import Use
+
+# What a state is about while neither the arm nor its jaws move.
+_OF_WORK: Final = {
+    "acquiring": Use.TABLE_PICTURES,
+    "recognising": Use.RECOGNITION,
+    "planning": Use.PLANNING,
+    "inspecting": Use.EVALUATION,
+    # between the paths there are jaws to open and holds to check; none of that is a row
+    "grasping": Use.JAWS,
+    "handing": Use.JAWS,
+    "lowering": Use.JAWS,
+    "placing": Use.JAWS,
+    # the way home is computed
+    "withdrawing": Use.PLANNING,
+    "recovering": Use.PLANNING,
+}
+_OF_STATE: Final = {"resetting": Use.HOMING, "holding": Use.PERSON, "held": Use.PERSON}
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """A span of time of one use [s].
+
+    Attributes
+    ----------
+    start_s, end_s : instants on the clock of `instants`
+    is_execute : the machine was in Execute
+    """
+
+    use: Use
+    start_s: float
+    end_s: float
+    is_execute: bool
+
+
+def instants(log: Sequence[LogEntry]) -> tuple[tuple[float, ...], bool]:
+    """Return an instant [cell s] for each row, and whether the cell's own clock gave them.
+
+    Rows without one get theirs by the wall from those beside them. Journals that know only the wall
+    give wall seconds.
+
+    Parameters
+    ----------
+    log : rows of a run in order
+    """
+    known = [(entry.t_s, entry.cell_s) for entry in log if entry.cell_s is not None]
+    if not known:
+        return tuple(entry.t_s for entry in log), False
+    found: list[float] = []
+    place = 0
+    for entry in log:
+        if entry.cell_s is not None:
+            found.append(entry.cell_s)
+            continue
+        while place + 1 < len(known) and known[place + 1][0] <= entry.t_s:
+            place += 1
+        (t0_s, cell0_s), (t1_s, cell1_s) = known[place], known[min(place + 1, len(known) - 1)]
+        share = 0.0 if t1_s <= t0_s else min(max((entry.t_s - t0_s) / (t1_s - t0_s), 0.0), 1.0)
+        found.append(cell0_s + share * (cell1_s - cell0_s))
+    # two threads may write in another order than they read the clock
+    for k in range(1, len(found)):
+        found[k] = max(found[k], found[k - 1])
+    return tuple(found), True
+
+
+class _Teller:
+    """Knows, row by row, what the time until the next row goes into."""
+
+    def __init__(self, *, has_presses: bool) -> None:
+        self._has_presses = has_presses
+        self._state = ""
+        self._on_path = False
+        self._jaws_count = 0
+        self._question_count = 0
+        # of a view: between the end of its path and its pictures
+        self._at_view = ""
+
+    @property
+    def is_execute(self) -> bool:
+        return mode_of(self._state) is Mode.EXECUTE
+
+    @property
+    def is_open(self) -> bool:
+        """Whether only a later row shows what this time goes into."""
+        return self._at_view == "waits" and self.use is Use.SHOWING
+
+    @property
+    def use(self) -> Use:
+        """What the time from here on goes into."""
+        mode, work = mode_of(self._state), work_of(self._state)
+        if mode in (Mode.SUSPENDED, Mode.UNSUSPENDING):
+            return Use.PAUSE
+        if self._question_count:
+            return Use.PERSON
+        if mode is None:
+            return _OF_STATE.get(self._state, Use.REST)
+        if self._on_path:
+            return Use.MOVING
+        if self._jaws_count:
+            return Use.JAWS
+        if work == "presenting":
+            return {"presses": Use.JAWS, "waits": Use.SHOWING}.get(self._at_view, Use.REST)
+        return _OF_WORK.get(work or "", Use.REST)
+
+    def take(self, row: Body | None) -> None:
+        match row:
+            case rows.CellEvent() if row.answer == "handled":
+                if row.target != self._state:
+                    self._state = row.target
+                    if mode_of(row.target) is Mode.EXECUTE and row.source != row.target:
+                        self._settle(row)
+            case rows.PathBegun():
+                self._on_path, self._at_view = True, ""
+            case rows.PathEnded():
+                self._on_path = False
+                self._at_view = "presses" if self._has_presses else "waits"
+            case rows.HoldPressed():
+                self._at_view = "waits" if self._at_view else ""
+            case rows.ViewPicturesTaken():
+                self._at_view = ""
+            case rows.Intent():
+                self._jaws_count = 1
+            case rows.OnceDone():
+                self._jaws_count = 0
+            case rows.QuestionRaised():
+                self._question_count += 1
+            case rows.QuestionAnswered():
+                self._question_count = max(0, self._question_count - 1)
+
+    def _settle(self, row: rows.CellEvent) -> None:
+        """Forget what an action left open that ended without saying so."""
+        if work_of(row.source) != work_of(row.target):
+            self._on_path, self._jaws_count, self._at_view = False, 0, ""
+
+
+def spans(log: Sequence[LogEntry], at_s: Sequence[float]) -> Iterator[Span]:
+    """Yield the spans of a run in order, without gaps; the k-th ends at row k + 1.
+
+    Parameters
+    ----------
+    log : rows of a run in order
+    at_s : an instant for each
+    """
+    teller = _Teller(has_presses=any(isinstance(entry.row, rows.HoldPressed) for entry in log))
+    open_spans: list[Span] = []
+    for k, entry in enumerate(log[:-1]):
+        was_open = teller.is_open
+        teller.take(entry.row)
+        if was_open and open_spans and not teller.is_open:
+            # the arm stood before the camera: for its pictures, or for the results of earlier views
+            use = Use.SHOWING if isinstance(entry.row, rows.ViewPicturesTaken) else Use.EVALUATION
+            yield from (Span(use, s.start_s, s.end_s, s.is_execute) for s in open_spans)
+            open_spans = []
+        span = Span(teller.use, at_s[k], at_s[k + 1], teller.is_execute)
+        if teller.is_open:
+            open_spans.append(span)
+        else:
+            yield from open_spans
+            open_spans = []
+            yield span
+    yield from open_spans

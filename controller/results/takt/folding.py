@@ -1,0 +1,199 @@
+"""Adds up what the arm's time went into: by part, and before and after the parts of a run."""
+
+import sqlite3
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import datetime
+from itertools import groupby
+from pathlib import Path
+from typing import Final
+
+from controller.cell.journal import (
+    JOURNAL_NAME,
+    JournalError,
+    first_broken_row,
+    read_rows_of_kinds,
+    rows,
+)
+from controller.cell.machine import Event
+
+from ..run import LogEntry, ResultsError, RunRecord, entry_of
+from ._spans import Span, instants, spans
+from .uses import BUSY, Use
+
+KINDS: Final = ("event", "intent", "outcome", "observation", "decision")
+# Long rows that nothing here asks for.
+WITHOUT: Final = (
+    rows.PartMeasured.row_name, rows.PartFindings.row_name, rows.PartJudged.row_name,
+    rows.ViewJudged.row_name, rows.FilesStored.row_name, rows.ViewsPosed.row_name,
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class PartTakt:
+    """What the time of one part went into [cell s].
+
+    Attributes
+    ----------
+    number : of the part in its run; 0 for what belongs to none: before the first, after the last
+    recipe : it was inspected by
+    forecast_s : of its first plan; None without one
+    seconds : by use; they add up to `total_s`
+    execute_s, busy_s : of Execute, and of that what the arm did by its plan
+    late_wall_s : for how long the controller itself was late [wall s]; within the seconds above
+    is_done : it is in its tray
+    is_planned_ahead : its plan was made while the arm still had the part before it
+    """
+
+    number: int
+    recipe: str = ""
+    forecast_s: float | None = None
+    seconds: Mapping[Use, float] = field(default_factory=dict)
+    execute_s: float = 0.0
+    busy_s: float = 0.0
+    late_wall_s: float = 0.0
+    is_done: bool = False
+    is_planned_ahead: bool = False
+
+    @property
+    def total_s(self) -> float:
+        """All of its time."""
+        return sum(self.seconds.values())
+
+
+@dataclass(frozen=True, slots=True)
+class RunTakt:
+    """What the time of a run went into.
+
+    Attributes
+    ----------
+    parts : in order; of a run that was cut off the last one may not be done
+    around : what belongs to no part: connecting, homing, coming to rest
+    has_cell_clock : its rows have instants of the cell's own clock; otherwise seconds are the
+        wall's, which of an emulated cell say little
+    """
+
+    run_id: str
+    recipe: str
+    lot: str
+    operator: str
+    start: datetime
+    parts: tuple[PartTakt, ...]
+    around: PartTakt
+    has_cell_clock: bool
+
+
+def takt_of(record: RunRecord) -> RunTakt:
+    """Return what the time of a run went into.
+
+    Parameters
+    ----------
+    record : of the run
+    """
+    return _fold(record.run_id, record.log)
+
+
+def takts_of(runs_dir: Path) -> Iterator[RunTakt]:
+    """Yield the same for all runs of a folder, oldest first.
+
+    Parameters
+    ----------
+    runs_dir : folder with the journal
+
+    Raises
+    ------
+    ResultsError : no journal, one that cannot be read, or one that was changed
+    """
+    path = runs_dir / JOURNAL_NAME
+    if not path.is_file():
+        raise ResultsError(f"no journal at {path}: name the folder of runs with --runs")
+    try:
+        broken = first_broken_row(path)
+        if broken is not None:
+            raise ResultsError(
+                f"journal {path}: the chain of hashes breaks at row {broken}; numbers that may "
+                "have been changed make no statistics"
+            )
+        found = read_rows_of_kinds(path, KINDS, (), WITHOUT)
+        # two runs may share a journal, but never write to it at once: a cell has one controller
+        for run_id, rows_of_run in groupby(found, key=lambda row: row.run):
+            first, *rest = rows_of_run
+            log = [entry_of(row, first.t_mono_s) for row in (first, *rest)]
+            if any(isinstance(entry.row, rows.RunBegan) for entry in log):
+                yield _fold(run_id, log)
+    except (JournalError, sqlite3.Error, ValueError) as error:
+        raise ResultsError(f"journal {path}: {error}") from error
+
+
+def _fold(run_id: str, log: Sequence[LogEntry]) -> RunTakt:
+    log = _until_its_end(log)
+    at_s, has_cell_clock = instants(log)
+    began = next((e.row for e in log if isinstance(e.row, rows.RunBegan)), None) or rows.RunBegan()
+    recipe = str(began.recipe.get("name", "unknown"))
+    pieces = list(_pieces(log))
+    found = list(spans(log, at_s))
+    parts = tuple(
+        _part(number, recipe, log[begin:end], found[begin:end]) for number, begin, end in pieces
+    )
+    inside = {k for _, begin, end in pieces for k in range(begin, end)}
+    around = _part(0, recipe, (), [span for k, span in enumerate(found) if k not in inside])
+    return RunTakt(
+        run_id=run_id,
+        recipe=recipe,
+        lot=began.lot,
+        operator=began.operator,
+        start=log[0].at,
+        parts=parts,
+        around=around,
+        has_cell_clock=has_cell_clock,
+    )
+
+
+def _until_its_end(log: Sequence[LogEntry]) -> Sequence[LogEntry]:
+    """Return the rows up to the run's end; reports written later are noted after it."""
+    ends = (i for i, entry in enumerate(log) if isinstance(entry.row, rows.RunEnded | rows.AtRest))
+    last = next(ends, len(log) - 1)
+    return log[: last + 1]
+
+
+def _pieces(log: Sequence[LogEntry]) -> Iterator[tuple[int, int, int]]:
+    """Yield number, first and last row of each part: from when the one before it was done.
+
+    The row that ends a part is the event that follows on its being counted.
+    """
+    begin: int | None = None
+    number = 0
+    starts = (Event.START.value, Event.RECOVER.value)
+    ends = (Event.PART_DONE.value, Event.BATCH_DONE.value)
+    for k, entry in enumerate(log):
+        number = max(number, entry.part or 0)
+        if not isinstance(entry.row, rows.CellEvent) or entry.row.answer != "handled":
+            continue
+        if entry.name in starts and begin is None:
+            begin = k
+        elif entry.name in ends and begin is not None:
+            yield number, begin, k
+            begin = None if entry.name == Event.BATCH_DONE.value else k
+    if begin is not None and begin < len(log) - 1:
+        yield number, begin, len(log) - 1
+
+
+def _part(number: int, recipe: str, log: Sequence[LogEntry], found: Iterable[Span]) -> PartTakt:
+    seconds = dict.fromkeys(Use, 0.0)
+    execute_s = busy_s = 0.0
+    for span in found:
+        length_s = span.end_s - span.start_s
+        seconds[span.use] += length_s
+        execute_s += length_s if span.is_execute else 0.0
+        busy_s += length_s if span.is_execute and span.use in BUSY else 0.0
+    plans = [entry.row for entry in log if isinstance(entry.row, rows.PlanMade)]
+    return PartTakt(
+        number=number,
+        recipe=recipe,
+        forecast_s=plans[0].forecast_s if plans else None,
+        seconds=seconds,
+        execute_s=execute_s,
+        busy_s=busy_s,
+        late_wall_s=sum(e.row.missed_s for e in log if isinstance(e.row, rows.LoopLate)),
+        is_done=any(isinstance(entry.row, rows.PartDone) for entry in log),
+    )

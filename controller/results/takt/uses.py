@@ -1,0 +1,33 @@
+"""What the arm's time goes into: work of its own, and what it waits for."""
+
+from enum import StrEnum
+from typing import Final
+
+
+class Use(StrEnum):
+    """What a span of time goes into; the value is its name in JSON, `words` in a sentence."""
+
+    words: str
+
+    def __new__(cls, value: str, words: str) -> "Use":
+        """Make a member of its name and its words."""
+        made = str.__new__(cls, value)
+        made._value_ = value
+        made.words = words
+        return made
+
+    MOVING = "moving", "moving"
+    JAWS = "jaws", "jaws"
+    SHOWING = "showing", "before the camera"
+    TABLE_PICTURES = "table_pictures", "pictures of the table"
+    RECOGNITION = "recognition", "recognition"
+    PLANNING = "planning", "planning"
+    EVALUATION = "evaluation", "evaluation"
+    PERSON = "person", "a person"
+    PAUSE = "pause", "a pause"
+    HOMING = "homing", "homing"
+    REST = "rest", "the rest"
+
+
+# What the plan has the arm do. It is idle in all other spans.
+BUSY: Final = frozenset({Use.MOVING, Use.JAWS, Use.SHOWING})
