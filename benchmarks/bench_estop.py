@@ -35,7 +35,7 @@ from typing import Any
 import numpy as np
 from runs_stand_ins import World
 
-from controller.cell.batch import assemble
+from controller.cell.batch import assemble, product_of
 from controller.cell.compute import Compute, Job, context, make_pool
 from controller.cell.devices import Devices, resolve
 from controller.cell.devices.clocks import FoundClock, find_clock
@@ -131,12 +131,13 @@ async def press_doors(
                     run = f"press-{number:04d}"
                     journal = Journal(path, run)
                     batch = assemble(
-                        Compute(job, pool), about.recipe, cell, build_layout(cell), devices,
+                        (product_of(Compute(job, pool), about.recipe, cell),), cell,
+                        build_layout(cell), devices,
                         clock, journal, folder, Progress(), lambda: None,
                     )  # fmt: skip
                     await devices.io.wait_for("guard_closed", Signal.OK)
                     wires.seen.clear()
-                    running = asyncio.create_task(batch.dispatcher.run(1))
+                    running = asyncio.create_task(batch.dispatcher.run())
                     await clock.sleep(rng.uniform(0.3, 4.0))
                     await world("door", closed=False)
                     outcome = await running

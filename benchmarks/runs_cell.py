@@ -13,7 +13,7 @@ from runs_record import Job, Ran, read_journal, read_world
 from runs_stand_ins import TimedStandIns, TruthCamera, World
 
 from controller.cell import compute
-from controller.cell.batch import Batch, Outcome, PartRecord, Progress, assemble
+from controller.cell.batch import Batch, Outcome, PartRecord, Progress, assemble, product_of
 from controller.cell.devices import Devices, resolve
 from controller.cell.devices.clocks import find_clock
 from controller.cell.journal import Journal, read_rows
@@ -172,14 +172,14 @@ class Bench:
             faults.watch(part)
 
         batch = assemble(
-            minds, self.context.recipe, cell=self.context.cell,
+            (product_of(minds, self.context.recipe, self.context.cell),), self.context.cell,
             layout=build_layout(self.context.cell), devices=devices, clock=clock, journal=journal,
             folder=folder, progress=progress, on_progress=on_progress,
         )  # fmt: skip
         started = time.monotonic()
         try:
             async with asyncio.timeout(RUN_LIMIT_WALL_S):
-                outcome = await batch.dispatcher.run(1)
+                outcome = await batch.dispatcher.run()
         except TimeoutError:
             outcome = Outcome("aborted", f"not done after {RUN_LIMIT_WALL_S} s", "bench_limit", "")
         finally:

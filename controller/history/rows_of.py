@@ -108,7 +108,7 @@ def _part(record: RunRecord, judged: JudgedPart, recoveries: Iterable[LogEntry])
         part.number,
         {
             "number": part.number,
-            "recipe": record.recipe_name,
+            "recipe": header.part,
             "serial": header.serial,
             "lot": header.lot,
             "operator": header.operator,
@@ -132,7 +132,7 @@ def _part(record: RunRecord, judged: JudgedPart, recoveries: Iterable[LogEntry])
             "is_open": part.custody is not Custody.PLACED or bool(part.unconfirmed),
         },
     )
-    keys = [_characteristic(found, record.recipe_name, c) for c in part.characteristics]
+    keys = [_characteristic(found, header.part, c) for c in part.characteristics]
     found.of_part[MEASUREMENTS] = [
         {
             "ordinal": i,

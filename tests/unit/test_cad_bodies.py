@@ -35,6 +35,7 @@ from controller.cad.reading.step.files import list_bodies, read_step_part
 from controller.cad.reading.step.references import collect, decoded, referred
 from controller.cell.batch import RunOrder, input_files
 from controller.cell.journal import rows
+from controller.cell.recovery import Interrupted
 from controller.cli import main
 from controller.cli.running.accepting import recipe_of
 from controller.config import ConfigError, Recipe, load_recipe, split_cad
@@ -378,7 +379,8 @@ def test_a_run_is_started_with_all_files_of_its_part(tmp_path: Path) -> None:
     order = SimpleNamespace(
         recipe_path=tmp_path / "recipe.yaml",
         cell_path=tmp_path / "cell.yaml",
-        recipe=recipe,
+        ordered=(SimpleNamespace(recipe=recipe),),
+        beside=(),
         cell=SimpleNamespace(calibration={}),
     )
     names = [path.name for path in input_files(cast("RunOrder", order))]
@@ -399,13 +401,11 @@ def test_a_changed_part_is_taken_from_the_runs_own_copies(tmp_path: Path) -> Non
         (there / name).write_bytes(content)
         (kept / Path(name).name).write_bytes(content)
     hashes = {str(there / n): hashlib.sha256(c).hexdigest() for n, c in contents.items()}
-    began = cast(
-        "rows.RunBegan",
-        SimpleNamespace(files=hashes, recipe={"part": str(there / "cad/rack.stp#pin")}),
-    )
-    assert recipe_of(began, tmp_path / "run") == there / "recipe.yaml"
+    recipe = {"part": str(there / "cad/rack.stp#pin")}
+    left = Interrupted("run", 1, rows.RunBegan(files=hashes, recipe=recipe))
+    assert recipe_of(left, tmp_path / "run") == there / "recipe.yaml"
     (there / "cad" / "pin.stp").write_bytes(b"another")
-    again = recipe_of(began, tmp_path / "run")
+    again = recipe_of(left, tmp_path / "run")
     for name, content in contents.items():
         assert (again.parent / name).read_bytes() == content
 

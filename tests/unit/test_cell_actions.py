@@ -23,7 +23,7 @@ from controller.cell.devices.stopping import Stopping
 from controller.cell.errors import InterlockError, PartFaultError, PartProblemError
 from controller.cell.journal import Body, Journal, read_rows
 from controller.cell.journal.rows import HoldNoted, Intent, PathBegun, StoodFree
-from controller.cell.machine import Effect, Event, PartFault
+from controller.cell.machine import Budgets, Effect, Event, PartFault
 from controller.cell.services import (
     Disambiguation,
     Gate,
@@ -57,14 +57,20 @@ def journal(tmp_path: Path) -> Any:
 
 @pytest.fixture
 def record(journal: Journal) -> BatchRecord:
-    made = BatchRecord(journal, Progress(), lambda: None)
+    return record_of(journal, 1)
+
+
+def record_of(journal: Journal, count: int) -> BatchRecord:
+    """Return the record of a batch of so many parts of one recipe, its first part begun."""
+    product: Any = ANY(number=0, count=count, budgets=Budgets(1_000, 1_000))
+    made = BatchRecord(journal, Progress(), lambda: None, products=(product,))
     made.begin_part()
     return made
 
 
 def recoveries_of(record: BatchRecord, **faults: Any) -> Recoveries:
     section = FaultsSection.model_validate(faults)
-    return Recoveries(record, fault_policy(section), CellClock(1000.0))
+    return Recoveries(record, lambda: fault_policy(section), CellClock(1000.0))
 
 
 def leases_of(record: BatchRecord) -> Leases:
@@ -128,7 +134,7 @@ def interlocks_of(inputs: Any, clock: CellClock) -> Interlocks:
 
     fixed: Any = ANY(status=status, max_opening_mm=85.0)
     record: Any = ANY()
-    retries = Retries(record, fault_policy(FaultsSection()), clock)
+    retries = Retries(record, lambda: fault_policy(FaultsSection()), clock)
     return Interlocks(inputs, fixed, LAYOUT, lambda: Custody.ON_TABLE, retries)
 
 
@@ -218,7 +224,7 @@ async def test_an_arm_that_is_boxed_in_goes_back_until_a_path_leads_home(
     motion = motion_of(arm)
     await motion.start_from(at(0))
     await motion.follow((at(1), at(2), at(3)))
-    record.part.custody, record.parts_left = Custody.LOST, 1
+    record.part.custody = Custody.LOST
     compute: Any = Paths(1)
     action = WithdrawAction(compute, motion, gripper, recoveries_of(record), record)  # type: ignore[arg-type]
     assert await action.run() is Event.WITHDRAWN
@@ -300,13 +306,13 @@ async def test_a_part_goes_into_the_tray_its_verdict_names(
     assert gripper.done == ["check", "check", f"sort {{'tray': '{tray}'}}"]
 
 
-async def test_the_lamps_stay_on_until_the_last_part_is_done(record: BatchRecord) -> None:
+async def test_the_lamps_stay_on_until_the_last_part_is_done(journal: Journal) -> None:
+    record = record_of(journal, 2)
     dark: list[int] = []
 
     async def all_dark() -> None:
         dark.append(record.parts_left)
 
-    record.parts_left = 2
     action = CompleteAction(record, ANY(all_dark=all_dark))
     events = []
     for _ in range(2):

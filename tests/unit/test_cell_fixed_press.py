@@ -77,11 +77,11 @@ class Cell:
         self.permits.issue("start")
         self.barred = ""
         arm: Any = ANY(move_gripper_mm=self._arm_opens)
-        recipe: Any = ANY(grasp=ANY(force_n=20.0, width_tolerance_mm=2.0))
+        grasp: Any = ANY(force_n=20.0, width_tolerance_mm=2.0)
         self.grippers = Grippers(
-            arm, self.fixed, ANY(signal=lambda name: Signal.OK), self.record, recipe,
+            arm, self.fixed, ANY(signal=lambda name: Signal.OK), self.record, lambda: grasp,
             Gate(self.permits, clock), ANY(admit_jaws=self._admit),
-            Retries(self.record, fault_policy(FaultsSection()), clock),
+            Retries(self.record, lambda: fault_policy(FaultsSection()), clock),
         )  # fmt: skip
 
     def _admit(self) -> None:
@@ -118,12 +118,12 @@ async def test_the_cell_file_makes_a_force_a_setting_of_the_arm_gripper(
         return HELD_MM
 
     arm: Any = ANY(grasp=grasp)
-    recipe: Any = ANY(grasp=ANY(force_n=force_n, width_tolerance_mm=2.0))
+    about: Any = ANY(force_n=force_n, width_tolerance_mm=2.0)
     clock = CellClock(1000.0)
     grippers = Grippers(
-        arm, cell.fixed, ANY(signal=lambda name: Signal.OK), cell.record, recipe,
+        arm, cell.fixed, ANY(signal=lambda name: Signal.OK), cell.record, lambda: about,
         Gate(cell.permits, clock), ANY(admit_jaws=lambda: None),
-        Retries(cell.record, fault_policy(FaultsSection()), clock), setting_per_n,
+        Retries(cell.record, lambda: fault_policy(FaultsSection()), clock), setting_per_n,
     )  # fmt: skip
     await cell.record.set_custody(Custody.ON_TABLE)
     await grippers.close_arm(Once.GRASP, HELD_MM)

@@ -263,7 +263,7 @@ class Cell:
 
 def interlocks_of(cell: Any, rules: Any = BUILT_IN_RULES) -> Interlocks:
     record: Any = SimpleNamespace()
-    retries = Retries(record, fault_policy(FaultsSection()), CellClock(1000.0))
+    retries = Retries(record, lambda: fault_policy(FaultsSection()), CellClock(1000.0))
     return Interlocks(cell, cell, LAYOUT, lambda: cell.custody, retries, rules)
 
 

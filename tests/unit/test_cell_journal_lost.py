@@ -86,7 +86,7 @@ async def test_a_journal_lost_in_a_motion_stops_every_device(tmp_path: Path) -> 
     journal, metal = Journal(path, "run"), Metal()
     homing = Homing(path, journal)
     dispatcher = built(journal, homing, metal)
-    running = asyncio.create_task(dispatcher.run(1))
+    running = asyncio.create_task(dispatcher.run())
     await homing.is_moving.wait()
     dispatcher.request_stop()  # the next row, which cannot be written
     outcome = await running
@@ -104,7 +104,7 @@ async def test_an_action_that_cannot_be_recorded_is_not_begun(tmp_path: Path) ->
     journal, metal = Journal(path, "run"), Metal()
     record = BatchRecord(journal, Progress(), lambda: None)
     grasping = Grasping(path, journal, record)
-    outcome = await built(journal, grasping, metal).run(1)
+    outcome = await built(journal, grasping, metal).run()
     assert (outcome.end, outcome.code) == ("aborted", "journal")
     assert not grasping.has_sent
     assert "others" in metal.stopped
@@ -150,7 +150,7 @@ async def test_a_run_given_up_while_it_halts_leaves_no_task_behind(tmp_path: Pat
         return Event.RESET_DONE
 
     dispatcher = built(journal, SimpleNamespace(perform=perform), metal)
-    running = asyncio.create_task(dispatcher.run(1))
+    running = asyncio.create_task(dispatcher.run())
     await moving.wait()
     dispatcher.request_stop()
     await metal.is_halting.wait()
@@ -172,7 +172,7 @@ async def test_at_rest_nothing_is_left_to_halt(tmp_path: Path) -> None:
             Effect.ABORT_MOTION: Event.ABORT_DONE,
         }.get(effect, Event.FAULT)
 
-    outcome = await built(journal, SimpleNamespace(perform=perform), metal).run(1)
+    outcome = await built(journal, SimpleNamespace(perform=perform), metal).run()
     assert outcome.end == "aborted"
     assert "arm" not in metal.stopped  # the effect of the state of rest has done that
     journal.close()

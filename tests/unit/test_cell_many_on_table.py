@@ -1,7 +1,6 @@
 """What the cell does where more, or less, than one part is seen on the table."""
 
 import asyncio
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -9,11 +8,13 @@ import numpy as np
 import pytest
 
 from controller.cell.actions.perception.recognise import RecogniseAction
+from controller.cell.compute import Pickable
 from controller.cell.custody import Custody
 from controller.cell.errors import PartFaultError, PartProblemError
 from controller.cell.machine import Act, PartFault, Recovery
 from controller.cell.services.records import PartRecord, sightings_row
 from controller.cell.services.resuming import sighting_of
+from controller.cell.services.table import Taking
 from controller.recognition import Alternative, Sighting
 
 ANY: Any = SimpleNamespace
@@ -47,13 +48,19 @@ def choose(
     """Return the sighting that the action goes on with, with so many grasps for each."""
 
     class Picks:
-        async def pick_counts(self, seen: Any) -> tuple[int, ...]:
+        async def pickable(self, seen: Any) -> tuple[Pickable, ...]:
             assert len(seen) == len(sightings)
-            return counts or (1,) * len(seen)
+            return tuple(Pickable(count, 60.0) for count in counts or (1,) * len(seen))
 
-    record = ANY(part=before or PartRecord(number=1))
-    action = RecogniseAction(Picks(), ANY(part=Path("plate.step")), record, serials)  # type: ignore[arg-type]
-    return sightings[asyncio.run(action._choose(sightings_row(sightings).sightings))]
+    product = ANY(part_name="plate", compute=Picks(), number=0)
+    record = ANY(
+        part=before or PartRecord(number=1), products=(product,), wanted=(product,), product=product
+    )
+    number = asyncio.run(Taking(record, serials)._choose(sightings_row(sightings).sightings))
+    if number is None:
+        action = RecogniseAction(ANY(), ANY(), record)
+        raise action._nothing_found()
+    return sightings[number]
 
 
 def sought_again(*neighbours: Sighting) -> PartRecord:

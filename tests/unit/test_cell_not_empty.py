@@ -47,11 +47,11 @@ class Cell:
         )
         arm: Any = ANY(move_gripper_mm=self._note("open the arm gripper"))
         motion: Any = ANY(home=self._note("home"), start_from=self._note("park"))
-        recipe: Any = ANY(grasp=ANY(force_n=20.0, width_tolerance_mm=1.0))
+        grasp: Any = ANY(force_n=20.0, width_tolerance_mm=1.0)
         interlocks: Any = ANY(admit_jaws=lambda: None)
         grippers = Grippers(
-            arm, fixed, io, record, recipe, gate, interlocks,
-            Retries(record, fault_policy(FaultsSection()), clock),
+            arm, fixed, io, record, lambda: grasp, gate, interlocks,
+            Retries(record, lambda: fault_policy(FaultsSection()), clock),
         )  # fmt: skip
         layout: Any = ANY(arm_gripper=ANY(max_mm=90.0), park_q=None)
         imaging: Any = ANY(all_dark=self._nothing)
@@ -63,7 +63,7 @@ class Cell:
         self._actions = {
             Effect.HOME: home.run,
             Effect.HOLD: self._ends(Event.HOLD_DONE),
-            Effect.CONSULT: ConsultAction(operator, record).run,
+            Effect.CONSULT: ConsultAction(operator, record, ANY(forget=lambda: None)).run,
             Effect.ACQUIRE: self._no_part,
             Effect.STOP_MOTION: self._ends(Event.STOP_DONE),
             Effect.ABORT_MOTION: self._ends(Event.ABORT_DONE),
@@ -113,7 +113,7 @@ class Cell:
     async def run(self, *answers: tuple[str, bool]) -> Outcome:
         self.answers = list(answers)
         async with asyncio.timeout(20):
-            return await self.dispatcher.run(1)
+            return await self.dispatcher.run()
 
 
 @pytest.fixture

@@ -14,7 +14,8 @@ import pytest
 import view_sets
 from numpy.typing import NDArray
 
-from controller.cell.compute import Job, answers
+from controller.cell.batch import product_of
+from controller.cell.compute import Compute, Job, answers
 from controller.cell.compute.job import context
 from controller.cell.services import PartFile
 from controller.cell.services.records import PartInGripper, PartRecord, Shown
@@ -133,7 +134,8 @@ def test_views_in_the_file_are_the_views_that_were_judged(
             "V2": {"station_backlight": "e.png", "station_ring": "f.png"},
         },
     )
-    stored = PartFile(cell, layout, recipe, tmp_path).write(part)
+    product = product_of(Compute(JOB, None), recipe, cell)  # type: ignore[arg-type]  # not asked
+    stored = PartFile(cell, layout, tmp_path).write(part, product)
     path = tmp_path / "part007.views.json"
     assert stored.file == path.name
     assert stored.digest == hashlib.sha256(path.read_bytes()).hexdigest()

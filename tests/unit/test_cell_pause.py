@@ -134,7 +134,7 @@ class Bench:
 
     async def start(self, grasp: Callable[[], Awaitable[Event]]) -> None:
         self.works[Effect.GRASP] = grasp
-        self.running = asyncio.create_task(self.dispatcher.run(1))
+        self.running = asyncio.create_task(self.dispatcher.run())
         await settle()
 
     async def send(self, event: Event) -> str:

@@ -19,7 +19,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from controller.cell.batch import PartRecord, Progress, assemble
+from controller.cell.batch import PartRecord, Progress, assemble, product_of
 from controller.cell.custody import ALONE, Custody
 from controller.cell.custody.release_guard import ReleaseGuard
 from controller.cell.errors import PartFaultError, PartProblemError, ReleaseRefusedError
@@ -385,17 +385,20 @@ class PaperRun:
         )
         self.journal = folder / "journal.sqlite"
         self._journal = Journal(self.journal, "run")
+        cell = load_cell(ROOT / "recipes/cells/emulated.yaml")
+        holder = product_of(self.compute, load_recipe(ROOT / "recipes/holder.yaml"), cell)
         batch = assemble(
-            self.compute, load_recipe(ROOT / "recipes/holder.yaml"),
-            load_cell(ROOT / "recipes/cells/emulated.yaml"), LAYOUT, devices, clock,
-            self._journal, folder, Progress(), lambda: None,
+            (holder,), cell, LAYOUT, devices, clock, self._journal, folder, Progress(),
+            lambda: None,
         )  # fmt: skip
         self.record, self.actions, self._motion = batch.record, batch.actions, batch.motion
         self._gate = batch.gate
-        self.record.parts_left = 1
         self.machine = CellMachine("idle")
         self.problem: PartProblemError | None = None
         self.states: list[str] = []
+
+    def learns_by(self, budgets: Budgets) -> None:
+        self.record.products = (replace(self.record.product, budgets=budgets),)
 
     def _signal(self, name: str) -> Signal:
         if name == "part_in_gripper":
@@ -900,7 +903,7 @@ def test_a_source_is_avoided_once_it_has_failed_so_often_within_its_window() -> 
 
 def test_a_grasp_that_slips_again_and_again_is_not_planned_for_later_parts(tmp_path: Path) -> None:
     run = PaperRun(tmp_path, *[plan(pick(), show("v1", 10, 0)) for _ in range(4)])
-    run.record.budgets = Budgets(demote_after=2, window=20)
+    run.learns_by(Budgets(demote_after=2, window=20))
 
     def fall(number: int) -> None:
         is_held = np.allclose(run.cell.q, q(10)) and run.cell.has == "arm"
@@ -918,7 +921,7 @@ def test_a_grasp_that_slips_again_and_again_is_not_planned_for_later_parts(tmp_p
 
 def test_without_a_plan_but_by_avoided_grasps_they_are_used_after_all(tmp_path: Path) -> None:
     run = PaperRun(tmp_path, NoPlanError("none without A"), plan(pick(), show("v1", 10, 0)))
-    run.record.budgets = Budgets(demote_after=1, window=5)
+    run.learns_by(Budgets(demote_after=1, window=5))
     run.record.budgets.fail("grasp A", "slipped")
     run.run()
     run.was_well()

@@ -76,7 +76,7 @@ class Lamps:
 
 def imaging_of(camera: Any, journal: Journal, tmp_path: Path) -> tuple[Imaging, Any]:
     record = BatchRecord(journal, Progress(), lambda: None)
-    retries = Retries(record, POLICY, CellClock(1000.0))
+    retries = Retries(record, lambda: POLICY, CellClock(1000.0))
     lamps: Any = Lamps()
     cameras: Any = {"overhead": camera}
     files = lambda file, digest: None  # noqa: E731

@@ -164,7 +164,7 @@ def modbus(record: BatchRecord, readings: list[Any]) -> ModbusWatcher:
     )
     device: Any = SimpleNamespace(status=status)
     lights: Any = SimpleNamespace(connect=connect)
-    return ModbusWatcher(device, lights, Retries(record, policy, clock), 1.0, clock)
+    return ModbusWatcher(device, lights, Retries(record, lambda: policy, clock), 1.0, clock)
 
 
 async def test_a_cut_connection_that_comes_back_is_a_retry_and_one_that_stays_a_fault(

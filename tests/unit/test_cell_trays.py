@@ -92,7 +92,9 @@ def test_a_tray_counts_as_empty_once_a_person_has_said_so(key: str, event: Event
             assert [one.key for one in question.choices] == [LOOK, STOP]
             return SimpleNamespace(key=key)
 
-    assert asyncio.run(ConsultAction(Person(), record).run()) is event  # type: ignore[arg-type]
+    taking = SimpleNamespace(forget=lambda: None)
+    consult = ConsultAction(Person(), record, taking)  # type: ignore[arg-type]
+    assert asyncio.run(consult.run()) is event
     emptied = [row.tray for row in lines.rows if isinstance(row, rows.TrayEmptied)]
     assert emptied == (["accept"] if key == LOOK else [])
     assert (record.trays.full() == ()) == (key == LOOK)

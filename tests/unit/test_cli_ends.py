@@ -54,7 +54,7 @@ async def test_a_stop_before_the_first_motion_keeps_the_cell_from_moving(
     nobody = cast(Any, None)  # no action to take, nothing to stop: any call would fail
     dispatcher = Dispatcher(nobody, record, nobody, (), journal, nobody)
     getattr(dispatcher, asking)("because", code)
-    outcome = await dispatcher.run(1)
+    outcome = await dispatcher.run()
     journal.close()
     assert (outcome.end, outcome.message, outcome.code) == ("stopped", "because", code)
     assert [row.name for row in read_rows(tmp_path / "journal.sqlite")] == ["at_rest"]

@@ -9,6 +9,7 @@ from controller.cell.operator import Operator
 from controller.cell.operator.questions import LOOK, NOT_EMPTY, OUT, STOP, TRAY_FULL, question_for
 
 from ..services.records import BatchRecord
+from ..services.table import Taking
 
 EVENT_OF: Final[Mapping[str, Event]] = {
     LOOK: Event.LOOK_AGAIN,
@@ -25,10 +26,12 @@ class ConsultAction:
     ----------
     operator : answers it
     record : has the problem and the part
+    taking : tries every part again once somebody has been at the table
     """
 
     operator: Operator
     record: BatchRecord
+    taking: Taking
 
     async def run(self) -> Event:
         """Wait for an answer; return its event, ``UNATTENDED`` where nobody is there."""
@@ -37,6 +40,7 @@ class ConsultAction:
         answer = await self.operator.decide(question)
         if answer is None:
             return Event.UNATTENDED
+        self.taking.forget()
         # nobody believes a statement about a gripper: it is checked before anything opens
         self.record.part.is_said_to_be_out = answer.key == OUT
         if code == TRAY_FULL and answer.key == LOOK:

@@ -24,6 +24,7 @@ from controller.planning import (
 
 from ..services import HeldPose, Motion, Preparation, Views, park_interrupted
 from ..services.records import BatchRecord, merged, plan_row
+from ..services.table import Taking
 
 log = logging.getLogger(__name__)
 
@@ -35,6 +36,7 @@ class PlanAction:
     Attributes
     ----------
     compute, preparation : make the plan
+    taking : goes on with another part where there is no plan for this one
     views : collected first, so that nothing is shown twice
     held_pose : measures how the part is held
     motion : where the arm stands
@@ -43,6 +45,7 @@ class PlanAction:
 
     compute: Compute
     preparation: Preparation
+    taking: Taking
     views: Views
     held_pose: HeldPose
     motion: Motion
@@ -65,8 +68,7 @@ class PlanAction:
             await self.held_pose.measure_again()
         start = await self._start()
         try:
-            await self.preparation.wait()
-            plan = await self._plan(start)
+            plan, start = await self._plan_what_can_be_taken(start)
         except NoPlanError as error:
             if not part.interrupted or part.parked is not None or before is not None:
                 return self._keep_plan(error, start, before)
@@ -88,6 +90,22 @@ class PlanAction:
         part.plan_count += 1
         self.record.note(plan_row(plan))
         return Event.PLANNED if isinstance(start, OnTable) else Event.PLANNED_ON
+
+    async def _plan_what_can_be_taken(self, start: Start) -> tuple[Plan, Start]:
+        """Return a plan and its start; of another part on the table where this one has none.
+
+        Raises
+        ------
+        NoPlanError : there is none for any
+        """
+        while True:
+            try:
+                await self.preparation.wait(self.record.product.number)
+                return await self._plan(start), start
+            except NoPlanError as error:
+                if not await self.taking.leave(str(error)):
+                    raise
+                start = await self._start()
 
     async def _plan(self, start: Start) -> Plan:
         """Return a plan without the grasps that have failed; with those of other parts, if need be.

@@ -7,9 +7,9 @@ what no action reports. Each effect is run by an action (`controller.cell.action
 """
 
 from ..services.records import PartRecord, Progress
-from .assembly import Batch, assemble
+from .assembly import Batch, assemble, product_of
 from .dispatcher import WORKER_GONE, Dispatcher, Outcome
-from .order import Papers, RecoveryPolicy, RunOrder
+from .order import OrderedRecipe, Papers, RecoveryPolicy, RunOrder
 from .run import HOST, Outfit, RunResult, input_files, new_run_id, run_batch, who_and_what
 from .starting import GO_ON, find_proposal
 from .status import CellStatus
@@ -27,6 +27,7 @@ __all__ = [
     "Dispatcher",
     "InterlockWatcher",
     "ModbusWatcher",
+    "OrderedRecipe",
     "Outcome",
     "Outfit",
     "Papers",
@@ -39,6 +40,7 @@ __all__ = [
     "find_proposal",
     "input_files",
     "new_run_id",
+    "product_of",
     "run_batch",
     "who_and_what",
 ]

@@ -1,6 +1,6 @@
 """Puts a cell together for one batch: services, the action of each effect, the dispatcher."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -37,7 +37,7 @@ from ..actions import (
     UnsuspendAction,
     WithdrawAction,
 )
-from ..compute import Compute
+from ..compute import Compute, ComputeAtHand
 from ..custody import TrayRecord
 from ..devices import Devices
 from ..devices.in_use import counted
@@ -70,7 +70,8 @@ from ..services import (
     fault_policy,
     faults_section,
 )
-from ..services.records import BatchRecord, Progress
+from ..services.records import BatchRecord, Product, Progress
+from ..services.table import Taking
 from .dispatcher import Dispatcher
 from .supervision import ArmWatcher, LoopWatcher, ModbusWatcher
 from .watchers import DiskWatcher, FixedGripperWatcher, InterlockWatcher
@@ -100,9 +101,25 @@ class Batch:
     resumption: Resumption
 
 
+def product_of(
+    compute: Compute, recipe: Recipe, cell: Cell, count: int = 1, number: int = 0
+) -> Product:
+    """Return a product of a batch.
+
+    Parameters
+    ----------
+    compute : the compute service of the recipe
+    recipe, cell : as read from their files
+    count : parts that were ordered
+    number : of the recipe in the order, from 0
+    """
+    faults = faults_section(cell, recipe)
+    budgets = Budgets(faults.demote_after, faults.window)
+    return Product(number, recipe, count, compute, fault_policy(faults), budgets)
+
+
 def assemble(
-    compute: Compute,
-    recipe: Recipe,
+    products: Sequence[Product],
     cell: Cell,
     layout: CellLayout,
     devices: Devices,
@@ -123,8 +140,8 @@ def assemble(
 
     Parameters
     ----------
-    compute : the compute service
-    recipe, cell : as read from their files
+    products : the recipes of the batch, each with its compute service; at least one
+    cell : as read from its file
     layout : the cell as planning sees it
     devices : the drivers, connected or not
     clock : of the cell
@@ -146,14 +163,12 @@ def assemble(
         "inspection": devices.inspection,
     }
 
-    faults = faults_section(cell, recipe)
-    budgets = Budgets(faults.demote_after, faults.window)
     nest_counts = {name: len(tray.nests) for name, tray in layout.trays.items() if tray.nests}
     trays = TrayRecord(nest_counts, stored)
-    record = BatchRecord(journal, progress, on_progress, budgets, trays)
+    record = BatchRecord(journal, progress, on_progress, trays, products)
+    compute = ComputeAtHand(lambda: record.product.compute)
     gate = Gate(Permits(journal), clock, Approval(operator) if is_stepwise else None)
-    policy = fault_policy(faults)
-    retries = Retries(record, policy, clock)
+    retries = Retries(record, lambda: record.product.policy, clock)
     rules = rules_of(cell.interlock_rules)
     interlocks = Interlocks(io, gripper, layout, lambda: record.part.custody, retries, rules)
     motion = Motion(arm, interlocks, clock, gate, layout, record.note, record.note_secured)
@@ -163,19 +178,20 @@ def assemble(
         gripper,
         io,
         record,
-        recipe,
+        lambda: record.product.recipe.grasp,
         gate,
         interlocks,
         retries,
         cell.arm.jaws.setting_per_n,
     )
     imaging = Imaging(lights, cameras, quick, folder, record.note_file, retries)
-    recoveries = Recoveries(record, policy, clock)
+    recoveries = Recoveries(record, lambda: record.product.policy, clock)
     views = Views(record, compute, layout)
     held_pose = HeldPose(record, views, motion, imaging, compute, recoveries, layout)
-    preparation = Preparation(compute)
+    preparation = Preparation([product.compute for product in products])
     stopping = Stopping(arm, gripper, lights, clock, cell.detection.stop_confirm_s)
 
+    taking = Taking(record, serials)
     resumption = Resumption(record, motion, StoredViews(record, compute, layout, folder))
 
     by_effect: dict[Effect, Action] = {
@@ -188,8 +204,8 @@ def assemble(
             resumption, motion, grippers, record, gripper, compute, layout
         ),
         Effect.ACQUIRE: AcquireAction(imaging, gate, record),
-        Effect.RECOGNISE: RecogniseAction(compute, recipe, record, serials),
-        Effect.PLAN: PlanAction(compute, preparation, views, held_pose, motion, record),
+        Effect.RECOGNISE: RecogniseAction(compute, taking, record),
+        Effect.PLAN: PlanAction(compute, preparation, taking, views, held_pose, motion, record),
         Effect.GRASP: GraspAction(steps, motion, grippers, views, record, layout),
         Effect.PRESENT: PresentAction(
             steps, motion, gate, grippers, imaging, views, Disambiguation(compute, record), record
@@ -201,7 +217,7 @@ def assemble(
             held_pose,
             record,
             recoveries,
-            PartFile(cell, layout, recipe, folder, calibration or SetCalibration()),
+            PartFile(cell, layout, folder, calibration or SetCalibration()),
         ),
         Effect.HAND_OFF: HandOffAction(steps, motion, grippers, record, layout),
         Effect.SET_DOWN: SetDownAction(steps, motion, grippers, record),
@@ -209,7 +225,7 @@ def assemble(
         Effect.PLACE: PlaceAction(steps, motion, grippers, record),
         Effect.COMPLETE: CompleteAction(record, imaging),
         Effect.HOLD: HoldAction(stopping, views),
-        Effect.CONSULT: ConsultAction(operator, record),
+        Effect.CONSULT: ConsultAction(operator, record, taking),
         Effect.SUSPEND: SuspendAction(gate, stopping),
         Effect.UNSUSPEND: UnsuspendAction(gate, io, grippers, record),
         Effect.STOP_MOTION: StopMotionAction(stopping, views),

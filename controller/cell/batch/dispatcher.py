@@ -224,13 +224,12 @@ class Dispatcher:
     def _report(self, event: Event, message: str = "", code: str = "") -> None:
         self._inbox.put_nowait(_Note(event, message=message, code=code))
 
-    async def run(self, count: int) -> Outcome:
-        """Reset the cell, work through ``count`` parts, come to rest; return how it ended."""
+    async def run(self) -> Outcome:
+        """Reset the cell, work through the parts ordered, come to rest; return how it ended."""
         self._has_begun = True
         if self._before is not None:
             self._message, self._code = self._before.message, self._before.code
             return self._outcome("stopped")
-        self._record.parts_left = count
         watchers = [
             asyncio.create_task(watcher.run(self._report), name=type(watcher).__name__)
             for watcher in self._watchers

@@ -7,6 +7,7 @@ from typing import Any, Final, Literal
 
 from controller.config import Cell, Recipe
 
+from ..compute import Job
 from ..devices.clocks import FoundClock
 
 
@@ -27,6 +28,17 @@ class Papers:
 
 
 NO_PAPERS: Final = Papers()
+
+
+@dataclass(frozen=True, slots=True)
+class OrderedRecipe:
+    """One recipe of an order: its file, as it was read, and how many parts of it."""
+
+    path: Path
+    recipe: Recipe
+    count: int
+
+
 # What a start does where an earlier run may have left a part in a gripper: refuse; have the
 # operator decide on a proposal; go on by itself where the proposal is proven safe.
 RecoveryPolicy = Literal["refuse", "ask", "auto"]
@@ -38,6 +50,7 @@ class RunOrder:
 
     Attributes
     ----------
+    recipe_path, recipe, count : the first recipe, and how many parts of it
     emulated : what the emulator reported of itself, empty on a real cell
     clock : of the cell
     runs_dir : folder of all runs; the cell's journal stands in it
@@ -46,6 +59,7 @@ class RunOrder:
     recovery : what to do with a part that an earlier run left in a gripper
     is_stepwise : the operator lets each motion begin
     are_trays_empty : the operator states that nothing stands in the trays
+    beside : further recipes, of other parts
     """
 
     recipe_path: Path
@@ -63,6 +77,24 @@ class RunOrder:
     recovery: RecoveryPolicy = "refuse"
     is_stepwise: bool = False
     are_trays_empty: bool = False
+    beside: tuple[OrderedRecipe, ...] = ()
+
+    @property
+    def ordered(self) -> tuple[OrderedRecipe, ...]:
+        """All recipes, in their order."""
+        return (OrderedRecipe(self.recipe_path, self.recipe, self.count), *self.beside)
+
+    @property
+    def part_count(self) -> int:
+        """How many parts were ordered in all."""
+        return sum(one.count for one in self.ordered)
+
+    @property
+    def jobs(self) -> tuple[Job, ...]:
+        """What the compute service of each recipe works on."""
+        paths = tuple(one.path for one in self.ordered)
+        batch = paths if len(paths) > 1 else ()
+        return tuple(Job(path, self.cell_path, batch) for path in paths)
 
     @property
     def folder(self) -> Path:

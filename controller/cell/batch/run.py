@@ -2,7 +2,7 @@
 
 import asyncio
 import hashlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import suppress
 from dataclasses import dataclass
@@ -40,12 +40,11 @@ from ..journal.usage import usage_of
 from ..operator import NOBODY, Journaled, Operator, require_acknowledged
 from ..operator.notices import Notices
 from ..recovery import Back, Beside, Bounds, Interrupted, Sweep
-from ..services import INPUTS
-from ..services.records import PartRecord, Progress
-from .assembly import assemble
+from ..services.records import PartRecord, Product, Progress, inputs_of
+from .assembly import assemble, product_of
 from .dispatcher import Dispatcher, Outcome
 from .order import RunOrder
-from .starting import refuse, start
+from .starting import recipe_for, refuse, start
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +66,7 @@ class Outfit:
 
 
 HOST: Final = Outfit()
+RECIPE_COPY: Final = "recipe.yaml"  # a recipe in the folder of what a run was started with
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,10 +161,12 @@ async def run_batch(
             {"run": order.run_id, "recipe": order.recipe.name, "cell": order.cell.name},
         )
         layout = build_layout(order.cell)
-        compute = outfit.compute(Job(order.recipe_path, order.cell_path), pool)
+        products = tuple(
+            product_of(outfit.compute(job, pool), one.recipe, order.cell, one.count, number)
+            for number, (one, job) in enumerate(zip(order.ordered, order.jobs, strict=True))
+        )
         batch = assemble(
-            compute,
-            order.recipe,
+            products,
             order.cell,
             layout,
             devices,
@@ -197,15 +199,19 @@ async def run_batch(
                         began,
                         layout,
                         decider,
-                        sweep_by(compute),
-                        back_by(compute),
+                        sweep_by(products, began),
+                        back_by(products, began),
                     )
                     if isinstance(found, Outcome):
                         outcome = found
                     else:
                         if found is not None:
-                            batch.resumption.accept(found, order.runs_dir / found.left.run)
-                        outcome = await dispatcher.run(order.count)
+                            batch.resumption.accept(
+                                found,
+                                order.runs_dir / found.left.run,
+                                _product_for(found.left, products, began),
+                            )
+                        outcome = await dispatcher.run()
                     show()
                 finally:
                     await devices.aclose()
@@ -247,19 +253,38 @@ def _stand_in_trays(
     return left_in_trays(journal.path, journal.run, began)
 
 
-def sweep_by(compute: Compute) -> Sweep:
-    """Return what has the compute service prove the space that homing with a part sweeps."""
+def _product_for(left: Interrupted, products: Sequence[Product], began: rows.RunBegan) -> Product:
+    """Return the product that an interrupted part is of; the first where the part is unknown."""
+    return products[recipe_for(left, began) or 0]
 
-    async def sweep(_: Interrupted, bounds: Bounds) -> Swept:
+
+def sweep_by(products: Sequence[Product], began: rows.RunBegan) -> Sweep:
+    """Return what has the compute service prove the space that homing with a part sweeps.
+
+    Parameters
+    ----------
+    products : of this run
+    began : its first row
+    """
+
+    async def sweep(left: Interrupted, bounds: Bounds) -> Swept:
+        compute = _product_for(left, products, began).compute
         return await compute.homing_swept(*bounds.arguments)
 
     return sweep
 
 
-def back_by(compute: Compute) -> Back:
-    """Return what has the compute service prove that an arm beside its path goes back to it."""
+def back_by(products: Sequence[Product], began: rows.RunBegan) -> Back:
+    """Return what has the compute service prove that an arm beside its path goes back to it.
 
-    async def back(_: Interrupted, beside: Beside) -> ProvenMove:
+    Parameters
+    ----------
+    products : of this run
+    began : its first row
+    """
+
+    async def back(left: Interrupted, beside: Beside) -> ProvenMove:
+        compute = _product_for(left, products, began).compute
         return await compute.proven_back(*beside.arguments)
 
     return back
@@ -267,21 +292,25 @@ def back_by(compute: Compute) -> Back:
 
 def _keep_inputs(order: RunOrder) -> dict[str, str]:
     """Copy what a run is started with to its folder; return the SHA-256 of each file."""
-    folder = order.folder / INPUTS
-    folder.mkdir(exist_ok=True)
     digests = {}
-    cad = files_of(order.recipe.part)
-    for name, path in (
-        *((str(file.relative_to(cad[0].parent)), file) for file in cad),
-        ("recipe.yaml", order.recipe_path),
-        ("cell.yaml", order.cell_path),
-        *((f"calibration-{name}.json", path) for name, path in _calibrations(order)),
-    ):
+    for name, path in _inputs(order):
         data = path.read_bytes()
-        (folder / name).parent.mkdir(parents=True, exist_ok=True)
-        (folder / name).write_bytes(data)
-        digests[f"{INPUTS}/{name}"] = hashlib.sha256(data).hexdigest()
+        target = order.folder / name
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_bytes(data)
+        digests[str(name)] = hashlib.sha256(data).hexdigest()
     return digests
+
+
+def _inputs(order: RunOrder) -> Iterator[tuple[Path, Path]]:
+    """Yield where in the run's folder each file goes that it is started with, and that file."""
+    for number, one in enumerate(order.ordered):
+        cad = files_of(one.recipe.part)
+        yield from ((inputs_of(number) / file.relative_to(cad[0].parent), file) for file in cad)
+        yield inputs_of(number) / RECIPE_COPY, one.path
+    yield inputs_of(0) / "cell.yaml", order.cell_path
+    for name, path in _calibrations(order):
+        yield inputs_of(0) / f"calibration-{name}.json", path
 
 
 def _calibrations(order: RunOrder) -> list[tuple[str, Path]]:
@@ -356,13 +385,13 @@ async def _barred(order: RunOrder, journal: Journal, operator: Operator) -> Outc
 
 def input_files(order: RunOrder) -> tuple[Path, ...]:
     """Return the files that a run is started with."""
+    parts = [part for one in order.ordered for part in (one.recipe.part, *one.recipe.others)]
     return (
         order.recipe_path,
         order.cell_path,
-        *dict.fromkeys(
-            file for part in (order.recipe.part, *order.recipe.others) for file in files_of(part)
-        ),
+        *dict.fromkeys(file for part in parts for file in files_of(part)),
         *(path for _, path in _calibrations(order)),
+        *(one.path for one in order.beside),
     )
 
 
@@ -395,6 +424,22 @@ def who_and_what(order: RunOrder, where: Mapping[str, dict[str, Any]]) -> rows.R
         part_temperature_c=order.papers.part_temperature_c,
         speed=order.speed,
         clock=None if order.clock.path is None else str(order.clock.path),
-        count=order.count,
+        count=order.part_count,
         software=software_versions(),
+        **_several(order),
     )
+
+
+def _several(order: RunOrder) -> dict[str, tuple[rows.RecipeOrdered, ...]]:
+    """Return the recipes of an order of several; nothing where it has one."""
+    if not order.beside:
+        return {}
+    each = tuple(
+        rows.RecipeOrdered(
+            recipe=one.recipe.model_dump(mode="json", by_alias=True),
+            file=str(one.path),
+            count=one.count,
+        )
+        for one in order.ordered
+    )
+    return {"recipes": each}

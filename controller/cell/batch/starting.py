@@ -5,7 +5,9 @@ order where what the cell would do is proven safe.
 """
 
 from collections.abc import Sequence
+from pathlib import Path
 
+from controller.config import split_cad
 from controller.planning.model import CellLayout
 
 from ..custody import CellIdentity, Custody, GripperName, Held, where_it_is
@@ -199,14 +201,29 @@ def _why_not_here(left: Interrupted, began: rows.RunBegan, *, has_recipe: bool) 
     """Return why a part cannot go on in this run; empty if it can."""
     if not same_cell(left.began.cell, began.cell):
         return "the cell file has changed since: paths and grasps of that run mean nothing here"
-    if has_recipe and _part_digest(left.began) != _part_digest(began):
-        name = left.began.recipe.get("name", "")
+    if has_recipe and recipe_for(left, began) is None:
+        name = left.recipe.recipe.get("name", "")
         return f"it is the part of recipe {name}: start with that recipe"
     return ""
 
 
-def _part_digest(began: rows.RunBegan) -> str | None:
-    return began.files.get(str(began.recipe.get("part")))
+def recipe_for(left: Interrupted, began: rows.RunBegan) -> int | None:
+    """Return which recipe of a run is for the part that another one left; None if it has none.
+
+    Parameters
+    ----------
+    left : the part
+    began : the first row of the run that is to go on with it
+    """
+    wanted = _part(left.recipe, left.began)
+    parts = [_part(one, began) for one in began.ordered]
+    return parts.index(wanted) if wanted in parts else None
+
+
+def _part(ordered: rows.RecipeOrdered, began: rows.RunBegan) -> tuple[str, str | None]:
+    """Return the name of a recipe's part, and the SHA-256 of its file."""
+    part = split_cad(Path(str(ordered.recipe.get("part", ""))))
+    return part.part_name, began.files.get(str(part.file))
 
 
 async def _decided(

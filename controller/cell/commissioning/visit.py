@@ -334,7 +334,8 @@ class Visit:
         cell = order.cell
         layout, handed = build_layout(cell), HandedOver()
         record = BatchRecord(journal, Progress(), lambda: None)
-        retries = Retries(record, fault_policy(cell.faults), clock)
+        policy = fault_policy(cell.faults)
+        retries = Retries(record, lambda: policy, clock)
         gate = Gate(Permits(journal), clock, Approval(operator) if order.is_stepwise else None)
         interlocks = Interlocks(
             devices.io,

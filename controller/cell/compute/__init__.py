@@ -5,16 +5,28 @@ has what a worker keeps of a job, `pool.py` makes the worker process, and `held_
 part that slipped in the jaws. `checking.py` checks a recipe in a cell from files alone.
 """
 
-from .answers import Holder
-from .job import Context, Job, context, glowing_mask, inspection_limits, load_parts, part_files
+from .answers import Holder, Pickable
+from .job import (
+    MAX_RECIPE_COUNT,
+    Context,
+    Job,
+    context,
+    glowing_mask,
+    inspection_limits,
+    load_parts,
+    part_files,
+)
 from .pool import make_pool, worker_pool
-from .service import Compute, begin
+from .service import Compute, ComputeAtHand, begin
 
 __all__ = [
+    "MAX_RECIPE_COUNT",
     "Compute",
+    "ComputeAtHand",
     "Context",
     "Holder",
     "Job",
+    "Pickable",
     "begin",
     "context",
     "glowing_mask",

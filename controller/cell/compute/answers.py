@@ -5,9 +5,11 @@ of its function. Each function takes plain data and a `Job`, from which the work
 what cannot be sent between processes (`job.context`). None of them moves anything.
 """
 
+import math
 import time
 from collections.abc import Mapping
 from contextlib import suppress
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
@@ -48,7 +50,7 @@ from controller.stored import Judging, judge_views, read_pictures
 from ..devices.lamps import TABLE_LAMPS
 from ..plans import PlanCache
 from . import held_search
-from .job import Job, context, inspection_limits, part_files
+from .job import MAX_RECIPE_COUNT, Context, Job, context, inspection_limits
 from .neighbours import layout_among
 
 Holder = tuple[inspecting.WorldBox, ...]
@@ -68,7 +70,16 @@ def recognise(job: Job, backlit: Grey, lit: Mapping[str, Grey]) -> tuple[recogni
     seen = recognising.recognise(
         backlit, c.overhead, c.library, "backlit", usable=c.glowing, lit=pictures
     )
-    return tuple(s.read_as(c.solid.name, c.library) for s in seen.sightings)
+    return tuple(_read_as_wanted(s, c) for s in seen.sightings)
+
+
+def _read_as_wanted(s: recognising.Sighting, c: Context) -> recognising.Sighting:
+    """Return a sighting as the first part of the batch that it may be; unchanged if it is one."""
+    if s.part in c.wanted:
+        return s
+    may_be = {one.part for one in s.ambiguous_with}
+    name = next((name for name in c.wanted if name in may_be), None)
+    return s if name is None else s.read_as(name, c.library)
 
 
 def prepare(job: Job) -> float:
@@ -110,10 +121,22 @@ def plan(
     return planning.plan_from(prepared, layout, start, seen=seen, avoid=avoid)
 
 
-def pick_counts(job: Job, sightings: tuple[SightingFields, ...]) -> tuple[int, ...]:
-    """Return by how many paths each part could be taken from among the others.
+@dataclass(frozen=True, slots=True)
+class Pickable:
+    """How a part could be taken from among what else is on the table.
 
-    Of a part that is none of the recipe's, that is no count: 0.
+    Attributes
+    ----------
+    path_count : paths a gripper has to it; 0 where it cannot be taken
+    forecast_s : how long its inspection takes, by the certificate of its stable pose [cell s]
+    """
+
+    path_count: int = 0
+    forecast_s: float = math.inf
+
+
+def pickable(job: Job, sightings: tuple[SightingFields, ...]) -> tuple[Pickable, ...]:
+    """Return how each part could be taken from among the others; other recipes' parts cannot.
 
     Parameters
     ----------
@@ -121,7 +144,7 @@ def pick_counts(job: Job, sightings: tuple[SightingFields, ...]) -> tuple[int, .
     sightings : all that is on the table
     """
     name, prepared = context(job).solid.name, _prepared(job)
-    counts = []
+    found = []
     for number, seen in enumerate(sightings):
         others = (*sightings[:number], *sightings[number + 1 :])
         count = 0
@@ -133,8 +156,18 @@ def pick_counts(job: Job, sightings: tuple[SightingFields, ...]) -> tuple[int, .
                     np.array(seen.T_world_part),
                 )
                 count = len(paths)
-        counts.append(count)
-    return tuple(counts)
+        forecast_s = _forecasts(job).get(seen.pose_index, math.inf) if count else math.inf
+        found.append(Pickable(count, forecast_s))
+    return tuple(found)
+
+
+@lru_cache(maxsize=MAX_RECIPE_COUNT)
+def _forecasts(job: Job) -> Mapping[int, float]:
+    """Return how long a part takes from each stable pose that has a certificate [cell s]."""
+    c = context(job)
+    cache = PlanCache(c.part, c.layout, c.setup.options)
+    plans = {pose.index: cache.known_plan(pose) for pose in c.poses}
+    return {index: plan.forecast_s for index, plan in plans.items() if plan is not None}
 
 
 def plan_to_trays(job: Job, start: Start, avoid: frozenset[str], around: Around = ALONE) -> Plan:
@@ -162,7 +195,7 @@ def _hypotheses(
 ) -> list[TableHypothesis]:
     """Return each other hypothesis about the picture, with the solid of its part."""
     c = context(job)
-    rest = (load_part(*file) for file in part_files(c.recipe)[1:])
+    rest = (load_part(*file) for file in c.files)
     solids = {part.solid.name: part.solid for part in (*rest, c.part)}
     return [TableHypothesis(a.part, solids[a.part], a.T_world_part) for a in alternatives]
 
@@ -306,7 +339,7 @@ def surface_share(job: Job, samples: BoolArray) -> float:
     return float(areas[samples].sum() / areas.sum())
 
 
-@lru_cache(maxsize=2)
+@lru_cache(maxsize=MAX_RECIPE_COUNT)
 def _prepared(job: Job) -> PreparedPart:
     c = context(job)
     return PlanCache(c.part, c.layout, c.setup.options).prepared()

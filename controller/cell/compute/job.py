@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import Final
 
 import cv2
 import numpy as np
@@ -17,6 +18,7 @@ from controller.cad.compiled import (
     CompileOptions,
     load_part,
     options_among,
+    part_name,
 )
 from controller.config import Cell, Recipe, load_cell, load_recipe
 from controller.imaging import Camera
@@ -27,18 +29,32 @@ from controller.setup.optics import table_corners
 from controller.setup.planner import PlannerSetup, planner_setup
 from controller.setup.samples import sampled_for
 
+MAX_RECIPE_COUNT: Final = 16  # of a batch: a worker keeps the parts of all of them
+
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """Which recipe on which cell; small enough to be sent with every call."""
+    """Which recipe on which cell; small enough to be sent with every call.
+
+    Attributes
+    ----------
+    batch : all recipes of a batch of several, in its order; empty where the recipe is alone
+    """
 
     recipe_path: Path
     cell_path: Path
+    batch: tuple[Path, ...] = ()
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Context:
-    """What a worker keeps of a job."""
+    """What a worker keeps of a job.
+
+    Attributes
+    ----------
+    files : CAD files of all parts that are known, in the order of the library
+    wanted : names of the parts that the batch is to take, the recipe's among them
+    """
 
     recipe: Recipe
     cell: Cell
@@ -48,6 +64,8 @@ class Context:
     library: recognising.Library
     glowing: BoolArray
     not_inspected: Mapping[int, str]
+    files: tuple[tuple[Path, CompileOptions], ...]
+    wanted: tuple[str, ...]
 
     @property
     def layout(self) -> CellLayout:
@@ -80,7 +98,7 @@ class Context:
         return self.part.poses
 
 
-@lru_cache(maxsize=2)
+@lru_cache(maxsize=MAX_RECIPE_COUNT)
 def context(job: Job) -> Context:
     """Return the job's context, built once per process.
 
@@ -91,8 +109,9 @@ def context(job: Job) -> Context:
     cv2.setNumThreads(1)  # an emulated cell may need the other of two cores
     recipe = load_recipe(job.recipe_path)
     cell = load_cell(job.cell_path)
-    files = part_files(recipe)
-    part = load_part(*files[0])
+    own, *_ = part_files(recipe)
+    part = load_part(*own)
+    files, wanted = _known_parts(job, recipe)
     setup = planner_setup(recipe, cell, part)
     layout = setup.layout
     return Context(
@@ -104,7 +123,25 @@ def context(job: Job) -> Context:
         library=open_library(files, layout.overhead),
         glowing=glowing_mask(layout.overhead, table_corners(cell)),
         not_inspected=faces_left_out(job.recipe_path, recipe, part.solid.faces),
+        files=files,
+        wanted=wanted,
     )
+
+
+def _known_parts(
+    job: Job, recipe: Recipe
+) -> tuple[tuple[tuple[Path, CompileOptions], ...], tuple[str, ...]]:
+    """Return the files of all parts that may lie on the table, and the names of those to take.
+
+    In a batch these are the parts of all its recipes, then the other parts that any of them names;
+    a part that is both is compiled as its own recipe has it.
+    """
+    recipes = [load_recipe(path) for path in job.batch] or [recipe]
+    each = [part_files(one) for one in recipes]
+    known: dict[Path, tuple[Path, CompileOptions]] = {}
+    for path, options in (*(own for own, *_ in each), *(o for _, *rest in each for o in rest)):
+        known.setdefault(path.resolve(), (path, options))
+    return tuple(known.values()), tuple(part_name(one.part) for one in recipes)
 
 
 def load_parts(recipe: Recipe) -> list[CompiledPart]:

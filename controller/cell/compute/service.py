@@ -24,10 +24,18 @@ class Question(Generic[Arguments, Answer]):
         self._answer = answer
         self.__doc__ = answer.__doc__
 
+    def __set_name__(self, _: type["Compute"], name: str) -> None:
+        self._name = name
+
     def __get__(
         self, compute: "Compute", _: type["Compute"]
     ) -> Callable[Arguments, Coroutine[Any, Any, Answer]]:
         """Return the method."""
+        answering = compute.answering()
+        if answering is not compute:
+            method: Callable[Arguments, Coroutine[Any, Any, Answer]]
+            method = getattr(answering, self._name)
+            return method
 
         async def ask(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Answer:
             function = partial(self._answer, compute.job, *args, **kwargs)
@@ -58,10 +66,14 @@ class Compute:
         self.job = job
         self.pool = pool
 
+    def answering(self) -> "Compute":
+        """Return the service that answers."""
+        return self
+
     prepare = Question(answers.prepare)
     recognise = Question(answers.recognise)
     plan = Question(answers.plan)
-    pick_counts = Question(answers.pick_counts)
+    pickable = Question(answers.pickable)
     plan_to_trays = Question(answers.plan_to_trays)
     identify = Question(answers.identify)
     path_home = Question(answers.path_home)
@@ -72,3 +84,19 @@ class Compute:
     find_hold = Question(answers.find_hold)
     judge = Question(answers.judge)
     surface_share = Question(answers.surface_share)
+
+
+class ComputeAtHand(Compute):
+    """The compute service of the part at hand: which one that is, is looked up at each question.
+
+    Parameters
+    ----------
+    at_hand : returns the service for parts of the recipe that the part at hand is of
+    """
+
+    def __init__(self, at_hand: Callable[[], Compute]) -> None:
+        self._at_hand = at_hand
+
+    def answering(self) -> Compute:
+        """Return the service of the part at hand."""
+        return self._at_hand()

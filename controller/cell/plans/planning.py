@@ -21,6 +21,7 @@ from controller.planning import (
     Certificate,
     NoPlanError,
     OnTable,
+    Plan,
     PlanOptions,
     PreparedPart,
     certify,
@@ -165,6 +166,20 @@ class PlanCache:
         kept = KeptPlan(pose.index, T, found.certificate.plan, found.certificate.reason)
         self._known[self._plan_file(pose.index, T)] = kept
         return found
+
+    def known_plan(self, pose: StablePose) -> Plan | None:
+        """Return the plan of a stable pose's certificate; None where the cache has none.
+
+        Parameters
+        ----------
+        pose : the stable pose
+        """
+        first = pose if pose.is_distinct else self._part.poses[pose.same_as]
+        file = self._kept.certificates.file(
+            self._part.solid.name, digest_of(self._key, "certificate", first.index)
+        )
+        found = self._kept.certificates.load(file)
+        return None if found is None else found.certificate.plan
 
     def _certify(self, pose: StablePose) -> Certified:
         try:

@@ -45,6 +45,7 @@ class Interrupted:
     recoveries, avoid : part faults so far, and grasps that failed
     plan_count, hold_count, look_count : plans made, grasps taken, pictures of the table
     verdict : if the part was judged
+    identified : which of the run's recipes it is of, and its number
     resumed : if that run had taken the part over from one before it
     is_homed : positions meant something in that run
     is_homing : homing with the part had begun, and had not ended
@@ -80,13 +81,21 @@ class Interrupted:
     sightings: rows.Sightings | None = None
     verdict: rows.PartJudged | None = None
     resumed: rows.PartResumed | None = None
+    identified: rows.PartIdentified | None = None
     is_homed: bool = False
     is_homing: bool = False
     has_ended: bool = False
 
     @property
+    def recipe(self) -> rows.RecipeOrdered:
+        """The recipe that the part is of; the run's first where it was not recognised."""
+        return self.began.ordered[0 if self.identified is None else self.identified.recipe]
+
+    @property
     def serial(self) -> str:
         """The part's serial number; empty if it has none."""
+        if self.identified is not None:
+            return self.identified.serial
         if self.resumed is not None:
             return self.resumed.serial
         serials = self.began.serials
@@ -95,6 +104,8 @@ class Interrupted:
     @property
     def lot(self) -> str:
         """The part's lot; empty if it has none."""
+        if self.identified is not None and self.identified.lot:
+            return self.identified.lot
         return self.began.lot if self.resumed is None else self.resumed.lot
 
     @property
@@ -141,6 +152,8 @@ class Interrupted:
                 self.verdict = row
             case rows.PartResumed():
                 self.resumed = row
+            case rows.PartIdentified():
+                self.identified = row
         self.trail.take(row)
 
     def _take_hold(self, row: rows.HoldNoted) -> None:

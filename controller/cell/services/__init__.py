@@ -14,10 +14,9 @@ from .motion import Motion
 from .preparation import Preparation
 from .resuming import Resumption, hold_of, park_interrupted, verdict_of
 from .steps import PlanSteps
-from .views import INPUTS, Disambiguation, HeldPose, PartFile, StoredViews, Views, plain_name
+from .views import Disambiguation, HeldPose, PartFile, StoredViews, Views, plain_name
 
 __all__ = [
-    "INPUTS",
     "Approval",
     "CameraName",
     "Disambiguation",

@@ -4,7 +4,7 @@ Whatever moves jaws passes the gate before its intent is written: a pause begins
 release, never within one.
 """
 
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 
 from controller.cell.custody import Custody
@@ -13,7 +13,7 @@ from controller.cell.custody.release_guard import LOST_MM, NOTHING_MM, ReleaseGu
 from controller.cell.errors import PartFaultError, PartProblemError
 from controller.cell.journal.rows import HoldPressed, Intent, Once
 from controller.cell.machine import GRASP, PartFault
-from controller.config import Recipe
+from controller.config.recipe import GraspSection
 from controller.planning import JointPath
 from drivers.kinds import Arm, FixedGripper, GraspReading, Hold, IoBlock, Signal
 
@@ -31,7 +31,7 @@ class Grippers:
     ----------
     arm, fixed, io : the devices; the light barrier of the fixed gripper is an input of ``io``
     record : has the custody of the part
-    recipe : has the force, and the tolerance of an opening
+    grasp : returns the force, and the tolerance of an opening, for the part at hand
     gate : holds a pause, and requires the permit to move
     interlocks : admit each motion of jaws
     retries : what is done about a reading that does not come
@@ -44,7 +44,7 @@ class Grippers:
         fixed: FixedGripper,
         io: IoBlock,
         record: BatchRecord,
-        recipe: Recipe,
+        grasp: Callable[[], GraspSection],
         gate: Gate,
         interlocks: Interlocks,
         retries: Retries,
@@ -57,10 +57,22 @@ class Grippers:
         self._fixed = fixed
         self._record = record
         self._guard = ReleaseGuard(arm, fixed, io)
-        self._force_n = recipe.grasp.force_n
+        self._grasp = grasp
+        self._setting_per_n = setting_per_n
+
+    @property
+    def tolerance_mm(self) -> float:
+        """How far from the expected opening jaws may stop that hold the part."""
+        return self._grasp().width_tolerance_mm
+
+    @property
+    def _force_n(self) -> float:
+        return self._grasp().force_n
+
+    @property
+    def _arm_force(self) -> int:
         # MAX_FORCE has no unit; values from 20 to 60 have been used (umi_rtx.md 5.6)
-        self._arm_force = max(20, min(60, round(setting_per_n * recipe.grasp.force_n)))
-        self.tolerance_mm = recipe.grasp.width_tolerance_mm
+        return max(20, min(60, round(self._setting_per_n * self._force_n)))
 
     async def open_arm(self, opening_mm: float) -> None:
         """Open the arm gripper; it must not be the only one to hold the part.

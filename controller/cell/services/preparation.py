@@ -1,24 +1,37 @@
 """The planner's long work that needs no picture: begun early, waited for before a plan is made."""
 
 import asyncio
+from collections.abc import Sequence
 
 from controller.cell.compute import Compute, begin
 
 
 class Preparation:
-    """Planning ahead of the first look at the table."""
+    """Planning ahead of the first look at the table, for each recipe of the batch.
 
-    def __init__(self, compute: Compute) -> None:
-        self._compute = compute
-        self._task: asyncio.Future[float] | None = None
+    Parameters
+    ----------
+    computes : the compute service of each recipe
+    """
+
+    def __init__(self, computes: Sequence[Compute]) -> None:
+        self._computes = tuple(computes)
+        self._tasks: dict[int, asyncio.Future[float]] = {}
 
     def begin(self) -> None:
-        """Begin in the worker process, unless it has begun and not failed; returns at once."""
-        task = self._task
-        if task is None or (task.done() and (task.cancelled() or task.exception() is not None)):
-            self._task = begin(self._compute.prepare())
+        """Begin in the worker process, what has not begun or has failed; returns at once."""
+        for number, compute in enumerate(self._computes):
+            task = self._tasks.get(number)
+            if task is None or (task.done() and (task.cancelled() or task.exception() is not None)):
+                self._tasks[number] = begin(compute.prepare())
 
-    async def wait(self) -> None:
-        """Wait until it is done, if it was begun; raise what it raised."""
-        if self._task is not None:
-            await self._task
+    async def wait(self, number: int = 0) -> None:
+        """Wait until it is done for a recipe, if it was begun; raise what it raised.
+
+        Parameters
+        ----------
+        number : of the recipe in its order, from 0
+        """
+        task = self._tasks.get(number)
+        if task is not None:
+            await task

@@ -16,7 +16,7 @@ from controller.inspection import PartVerdict, Verdict
 from controller.recognition import Alternative, Sighting
 
 from .motion import Motion
-from .records import BatchRecord, PartInGripper, PartRecord, grasp_of
+from .records import BatchRecord, PartInGripper, PartRecord, Product, grasp_of
 from .views import StoredViews
 
 
@@ -29,6 +29,7 @@ class Resumption:
     record, motion, stored_views : take it over
     accepted : what may be done, None if the run begins as usual
     source : folder of the interrupted run
+    product : that the part is of
     """
 
     record: BatchRecord
@@ -36,19 +37,22 @@ class Resumption:
     stored_views: StoredViews
     accepted: Proposal | None = None
     source: Path = Path()
+    product: Product | None = None
 
-    def accept(self, proposal: Proposal, source: Path) -> None:
+    def accept(self, proposal: Proposal, source: Path, product: Product) -> None:
         """Begin with the part of an interrupted run.
 
         Parameters
         ----------
         proposal : what may be done with it
         source : folder of that run
+        product : of this run that the part is of
         """
         self.accepted, self.source = proposal, source
         # so that a stop before anything else already states where the part is
         if not proposal.is_arm_alone:
             self.record.part = _part(proposal.left)
+            self.product = product
 
     @property
     def homes(self) -> bool:
@@ -74,6 +78,8 @@ class Resumption:
             self._restore_trail(proposal)
             return proposal
         record.note(rows.PartResumed(run=left.run, serial=left.serial, lot=left.lot))
+        if self.product is not None:
+            record.identify_part(self.product, left.serial, left.lot)
         missing = await self.stored_views.take_over(left, self.source)
         for row in (*left.recoveries, *map(_avoided, left.avoid)):
             record.note(row)

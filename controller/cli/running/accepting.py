@@ -13,9 +13,10 @@ from controller.cell.custody import CellIdentity, Held, fold_custody
 from controller.cell.custody.known_journals import rows_of_all_journals
 from controller.cell.devices import resolve
 from controller.cell.devices.clocks import find_clock
-from controller.cell.journal import JOURNAL_NAME, is_of, read_rows, rows
+from controller.cell.journal import JOURNAL_NAME, read_rows, rows
 from controller.cell.operator import Answer, Question
-from controller.cell.services import INPUTS
+from controller.cell.recovery import Interrupted, fold_interrupted
+from controller.cell.services.records import inputs_of
 from controller.config import STEP_FORMATS, Cell, ConfigError, load_cell, split_cad
 
 from ..terminal.output import warn
@@ -64,9 +65,10 @@ def go_on_with_part(cell_path: Path, runs_dir: Path, why: str, *, as_json: bool)
         raise ConfigError(
             f"{runs_dir}: no run has left a part in a gripper of {cell_path}; nothing to go on with"
         )
-    began = _began(runs_dir, held[0].run)
+    left = _interrupted(runs_dir, held[0].run, held[0].part)
+    began = left.began
     options = RunOptions(
-        recipe_path=recipe_of(began, runs_dir / held[0].run),
+        recipe_path=recipe_of(left, runs_dir / held[0].run),
         cell_path=cell_path,
         count=1,
         speed=1.0,
@@ -106,28 +108,30 @@ def _clock_of(cell: Cell) -> str | None:
     return None if path is None else str(path)
 
 
-def _began(runs_dir: Path, run: str) -> rows.RunBegan:
-    for row in read_rows(runs_dir / JOURNAL_NAME, run):
-        if is_of(row, rows.RunBegan):
-            return rows.RunBegan.model_validate(row.body)
-    raise ConfigError(f"run {run} is in the journal of another folder of runs: give it by --runs")
+def _interrupted(runs_dir: Path, run: str, part: int) -> Interrupted:
+    left = fold_interrupted(read_rows(runs_dir / JOURNAL_NAME, run), run, part)
+    if left is None:
+        raise ConfigError(
+            f"run {run} is in the journal of another folder of runs: give it by --runs"
+        )
+    return left
 
 
-def recipe_of(began: rows.RunBegan, folder: Path) -> Path:
-    """Return the recipe file of a run, as it was: the file itself, or the run's own copy of it.
+def recipe_of(left: Interrupted, folder: Path) -> Path:
+    """Return the recipe file of a part, as it was: the file itself, or the run's own copy of it.
 
     Parameters
     ----------
-    began : the run's first row
-    folder : of the run
+    left : the part
+    folder : of the run that left it
 
     Raises
     ------
     ConfigError : neither is there as it was
     """
-    recipe = Path(next(iter(began.files), ""))
-    part = split_cad(Path(str(began.recipe.get("part", "")))).file
-    inputs = folder / INPUTS
+    began, recipe = left.began, Path(left.recipe.file)
+    part = split_cad(Path(str(left.recipe.recipe.get("part", "")))).file
+    inputs = folder / inputs_of(0 if left.identified is None else left.identified.recipe)
     stored = {recipe: inputs / "recipe.yaml", part: inputs / part.name}
     for path in map(Path, began.files):  # what a STEP file of several files is made of
         if path.suffix.lower() in STEP_FORMATS and path.is_relative_to(part.parent):

@@ -92,11 +92,11 @@ async def _proposal(
         return None
 
     async def sweep(left: Interrupted, bounds: Bounds) -> Swept:
-        job = Job(recipe_of(left.began, runs_dir / left.run), cell_path)
+        job = Job(recipe_of(left, runs_dir / left.run), cell_path)
         return await asyncio.to_thread(homing_swept, job, *bounds.arguments)
 
     async def back(left: Interrupted, beside: Beside) -> ProvenMove:
-        job = Job(recipe_of(left.began, runs_dir / left.run), cell_path)
+        job = Job(recipe_of(left, runs_dir / left.run), cell_path)
         return await asyncio.to_thread(proven_back, job, *beside.arguments)
 
     return await find_proposal(

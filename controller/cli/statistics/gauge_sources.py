@@ -169,7 +169,7 @@ def _take_run(found: Sources, record: RunRecord, names: tuple[str, ...]) -> None
     for judged in measured:
         source = f"{record.run_id} part {judged.header.number}"
         cad = cad_identity(judged.header.cad, judged.header.cad_sha256)
-        found.require_product(source, record.recipe_name, cad)
+        found.require_product(source, judged.header.part, cad)
         if not names and not judged.header.serial:
             found.remark("Parts without a serial number are taken as one part.")
         part = names[0] if names else judged.header.serial

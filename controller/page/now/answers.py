@@ -78,7 +78,7 @@ class NowAnswers:
         self._setting = setting
         self._live = live
         self._cell = RunningCell(setting.runs_dir)
-        self._mesh: tuple[str, bytes] | None = None
+        self._mesh: tuple[tuple[str, str], bytes] | None = None
         self._acting = asyncio.Lock()
 
     @property
@@ -146,11 +146,13 @@ class NowAnswers:
         began, folder = fold.began, self._setting.runs_dir / fold.run
         if began is None:
             return packed(packed_json({"why": "the run has only begun"}))
-        if self._mesh is None or self._mesh[0] != fold.run:
+        recipe = fold.recipe
+        key = (fold.run, str(recipe.get("part", "")))
+        if self._mesh is None or self._mesh[0] != key:
             found = await asyncio.to_thread(
-                lambda: packed_json(mesh_of(began.recipe, began.files, folder))
+                lambda: packed_json(mesh_of(recipe, began.files, folder))
             )
-            self._mesh = (fold.run, found)
+            self._mesh = (key, found)
         return packed(self._mesh[1])
 
     async def picture(self, visit: Visit) -> Response:

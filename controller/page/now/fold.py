@@ -104,6 +104,7 @@ class RunFold:
     _steps: list[dict[str, Any]] = field(default_factory=list)
     _plan: dict[str, Any] = field(default_factory=dict)
     _done: int = 0
+    _recipe_number: int = 0
     _views: dict[str, dict[str, Any]] = field(default_factory=dict)
     _table: list[dict[str, Any]] = field(default_factory=list)
     _verdict: dict[str, Any] | None = None
@@ -132,6 +133,11 @@ class RunFold:
         return 1.0 if self.began is None else self.began.speed
 
     @property
+    def recipe(self) -> Mapping[str, Any]:
+        """The recipe of the part at hand; the run's first one before it was recognised."""
+        return {} if self.began is None else self.began.ordered[self._recipe_number].recipe
+
+    @property
     def _size(self) -> list[int]:
         """Width and height of the inspection camera's pictures [px]."""
         cameras = {} if self.began is None else self.began.cell.get("cameras", {})
@@ -144,7 +150,7 @@ class RunFold:
         return {
             "run": self.run,
             "began": self.began_utc,
-            "recipe": "" if began is None else str(began.recipe.get("name", "")),
+            "recipe": str(self.recipe.get("name", "")),
             "operator": "" if began is None else began.operator,
             "lot": "" if began is None else began.lot,
             "count": None if began is None else began.count,
@@ -200,6 +206,8 @@ class RunFold:
     def _take_part(self, row: Row, body: rows.Body | None) -> None:
         """Take what is about the part at work."""
         match body:
+            case rows.PartIdentified():
+                self._recipe_number = body.recipe
             case rows.TablePictures():
                 self._table = self._shown(row.body)
             case rows.Sightings():

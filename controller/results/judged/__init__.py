@@ -3,7 +3,7 @@
 `_model.py` is what is known, `_sources.py` makes it, `_json.py` prints it for machines.
 """
 
-from ._cad import solid_of, solid_of_run
+from ._cad import solid_in_run, solid_of
 from ._json import RESULT_SCHEMA, RESULT_SCHEMA_VERSION, characteristic_json, result_json
 from ._model import DECISION_RULE, Header, JudgedPart, shared_characteristics
 from ._sources import judged_part, judged_parts
@@ -19,6 +19,6 @@ __all__ = [
     "judged_parts",
     "result_json",
     "shared_characteristics",
+    "solid_in_run",
     "solid_of",
-    "solid_of_run",
 ]

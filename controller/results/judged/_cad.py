@@ -10,12 +10,12 @@ from controller.cad.compiled import load_part, options_among
 from controller.config import split_cad
 from controller.config.cad_files import body_path
 
-from ..run import RunRecord
+from ..run import PartReport, RunRecord
 
 
-def solid_of_run(record: RunRecord) -> Solid | str:
-    """Return the CAD model of a run's part, or why there is none to draw."""
-    return solid_of(record.recipe, record.files, record.folder)
+def solid_in_run(record: RunRecord, part: PartReport) -> Solid | str:
+    """Return the CAD model of a part of a run, or why there is none to draw."""
+    return solid_of(record.recipe_of(part).recipe, record.files, record.folder)
 
 
 def solid_of(recipe: Mapping[str, Any], files: Mapping[str, str], folder: Path) -> Solid | str:

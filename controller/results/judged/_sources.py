@@ -53,30 +53,38 @@ def judged_part(
 
 
 def _serial(record: RunRecord, part: PartReport) -> str:
+    if part.identified is not None:
+        return part.identified.serial
     if part.resumed is not None:
         return part.resumed.serial
     index = part.number - 1
     return record.serials[index] if index < len(record.serials) else ""
 
 
+def _lot(record: RunRecord, part: PartReport) -> str:
+    if part.identified is not None and part.identified.lot:
+        return part.identified.lot
+    return record.lot if part.resumed is None else part.resumed.lot
+
+
 def _header(record: RunRecord, part: PartReport) -> Header:
-    recipe, cell = record.recipe, record.cell
-    cad = split_cad(Path(str(recipe.get("part", ""))))
-    files = list(record.files.items())
-    # in the order in which a run begins: recipe, cell, part, other parts
-    at = dict(zip(("recipe", "cell"), files, strict=False))
+    ordered, cell = record.recipe_of(part), record.cell
+    name = str(ordered.recipe.get("name", "unknown"))
+    cad = split_cad(Path(str(ordered.recipe.get("part", ""))))
+    # in the order in which a run begins: first recipe, cell, parts, calibrations, other recipes
+    cell_file, *_ = (*list(record.files.items())[1:2], ("", ""))
     return Header(
-        part=record.recipe_name,
+        part=name,
         number=part.number,
         serial=_serial(record, part),
-        lot=record.lot if part.resumed is None else part.resumed.lot,
+        lot=_lot(record, part),
         operator=record.operator,
-        recipe=Path(at["recipe"][0]).name if "recipe" in at else record.recipe_name,
-        recipe_sha256=at["recipe"][1] if "recipe" in at else "",
+        recipe=Path(ordered.file).name or name,
+        recipe_sha256=record.files.get(ordered.file, ""),
         cad=cad.name,
         cad_sha256=record.files.get(str(cad.file), ""),
         cell=record.cell_name,
-        cell_sha256=at["cell"][1] if "cell" in at else "",
+        cell_sha256=cell_file[1],
         calibrated=_calibrated(cell),
         calibration=record.calibration,
         software={**record.software},

@@ -63,6 +63,7 @@ def report_json(record: RunRecord) -> dict[str, Any]:
         "speed": record.speed,
         "speed_reached": record.speed_reached,
         "recipe": record.recipe,
+        "recipes": [{"recipe": one.recipe, "ordered": one.count} for one in record.ordered_recipes],
         "cell": record.cell,
         "calibration": None if record.calibration is None else list(record.calibration),
         "emulated": bool(record.emulated_devices),
@@ -110,6 +111,9 @@ def _part(record: RunRecord, part: PartReport) -> dict[str, Any]:
     total = sum(face.area_mm2 for face in faces) or 1.0
     return {
         "part": part.number,
+        "recipe": str(record.recipe_of(part).recipe.get("name", "unknown")),
+        "serial": None if part.identified is None else part.identified.serial or None,
+        "lot": None if part.identified is None else part.identified.lot or None,
         "verdict": verdict.verdict if verdict else None,
         "why": why_in_run(record, part),
         "reasons": verdict.reasons if verdict else (),
@@ -125,6 +129,7 @@ def _part(record: RunRecord, part: PartReport) -> dict[str, Any]:
         "interrupted_run": None if part.resumed is None else part.resumed.run,
         "looks": part.looks,
         "grips_missed": part.grasps_missed,
+        "left_on_table": [one.as_json() for one in part.left],
         "table_pictures": _pictures(record.folder, part.table_pictures),
         "sightings": [asdict(sighting) for sighting in part.sightings],
         "forecast_s": part.plan.forecast_s if part.plan else None,

@@ -11,7 +11,7 @@ from jinja2 import Template
 
 from controller.cad import Solid
 
-from ..judged import JudgedPart, judged_parts, solid_of_run
+from ..judged import JudgedPart, judged_parts, solid_in_run
 from ..pages import make_environment
 from ..run import RunRecord, row_words, stage_words
 from ..takt import run_takt, takt_line
@@ -54,7 +54,14 @@ def render(
     on_paper : leave out what opens on demand
     qif_sha256 : of the same results as QIF, which the page then names
     """
-    solid: Solid | str = solid_of_run(record) if record.parts else NO_CAD
+    known: dict[str, Solid | str] = {}
+
+    def solid(judged: JudgedPart) -> Solid | str:
+        file = record.recipe_of(judged.part).file
+        if file not in known:
+            known[file] = solid_in_run(record, judged.part)
+        return known[file]
+
     return _render(
         judged_parts(record), solid, record, max_bytes, on_paper=on_paper, qif_sha256=qif_sha256
     )
@@ -71,7 +78,7 @@ def render_parts(
     solid : its CAD model, for the drawings; None where it is not at hand
     on_paper : leave out what opens on demand
     """
-    return _render(parts, solid or NO_CAD, None, MAX_BYTES, on_paper=on_paper)
+    return _render(parts, lambda _: solid or NO_CAD, None, MAX_BYTES, on_paper=on_paper)
 
 
 @cache
@@ -82,7 +89,7 @@ def _template() -> Template:
 
 def _render(
     parts: Sequence[JudgedPart],
-    solid: Solid | str,
+    solid: Callable[[JudgedPart], Solid | str],
     record: RunRecord | None,
     max_bytes: int,
     *,
@@ -108,7 +115,7 @@ def _render(
 
 def _page(
     parts: Sequence[JudgedPart],
-    solid: Solid | str,
+    solid: Callable[[JudgedPart], Solid | str],
     record: RunRecord | None,
     quality: Quality,
     *,
@@ -124,7 +131,7 @@ def _page(
             (
                 judged,
                 make_part_page(judged.part, reason, pictures, optics),
-                make_sheets(judged, solid, pictures, lamp_words, on_paper=on_paper),
+                make_sheets(judged, solid(judged), pictures, lamp_words, on_paper=on_paper),
             )
         )
     if record is not None:

@@ -57,6 +57,8 @@ class PartFold:
     custody: Custody = Custody.ON_TABLE
     custody_detail: str = ""
     resumed: rows.PartResumed | None = None
+    identified: rows.PartIdentified | None = None
+    left: list[rows.PartLeft] = field(default_factory=list)
     # Intents since the last change of custody, and whether an outcome followed.
     pending: dict[str, bool] = field(default_factory=dict)
 
@@ -65,6 +67,10 @@ class PartFold:
         match row:
             case rows.PartResumed():
                 self.resumed = row
+            case rows.PartIdentified():
+                self.identified = row
+            case rows.PartLeft():
+                self.left.append(row)
             case rows.TablePictures():
                 self.looks += 1
                 self.table_pictures = row.root
@@ -139,6 +145,8 @@ class PartFold:
             resumed=self.resumed,
             start=self.start,
             end=self.end,
+            identified=self.identified,
+            left=tuple(self.left),
         )
 
     def _all_steps(self) -> tuple[StepReport, ...]:

@@ -49,6 +49,11 @@ def row_words(entry: LogEntry) -> str:
             return _view(row)
         case rows.RecoveryBegun() as row:
             return f"{row.reason}; {row.action}"
+        case rows.PartIdentified() as row:
+            number = f", serial number {row.serial}" if row.serial else ""
+            return f"the part is one of recipe {row.name}{number}"
+        case rows.PartLeft() as row:
+            return f"{row.part} at x {row.x_mm:.0f}, y {row.y_mm:.0f} mm is left: {row.reason}"
         case rows.PartJudged() as row:
             return f"verdict: {row.verdict}"
         case rows.RunBegan():

@@ -12,7 +12,12 @@ from typing import Any, Literal
 
 from controller.cell.custody import Custody
 from controller.cell.journal import Body
-from controller.cell.journal.rows import PartResumed
+from controller.cell.journal.rows import (
+    PartIdentified,
+    PartLeft,
+    PartResumed,
+    RecipeOrdered,
+)
 
 End = Literal["complete", "held", "stopped", "aborted", "refused", "broke_off", "cut_off"]
 Box = tuple[int, int, int, int]
@@ -341,6 +346,8 @@ class PartReport:
     nest : of the tray, from 1; None where its parts are not counted
     characteristics : in the order of their balloons
     start, end : times of its first and its last row
+    identified : which of the run's recipes it is of, and its number; None where nothing says so
+    left : parts that could not be taken as they lay, before this one was
     """
 
     number: int
@@ -361,6 +368,8 @@ class PartReport:
     resumed: PartResumed | None = None
     start: datetime | None = None
     end: datetime | None = None
+    identified: PartIdentified | None = None
+    left: tuple[PartLeft, ...] = ()
 
     @property
     def findings(self) -> tuple[FindingReport, ...]:
@@ -439,6 +448,7 @@ class RunRecord:
     calibration : what of the cell's calibrations did not count; None where the journal is older
         than they are
     dry : the steps of a dry run; None where the run was to inspect parts
+    ordered_recipes : where the run has several, all of them; `recipe` is the first
     """
 
     run_id: str
@@ -466,11 +476,20 @@ class RunRecord:
     part_temperature_c: float | None = None
     calibration: tuple[str, ...] | None = None
     dry: tuple[DryStepReport, ...] | None = None
+    ordered_recipes: tuple[RecipeOrdered, ...] = ()
 
     @property
     def recipe_name(self) -> str:
-        """The recipe's name."""
-        return str(self.recipe.get("name", "unknown"))
+        """The recipe's name; of several recipes all names."""
+        recipes = [one.recipe for one in self.ordered_recipes] or [self.recipe]
+        return " + ".join(str(recipe.get("name", "unknown")) for recipe in recipes)
+
+    def recipe_of(self, part: PartReport) -> RecipeOrdered:
+        """Return the recipe that a part is of; the first one where it was not recognised."""
+        ordered = self.ordered_recipes or (
+            RecipeOrdered(recipe=self.recipe, file=next(iter(self.files), ""), count=self.ordered),
+        )
+        return ordered[0 if part.identified is None else part.identified.recipe]
 
     @property
     def cell_name(self) -> str:

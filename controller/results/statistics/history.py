@@ -10,6 +10,7 @@ from typing import Any, Final
 from controller.cell.journal import (
     JOURNAL_NAME,
     JournalError,
+    Row,
     first_broken_row,
     read_row,
     read_rows_named,
@@ -24,7 +25,10 @@ from .charts import RunChart, run_chart
 
 AGREEMENT: Final = "arm against station camera"
 ONE_SIDED: Final = frozenset({"position", "straightness", "roundness", AGREEMENT})
-NAMES: Final = tuple(body.row_name for body in (rows.RunBegan, rows.PartMeasured, rows.ViewsPosed))
+NAMES: Final = tuple(
+    body.row_name
+    for body in (rows.RunBegan, rows.PartIdentified, rows.PartMeasured, rows.ViewsPosed)
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +92,12 @@ def series_of(runs_dir: Path, recipe: str) -> tuple[Series, ...]:
     if not path.is_file():
         raise ResultsError(f"no journal at {path}: name the folder of runs with --runs")
     found: dict[str, Series] = {}
-    names: dict[str, str] = {}
+    names: dict[str, str] = {}  # of the first recipe, by run
+    of_part: dict[tuple[str, int | None], str] = {}
+
+    def is_wanted(row: Row) -> bool:
+        return of_part.get((row.run, row.part), names.get(row.run)) == recipe
+
     try:
         broken = first_broken_row(path)
         if broken is not None:
@@ -99,20 +108,23 @@ def series_of(runs_dir: Path, recipe: str) -> tuple[Series, ...]:
         for row in read_rows_named(path, NAMES):
             if row.name == rows.RunBegan.row_name:
                 names[row.run] = str(row.body.get("recipe", {}).get("name", ""))
-            elif row.name == rows.PartMeasured.row_name and names.get(row.run) == recipe:
+            elif row.name == rows.PartIdentified.row_name:
+                of_part[row.run, row.part] = str(row.body.get("name", ""))
+            elif row.name == rows.PartMeasured.row_name and is_wanted(row):
                 said = read_row(row.kind, row.name, row.body)
                 assert isinstance(said, rows.PartMeasured)
                 for c in said.characteristics:
                     _take(found, c, row.run, row.part or 0, datetime.fromisoformat(row.t_utc))
-            elif row.name == rows.ViewsPosed.row_name and names.get(row.run) == recipe:
+            elif row.name == rows.ViewsPosed.row_name and is_wanted(row):
                 posed = read_row(row.kind, row.name, row.body)
                 assert isinstance(posed, rows.ViewsPosed)
                 at = datetime.fromisoformat(row.t_utc)
                 _take(found, _agreement(posed), row.run, row.part or 0, at)
     except (JournalError, sqlite3.Error, ValueError) as error:
         raise ResultsError(f"journal {path}: {error}") from error
-    if recipe not in names.values():
-        known = ", ".join(sorted(set(names.values()))) or "it has none"
+    known_names = {*names.values(), *of_part.values()}
+    if recipe not in known_names:
+        known = ", ".join(sorted(known_names)) or "it has none"
         raise ResultsError(f"no run of the recipe `{recipe}` in {runs_dir}: there are {known}")
     return tuple(found.values())
 

@@ -99,7 +99,7 @@ class InspectAction:
     async def _judge(self) -> None:
         part, record = self.record.part, self.record
         assert part.plan is not None
-        stored = await asyncio.to_thread(self.part_file.write, part)
+        stored = await asyncio.to_thread(self.part_file.write, part, record.product)
         record.note_file(stored.file, stored.digest)
         found = await self.compute.judge(self.part_file.folder / stored.file)
         reasons = (*found.reasons, *found.unproven)

@@ -4,34 +4,29 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controller.cad.compiled import part_name
 from controller.cell.compute import Compute
 from controller.cell.custody import Custody
 from controller.cell.devices.lamps import TABLE_LAMPS, TABLE_PANEL
 from controller.cell.errors import PartFaultError, PartProblemError
-from controller.cell.journal.rows import SightingFields
 from controller.cell.machine import Event, PartFault
-from controller.cell.services.records import BatchRecord, sightings_row
-from controller.cell.services.table import Wanted, candidates, chosen
-from controller.config import Recipe
+from controller.cell.services.records import BatchRecord
+from controller.cell.services.table import Taking
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecogniseAction:
-    """Finds the recipe's part on the table; what else is there is left alone.
+    """Finds a part of the batch on the table; what else is there is left alone.
 
     Attributes
     ----------
     compute : recognises, in the worker process
-    recipe : says which part is wanted
+    taking : decides which of the objects is taken
     record : of the batch; gets what was recognised
-    serials : of the parts, in order; empty where they have none
     """
 
     compute: Compute
-    recipe: Recipe
+    taking: Taking
     record: BatchRecord
-    serials: tuple[str, ...] = ()
 
     async def run(self) -> Event:
         """Recognise what the pictures of the table show; return ``PART_RECOGNISED``.
@@ -45,20 +40,13 @@ class RecogniseAction:
         part = self.record.part
         lit = {lamp: part.pictures[lamp] for lamp in TABLE_LAMPS}
         sightings = await self.compute.recognise(part.pictures[TABLE_PANEL], lit)
-        row = sightings_row(sightings)
-        try:
-            taken = await self._choose(row.sightings)
-        except PartProblemError:
-            self.record.note(row)
-            raise
-        row = row.model_copy(update={"taken": taken})
-        self.record.note(row)
-        part.sighting = s = sightings[taken]
-        _, part.neighbours = row.parted()
-        part.alternatives = s.ambiguous_with
+        if not await self.taking.take(sightings):
+            raise self._nothing_found()
         if part.custody is not Custody.ON_TABLE:
             part.hold = None
             await self.record.set_custody(Custody.ON_TABLE, "found again")
+        s = part.sighting
+        assert s is not None
         beside = f", {len(part.neighbours)} left alone" if part.neighbours else ""
         self.record.show(
             "recognised",
@@ -66,24 +54,6 @@ class RecogniseAction:
             f"{np.degrees(s.theta_rad):.1f} deg{beside}",
         )
         return Event.PART_RECOGNISED
-
-    async def _choose(self, seen: tuple[SightingFields, ...]) -> int:
-        """Return the number of the object that the cell goes on with."""
-        part, serials = self.record.part, self.serials
-        found = candidates(
-            seen,
-            Wanted(
-                name=part_name(self.recipe.part),
-                is_sought_again=part.sighting is not None,
-                neighbours=part.neighbours,
-                serial=serials[part.number - 1] if part.number <= len(serials) else "",
-            ),
-        )
-        if not found:
-            raise self._nothing_found()
-        if len(seen) == 1:
-            return found[0]
-        return chosen(seen, found, await self.compute.pick_counts(seen))
 
     def _nothing_found(self) -> PartProblemError:
         part = self.record.part

@@ -130,6 +130,33 @@ class PartResumed(Body):
     lot: str = ""
 
 
+class PartIdentified(Body):
+    """The part at hand is of one of the run's recipes, and has this number, if it has any.
+
+    `recipe` counts from 0 in the order of the run's recipes, `name` is that recipe's. From here on
+    all rows of the part are of that recipe; a later row of this name replaces this one.
+    """
+
+    kind = "decision"
+    row_name = "part_identified"
+    recipe: int
+    name: str
+    serial: str = ""
+    lot: str = ""
+
+
+class PartLeft(Body):
+    """A part was left on the table although its recipe is wanted: it cannot be taken, and why."""
+
+    kind = "decision"
+    row_name = "part_left"
+    part: str
+    pose_index: int
+    x_mm: float
+    y_mm: float
+    reason: str
+
+
 class AmbiguityResolved(Body):
     """Which hypotheses are left after a view."""
 

@@ -7,8 +7,19 @@ from pydantic import Field
 from ._body import Body, Fields, Json, NamedBody, Text, TextByName
 
 
+class RecipeOrdered(Fields):
+    """One of several recipes of a run: as it was read, from which file, how many parts of it."""
+
+    recipe: Json
+    file: str
+    count: int
+
+
 class RunBegan(Body):
     """The first row of a run: the recipe, the cell and the options.
+
+    `recipes` are all of them, in their order, where there are several; `recipe` is the first, and
+    `count` counts all parts. `part_identified` says which of them a part is of.
 
     `is_dry`: its motions were made without a part, lifted; there is nothing to judge.
     """
@@ -30,6 +41,15 @@ class RunBegan(Body):
     serials: tuple[str, ...] = ()
     part_temperature_c: float | None = None
     is_dry: bool = False
+    recipes: tuple[RecipeOrdered, ...] = ()
+
+    @property
+    def ordered(self) -> tuple[RecipeOrdered, ...]:
+        """All recipes of the run, at least one, with their files."""
+        alone = RecipeOrdered(
+            recipe=self.recipe, file=next(iter(self.files), ""), count=self.count or 1
+        )
+        return self.recipes or (alone,)
 
 
 class Connected(TextByName):

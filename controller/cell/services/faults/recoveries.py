@@ -1,5 +1,6 @@
 """Applies the fault policy to the part at hand, journals what it decides, and learns from it."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from controller.cell.alarms import alarm_of
@@ -60,11 +61,13 @@ class Recoveries:
     Parameters
     ----------
     record : of the batch; keeps what was recovered from, and what the batch learns
-    policy : of the cell and the recipe
+    policy : returns that of the cell and of the recipe of the part at hand
     clock : of the cell
     """
 
-    def __init__(self, record: BatchRecord, policy: FaultPolicy, clock: CellClock) -> None:
+    def __init__(
+        self, record: BatchRecord, policy: Callable[[], FaultPolicy], clock: CellClock
+    ) -> None:
         self._record = record
         self._policy = policy
         self._clock = clock
@@ -80,7 +83,7 @@ class Recoveries:
 
     def _decide(self, fault: PartFault) -> Rung:
         part = self._record.part
-        return decide(self._policy, fault, part.recoveries, is_parked=part.parked is not None)
+        return decide(self._policy(), fault, part.recoveries, is_parked=part.parked is not None)
 
     def book(self, error: PartFaultError) -> RecoveryAction:
         """Return the recovery action for a fault; journal it and count it against its source.

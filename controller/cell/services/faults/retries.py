@@ -28,11 +28,13 @@ class Retries:
     Parameters
     ----------
     record : journals each retry with the error before it
-    policy : of the cell and the recipe
+    policy : returns that of the cell and of the recipe of the part at hand
     clock : of the cell
     """
 
-    def __init__(self, record: BatchRecord, policy: FaultPolicy, clock: CellClock) -> None:
+    def __init__(
+        self, record: BatchRecord, policy: Callable[[], FaultPolicy], clock: CellClock
+    ) -> None:
         self._record = record
         self._policy = policy
         self._clock = clock
@@ -72,7 +74,7 @@ class Retries:
     async def _wait_or_raise(
         self, kind: DeviceClass, name: str, error: DeviceError, tried: int
     ) -> None:
-        rung = next_rung(self._policy.ladders[kind], tried)
+        rung = next_rung(self._policy().ladders[kind], tried)
         if rung.act is not Act.RETRY:
             raise error
         self._record.note(

@@ -1,7 +1,8 @@
 """What is known of the part at hand and of the batch, and the rows of the journal made of it.
 
-`part.py` is the part, `batch.py` all parts with their journal, `progress.py` what the operator sees
-of it, `describe.py` turns results into rows, `holds.py` grasps into rows and back.
+`part.py` is the part, `product.py` the recipe it is of, `batch.py` all parts with their journal,
+`progress.py` what the operator sees of it, `describe.py` turns results into rows, `holds.py` grasps
+into rows and back.
 """
 
 from .batch import BatchRecord
@@ -16,16 +17,20 @@ from .describe import (
 )
 from .holds import grasp_of, matrix
 from .part import PartInGripper, PartRecord, Shown, merged
+from .product import INPUTS, Product, inputs_of
 from .progress import Progress
 
 __all__ = [
+    "INPUTS",
     "BatchRecord",
     "PartInGripper",
     "PartRecord",
+    "Product",
     "Progress",
     "Shown",
     "findings_row",
     "grasp_of",
+    "inputs_of",
     "matrix",
     "measured_row",
     "merged",

@@ -16,6 +16,7 @@ from controller.planning import Grasp
 
 from .holds import arm_hold_row, fixed_hold_row, matrix
 from .part import PartInGripper, PartRecord
+from .product import Product
 from .progress import Progress
 
 UNLIMITED = 1_000_000
@@ -28,8 +29,8 @@ class BatchRecord:
     ----------
     journal : of the run
     progress, on_progress : what the operator sees; called after each change of it
-    budgets : what the batch learns of its grasps and views; None for none that is ever avoided
     trays : what stands in them; None where nobody counts
+    products : of the batch, in the order given; none where no part is worked on
     """
 
     def __init__(
@@ -37,17 +38,18 @@ class BatchRecord:
         journal: Journal,
         progress: Progress,
         on_progress: Callable[[], None],
-        budgets: Budgets | None = None,
         trays: TrayRecord | None = None,
+        products: Sequence[Product] = (),
     ) -> None:
         self.trays = trays or TrayRecord()
-        self.budgets = budgets or Budgets(demote_after=UNLIMITED, window=UNLIMITED)
+        self.products = tuple(products)
+        self._left = [product.count for product in products]
+        self._without_limit = Budgets(demote_after=UNLIMITED, window=UNLIMITED)
         self._journal = journal
         self._progress = progress
         self._on_progress = on_progress
         self._finished: list[PartRecord] = []
         self.part = PartRecord(number=0)
-        self.parts_left = 0
         # what the cell holds for: its code, and the sentence for the operator
         self.problem: tuple[str, str] = ("", "")
 
@@ -67,6 +69,35 @@ class BatchRecord:
         is_begun = self.part.number > 0 and self.part not in self._finished
         return (*self._finished, *([self.part] if is_begun else []))
 
+    @property
+    def product(self) -> Product:
+        """The product that the part at hand is of; the first one until it was recognised.
+
+        Raises
+        ------
+        ValueError : no part is worked on in this run
+        """
+        if self.part.product is not None:
+            return self.part.product
+        if not self.products:
+            raise ValueError("a run without a recipe has no part")
+        return self.products[0]
+
+    @property
+    def wanted(self) -> tuple[Product, ...]:
+        """The products of which parts are left to do."""
+        return tuple(one for one in self.products if self._left[one.number] > 0)
+
+    @property
+    def parts_left(self) -> int:
+        """How many parts are left to do, the one at hand among them."""
+        return sum(max(left, 0) for left in self._left)
+
+    @property
+    def budgets(self) -> Budgets:
+        """What the batch learns of grasps and views; without a product none is ever avoided."""
+        return self.product.budgets if self.products else self._without_limit
+
     def begin_part(self) -> None:
         """Begin the next part if the last one is done; drop a plan made from earlier pictures."""
         part = self.part
@@ -75,9 +106,31 @@ class BatchRecord:
         self.part.plan, self.part.next_step = None, 0
 
     def finish_part(self) -> None:
-        """Count the part at hand among those done."""
+        """Count the part at hand among those done.
+
+        One that was taken out before it was recognised counts only where all are of one product.
+        """
         self._finished.append(self.part)
-        self.parts_left -= 1
+        if self.part.product is not None or len(self.products) == 1:
+            self._left[self.product.number] -= 1
+
+    def identify_part(self, product: Product, serial: str = "", lot: str = "") -> None:
+        """Take it that the part at hand is of a product, and journal it where that is new.
+
+        Parameters
+        ----------
+        product : that it is of
+        serial, lot : of the part; empty where it has none
+        """
+        part = self.part
+        if (part.product, part.serial, part.lot) == (product, serial, lot):
+            return
+        part.product, part.serial, part.lot = product, serial, lot
+        self.note(
+            rows.PartIdentified(
+                recipe=product.number, name=product.recipe.name, serial=serial, lot=lot
+            )
+        )
 
     @property
     def around(self) -> Around:

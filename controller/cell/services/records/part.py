@@ -14,6 +14,8 @@ from controller.cell.machine import Recovery
 from controller.planning import Grasp, Look, Plan, Present
 from controller.recognition import Alternative, Sighting
 
+from .product import Product
+
 
 @dataclass(slots=True, eq=False)
 class PartInGripper:
@@ -70,8 +72,11 @@ class PartRecord:
 
     Attributes
     ----------
+    product : which of the batch it is of; None until it was recognised
+    serial, lot : empty where it has none
     pictures, picture_names : of the last look at the table
     look_count : how often the table was looked at
+    seen : all that was on the table at the last look
     alternatives : what else it may be, by the pictures of the table
     neighbours : what else was on the table at the last look; it stays there
     plan, next_step : the plan being followed, and the number of its next step
@@ -91,10 +96,14 @@ class PartRecord:
     """
 
     number: int
+    product: Product | None = None
+    serial: str = ""
+    lot: str = ""
     custody: Custody = Custody.ON_TABLE
     pictures: dict[str, Grey] = field(default_factory=dict)
     picture_names: dict[str, str] = field(default_factory=dict)
     look_count: int = 0
+    seen: tuple[Sighting, ...] = ()
     sighting: Sighting | None = None
     alternatives: tuple[Alternative, ...] = ()
     neighbours: tuple[SightingFields, ...] = ()

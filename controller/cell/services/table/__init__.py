@@ -1,5 +1,9 @@
-"""The table: which of the objects on it is the part to go on with, and what is left alone."""
+"""The table: which of the objects on it is the part to go on with, and what is left alone.
 
-from .choosing import Wanted, candidates, chosen, where
+`choosing.py` has the rules, `taking.py` applies them to the batch at hand.
+"""
 
-__all__ = ["Wanted", "candidates", "chosen", "where"]
+from .choosing import LeftAlone, Wanted, candidates, chosen, where
+from .taking import Taking
+
+__all__ = ["LeftAlone", "Taking", "Wanted", "candidates", "chosen", "where"]

@@ -4,17 +4,22 @@ A part at hand is never mixed up with another one: sought again after a fault it
 there before, and where several may be it, a person decides.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
 
+from controller.cell.compute import Pickable
 from controller.cell.errors import PartProblemError
 from controller.cell.journal.rows import SightingFields
 
 # What stood beside a part that was taken, or dropped next to it, may have been pushed by so much.
 PUSHED_MM: Final = 15.0
+TURNED_DEG: Final = 8.0  # of a part that nobody touched, by what recognition reads of it
+
+
+FREE_STEP: Final = 0.05  # of an outline: what differs by less is as free
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,25 +28,59 @@ class Wanted:
 
     Attributes
     ----------
-    name : of the recipe's part
+    names : of the parts of which some are left to do; of the part alone that is sought again
     is_sought_again : it was on the table, or in a gripper, before
     neighbours : what else was on the table then
-    serial : that this part is to have; empty for none
+    serials : that the next part of a name is to have, where it is known before the part is taken
+    scanned : serial number read off the part that was laid last; empty for none
+    batch : names of all parts of the batch, also those of which enough are done
     """
 
-    name: str
+    names: tuple[str, ...]
     is_sought_again: bool = False
     neighbours: tuple[SightingFields, ...] = ()
-    serial: str = ""
+    serials: Mapping[str, str] = field(default_factory=dict)
+    scanned: str = ""
+    batch: tuple[str, ...] = ()
+
+    @property
+    def words(self) -> str:
+        """The names, for a message."""
+        return " or ".join(self.names)
 
 
-def candidates(seen: Sequence[SightingFields], wanted: Wanted) -> tuple[int, ...]:
+@dataclass(frozen=True, slots=True)
+class LeftAlone:
+    """A part that cannot be taken as it lies, and what lay beside it then."""
+
+    one: SightingFields
+    beside: tuple[SightingFields, ...]
+    reason: str
+
+    def is_it(self, other: SightingFields) -> bool:
+        """Return whether an object is this part, not moved since."""
+        return (
+            (other.part, other.pose_index) == (self.one.part, self.one.pose_index)
+            and _away_mm(other, self.one) <= PUSHED_MM
+            and abs((other.theta_deg - self.one.theta_deg + 180) % 360 - 180) <= TURNED_DEG
+        )
+
+    def is_freer(self, seen: Sequence[SightingFields]) -> bool:
+        """Return whether something that lay beside it is gone."""
+        return any(all(_away_mm(one, before) > PUSHED_MM for one in seen) for before in self.beside)
+
+
+def candidates(
+    seen: Sequence[SightingFields], wanted: Wanted, left: Sequence[LeftAlone] = ()
+) -> tuple[int, ...]:
     """Return the numbers of the objects that may be the part, none of them if it is not there.
 
     Parameters
     ----------
     seen : all objects on the table
     wanted : what is looked for
+    left : parts that cannot be taken as they lie; tried again where nothing else is left, and
+        something beside them is gone
 
     Raises
     ------
@@ -50,46 +89,109 @@ def candidates(seen: Sequence[SightingFields], wanted: Wanted) -> tuple[int, ...
     """
     new = _without_neighbours(seen, wanted.neighbours) if wanted.is_sought_again else None
     numbers = range(len(seen)) if new is None else new
-    found = tuple(k for k in numbers if _may_be_taken(seen[k], wanted.name))
+    found = tuple(k for k in numbers if _may_be_taken(seen[k], wanted.names))
     if not found:
         if len(numbers) > 0:
-            raise _none_of_them([seen[k] for k in numbers], wanted.name)
+            raise _none_of_them([seen[k] for k in numbers], wanted)
         return ()
-    if len(found) > 1 and wanted.is_sought_again:
+    if wanted.is_sought_again:
+        if len(found) > 1:
+            raise PartProblemError(
+                "many_parts",
+                f"{len(found)} objects on the table may be the {wanted.words} that was lost: "
+                f"{where([seen[k] for k in found])}; take the others away",
+            )
+        return found
+    found = _not_left(seen, found, left)
+    if wanted.scanned:
+        return _alone(seen, found, wanted)
+    return _in_order(seen, found, wanted)
+
+
+def _not_left(
+    seen: Sequence[SightingFields], found: tuple[int, ...], left: Sequence[LeftAlone]
+) -> tuple[int, ...]:
+    """Return the objects that were not left alone before, or else those that are freer now."""
+    known = {k: next((one for one in left if one.is_it(seen[k])), None) for k in found}
+    rest = tuple(k for k in found if known[k] is None)
+    again = rest or tuple(k for k, one in known.items() if one is not None and one.is_freer(seen))
+    if not again:
+        reasons = "; ".join(dict.fromkeys(one.reason for one in known.values() if one is not None))
         raise PartProblemError(
-            "many_parts",
-            f"{len(found)} objects on the table may be the {wanted.name} that was lost: "
-            f"{where([seen[k] for k in found])}; take the others away",
+            "no_plan", f"nothing on the table can be taken as it lies: {where(seen)}: {reasons}"
         )
-    if len(found) > 1 and wanted.serial:
+    return again
+
+
+def _alone(
+    seen: Sequence[SightingFields], found: tuple[int, ...], wanted: Wanted
+) -> tuple[int, ...]:
+    """Return the one part whose number was read; it must be the only one of the batch."""
+    of_batch = [k for k, one in enumerate(seen) if one.part in wanted.batch]
+    if len(of_batch) > 1:
         raise PartProblemError(
             "many_parts",
-            f"{len(found)} parts {wanted.name} on the table: "
-            f"{where([seen[k] for k in found])}; which of them has the serial number "
-            f"{wanted.serial}, no picture shows: lay parts with serial numbers one at a time",
+            f"{len(of_batch)} parts on the table: {where([seen[k] for k in of_batch])}; which of "
+            f"them has the serial number {wanted.scanned}, no picture shows: leave that one alone "
+            "there",
         )
     return found
 
 
-def chosen(seen: Sequence[SightingFields], among: Sequence[int], counts: Sequence[int]) -> int:
-    """Return the number of the object to take: known for sure, free of others, with many grasps.
+def _in_order(
+    seen: Sequence[SightingFields], found: tuple[int, ...], wanted: Wanted
+) -> tuple[int, ...]:
+    """Return the parts that are the only ones of their name, where that name has numbers."""
+    doubtful = [
+        [k for k in found if seen[k].part == name]
+        for name in wanted.names
+        if name in wanted.serials
+    ]
+    several = [group for group in doubtful if len(group) > 1]
+    dropped = {k for group in several for k in group}
+    rest = tuple(k for k in found if k not in dropped)
+    if not rest:
+        (first, *_) = several
+        name = str(seen[first[0]].part)
+        raise PartProblemError(
+            "many_parts",
+            f"{len(first)} parts {name} on the table: "
+            f"{where([seen[k] for k in first])}; which of them has the serial number "
+            f"{wanted.serials[name]}, no picture shows: lay parts with serial numbers one at a "
+            "time",
+        )
+    return rest
+
+
+def chosen(
+    seen: Sequence[SightingFields], among: Sequence[int], pickable: Sequence[Pickable]
+) -> int:
+    """Return the number of the object to take: known for sure, free of others, soonest done.
 
     Parameters
     ----------
     seen : all objects on the table
     among : numbers of those that may be taken, at least one
-    counts : of each object seen, by how many paths it could be taken from among the others
+    pickable : how each object seen could be taken from among the others
 
     Raises
     ------
     PartProblemError : each of them is too near to something
     """
 
-    def worth(k: int) -> tuple[bool, bool, float, int]:
-        one = seen[k]
-        return not one.ambiguous_with, one.touching_count == 0, one.free_share, counts[k]
+    def worth(k: int) -> tuple[bool, bool, int, float, float, int]:
+        one, how = seen[k], pickable[k]
+        freedom = round(one.free_share / FREE_STEP)
+        return (
+            not one.ambiguous_with,
+            one.touching_count == 0,
+            freedom,
+            -how.forecast_s,
+            one.free_share,
+            how.path_count,
+        )
 
-    free = [k for k in among if counts[k] > 0]
+    free = [k for k in among if pickable[k].path_count > 0]
     if not free:
         raise PartProblemError(
             "many_parts",
@@ -109,8 +211,8 @@ def where(seen: Sequence[SightingFields]) -> str:
     )
 
 
-def _may_be_taken(one: SightingFields, name: str) -> bool:
-    return one.part == name and one.T_world_part is not None and not one.is_cut
+def _may_be_taken(one: SightingFields, names: Sequence[str]) -> bool:
+    return one.part in names and one.T_world_part is not None and not one.is_cut
 
 
 def _without_neighbours(
@@ -118,7 +220,7 @@ def _without_neighbours(
 ) -> tuple[int, ...]:
     """Return the numbers of the objects that no neighbour of before accounts for, nearest first."""
     pairs = sorted(
-        (float(np.hypot(one.x_mm - before.x_mm, one.y_mm - before.y_mm)), k, n)
+        (_away_mm(one, before), k, n)
         for k, one in enumerate(seen)
         for n, before in enumerate(neighbours)
         if before.part is None or one.part is None or before.part == one.part
@@ -130,8 +232,13 @@ def _without_neighbours(
     return tuple(k for k in range(len(seen)) if k not in accounted)
 
 
-def _none_of_them(seen: Sequence[SightingFields], name: str) -> PartProblemError:
+def _away_mm(one: SightingFields, other: SightingFields) -> float:
+    return float(np.hypot(one.x_mm - other.x_mm, one.y_mm - other.y_mm))
+
+
+def _none_of_them(seen: Sequence[SightingFields], wanted: Wanted) -> PartProblemError:
     """Return why none of some objects is taken."""
+    name = wanted.words
     if len(seen) > 1:
         return PartProblemError(
             "many_parts",
@@ -150,6 +257,11 @@ def _none_of_them(seen: Sequence[SightingFields], name: str) -> PartProblemError
             "part_cut_off",
             f"{one.part} {at} lies partly outside the backlit area: "
             f"{100 * one.free_share:.0f} % of its outline is seen; move it inwards and start again",
+        )
+    if one.part in wanted.batch:
+        return PartProblemError(
+            "wrong_part",
+            f"{one.part} is {at}, and enough of them are done; lay {name} there, and take it away",
         )
     return PartProblemError(
         "wrong_part",

@@ -8,12 +8,11 @@ grippers that may hide the part, `part_file.py` writes the views of a part to a 
 from .disambiguation import Disambiguation
 from .held_pose import HeldPose
 from .holder import holder_boxes
-from .part_file import INPUTS, PartFile
+from .part_file import PartFile
 from .stored_views import StoredViews
 from .views import Views, plain_name
 
 __all__ = [
-    "INPUTS",
     "Disambiguation",
     "HeldPose",
     "PartFile",

@@ -14,8 +14,8 @@ import numpy as np
 
 from controller.arrays import FloatArray
 from controller.cell.devices.lamps import STATION_PANEL, TABLE_PANEL
-from controller.cell.services.records import PartRecord, Shown
-from controller.config import Cell, Recipe, split_cad
+from controller.cell.services.records import PartRecord, Product, Shown
+from controller.config import Cell, split_cad
 from controller.config.view_set import (
     SCHEMA,
     SetBox,
@@ -32,7 +32,6 @@ from controller.planning.model import CellLayout
 from controller.planning.motion import tcp_pose
 from controller.setup.optics import light_of, table_light
 
-INPUTS: Final = "inputs"  # folder of a run for the files it was started with
 SAME_HOLD: Final = 1e-6  # of a hold and the pose it was learned from: what products of poses round
 
 
@@ -56,32 +55,40 @@ class PartFile:
 
     Attributes
     ----------
-    cell, layout, recipe : of the run
+    cell, layout : of the run
     folder : of the run
     calibration : what of the cell's calibrations no longer counts
     """
 
     cell: Cell
     layout: CellLayout
-    recipe: Recipe
     folder: Path
     calibration: SetCalibration = field(default_factory=SetCalibration)
 
-    def write(self, part: PartRecord) -> WrittenViews:
+    def write(self, part: PartRecord, product: Product) -> WrittenViews:
         """Write the views of a part that were judged; return the file.
+
+        Parameters
+        ----------
+        part : has the views
+        product : that it is of
 
         Raises
         ------
         OSError : the file cannot be written
         """
         judged = _in_common_holds(part.judged, part.results, self.layout)
-        body = self._file(part, judged).model_dump_json(by_alias=True, exclude_none=True, indent=1)
+        body = self._file(part, product, judged).model_dump_json(
+            by_alias=True, exclude_none=True, indent=1
+        )
         data = (body + "\n").encode()
         name = f"part{part.number:03d}.views.json"
         (self.folder / name).write_bytes(data)
         return WrittenViews(name, hashlib.sha256(data).hexdigest())
 
-    def _file(self, part: PartRecord, judged: Sequence[tuple[Shown, int]]) -> ViewSetFile:
+    def _file(
+        self, part: PartRecord, product: Product, judged: Sequence[tuple[Shown, int]]
+    ) -> ViewSetFile:
         masks = [mask for mask in part.planned.values() if len(mask)]
         lights = {
             name: light_of(lamp, self.cell)
@@ -91,12 +98,12 @@ class PartFile:
         by_id = {shown.view: self._view(shown, number, part) for shown, number in judged}
         return ViewSetFile(
             schema=SCHEMA,
-            part=Path(INPUTS) / split_cad(self.recipe.part).name,
-            unit=self.recipe.unit or "mm",
+            part=product.inputs / split_cad(product.recipe.part).name,
+            unit=product.recipe.unit or "mm",
             camera=camera_section(self.layout.inspection),
             lamps={**lights, TABLE_PANEL: table_light(self.cell)},
             views=tuple(by_id.values()),
-            recipe=self.recipe,
+            recipe=product.recipe,
             unseen={} if part.plan is None else {u.face_id: u.reason for u in part.plan.unseen},
             sample_count=len(masks[0]) if masks else None,
             accuracy=self.cell.accuracy,

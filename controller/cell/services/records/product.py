@@ -1,0 +1,54 @@
+"""One product of the batch: its recipe, how many of it, and what its parts are worked on with."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from controller.cad.compiled import part_name
+from controller.cell.compute import Compute
+from controller.cell.machine import Budgets, FaultPolicy
+from controller.config import Recipe
+
+INPUTS: Final = "inputs"  # folder of a run for the files it was started with
+
+
+def inputs_of(number: int) -> Path:
+    """Return the folder in a run's own for the files of one of its recipes.
+
+    Parameters
+    ----------
+    number : of the recipe in its order, from 0
+    """
+    return Path(INPUTS) if number == 0 else Path(INPUTS) / f"{number + 1}"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Product:
+    """One product of the batch.
+
+    Attributes
+    ----------
+    number : in the order, from 0
+    recipe : its tolerances, how it is held, what is done about faults
+    count : parts that were ordered
+    compute : the compute service for parts of this recipe
+    policy : about faults, of the cell and the recipe
+    budgets : what the batch learns of the grasps and views of its parts
+    """
+
+    number: int
+    recipe: Recipe
+    count: int
+    compute: Compute
+    policy: FaultPolicy
+    budgets: Budgets
+
+    @property
+    def part_name(self) -> str:
+        """The part's name, as recognition has it."""
+        return part_name(self.recipe.part)
+
+    @property
+    def inputs(self) -> Path:
+        """Folder in the run's own for the files of its recipe."""
+        return inputs_of(self.number)

@@ -1,0 +1,144 @@
+"""Takes the next part off what a look at the table shows, for all recipes of the batch."""
+
+from dataclasses import dataclass, field
+
+from controller.cell.compute import Pickable
+from controller.cell.custody import Custody
+from controller.cell.errors import PartProblemError
+from controller.cell.journal.rows import PartLeft, SightingFields
+from controller.cell.services.records import BatchRecord, Product, sightings_row
+from controller.recognition import Sighting
+
+from .choosing import LeftAlone, Wanted, candidates, chosen
+
+
+@dataclass(slots=True, eq=False)
+class Taking:
+    """Which part of which recipe the cell goes on with, and which parts it leaves alone.
+
+    Attributes
+    ----------
+    record : of the batch; gets what is taken
+    serials : of the parts, in order; empty where they have none
+    left : parts of the batch that cannot be taken as they lie
+    """
+
+    record: BatchRecord
+    serials: tuple[str, ...] = ()
+    left: list[LeftAlone] = field(default_factory=list)
+
+    async def take(self, sightings: tuple[Sighting, ...]) -> bool:
+        """Go on with the best of some objects; return False if the part at hand is not there.
+
+        What is seen is journaled with what is taken of it.
+
+        Parameters
+        ----------
+        sightings : all that a look at the table shows
+
+        Raises
+        ------
+        PartProblemError : a person has to decide, or nothing can be taken
+        """
+        part, row = self.record.part, sightings_row(sightings)
+        try:
+            number = await self._choose(row.sightings)
+        except PartProblemError:
+            self.record.note(row)
+            raise
+        if number is None:
+            self.record.note(row)
+            return False
+        row = row.model_copy(update={"taken": number})
+        self.record.note(row)
+        part.seen = sightings
+        part.sighting = sightings[number]
+        _, part.neighbours = row.parted()
+        part.alternatives = part.sighting.ambiguous_with
+        product = next(p for p in self.record.products if p.part_name == part.sighting.part)
+        if part.product is not product:
+            self.record.identify_part(product, self._serial())
+        return True
+
+    async def leave(self, reason: str) -> bool:
+        """Leave the part at hand on the table and go on with another; return False if none is.
+
+        Only a part that nothing has touched yet, and that has no serial number read off it.
+
+        Parameters
+        ----------
+        reason : why it cannot be taken
+        """
+        part = self.record.part
+        is_fresh = part.custody is Custody.ON_TABLE and part.hold_count == 0
+        if not is_fresh or part.recoveries or part.interrupted or len(part.seen) < 2:
+            return False
+        assert part.sighting is not None, "a part that was seen"
+        one = next(
+            row
+            for row, seen in zip(sightings_row(part.seen).sightings, part.seen, strict=True)
+            if seen is part.sighting
+        )
+        before = part.sighting, part.neighbours, part.alternatives
+        self.left.append(LeftAlone(one, part.neighbours, reason))
+        part.sighting, part.neighbours = None, ()
+        try:
+            found = await self._choose(sightings_row(part.seen).sightings)
+        except PartProblemError:
+            found = None
+        part.sighting, part.neighbours, part.alternatives = before
+        if found is None:
+            return False
+        self.record.note(
+            PartLeft(
+                part=str(one.part),
+                pose_index=one.pose_index,
+                x_mm=one.x_mm,
+                y_mm=one.y_mm,
+                reason=reason,
+            )
+        )
+        part.sighting, part.neighbours = None, ()
+        return await self.take(part.seen)
+
+    def forget(self) -> None:
+        """Try every part again: a person has been at the table."""
+        self.left.clear()
+
+    async def _choose(self, seen: tuple[SightingFields, ...]) -> int | None:
+        """Return the number of the object that the cell goes on with; None if it is not there."""
+        found = candidates(seen, self._wanted(), self.left)
+        if not found:
+            return None
+        return found[0] if len(seen) == 1 else chosen(seen, found, await self._pickable(seen))
+
+    def _wanted(self) -> Wanted:
+        part, record = self.record.part, self.record
+        is_sought_again = part.sighting is not None
+        products = record.wanted
+        if is_sought_again or part.interrupted:
+            products = (record.product,)
+        serial = self._serial()
+        return Wanted(
+            names=tuple(one.part_name for one in products),
+            is_sought_again=is_sought_again,
+            neighbours=part.neighbours,
+            serials={products[0].part_name: serial} if serial else {},
+            batch=tuple(one.part_name for one in record.products),
+        )
+
+    def _serial(self) -> str:
+        number = self.record.part.number
+        return self.serials[number - 1] if number <= len(self.serials) else ""
+
+    async def _pickable(self, seen: tuple[SightingFields, ...]) -> tuple[Pickable, ...]:
+        """Return how each object could be taken, by the recipe that it is of."""
+        best = [Pickable()] * len(seen)
+        for product in self._asked(seen):
+            found = await product.compute.pickable(seen)
+            best = [max(pair, key=lambda p: p.path_count) for pair in zip(best, found, strict=True)]
+        return tuple(best)
+
+    def _asked(self, seen: tuple[SightingFields, ...]) -> list[Product]:
+        names = {one.part for one in seen}
+        return [one for one in self.record.products if one.part_name in names]
