@@ -13,7 +13,7 @@ from .acting import abort, ack, answer, pause, resume, status, step, stop, watch
 from .calibrating import camera
 from .commissioning import commission, jog, print_target, teach
 from .devices import doctor, emulate
-from .history import backup, history
+from .history import backup, history, review
 from .inspecting import inspect, replay, verify
 from .parts import compile_
 from .planning import check, plan
@@ -88,6 +88,7 @@ for _command, _example in (
     (emulate, "cellctl emulate --part recipes/parts/holder.stl --speed 5"),
     (report, "cellctl report --format json"),
     (history, "cellctl history --recipe holder --verdict fail --since 2026-03-01"),
+    (review, 'cellctl review SN-0042 --verdict accept --why "a reflection"'),
     (backup, "cellctl backup /mnt/backup/cell.tar.gz"),
     (stats, "cellctl stats featuretype --json"),
     (gauge, "cellctl gauge A=part_a/SET.json A=part_a_regrasped/SET.json"),

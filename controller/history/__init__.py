@@ -9,13 +9,15 @@ from .exporting import FORMS, export
 from .figures import GROUPS, Figures, Group, Tally, figures, group_json, tally_json
 from .filling import Filled, fill, folded, journals_in
 from .migrations import SCHEMA_VERSION
-from .queries import Filters, Listed, find_parts, list_parts
+from .queries import REVIEWS_ASKED, SORTS, Filters, Listed, find_parts, list_parts
 from .store import STORE_NAME, VARIABLE, Store, open_store, store_url
 
 __all__ = [
     "FORMS",
     "GROUPS",
+    "REVIEWS_ASKED",
     "SCHEMA_VERSION",
+    "SORTS",
     "STORE_NAME",
     "VARIABLE",
     "Figures",

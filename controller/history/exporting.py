@@ -12,7 +12,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any, Final
 
-from sqlalchemy import Connection, select
+from sqlalchemy import Connection, func, select
 
 from controller.cell.journal import JournalError
 from controller.results import JudgedPart, ResultsError, judged_parts, qif_bytes
@@ -23,19 +23,20 @@ from .errors import HistoryError
 from .filling import folded
 from .queries import Filters
 from .store import Store
-from .tables import CHARACTERISTICS, JOURNALS, MEASUREMENTS, PARTS, RUNS
+from .tables import CHARACTERISTICS, JOURNALS, MEASUREMENTS, PARTS, REVIEWS, RUNS
 
 BATCH_COUNT: Final = 5000  # rows in memory together
 PART_COLUMNS: Final = (
     "run", "number", "recipe", "serial", "lot", "operator", "start", "end", "emulated",
     "part_verdict", "tray", "forecast_s", "done_forecast_s", "done_actual_s", "findings",
-    "recoveries",
+    "recoveries", "review", "review_who", "review_why", "review_at",
 )  # fmt: skip
 VALUE_COLUMNS: Final = (
     "balloon", "id", "label", "kind", "unit", "nominal", "lower", "upper", "source", "measured",
     "U_k2", "verdict", "reason",
 )  # fmt: skip
 COLUMNS: Final = PART_COLUMNS + VALUE_COLUMNS
+AT: Final = COLUMNS.index("review_at")
 
 
 def export(store: Store, filters: Filters, path: Path, runs_dir: Path) -> int:
@@ -63,15 +64,20 @@ def export(store: Store, filters: Filters, path: Path, runs_dir: Path) -> int:
 
 def _rows(db: Connection, filters: Filters) -> Iterator[tuple[Any, ...]]:
     p, c, m = PARTS.c, CHARACTERISTICS.c, MEASUREMENTS.c
+    last, later = REVIEWS.alias("last"), REVIEWS.alias("later")
+    newest = select(func.max(later.c.ordinal)).where(later.c.part_id == p.part_id)
+    is_last = (last.c.part_id == p.part_id) & (last.c.ordinal == newest.scalar_subquery())
+    source = PARTS.join(RUNS).outerjoin(last, is_last)
+    source = source.outerjoin(MEASUREMENTS).outerjoin(CHARACTERISTICS)
     query = (
         select(
             RUNS.c.run_id, p.number, p.recipe, p.serial, p.lot, p.operator, p.start, p.end,
             p.is_emulated, p.verdict, p.tray, p.forecast_s, p.done_forecast_s, p.done_actual_s,
-            p.finding_count, p.recovery_count,
+            p.finding_count, p.recovery_count, p.review, last.c.who, last.c.why, last.c.at,
             c.balloon, c.id, c.label, c.kind, c.unit, c.nominal, c.lower, c.upper, c.source,
             m.measured, m.U, m.verdict, m.reason,
         )
-        .select_from(PARTS.join(RUNS).outerjoin(MEASUREMENTS).outerjoin(CHARACTERISTICS))
+        .select_from(source)
         .where(filters.clause())
         .order_by(p.start, p.part_id, m.ordinal)
         .execution_options(yield_per=BATCH_COUNT)
@@ -89,7 +95,9 @@ def _csv(db: Connection, filters: Filters, path: Path, runs_dir: Path) -> int:
         writer.writerow(COLUMNS)
         for row in _rows(db, filters):
             start, end, emulated = row[6].isoformat() + "Z", row[7].isoformat() + "Z", row[8]
-            shown = (*row[:6], start, end, "yes" if emulated else "no", *row[9:])
+            decided = "" if row[AT] is None else row[AT].isoformat() + "Z"
+            shown = (*row[:6], start, end, "yes" if emulated else "no", *row[9:AT], decided)
+            shown += row[AT + 1 :]
             writer.writerow([csv_cell(value) for value in shown])
             count += 1
         text.detach()
@@ -108,7 +116,7 @@ def _parquet(db: Connection, filters: Filters, path: Path, runs_dir: Path) -> in
     types = {
         **dict.fromkeys(COLUMNS, texts),
         **dict.fromkeys(("number", "findings", "recoveries", "balloon"), pa.int64()),
-        **dict.fromkeys(("start", "end"), times),
+        **dict.fromkeys(("start", "end", "review_at"), times),
         **dict.fromkeys(("forecast_s", "done_forecast_s", "done_actual_s"), pa.float64()),
         **dict.fromkeys(("nominal", "lower", "upper", "measured", "U_k2"), pa.float64()),
         "emulated": pa.bool_(),

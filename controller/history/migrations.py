@@ -7,11 +7,12 @@ What is in the store stays meanwhile: journals that are gone cannot be read agai
 from collections.abc import Callable
 from typing import Final
 
-from sqlalchemy import Connection, update
+from sqlalchemy import Connection, inspect, text, update
+from sqlalchemy.schema import CreateColumn
 
 from controller.cell.journal import GENESIS
 
-from .tables import ALARMS, JOURNALS, RECOVERIES, STEPS, VERSION
+from .tables import ALARMS, FINDINGS, JOURNALS, PARTS, RECOVERIES, REVIEWS, STEPS, VERSION
 
 
 def _with_steps(db: Connection) -> None:
@@ -21,8 +22,21 @@ def _with_steps(db: Connection) -> None:
     db.execute(update(JOURNALS).values(last_seq=0, last_hash=GENESIS))
 
 
+def _with_reviews(db: Connection) -> None:
+    """Add nests and persons' verdicts; parts whose journal is gone have none."""
+    REVIEWS.create(db, checkfirst=True)
+    for column in (PARTS.c.nest, PARTS.c.awaits_review, PARTS.c.review, FINDINGS.c.review):
+        if column.name in {one["name"] for one in inspect(db).get_columns(column.table.name)}:
+            continue
+        words = CreateColumn(column).compile(dialect=db.dialect)
+        db.execute(text(f"ALTER TABLE {column.table.name} ADD COLUMN {words}"))
+    for index in PARTS.indexes:
+        index.create(db, checkfirst=True)
+    db.execute(update(JOURNALS).values(last_seq=0, last_hash=GENESIS))
+
+
 # from each version to the next, from version 1 on
-MIGRATIONS: Final[tuple[Callable[[Connection], None], ...]] = (_with_steps,)
+MIGRATIONS: Final[tuple[Callable[[Connection], None], ...]] = (_with_steps, _with_reviews)
 SCHEMA_VERSION: Final = 1 + len(MIGRATIONS)
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any, Final
 
-from sqlalchemy import ColumnElement, Connection, and_, func, select
+from sqlalchemy import Column, ColumnElement, Connection, and_, func, select
 
 from .errors import HistoryError, NoSuchPartError
 from .store import Store
@@ -17,10 +17,23 @@ from .tables import (
     MEASUREMENTS,
     PARTS,
     RECOVERIES,
+    REVIEWS,
     RUNS,
     STEPS,
 )
 
+REVIEWS_ASKED: Final = ("awaiting", "reviewed", "accept", "reject")
+# by what a list may be sorted; parts that are alike in it stand newest first
+SORTS: Final[Mapping[str, Column[Any]]] = {
+    "start": PARTS.c.start,
+    "serial": PARTS.c.serial,
+    "recipe": PARTS.c.recipe,
+    "lot": PARTS.c.lot,
+    "operator": PARTS.c.operator,
+    "verdict": PARTS.c.verdict,
+    "seconds": PARTS.c.done_actual_s,
+    "findings": PARTS.c.finding_count,
+}
 NAMED_COUNT: Final = 12  # runs that an error names
 _HIDDEN: Final = frozenset({"part_id", "run_no", "ordinal", "read_seq", "characteristic_no", "key"})
 
@@ -32,6 +45,7 @@ class Filters:
     Attributes
     ----------
     since, until : the part's first row is at or after the one, before the other; UTC, no zone
+    review : one of `REVIEWS_ASKED`: those that await a person, that a person decided on, or how
     """
 
     recipe: str = ""
@@ -42,6 +56,7 @@ class Filters:
     run: str = ""
     since: datetime | None = None
     until: datetime | None = None
+    review: str = ""
 
     def clause(self) -> ColumnElement[bool]:
         """Return the condition on `PARTS`; joins `RUNS` where a run is named."""
@@ -54,6 +69,12 @@ class Filters:
             c.operator: self.operator,
         }
         clauses = [column == value for column, value in named.items() if value]
+        if self.review == "awaiting":
+            clauses.append(c.awaits_review)
+        elif self.review == "reviewed":
+            clauses.append(c.review > "")  # which an index answers
+        elif self.review:
+            clauses.append(c.review == self.review)
         if self.run:
             clauses.append(
                 c.run_no.in_(
@@ -75,26 +96,45 @@ class Listed:
     parts: tuple[Mapping[str, Any], ...]
 
 
-def list_parts(store: Store, filters: Filters, limit: int) -> Listed:
-    """Return the newest parts that filters let through.
+def list_parts(
+    store: Store,
+    filters: Filters,
+    limit: int,
+    *,
+    skipped: int = 0,
+    sort: str = "start",
+    is_rising: bool = False,
+) -> Listed:
+    """Return parts that filters let through, the newest unless another order is asked for.
 
     Parameters
     ----------
     store : to read
     filters : which parts
     limit : how many at most
+    skipped : how many of the list come before them
+    sort : one of `SORTS`
+    is_rising : from the least on
 
     Raises
     ------
     HistoryError : the store cannot be read
     """
     clause = filters.clause()
+    by = SORTS[sort]
+    order = by.asc() if is_rising else by.desc()
+    newest = [PARTS.c.start.desc(), PARTS.c.part_id.desc()]
+    if sort == "start":
+        newest = [PARTS.c.part_id.asc() if is_rising else PARTS.c.part_id.desc()]
+    # their keys first, from the index alone where there is one
+    keys = (
+        select(PARTS.c.part_id).where(clause).order_by(order, *newest).limit(limit).offset(skipped)
+    ).subquery()
     query = (
         select(PARTS, RUNS.c.run_id)
         .join(RUNS)
-        .where(clause)
-        .order_by(PARTS.c.start.desc(), PARTS.c.part_id.desc())
-        .limit(limit)
+        .join(keys, keys.c.part_id == PARTS.c.part_id)
+        .order_by(order, *newest)
     )
     with store.reading() as db:
         count = db.execute(select(func.count()).select_from(PARTS).where(clause)).scalar_one()
@@ -195,5 +235,6 @@ def _full(db: Connection, part: Mapping[Any, Any]) -> Mapping[str, Any]:
         ],
         "steps": [part_json(row) for row in of(STEPS)],
         "recoveries": [part_json(row) for row in of(RECOVERIES)],
+        "reviews": [part_json(row) for row in of(REVIEWS)],
         "alarms": [part_json(row) for row in db.execute(alarms).mappings()],
     }

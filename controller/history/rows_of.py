@@ -22,6 +22,7 @@ from .tables import (
     PART_BITS,
     PARTS_MAX,
     RECOVERIES,
+    REVIEWS,
     STEPS,
 )
 
@@ -130,6 +131,9 @@ def _part(record: RunRecord, judged: JudgedPart, recoveries: Iterable[LogEntry])
             "is_emulated": bool(record.emulated_devices),
             # its custody may still be made certain by how the run ends
             "is_open": part.custody is not Custody.PLACED or bool(part.unconfirmed),
+            "nest": part.nest,
+            "awaits_review": part.awaits_review and record.dry is None,
+            "review": part.review.verdict if part.review else "",
         },
     )
     keys = [_characteristic(found, header.part, c) for c in part.characteristics]
@@ -154,6 +158,7 @@ def _part(record: RunRecord, judged: JudgedPart, recoveries: Iterable[LogEntry])
             "area_mm2": f.area_mm2,
             **dict(zip(("x_mm", "y_mm", "z_mm"), (*f.p_part_mm, None, None, None), strict=False)),
             "verdict": f.verdict,
+            "review": part.review.findings.get(f.number, "") if part.review else "",
         }
         for f in part.findings
     ]
@@ -190,6 +195,18 @@ def _part(record: RunRecord, judged: JudgedPart, recoveries: Iterable[LogEntry])
         }
         for i, entry in enumerate(begun, 1)
         if isinstance(entry.row, rows.RecoveryBegun)
+    ]
+    found.of_part[REVIEWS] = [
+        {
+            "ordinal": i,
+            "at": utc(one.at),
+            "verdict": one.verdict,
+            "machine": one.machine,
+            "who": one.who,
+            "why": one.why,
+            "findings": " ".join(f"{number}={word}" for number, word in one.findings.items()),
+        }
+        for i, one in enumerate(part.reviews, 1)
     ]
     return found
 

@@ -19,6 +19,7 @@ from sqlalchemy import (
     String,
     Table,
     Text,
+    false,
 )
 
 METADATA: Final = MetaData()
@@ -99,6 +100,10 @@ PARTS: Final = Table(
     Column("is_emulated", Boolean, nullable=False),
     Column("is_open", Boolean, nullable=False),  # its rows may go on
     Column("read_seq", BigInteger, nullable=False),
+    # since version 3
+    Column("nest", Integer),
+    Column("awaits_review", Boolean, nullable=False, server_default=false()),
+    Column("review", String(10), nullable=False, server_default=""),  # accept, reject, or none
     Index("parts_start", "start", "part_id"),
     Index("parts_recipe", "recipe", "start", "part_id"),
     Index("parts_verdict", "verdict", "start", "part_id"),
@@ -106,6 +111,8 @@ PARTS: Final = Table(
     Index("parts_lot", "lot", "start"),
     Index("parts_operator", "operator", "start"),
     Index("parts_run", "run_no", "number"),
+    Index("parts_awaiting", "awaits_review", "start", "part_id"),
+    Index("parts_review", "review", "start", "part_id"),
 )
 
 
@@ -154,6 +161,7 @@ FINDINGS: Final = _of_part(
     Column("y_mm", Double),
     Column("z_mm", Double),
     Column("verdict", Text, nullable=False),
+    Column("review", String(12), nullable=False, server_default=""),  # since version 3
 )
 FINDING_FACES: Final = _of_part(
     "finding_faces",
@@ -178,6 +186,15 @@ RECOVERIES: Final = _of_part(
     Column("custody", Text, nullable=False),
     Column("alarm", Integer, nullable=False),
 )
+REVIEWS: Final = _of_part(  # since version 3; the last one of a part counts
+    "reviews",
+    Column("at", DateTime, nullable=False),
+    Column("verdict", String(10), nullable=False),
+    Column("machine", Text, nullable=False),
+    Column("who", Text, nullable=False),
+    Column("why", Text, nullable=False),
+    Column("findings", Text, nullable=False),  # as 1=real 2=false_alarm
+)
 ALARMS: Final = Table(
     "alarms",
     METADATA,
@@ -190,4 +207,4 @@ ALARMS: Final = Table(
     Column("device", Text, nullable=False),
     sqlite_with_rowid=False,
 )
-OF_PART: Final = (MEASUREMENTS, FINDINGS, FINDING_FACES, STEPS, RECOVERIES)
+OF_PART: Final = (MEASUREMENTS, FINDINGS, FINDING_FACES, STEPS, RECOVERIES, REVIEWS)

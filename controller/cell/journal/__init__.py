@@ -6,6 +6,7 @@ names the last row known to be on the disk, so that rows cut off the end are not
 `rows` defines what each row says.
 """
 
+from ._beside import append_beside
 from ._care import CellJournal, first_flaw, open_cell_journal
 from ._form import CELL_TIME, GENESIS, JOURNAL_NAME, JournalError, Row, RowKind
 from ._head import Head
@@ -46,6 +47,7 @@ __all__ = [
     "Row",
     "RowKind",
     "Stamps",
+    "append_beside",
     "broken_rows",
     "first_broken_row",
     "first_flaw",

@@ -1,5 +1,5 @@
-"""`cellctl history` and `backup`: all parts that the cell inspected, and keeping what it wrote."""
+"""`cellctl history`, `review` and `backup`: all parts that the cell inspected, and who decides."""
 
-from .commands import backup, history
+from .commands import backup, history, review
 
-__all__ = ["backup", "history"]
+__all__ = ["backup", "history", "review"]

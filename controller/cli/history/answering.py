@@ -28,6 +28,7 @@ class Asked:
     run: str = ""
     since: str | None = None
     until: str | None = None
+    review: str = ""
 
     def filters(self) -> Filters:
         """Return them as the store takes them.
@@ -48,6 +49,7 @@ class Asked:
             run=self.run,
             since=None if self.since is None else instant(self.since, "--since"),
             until=None if self.until is None else instant(self.until, "--until", is_end=True),
+            review=self.review,
         )
 
 

@@ -1,4 +1,4 @@
-"""Arguments and help of `cellctl history` and `backup`."""
+"""Arguments and help of `cellctl history`, `review` and `backup`."""
 
 from pathlib import Path
 from typing import Annotated
@@ -36,6 +36,12 @@ def history(
     until: Annotated[
         str | None, typer.Option(metavar="DATE", help="parts begun at this date or before (UTC)")
     ] = None,
+    awaiting_review: Annotated[
+        bool, typer.Option("--awaiting-review", help="parts that await a person's verdict")
+    ] = False,
+    reviewed: Annotated[
+        bool, typer.Option("--reviewed", help="parts that a person has decided on")
+    ] = False,
     limit: Annotated[
         int, typer.Option(metavar="N", min=1, max=1_000_000, help="how many parts to list")
     ] = 50,
@@ -82,8 +88,88 @@ def history(
         raise typer.BadParameter("--yes goes with --drop-pictures-before")
     from .answering import Asked, answer
 
-    asked = Asked(recipe, verdict, serial, lot, operator, run, since, until)
+    if awaiting_review and reviewed:
+        raise typer.BadParameter("--awaiting-review and --reviewed exclude each other")
+    review = "awaiting" if awaiting_review else "reviewed" if reviewed else ""
+    asked = Asked(recipe, verdict, serial, lot, operator, run, since, until, review)
     raise typer.Exit(answer(part, asked, limit, export, runs, store, anew=refill, as_json=json))
+
+
+def review(
+    part: Annotated[
+        str | None,
+        typer.Argument(metavar="[PART]", help="serial number, or RUN/NUMBER, of the part to show"),
+    ] = None,
+    verdict: Annotated[
+        str | None,
+        typer.Option(metavar="VERDICT", help="your verdict on PART: accept or reject"),
+    ] = None,
+    why: Annotated[str, typer.Option(metavar="TEXT", help="the reason; the journal keeps it")] = "",
+    who: Annotated[
+        str,
+        typer.Option(metavar="NAME", help="your name; the journal keeps it (default: the user)"),
+    ] = "",
+    finding: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--finding",
+            metavar="N=WORD",
+            help="with --verdict: finding N is `real` or a `false_alarm`; once for each",
+        ),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            metavar="FILE",
+            help="page (HTML) with pictures to write (default: in the run's folder)",
+        ),
+    ] = None,
+    open_: Annotated[
+        bool, typer.Option("--open", help="open the page of PART in the browser")
+    ] = False,
+    all_: Annotated[
+        bool, typer.Option("--all", help="list parts that a person has decided on, too")
+    ] = False,
+    recipe: Annotated[str, typer.Option(metavar="NAME", help="parts of this recipe")] = "",
+    serial: Annotated[str, typer.Option(metavar="SERIAL", help="parts of this serial number")] = "",
+    lot: Annotated[str, typer.Option(metavar="LOT", help="parts of this lot")] = "",
+    operator: Annotated[str, typer.Option(metavar="NAME", help="parts of this operator")] = "",
+    run: Annotated[
+        str, typer.Option(metavar="RUN", help="parts of runs whose id begins like this")
+    ] = "",
+    since: Annotated[
+        str | None, typer.Option(metavar="DATE", help="parts begun at this date or later (UTC)")
+    ] = None,
+    until: Annotated[
+        str | None, typer.Option(metavar="DATE", help="parts begun at this date or before (UTC)")
+    ] = None,
+    limit: Annotated[
+        int, typer.Option(metavar="N", min=1, max=1_000_000, help="how many parts to list")
+    ] = 50,
+    store: StoreOption = None,
+    runs: RunsOption = Path("runs"),
+    json: JsonOption = False,
+) -> None:
+    """List the parts that await a person, show one with its findings, or take a verdict on it.
+
+    The verdict becomes a row of the journal, beside the machine's, whether or not the cell runs.
+    A later one stands in its place; nothing is deleted.
+    """
+    from .answering import Asked
+    from .reviewing import Order, review_parts
+
+    asked = Asked(
+        recipe=recipe,
+        serial=serial,
+        lot=lot,
+        operator=operator,
+        run=run,
+        since=since,
+        until=until,
+    )
+    order = Order(part, verdict, why, who, tuple(finding or ()), output, open_, all_)
+    raise typer.Exit(review_parts(order, asked, limit, runs, store, as_json=json))
 
 
 def backup(

@@ -15,7 +15,7 @@ from ..terminal.output import print_line, printable, stdout
 TEXT_COLUMNS = 220
 COLUMNS = (
     "begun (UTC)", "part", "serial", "lot", "recipe", "operator", "verdict", "tray", "s",
-    "forecast", "findings", "recoveries",
+    "forecast", "findings", "recoveries", "review",
 )  # fmt: skip
 
 
@@ -49,7 +49,20 @@ def part_row(part: Mapping[str, Any]) -> tuple[str, ...]:
         num(part["done_forecast_s"]) if is_done else "–",
         str(part["finding_count"]),
         str(part["recovery_count"]),
+        review_word(part),
     )
+
+
+def review_word(part: Mapping[str, Any]) -> str:
+    """Return what a person says of a part, in a word."""
+    return str(part["review"]) or ("awaited" if part["awaits_review"] else "–")
+
+
+def tray_words(part: Mapping[str, Any]) -> str:
+    """Return the tray and nest of a part, or where else it is."""
+    if not part["tray"]:
+        return f"none, {str(part['custody']).replace('_', ' ')}"
+    return f"{part['tray']}, nest {part['nest']}" if part["nest"] else str(part["tray"])
 
 
 def print_record(part: Mapping[str, Any]) -> None:
@@ -63,10 +76,15 @@ def print_record(part: Mapping[str, Any]) -> None:
         "cell": f"{part['cell']}{emulated}",
         "operator": part["operator"],
         "begun": f"{str(part['start'])[:19].replace('T', ' ')} UTC, {span(part['wall_s'])}",
-        "tray": part["tray"] or f"none, {str(part['custody']).replace('_', ' ')}",
+        "tray": tray_words(part),
         "run": f"{part['run']}, {part['outcome']}",
         "reason": part["reason"],
     }
+    for one in part["reviews"]:
+        at = f"{str(one['at'])[:19].replace('T', ' ')} UTC"
+        about[f"review {at[:10]}"] = f"{one['verdict']} by {one['who']}, {at}: {one['why']}"
+    if part["awaits_review"]:
+        about["review"] = "awaits a person (`cellctl review`)"
     for name, value in about.items():
         if value:
             print_line(f"  {name:9} {value}")
@@ -81,6 +99,7 @@ def print_record(part: Mapping[str, Any]) -> None:
         print_line(
             f"  finding {f['number']}: {f['kind']} on {on}, {num(f['size_mm'])} mm at ({at}) mm, "
             f"view {f['view']}, {f['lamp']}{', ' + f['verdict'] if f['verdict'] else ''}"
+            f"{'; a person: ' + f['review'].replace('_', ' ') if f['review'] else ''}"
         )
     if part["steps"]:
         rows = [(s["label"], num(s["actual_s"]), num(s["forecast_s"])) for s in part["steps"]]

@@ -25,19 +25,32 @@ def stats(
         bool,
         typer.Option("--takt", help="what the arm's time went into, and what it waited for"),
     ] = False,
+    review: Annotated[
+        bool,
+        typer.Option(
+            "--review",
+            help="how often persons agree with the machine, and likely false alarms, by kind and "
+            "face",
+        ),
+    ] = False,
     lot: Annotated[
-        str, typer.Option(metavar="LOT", help="with --by or --takt: parts of this lot")
+        str, typer.Option(metavar="LOT", help="with --by, --takt or --review: parts of this lot")
     ] = "",
     operator: Annotated[
-        str, typer.Option(metavar="NAME", help="with --by or --takt: parts of this operator")
+        str,
+        typer.Option(metavar="NAME", help="with --by, --takt or --review: parts of this operator"),
     ] = "",
     since: Annotated[
         str | None,
-        typer.Option(metavar="DATE", help="with --by or --takt: parts begun then or later (UTC)"),
+        typer.Option(
+            metavar="DATE", help="with --by, --takt or --review: parts begun then or later (UTC)"
+        ),
     ] = None,
     until: Annotated[
         str | None,
-        typer.Option(metavar="DATE", help="with --by or --takt: parts begun then or before (UTC)"),
+        typer.Option(
+            metavar="DATE", help="with --by, --takt or --review: parts begun then or before (UTC)"
+        ),
     ] = None,
     store: StoreOption = None,
     report: Annotated[
@@ -52,8 +65,17 @@ def stats(
     Of a recipe, for each characteristic: count, mean, spread, Cp, Cpk, Pp and Ppk with their 95 %
     intervals, and the rules of Nelson that the values break. With --by, or of all recipes: yield,
     time against forecast, findings by kind and face, recoveries and alarms, from the history.
+    With --review: how often persons agree with findings and verdicts, from their reviews.
     With --takt: how long the arm moved, and what it waited for, from the journal.
     """
+    if review:
+        if takt or by or report:
+            raise typer.BadParameter("--review goes without --takt, --by and --report")
+        from .agreeing import report_agreement
+        from .yields import Chosen
+
+        chosen = Chosen(recipe or "", lot, operator, since, until)
+        raise typer.Exit(report_agreement(runs, store, chosen, as_json=json))
     if takt:
         from .takt_table import report_takt
         from .yields import Chosen

@@ -41,6 +41,21 @@ class Chosen:
     since: str | None = None
     until: str | None = None
 
+    def filters(self) -> Filters:
+        """Return them as the store takes them.
+
+        Raises
+        ------
+        ConfigError : a date is none
+        """
+        return Filters(
+            recipe=self.recipe,
+            lot=self.lot,
+            operator=self.operator,
+            since=None if self.since is None else instant(self.since, "--since"),
+            until=None if self.until is None else instant(self.until, "--until", is_end=True),
+        )
+
 
 def report_yields(
     runs_dir: Path, url: str | None, chosen: Chosen, by: str, report: Path | None, *, as_json: bool
@@ -65,13 +80,7 @@ def report_yields(
         raise ConfigError(f"--by {by}: one of {', '.join(GROUPS)}")
     if report is not None:
         raise ConfigError(f"--report {report}: goes with RECIPE, without --by")
-    filters = Filters(
-        recipe=chosen.recipe,
-        lot=chosen.lot,
-        operator=chosen.operator,
-        since=None if chosen.since is None else instant(chosen.since, "--since"),
-        until=None if chosen.until is None else instant(chosen.until, "--until", is_end=True),
-    )
+    filters = chosen.filters()
     with filled_store(runs_dir, url) as store:
         found = figures(store, filters, by)
     if as_json:

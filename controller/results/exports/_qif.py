@@ -387,6 +387,10 @@ def _notes(judged: JudgedPart) -> dict[str, str]:
     if verdict is not None:
         notes["surface compared"] = _number(verdict.compared_fraction)
         notes |= {f"reason {i}": reason for i, reason in enumerate(verdict.reasons, start=1)}
+    for i, one in enumerate(judged.part.reviews, start=1):
+        words = [f"finding {n} {word.replace('_', ' ')}" for n, word in one.findings.items()]
+        said = "; ".join([one.verdict, *words, one.why])
+        notes[f"review {i}"] = f"{said} ({one.who}, {one.at.isoformat()})"
     for f in judged.part.findings:
         at = _vector(f.p_part_mm)
         notes[f"finding {f.number}"] = f"{f.kind}, {f.size_mm:.2f} mm, at {at}, view {f.view_id}"

@@ -11,6 +11,7 @@ COLUMNS: Final = (
     "run", "number", "part", "serial", "lot", "operator", "recipe", "recipe_sha256", "cad_sha256",
     "start", "end", "emulated", "part_verdict", "balloon", "id", "label", "kind", "unit", "nominal",
     "lower", "upper", "source", "measured", "deviation", "U_k2", "verdict", "views", "reason",
+    "review", "review_who", "review_why", "review_at",
 )  # fmt: skip
 # what a spreadsheet takes for a formula when a text begins with it
 FORMULA_STARTS: Final = ("=", "+", "-", "@", "\t", "\r")
@@ -28,10 +29,15 @@ def csv_text(parts: Sequence[JudgedPart]) -> str:
             h.cad_sha256, h.start.isoformat(), h.end.isoformat(),
             "yes" if h.emulated_devices else "no", judged.verdict,
         )  # fmt: skip
+        review = judged.part.review
+        by_person: tuple[str, ...] = ("",) * 4
+        if review is not None:
+            by_person = (review.verdict, review.who, review.why, review.at.isoformat())
         for c in judged.part.characteristics:
             row = (
                 *about, c.balloon, c.id, c.label, c.kind, c.unit, c.nominal, c.lower, c.upper,
                 c.source, c.measured, c.deviation, c.U, c.verdict, " ".join(c.views), c.reason,
+                *by_person,
             )  # fmt: skip
             writer.writerow([csv_cell(value) for value in row])
     return out.getvalue()

@@ -4,7 +4,13 @@
 """
 
 from ._cad import solid_in_run, solid_of
-from ._json import RESULT_SCHEMA, RESULT_SCHEMA_VERSION, characteristic_json, result_json
+from ._json import (
+    RESULT_SCHEMA,
+    RESULT_SCHEMA_VERSION,
+    characteristic_json,
+    result_json,
+    reviews_json,
+)
 from ._model import DECISION_RULE, Header, JudgedPart, shared_characteristics
 from ._sources import judged_part, judged_parts
 
@@ -18,6 +24,7 @@ __all__ = [
     "judged_part",
     "judged_parts",
     "result_json",
+    "reviews_json",
     "shared_characteristics",
     "solid_in_run",
     "solid_of",

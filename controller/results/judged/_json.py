@@ -8,6 +8,7 @@ Lengths are mm, angles degrees, areas mm2, `*_fraction` 0..1, times ISO 8601 UTC
 | `schema`, `schema_version` | ``cellctl.result``, 1 |
 | `header` | `part`, `number`, `serial`, `lot`, `operator`, `recipe`, `cad`, `cell` with their `_sha256`, `calibrated`, `calibration`, `software`, `start`, `end`, `part_temperature_c`, `run`, `emulated_devices` |
 | `verdict`, `reasons` | `pass`, `fail`, `indeterminate`, `not evaluated` or `no verdict` |
+| `reviews[]` | persons' verdicts, oldest first; the last counts: `at`, `verdict` (accept, reject), `who`, `why`, `machine`, `findings` (by number: real, false_alarm) |
 | `decision_rule` | how value and uncertainty become a verdict |
 | `covered_fraction`, `covered_U`, `in_sight_fraction`, `claim` | of all surface; the uncertainty (k = 2) of the first; what was looked for |
 | `found` | by kind of defect what would have been found with 90 % (docs/operating.md) |
@@ -17,10 +18,11 @@ Lengths are mm, angles degrees, areas mm2, `*_fraction` 0..1, times ISO 8601 UTC
 | `views[]` | `view`, `evaluated`, `reason`, `pictures` (files by lamp) |
 """  # noqa: E501 - a table row is one line
 
+from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any, Final
 
-from ..run import CharacteristicReport
+from ..run import CharacteristicReport, ReviewReport
 from ._model import DECISION_RULE, JudgedPart
 
 RESULT_SCHEMA: Final = "cellctl.result"
@@ -56,6 +58,7 @@ def result_json(judged: JudgedPart) -> dict[str, Any]:
         },
         "verdict": judged.verdict,
         "reasons": list(judged.reasons),
+        "reviews": reviews_json(part.reviews),
         "decision_rule": DECISION_RULE,
         "covered_fraction": verdict.compared_fraction if verdict else None,
         "covered_U": verdict.compared_U if verdict else None,
@@ -101,6 +104,21 @@ def result_json(judged: JudgedPart) -> dict[str, Any]:
             for view in part.views
         ],
     }
+
+
+def reviews_json(reviews: Sequence[ReviewReport]) -> list[dict[str, Any]]:
+    """Return persons' verdicts as plain JSON values, oldest first."""
+    return [
+        {
+            "at": one.at.isoformat(),
+            "verdict": one.verdict,
+            "who": one.who,
+            "why": one.why,
+            "machine": one.machine or None,
+            "findings": {str(number): word for number, word in one.findings.items()},
+        }
+        for one in reviews
+    ]
 
 
 def characteristic_json(c: CharacteristicReport) -> dict[str, Any]:

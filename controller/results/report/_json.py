@@ -17,6 +17,7 @@ are cell seconds, `wall_s` is wall seconds. Unknown is null, never a made-up num
 | `verdict` | of the run: the worst of its parts; `no verdict` if one was not judged, `incomplete` if all passed that were begun and not all were |
 | `ordered`, `parts[]` | how many parts were ordered; what became of those begun |
 | `parts[].verdict` | `pass`, `fail`, `indeterminate` or null; with `reasons`, `covered_fraction` (of all surface, compared with the CAD), `covered_U` (its expanded uncertainty, k = 2, or null), `in_sight_fraction` (in sight, compared or not), `claim` (what was looked for on the compared surface), `found` (by kind of defect what would have been found with 90 %, docs/operating.md), `tray`, `nest` (from 1, or null), `custody`, `unconfirmed` (null, or what was begun and never confirmed), `interrupted_run` (null, or the run that the part was taken over from) |
+| `parts[].awaits_review`, `parts[].reviews[]` | whether a person has to decide and none has; persons' verdicts, oldest first, of which the last counts: `at`, `verdict` (accept, reject), `who`, `why`, `machine` (the verdict they had before them), `findings` (by number: real, false_alarm) |
 | `parts[].faces[]` | `face`, `label`, `area_mm2`, `area_fraction` (they add up to 1), `seen_fraction` (compared with the CAD), `by_check` (the same by check), `rest` (not compared, by reason), `verdict`, `views`, `reason` |
 | `parts[].characteristics[]` | as in ``cellctl.result``: `balloon`, `id`, `measured`, `U`, `verdict` and more |
 | `parts[].findings[]` | `number`, `view`, `kind`, `lamp`, `size_mm`, `area_mm2`, `at_px`, `box_px`, `p_part_mm`, `faces`, `verdict` |
@@ -40,7 +41,7 @@ from typing import Any
 
 from controller.cell.alarms import alarm_of
 
-from ..judged import characteristic_json
+from ..judged import characteristic_json, reviews_json
 from ..run import FindingReport, PartReport, RunRecord, ViewReport
 from ..takt import run_takt, takt_json
 from ._words import cautions, headline, why_in_run
@@ -125,6 +126,8 @@ def _part(record: RunRecord, part: PartReport) -> dict[str, Any]:
         "tray": part.tray,
         "nest": part.nest,
         "custody": part.custody.key,
+        "awaits_review": part.awaits_review,
+        "reviews": reviews_json(part.reviews),
         "in_doubt": part.unconfirmed or None,
         "interrupted_run": None if part.resumed is None else part.resumed.run,
         "looks": part.looks,

@@ -4,7 +4,7 @@ from controller.cell.alarms import alarm_of
 from controller.inspection.detection import WORDS
 
 from ..run import PartReport, RunRecord
-from ..wording import count_of
+from ..wording import count_of, utc
 
 END_WORDS = {
     "complete": "complete: all parts worked through",
@@ -45,6 +45,16 @@ def why(part: PartReport, message: str = "") -> str:
     more = len(verdict.reasons) - 1
     also = f" (and {count_of(more, 'more reason')}, below)" if more > 0 else ""
     return f"{reason[:1].upper()}{reason[1:]}{also}."
+
+
+def review_words(part: PartReport) -> str:
+    """Return the person's verdict that counts as a sentence; empty where none is wanted."""
+    review = part.review
+    if review is None:
+        return "awaits a person's verdict" if part.awaits_review else ""
+    named = [f"#{number} {word.replace('_', ' ')}" for number, word in review.findings.items()]
+    findings = f"; findings: {', '.join(named)}" if named else ""
+    return f"{review.verdict} by {review.who}, {utc(review.at)}: {review.why}{findings}"
 
 
 def why_in_run(record: RunRecord, part: PartReport) -> str:

@@ -44,6 +44,8 @@ def fold(run_id: str, folder: Path, found: Sequence[Row], broken: int | None) ->
     ResultsError : a row is not what this version of cellctl writes
     """
     log = tuple(entry_of(row, found[0].t_mono_s) for row in _of_the_run(found))
+    # what was added later, perhaps after a restart of the machine, has other times
+    own = tuple(one for one in log if not isinstance(one.row, rows.PartReviewed)) or log
     began = _last(log, rows.RunBegan) or rows.RunBegan()
     ended = _last(log, rows.RunEnded)
     stood = _last(log, rows.CalibrationsStood)
@@ -64,11 +66,11 @@ def fold(run_id: str, folder: Path, found: Sequence[Row], broken: int | None) ->
         speed_reached=None if ended is None else ended.speed.reached,
         ordered=len(parts) if began.count is None else began.count,
         start=log[0].at,
-        end=log[-1].at,
-        wall_s=log[-1].t_s,
-        outcome=_outcome(log, parts, at_rest, broke_off),
+        end=own[-1].at,
+        wall_s=own[-1].t_s,
+        outcome=_outcome(own, parts, at_rest, broke_off),
         parts=parts,
-        stages=_stages(log),
+        stages=_stages(own),
         log=log,
         first_broken_row=broken if is_touched else None,
         files=began.files,
@@ -160,9 +162,7 @@ def _parts(log: Sequence[LogEntry], *, is_cut_off: bool) -> tuple[PartReport, ..
             continue  # rows from before the first part have number 0
         if entry.flaw:
             raise _unreadable(entry)
-        part = folds.setdefault(entry.part, PartFold(entry.part, start=entry.at))
-        part.take(entry.row)
-        part.end = entry.at
+        folds.setdefault(entry.part, PartFold(entry.part)).take(entry.row, entry.at)
     return tuple(folds[number].report(is_cut_off=is_cut_off) for number in sorted(folds))
 
 

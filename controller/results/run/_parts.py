@@ -16,6 +16,7 @@ from .model import (
     LookReport,
     PartReport,
     PlanReport,
+    ReviewReport,
     SightingReport,
     StepReport,
     UnseenReport,
@@ -59,11 +60,23 @@ class PartFold:
     resumed: rows.PartResumed | None = None
     identified: rows.PartIdentified | None = None
     left: list[rows.PartLeft] = field(default_factory=list)
+    reviews: list[ReviewReport] = field(default_factory=list)
     # Intents since the last change of custody, and whether an outcome followed.
     pending: dict[str, bool] = field(default_factory=dict)
 
-    def take(self, row: Body | None) -> None:
-        """Take one row; rows of other kinds are skipped."""
+    def take(self, row: Body | None, at: datetime | None = None) -> None:
+        """Take one row; rows of other kinds are skipped.
+
+        Parameters
+        ----------
+        row : what it says
+        at : when it was written; None where that is no matter
+        """
+        if at is not None:
+            if isinstance(row, rows.PartReviewed):
+                self.reviews.append(_review(row, at))
+                return
+            self.start, self.end = self.start or at, at
         match row:
             case rows.PartResumed():
                 self.resumed = row
@@ -147,6 +160,7 @@ class PartFold:
             end=self.end,
             identified=self.identified,
             left=tuple(self.left),
+            reviews=tuple(self.reviews),
         )
 
     def _all_steps(self) -> tuple[StepReport, ...]:
@@ -165,6 +179,11 @@ def _unconfirmed(name: str, custody: Custody) -> str:
         f"{doing} was begun, and the journal does not say what came of it; the last certain entry "
         f"is “{custody.value}”. Look before anything moves."
     )
+
+
+def _review(row: rows.PartReviewed, at: datetime) -> ReviewReport:
+    words = {one.number: one.word for one in row.findings}
+    return ReviewReport(at, row.verdict, row.who, row.why, row.machine, words)
 
 
 def _sighting(s: rows.SightingFields, *, is_taken: bool) -> SightingReport:

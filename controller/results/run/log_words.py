@@ -56,6 +56,8 @@ def row_words(entry: LogEntry) -> str:
             return f"{row.part} at x {row.x_mm:.0f}, y {row.y_mm:.0f} mm is left: {row.reason}"
         case rows.PartJudged() as row:
             return f"verdict: {row.verdict}"
+        case rows.PartReviewed() as row:
+            return f"reviewed by {row.who}: {row.verdict}, {row.why}"
         case rows.RunBegan():
             return "run began"
         case rows.AtRest() as row:

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
 from controller.cell.custody import Custody
 from controller.cell.journal import Body
@@ -22,6 +22,7 @@ from controller.cell.journal.rows import (
 End = Literal["complete", "held", "stopped", "aborted", "refused", "broke_off", "cut_off"]
 Box = tuple[int, int, int, int]
 Points = tuple[tuple[float, float], ...]
+REVIEW_TRAY: Final = "quarantine"  # what is in it awaits a person
 
 
 class ResultsError(Exception):
@@ -330,6 +331,25 @@ class VerdictReport:
 
 
 @dataclass(frozen=True, slots=True)
+class ReviewReport:
+    """A person's verdict on a part.
+
+    Attributes
+    ----------
+    verdict : ``accept`` or ``reject``
+    machine : the machine's verdict that the person had before them
+    findings : by number of a finding, ``real`` or ``false_alarm``; only those that were named
+    """
+
+    at: datetime
+    verdict: str
+    who: str
+    why: str
+    machine: str
+    findings: Mapping[int, str]
+
+
+@dataclass(frozen=True, slots=True)
 class PartReport:
     """What became of one part.
 
@@ -348,6 +368,7 @@ class PartReport:
     start, end : times of its first and its last row
     identified : which of the run's recipes it is of, and its number; None where nothing says so
     left : parts that could not be taken as they lay, before this one was
+    reviews : persons' verdicts, oldest first; the last one counts, as a whole
     """
 
     number: int
@@ -370,6 +391,18 @@ class PartReport:
     end: datetime | None = None
     identified: PartIdentified | None = None
     left: tuple[PartLeft, ...] = ()
+    reviews: tuple[ReviewReport, ...] = ()
+
+    @property
+    def review(self) -> ReviewReport | None:
+        """The person's verdict that counts."""
+        return self.reviews[-1] if self.reviews else None
+
+    @property
+    def awaits_review(self) -> bool:
+        """Whether a person has to decide, and none has yet."""
+        is_open = self.verdict is not None and self.verdict.verdict == "indeterminate"
+        return not self.reviews and (is_open or self.tray == REVIEW_TRAY)
 
     @property
     def findings(self) -> tuple[FindingReport, ...]:

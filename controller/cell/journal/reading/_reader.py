@@ -5,10 +5,14 @@ import sqlite3
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from .._form import EARLIER_KINDS, GENESIS, JournalError, Row, RowKind, digest_of, kind_of
 from .._writer import require_known_version
+from ..rows import ADDED, Acknowledged
+
+# of rows that are written about a run, and not by it
+ADDED_NAMES: Final = (*(body.row_name for body in ADDED), Acknowledged.row_name)
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +91,9 @@ def read_rows_after(path: Path, seq: int, run: str) -> Iterator[Row]:
 
 
 def newest_run(path: Path) -> str | None:
-    """Return the run that wrote the last row; None where there is no row yet.
+    """Return the run that was the last to write of itself; None where there is no row yet.
+
+    Rows that people and reports add to a run once it has ended do not make it the newest.
 
     Raises
     ------
@@ -95,7 +101,11 @@ def newest_run(path: Path) -> str | None:
     """
     db = open_to_read(path)
     try:
-        found = db.execute("SELECT run FROM journal ORDER BY seq DESC LIMIT 1").fetchone()
+        found = db.execute(
+            f"SELECT run FROM journal WHERE name NOT IN ({_marks(ADDED_NAMES)}) "  # nosec B608
+            "ORDER BY seq DESC LIMIT 1",
+            ADDED_NAMES,
+        ).fetchone()
     except sqlite3.Error as error:
         raise JournalError(f"journal {path}: {error}; it is damaged or not a journal") from error
     finally:

@@ -32,6 +32,7 @@ from ._decisions import (
     DetectionFields,
     DeviceRetried,
     FaceJudged,
+    FindingReviewed,
     FirstMotion,
     GraspAvoided,
     PartIdentified,
@@ -39,6 +40,7 @@ from ._decisions import (
     PartJudged,
     PartLeft,
     PartResumed,
+    PartReviewed,
     PicturesDropped,
     PlanKept,
     PlanMade,
@@ -92,7 +94,7 @@ from ._events import (
     RunEnded,
     SpeedReached,
 )
-from ._models import GROUPS, ROWS, is_of, is_once, name_of, read_row
+from ._models import ADDED, GROUPS, ROWS, is_of, is_once, name_of, read_row
 from ._observations import (
     CalibrationFields,
     CalibrationsStood,
@@ -122,6 +124,7 @@ from ._observations import (
 )
 
 __all__ = [
+    "ADDED",
     "GROUPS",
     "ROWS",
     "Acknowledged",
@@ -147,6 +150,7 @@ __all__ = [
     "Fields",
     "FilesStored",
     "FindingFields",
+    "FindingReviewed",
     "FirstMotion",
     "GraspAvoided",
     "GraspFields",
@@ -181,6 +185,7 @@ __all__ = [
     "PartLeft",
     "PartMeasured",
     "PartResumed",
+    "PartReviewed",
     "PartStored",
     "PathBegun",
     "PathEnded",

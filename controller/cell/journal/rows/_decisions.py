@@ -1,6 +1,7 @@
 """What is decided: plans, recoveries, verdicts, answers, refusals."""
 
 from collections.abc import Mapping
+from typing import Literal
 
 from pydantic import Field
 
@@ -244,6 +245,28 @@ class StartRefused(Body):
     row_name = "start_refused"
     message: str
     part_removed: bool
+
+
+class FindingReviewed(Fields):
+    """What a person says of a finding: `real` or `false_alarm`; `number` is the report's."""
+
+    number: int
+    word: Literal["real", "false_alarm"]
+
+
+class PartReviewed(Body):
+    """A person's verdict on a part, beside the machine's; the last one counts, as a whole.
+
+    `machine` is the machine's verdict that the person had before them.
+    """
+
+    kind = "decision"
+    row_name = "part_reviewed"
+    verdict: Literal["accept", "reject"]
+    who: str
+    why: str
+    machine: str = ""
+    findings: tuple[FindingReviewed, ...] = ()
 
 
 class PicturesDropped(Body):

@@ -6,8 +6,10 @@ from typing import Final
 from .._form import Row
 from . import _decisions, _deeds, _events, _observations
 from ._body import Body, EffectClass, Json, NamedBody
+from ._decisions import PartReviewed, PicturesDropped
 from ._deeds import CustodyChanged, Intent, OnceDone
 from ._events import CellEvent
+from ._observations import FilesStored
 
 # Every model that has a name of its own; a base or a group has none.
 ROWS: Final[Mapping[tuple[str, str], type[Body]]] = {
@@ -23,6 +25,8 @@ GROUPS: Final[Mapping[str, type[NamedBody]]] = {
     "outcome": OnceDone,
     "custody": CustodyChanged,
 }
+# What people and reports add to a run that has ended; none of it says what the cell did.
+ADDED: Final[tuple[type[Body], ...]] = (FilesStored, PicturesDropped, PartReviewed)
 
 
 def read_row(kind: str, name: str, body: Json) -> Body | None:

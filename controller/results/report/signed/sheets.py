@@ -9,6 +9,7 @@ from controller.cad import Solid
 from ...judged import DECISION_RULE, JudgedPart
 from ...run import CharacteristicReport, LookReport, VerdictReport, ViewReport
 from ...wording import utc
+from .._words import review_words
 from ..pictures import Pictures, Shot, bounds, window_round
 from .balloons import BalloonDrawing, balloon_drawing
 from .covering import CoverageSide, coverage_sides
@@ -162,7 +163,8 @@ def _facts(judged: JudgedPart) -> tuple[tuple[str, str], ...]:
         ("Tray", judged.part.tray or "none"),
         ("Surface compared", compared_words(verdict) if verdict else "–"),
     ]
-    return tuple(facts)
+    review = review_words(judged.part)
+    return (*facts, ("Reviewed", review)) if review else tuple(facts)
 
 
 def _hashed(name: str, sha256: str) -> str:

@@ -1,0 +1,68 @@
+"""Append a row from beside the cell: a run may be writing, and must not be made to wait.
+
+A secured row holds the journal's lock until it is on the disk. That is right for the run, whose
+bytes wait for it, and wrong for a person at a desk. Here the lock is held for the row alone, and
+the file is put on the disk after it was given back.
+"""
+
+import os
+from pathlib import Path
+from typing import Final
+
+from ._form import JournalError
+from ._head import HeadError, HeadFile, read_head
+from ._writer import Journal
+from .reading import row_at
+from .rows import Body
+
+LOG_SUFFIX: Final = "-wal"
+
+
+def append_beside(path: Path, run: str, row: Body, part: int | None = None) -> int:
+    """Append a row and return its number once it is on the disk.
+
+    Parameters
+    ----------
+    path : of the journal, which exists
+    run : that the row is about
+    row : what it says
+    part : number of the part it is about
+
+    Raises
+    ------
+    JournalError : there is no journal, or it cannot be written
+    """
+    if not path.is_file():
+        raise JournalError(f"no journal at {path}")
+    journal = Journal(path, run)
+    try:
+        seq = journal.write(row, part)
+        # while the file is open: whoever closes it last takes the log away
+        _put_on_disk(path.with_name(path.name + LOG_SUFFIX), path, path.parent)
+        _raise_head(path, seq)
+    except (OSError, HeadError) as error:
+        raise JournalError(f"journal {path}: {error}") from error
+    finally:
+        journal.leave()
+    return seq
+
+
+def _put_on_disk(*files: Path) -> None:
+    for file in files:
+        fd = os.open(file, os.O_RDONLY | os.O_CLOEXEC)
+        try:
+            os.fsync(fd)
+        finally:
+            os.close(fd)
+
+
+def _raise_head(path: Path, seq: int) -> None:
+    """Have the head name a row that is on the disk, unless it names a later one."""
+    ours, there = row_at(path, seq), read_head(path)
+    if ours is None or (there is not None and there.seq >= seq):
+        return
+    head = HeadFile(path)
+    try:
+        head.write(ours)
+    finally:
+        head.close()

@@ -1,0 +1,215 @@
+"""`cellctl review`: list what awaits a person, show a part, write a person's verdict."""
+
+import getpass
+import webbrowser
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from controller.cell.journal import JOURNAL_NAME, JournalError
+from controller.config import ConfigError
+from controller.history import Store, folded, list_parts
+from controller.history.reviewing import VERDICTS, WORDS, Decision, decide, one_part
+from controller.results import ResultsError, judged_parts
+from controller.results.review import PartCrops, write_review_page
+
+from ..inputs.checks import check_writable_folder
+from ..inputs.history_store import filled_store
+from ..terminal.output import emit, print_line, warn
+from .answering import Asked
+from .tables import print_columns, print_record, review_word, tray_words
+
+COLUMNS = (
+    "begun (UTC)",
+    "part",
+    "serial",
+    "recipe",
+    "verdict",
+    "tray",
+    "findings",
+    "why",
+    "review",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Order:
+    """What is wanted, as words of the command line.
+
+    Attributes
+    ----------
+    part : serial number or RUN/NUMBER; None for a list
+    verdict : None to show the part
+    findings : each as ``N=WORD``
+    output : page to write; None for one in the run's folder
+    is_opened : open it in a browser
+    is_all : list parts that a person has decided on, too
+    """
+
+    part: str | None
+    verdict: str | None
+    why: str
+    who: str
+    findings: tuple[str, ...]
+    output: Path | None
+    is_opened: bool
+    is_all: bool
+
+
+def review_parts(
+    order: Order, asked: Asked, limit: int, runs_dir: Path, url: str | None, *, as_json: bool
+) -> int:
+    """List parts, show one, or write a verdict; return the exit code.
+
+    Parameters
+    ----------
+    order : what is wanted
+    asked : which parts to list
+    limit : how many at most
+    runs_dir : folder of all runs
+    url : of the store; None for the folder's own
+    as_json : print JSON lines instead of tables
+
+    Raises
+    ------
+    ConfigError : the options do not go together, or one is wrong
+    HistoryError : there is no such part, or no verdict can be written
+    """
+    _check(order, asked)
+    with filled_store(runs_dir, url) as store:
+        if order.part is None:
+            _list(store, order, asked, limit, as_json=as_json)
+        elif order.verdict is None:
+            _show(store, order, order.part, runs_dir, as_json=as_json)
+        else:
+            _decide(store, order, order.part, order.verdict, runs_dir, as_json=as_json)
+    return 0
+
+
+def _check(order: Order, asked: Asked) -> None:
+    """Raise ConfigError where options do not go together."""
+    if order.part is None and (order.verdict or order.output or order.is_opened):
+        raise ConfigError("--verdict, --output and --open need PART: a serial number or RUN/NUMBER")
+    if order.part is not None and (order.is_all or asked != Asked()):
+        raise ConfigError(f"PART {order.part}: goes without filters, as it names the part")
+    if order.verdict is None and (order.why or order.who or order.findings):
+        raise ConfigError("--why, --who and --finding go with --verdict")
+    if order.verdict is not None:
+        if order.output or order.is_opened:
+            raise ConfigError("--output and --open go without --verdict")
+        if order.verdict not in VERDICTS:
+            raise ConfigError(f"--verdict {order.verdict}: one of {', '.join(VERDICTS)}")
+        if not order.why.strip():
+            raise ConfigError("--verdict needs --why: the journal keeps the reason")
+    if order.output is not None:
+        if order.output.is_dir():
+            raise ConfigError(f"--output {order.output}: is a directory; name a file in it")
+        check_writable_folder(order.output.parent, "--output in")
+
+
+def _list(store: Store, order: Order, asked: Asked, limit: int, *, as_json: bool) -> None:
+    awaiting = list_parts(store, replace(asked, review="awaiting").filters(), limit)
+    decided = None
+    if order.is_all:
+        decided = list_parts(store, replace(asked, review="reviewed").filters(), limit)
+    parts = [*awaiting.parts, *(decided.parts if decided else ())]
+    if as_json:
+        for one in parts:
+            emit({"event": "part", **one})
+        emit({"event": "listed", "awaiting": awaiting.count, "listed": len(parts)})
+        return
+    if parts:
+        print_columns(COLUMNS, map(_row, parts))
+    if not awaiting.count:
+        print_line("no part awaits a person")
+    elif len(awaiting.parts) < awaiting.count:
+        print_line(
+            f"{len(awaiting.parts):,} of {awaiting.count:,} that wait, newest first (--limit)"
+        )
+
+
+def _row(part: Mapping[str, Any]) -> tuple[str, ...]:
+    return (
+        str(part["start"])[:19].replace("T", " "),
+        str(part["part"]),
+        str(part["serial"]),
+        str(part["recipe"]),
+        str(part["verdict"]),
+        tray_words(part),
+        str(part["finding_count"]),
+        str(part["reason"]),
+        review_word(part),
+    )
+
+
+def _show(store: Store, order: Order, word: str, runs_dir: Path, *, as_json: bool) -> None:
+    part = one_part(store, word)
+    crops = _crops(part, runs_dir)
+    page = None
+    if crops is not None:
+        name = f"review_part{int(part['number']):03d}.html"
+        page = write_review_page(crops, part, order.output or runs_dir / str(part["run"]) / name)
+    pictures = {int(one["number"]): _picture(crops, int(one["number"])) for one in part["findings"]}
+    if as_json:
+        findings = [{**one, "picture": pictures[int(one["number"])]} for one in part["findings"]]
+        emit({"event": "part", **part, "findings": findings, "page": str(page) if page else None})
+    else:
+        print_record(part)
+        for number, file in pictures.items():
+            if file:
+                print_line(f"  picture of finding {number}: {file}")
+        if page is not None:
+            print_line(f"page with picture, prediction and difference: {page}")
+        if part["awaits_review"]:
+            print_line(f'decide: cellctl review {part["part"]} --verdict accept|reject --why "..."')
+    if order.is_opened and page is not None and not webbrowser.open(page.resolve().as_uri()):
+        warn(f"no browser was found; open {page} by hand")
+
+
+def _crops(part: Mapping[str, Any], runs_dir: Path) -> PartCrops | None:
+    """Return the crops of a part's findings; None, with a warning, where there are none."""
+    run, number = str(part["run"]), int(part["number"])
+    try:
+        record = folded(runs_dir / JOURNAL_NAME, run, [number])
+    except (JournalError, ResultsError) as error:
+        warn(f"no page: {error}")
+        return None
+    judged = next((one for one in judged_parts(record) if one.part.number == number), None)
+    return None if judged is None else PartCrops(record, judged)
+
+
+def _picture(crops: PartCrops | None, number: int) -> str | None:
+    found = None if crops is None else crops.of(number)
+    if crops is None or found is None or not found.file:
+        return None
+    return str(crops.judged.folder / found.file)
+
+
+def _decide(
+    store: Store, order: Order, word: str, verdict: str, runs_dir: Path, *, as_json: bool
+) -> None:
+    user = getpass.getuser()
+    who = f"{order.who} ({user})" if order.who else user
+    decision = Decision(verdict, who, order.why, dict(map(_named, order.findings)))
+    part = decide(store, runs_dir, word, decision)
+    if as_json:
+        emit({"event": "reviewed", **part})
+        return
+    before = len(part["reviews"]) - 1
+    again = f", in place of {before} before" if before else ""
+    print_line(f"{part['part']}: {verdict} by {who}{again}; the machine: {part['verdict']}")
+    unnamed = [str(f["number"]) for f in part["findings"] if not f["review"]]
+    if unnamed:
+        print_line(
+            f"finding {', '.join(unnamed)}: not named. `--finding {unnamed[0]}=real` or "
+            "`=false_alarm` tells how often the machine is right (`cellctl stats --review`)"
+        )
+
+
+def _named(text: str) -> tuple[int, str]:
+    number, _, word = text.partition("=")
+    word = word.strip().replace("-", "_")
+    if not number.strip().isdecimal() or word not in WORDS:
+        raise ConfigError(f"--finding {text}: write N=real or N=false_alarm")
+    return int(number), word
