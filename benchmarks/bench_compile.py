@@ -207,7 +207,7 @@ def growth_child(family: str, path: Path) -> dict[str, Any]:
     alike = timed("alike", lambda: look_alikes(solid, poses, drawn))
     samples = timed("samples", lambda: counted_samples(solid, 1.0))
     features = timed("features", lambda: find_features(solid))
-    part = CompiledPart(solid, resting, symmetry, drawn, alike, samples, features, (), ())
+    part = CompiledPart(solid, resting, symmetry, drawn, alike, samples, 3.0, features, (), ())
     with tempfile.TemporaryDirectory() as folder:
         timed("keep", lambda: part_cache().save(Path(folder) / "part.npz", part))
     return {

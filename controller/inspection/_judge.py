@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller.arrays import BoolArray, FloatArray
-from controller.cad import Solid, SurfaceSamples, uncertainty_of
+from controller.cad import Solid, SurfaceSamples, count_caution, uncertainty_of
 
 from ._apart import SAME_PIXELS_PX, is_turned
 from ._types import (
@@ -200,6 +200,9 @@ def judge(
                 "verified by their edges, not by their surface"
             )
     reasons += failures
+    counted = count_caution(samples, limits.smallest_defect_mm)
+    if counted:
+        reasons.append(counted.removesuffix("."))
     if not_inspected:
         left = sum(f.area_mm2 for f in faces if f.face_id in not_inspected)
         share = left / sum(f.area_mm2 for f in faces)

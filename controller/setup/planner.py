@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
+from controller.cad import counted_defect_mm
 from controller.cad.compiled import CompiledPart
 from controller.config import Cell, Recipe
 from controller.config.recipe import GraspSection, InspectionSection
@@ -39,6 +40,8 @@ class PlannerSetup:
     layout : the cell, with the force that its grippers press with
     options : what plans aim at
     density_g_cm3, density_from : of the part, and where the figure comes from
+    counted_defect_mm : from which size on spots and defects show in a count of coverage; more than
+        the smallest defect on a part too large for points as near as that
     has_recipe : the figures are from a recipe; otherwise they are the defaults of a recipe
     """
 
@@ -48,6 +51,7 @@ class PlannerSetup:
     density_from: DensityFrom
     mass_g: float
     smallest_defect_mm: float
+    counted_defect_mm: float
     force_n: float
     has_recipe: bool
 
@@ -60,6 +64,7 @@ class PlannerSetup:
             "mass_g": self.mass_g,
             "max_incidence_deg": self.options.max_incidence_deg,
             "smallest_defect_mm": self.smallest_defect_mm,
+            "counted_defect_mm": self.counted_defect_mm,
             "least_gain": self.options.least_gain,
             "force_n": self.force_n,
             "arm_gripper_n": self.layout.arm_gripper.force_n,
@@ -85,6 +90,9 @@ class PlannerSetup:
         fixed_gripper, gain = self.layout.fixed_gripper, self.options.least_gain
         fixed = "" if fixed_gripper is None else f", {fixed_gripper.force_n:g} N (fixed gripper)"
         least = f"; each view adds {gain:.2%} of the surface or more" if gain else ""
+        counted = ""
+        if self.counted_defect_mm > self.smallest_defect_mm * (1 + 1e-9):
+            counted = f", coverage counted for {self.counted_defect_mm:.2g} mm and more"
         pads = self.layout.arm_gripper.pads
         friction = "" if pads is None else f"; friction {pads.friction:g}"
         if pads and fixed_gripper and fixed_gripper.pads and fixed_gripper.pads != pads:
@@ -92,8 +100,8 @@ class PlannerSetup:
         words = (
             f"{density}, {self.mass_g:.0f} g; incidence up to "
             f"{self.options.max_incidence_deg:g} deg; smallest defect {self.smallest_defect_mm:g} "
-            f"mm{least}; grasp force {self.layout.arm_gripper.force_n:g} N (arm gripper){fixed}"
-            f"{friction}; "
+            f"mm{counted}{least}; grasp force {self.layout.arm_gripper.force_n:g} N (arm gripper)"
+            f"{fixed}{friction}; "
             f"opening tolerance {self.options.opening_tolerance_mm:g} mm"
         )
         return f"planned with {words}" if self.has_recipe else f"planned without a recipe: {words}"
@@ -149,6 +157,7 @@ def planner_setup(
         density_from=source,
         mass_g=part.solid.volume_mm3 / 1000 * density,
         smallest_defect_mm=wanted.smallest_defect_mm,
+        counted_defect_mm=counted_defect_mm(part.samples, wanted.smallest_defect_mm),
         force_n=grasp.force_n,
         has_recipe=recipe is not None,
     )

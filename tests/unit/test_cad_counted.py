@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
+from functools import reduce
+from operator import sub
+
 import numpy as np
 import pytest
 import trimesh
 from cad_solids import box, rod, solid_of
+from scipy.spatial import cKDTree
 
 from controller.cad import (
     Solid,
     SurfaceSamples,
+    count_caution,
+    counted_defect_mm,
     counted_samples,
     face_shares,
     sample_surface,
     share_of,
     uncertainty_of,
 )
+from controller.cad.surfaces import _counted
 
 SPACING_MM = 1.0
 
@@ -40,7 +47,7 @@ def farthest_mm(solid: Solid, samples: SurfaceSamples, face: int) -> float:
     piece = solid.mesh.submesh([rows], append=True, repair=False)
     points, _ = trimesh.sample.sample_surface(piece, 1500, seed=3)
     mine = samples.points_mm[samples.face_ids == face]
-    return float(np.linalg.norm(points[:, None] - mine, axis=2).min(axis=1).max())
+    return float(cKDTree(mine).query(points)[0].max())
 
 
 def test_no_spot_of_a_face_is_farther_from_a_sample_than_the_spacing(
@@ -111,3 +118,46 @@ def test_the_whole_is_certain_but_for_spots_too_small_to_hold_a_sample(
     assert 0.0 < uncertainty_of(samples, every) <= 3.0 * largest
     half = samples.points_mm[:, 0] > 0.0
     assert uncertainty_of(samples, half) > uncertainty_of(samples, every)
+
+
+@pytest.fixture(scope="module")
+def piped() -> Solid:
+    """A block with twelve bores of 2 mm along all of its 300 mm."""
+    pipe = rod(1.0, 400, 24).rotate((0, 90, 0))
+    return solid_of(
+        reduce(sub, (pipe.translate((0, 8 * k - 44, 0)) for k in range(12)), box(300, 100, 10))
+    )
+
+
+@pytest.mark.parametrize("room", [60_000, 15_000])
+def test_a_part_that_needs_too_many_points_has_as_many_as_there_is_room_for_and_says_what_is_lost(
+    piped: Solid, monkeypatch: pytest.MonkeyPatch, room: int
+) -> None:
+    monkeypatch.setattr(_counted, "BUDGET_COUNT", room)
+    samples = counted_samples(piped, 2.0)
+    assert 0.8 * room < len(samples.points_mm) < 1.2 * room
+    assert samples.areas_mm2.sum() == pytest.approx(piped.mesh.area)
+    assert samples.reach_mm is not None
+    bore = next(face.id for face in piped.faces if face.radius_mm > 0.0)
+    for face in (bore, int(np.argmax([face.area_mm2 for face in piped.faces]))):
+        assert farthest_mm(piped, samples, face) <= samples.reach_mm
+    if room == 60_000:  # bores are counted less finely, and nothing of a defect's size is lost
+        assert samples.reach_mm == 2.0
+        assert not count_caution(samples, 6.0)
+    else:
+        counted_mm = counted_defect_mm(samples, 6.0)
+        assert counted_mm == pytest.approx(3 * samples.reach_mm)
+        assert counted_mm > 6.0
+        assert f"a spot of {counted_mm:.2g} mm" in count_caution(samples, 6.0)
+        assert not count_caution(samples, 2 * counted_mm)
+
+
+def test_the_uncertainty_of_a_share_grows_with_the_distance_of_the_points(
+    piped: Solid, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def of_half(room: int) -> float:
+        monkeypatch.setattr(_counted, "BUDGET_COUNT", room)
+        samples = counted_samples(piped, 2.0)
+        return uncertainty_of(samples, samples.points_mm[:, 1] + samples.points_mm[:, 0] / 9 > 0)
+
+    assert of_half(5_000) > 2 * of_half(60_000)

@@ -140,7 +140,7 @@ def _sampled(part: CompiledPart, options: CompileOptions, file: Path | None) -> 
         samples = counted_samples(part.solid, options.sample_spacing_mm)
         if kept is not None:
             samples_cache().save(kept, samples)
-    return replace(part, samples=samples)
+    return replace(part, samples=samples, smallest_defect_mm=options.smallest_defect_mm)
 
 
 def _is_of(samples: SurfaceSamples, part: CompiledPart) -> bool:

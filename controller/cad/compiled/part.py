@@ -26,7 +26,13 @@ from ..resting import (
 )
 from ..solid import Solid
 from ..stages import OnStage, no_stage
-from ..surfaces import SurfaceSamples, counted_samples, sample_surface
+from ..surfaces import (
+    SAMPLE_SHARE,
+    SurfaceSamples,
+    count_caution,
+    counted_samples,
+    sample_surface,
+)
 from ..surfaces.features import Feature, find_features
 from ..surfaces.tolerances import Tolerance
 from ..views import LineView, line_view, prepare_views
@@ -34,8 +40,6 @@ from ..views import LineView, line_view, prepare_views
 UNITLESS = (".stl", ".obj", ".ply", ".off")  # formats that have no place for a unit
 MAX_SAMPLES = 200_000
 MAX_DRAWN_TRIANGLES = 50_000_000  # in the drawings of all poses: 41 of 1.2 million triangles
-# Samples are this share of the smallest defect apart: no spot of a defect's size is without one.
-SAMPLE_SHARE = 1 / 3
 USUAL_DEFECT_MM = 3.0
 CHOICE_SPACING_MM = 4.0  # of the samples that views are chosen by
 MAX_NAMED = 4  # poses named one by one in a remark
@@ -61,6 +65,11 @@ class CompileOptions:
     sample_spacing_mm: float = USUAL_DEFECT_MM * SAMPLE_SHARE
     max_compared: int = MAX_COMPARED
     max_drawn_triangles: int = MAX_DRAWN_TRIANGLES
+
+    @property
+    def smallest_defect_mm(self) -> float:
+        """The smallest defect that samples are drawn for."""
+        return self.sample_spacing_mm / SAMPLE_SHARE
 
 
 def part_name(path: Path) -> str:
@@ -90,6 +99,7 @@ class CompiledPart:
     views : of each pose of ``poses``, seen straight from above
     look_alikes : pairs of poses that look the same from above
     samples : points on its surfaces, by which coverage is counted; views are chosen by others
+    smallest_defect_mm : that samples were drawn for; a large part's may miss it
     features : holes, slots, bosses, chamfers, fillets
     tolerances : what a drawing demands, where the file holds it as meaning
     warnings : what of the file could not be read, and what of the part was not worked out, in
@@ -102,6 +112,7 @@ class CompiledPart:
     views: tuple[LineView, ...]
     look_alikes: tuple[LookAlike, ...]
     samples: SurfaceSamples
+    smallest_defect_mm: float
     features: tuple[Feature, ...]
     tolerances: tuple[Tolerance, ...]
     warnings: tuple[str, ...]
@@ -138,6 +149,9 @@ class CompiledPart:
                 f"The file names no unit; its lengths are taken as {self.solid.unit}. "
                 "Declare the unit with --unit, or in the recipe with unit:"
             )
+        counted = count_caution(self.samples, self.smallest_defect_mm)
+        if counted:
+            found.append(counted)
         if self.euler_defect:
             found.append(f"Surfaces and edges do not add up (Euler: {self.euler_defect:+d}).")
         if not any(not pose.rolling for pose in self.poses):
@@ -253,6 +267,7 @@ def compile_solid(
         views=views,
         look_alikes=alike.pairs,
         samples=counted_samples(solid, options.sample_spacing_mm),
+        smallest_defect_mm=options.smallest_defect_mm,
         features=find_features(solid),
         tolerances=tolerances,
         warnings=warnings,

@@ -1,16 +1,19 @@
 """What has to be inspected: points on every surface, features, tolerances."""
 
-from ._counted import counted_samples
+from ._counted import SAMPLE_SHARE, count_caution, counted_defect_mm, counted_samples
 from ._samples import SurfaceSamples, by_face, sample_surface
 from ._shares import face_shares, share_of, uncertainty_of
 from .features import Feature, FeatureKind, FeatureWall, find_features
 
 __all__ = [
+    "SAMPLE_SHARE",
     "Feature",
     "FeatureKind",
     "FeatureWall",
     "SurfaceSamples",
     "by_face",
+    "count_caution",
+    "counted_defect_mm",
     "counted_samples",
     "face_shares",
     "find_features",

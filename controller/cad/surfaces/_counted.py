@@ -14,7 +14,8 @@ from controller.arrays import FloatArray, IntArray
 from ..solid import Solid
 from ._samples import SurfaceSamples, by_face, face_areas_mm2, placed_samples
 
-MAX_COUNT = 200_000  # of a part; one that would have more has them farther apart
+MAX_COUNT = 200_000  # on the faces of a part that need none finer; then they are farther apart
+BUDGET_COUNT = 300_000  # about so many in all, however many bores and small faces there are
 ROUND_COUNT = 24  # points round a bore
 PER_FACE = 1500  # points on a small face, for shares right to half a percent of it
 PER_SPECK = 24  # and on one of less than `SPECK_MM2`
@@ -25,6 +26,10 @@ APART = 0.8  # nearest that two points are to each other, in spacings
 TOGETHER = 8  # of so many candidates one is compared in pairs, the others with what is kept
 FEW_COUNT = 2000  # that are compared in pairs all at once
 WHOLE = 0.8  # spacings that make sure of the one asked for
+# Points are this share of the smallest defect apart: no spot of a defect's size is without one.
+SAMPLE_SHARE = 1 / 3
+ROUNDING = 1e-9
+HALVINGS = 60  # of the range in which a spacing is looked for
 # of the sequence that spreads points over a square most evenly, by the plastic number
 STEPS = np.array([[0.7548776662466927], [0.5698402909980532]])
 
@@ -32,14 +37,15 @@ STEPS = np.array([[0.7548776662466927], [0.5698402909980532]])
 def counted_samples(solid: Solid, spacing_mm: float, stream: int = 1) -> SurfaceSamples:
     """Return points by which coverage is counted, no spot of a face farther from one than spacing.
 
-    Bores have at least `ROUND_COUNT` round, small faces at least `PER_FACE`. Each point stands for
-    the surface that is nearest to it. Seeded by the part's content: the same file gives the same
-    points, and they are none of `sample_surface`.
+    Bores have at least `ROUND_COUNT` round, small faces at least `PER_FACE`. A part that would have
+    too many of them has fewer, farther apart: `SurfaceSamples.reach_mm` says how far (ADR 72).
+    Each point stands for the surface that is nearest to it. Seeded by the part's content: the same
+    file gives the same points, and they are none of `sample_surface`.
 
     Parameters
     ----------
     solid : with its faces
-    spacing_mm : on faces that need no finer one; a part as large as a house has a wider one
+    spacing_mm : on faces that need no finer one
     stream : of the draw; other streams have other points
     """
     rng = np.random.default_rng([int(solid.content_hash[:8], 16), stream])
@@ -57,6 +63,36 @@ def counted_samples(solid: Solid, spacing_mm: float, stream: int = 1) -> Surface
         normals=drawn.normals[kept],
         face_ids=drawn.face_ids[kept],
         areas_mm2=np.bincount(nearest, drawn.areas_mm2, len(kept)).astype(np.float64),
+        reach_mm=max(spacing_mm, float(spacings.max()) / WHOLE),
+    )
+
+
+def counted_defect_mm(samples: SurfaceSamples, smallest_mm: float) -> float:
+    """Return the size from which on no spot or defect can lie between samples unnoticed.
+
+    Parameters
+    ----------
+    samples : of `counted_samples`, or any whose reach is known; others are taken as near enough
+    smallest_mm : size of the smallest defect that they were drawn for
+    """
+    return max(smallest_mm, (samples.reach_mm or 0.0) / SAMPLE_SHARE)
+
+
+def count_caution(samples: SurfaceSamples, smallest_mm: float) -> str:
+    """Return what a count by samples cannot vouch for, in a sentence; empty where it is nothing.
+
+    Parameters
+    ----------
+    samples : as for `counted_defect_mm`
+    smallest_mm : size of the smallest defect that is to be found
+    """
+    counted_mm = counted_defect_mm(samples, smallest_mm)
+    if counted_mm <= smallest_mm * (1 + ROUNDING):
+        return ""
+    return (
+        f"Coverage is counted by {len(samples.points_mm):,} points, no more than memory has room "
+        f"for: a spot of {counted_mm:.2g} mm or more cannot be missed by them, one of "
+        f"{smallest_mm:g} mm can."
     )
 
 
@@ -108,4 +144,25 @@ def _spacings_mm(solid: Solid, face_mm2: FloatArray, spacing_mm: float) -> Float
         if face.concave and face.kind in ("cylinder", "cone") and face.radius_mm > 0.0:
             round_mm = 2 * np.pi * face.radius_mm / ROUND_COUNT
             spacings[face.id] = min(spacings[face.id], round_mm)
-    return np.maximum(spacings, 1e-6)
+    spacings = np.maximum(spacings, 1e-6)
+    return np.maximum(spacings, _finest_mm(face_mm2, spacings))
+
+
+def _finest_mm(face_mm2: FloatArray, spacings: FloatArray) -> float:
+    """Return the finest spacing for which `BUDGET_COUNT` points do, 0.0 where no limit is needed.
+
+    It widens the finest spacings first: those of bores and small faces, which are finer than a
+    defect needs so that the share of each face is known well. Only where all are alike do spots
+    of a defect's size go without a point.
+    """
+
+    def count(finest: float) -> float:
+        return float((face_mm2 / np.maximum(spacings, finest) ** 2).sum())
+
+    if count(0.0) <= BUDGET_COUNT:
+        return 0.0
+    low, high = 0.0, float(np.sqrt(face_mm2.sum() / BUDGET_COUNT))
+    for _ in range(HALVINGS):
+        middle = (low + high) / 2
+        low, high = (middle, high) if count(middle) > BUDGET_COUNT else (low, middle)
+    return high

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from controller.arrays import FloatArray, Int32Array, IntArray
 
 from ..boundary import surface_normals
+from ..large import spans
 from ..solid import Solid
 
 OFF_EDGE = 0.04  # least barycentric coordinate of a sample in its triangle
@@ -27,12 +28,14 @@ class SurfaceSamples:
         that a coarse bore's normals turn evenly; of the triangle otherwise
     face_ids : (n,) surface of each
     areas_mm2 : (n,) surface each stands for; they add up to the whole surface
+    reach_mm : no spot of a face is farther from a sample on it; None where that is not known
     """
 
     points_mm: FloatArray
     normals: FloatArray
     face_ids: Int32Array
     areas_mm2: FloatArray
+    reach_mm: float | None = None
 
     def rows(self, which: IntArray) -> SurfaceSamples:
         """Return some of them, by number (k,)."""
@@ -97,17 +100,30 @@ def placed_samples(
     """
     areas = np.asarray(solid.mesh.area_faces)
     face_areas = face_areas_mm2(solid)
-    ids = np.repeat(np.arange(len(counts)), counts)
+    ids = np.repeat(np.arange(len(counts), dtype=np.int32), counts)
     order = np.argsort(solid.face_of_triangle, kind="stable")
     cumulated = np.cumsum(areas[order])
-    # stratified along the cumulated area of its surface, so that no part of it is left bare
-    place = np.arange(len(ids)) - np.repeat(np.cumsum(counts) - counts, counts)
-    marks = (place + along) / counts[ids] * face_areas[ids]
     ends = np.cumsum(np.bincount(solid.face_of_triangle, minlength=len(counts)))
     begins = np.concatenate([[0], ends[:-1]])
     offsets = np.concatenate([[0.0], cumulated])[begins]
-    at = np.searchsorted(cumulated, offsets[ids] + marks)
-    chosen = order[np.clip(at, begins[ids], ends[ids] - 1)]
+    firsts = np.cumsum(counts) - counts
+    points, normals = np.empty((2, len(ids), 3))
+    for span in spans(len(ids)):
+        mine = ids[span]
+        # stratified along the cumulated area of its surface, so that no part of it is left bare
+        place = np.arange(span.start, span.stop) - firsts[mine]
+        marks = (place + along[span]) / counts[mine] * face_areas[mine]
+        at = np.searchsorted(cumulated, offsets[mine] + marks)
+        chosen = order[np.clip(at, begins[mine], ends[mine] - 1)]
+        points[span] = _inside(solid, chosen, across[:, span], off_edge_mm)
+        facets = np.asarray(solid.mesh.face_normals)[chosen]
+        normals[span] = surface_normals(solid.faces, mine, points[span], facets)
+    return SurfaceSamples(points, normals, ids, (face_areas / np.maximum(counts, 1))[ids])
+
+
+def _inside(solid: Solid, chosen: IntArray, across: FloatArray, off_edge_mm: float) -> FloatArray:
+    """Return a point (n, 3) of each chosen triangle (n,), by its place in it (2, n)."""
+    areas = np.asarray(solid.mesh.area_faces)
     a, b = across
     flip = a + b > 1
     a, b = np.where(flip, 1 - a, a), np.where(flip, 1 - b, b)
@@ -118,11 +134,4 @@ def placed_samples(
     off = np.minimum(OFF_EDGE, off_edge_mm / np.maximum(heights, 1e-300))
     inner = 1.0 - off.sum(axis=1)
     a, b = off[:, 1] + inner * a, off[:, 2] + inner * b
-    points = c[:, 0] + a[:, None] * (c[:, 1] - c[:, 0]) + b[:, None] * (c[:, 2] - c[:, 0])
-    facets = np.asarray(solid.mesh.face_normals)[chosen]
-    return SurfaceSamples(
-        points_mm=points,
-        normals=surface_normals(solid.faces, ids, points, facets),
-        face_ids=ids.astype(np.int32),
-        areas_mm2=face_areas[ids] / counts[ids],
-    )
+    return np.asarray(c[:, 0] + a[:, None] * (c[:, 1] - c[:, 0]) + b[:, None] * (c[:, 2] - c[:, 0]))
