@@ -47,7 +47,8 @@ def write(
     number = 1
     for at_s, row in timed:
         journal.cell_clock = None if at_s is None else lambda at_s=at_s: 5000.0 + at_s  # type: ignore[misc]
-        journal.write(row, number)
+        is_of_part = not isinstance(row, rows.CellEvent | rows.AtRest | rows.RunEnded)
+        journal.write(row, number if is_of_part else None)
         number += isinstance(row, rows.PartDone)
     journal.close()
     return folder
@@ -204,6 +205,35 @@ def test_a_journal_without_instants_is_told_by_the_wall_and_says_so(tmp_path: Pa
     (group,) = grouped(takts_of(tmp_path), "run")
     assert not group.has_cell_clock
     assert takt_line(group).endswith("(by the wall clock)")
+
+
+def test_parts_of_several_recipes_in_one_run_are_told_apart(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    first = [entry for entry in ONE_PART if not isinstance(entry[1], rows.AtRest | rows.RunEnded)]
+    first[-1] = (first[-1][0], moved("part_done", "completing", "execute_acquiring"))
+    second = [(None if s is None else s + 31.25, row) for s, row in ONE_PART[3:]]
+    is_flange = rows.PartIdentified(recipe=1, name="flange")
+    is_holder = rows.PartIdentified(recipe=0, name="holder")
+    first.insert(5, (22.7, is_holder))
+    second.insert(2, (second[1][0], is_flange))
+    write(tmp_path, [*first, *second])
+    found = grouped(takts_of(tmp_path), "recipe")
+    assert [(group.name, group.part_count) for group in found] == [("holder", 1), ("flange", 1)]
+    words = ["stats", "flange", "--takt", "--by", "part", "--json", "--runs", str(tmp_path)]
+    assert main(words) == 0
+    shown = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert [group["name"] for group in shown] == ["run-1 2"]
+    assert [group["parts"] for group in shown] == [1]
+
+
+def test_a_plan_made_ahead_is_counted(tmp_path: Path) -> None:
+    timed = [
+        (s, plan(31.0, is_ahead=True) if isinstance(row, rows.PlanMade) else row)
+        for s, row in ONE_PART
+    ]
+    (group,) = grouped(takts_of(write(tmp_path, timed)), "run")
+    assert takt_json(group)["planned_ahead"] == 1
 
 
 def test_the_line_names_what_the_arm_waited_for_longest_first(tmp_path: Path) -> None:

@@ -88,7 +88,8 @@ class PlanAction:
             return Event.PLANNED_ON  # the new plan would gain too little: finish the old one
         part.plan, part.next_step = plan, 0
         part.plan_count += 1
-        self.record.note(plan_row(plan))
+        self.record.note(plan_row(plan, is_ahead=plan is part.plan_ahead))
+        part.plan_ahead = None
         return Event.PLANNED if isinstance(start, OnTable) else Event.PLANNED_ON
 
     async def _plan_what_can_be_taken(self, start: Start) -> tuple[Plan, Start]:
@@ -115,6 +116,8 @@ class PlanAction:
         NoPlanError : there is none
         """
         part, avoided = self.record.part, self.record.budgets.grasps
+        if part.plan_ahead is not None and part.parked is None and isinstance(start, OnTable):
+            return part.plan_ahead
         own, around = frozenset(part.avoid), self.record.around
         for avoid in (own | avoided, own):
             try:

@@ -91,6 +91,7 @@ class Batch:
     actions : one for each effect of the table
     dispatcher : runs the batch
     resumption : whether it begins with the part of an interrupted run
+    taking : which part is next; what it has planned ahead is dropped at the end
     """
 
     record: BatchRecord
@@ -99,10 +100,16 @@ class Batch:
     actions: Actions
     dispatcher: Dispatcher
     resumption: Resumption
+    taking: Taking
 
 
 def product_of(
-    compute: Compute, recipe: Recipe, cell: Cell, count: int = 1, number: int = 0
+    compute: Compute,
+    recipe: Recipe,
+    cell: Cell,
+    count: int = 1,
+    number: int = 0,
+    ahead: Compute | None = None,
 ) -> Product:
     """Return a product of a batch.
 
@@ -112,10 +119,11 @@ def product_of(
     recipe, cell : as read from their files
     count : parts that were ordered
     number : of the recipe in the order, from 0
+    ahead : the same service by a worker process that nothing waits for; None for none
     """
     faults = faults_section(cell, recipe)
     budgets = Budgets(faults.demote_after, faults.window)
-    return Product(number, recipe, count, compute, fault_policy(faults), budgets)
+    return Product(number, recipe, count, compute, fault_policy(faults), budgets, ahead)
 
 
 def assemble(
@@ -206,7 +214,7 @@ def assemble(
         Effect.ACQUIRE: AcquireAction(imaging, gate, record),
         Effect.RECOGNISE: RecogniseAction(compute, taking, record),
         Effect.PLAN: PlanAction(compute, preparation, taking, views, held_pose, motion, record),
-        Effect.GRASP: GraspAction(steps, motion, grippers, views, record, layout),
+        Effect.GRASP: GraspAction(steps, motion, grippers, views, record, taking, layout),
         Effect.PRESENT: PresentAction(
             steps, motion, gate, grippers, imaging, views, Disambiguation(compute, record), record
         ),
@@ -252,7 +260,7 @@ def assemble(
         on_alarm,
         lambda: {name: _is_ok(io.signal(name)) for name in SIGNALS},
     )
-    return Batch(record, motion, gate, actions, dispatcher, resumption)
+    return Batch(record, motion, gate, actions, dispatcher, resumption, taking)
 
 
 def _is_ok(signal: Signal) -> bool | None:

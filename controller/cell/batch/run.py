@@ -101,6 +101,7 @@ async def run_batch(
     on_notice: Callable[[str], None] = lambda text: None,
     outfit: Outfit = HOST,
     operator: Operator = NOBODY,
+    ahead: Executor | None = None,
 ) -> RunResult:
     """Run a batch to rest and return its result; everything from here on is in the journal.
 
@@ -113,6 +114,7 @@ async def run_batch(
     on_notice : called with sentences that the operator should read
     outfit : what it works with on this computer
     operator : decides what the cell cannot
+    ahead : a worker process for the next part, while the arm has the one before; None for none
 
     Raises
     ------
@@ -162,7 +164,14 @@ async def run_batch(
         )
         layout = build_layout(order.cell)
         products = tuple(
-            product_of(outfit.compute(job, pool), one.recipe, order.cell, one.count, number)
+            product_of(
+                outfit.compute(job, pool),
+                one.recipe,
+                order.cell,
+                one.count,
+                number,
+                None if ahead is None else outfit.compute(job, ahead),
+            )
             for number, (one, job) in enumerate(zip(order.ordered, order.jobs, strict=True))
         )
         batch = assemble(
@@ -214,6 +223,7 @@ async def run_batch(
                         outcome = await dispatcher.run()
                     show()
                 finally:
+                    await batch.taking.ahead.aclose()
                     await devices.aclose()
         except BaseException as error:
             with suppress(JournalError):

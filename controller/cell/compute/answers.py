@@ -170,6 +170,27 @@ def _forecasts(job: Job) -> Mapping[int, float]:
     return {index: plan.forecast_s for index, plan in plans.items() if plan is not None}
 
 
+def unseen_turns(
+    job: Job, sightings: tuple[SightingFields, ...]
+) -> tuple[tuple[float, ...] | None, ...]:
+    """Return by which turns about the vertical [deg] each object looks the same, 0 first.
+
+    None stands for any turn. Of an unknown object that is 0 alone.
+
+    Parameters
+    ----------
+    job : which recipe on which cell
+    sightings : objects on the table
+    """
+    entries = {entry.name: entry for entry in context(job).library.entries}
+    found: list[tuple[float, ...] | None] = []
+    for seen in sightings:
+        entry = None if seen.part is None else entries.get(seen.part)
+        turns = np.zeros(1) if entry is None else entry.turns_of(seen.pose_index)
+        found.append(tuple(np.degrees(turns).tolist()) if len(turns) else None)
+    return tuple(found)
+
+
 def plan_to_trays(job: Job, start: Start, avoid: frozenset[str], around: Around = ALONE) -> Plan:
     """Return a plan that brings the part to a tray and shows nothing on the way.
 

@@ -11,7 +11,7 @@ from multiprocessing import active_children, get_context
 PR_SET_PDEATHSIG = 1  # linux/prctl.h
 
 
-def make_pool(count: int = 1) -> ProcessPoolExecutor:
+def make_pool(count: int = 1, niceness: int = 0) -> ProcessPoolExecutor:
     """Return the pool. Its processes are fresh ones, since a fork would copy open devices into it.
 
     A worker ends with this process, however that ends. The first use must be in the main thread.
@@ -19,24 +19,26 @@ def make_pool(count: int = 1) -> ProcessPoolExecutor:
     Parameters
     ----------
     count : of worker processes
+    niceness : by how much they give way to others, as `nice` has it
     """
     return ProcessPoolExecutor(
         max_workers=count,
         mp_context=get_context("spawn"),
         initializer=_belong_to,
-        initargs=(os.getpid(),),
+        initargs=(os.getpid(), niceness),
     )
 
 
 @contextmanager
-def worker_pool(count: int = 1) -> Iterator[ProcessPoolExecutor]:
+def worker_pool(count: int = 1, niceness: int = 0) -> Iterator[ProcessPoolExecutor]:
     """Yield the pool; at the end, discard whatever its processes have not finished.
 
     Parameters
     ----------
     count : of worker processes
+    niceness : by how much they give way to others, as `nice` has it
     """
-    pool = make_pool(count)
+    pool = make_pool(count, niceness)
     try:
         yield pool
     finally:
@@ -45,10 +47,11 @@ def worker_pool(count: int = 1) -> Iterator[ProcessPoolExecutor]:
         pool.shutdown(cancel_futures=True)
 
 
-def _belong_to(parent: int) -> None:
+def _belong_to(parent: int, niceness: int) -> None:
     """Make a worker end with its parent, and leave the terminal's signals to the parent."""
     for number in (signal.SIGINT, signal.SIGQUIT, signal.SIGHUP, signal.SIGTSTP):
         signal.signal(number, signal.SIG_IGN)
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+    os.nice(niceness)
     if os.getppid() != parent:  # the parent died before the line above
         os._exit(1)

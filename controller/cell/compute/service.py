@@ -74,6 +74,7 @@ class Compute:
     recognise = Question(answers.recognise)
     plan = Question(answers.plan)
     pickable = Question(answers.pickable)
+    unseen_turns = Question(answers.unseen_turns)
     plan_to_trays = Question(answers.plan_to_trays)
     identify = Question(answers.identify)
     path_home = Question(answers.path_home)

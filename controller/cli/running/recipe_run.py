@@ -2,11 +2,12 @@
 
 import asyncio
 import logging
+import os
 import secrets
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import ExitStack, contextmanager, nullcontext
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -47,6 +48,8 @@ from .report_file import note_report
 from .run_output import display, print_result
 
 log = logging.getLogger(__name__)
+
+AHEAD_NICENESS = 5  # what works on the next part gives way to what the arm waits for
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -148,9 +151,12 @@ def run_recipe(options: RunOptions) -> int:
         Ends().heard() as ends,
         hold_cell(runs_dir, cell, run_id, socket_path(runs_dir)) as holder,
         worker_pool() as pool,
+        _ahead(options, part_count) as ahead,
     ):
         # the worker reads the CAD while the emulated cell comes up
         pool.submit(context, job)
+        if ahead is not None:
+            ahead.submit(os.getpid)  # to start a process would hold the event loop up later
         cell_beside: Any = (
             emulated_cell(command, folder / "emulator.log") if emulated else nullcontext({})
         )
@@ -177,8 +183,20 @@ def run_recipe(options: RunOptions) -> int:
                 runs_dir, holder, options.operator, waits=options.waits, as_json=as_json
             )
             with _recorded(options.record, order) as outfit:
-                result = _run(order, pool, ends, door, outfit, as_json=as_json)
+                result = _run(order, pool, ahead, ends, door, outfit, as_json=as_json)
         return _report(result, runs_dir, run_id, as_json=as_json)
+
+
+def _ahead(
+    options: RunOptions, part_count: int
+) -> AbstractContextManager[ProcessPoolExecutor | None]:
+    """Return a worker process for the next part; None where there is none, or wires are kept.
+
+    A recording is played back with the answers of one worker, in their order.
+    """
+    if part_count < 2 or options.record is not None:
+        return nullcontext(None)
+    return worker_pool(niceness=AHEAD_NICENESS)
 
 
 def _recovery_policy(options: RunOptions) -> RecoveryPolicy:
@@ -225,6 +243,7 @@ def _warn_of_emulation(emulated: Sequence[str], clock: FoundClock, speed: float,
 def _run(
     order: RunOrder,
     pool: ProcessPoolExecutor,
+    ahead: ProcessPoolExecutor | None,
     ends: Ends,
     door: OperatorDoor,
     outfit: Outfit,
@@ -234,7 +253,7 @@ def _run(
     """Run to the end, shown as it goes; a run that breaks off leaves a report all the same."""
     with display(as_json=as_json) as on_progress:
         try:
-            return asyncio.run(_drive(order, pool, ends, door, outfit, on_progress))
+            return asyncio.run(_drive(order, pool, ahead, ends, door, outfit, on_progress))
         except BaseException as error:
             _report_if_any(order.runs_dir, order.run_id)
             if isinstance(error, asyncio.CancelledError):  # a second Ctrl-C
@@ -316,6 +335,7 @@ def _report_transport(ready: dict[str, Any]) -> None:
 async def _drive(
     order: RunOrder,
     pool: ProcessPoolExecutor,
+    ahead: ProcessPoolExecutor | None,
     ends: Ends,
     door: OperatorDoor,
     outfit: Outfit,
@@ -329,7 +349,7 @@ async def _drive(
 
         async with door.open():
             return await run_batch(
-                order, pool, on_progress, on_dispatcher, warn, outfit, operator=door
+                order, pool, on_progress, on_dispatcher, warn, outfit, operator=door, ahead=ahead
             )
 
 

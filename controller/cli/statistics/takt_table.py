@@ -1,13 +1,24 @@
 """`cellctl stats --takt`: what the arm's time went into, from the journal."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from rich import box
 from rich.table import Table
 
 from controller.config import ConfigError
-from controller.results.takt import BUSY, GROUPS, TaktGroup, Use, grouped, takt_json, takts_of
+from controller.results.takt import (
+    BUSY,
+    GROUPS,
+    PartTakt,
+    RunTakt,
+    TaktGroup,
+    Use,
+    grouped,
+    takt_json,
+    takts_of,
+)
 from controller.results.wording import num
 
 from ..inputs.history_store import instant
@@ -40,8 +51,8 @@ def report_takt(runs_dir: Path, chosen: Chosen, by: str, *, as_json: bool) -> in
     until = None if chosen.until is None else instant(chosen.until, "--until", is_end=True)
     runs = [
         run
-        for run in takts_of(runs_dir)
-        if chosen.recipe in ("", run.recipe)
+        for run in (of_recipe(one, chosen.recipe) for one in takts_of(runs_dir))
+        if (run.parts or run.recipe == chosen.recipe or not chosen.recipe)
         and chosen.lot in ("", run.lot)
         and chosen.operator in ("", run.operator)
         and (since is None or run.start >= since)
@@ -63,6 +74,20 @@ def report_takt(runs_dir: Path, chosen: Chosen, by: str, *, as_json: bool) -> in
             "share of Execute; rest is what no rule names"
         )
     return 0
+
+
+def of_recipe(run: RunTakt, recipe: str) -> RunTakt:
+    """Return a run with the parts of one recipe alone; whole where that is empty.
+
+    Parameters
+    ----------
+    run : of one or several recipes
+    recipe : its name
+    """
+    parts = tuple(part for part in run.parts if recipe in ("", part.recipe))
+    # what belongs to no part belongs to all of the run
+    around = run.around if len(parts) == len(run.parts) else PartTakt(0)
+    return replace(run, parts=parts, around=around)
 
 
 def shown(seconds: float) -> str:

@@ -187,13 +187,15 @@ def _part(number: int, recipe: str, log: Sequence[LogEntry], found: Iterable[Spa
         execute_s += length_s if span.is_execute else 0.0
         busy_s += length_s if span.is_execute and span.use in BUSY else 0.0
     plans = [entry.row for entry in log if isinstance(entry.row, rows.PlanMade)]
+    names = [entry.row.name for entry in log if isinstance(entry.row, rows.PartIdentified)]
     return PartTakt(
         number=number,
-        recipe=recipe,
+        recipe=names[-1] if names else recipe,
         forecast_s=plans[0].forecast_s if plans else None,
         seconds=seconds,
         execute_s=execute_s,
         busy_s=busy_s,
         late_wall_s=sum(e.row.missed_s for e in log if isinstance(e.row, rows.LoopLate)),
+        is_planned_ahead=any(plan.is_ahead for plan in plans),
         is_done=any(isinstance(entry.row, rows.PartDone) for entry in log),
     )

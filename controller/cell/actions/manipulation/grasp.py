@@ -10,6 +10,7 @@ from controller.cell.journal.rows import GraspMissed, Once
 from controller.cell.machine import GRASP, Event, PartFault, SafePoint
 from controller.cell.services import Grippers, Motion, PlanSteps, Views
 from controller.cell.services.records import BatchRecord
+from controller.cell.services.table import Taking
 from controller.planning import Look, Pick
 from controller.planning.model import CellLayout
 
@@ -21,6 +22,7 @@ class GraspAction:
     Attributes
     ----------
     steps, motion, grippers, views, record : services
+    taking : begins to plan the next part once this one is held
     layout : has the configuration to park in
     """
 
@@ -29,6 +31,7 @@ class GraspAction:
     grippers: Grippers
     views: Views
     record: BatchRecord
+    taking: Taking
     layout: CellLayout
 
     async def run(self) -> Event:
@@ -53,6 +56,7 @@ class GraspAction:
         await self._check_opening(step, opening_mm)
         self.record.take_hold(step.grasp, opening_mm)
         await self.record.set_custody(Custody.IN_ARM, f"jaws at {opening_mm:.1f} mm")
+        self.taking.look_ahead()
         await self.motion.follow(step.motion_up)
         await self.grippers.press_and_require_hold()
         self.steps.end(

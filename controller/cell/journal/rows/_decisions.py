@@ -30,7 +30,11 @@ class UnseenFields(Fields):
 
 
 class PlanMade(Body):
-    """A plan; times are cell seconds."""
+    """A plan; times are cell seconds.
+
+    `is_ahead`: it was made while the arm still had the part before, and a fresh look has shown
+    everything where the plan has it.
+    """
 
     kind = "decision"
     row_name = "plan"
@@ -41,6 +45,15 @@ class PlanMade(Body):
     covered_U: float | None = None  # noqa: N815 (U is the symbol of the field)
     reachable_fraction: float
     unseen: tuple[UnseenFields, ...] = ()
+    is_ahead: bool = False
+
+
+class PlanDropped(Body):
+    """A plan that was made ahead is not followed: not all is as it was."""
+
+    kind = "decision"
+    row_name = "plan_dropped"
+    reason: str
 
 
 class PlanKept(Body):

@@ -89,6 +89,12 @@ class BatchRecord:
         return tuple(one for one in self.products if self._left[one.number] > 0)
 
     @property
+    def wanted_next(self) -> tuple[Product, ...]:
+        """The products of which parts are left to do once the part at hand is done."""
+        at_hand = self.part.product
+        return tuple(one for one in self.products if self._left[one.number] > (one is at_hand))
+
+    @property
     def parts_left(self) -> int:
         """How many parts are left to do, the one at hand among them."""
         return sum(max(left, 0) for left in self._left)

@@ -27,8 +27,15 @@ from .holds import matrix
 DRAWN_LOOK_COUNT: Final = 6
 
 
-def plan_row(plan: Plan) -> rows.PlanMade:
-    """Return the row of a plan."""
+def plan_row(plan: Plan, *, is_ahead: bool = False) -> rows.PlanMade:
+    """Return the row of a plan.
+
+    Parameters
+    ----------
+    plan : just made, or taken up
+    is_ahead : it was made while the arm still had the part before
+    """
+    more = {"is_ahead": True} if is_ahead else {}
     return rows.PlanMade(
         steps=tuple(label for label, _ in plan.seconds_by_step),
         seconds=tuple(round(seconds, 2) for _, seconds in plan.seconds_by_step),
@@ -40,6 +47,7 @@ def plan_row(plan: Plan) -> rows.PlanMade:
             rows.UnseenFields(face=u.face_id, area_fraction=u.area_fraction, reason=u.reason)
             for u in plan.unseen
         ),
+        **more,
     )
 
 

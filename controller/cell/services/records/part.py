@@ -79,6 +79,7 @@ class PartRecord:
     seen : all that was on the table at the last look
     alternatives : what else it may be, by the pictures of the table
     neighbours : what else was on the table at the last look; it stays there
+    plan_ahead : made while the arm had the part before; None where there is none that holds
     plan, next_step : the plan being followed, and the number of its next step
     plan_count : how many plans were made
     hold : how the arm gripper holds it, None where that is empty
@@ -107,6 +108,7 @@ class PartRecord:
     sighting: Sighting | None = None
     alternatives: tuple[Alternative, ...] = ()
     neighbours: tuple[SightingFields, ...] = ()
+    plan_ahead: Plan | None = None
     plan: Plan | None = None
     plan_count: int = 0
     next_step: int = 0

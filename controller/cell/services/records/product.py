@@ -34,6 +34,7 @@ class Product:
     compute : the compute service for parts of this recipe
     policy : about faults, of the cell and the recipe
     budgets : what the batch learns of the grasps and views of its parts
+    ahead : the same service by a worker process that nothing waits for; None for none
     """
 
     number: int
@@ -42,6 +43,7 @@ class Product:
     compute: Compute
     policy: FaultPolicy
     budgets: Budgets
+    ahead: Compute | None = None
 
     @property
     def part_name(self) -> str:

@@ -1,6 +1,7 @@
 """Takes the next part off what a look at the table shows, for all recipes of the batch."""
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
 from controller.cell.compute import Pickable
 from controller.cell.custody import Custody
@@ -9,6 +10,7 @@ from controller.cell.journal.rows import PartLeft, SightingFields
 from controller.cell.services.records import BatchRecord, Product, sightings_row
 from controller.recognition import Sighting
 
+from .ahead import Foreseen, LookAhead
 from .choosing import LeftAlone, Wanted, candidates, chosen
 
 
@@ -21,11 +23,16 @@ class Taking:
     record : of the batch; gets what is taken
     serials : of the parts, in order; empty where they have none
     left : parts of the batch that cannot be taken as they lie
+    ahead : has the next part planned beside the one at hand
     """
 
     record: BatchRecord
     serials: tuple[str, ...] = ()
     left: list[LeftAlone] = field(default_factory=list)
+    ahead: LookAhead = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.ahead = LookAhead(self.record)
 
     async def take(self, sightings: tuple[Sighting, ...]) -> bool:
         """Go on with the best of some objects; return False if the part at hand is not there.
@@ -41,14 +48,23 @@ class Taking:
         PartProblemError : a person has to decide, or nothing can be taken
         """
         part, row = self.record.part, sightings_row(sightings)
+        part.plan_ahead = None
+        foreseen = None
+        if part.sighting is None and part.custody is Custody.ON_TABLE and not part.interrupted:
+            foreseen = await self.ahead.take(row.sightings)
         try:
-            number = await self._choose(row.sightings)
+            number = await self._choose(row.sightings, foreseen)
         except PartProblemError:
             self.record.note(row)
             raise
         if number is None:
             self.record.note(row)
             return False
+        if foreseen is not None and number == foreseen.place_in(row.sightings):
+            part.plan_ahead = foreseen.plan
+            one = foreseen.as_planned(sightings[number], row.sightings[number])
+            sightings = (*sightings[:number], one, *sightings[number + 1 :])
+            row = sightings_row(sightings)
         row = row.model_copy(update={"taken": number})
         self.record.note(row)
         part.seen = sightings
@@ -104,13 +120,49 @@ class Taking:
     def forget(self) -> None:
         """Try every part again: a person has been at the table."""
         self.left.clear()
+        self.ahead.drop()
 
-    async def _choose(self, seen: tuple[SightingFields, ...]) -> int | None:
-        """Return the number of the object that the cell goes on with; None if it is not there."""
+    def look_ahead(self) -> None:
+        """Begin to choose and plan the next part, now that a gripper has the one at hand."""
+        self.ahead.begin(self._next_of)
+
+    async def _next_of(self, seen: tuple[SightingFields, ...]) -> tuple[int, Product] | None:
+        """Return which of the objects left on the table comes next; None where nobody can know."""
+        record = self.record
+        serial = self._serial(record.part.number + 1)
+        try:
+            found = candidates(seen, self._wanted_of(record.wanted_next, serial), self.left)
+            if not found:
+                return None
+            if len(seen) == 1:
+                number = found[0]
+            else:
+                number = chosen(seen, found, await self._pickable(seen, is_ahead=True))
+        except PartProblemError:
+            return None
+        return number, next(p for p in record.products if p.part_name == seen[number].part)
+
+    async def _choose(
+        self, seen: tuple[SightingFields, ...], foreseen: Foreseen | None = None
+    ) -> int | None:
+        """Return the number of the object that the cell goes on with; None if it is not there.
+
+        Where one was foreseen, and may be taken, it is that one: it has a plan.
+        """
         found = candidates(seen, self._wanted(), self.left)
         if not found:
             return None
+        if foreseen is not None and (number := foreseen.place_in(seen)) in found:
+            return number
         return found[0] if len(seen) == 1 else chosen(seen, found, await self._pickable(seen))
+
+    def _wanted_of(self, products: Sequence[Product], serial: str) -> Wanted:
+        """Return what is looked for of the next part of some products."""
+        return Wanted(
+            names=tuple(one.part_name for one in products),
+            serials={products[0].part_name: serial} if serial else {},
+            batch=tuple(one.part_name for one in self.record.products),
+        )
 
     def _wanted(self) -> Wanted:
         part, record = self.record.part, self.record
@@ -118,24 +170,22 @@ class Taking:
         products = record.wanted
         if is_sought_again or part.interrupted:
             products = (record.product,)
-        serial = self._serial()
-        return Wanted(
-            names=tuple(one.part_name for one in products),
-            is_sought_again=is_sought_again,
-            neighbours=part.neighbours,
-            serials={products[0].part_name: serial} if serial else {},
-            batch=tuple(one.part_name for one in record.products),
-        )
+        wanted = self._wanted_of(products, self._serial())
+        return replace(wanted, is_sought_again=is_sought_again, neighbours=part.neighbours)
 
-    def _serial(self) -> str:
-        number = self.record.part.number
+    def _serial(self, number: int | None = None) -> str:
+        """Return the serial number of a part by its number, by default of the one at hand."""
+        number = self.record.part.number if number is None else number
         return self.serials[number - 1] if number <= len(self.serials) else ""
 
-    async def _pickable(self, seen: tuple[SightingFields, ...]) -> tuple[Pickable, ...]:
+    async def _pickable(
+        self, seen: tuple[SightingFields, ...], *, is_ahead: bool = False
+    ) -> tuple[Pickable, ...]:
         """Return how each object could be taken, by the recipe that it is of."""
         best = [Pickable()] * len(seen)
         for product in self._asked(seen):
-            found = await product.compute.pickable(seen)
+            compute = product.ahead if is_ahead and product.ahead is not None else product.compute
+            found = await compute.pickable(seen)
             best = [max(pair, key=lambda p: p.path_count) for pair in zip(best, found, strict=True)]
         return tuple(best)
 

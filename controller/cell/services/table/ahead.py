@@ -1,0 +1,238 @@
+"""The next part, chosen and planned while the arm still has the one before it (ADR 74).
+
+What is left alone stays where it was. So the next part can be planned from the last look at the
+table, by a worker process that nothing else waits for. Nothing moves by such a plan before a fresh
+look has shown each object where the plan has it; otherwise the part is planned as ever.
+"""
+
+import asyncio
+import logging
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from controller.cell.custody import Around
+from controller.cell.errors import CellError
+from controller.cell.journal.rows import PlanDropped, SightingFields, StoredFields
+from controller.cell.services.records import BatchRecord, Product, matrix
+from controller.planning import OnTable, Plan
+from controller.recognition import Sighting
+
+log = logging.getLogger(__name__)
+
+# Two looks at what nobody has moved differ by less, and a grasp takes many times as much.
+SAME_MM: Final = 0.5
+SAME_DEG: Final = 0.5
+SAME_PX: Final = 6  # of the box about an object whose outline a neighbour may have closed before
+ACCEPT: Final = "accept"
+
+Seen = tuple[SightingFields, ...]
+# returns which of some objects is next, and of which product; None where nobody can know yet
+Turns = tuple[float, ...] | None
+Choose = Callable[[Seen], Awaitable[tuple[int, Product] | None]]
+
+
+@dataclass(frozen=True, slots=True)
+class Foreseen:
+    """The next part with its plan.
+
+    Attributes
+    ----------
+    product : that it is of
+    one : the part, as it was seen
+    around : what else the plan keeps clear of
+    turns_deg : of the part and of each neighbour, the turns that nobody can see; None where no
+        turn shows
+    avoid : grasps that the plan does without
+    plan : from there
+    """
+
+    product: Product
+    one: SightingFields
+    around: Around
+    turns_deg: tuple[Turns, ...]
+    avoid: frozenset[str]
+    plan: Plan
+
+    def differs(self, seen: Seen) -> str:
+        """Return how a fresh look differs from what the plan was made for; empty if it does not.
+
+        Parameters
+        ----------
+        seen : all objects on the table
+        """
+        left = list(seen)
+        objects = (self.one, *self.around.neighbours)
+        for was, turns in zip(objects, self.turns_deg, strict=True):
+            found = next((now for now in left if unseen_turn(was, now, turns) is not None), None)
+            if found is None:
+                name = was.part or "the unknown object"
+                return f"{name} at x {was.x_mm:.0f}, y {was.y_mm:.0f} mm is not as it was"
+            left.remove(found)
+        if left:
+            name = left[0].part or "an unknown object"
+            return f"{name} at x {left[0].x_mm:.0f}, y {left[0].y_mm:.0f} mm is new"
+        return ""
+
+    def place_in(self, seen: Seen) -> int:
+        """Return the number of the part among the objects of a look that does not differ."""
+        turns = self.turns_deg[0]
+        return next(
+            k for k, now in enumerate(seen) if unseen_turn(self.one, now, turns) is not None
+        )
+
+    def as_planned(self, sighting: Sighting, now: SightingFields) -> Sighting:
+        """Return a fresh sighting of the part, read as the plan has it.
+
+        A part that looks the same after some turn may be read either way, but not first one way and
+        then the other: grasps and views of the plan are told in the part's own frame.
+
+        Parameters
+        ----------
+        sighting, now : of the part by the fresh look, and as it is journaled
+        """
+        turn_deg = unseen_turn(self.one, now, self.turns_deg[0])
+        if not turn_deg or sighting.T_world_part is None:
+            return sighting
+        turn_rad = float(np.radians(turn_deg))
+        c, s = np.cos(turn_rad), np.sin(turn_rad)
+        about = np.eye(4)
+        about[:2, :2] = (c, -s), (s, c)
+        centre = np.array([sighting.x_mm, sighting.y_mm])
+        about[:2, 3] = centre - about[:2, :2] @ centre
+        return replace(
+            sighting,
+            theta_rad=sighting.theta_rad + turn_rad,
+            T_world_part=about @ sighting.T_world_part,
+        )
+
+
+def unseen_turn(was: SightingFields, now: SightingFields, turns: Turns) -> float | None:
+    """Return the turn [deg] by which two looks at one unmoved object differ, None if it is not one.
+
+    Parameters
+    ----------
+    was, now : the two looks
+    turns : [deg] that nobody can see, 0 first; None where no turn shows
+    """
+    if (was.part, was.pose_index, was.is_cut) != (now.part, now.pose_index, now.is_cut):
+        return None
+    if {o.part for o in was.ambiguous_with} != {o.part for o in now.ambiguous_with}:
+        return None
+    beside_px = max(abs(a - b) for a, b in zip(was.box_px, now.box_px, strict=True))
+    away_mm = float(np.hypot(now.x_mm - was.x_mm, now.y_mm - was.y_mm))
+    if away_mm > SAME_MM or beside_px > SAME_PX:
+        return None
+    missing_deg = was.theta_deg - now.theta_deg
+    if turns is None:
+        return missing_deg
+    return next((t for t in turns if abs((missing_deg - t + 180) % 360 - 180) <= SAME_DEG), None)
+
+
+class LookAhead:
+    """Works on the next part beside the one at hand.
+
+    Parameters
+    ----------
+    record : of the batch
+    compute_of : returns the service that works ahead for a product; None for no looking ahead
+    """
+
+    def __init__(self, record: BatchRecord) -> None:
+        self._record = record
+        self._task: asyncio.Task[Foreseen | None] | None = None
+
+    def begin(self, choose: Choose) -> None:
+        """Begin, once a gripper has the part at hand; returns at once.
+
+        Parameters
+        ----------
+        choose : says which of the objects left on the table comes next
+        """
+        self.drop()
+        left, wanted = self._record.part.neighbours, self._record.wanted_next
+        if left and any(product.ahead is not None for product in wanted):
+            self._task = asyncio.create_task(self._foresee(choose, left), name="look ahead")
+
+    def drop(self) -> None:
+        """Forget what was foreseen."""
+        if self._task is not None:
+            self._task.cancel()
+            self._task = None
+
+    async def aclose(self) -> None:
+        """Forget it, and wait until nothing of it runs in this process."""
+        task = self._task
+        self.drop()
+        if task is not None:
+            await asyncio.gather(task, return_exceptions=True)
+
+    async def take(self, seen: Seen) -> Foreseen | None:
+        """Return what was foreseen, if a fresh look shows all of it unchanged; once.
+
+        Waits for a plan that is being made: it was begun before another could be.
+
+        Parameters
+        ----------
+        seen : all objects on the table
+        """
+        task, self._task = self._task, None
+        if task is None:
+            return None
+        foreseen = await task
+        if foreseen is None:
+            return None
+        why = foreseen.differs(seen) or self._why_void(foreseen)
+        if why:
+            self._record.note(PlanDropped(reason=why))
+            return None
+        return foreseen
+
+    def _why_void(self, foreseen: Foreseen) -> str:
+        """Return why a plan no longer holds, whatever is on the table; empty if it does."""
+        if foreseen.avoid != foreseen.product.budgets.grasps:
+            return "a grasp is avoided that was not when the plan was made"
+        if _places(foreseen.around.stored) != _places(self._record.trays.stored):
+            return "the part before it went into another nest"
+        return ""
+
+    async def _foresee(self, choose: Choose, seen: Seen) -> Foreseen | None:
+        try:
+            found = await choose(seen)
+            if found is None:
+                return None
+            number, product = found
+            one, avoid = seen[number], product.budgets.grasps
+            # which part an ambiguous one is, the fresh look decides
+            if product.ahead is None or one.ambiguous_with or one.T_world_part is None:
+                return None
+            around = Around((*seen[:number], *seen[number + 1 :]), self._stored_then())
+            start = OnTable(one.pose_index, np.array(one.T_world_part))
+            turns = await product.ahead.unseen_turns((one, *around.neighbours))
+            plan = await product.ahead.plan(start, None, avoid, (), around)
+            return Foreseen(product, one, around, turns, avoid, plan)
+        except Exception as error:  # noqa: BLE001  whatever it is: the part is planned as ever
+            level = logging.INFO if isinstance(error, CellError) else logging.WARNING
+            log.log(level, "nothing planned ahead: %s", error)
+            return None
+
+    def _stored_then(self) -> tuple[StoredFields, ...]:
+        """Return what stands in the trays once the part at hand is accepted, as most parts are."""
+        record, part = self._record, self._record.part
+        nest, plan = record.trays.next_nest(ACCEPT), part.plan
+        if nest is None or plan is None or part.sighting is None or part.sighting.part is None:
+            return record.trays.stored
+        stored = StoredFields(
+            tray=ACCEPT,
+            nest=nest,
+            part=part.sighting.part,
+            T_world_part=matrix(plan.place[ACCEPT].T_world_part),
+        )
+        return (*record.trays.stored, stored)
+
+
+def _places(stored: tuple[StoredFields, ...]) -> list[StoredFields]:
+    """Return what of stored parts a plan keeps clear of, whichever run put them there."""
+    return [one.model_copy(update={"run": "", "number": 0, "serial": ""}) for one in stored]
