@@ -35,7 +35,7 @@ from controller.cell.services import (
     Retries,
     fault_policy,
 )
-from controller.cell.services.records import BatchRecord, grasp_of
+from controller.cell.services.records import BatchRecord, OnItsWay, grasp_of
 from controller.config import FaultsSection, load_cell
 from controller.inspection import PartVerdict, Verdict
 from controller.planning import Grasp, NoMotionError
@@ -304,6 +304,46 @@ async def test_a_part_goes_into_the_tray_its_verdict_names(
     assert arm.been == [trays[tray], 0]
     # it is looked at before it is let go, not after
     assert gripper.done == ["check", "check", f"sort {{'tray': '{tray}'}}"]
+
+
+@pytest.mark.parametrize(
+    ("verdict", "went_to", "been"),
+    [
+        (Verdict.PASS, "accept", []),  # it stands there already
+        (Verdict.FAIL, "accept", [1.5, 0.5, 2.5, 2.0]),  # back the way it came, then to the other
+        (Verdict.INDETERMINATE, "quarantine", []),
+    ],
+)
+async def test_an_arm_that_went_on_before_the_verdict_ends_above_the_right_tray(
+    record: BatchRecord, verdict: Verdict, went_to: str, been: list[float]
+) -> None:
+    arm: Any = Arm()
+    trays = {name: number for number, name in enumerate(("accept", "reject", "quarantine"), 1)}
+    step = {
+        name: ANY(
+            tray=name, motion=(at(n + 0.5), at(n)), motion_down=(at(n + 10),), motion_up=(at(n),),
+            open_mm=30.0,
+        )
+        for name, n in trays.items()
+    }  # fmt: skip
+    part: Any = record.part
+    part.plan = ANY(place=step, park=dict.fromkeys(trays, ANY(motion=(at(0),))))
+    part.verdict = PartVerdict(verdict, ("because",), (), 1.0, ())
+    ended: list[float] = []
+    steps: Any = ANY(
+        begin=lambda step: 7.0, end=lambda step, started_s, **__: ended.append(started_s)
+    )
+    motion = motion_of(arm)
+    await motion.start_from(at(0.5))  # where the last view was presented
+    await motion.follow(step[went_to].motion)
+    part.on_its_way = OnItsWay(went_to, 3.0)
+    arm.been.clear()
+    assert await PlaceAction(steps, motion, Gripper(record), record).run() is Event.PLACED  # type: ignore[arg-type]
+    tray = {Verdict.PASS: "accept", Verdict.FAIL: "reject"}.get(verdict, "quarantine")
+    assert (part.tray, part.on_its_way) == (tray, None)
+    assert arm.been == [*been, trays[tray] + 10, trays[tray], 0]
+    # its seconds count from when the arm set out for the tray that it is in
+    assert ended == [3.0 if tray == went_to else 7.0]
 
 
 async def test_the_lamps_stay_on_until_the_last_part_is_done(journal: Journal) -> None:

@@ -223,6 +223,7 @@ def assemble(
             steps,
             views,
             held_pose,
+            motion,
             record,
             recoveries,
             PartFile(cell, layout, folder, calibration or SetCalibration()),

@@ -42,7 +42,8 @@ NEEDS: Final[Mapping[Effect, tuple[Resource, ...]]] = {
     Effect.PLAN: (_R.STATION, *_HAND, _R.INSPECTION, _R.LAMPS),
     Effect.GRASP: (_R.TABLE, *_HAND),
     Effect.PRESENT: (_R.STATION, *_HAND, _R.INSPECTION, _R.LAMPS),
-    Effect.INSPECT: (),
+    # while the part is judged, the arm goes on to the tray that it is likely to need
+    Effect.INSPECT: (_R.TRAYS, *_HAND),
     Effect.HAND_OFF: (_R.HAND_OFF, *_HAND, _R.FIXED_GRIPPER),
     Effect.SET_DOWN: (_R.TABLE, *_HAND),
     # from wherever the arm stands

@@ -7,11 +7,8 @@ from controller.cell.journal.rows import Intent, Once
 from controller.cell.machine import Event, SafePoint
 from controller.cell.services import Grippers, Motion, PlanSteps
 from controller.cell.services.records import BatchRecord
-from controller.inspection import Verdict
-
-TRAYS = {Verdict.PASS: "accept", Verdict.FAIL: "reject"}
-# The tray of every other verdict.
-QUARANTINE = "quarantine"
+from controller.cell.services.trays import QUARANTINE, TRAYS
+from controller.planning import Place
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,8 +40,7 @@ class PlaceAction:
         assert verdict is not None
         tray = QUARANTINE if part.parked else TRAYS.get(verdict.verdict, QUARANTINE)
         step = plan.place[tray]
-        started_s = self.steps.begin(step)
-        await self.motion.follow(step.motion)
+        started_s = await self._go_above(step)
         await self.grippers.press_and_require_hold()
         self.motion.reach(SafePoint.BEFORE_PLACING)
         await self.motion.lower(step.motion_down)
@@ -62,3 +58,15 @@ class PlaceAction:
         self.motion.mark_free()
         self.motion.reach(SafePoint.PARKED, ends_step=True)
         return Event.PLACED
+
+    async def _go_above(self, step: Place) -> float:
+        """Go to above the tray, unless the arm has gone there already; return when it set out."""
+        part, plan = self.record.part, self.record.part.plan
+        started_s = self.steps.begin(step)
+        there, part.on_its_way = part.on_its_way, None
+        if there is not None and there.tray == step.tray:
+            return there.started_s
+        if there is not None and plan is not None:
+            await self.motion.go_back(len(plan.place[there.tray].motion))
+        await self.motion.follow(step.motion)
+        return started_s

@@ -3,19 +3,29 @@
 import asyncio
 from dataclasses import dataclass, replace
 
-from controller.cell.compute import Compute
+from controller.cell.compute import Compute, begin
 from controller.cell.custody import Custody
 from controller.cell.errors import PartFaultError
 from controller.cell.journal.rows import PartInspected
 from controller.cell.machine import VIEW, WORTH_SHARE, Act, Event, PartFault
-from controller.cell.services import HeldPose, PartFile, PlanSteps, Recoveries, Views, plain_name
+from controller.cell.services import (
+    HeldPose,
+    Motion,
+    PartFile,
+    PlanSteps,
+    Recoveries,
+    Views,
+    plain_name,
+)
 from controller.cell.services.records import (
     BatchRecord,
+    OnItsWay,
     findings_row,
     measured_row,
     verdict_row,
     views_posed_row,
 )
+from controller.cell.services.trays import QUARANTINE, TRAYS
 from controller.inspection import PartVerdict, Verdict
 from controller.planning import GiveStep, Present, ReceiveStep, SetDown
 from controller.stored import lines_digest
@@ -25,10 +35,12 @@ from controller.stored import lines_digest
 class InspectAction:
     """Collects the results of the views so far; judges the part after the last one.
 
+    Meanwhile the arm goes on with the part to the tray that it is likely to need.
+
     Attributes
     ----------
     compute : judges the part from its views
-    steps, views, held_pose, record : services
+    steps, views, held_pose, motion, record : services
     recoveries : what is done about a part of which too little was in sight
     part_file : writes the views that the part is judged from
     """
@@ -37,6 +49,7 @@ class InspectAction:
     steps: PlanSteps
     views: Views
     held_pose: HeldPose
+    motion: Motion
     record: BatchRecord
     recoveries: Recoveries
     part_file: PartFile
@@ -101,7 +114,9 @@ class InspectAction:
         assert part.plan is not None
         stored = await asyncio.to_thread(self.part_file.write, part, record.product)
         record.note_file(stored.file, stored.digest)
-        found = await self.compute.judge(self.part_file.folder / stored.file)
+        judging = begin(self.compute.judge(self.part_file.folder / stored.file))
+        await self._go_on()
+        found = await judging
         reasons = (*found.reasons, *found.unproven)
         part.verdict = replace(found.ledger, verdict=found.verdict, reasons=reasons)
         # in a thread: thousands of looks take longer to describe than the event loop may be held
@@ -109,6 +124,20 @@ class InspectAction:
         record.note(findings_row(found.findings))
         record.note(views_posed_row(found.off))
         record.note(PartInspected(views=stored.file, lines_sha256=lines_digest(found)))
+
+    async def _go_on(self) -> None:
+        """Go to above the tray of an accepted part, or of a parked one; nothing opens there.
+
+        The path is the one that the plan has to that tray. With another verdict the arm goes back
+        along it, which is as free as it was, and then to the tray that it needs.
+        """
+        part = self.record.part
+        if part.custody is not Custody.IN_ARM or part.plan is None:
+            return
+        tray = QUARANTINE if part.parked else TRAYS[Verdict.PASS]
+        started_s = self.steps.clock.now_s()
+        await self.motion.follow(part.plan.place[tray].motion)
+        part.on_its_way = OnItsWay(tray, started_s)
 
 
 def _parked_verdict(judged: PartVerdict | None, reason: str) -> PartVerdict:

@@ -1,0 +1,10 @@
+"""Which tray a part goes to by its verdict."""
+
+from collections.abc import Mapping
+from typing import Final
+
+from controller.inspection import Verdict
+
+TRAYS: Final[Mapping[Verdict, str]] = {Verdict.PASS: "accept", Verdict.FAIL: "reject"}
+# The tray of every other verdict.
+QUARANTINE: Final = "quarantine"
