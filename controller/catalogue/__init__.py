@@ -6,6 +6,6 @@ ever, and makes what is not there; so a process that ends early costs time, not 
 
 from .ahead import Ahead, Made
 from .pool import LOCAL, Jobs, Pool, jobs_among, open_pool
-from .tasks import Work
+from .tasks import Work, is_made
 
-__all__ = ["LOCAL", "Ahead", "Jobs", "Made", "Pool", "Work", "jobs_among", "open_pool"]
+__all__ = ["LOCAL", "Ahead", "Jobs", "Made", "Pool", "Work", "is_made", "jobs_among", "open_pool"]

@@ -10,6 +10,7 @@ from controller.cad.compiled import (
     CompiledPart,
     CompileOptions,
     cached_part,
+    is_kept,
     load_part,
     make_part,
 )
@@ -17,7 +18,7 @@ from controller.cell.plans import PlanCache
 from controller.config import Recipe, load_cell
 from controller.imaging import Camera
 from controller.planning import NoPlanError
-from controller.recognition.stored import keep_entry
+from controller.recognition.stored import is_entry_kept, keep_entry
 from controller.setup.planner import planner_setup
 
 
@@ -58,6 +59,24 @@ class Compiled:
     was_kept: bool = False
     error: CadError | None = None
     distinct: tuple[int, ...] = ()
+
+
+def is_made(work: Work) -> bool:
+    """Return whether the cache has all that is to be made of a part, as far as its files say.
+
+    Parameters
+    ----------
+    work : what is to be made of the part
+    """
+    path, options, camera = work.path, work.options, work.camera
+    if not is_kept(path, options):
+        return False
+    if camera is not None and not is_entry_kept(path, options, camera):
+        return False
+    if work.cell is None:
+        return True
+    part, planning = _planning(work)
+    return all(planning.is_certified(pose) for pose in part.poses if pose.is_distinct)
 
 
 def compile_one(work: Work) -> Compiled:

@@ -67,6 +67,17 @@ def keep_entry(path: Path, options: CompileOptions, camera: Camera) -> None:
     _entry(path, options, station_of(camera), None)
 
 
+def is_entry_kept(path: Path, options: CompileOptions, camera: Camera) -> bool:
+    """Return whether the cache has a file of what a library keeps of a part, sound or not.
+
+    Parameters
+    ----------
+    path, options, camera : as for `keep_entry`
+    """
+    key = _key(path, options, station_of(camera))
+    return key is not None and entry_cache().file(part_name(path), key, None).exists()
+
+
 def _entry(path: Path, options: CompileOptions, station: Station, cache: Path | None) -> Entry:
     key = _key(path, options, station)
     if key is not None:

@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import nullcontext
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from controller.cad.compiled import CompileOptions
 from controller.catalogue import LOCAL, Ahead, Jobs, Pool, Work, ahead, jobs_among, open_pool
 from controller.catalogue.tasks import Compiled
 from controller.cli import main
+from controller.cli.inputs import ahead as working
 from controller.config import ConfigError
 
 CELL = Path(__file__).parents[2] / "recipes/cells/emulated.yaml"
@@ -176,6 +178,33 @@ def test_two_processes_compile_what_one_does(
     assert "broken.stl" in one[2]
 
 
+@pytest.fixture
+def asked(monkeypatch: pytest.MonkeyPatch) -> list[Jobs]:
+    """Who was asked to work ahead; nobody does."""
+    found: list[Jobs] = []
+
+    def nobody(jobs: Jobs) -> Any:
+        found.append(jobs)
+        return nullcontext()
+
+    monkeypatch.setattr(working, "open_pool", nobody)
+    return found
+
+
+def test_no_process_is_started_for_what_the_cache_has(
+    parts: list[Path], capsys: pytest.CaptureFixture[str], asked: list[Jobs]
+) -> None:
+    sound = [str(parts[0]), str(parts[2])]
+    command = ["compile", "--json", "--jobs", "2"]
+    assert main(["compile", "--json", sound[0]]) == 0
+    assert main([*command, *sound]) == 0  # one of two is there
+    capsys.readouterr()
+    assert main([*command, *sound]) == 0
+    bodies = list(map(json.loads, capsys.readouterr().out.splitlines()))
+    assert [body["from_cache"] for body in bodies] == [True, True]
+    assert [jobs.is_alone for jobs in asked] == [True, False, True]
+
+
 def test_interrupted_work_is_gone_on_with(
     parts: list[Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -233,5 +262,8 @@ def test_two_processes_certify_what_one_does(
 ) -> None:
     command = ["compile", "--json", "--cell", str(CELL), str(parts[0]), str(parts[3])]
     two = answers([*command, "--jobs", "2"], capsys)
+    with monkeypatch.context() as patch:  # all of it is there now
+        patch.setattr(working, "open_pool", lambda jobs: nullcontext() if jobs.is_alone else None)
+        assert answers([*command, "--jobs", "2"], capsys) == two
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "other"))
     assert two == answers(command, capsys)

@@ -153,8 +153,7 @@ class PlanCache:
                 same_as=pose.same_as,
             )
             return replace(first, certificate=own)
-        name = self._part.solid.name
-        file = self._kept.certificates.file(name, digest_of(self._key, "certificate", pose.index))
+        file = self._certificate_file(pose)
         found = self._kept.certificates.load(file) if self._use_cache else None
         if found is None:
             self._made += 1
@@ -174,12 +173,16 @@ class PlanCache:
         ----------
         pose : the stable pose
         """
-        first = pose if pose.is_distinct else self._part.poses[pose.same_as]
-        file = self._kept.certificates.file(
-            self._part.solid.name, digest_of(self._key, "certificate", first.index)
-        )
-        found = self._kept.certificates.load(file)
+        found = self._kept.certificates.load(self._certificate_file(pose))
         return None if found is None else found.certificate.plan
+
+    def is_certified(self, pose: StablePose) -> bool:
+        """Return whether the cache has a file of a stable pose's certificate, sound or not."""
+        return self._certificate_file(pose).exists()
+
+    def _certificate_file(self, pose: StablePose) -> Path:
+        key = digest_of(self._key, "certificate", pose.first_alike)
+        return self._kept.certificates.file(self._part.solid.name, key)
 
     def _certify(self, pose: StablePose) -> Certified:
         try:

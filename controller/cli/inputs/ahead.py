@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from controller import catalogue
 from controller.cad.compiled import is_kept
-from controller.catalogue import Ahead, Jobs, Made, Work, open_pool
+from controller.catalogue import LOCAL, Ahead, Jobs, Made, Work, is_made, open_pool
 from controller.config import ConfigError
 
 from ..terminal.output import warn
@@ -36,6 +36,8 @@ def jobs_among(text: str | None, *, use_cache: bool = True) -> Jobs:
 def working_ahead(jobs: Jobs, works: Sequence[Work]) -> Iterator[MadeAhead]:
     """Yield what waits for the work on a part, by its number; None where nobody did it.
 
+    Nobody is asked where the cache has all of it.
+
     Parameters
     ----------
     jobs : who works
@@ -49,6 +51,8 @@ def working_ahead(jobs: Jobs, works: Sequence[Work]) -> Iterator[MadeAhead]:
         works = [
             replace(w, path=w.path.absolute(), cell=w.cell and w.cell.absolute()) for w in works
         ]
+    if not jobs.is_alone and all(map(is_made, works)):
+        jobs = LOCAL  # to start processes takes longer than to read what there is
     with open_pool(jobs) as pool:
         ahead = None if pool is None else Ahead(pool, works)
         is_elsewhere = has_warned = False
