@@ -22,7 +22,6 @@ from controller.cad import (
     share_of,
     uncertainty_of,
 )
-from controller.cad.surfaces import _counted
 
 SPACING_MM = 1.0
 
@@ -131,10 +130,9 @@ def piped() -> Solid:
 
 @pytest.mark.parametrize("room", [60_000, 15_000])
 def test_a_part_that_needs_too_many_points_has_as_many_as_there_is_room_for_and_says_what_is_lost(
-    piped: Solid, monkeypatch: pytest.MonkeyPatch, room: int
+    piped: Solid, room: int
 ) -> None:
-    monkeypatch.setattr(_counted, "BUDGET_COUNT", room)
-    samples = counted_samples(piped, 2.0)
+    samples = counted_samples(piped, 2.0, most=room)
     assert 0.8 * room < len(samples.points_mm) < 1.2 * room
     assert samples.areas_mm2.sum() == pytest.approx(piped.mesh.area)
     assert samples.reach_mm is not None
@@ -153,11 +151,10 @@ def test_a_part_that_needs_too_many_points_has_as_many_as_there_is_room_for_and_
 
 
 def test_the_uncertainty_of_a_share_grows_with_the_distance_of_the_points(
-    piped: Solid, monkeypatch: pytest.MonkeyPatch
+    piped: Solid,
 ) -> None:
     def of_half(room: int) -> float:
-        monkeypatch.setattr(_counted, "BUDGET_COUNT", room)
-        samples = counted_samples(piped, 2.0)
+        samples = counted_samples(piped, 2.0, most=room)
         return uncertainty_of(samples, samples.points_mm[:, 1] + samples.points_mm[:, 0] / 9 > 0)
 
     assert of_half(5_000) > 2 * of_half(60_000)

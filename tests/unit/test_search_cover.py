@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from controller.arrays import BoolArray, FloatArray
-from controller.planning.search import _exact, exact_cover
+from controller.planning.search import exact_cover
 
 LIMIT_S = 1e3
 
@@ -48,7 +48,7 @@ def test_the_cheapest_cover_is_what_trying_everything_finds(seed: int, alike: bo
 
 @pytest.mark.parametrize("alike", [True, False])
 def test_stopped_early_the_bound_is_true_and_no_better_cover_was_missed(
-    monkeypatch: pytest.MonkeyPatch, alike: bool
+    alike: bool,
 ) -> None:
     rng = np.random.default_rng(8)
     rows = rng.random((40, 60)) < 0.12
@@ -65,9 +65,8 @@ def test_stopped_early_the_bound_is_true_and_no_better_cover_was_missed(
     assert bounds == sorted(bounds)
     assert bounds[0] < bounds[-1] == pytest.approx(least_s)  # the first says less than the last
     # what few nodes leave open the solver of mixed integer programs decides as well
-    monkeypatch.setattr(_exact, "TREE_NODES", 1)
-    handed, bound_s = exact_cover(rows, costs_s, LIMIT_S)
+    handed, bound_s = exact_cover(rows, costs_s, LIMIT_S, tree_nodes=1)
     assert handed is not None
     assert costs_s[handed].sum() == pytest.approx(least_s)
     assert bound_s == pytest.approx(least_s)
-    assert exact_cover(rows, costs_s, least_s) == (None, least_s)
+    assert exact_cover(rows, costs_s, least_s, tree_nodes=1) == (None, least_s)

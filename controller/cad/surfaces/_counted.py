@@ -34,7 +34,9 @@ HALVINGS = 60  # of the range in which a spacing is looked for
 STEPS = np.array([[0.7548776662466927], [0.5698402909980532]])
 
 
-def counted_samples(solid: Solid, spacing_mm: float, stream: int = 1) -> SurfaceSamples:
+def counted_samples(
+    solid: Solid, spacing_mm: float, stream: int = 1, most: int = BUDGET_COUNT
+) -> SurfaceSamples:
     """Return points by which coverage is counted, no spot of a face farther from one than spacing.
 
     Bores have at least `ROUND_COUNT` round, small faces at least `PER_FACE`. A part that would have
@@ -47,10 +49,11 @@ def counted_samples(solid: Solid, spacing_mm: float, stream: int = 1) -> Surface
     solid : with its faces
     spacing_mm : on faces that need no finer one
     stream : of the draw; other streams have other points
+    most : about so many points in all
     """
     rng = np.random.default_rng([int(solid.content_hash[:8], 16), stream])
     face_mm2 = face_areas_mm2(solid)
-    spacings = _spacings_mm(solid, face_mm2, WHOLE * spacing_mm)
+    spacings = _spacings_mm(solid, face_mm2, WHOLE * spacing_mm, most)
     counts = np.ceil(DRAWN * face_mm2 / spacings**2).astype(np.int64)
     number = np.arange(counts.sum())
     across = (rng.random((2, 1)) + STEPS * number) % 1.0
@@ -134,7 +137,7 @@ def _first_apart(places: FloatArray) -> IntArray:
     return np.flatnonzero(is_kept)
 
 
-def _spacings_mm(solid: Solid, face_mm2: FloatArray, spacing_mm: float) -> FloatArray:
+def _spacings_mm(solid: Solid, face_mm2: FloatArray, spacing_mm: float, budget: int) -> FloatArray:
     """Return the spacing of points on each face (f,)."""
     wide = max(spacing_mm, float(np.sqrt(face_mm2.sum() / MAX_COUNT)))
     most = MAX_COUNT / max(len(face_mm2), 1)
@@ -145,11 +148,11 @@ def _spacings_mm(solid: Solid, face_mm2: FloatArray, spacing_mm: float) -> Float
             round_mm = 2 * np.pi * face.radius_mm / ROUND_COUNT
             spacings[face.id] = min(spacings[face.id], round_mm)
     spacings = np.maximum(spacings, 1e-6)
-    return np.maximum(spacings, _finest_mm(face_mm2, spacings))
+    return np.maximum(spacings, _finest_mm(face_mm2, spacings, budget))
 
 
-def _finest_mm(face_mm2: FloatArray, spacings: FloatArray) -> float:
-    """Return the finest spacing for which `BUDGET_COUNT` points do, 0.0 where no limit is needed.
+def _finest_mm(face_mm2: FloatArray, spacings: FloatArray, budget: int) -> float:
+    """Return the finest spacing for which a budget of points does, 0.0 where no limit is needed.
 
     It widens the finest spacings first: those of bores and small faces, which are finer than a
     defect needs so that the share of each face is known well. Only where all are alike do spots
@@ -159,10 +162,10 @@ def _finest_mm(face_mm2: FloatArray, spacings: FloatArray) -> float:
     def count(finest: float) -> float:
         return float((face_mm2 / np.maximum(spacings, finest) ** 2).sum())
 
-    if count(0.0) <= BUDGET_COUNT:
+    if count(0.0) <= budget:
         return 0.0
-    low, high = 0.0, float(np.sqrt(face_mm2.sum() / BUDGET_COUNT))
+    low, high = 0.0, float(np.sqrt(face_mm2.sum() / budget))
     for _ in range(HALVINGS):
         middle = (low + high) / 2
-        low, high = (middle, high) if count(middle) > BUDGET_COUNT else (low, middle)
+        low, high = (middle, high) if count(middle) > budget else (low, middle)
     return high

@@ -59,6 +59,7 @@ def exact_cover(
     limit_s: float,
     reduced_s: FloatArray | None = None,
     nodes: int = MILP_NODES,
+    tree_nodes: int = TREE_NODES,
 ) -> tuple[IndexArray | None, float]:
     """Return the cheapest rows that show every element for less than a limit.
 
@@ -68,7 +69,8 @@ def exact_cover(
     costs_s : (v,) of each row
     limit_s : only what is cheaper counts
     reduced_s : (v,) lower bound of every cover that has this row, to leave rows out
-    nodes : of the branch-and-bound tree, at most
+    nodes : of branch and bound, at most
+    tree_nodes : so many of them in the own tree, which is quick with few
 
     Returns
     -------
@@ -95,8 +97,8 @@ def exact_cover(
     if not open_.any():
         return np.array(fixed, dtype=np.intp), fixed_s
     left = _Left(table[:, open_], costs_s[keep], limit_s - fixed_s)
-    left.branch(min(nodes, TREE_NODES))
-    if not left.is_settled and nodes > TREE_NODES:
+    left.branch(min(nodes, tree_nodes))
+    if not left.is_settled and nodes > tree_nodes:
         left.hand_over(nodes)
     bound_s = min(limit_s, fixed_s + max(0.0, left.bound_s))
     if left.chosen is None:
