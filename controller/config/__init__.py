@@ -8,7 +8,7 @@ from .faults import FaultsSection
 from .file_kinds import is_cell_file, is_recipe
 from .recipe import Recipe, load_recipe
 from .shipped import EMULATED_CELL, SHIPPED, find_recipe, project_recipe
-from .yaml_models import Section, line_in, load_yaml
+from .yaml_models import Section, line_in, load_yaml, yaml_tree
 
 __all__ = [
     "CAD_FORMATS",
@@ -32,4 +32,5 @@ __all__ = [
     "load_yaml",
     "project_recipe",
     "split_cad",
+    "yaml_tree",
 ]

@@ -121,19 +121,24 @@ class Recipe(Section):
         return tree
 
 
-def load_recipe(path: Path) -> Recipe:
+def load_recipe(path: Path, draft: str | None = None) -> Recipe:
     """Return a recipe, with its file names relative to the working directory.
 
     Part, other parts and cell file must lie in the recipe's folder or below, with symbolic links
     resolved. So a recipe that came by mail cannot read any other file. The person at the machine
     names a cell file elsewhere with ``--cell``.
 
+    Parameters
+    ----------
+    path : the file
+    draft : a text that may become the file's; None for what the file holds
+
     Raises
     ------
     ConfigError : the file is wrong, a file it names lies outside its folder, or a CAD file is not
         there
     """
-    loaded = load_with_lines(path, Recipe)
+    loaded = load_with_lines(path, Recipe, draft)
     recipe, line_of = loaded.value, loaded.line_of
 
     def inside(name: Path, *location: int | str) -> Path:

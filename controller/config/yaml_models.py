@@ -22,7 +22,15 @@ from controller.yaml_text import (
 from .errors import ConfigError
 from .files import read_text
 
-__all__ = ["Loaded", "Section", "WrongKeyError", "line_in", "load_with_lines", "load_yaml"]
+__all__ = [
+    "Loaded",
+    "Section",
+    "WrongKeyError",
+    "line_in",
+    "load_with_lines",
+    "load_yaml",
+    "yaml_tree",
+]
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -117,14 +125,20 @@ def load_yaml(path: Path, model: type[Model]) -> Model:
     return load_with_lines(path, model).value
 
 
-def load_with_lines(path: Path, model: type[Model]) -> Loaded[Model]:
+def load_with_lines(path: Path, model: type[Model], draft: str | None = None) -> Loaded[Model]:
     """Return a YAML file as a model, with the lines of its keys.
+
+    Parameters
+    ----------
+    path : the file
+    model : what it is to hold
+    draft : a text that may become the file's; None for what the file holds
 
     Raises
     ------
     ConfigError : as `load_yaml`
     """
-    text = _text(path)
+    text = _text(path, draft)
     try:
         value = model.model_validate(text.tree)
     except ValidationError as error:
@@ -140,8 +154,24 @@ def line_in(path: Path, location: Location) -> int | None:
     return None if path.suffix.lower() == ".json" else _text(path).line(location)
 
 
-def _text(path: Path) -> YamlText:
+def yaml_tree(path: Path, draft: str | None = None) -> dict[str, Any]:
+    """Return what a YAML file holds, as mappings, lists and values, whatever its keys are.
+
+    Parameters
+    ----------
+    path : the file
+    draft : a text that may become the file's; None for what the file holds
+
+    Raises
+    ------
+    ConfigError : unreadable, or not YAML
+    """
+    return _text(path, draft).tree
+
+
+def _text(path: Path, draft: str | None = None) -> YamlText:
     try:
-        return read_yaml(read_text(path, "a file of settings"), path, DIALECT)
+        text = read_text(path, "a file of settings") if draft is None else draft
+        return read_yaml(text, path, DIALECT)
     except YamlTextError as error:
         raise ConfigError(str(error)) from error

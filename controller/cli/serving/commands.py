@@ -58,6 +58,15 @@ def serve(
         list[str] | None,
         typer.Option("--name", metavar="NAME", help="host name by which browsers reach the page"),
     ] = None,
+    recipes: Annotated[
+        Path | None,
+        typer.Option(
+            "--recipes",
+            metavar="FOLDER",
+            help="folder of the project's recipes and cell file, which engineers may change "
+            "(default: this folder)",
+        ),
+    ] = None,
     json: JsonOption = False,
 ) -> None:
     """Serve a page that shows the cell in a browser and acts on it; prints a link that logs in."""
@@ -66,6 +75,7 @@ def serve(
     raise typer.Exit(
         serve_page(
             runs,
+            recipes or Path.cwd(),
             host,
             port,
             (tls_cert, tls_key),

@@ -14,6 +14,7 @@ PACKAGES = ("starlette", "uvicorn")
 
 def serve_page(
     runs_dir: Path,
+    project_dir: Path,
     host: str,
     port: int,
     tls: tuple[Path | None, Path | None],
@@ -28,6 +29,7 @@ def serve_page(
     Parameters
     ----------
     runs_dir : folder of all runs
+    project_dir : folder of recipes and cell file
     host, port : where to listen
     tls : files of certificate and key
     behind : origin under which a reverse proxy serves it
@@ -40,6 +42,8 @@ def serve_page(
     ConfigError : the packages are missing, the address is not allowed or taken, or a file is wrong
     """
     require_packages()
+    if not project_dir.is_dir():
+        raise ConfigError(f"--recipes {project_dir}: there is no such folder")
     from controller.page.security import Account, Accounts, Role, Sessions, Site, accounts_path
     from controller.page.security.addresses import is_loopback
     from controller.page.serving import Serving, build, serve
@@ -70,7 +74,7 @@ def serve_page(
     sessions = Sessions()
     # who starts the server may do all that it can do anyway
     token = sessions.link(Account(getpass.getuser(), Role.ENGINEER))
-    app = build(runs_dir, Path.cwd(), site, Accounts(accounts_path()), sessions)
+    app = build(runs_dir, project_dir, site, Accounts(accounts_path()), sessions)
     origin = behind or (
         f"https://{names[0]}:{port}" if cert and names else _origin(host, port, cert)
     )

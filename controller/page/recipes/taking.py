@@ -1,0 +1,194 @@
+"""A CAD file that a person has sent: looked at by a child process, then part and recipe written."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import shutil
+import tempfile
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final
+
+from controller.cad.compiled import UNITLESS
+from controller.config import ConfigError, is_cell_file, load_recipe, yaml_tree
+from controller.config.cad_files import body_name, body_path
+
+STEM: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,59}")
+PARTS: Final = "parts"
+CELL: Final = "cell.yaml"  # as `cellctl init` names it
+TEXT: Final = """\
+# What to inspect and how sharply. Files are named relative to this one and lie in its folder or
+# below. `cellctl check` names what is wrong, with file and line.
+name: {name}
+part: {part}
+{unit}{cell}inspection:
+  min_coverage: 0.50             # with less of the surface compared, the part is quarantined
+  smallest_defect_mm: 3.0
+  required: stated               # dimensions without limits of their own: measured where a view shows them
+"""  # noqa: E501 - a file that people read
+UNIT_LINE: Final = "unit: {unit:27}# of the CAD file, which names none\n"
+
+
+@dataclass(frozen=True, slots=True)
+class Staged:
+    """A file that was sent and is not part of the project yet.
+
+    Attributes
+    ----------
+    path : where it is kept, under the name that it will have
+    sha256 : of its bytes
+    unit : of its lengths, where its format names none
+    body : which of a STEP file's bodies is meant; empty for its only one
+    """
+
+    path: Path
+    sha256: str
+    unit: str = "mm"
+    body: str = ""
+
+    @property
+    def is_unitless(self) -> bool:
+        """Whether its format names no unit."""
+        return self.path.suffix.lower() in UNITLESS
+
+    @property
+    def part(self) -> Path:
+        """The part, as `cellctl` takes it."""
+        return body_path(self.path, self.body) if self.body else self.path
+
+    @property
+    def mark(self) -> str:
+        """Changes with what is made of the file."""
+        return f"{self.sha256} {self.unit} {self.body}"
+
+    def with_choice(self, unit: str, body: str) -> Staged:
+        """Return the same file with another unit or body.
+
+        Parameters
+        ----------
+        unit : of its lengths
+        body : of several
+        """
+        return replace(self, unit=unit, body=body_name(body))
+
+    def arguments(self, folder: Path) -> tuple[str, ...]:
+        """Return what `cellctl` is asked about it; drawings go into a folder."""
+        unit = ("--unit", self.unit) if self.is_unitless else ()
+        return ("compile", str(self.part), *unit, "--json", "--drawings", str(folder))
+
+
+class Stage:
+    """Keeps the one file that was sent last, until it is taken or another one comes."""
+
+    def __init__(self) -> None:
+        self.file: Staged | None = None
+        self._folder: Path | None = None
+
+    def put(self, name: str, path: Path) -> Staged:
+        """Keep a file that was sent, in place of the one before; return it.
+
+        Parameters
+        ----------
+        name : of the file, without folders
+        path : where its bytes are for now
+        """
+        self.clear()
+        self._folder = Path(tempfile.mkdtemp(prefix="cellctl-sent-"))
+        kept = self._folder / name
+        shutil.copyfile(path, kept)
+        with kept.open("rb") as file:
+            sha256 = hashlib.file_digest(file, "sha256").hexdigest()
+        self.file = Staged(kept, sha256)
+        return self.file
+
+    def clear(self) -> None:
+        """Forget the file."""
+        if self._folder is not None:
+            shutil.rmtree(self._folder, ignore_errors=True)
+        self.file, self._folder = None, None
+
+
+def new_recipe(staged: Staged, project: Path, stem: str) -> str:
+    """Return the text of a new recipe.
+
+    Parameters
+    ----------
+    staged : its part
+    project : folder that it will be in
+    stem : its name, and that of its file
+    """
+    part = f"{PARTS}/{staged.part.name}"
+    return TEXT.format(
+        name=json.dumps(stem),
+        part=json.dumps(part, ensure_ascii=False),
+        unit=UNIT_LINE.format(unit=staged.unit) if staged.is_unitless else "",
+        cell=f"cell: {CELL}\n" if _has_cell(project) else "",
+    )
+
+
+def take(staged: Staged, project: Path, stem: str) -> Path:
+    """Write part and recipe into the project; return the recipe's file.
+
+    Nothing that is there is written over: a part's file of the same name must be the same.
+
+    Parameters
+    ----------
+    staged : the part
+    project : folder of the recipes
+    stem : name of the recipe
+
+    Raises
+    ------
+    ConfigError : the name is not allowed or taken, or a file cannot be written
+    """
+    if not STEM.fullmatch(stem):
+        raise ConfigError("a recipe's name has letters, digits, `-` and `_`, 60 at most")
+    recipe = project / f"{stem}.yaml"
+    text = new_recipe(staged, project, stem)
+    part = project / PARTS / staged.path.name
+    try:
+        is_new = _put_part(staged, part)
+    except OSError as error:
+        raise ConfigError(f"{part.name}: cannot be written: {error.strerror or error}") from error
+    try:
+        load_recipe(recipe, text)
+        with recipe.open("x", encoding="utf-8") as file:
+            file.write(text)
+    except (OSError, ConfigError) as error:
+        if is_new:
+            part.unlink(missing_ok=True)
+        if isinstance(error, FileExistsError):
+            raise ConfigError(f"{recipe.name}: is there already; choose another name") from error
+        if isinstance(error, OSError):
+            reason = error.strerror or error
+            raise ConfigError(f"{recipe.name}: cannot be written: {reason}") from error
+        raise
+    return recipe
+
+
+def _put_part(staged: Staged, part: Path) -> bool:
+    """Write a part's file; return whether it was not there before."""
+    part.parent.mkdir(exist_ok=True)
+    if not part.parent.resolve().is_relative_to(part.parent.parent.resolve()):
+        raise ConfigError(f"{part.parent.name} is a link that leads out of the project")
+    try:
+        with part.open("xb") as written, staged.path.open("rb") as kept:
+            shutil.copyfileobj(kept, written)
+    except FileExistsError:
+        with part.open("rb") as there:
+            if hashlib.file_digest(there, "sha256").hexdigest() != staged.sha256:
+                raise ConfigError(
+                    f"{PARTS}/{part.name} is there already and is another file; rename yours"
+                ) from None
+        return False
+    return True
+
+
+def _has_cell(project: Path) -> bool:
+    path = project / CELL
+    try:
+        return path.is_file() and is_cell_file(yaml_tree(path))
+    except ConfigError:
+        return False
