@@ -70,12 +70,13 @@ def let_go_count(truth: dict[str, Any]) -> int:
 
 
 @contextmanager
-def kill_world(folder: Path, part: str, *, seed: int, speed: float) -> Iterator[KillWorld]:
+def kill_world(folder: Path, *parts: str, seed: int, speed: float) -> Iterator[KillWorld]:
     """Bring up the emulated cell by itself, with a cell file that names its addresses."""
     control = folder / "control.sock"
     process = subprocess.Popen(
         [
-            sys.executable, "-m", "controller.cli", "emulate", "--json", "--part", part,
+            sys.executable, "-m", "controller.cli", "emulate", "--json",
+            *(word for part in parts for word in ("--part", part)),
             "--seed", str(seed), "--speed", f"{speed:g}", "--control", str(control),
         ],
         cwd=ROOT,

@@ -58,6 +58,7 @@ GRIPPER_BAUD: Final = 115_200
 LIGHTS_BAUD: Final = 9_600  # what the light modules leave the factory with
 PICTURE_S: Final = 0.1  # from exposure to buffer, a camera takes no longer
 DROP_TRY_COUNT: Final = 200
+FEED_STREAM: Final = 7  # of random numbers, apart from the world's
 APART_MM: Final = 2.0  # between parts that are dropped, by their bounds
 _PRESENCE_S: Final = 0.05  # how often the fixed gripper's light barrier is looked at
 
@@ -73,8 +74,9 @@ class CellOptions:
     rest : number in each part's own ``rests``, None for a likely one at random
     orientation : (3, 3) CAD -> upright, of the first part at rest; None to take ``rest``
     at : x, y [mm] and turn [rad] of the first part, None for anywhere
-    feed : how often the first part is put back once it is in a tray, as if someone emptied the
-        tray and brought the next part of its kind
+    feed : how often each part is put back once one is in a tray, as if someone emptied the tray
+        and brought the next part of a kind that the seed draws; of further parts not at all
+    on_table : parts on the table at a time, the others wait; None for all
     as_built : seed of how the cell differs from its file; None for not at all
     surfaces : of parts in pictures; None for machined where the cell is as built, else plain
     """
@@ -89,7 +91,8 @@ class CellOptions:
     at: tuple[float, float, float] | None = None
     lines: Literal["tcp", "rtu-pty", "rtu-tcp"] = "tcp"
     camera_transport: Literal["auto", "fuse", "socket"] = "auto"
-    feed: int = 0
+    feed: tuple[int, ...] = ()
+    on_table: int | None = None
     as_built: int | None = None
     surfaces: Literal["plain", "machined"] | None = None
 
@@ -167,7 +170,8 @@ class Cell:
         oversize_mm = self.as_built.oversize_mm
         self.solids = [load_solid(path, oversize_mm=oversize_mm) for path in options.parts]
         self._presence_s = 0.0
-        self._feed_left = options.feed
+        self._feed_left = [*options.feed, *[0] * len(options.parts)][: len(options.parts)]
+        self._feed_rng = np.random.default_rng([options.seed, FEED_STREAM])
         seed = options.seed
         self.arm = ArmModel(seed, self.as_built.arm)
         self.arm_wire = ArmWire(self.arm)
@@ -214,12 +218,17 @@ class Cell:
     def _drop_parts(self, options: CellOptions) -> None:
         if options.is_empty:
             return
+        waiting = self._drawn_to_wait()
         for index, solid in enumerate(self.solids):
             if options.rest is not None and not 0 <= options.rest < len(solid.rests):
                 raise LayoutError(
                     f"--pose {options.rest}: {solid.name} has the numbers 0 to "
                     f"{len(solid.rests) - 1}"
                 )
+            if index in waiting:
+                self._feed_left[index] += 1
+                self.world.remove(index)
+                continue
             is_first = index == 0
             x_mm, y_mm, theta_rad = options.at if options.at and is_first else (None,) * 3
             rest: int | Rest | None = options.rest
@@ -232,6 +241,14 @@ class Cell:
             self.world.settle()
             if isinstance(rest, Rest):
                 self._require_kept(index, rest)
+
+    def _drawn_to_wait(self) -> set[int]:
+        """Return which parts are not on the table yet; the first one is, if it has a pose."""
+        count = len(self.solids)
+        over = 0 if self.options.on_table is None else max(count - self.options.on_table, 0)
+        has_pose = self.options.at is not None or self.options.orientation is not None
+        may_wait = np.arange(1 if has_pose else 0, count)
+        return {int(k) for k in self._feed_rng.permutation(may_wait)[:over]}
 
     def _require_kept(self, index: int, rest: Rest) -> None:
         """Raise LayoutError if a part that was put down in a rest has tipped out of it."""
@@ -426,10 +443,19 @@ class Cell:
         self.desk.note(self.now_s)
 
     def _feed(self) -> None:
-        """Drop the next part once the last one is in a tray and has been let go."""
-        if self._feed_left and tray_of(self.world, 0) is not None:
-            self._feed_left -= 1
-            self.world.place(0, self._kept_apart(0, self.world.draw(0)))
+        """Drop the next part, drawn by the seed, once one is in a tray and has been let go."""
+        gone = [
+            part.index
+            for part in self.world.parts
+            if part.state == AWAY or tray_of(self.world, part.index) is not None
+        ]
+        waiting = [index for index in gone if self._feed_left[index] > 0]
+        at_work = len(self.world.parts) - len(gone)
+        room = len(self.world.parts) if self.options.on_table is None else self.options.on_table
+        if waiting and at_work < room:
+            index = int(self._feed_rng.choice(waiting))
+            self._feed_left[index] -= 1
+            self.world.place(index, self._kept_apart(index, self.world.draw(index)))
 
     def _empty_trays(self) -> None:
         """Take away what is in a tray without nests once the arm holds another part."""

@@ -54,7 +54,17 @@ def build_parser() -> argparse.ArgumentParser:
         help="leave the table empty; the parts are known all the same",
     )
     parser.add_argument(
-        "--feed", type=int, default=0, help="parts to add, each once the one before is in a tray"
+        "--feed",
+        default="",
+        metavar="N[,N...]",
+        help="how often to bring each part again, in the order of --part, each once one is in a "
+        "tray",
+    )
+    parser.add_argument(
+        "--on-table",
+        type=int,
+        metavar="N",
+        help="parts on the table at a time, drawn by the seed (default: all)",
     )
     parser.add_argument("--seed", type=int, default=0, help="seed of everything random")
     parser.add_argument("--speed", type=float, default=1.0, help="world seconds per second")
@@ -109,6 +119,8 @@ def options_of(args: argparse.Namespace) -> CellOptions:
         raise LayoutError(f"--speed {args.speed}: a factor above 0")
     if args.as_built is not None and args.as_built < 0:
         raise LayoutError(f"--as-built {args.as_built}: a seed of 0 or more")
+    if args.on_table is not None and args.on_table < 1:
+        raise LayoutError(f"--on-table {args.on_table}: 1 or more")
     at = None
     if args.at is not None:
         try:
@@ -128,10 +140,21 @@ def options_of(args: argparse.Namespace) -> CellOptions:
         at=at,
         lines=args.lines,
         camera_transport=args.camera_transport,
-        feed=args.feed,
+        feed=_counts(args.feed),
+        on_table=args.on_table,
         as_built=args.as_built,
         surfaces=args.surfaces,
     )
+
+
+def _counts(text: str) -> tuple[int, ...]:
+    try:
+        counts = tuple(int(word) for word in text.split(",")) if text else ()
+    except ValueError as error:
+        raise LayoutError(f"--feed {text:.80}: whole numbers, between commas") from error
+    if any(count < 0 for count in counts):
+        raise LayoutError(f"--feed {text:.80}: no number below 0")
+    return counts
 
 
 def _rotation(text: str) -> NDArray[np.float64]:

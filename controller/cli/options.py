@@ -29,12 +29,20 @@ def finite(value: float | None) -> float | None:
     return value
 
 
-RecipeArg = Annotated[
-    Path | None,
+RecipesArg = Annotated[
+    list[str] | None,
     typer.Argument(
-        metavar="RECIPE",
-        help="recipe file (YAML), or the name of a recipe that comes with cellctl "
+        metavar="RECIPE...",
+        help="recipe files (YAML), or names of recipes that come with cellctl "
         "(default: recipe.yaml in this folder, else featuretype)",
+    ),
+]
+CountedRecipesArg = Annotated[
+    list[str] | None,
+    typer.Argument(
+        metavar="RECIPE[=COUNT]...",
+        help="recipe files (YAML), or names of recipes that come with cellctl, each with a number "
+        "of parts (default: recipe.yaml in this folder, else featuretype)",
     ),
 ]
 RecipeCellOption = Annotated[

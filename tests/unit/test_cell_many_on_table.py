@@ -11,10 +11,11 @@ from controller.cell.actions.perception.recognise import RecogniseAction
 from controller.cell.compute import Pickable
 from controller.cell.custody import Custody
 from controller.cell.errors import PartFaultError, PartProblemError
+from controller.cell.journal import rows
 from controller.cell.machine import Act, PartFault, Recovery
-from controller.cell.services.records import PartRecord, sightings_row
+from controller.cell.services.records import BatchRecord, PartRecord, Progress, sightings_row
 from controller.cell.services.resuming import sighting_of
-from controller.cell.services.table import Taking
+from controller.cell.services.table import Label, LabelOrder, Labels, Taking
 from controller.recognition import Alternative, Sighting
 
 ANY: Any = SimpleNamespace
@@ -56,7 +57,9 @@ def choose(
     record = ANY(
         part=before or PartRecord(number=1), products=(product,), wanted=(product,), product=product
     )
-    number = asyncio.run(Taking(record, serials)._choose(sightings_row(sightings).sightings))
+    number = asyncio.run(
+        Taking(record, Labels(LabelOrder(serials)))._choose(sightings_row(sightings).sightings)
+    )
     if number is None:
         action = RecogniseAction(ANY(), ANY(), record)
         raise action._nothing_found()
@@ -197,3 +200,211 @@ def test_what_is_free_of_an_outline_is_kept_in_the_journal() -> None:
     again = sighting_of(row)
     assert again.free_share == pytest.approx(0.8125, abs=1e-3)
     assert (again.touching_count, again.is_cut) == (2, True)
+
+
+# --- several recipes ----------------------------------------------------------------------------
+
+TWO = {"plate": (1, 60.0), "block": (1, 90.0)}  # paths of a gripper to a part, and its forecast
+
+
+class Batch:
+    """A batch of plates and blocks, with a journal that keeps its rows."""
+
+    def __init__(self, order: LabelOrder = LabelOrder(), **left: int) -> None:  # noqa: B008
+        self.how: dict[str, tuple[int, float]] = dict(TWO)
+        self.rows: list[Any] = []
+        counts = {"plate": 2, "block": 2} | left
+        products = [
+            ANY(
+                number=n, part_name=name, count=count, compute=self._asking(name),
+                recipe=ANY(name=f"the {name}"),
+            )
+            for n, (name, count) in enumerate(counts.items())
+        ]  # fmt: skip
+        journal: Any = ANY(write=lambda row, part: self.rows.append(row))
+        self.record = BatchRecord(journal, Progress(), lambda: None, products=products)
+        self.record.begin_part()
+        self.taking = Taking(self.record, Labels(order))
+
+    def _asking(self, name: str) -> Any:
+        async def pickable(seen: Any) -> tuple[Pickable, ...]:
+            none = Pickable()
+            return tuple(Pickable(*self.how[name]) if s.part == name else none for s in seen)
+
+        return ANY(pickable=pickable)
+
+    def take(self, *sightings: Sighting) -> Sighting:
+        """Return what is taken of a look at the table."""
+        asyncio.run(self.taking.take(sightings))
+        taken = self.record.part.sighting
+        assert taken is not None
+        return taken
+
+    def leave(self, reason: str = "no grasp reaches it") -> Sighting | None:
+        """Leave the part at hand; return what is taken in its place, None for nothing."""
+        return self.record.part.sighting if asyncio.run(self.taking.leave(reason)) else None
+
+    def done(self) -> None:
+        """Have the part at hand in its tray."""
+        self.record.part.tray = "accept"
+        self.record.finish_part()
+        self.record.begin_part()
+
+    @property
+    def identified(self) -> list[tuple[str, str, str]]:
+        return [(r.name, r.serial, r.lot) for r in self.rows if isinstance(r, rows.PartIdentified)]
+
+
+PLATE, BLOCK = seen("plate"), seen("block", x_mm=80.0)
+
+
+def test_a_part_of_any_recipe_is_taken_and_is_of_its_recipe() -> None:
+    batch = Batch()
+    assert batch.take(seen(None, x_mm=150.0), BLOCK) is BLOCK
+    assert batch.record.product.recipe.name == "the block"
+    assert batch.identified == [("the block", "", "")]
+
+
+def test_of_parts_that_are_as_free_the_one_soonest_done_comes_first() -> None:
+    assert Batch().take(BLOCK, PLATE) is PLATE
+    other = Batch()
+    other.how["block"] = (1, 30.0)
+    assert other.take(BLOCK, PLATE) is BLOCK
+
+
+def test_a_sure_part_comes_before_a_quick_one() -> None:
+    twin = Alternative("twin", 0, 0.0, np.eye(4))
+    assert Batch().take(seen("plate", ambiguous_with=(twin,)), BLOCK) is BLOCK
+
+
+def test_further_parts_of_a_recipe_that_has_enough_are_left_alone() -> None:
+    batch = Batch(plate=1)
+    assert batch.take(PLATE, BLOCK) is PLATE
+    batch.done()
+    assert batch.record.done == {"the plate": (1, 1), "the block": (0, 2)}
+    assert batch.take(PLATE, BLOCK) is BLOCK
+    batch.done()
+    with pytest.raises(PartProblemError, match="enough of them are done") as e:
+        batch.take(PLATE)
+    assert e.value.code == "wrong_part"
+
+
+def test_the_batch_is_done_once_all_counts_are_reached() -> None:
+    batch = Batch(plate=1, block=1)
+    for one in (PLATE, BLOCK):
+        assert batch.record.parts_left > 0
+        batch.take(one)
+        batch.done()
+    assert batch.record.parts_left == 0
+
+
+def test_a_part_without_a_plan_is_left_for_another_and_named() -> None:
+    batch = Batch()
+    assert batch.take(PLATE, BLOCK) is PLATE
+    assert batch.leave("no grasp reaches it") is BLOCK
+    assert batch.record.product.recipe.name == "the block"
+    (left,) = [row for row in batch.rows if isinstance(row, rows.PartLeft)]
+    assert (left.part, left.reason) == ("plate", "no grasp reaches it")
+    batch.done()
+    # at the next look it lies as it lay, and is not tried again while another can be taken
+    assert batch.take(PLATE, seen("block", x_mm=200.0)).part == "block"
+
+
+def test_where_no_other_part_can_be_taken_nothing_is_left() -> None:
+    batch = Batch()
+    batch.take(PLATE)
+    assert batch.leave() is None
+    batch = Batch()
+    batch.take(PLATE, seen(None, x_mm=80.0))
+    assert batch.leave() is None
+    assert batch.record.part.sighting is PLATE  # so that the problem is told of this part
+
+
+def test_a_part_that_was_left_is_tried_again_once_what_was_beside_it_is_gone() -> None:
+    batch = Batch()
+    batch.take(PLATE, BLOCK)
+    batch.leave()
+    batch.done()
+    assert batch.take(PLATE) is PLATE
+    batch = Batch()
+    batch.take(PLATE, BLOCK)
+    batch.leave()
+    batch.done()
+    batch.how["block"] = (0, 90.0)
+    with pytest.raises(PartProblemError, match="no gripper gets at"):
+        batch.take(PLATE, BLOCK)
+
+
+def test_a_part_that_was_left_and_lies_as_before_is_named_with_its_reason() -> None:
+    batch, stranger = Batch(block=1), seen(None, x_mm=150.0)
+    batch.take(PLATE, BLOCK, stranger)
+    batch.leave("it is too flat")
+    batch.record._left[1] = 0
+    batch.record.begin_part()
+    batch.record.part.sighting = batch.record.part.product = None
+    with pytest.raises(PartProblemError, match="it is too flat") as e:
+        batch.take(PLATE, BLOCK, stranger)
+    assert e.value.code == "no_plan"
+    batch.taking.forget()  # somebody has been at the table
+    assert batch.take(PLATE, BLOCK, stranger) is PLATE
+
+
+def test_a_part_that_was_held_or_read_is_never_left_for_another() -> None:
+    for change in ({"hold_count": 1}, {"scanned": "A1"}, {"interrupted": "run"}):
+        batch = Batch()
+        batch.take(PLATE, BLOCK)
+        for name, value in change.items():
+            setattr(batch.record.part, name, value)
+        assert batch.leave() is None
+
+
+LISTED = ((0, Label("P1", "L1")), (1, Label("B1", "L2")), (0, Label("P2", "L1")))
+
+
+def test_listed_numbers_go_to_parts_that_are_alone_of_their_recipe() -> None:
+    batch = Batch(LabelOrder(listed=LISTED), block=1)
+    two = (PLATE, seen("plate", x_mm=200.0))
+    assert batch.take(*two, BLOCK) is BLOCK  # which plate is P1 no picture shows
+    batch.done()
+    with pytest.raises(PartProblemError, match="which of them has the serial number P1") as e:
+        batch.take(*two)
+    assert e.value.code == "many_parts"
+    batch.take(PLATE)
+    assert batch.identified == [("the block", "B1", "L2"), ("the plate", "P1", "L1")]
+
+
+def test_a_number_that_was_read_is_that_of_the_only_part_of_the_batch() -> None:
+    batch = Batch(LabelOrder(is_read=True), plate=1)
+    batch.record.part.scanned = "X7"
+    with pytest.raises(PartProblemError, match="which of them has the serial number X7"):
+        batch.take(PLATE, BLOCK)
+    assert batch.take(PLATE, seen(None, x_mm=150.0)) is PLATE
+    assert batch.identified == [("the plate", "X7", "")]
+    batch.done()
+    batch.record.part.scanned = "X8"
+    # a plate of which there are enough may be what was laid and read
+    with pytest.raises(PartProblemError, match="X8"):
+        batch.take(PLATE, BLOCK)
+
+
+def test_a_listed_number_that_was_read_must_be_on_a_part_of_its_recipe() -> None:
+    batch = Batch(LabelOrder(listed=LISTED, is_read=True))
+    batch.record.part.scanned = "B1"
+    with pytest.raises(PartProblemError, match="lay block there") as e:
+        batch.take(PLATE)
+    assert e.value.code == "wrong_part"
+
+
+def test_counted_numbers_follow_the_parts_as_they_are_begun() -> None:
+    batch = Batch(LabelOrder(counted_from="A01"))
+    batch.take(PLATE, BLOCK, seen("plate", x_mm=200.0))
+    batch.done()
+    batch.take(BLOCK)
+    assert [serial for _, serial, _ in batch.identified] == ["A01", "A02"]
+
+
+def test_a_part_of_the_batch_that_was_lost_is_sought_as_what_it_was() -> None:
+    batch = Batch()
+    batch.take(PLATE, BLOCK)
+    assert batch.take(seen("plate", x_mm=60.0), BLOCK).part == "plate"
+    assert len(batch.identified) == 1

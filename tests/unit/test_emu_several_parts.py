@@ -8,6 +8,7 @@ import trimesh
 
 from emulators.in_process import Cell, CellOptions
 from emulators.world import tray_of
+from emulators.world.matter.parts import AWAY
 
 ROOT = Path(__file__).parents[2]
 CELL = ROOT / "recipes" / "cells" / "emulated.yaml"
@@ -75,4 +76,47 @@ def test_a_tray_without_nests_is_emptied_before_the_next_part_comes(
     assert tray_of(world, 0) == ("accept" if nests else None)
     walls = [box.name for box in cell.layout.obstacles if box.name.endswith("of accept")]
     assert len(walls) == (4 if nests else 0)
+    world.close()
+
+
+def fed_order(parts: tuple[Path, ...], seed: int, folder: Path) -> list[int]:
+    """Return which parts come to the table, each once the one before it has left."""
+    options = CellOptions(cell=CELL, parts=parts, seed=seed, feed=(2, 1, 3), on_table=1)
+    cell = Cell(options, folder)
+    world, order = cell.world, []
+    while True:
+        on_table = [part.index for part in world.parts if part.state != AWAY]
+        if not on_table:
+            break
+        (index,) = on_table
+        order.append(index)
+        world.remove(index)  # out of a tray that was emptied
+        cell._feed()
+    world.close()
+    return order
+
+
+def test_parts_are_fed_in_the_order_that_the_seed_draws(
+    blocks: tuple[Path, ...], tmp_path: Path
+) -> None:
+    orders = [fed_order(blocks, seed, tmp_path) for seed in (1, 1, 2)]
+    # each lies there once of itself, and as often again as it is fed
+    assert all(sorted(order) == [0, 0, 0, 1, 1, 2, 2, 2, 2] for order in orders)
+    assert orders[0] == orders[1]
+    assert len({tuple(order) for order in orders}) > 1
+
+
+def test_without_a_limit_all_parts_lie_there_and_what_is_not_fed_stays_away(
+    blocks: tuple[Path, ...], tmp_path: Path
+) -> None:
+    cell = Cell(CellOptions(cell=CELL, parts=blocks, seed=1, feed=(0, 1)), tmp_path)
+    world = cell.world
+    assert all(part.state != AWAY for part in world.parts)
+    for index in (0, 1):
+        solid = world.parts[index].solid
+        world.place(index, solid.pose_at_rest(solid.rests[0], 100.0, 390.0, 0.0))
+        world.settle()
+        cell._feed()
+        world.settle()
+    assert [tray_of(world, index) for index in (0, 1, 2)] == ["accept", None, None]
     world.close()

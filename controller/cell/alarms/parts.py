@@ -138,6 +138,12 @@ PARTS: Final = (
         "look at both grippers; take the part out with `cellctl recover`",
     ),
     Alarm(
+        425, "no_serial", _HOLD, "scanner",
+        "nobody read the serial number of the next part",
+        "which part is to come next",
+        "start with a terminal or with --wait, read the number and answer",
+    ),
+    Alarm(
         420, "part_may_be_held", _REFUSED, "both grippers",
         "a gripper holds a part, or may hold one, that an earlier run left",
         "whether and how the gripper named holds it",

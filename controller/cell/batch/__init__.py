@@ -9,7 +9,7 @@ what no action reports. Each effect is run by an action (`controller.cell.action
 from ..services.records import PartRecord, Progress
 from .assembly import Batch, assemble, product_of
 from .dispatcher import WORKER_GONE, Dispatcher, Outcome
-from .order import OrderedRecipe, Papers, RecoveryPolicy, RunOrder
+from .order import OrderedRecipe, Papers, RecoveryPolicy, RunOrder, jobs_of
 from .run import HOST, Outfit, RunResult, input_files, new_run_id, run_batch, who_and_what
 from .starting import GO_ON, find_proposal
 from .status import CellStatus
@@ -39,6 +39,7 @@ __all__ = [
     "assemble",
     "find_proposal",
     "input_files",
+    "jobs_of",
     "new_run_id",
     "product_of",
     "run_batch",

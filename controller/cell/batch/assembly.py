@@ -71,7 +71,7 @@ from ..services import (
     faults_section,
 )
 from ..services.records import BatchRecord, Product, Progress
-from ..services.table import Taking
+from ..services.table import NO_NUMBERS, LabelOrder, Labels, Taking
 from .dispatcher import Dispatcher
 from .supervision import ArmWatcher, LoopWatcher, ModbusWatcher
 from .watchers import DiskWatcher, FixedGripperWatcher, InterlockWatcher
@@ -139,7 +139,7 @@ def assemble(
     operator: Operator = NOBODY,
     calibration: SetCalibration | None = None,
     *,
-    serials: tuple[str, ...] = (),
+    numbers: LabelOrder = NO_NUMBERS,
     stored: tuple[StoredFields, ...] = (),
     on_alarm: Callable[[CellEvent], None] = lambda _: None,
     is_stepwise: bool = False,
@@ -157,7 +157,7 @@ def assemble(
     folder : of the run, for its pictures
     progress, on_progress : what the operator sees; called after each change of it
     operator : answers questions
-    serials : of the parts, in the order they are worked on; empty where they have none
+    numbers : where serial numbers and lots of the parts come from
     stored : parts that stand in the trays
     on_alarm : called with each event that raises an alarm; must return at once
     is_stepwise : the operator lets each motion begin
@@ -199,8 +199,9 @@ def assemble(
     preparation = Preparation([product.compute for product in products])
     stopping = Stopping(arm, gripper, lights, clock, cell.detection.stop_confirm_s)
 
-    taking = Taking(record, serials)
-    resumption = Resumption(record, motion, StoredViews(record, compute, layout, folder))
+    labels = Labels(numbers, operator)
+    taking = Taking(record, labels)
+    resumption = Resumption(record, motion, StoredViews(record, compute, layout, folder), labels)
 
     by_effect: dict[Effect, Action] = {
         Effect.HOME: ResetAction(
@@ -211,7 +212,7 @@ def assemble(
         Effect.RECOVER: RecoverAction(
             resumption, motion, grippers, record, gripper, compute, layout
         ),
-        Effect.ACQUIRE: AcquireAction(imaging, gate, record),
+        Effect.ACQUIRE: AcquireAction(imaging, gate, record, labels),
         Effect.RECOGNISE: RecogniseAction(compute, taking, record),
         Effect.PLAN: PlanAction(compute, preparation, taking, views, held_pose, motion, record),
         Effect.GRASP: GraspAction(steps, motion, grippers, views, record, taking, layout),

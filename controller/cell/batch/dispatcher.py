@@ -158,7 +158,7 @@ class Dispatcher:
         ------
         DeviceError : the arm of a paused cell does not report where it stands
         """
-        state, progress = self._machine.state, self._record.progress
+        state, progress, part = self._machine.state, self._record.progress, self._record.part
         is_paused = mode_of(state) is Mode.SUSPENDED
         can_pause = mode_of(state) in (Mode.EXECUTE, Mode.SUSPENDING)
         alarm = alarm_of(self._code) if self._code else None
@@ -177,6 +177,9 @@ class Dispatcher:
             pause_s={kind: self._gate.seconds_to(kind) for kind in PauseKind if can_pause},
             first=await self._gate.next_motion() if is_paused else None,
             signals=self._signals(),
+            recipe="" if part.product is None else part.product.recipe.name,
+            serial=part.serial,
+            done=self._record.done,
         )
 
     def request_stop(self, message: str = "stopped by the operator", code: str = "stop") -> None:

@@ -1,6 +1,6 @@
 """What to run: recipe, cell, how many parts, and what goes with them."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -9,6 +9,7 @@ from controller.config import Cell, Recipe
 
 from ..compute import Job
 from ..devices.clocks import FoundClock
+from ..services.table import Label, LabelOrder
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,12 +20,23 @@ class Papers:
     ----------
     serials : of the parts, in the order they are worked on
     part_temperature_c : None where nobody measured it
+    listed : label of each part of a list, with the number of its recipe
+    counted_from : first of the serial numbers that are counted up; empty where none are
+    is_read : serial numbers are read off the parts
     """
 
     operator: str = ""
     lot: str = ""
     serials: tuple[str, ...] = ()
     part_temperature_c: float | None = None
+    listed: tuple[tuple[int, Label], ...] = ()
+    counted_from: str = ""
+    is_read: bool = False
+
+    @property
+    def numbers(self) -> LabelOrder:
+        """Where the serial numbers come from."""
+        return LabelOrder(self.serials, self.listed, self.counted_from, self.is_read)
 
 
 NO_PAPERS: Final = Papers()
@@ -42,6 +54,19 @@ class OrderedRecipe:
 # What a start does where an earlier run may have left a part in a gripper: refuse; have the
 # operator decide on a proposal; go on by itself where the proposal is proven safe.
 RecoveryPolicy = Literal["refuse", "ask", "auto"]
+
+
+def jobs_of(ordered: Sequence[OrderedRecipe], cell_path: Path) -> tuple[Job, ...]:
+    """Return what the compute service of each recipe of a batch works on.
+
+    Parameters
+    ----------
+    ordered : the recipes
+    cell_path : cell file
+    """
+    paths = tuple(one.path for one in ordered)
+    batch = paths if len(paths) > 1 else ()
+    return tuple(Job(path, cell_path, batch) for path in paths)
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,9 +117,7 @@ class RunOrder:
     @property
     def jobs(self) -> tuple[Job, ...]:
         """What the compute service of each recipe works on."""
-        paths = tuple(one.path for one in self.ordered)
-        batch = paths if len(paths) > 1 else ()
-        return tuple(Job(path, self.cell_path, batch) for path in paths)
+        return jobs_of(self.ordered, self.cell_path)
 
     @property
     def folder(self) -> Path:

@@ -87,10 +87,18 @@ class RunResult:
     why_not_verified: str = ""
 
 
-def new_run_id(recipe: Recipe, stamps: Stamps = HOST_STAMPS) -> str:
-    """Return a name for a run that sorts by time."""
+def new_run_id(recipe: Recipe, stamps: Stamps = HOST_STAMPS, more: int = 0) -> str:
+    """Return a name for a run that sorts by time.
+
+    Parameters
+    ----------
+    recipe : the first of the run
+    stamps : the clock
+    more : recipes beside it
+    """
     now = stamps.utc()
-    return f"{now:%Y%m%d-%H%M%S}-{now.microsecond // 1000:03d}-{recipe.name}"
+    others = f"+{more}" if more else ""
+    return f"{now:%Y%m%d-%H%M%S}-{now.microsecond // 1000:03d}-{recipe.name}{others}"
 
 
 async def run_batch(
@@ -186,7 +194,7 @@ async def run_batch(
             show,
             decider,
             calibration,
-            serials=order.papers.serials,
+            numbers=order.papers.numbers,
             stored=stored,
             on_alarm=notices.take,
             is_stepwise=order.is_stepwise,

@@ -26,6 +26,8 @@ class CellStatus:
     wanted : the pause that is wanted and not reached yet
     pause_s : how long each kind of pause takes to begin, at most [cell s]
     first : what moves first when the pause ends; None where nothing is paused
+    recipe, serial : of the part at hand; empty before it was recognised, or where it has none
+    done : by recipe, parts done and parts ordered
     signals : inputs of the I/O block by name: whether each is OK, None where nobody knows
     """
 
@@ -43,3 +45,6 @@ class CellStatus:
     pause_s: Mapping[PauseKind, float | None]
     first: NextMotion | None
     signals: Mapping[str, bool | None] = field(default_factory=dict)
+    recipe: str = ""
+    serial: str = ""
+    done: Mapping[str, tuple[int, int]] = field(default_factory=dict)

@@ -7,7 +7,7 @@ from pydantic import BaseModel, ConfigDict, Field
 # characters at most
 MAX_WHO: Final = 200
 MAX_WHY: Final = 1000
-MAX_KEY: Final = 40
+MAX_KEY: Final = 80
 
 Short = Field(default="", max_length=MAX_WHO)
 Reason = Field(default="", max_length=MAX_WHY)
@@ -75,12 +75,16 @@ class ChoiceReply(_Body):
 
 
 class QuestionReply(_Body):
-    """A question that waits for its answer."""
+    """A question that waits for its answer.
+
+    `entry` is what may be given in place of a choice, such as a serial number; empty for nothing.
+    """
 
     number: int
     code: str
     text: str
     choices: tuple[ChoiceReply, ...]
+    entry: str = ""
 
 
 class HolderReply(_Body):
@@ -97,7 +101,9 @@ class StatusReply(_Body):
     """How the cell stands; durations are cell seconds, null where nobody knows.
 
     `at_s` is the cell's clock; only differences of it mean something. `signals` are the inputs of
-    the I/O block by name: whether each is OK, null where nobody knows.
+    the I/O block by name: whether each is OK, null where nobody knows. `recipe` and `serial` are of
+    the part at hand, empty before it was recognised or where it has none; `done` is how many parts
+    of each recipe are done, and how many were ordered.
     """
 
     run: str
@@ -117,6 +123,9 @@ class StatusReply(_Body):
     alarms: tuple[str, ...]
     holder: HolderReply
     signals: dict[str, bool | None] = {}
+    recipe: str = ""
+    serial: str = ""
+    done: dict[str, tuple[int, int]] = {}
 
 
 class ErrorReply(_Body):

@@ -40,6 +40,11 @@ class Desk:
         """The question that waits for its answer."""
         return None if self._open is None else self._open[0]
 
+    @property
+    def is_answered(self) -> bool:
+        """Whether the open question has its answer already."""
+        return self._open is not None and self._open[1].done()
+
     async def decide(self, question: Question) -> Answer | None:
         """Return the answer once there is one; None at once where nobody is there."""
         if not self._is_attended:
@@ -68,7 +73,7 @@ class Desk:
         Parameters
         ----------
         number : of the question that was seen; None for the one that is open
-        answer : one of its choices, who gives it and why
+        answer : one of its choices, or a text where one is asked for; who gives it and why
         """
         if self._open is None or self._open[1].done():
             return "there is no question to answer"
@@ -76,7 +81,11 @@ class Desk:
         if number not in (None, raised.number):
             return f"question {number} is not open any more; question {raised.number} is"
         keys = [choice.key for choice in raised.question.choices]
-        if answer.key not in keys:
+        if answer.key not in keys and raised.question.entry:
+            refusal = raised.question.check(answer.key)
+            if refusal:
+                return refusal
+        elif answer.key not in keys:
             return f"`{answer.key}` is no answer to question {raised.number}: {', '.join(keys)}"
         answered.set_result(answer)
         return ""

@@ -1,5 +1,6 @@
 """What a question is, what an answer is, and who can decide."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final, Protocol
 
@@ -29,12 +30,16 @@ class Question:
     choices : the possible answers
     preview : what moves first after each choice that moves something, by the choice's key: where
         to, how far, how fast
+    entry : what may be typed in place of a choice, such as a serial number; empty for nothing
+    check : returns why a typed text is no answer; empty if it is one
     """
 
     code: str
     text: str
     choices: tuple[Choice, ...]
     preview: tuple[tuple[str, str], ...] = ()
+    entry: str = ""
+    check: Callable[[str], str] = lambda _: ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,6 +16,8 @@ STOP: Final = "stop"
 NOT_EMPTY: Final = "fixture_not_empty"
 # The problem of a tray without a free nest: to look again there is to state that it is empty.
 TRAY_FULL: Final = "tray_full"
+# The problem of a part whose number nobody read: to look again there is to ask for it again.
+NO_SERIAL: Final = "no_serial"
 
 _STOP: Final = Choice(STOP, "end the run; nothing is released")
 _OUT: Final = Choice(
@@ -58,6 +60,9 @@ def question_for(code: str, message: str, custody: str) -> Question:
     if code in _ON_TABLE:
         text = f"{message}."
         choices = (Choice(LOOK, _ON_TABLE[code]), _AWAY, _STOP)
+    elif code == NO_SERIAL:
+        text = f"{message}."
+        choices = (Choice(LOOK, "the scanner is ready: read the next number"), _STOP)
     elif code == TRAY_FULL:
         text = f"{message}."
         choices = (Choice(LOOK, "they are empty now: go on with the next part"), _STOP)

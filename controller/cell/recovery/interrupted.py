@@ -47,6 +47,7 @@ class Interrupted:
     verdict : if the part was judged
     identified : which of the run's recipes it is of, and its number
     resumed : if that run had taken the part over from one before it
+    serials : numbers of other parts of that run
     is_homed : positions meant something in that run
     is_homing : homing with the part had begun, and had not ended
     has_ended : it came to its end by itself, so that it was not killed
@@ -82,6 +83,7 @@ class Interrupted:
     verdict: rows.PartJudged | None = None
     resumed: rows.PartResumed | None = None
     identified: rows.PartIdentified | None = None
+    serials: set[str] = field(default_factory=set)
     is_homed: bool = False
     is_homing: bool = False
     has_ended: bool = False
@@ -198,6 +200,8 @@ def fold_interrupted(found: Iterable[Row], run: str, part: int) -> Interrupted |
                 known.take(row)
             else:
                 known.trail.take(row)
+                if isinstance(row, rows.PartIdentified) and row.serial:
+                    known.serials.add(row.serial)
     if known is not None:
         known.is_homed, known.is_homing, known.has_ended = is_homed, is_homing, has_ended
     return known

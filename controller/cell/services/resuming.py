@@ -3,7 +3,7 @@
 What this run writes of it is enough for the next one to go on from, should this one be killed too.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +17,7 @@ from controller.recognition import Alternative, Sighting
 
 from .motion import Motion
 from .records import BatchRecord, PartInGripper, PartRecord, Product, grasp_of
+from .table import Labels
 from .views import StoredViews
 
 
@@ -27,6 +28,7 @@ class Resumption:
     Attributes
     ----------
     record, motion, stored_views : take it over
+    labels : of this run, some of which parts of the interrupted run have
     accepted : what may be done, None if the run begins as usual
     source : folder of the interrupted run
     product : that the part is of
@@ -35,6 +37,7 @@ class Resumption:
     record: BatchRecord
     motion: Motion
     stored_views: StoredViews
+    labels: Labels = field(default_factory=Labels)
     accepted: Proposal | None = None
     source: Path = Path()
     product: Product | None = None
@@ -80,6 +83,8 @@ class Resumption:
         record.note(rows.PartResumed(run=left.run, serial=left.serial, lot=left.lot))
         if self.product is not None:
             record.identify_part(self.product, left.serial, left.lot)
+        for number in self.labels.take_over(left.serial, left.serials):
+            record.count_as_done(number)
         missing = await self.stored_views.take_over(left, self.source)
         for row in (*left.recoveries, *map(_avoided, left.avoid)):
             record.note(row)

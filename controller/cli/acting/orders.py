@@ -56,8 +56,11 @@ def status_lines(found: StatusReply) -> list[str]:
         f"run {found.run}",
         f"  by       {holder.user} on {holder.host}, process {holder.pid}, since {holder.since}",
         f"  state    {found.state}{doing}{step}{left}",
-        f"  part     {found.custody}",
+        f"  part     {found.custody}" + (f", serial number {found.serial}" if found.serial else ""),
     ]
+    if len(found.done) > 1:
+        each = (f"{name} {done} of {count}" for name, (done, count) in found.done.items())
+        lines.append(f"  done     {', '.join(each)}")
     if found.safe_point:
         lines.append(f"  stands   {found.safe_point}")
     if found.message:
@@ -81,6 +84,8 @@ def status_lines(found: StatusReply) -> list[str]:
         for choice in found.question.choices:
             first_words = f" (first: {choice.first})" if choice.first else ""
             lines.append(f"  cellctl answer {choice.key:6} {choice.words}{first_words}")
+        if found.question.entry:
+            lines.append(f"  cellctl answer {found.question.entry.upper().replace(' ', '-')}")
     return lines
 
 
@@ -183,7 +188,7 @@ def answer_question(
     """
     _check(who, why)
     if not 0 < len(key) <= MAX_KEY:
-        raise ConfigError(f"an answer is one word of at most {MAX_KEY} characters")
+        raise ConfigError(f"an answer has 1 to {MAX_KEY} characters")
     order = AnswerOrder(key=key, number=number, who=who, why=why)
     return print_decision(RunningCell(runs_dir).order("answer", order), "answered", as_json=as_json)
 

@@ -9,24 +9,25 @@ from ..options import (
     DrawingsOption,
     JobsOption,
     JsonOption,
-    RecipeArg,
     RecipeCellOption,
+    RecipesArg,
     UnitOption,
 )
 
 
 def check(
-    recipe: RecipeArg = None, cell: RecipeCellOption = None, json: JsonOption = False
+    recipes: RecipesArg = None, cell: RecipeCellOption = None, json: JsonOption = False
 ) -> None:
     """Check all that the files alone can show, before anything moves.
 
-    Files, CAD, grasps, views, reach: for every likely stable pose of the recipe's part.
+    Files, CAD, grasps, views, reach: for every likely stable pose of the recipe's part. Several
+    recipes are checked as for one run with all of them.
     """
-    from controller.config import find_recipe
+    from ..inputs.recipes import asked_recipes
+    from .recipe_check import check_recipes
 
-    from .recipe_check import check_recipe
-
-    raise typer.Exit(check_recipe(find_recipe(recipe), cell, as_json=json))
+    asked = asked_recipes(recipes or (), has_counts=False)
+    raise typer.Exit(check_recipes(asked, cell, as_json=json))
 
 
 def plan(

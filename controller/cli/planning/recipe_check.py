@@ -1,36 +1,47 @@
 """`cellctl check`: what follows from files alone; nothing moves."""
 
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from controller.cell.batch import jobs_of
 from controller.cell.compute import Job
 from controller.cell.compute.checks import Checked, CheckedPose, check_job
-from controller.config import load_recipe
 from controller.results.moments import view_count
 
+from ..inputs.recipes import AskedRecipe, cell_of, ordered_recipes
 from ..terminal.output import emit, print_line, warn
 from .certificates import counted, covered_words
 from .characteristics import characteristic_json, print_checked
 from .plan_json import certificate_json
 
 
-def check_recipe(recipe_path: Path, cell_path: Path | None, *, as_json: bool) -> int:
+def check_recipes(asked: Sequence[AskedRecipe], cell_path: Path | None, *, as_json: bool) -> int:
     """Check files and CAD, and that every likely stable pose can be grasped and shown.
 
     Parameters
     ----------
-    recipe_path : recipe file
-    cell_path : cell file, None for the recipe's
-    as_json : print one JSON object instead of sentences
+    asked : the recipes; several are checked as for one run
+    cell_path : cell file, None for the recipes'
+    as_json : print one JSON object a recipe instead of sentences
 
     Returns
     -------
-    exit code: 0 if the recipe can be run on this cell; else 1, after printing each reason
+    exit code: 0 if the recipes can be run on this cell; else 1, after printing each reason
+
+    Raises
+    ------
+    ConfigError : a file is wrong, or no run could have these recipes together
     """
-    started = time.monotonic()
-    recipe = load_recipe(recipe_path)
-    checked = check_job(Job(recipe_path, cell_path or recipe.cell))
+    ordered = ordered_recipes(asked)
+    jobs = jobs_of(ordered, cell_of(ordered, cell_path))
+    return max([_check(job, as_json=as_json) for job in jobs])
+
+
+def _check(job: Job, *, as_json: bool) -> int:
+    started, recipe_path = time.monotonic(), job.recipe_path
+    checked = check_job(job)
     if as_json:
         emit(
             {

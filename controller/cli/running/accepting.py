@@ -19,6 +19,7 @@ from controller.cell.recovery import Interrupted, fold_interrupted
 from controller.cell.services.records import inputs_of
 from controller.config import STEP_FORMATS, Cell, ConfigError, load_cell, split_cad
 
+from ..inputs.recipes import AskedRecipe
 from ..terminal.output import warn
 from .recipe_run import RunOptions, run_recipe
 
@@ -68,7 +69,7 @@ def go_on_with_part(cell_path: Path, runs_dir: Path, why: str, *, as_json: bool)
     left = _interrupted(runs_dir, held[0].run, held[0].part)
     began = left.began
     options = RunOptions(
-        recipe_path=recipe_of(left, runs_dir / held[0].run),
+        recipes=(AskedRecipe(recipe_of(left, runs_dir / held[0].run)),),
         cell_path=cell_path,
         count=1,
         speed=1.0,

@@ -10,10 +10,10 @@ from ..options import (
     AsBuiltOption,
     CellOption,
     ControlOption,
+    CountedRecipesArg,
     EmulatedAtOption,
     EmulatedPoseOption,
     JsonOption,
-    RecipeArg,
     RecipeCellOption,
     RunsOption,
     SeedOption,
@@ -25,7 +25,7 @@ MAX_PART_COUNT = 100_000  # in one run; the limit of a recipe, too
 
 
 def run(
-    recipe: RecipeArg = None,
+    recipes: CountedRecipesArg = None,
     cell: RecipeCellOption = None,
     count: Annotated[
         int | None,
@@ -34,7 +34,7 @@ def run(
             metavar="N",
             min=1,
             max=MAX_PART_COUNT,
-            help="number of parts (default: the recipe's)",
+            help="number of parts of each recipe that names none (default: the recipe's)",
         ),
     ] = None,
     speed: SpeedOption = 1.0,
@@ -47,7 +47,17 @@ def run(
             "--lay",
             metavar="PART",
             help="CAD file of a part to put on the emulated table; may be repeated "
-            "(default: the recipe's part)",
+            "(default: the part of each recipe)",
+        ),
+    ] = None,
+    on_table: Annotated[
+        int | None,
+        typer.Option(
+            "--on-table",
+            metavar="N",
+            min=1,
+            help="parts on the emulated table at a time, drawn by the seed; the next one comes "
+            "once one is in its tray (default: all that are laid)",
         ),
     ] = None,
     empty: Annotated[bool, typer.Option("--empty", help="leave the emulated table empty")] = False,
@@ -81,6 +91,37 @@ def run(
     lot: Annotated[
         str, typer.Option("--lot", metavar="LOT", help="lot of the parts, for the report")
     ] = "",
+    parts_list: Annotated[
+        Path | None,
+        typer.Option(
+            "--parts-list",
+            metavar="FILE",
+            help="list of all parts (CSV with the columns recipe, serial, lot) in place of recipes",
+        ),
+    ] = None,
+    serial_from: Annotated[
+        str | None,
+        typer.Option(
+            "--serial-from",
+            metavar="NUMBER",
+            help="first serial number; the digits at its end count up as parts are begun",
+        ),
+    ] = None,
+    across_runs: Annotated[
+        bool,
+        typer.Option(
+            "--across-runs",
+            help="with --serial-from: go on after the last such number of the earlier runs",
+        ),
+    ] = False,
+    scan: Annotated[
+        bool,
+        typer.Option(
+            "--scan",
+            help="read the serial number of each part before it is begun: a line from a scanner "
+            "that types, or `cellctl answer NUMBER`",
+        ),
+    ] = False,
     serial: Annotated[
         list[str] | None,
         typer.Option(
@@ -143,17 +184,22 @@ def run(
 ) -> None:
     """Inspect and sort parts: the main job. Emulated devices start beside it."""
     from controller.cell.batch import Papers
-    from controller.config import find_recipe
 
+    from ..inputs.parts_list import load_parts_list
+    from ..inputs.recipes import asked_recipes
+    from ..inputs.serials import SerialOptions
     from ..terminal.output import warn
     from .recipe_run import RunOptions, quiet_logs, run_recipe
 
     quiet_logs(verbose=verbose)
-    recipe_file = find_recipe(recipe)
-    if recipe is None:
-        warn(f"recipe: {recipe_file}")
+    if parts_list is not None and recipes:
+        raise typer.BadParameter(f"--parts-list names the recipes; leave out {recipes[0]}")
+    listed = None if parts_list is None else load_parts_list(parts_list, lot)
+    asked = asked_recipes(recipes or ()) if listed is None else listed.recipes
+    if listed is None and not recipes:
+        warn(f"recipe: {asked[0].path}")
     options = RunOptions(
-        recipe_path=recipe_file,
+        recipes=asked,
         cell_path=cell,
         count=count,
         speed=speed,
@@ -161,6 +207,7 @@ def run(
         as_built=as_built,
         surfaces=surfaces and surfaces.value,
         lay=tuple(lay or ()),
+        on_table=on_table,
         empty=empty,
         pose=pose,
         at=at,
@@ -169,7 +216,14 @@ def run(
         is_part_removed=part_removed,
         are_trays_empty=trays_empty,
         is_recovery_automatic=auto_recover,
-        papers=Papers(operator, lot, tuple(serial or ()), part_temperature),
+        papers=Papers(operator, lot, (), part_temperature),
+        serials=SerialOptions(
+            serials=tuple(serial or ()),
+            counted_from=serial_from,
+            goes_on=across_runs,
+            is_read=scan,
+        ),
+        listed=listed,
         waits=wait,
         is_stepwise=step,
         is_dry=dry,

@@ -2,8 +2,9 @@
 
 import asyncio
 import sys
+import threading
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 
 from controller.cell.batch import Dispatcher
@@ -24,6 +25,7 @@ class OperatorDoor:
     holder : this process, as the lock names it
     in_advance : decides before anybody is asked; None where nothing was decided in advance
     waits : wait for an answer also where there is no terminal
+    scans : serial numbers are typed; where there is no terminal, standard input has a line for each
     as_json : print questions as JSON lines
 
     Attributes
@@ -38,6 +40,7 @@ class OperatorDoor:
         in_advance: Operator | None = None,
         *,
         waits: bool,
+        scans: bool = False,
         as_json: bool,
     ) -> None:
         self._in_advance = in_advance
@@ -45,7 +48,11 @@ class OperatorDoor:
         self._holder = holder
         self._as_json = as_json
         self._has_terminal = sys.stdin.isatty() and sys.stderr.isatty() and not as_json
-        self.desk = Desk(is_attended=waits or self._has_terminal, on_change=self._show)
+        self._is_attended = waits or self._has_terminal
+        # lines of a pipe are read one by one, each once it is asked for
+        self._reads_lines = scans and not self._is_attended
+        self._is_reading = False
+        self.desk = Desk(is_attended=self._is_attended or scans, on_change=self._show)
         self._control = Control(holder.run, holder, self.desk)
 
     async def decide(self, question: Question) -> Answer | None:
@@ -54,6 +61,8 @@ class OperatorDoor:
             answer = await self._in_advance.decide(question)
             if answer is not None:
                 return answer
+        if self._reads_lines and not question.entry:
+            return None  # a pipe has serial numbers, and decides nothing
         return await self.desk.decide(question)
 
     def attach(self, dispatcher: Dispatcher) -> None:
@@ -95,8 +104,10 @@ class OperatorDoor:
                     "text": question.text,
                     "choices": choices,
                     "preview": dict(question.preview),
+                    "entry": question.entry,
                 }
             )
+            self._read_line()
             return
         first = dict(question.preview)
         warn(f"question {raised.number}: {question.text}")
@@ -104,8 +115,10 @@ class OperatorDoor:
             more = f" (first: {first[choice.key]})" if choice.key in first else ""
             warn(f"  {choice.key:6} {choice.words}{more}")
         enter = "Enter, or " if len(question.choices) == 1 else ""
-        here = f"{enter}type an answer and a reason, or " if self._has_terminal else ""
+        what = "the number" if question.entry else "an answer and a reason"
+        here = f"{enter}type {what}, or " if self._has_terminal else ""
         warn(f"{here}cellctl answer ANSWER --runs {self._runs_dir} from another terminal")
+        self._read_line()
 
     def _hear(self) -> None:
         """Take a line typed at the terminal: an answer, and behind it the reason.
@@ -116,9 +129,12 @@ class OperatorDoor:
         if not line:  # the terminal is gone; `ends.py` notices that, too
             asyncio.get_running_loop().remove_reader(sys.stdin.fileno())
             return
+        raised = self.desk.open
+        if raised is not None and raised.question.entry:
+            self._take_entry(line)
+            return
         key, _, why = line.strip().partition(" ")
         if not key:
-            raised = self.desk.open
             if raised is None or len(raised.question.choices) != 1:
                 return
             key = raised.question.choices[0].key
@@ -126,3 +142,37 @@ class OperatorDoor:
         refusal = self.desk.answer(None, Answer(key, who, why.strip()[:MAX_WHY]))
         if refusal:
             warn(refusal)
+
+    def _take_entry(self, line: str) -> None:
+        """Take a line that was typed for a question that asks for a text."""
+        who = f"{self._holder.user} at the {'terminal' if self._has_terminal else 'input'}"
+        refusal = self.desk.answer(None, Answer(line.strip(), who))
+        if refusal:
+            warn(refusal)
+
+    def _read_line(self) -> None:
+        """Have the next line of a pipe read for the open question; its end leaves nobody there."""
+        if not self._reads_lines or self._is_reading:
+            return
+        self._is_reading = True
+        loop = asyncio.get_running_loop()
+
+        def read() -> None:
+            line = sys.stdin.readline()
+            with suppress(RuntimeError):  # the run has ended meanwhile
+                loop.call_soon_threadsafe(self._take_line, line)
+
+        threading.Thread(target=read, daemon=True, name="serial numbers").start()
+
+    def _take_line(self, line: str) -> None:
+        self._is_reading = False
+        if self.desk.open is None:
+            if line.strip():
+                warn(f"{line.strip()}: no serial number was asked for; the line is left out")
+            return
+        if not line:
+            self.desk.leave()
+            return
+        self._take_entry(line)
+        if self.desk.open is not None and not self.desk.is_answered:
+            self._read_line()

@@ -31,11 +31,12 @@ def run_dry(options: RunOptions) -> int:
     ------
     ConfigError : a file or an option is wrong, or there is no plan from the stable pose
     """
-    recipe = load_recipe(options.recipe_path)
+    _check_options(options)
+    recipe_path = _recipe_path(options)
+    recipe = load_recipe(recipe_path)
     cell_path = options.cell_path or recipe.cell
     cell = load_cell(cell_path)
     require_drivers(cell_path, cell)
-    _check_options(options)
     emulated = EmulatedOptions(
         as_built=options.as_built,
         seed=options.seed,
@@ -44,10 +45,10 @@ def run_dry(options: RunOptions) -> int:
         answers=False,
     )
     check_entering(emulated, cell, options.runs_dir, "--runs")
-    check_sizes(options.recipe_path, recipe, cell)
+    check_sizes(recipe_path, recipe, cell)
     if not options.as_json:
         print_line("planning; nothing moves yet")
-    plan = _plan(Job(options.recipe_path, cell_path), cell, options.pose)
+    plan = _plan(Job(recipe_path, cell_path), cell, options.pose)
     for why in plan.left_out:
         warn(f"left out: {why}")
     run_id = f"{new_run_id(recipe)}-dry"
@@ -57,12 +58,28 @@ def run_dry(options: RunOptions) -> int:
     return 0 if record.outcome is Outcome.PASSED and not plan.left_out else 1
 
 
+def _recipe_path(options: RunOptions) -> Path:
+    """Return the one recipe of a dry run.
+
+    Raises
+    ------
+    ConfigError : there are several, or it has a count
+    """
+    asked, *more = options.recipes
+    if more:
+        raise ConfigError(f"{more[0].path}: a dry run drives the motions of one recipe")
+    if asked.count is not None:
+        raise ConfigError(f"={asked.count}: a dry run has no part; leave it out")
+    return asked.path
+
+
 def _check_options(options: RunOptions) -> None:
     """Refuse what has no meaning without a part."""
     given = {
         "--count": options.count is not None,
         "--lay": bool(options.lay),
         "--empty": options.empty,
+        "--on-table": options.on_table is not None,
         "--at": options.at is not None,
         "--surfaces": options.surfaces is not None,
         "--record": options.record is not None,
@@ -70,7 +87,10 @@ def _check_options(options: RunOptions) -> None:
         "--trays-empty": options.are_trays_empty,
         "--auto-recover": options.is_recovery_automatic,
         "--lot": bool(options.papers.lot),
-        "--serial": bool(options.papers.serials),
+        "--serial": bool(options.serials.serials),
+        "--serial-from": options.serials.counted_from is not None,
+        "--parts-list": options.listed is not None,
+        "--scan": options.serials.is_read,
         "--part-temperature": options.papers.part_temperature_c is not None,
     }
     for option, is_given in given.items():
@@ -129,7 +149,7 @@ async def _drive(
             print_line(f"  {text}")
 
     cad = files_of(recipe.part)
-    files = (options.recipe_path, options.cell_path or recipe.cell, *cad)
+    files = (_recipe_path(options), options.cell_path or recipe.cell, *cad)
     session = DrySession(
         DryOrder(
             recipe=recipe,

@@ -10,9 +10,8 @@ from concurrent.futures import ProcessPoolExecutor
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
-from controller.cad.compiled import load_part, options_among
 from controller.cell.batch import (
     HOST,
     Dispatcher,
@@ -22,10 +21,11 @@ from controller.cell.batch import (
     RecoveryPolicy,
     RunOrder,
     RunResult,
+    jobs_of,
     new_run_id,
     run_batch,
 )
-from controller.cell.compute import Job, context, load_parts, worker_pool
+from controller.cell.compute import Job, context, worker_pool
 from controller.cell.compute.checks import check_plans, check_sizes
 from controller.cell.control import socket_path
 from controller.cell.devices.clocks import FoundClock, devices_with_time, find_clock
@@ -33,21 +33,26 @@ from controller.cell.devices.emulator import emulated_cell, emulator_args, emula
 from controller.cell.devices.lock import hold_cell, require_free_cell
 from controller.cell.operator import Operator
 from controller.cell.wires import Recorder, WireFileError, WireWriter
-from controller.config import Cell, ConfigError, load_cell, load_recipe
+from controller.config import Cell, ConfigError, load_cell
 from controller.results import ResultsError, load_run, write_html
 from controller.results.takt import run_takt
 from controller.setup.drivers import require_drivers, require_force
 
 from ..inputs.checks import MIN_FREE_BYTES, check_control, check_writable_folder, parse_place
 from ..inputs.part_files import emulated_orientation, for_emulator
+from ..inputs.parts_list import PartsList
+from ..inputs.recipes import AskedRecipe, cell_of, ordered_recipes
+from ..inputs.serials import SerialOptions, papers_of
 from ..planning.recipe_check import warn_of
 from ..terminal.output import warn
 from .door import OperatorDoor
+from .emulated_parts import feeding, laid_parts
 from .ends import Ends
 from .report_file import note_report
 from .run_output import display, print_result
 
 log = logging.getLogger(__name__)
+NO_SERIALS: Final = SerialOptions()
 
 AHEAD_NICENESS = 5  # what works on the next part gives way to what the arm waits for
 
@@ -58,14 +63,15 @@ class RunOptions:
 
     Attributes
     ----------
-    recipe_path : recipe file
-    cell_path : cell file, None for the recipe's
-    count : parts to inspect, None for the recipe's number
+    recipes : files, each with a number of parts where one was given
+    cell_path : cell file, None for the recipes'
+    count : parts to inspect of each recipe without a number, None for the recipe's own
     speed : of the emulated cell, times real time
     seed : seed of the emulated cell, None to draw one
     as_built : seed of how the emulated cell differs from its file, None for not at all
     surfaces : of emulated parts, "plain" or "machined"; None: as `as_built` has it
-    lay : CAD files of the parts on the emulated table; empty for the recipe's part
+    lay : CAD files of the parts on the emulated table; empty for the parts of the recipes
+    on_table : parts on the emulated table at a time, None for all that are laid
     empty : leave the emulated table empty
     pose : stable pose of the first emulated part by index, None to draw it by the seed
     at : planar pose of the first emulated part, "X,Y,THETA_DEG"; None to draw it by the seed
@@ -74,7 +80,9 @@ class RunOptions:
     is_part_removed : the operator states that no gripper holds a part
     is_recovery_automatic : a part that an earlier run left goes on where that is proven safe
     operator : decides on that in advance, None for whoever is there
-    papers : who runs it, and which parts
+    papers : who runs it
+    serials : where serial numbers come from
+    listed : the list of parts that the recipes are of, None without one
     waits : wait for an answer where a person has to decide, also without a terminal
     are_trays_empty : the operator states that nothing stands in the trays
     is_stepwise : a person lets each motion begin
@@ -83,7 +91,7 @@ class RunOptions:
     as_json : print one JSON object a line instead of the live display
     """
 
-    recipe_path: Path
+    recipes: tuple[AskedRecipe, ...]
     cell_path: Path | None
     count: int | None
     speed: float
@@ -106,42 +114,50 @@ class RunOptions:
     is_stepwise: bool = False
     is_dry: bool = False
     record: Path | None = None
+    on_table: int | None = None
+    serials: SerialOptions = NO_SERIALS
+    listed: PartsList | None = None
 
 
 def run_recipe(options: RunOptions) -> int:
-    """Run a recipe; return the exit code: 0 if all parts passed, else 1.
+    """Run one recipe or several; return the exit code: 0 if all parts passed, else 1.
 
     Raises
     ------
     ConfigError : a file or an option is wrong, or the cell cannot run at this speed
     KeyboardInterrupt : the operator pressed Ctrl-C twice; the report is written first
     """
-    recipe_path, runs_dir, as_json = options.recipe_path, options.runs_dir, options.as_json
-    recipe = load_recipe(recipe_path)
-    cell_file = options.cell_path or recipe.cell
+    runs_dir, as_json = options.runs_dir, options.as_json
+    ordered = ordered_recipes(options.recipes, options.count)
+    first, *beside = ordered
+    cell_file = cell_of(ordered, options.cell_path)
     cell = load_cell(cell_file)
     require_drivers(cell_file, cell)
     # all checks come before anything starts, the quick ones first
     clock = _check_options(options, cell)
-    check_sizes(recipe_path, recipe, cell)
-    require_force(recipe_path, recipe.grasp.force_n, cell)
-    first, *_ = load_parts(recipe)
-    laid = [(path, load_part(path, options_among(path, recipe.unit))) for path in options.lay]
-    job = Job(recipe_path, cell_file)
-    on_table = [] if options.empty else laid or [(recipe.part, first)]
-    orientation = emulated_orientation([part for _, part in on_table], options.pose)
-    checked = check_plans(job, None if as_json else warn)
-    if checked.problems:
-        warn_of(recipe_path, checked)
+    for one in ordered:
+        check_sizes(one.path, one.recipe, cell)
+        require_force(one.path, one.recipe.grasp.force_n, cell)
+    papers = papers_of(
+        options.serials,
+        options.papers,
+        options.listed,
+        len(ordered),
+        sum(one.count for one in ordered),
+        runs_dir,
+    )
+    laid = laid_parts(ordered, options.lay, is_empty=options.empty)
+    orientation = emulated_orientation([part for _, part in laid], options.pose)
+    jobs = jobs_of(ordered, cell_file)
+    if not _are_ready(jobs, as_json=as_json):
         return 1
     seed = secrets.randbelow(1_000_000) if options.seed is None else options.seed
-    run_id = new_run_id(recipe)
+    run_id = new_run_id(first.recipe, more=len(beside))
     folder = runs_dir / run_id
     emulated = cell.emulated_devices
     _warn_of_emulation(emulated, clock, options.speed, seed)
-    parts = tuple(for_emulator(path, part, folder) for path, part in on_table if emulated)
-    part_count = options.count or recipe.count
-    fed = ("--feed", str(part_count - len(parts))) if part_count > len(parts) > 0 else ()
+    parts = tuple(for_emulator(path, part, folder) for path, part in laid if emulated)
+    fed = feeding(ordered, [path for path, _ in laid], options.on_table) if parts else ()
     placed = emulator_args(
         orientation, options.at, options.control, options.as_built, options.surfaces
     )
@@ -151,10 +167,11 @@ def run_recipe(options: RunOptions) -> int:
         Ends().heard() as ends,
         hold_cell(runs_dir, cell, run_id, socket_path(runs_dir)) as holder,
         worker_pool() as pool,
-        _ahead(options, part_count) as ahead,
+        _ahead(options, sum(one.count for one in ordered)) as ahead,
     ):
         # the worker reads the CAD while the emulated cell comes up
-        pool.submit(context, job)
+        for job in jobs:
+            pool.submit(context, job)
         if ahead is not None:
             ahead.submit(os.getpid)  # to start a process would hold the event loop up later
         cell_beside: Any = (
@@ -163,11 +180,11 @@ def run_recipe(options: RunOptions) -> int:
         with cell_beside as ready:
             _report_transport(ready)
             order = RunOrder(
-                recipe_path=recipe_path,
+                recipe_path=first.path,
                 cell_path=cell_file,
-                recipe=recipe,
+                recipe=first.recipe,
                 cell=cell,
-                count=part_count,
+                count=first.count,
                 speed=clock.speed,
                 emulated=ready,
                 clock=find_clock(cell, ready),
@@ -175,12 +192,18 @@ def run_recipe(options: RunOptions) -> int:
                 run_id=run_id,
                 is_part_removed=options.is_part_removed,
                 are_trays_empty=options.are_trays_empty,
-                papers=options.papers,
+                papers=papers,
                 recovery=_recovery_policy(options),
                 is_stepwise=options.is_stepwise,
+                beside=tuple(beside),
             )
             door = OperatorDoor(
-                runs_dir, holder, options.operator, waits=options.waits, as_json=as_json
+                runs_dir,
+                holder,
+                options.operator,
+                waits=options.waits,
+                scans=papers.is_read,
+                as_json=as_json,
             )
             with _recorded(options.record, order) as outfit:
                 result = _run(order, pool, ahead, ends, door, outfit, as_json=as_json)
@@ -197,6 +220,17 @@ def _ahead(
     if part_count < 2 or options.record is not None:
         return nullcontext(None)
     return worker_pool(niceness=AHEAD_NICENESS)
+
+
+def _are_ready(jobs: Sequence[Job], *, as_json: bool) -> bool:
+    """Return whether each recipe can be run, after printing why it cannot."""
+    are_ready = True
+    for job in jobs:
+        checked = check_plans(job, None if as_json else warn)
+        if checked.problems:
+            warn_of(job.recipe_path, checked)
+            are_ready = False
+    return are_ready
 
 
 def _recovery_policy(options: RunOptions) -> RecoveryPolicy:

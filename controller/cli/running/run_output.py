@@ -124,7 +124,8 @@ def print_result(
     for part in result.parts:
         if part.verdict is None:
             continue
-        print_line(f"part {part.number}: {part.verdict.verdict.value.upper()} -> {part.tray}")
+        verdict = part.verdict.verdict.value.upper()
+        print_line(f"part {part.number}{_which(part, result)}: {verdict} -> {part.tray}")
         for one in part.recoveries:
             print_line(f"  recovered from: {one.reason}")
         for reason in part.verdict.reasons[:6]:
@@ -144,6 +145,14 @@ def print_result(
     if report is not None:
         print_line(f"report: {report}")
     return 0 if good else 1
+
+
+def _which(part: PartRecord, result: RunResult) -> str:
+    """Return which part it is, in brackets: its recipe where there are several, and its number."""
+    recipes = {one.product.number for one in result.parts if one.product is not None}
+    name = part.product.recipe.name if part.product is not None and len(recipes) > 1 else ""
+    words = ", ".join(word for word in (name, part.serial) if word)
+    return f" ({words})" if words else ""
 
 
 def calibration_note(result: RunResult) -> str:
@@ -183,6 +192,9 @@ def part_json(part: PartRecord) -> dict[str, Any]:
     s = part.sighting
     return {
         "part": part.number,
+        "recipe": None if part.product is None else part.product.recipe.name,
+        "serial": part.serial or None,
+        "lot": part.lot or None,
         "custody": part.custody.key,
         "tray": part.tray,
         "verdict": None if part.verdict is None else part.verdict.verdict.value,

@@ -12,6 +12,7 @@ from controller.cell.journal.rows import TablePictures
 from controller.cell.machine import Event
 from controller.cell.services import Gate, Imaging, NextMotion
 from controller.cell.services.records import BatchRecord
+from controller.cell.services.table import Labels
 
 # Grey level, 0..255; a light table is at 150 and more.
 MIN_GLOW = 60
@@ -26,11 +27,13 @@ class AcquireAction:
     imaging : lamps and camera
     gate : nobody looks at the table during a pause: somebody may reach over it
     record : keeps the pictures with the part
+    labels : have the number of the part read off it, if that is where numbers come from
     """
 
     imaging: Imaging
     gate: Gate
     record: BatchRecord
+    labels: Labels
 
     async def run(self) -> Event:
         """Take the pictures of the next part, or of this one again; return ``PICTURE_TAKEN``.
@@ -38,11 +41,13 @@ class AcquireAction:
         Raises
         ------
         CellError : the light table is dark
-        PartProblemError : a tray that the part may have to go to is full
+        PartProblemError : a tray that the part may have to go to is full, or nobody reads the
+            serial number of the part
         """
         await self.gate.wait(_look)
         require_room(self.record.trays)
         self.record.begin_part()
+        await self._read_number()
         self.record.show("taking pictures of the table", step=0, step_count=0, remaining_s=None)
         part = self.record.part
         try:
@@ -61,6 +66,12 @@ class AcquireAction:
         }
         self.record.note(TablePictures(part.picture_names))
         return Event.PICTURE_TAKEN
+
+    async def _read_number(self) -> None:
+        part = self.record.part
+        if self.labels.order.is_read and not (part.serial or part.scanned):
+            self.record.show("waiting for the serial number of the next part")
+        await self.labels.read(part)
 
 
 async def _look() -> NextMotion:

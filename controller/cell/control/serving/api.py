@@ -116,6 +116,9 @@ class Control:
             alarms=(found.alarm,) if found.alarm else (),
             holder=_holder(self._holder),
             signals=dict(found.signals),
+            recipe=found.recipe,
+            serial=found.serial,
+            done=dict(found.done),
         )
 
     async def pause(self, peer: Peer, body: BaseModel) -> Reply:
@@ -237,6 +240,7 @@ def _question(desk: Desk) -> words.QuestionReply | None:
             words.ChoiceReply(key=c.key, words=c.words, first=first.get(c.key, ""))
             for c in open_.question.choices
         ),
+        entry=open_.question.entry,
     )
 
 

@@ -100,6 +100,14 @@ class BatchRecord:
         return sum(max(left, 0) for left in self._left)
 
     @property
+    def done(self) -> dict[str, tuple[int, int]]:
+        """By recipe's name how many parts are done, and how many were ordered."""
+        return {
+            one.recipe.name: (one.count - self._left[one.number], one.count)
+            for one in self.products
+        }
+
+    @property
     def budgets(self) -> Budgets:
         """What the batch learns of grasps and views; without a product none is ever avoided."""
         return self.product.budgets if self.products else self._without_limit
@@ -119,6 +127,10 @@ class BatchRecord:
         self._finished.append(self.part)
         if self.part.product is not None or len(self.products) == 1:
             self._left[self.product.number] -= 1
+
+    def count_as_done(self, number: int) -> None:
+        """Count a part of a product, by its number, that an earlier run has done."""
+        self._left[number] -= 1
 
     def identify_part(self, product: Product, serial: str = "", lot: str = "") -> None:
         """Take it that the part at hand is of a product, and journal it where that is new.

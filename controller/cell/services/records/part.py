@@ -88,6 +88,7 @@ class PartRecord:
     ----------
     product : which of the batch it is of; None until it was recognised
     serial, lot : empty where it has none
+    scanned : serial number that was read off it before it was looked at
     pictures, picture_names : of the last look at the table
     look_count : how often the table was looked at
     seen : all that was on the table at the last look
@@ -115,6 +116,7 @@ class PartRecord:
     product: Product | None = None
     serial: str = ""
     lot: str = ""
+    scanned: str = ""
     custody: Custody = Custody.ON_TABLE
     pictures: dict[str, Grey] = field(default_factory=dict)
     picture_names: dict[str, str] = field(default_factory=dict)

@@ -1,20 +1,28 @@
 """The table: which of the objects on it is the part to go on with, and what is left alone.
 
 `choosing.py` has the rules, `taking.py` applies them to the batch at hand, `ahead.py` has the next
-part planned beside the one at hand.
+part planned beside the one at hand, `labels.py` has serial numbers and lots.
 """
 
 from .ahead import Foreseen, LookAhead
 from .choosing import LeftAlone, Wanted, candidates, chosen, where
+from .labels import NO_NUMBERS, SCAN, Label, LabelOrder, Labels, counted, why_no_serial
 from .taking import Taking
 
 __all__ = [
+    "NO_NUMBERS",
+    "SCAN",
     "Foreseen",
+    "Label",
+    "LabelOrder",
+    "Labels",
     "LeftAlone",
     "LookAhead",
     "Taking",
     "Wanted",
     "candidates",
     "chosen",
+    "counted",
     "where",
+    "why_no_serial",
 ]

@@ -31,8 +31,8 @@ class Wanted:
     names : of the parts of which some are left to do; of the part alone that is sought again
     is_sought_again : it was on the table, or in a gripper, before
     neighbours : what else was on the table then
-    serials : that the next part of a name is to have, where it is known before the part is taken
-    scanned : serial number read off the part that was laid last; empty for none
+    serials : what the next part of a name is to be called, where that is known before it is taken
+    scanned : what the part that was laid last is called, as read off it; empty for none
     batch : names of all parts of the batch, also those of which enough are done
     """
 
@@ -132,8 +132,7 @@ def _alone(
         raise PartProblemError(
             "many_parts",
             f"{len(of_batch)} parts on the table: {where([seen[k] for k in of_batch])}; which of "
-            f"them has the serial number {wanted.scanned}, no picture shows: leave that one alone "
-            "there",
+            f"them has {wanted.scanned}, no picture shows: leave that one alone there",
         )
     return found
 
@@ -156,7 +155,7 @@ def _in_order(
         raise PartProblemError(
             "many_parts",
             f"{len(first)} parts {name} on the table: "
-            f"{where([seen[k] for k in first])}; which of them has the serial number "
+            f"{where([seen[k] for k in first])}; which of them has "
             f"{wanted.serials[name]}, no picture shows: lay parts with serial numbers one at a "
             "time",
         )

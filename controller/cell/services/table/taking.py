@@ -7,11 +7,12 @@ from controller.cell.compute import Pickable
 from controller.cell.custody import Custody
 from controller.cell.errors import PartProblemError
 from controller.cell.journal.rows import PartLeft, SightingFields
-from controller.cell.services.records import BatchRecord, Product, sightings_row
+from controller.cell.services.records import BatchRecord, PartRecord, Product, sightings_row
 from controller.recognition import Sighting
 
 from .ahead import Foreseen, LookAhead
 from .choosing import LeftAlone, Wanted, candidates, chosen
+from .labels import Label, Labels
 
 
 @dataclass(slots=True, eq=False)
@@ -21,13 +22,13 @@ class Taking:
     Attributes
     ----------
     record : of the batch; gets what is taken
-    serials : of the parts, in order; empty where they have none
+    labels : which serial number and lot it gets
     left : parts of the batch that cannot be taken as they lie
     ahead : has the next part planned beside the one at hand
     """
 
     record: BatchRecord
-    serials: tuple[str, ...] = ()
+    labels: Labels = field(default_factory=Labels)
     left: list[LeftAlone] = field(default_factory=list)
     ahead: LookAhead = field(init=False)
 
@@ -73,7 +74,8 @@ class Taking:
         part.alternatives = part.sighting.ambiguous_with
         product = next(p for p in self.record.products if p.part_name == part.sighting.part)
         if part.product is not product:
-            self.record.identify_part(product, self._serial())
+            label = self.labels.assign(part, product)
+            self.record.identify_part(product, label.serial, label.lot)
         return True
 
     async def leave(self, reason: str) -> bool:
@@ -87,7 +89,8 @@ class Taking:
         """
         part = self.record.part
         is_fresh = part.custody is Custody.ON_TABLE and part.hold_count == 0
-        if not is_fresh or part.recoveries or part.interrupted or len(part.seen) < 2:
+        is_fresh &= not (part.recoveries or part.interrupted or part.scanned)
+        if not is_fresh or len(part.seen) < 2:
             return False
         assert part.sighting is not None, "a part that was seen"
         one = next(
@@ -114,7 +117,8 @@ class Taking:
                 reason=reason,
             )
         )
-        part.sighting, part.neighbours = None, ()
+        part.sighting, part.neighbours, part.product = None, (), None
+        self.labels.give_back(part)
         return await self.take(part.seen)
 
     def forget(self) -> None:
@@ -129,9 +133,11 @@ class Taking:
     async def _next_of(self, seen: tuple[SightingFields, ...]) -> tuple[int, Product] | None:
         """Return which of the objects left on the table comes next; None where nobody can know."""
         record = self.record
-        serial = self._serial(record.part.number + 1)
+        if self.labels.order.is_read:
+            return None  # the next part is laid alone, and its number read
+        next_part = PartRecord(number=record.part.number + 1)
         try:
-            found = candidates(seen, self._wanted_of(record.wanted_next, serial), self.left)
+            found = candidates(seen, self._wanted_of(record.wanted_next, next_part), self.left)
             if not found:
                 return None
             if len(seen) == 1:
@@ -156,11 +162,12 @@ class Taking:
             return number
         return found[0] if len(seen) == 1 else chosen(seen, found, await self._pickable(seen))
 
-    def _wanted_of(self, products: Sequence[Product], serial: str) -> Wanted:
-        """Return what is looked for of the next part of some products."""
+    def _wanted_of(self, products: Sequence[Product], part: PartRecord) -> Wanted:
+        """Return what is looked for of some products: the part at hand, or one that is to come."""
+        known = {one.part_name: self.labels.in_advance(part, one) for one in products}
         return Wanted(
             names=tuple(one.part_name for one in products),
-            serials={products[0].part_name: serial} if serial else {},
+            serials={name: label.words for name, label in known.items() if label is not None},
             batch=tuple(one.part_name for one in self.record.products),
         )
 
@@ -170,13 +177,14 @@ class Taking:
         products = record.wanted
         if is_sought_again or part.interrupted:
             products = (record.product,)
-        wanted = self._wanted_of(products, self._serial())
-        return replace(wanted, is_sought_again=is_sought_again, neighbours=part.neighbours)
-
-    def _serial(self, number: int | None = None) -> str:
-        """Return the serial number of a part by its number, by default of the one at hand."""
-        number = self.record.part.number if number is None else number
-        return self.serials[number - 1] if number <= len(self.serials) else ""
+        elif (number := self.labels.recipe_of(part.scanned)) is not None:
+            products = tuple(one for one in products if one.number == number)
+        return replace(
+            self._wanted_of(products, part),
+            is_sought_again=is_sought_again,
+            neighbours=part.neighbours,
+            scanned=Label(part.scanned).words if part.scanned else "",
+        )
 
     async def _pickable(
         self, seen: tuple[SightingFields, ...], *, is_ahead: bool = False

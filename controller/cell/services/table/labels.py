@@ -1,0 +1,201 @@
+"""Which serial number and lot a part gets: given in advance, counted, listed, or read off it.
+
+No picture tells which number a part has. A number that is known in advance belongs to the next part
+of its recipe, and a number that was read to the part that was laid last: then nothing else of the
+batch may be on the table that it could belong to.
+"""
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from typing import Final
+
+from controller.cell.errors import PartProblemError
+from controller.cell.operator import NOBODY, Operator, Question
+from controller.cell.services.records import PartRecord, Product
+
+MAX_SERIAL: Final = 80  # characters
+SCAN: Final = "scan"  # code of the question for a number
+
+
+@dataclass(frozen=True, slots=True)
+class Label:
+    """Serial number and lot of a part; empty where it has none."""
+
+    serial: str = ""
+    lot: str = ""
+
+    @property
+    def words(self) -> str:
+        """What tells the part from others, for a message."""
+        return f"the serial number {self.serial}" if self.serial else f"the lot {self.lot}"
+
+
+@dataclass(frozen=True, slots=True)
+class LabelOrder:
+    """Where the numbers of a batch come from.
+
+    Attributes
+    ----------
+    in_order : of all parts, in the order they are worked on
+    listed : of the parts of each recipe by its number, in their order
+    counted_from : the first of numbers that are counted up; empty where none are
+    is_read : each is read off its part before that is begun; must be listed where any are
+    """
+
+    in_order: tuple[str, ...] = ()
+    listed: tuple[tuple[int, Label], ...] = ()
+    counted_from: str = ""
+    is_read: bool = False
+
+
+NO_NUMBERS: Final = LabelOrder()
+
+
+def counted(first: str, count: int) -> str:
+    """Return a number so many after another: the digits at its end count up, and keep their zeros.
+
+    Raises
+    ------
+    ValueError : it does not end in a digit
+    """
+    found = re.fullmatch(r"(.*?)([0-9]+)", first)
+    if found is None:
+        raise ValueError(f"{first!r} does not end in a digit")
+    head, digits = found.groups()
+    return f"{head}{int(digits) + count:0{len(digits)}d}"
+
+
+def why_no_serial(text: str) -> str:
+    """Return why a text is no serial number; empty if it may be one."""
+    if not text or text != text.strip() or not text.isprintable():
+        return "a serial number is printable, and neither begins nor ends with a space"
+    if len(text) > MAX_SERIAL:
+        return f"a serial number has {MAX_SERIAL} characters at most"
+    return ""
+
+
+@dataclass(slots=True, eq=False)
+class Labels:
+    """The numbers of a batch, each given away once.
+
+    Attributes
+    ----------
+    order : where they come from
+    operator : reads them off the parts
+    used : numbers that parts of this run have
+    """
+
+    order: LabelOrder = NO_NUMBERS
+    operator: Operator = NOBODY
+    used: set[str] = field(default_factory=set)
+    _counted: int = 0
+
+    async def read(self, part: PartRecord) -> None:
+        """Have the number of the next part read off it, unless it has one.
+
+        Raises
+        ------
+        PartProblemError : nobody is there to read it
+        """
+        if not self.order.is_read or part.serial or part.scanned or part.interrupted:
+            return
+        question = Question(
+            code=SCAN,
+            text="Lay the next part on the table, alone of its batch, and read its serial number",
+            choices=(),
+            entry="serial number",
+            check=self.why_not,
+        )
+        answer = await self.operator.decide(question)
+        if answer is None:
+            raise PartProblemError("no_serial", "nobody read the serial number of the next part")
+        part.scanned = answer.key
+
+    def why_not(self, text: str) -> str:
+        """Return why a text is not the number of the next part; empty if it may be."""
+        if why := why_no_serial(text):
+            return why
+        if text in self.used:
+            return f"{text}: a part of this run has this number already"
+        known = {label.serial for _, label in self.order.listed}
+        if known and text not in known:
+            return f"{text}: the list of parts has no such number"
+        return ""
+
+    def recipe_of(self, serial: str) -> int | None:
+        """Return the number of the recipe that a list has a serial number for; None without."""
+        return next((n for n, label in self.order.listed if label.serial == serial), None)
+
+    def in_advance(self, part: PartRecord, product: Product) -> Label | None:
+        """Return what the next part of a product is to be called, where only that part may be.
+
+        Parameters
+        ----------
+        part : the part at hand
+        product : of which it may be
+        """
+        if self.order.is_read or self.order.counted_from:
+            return None
+        label = self._in_order(part) if self.order.in_order else self._next_listed(product)
+        return label if label.serial else None
+
+    def assign(self, part: PartRecord, product: Product) -> Label:
+        """Return what a part is called from now on; its number is used up.
+
+        Parameters
+        ----------
+        part : the part at hand
+        product : that it is of
+        """
+        label = self._label(part, product)
+        if label.serial:
+            self.used.add(label.serial)
+        return label
+
+    def give_back(self, part: PartRecord) -> None:
+        """Take back the number of a part that was left on the table; one that counts it keeps."""
+        if not self.order.counted_from:
+            self.used.discard(part.serial)
+
+    def take_over(self, serial: str, others: Iterable[str]) -> tuple[int, ...]:
+        """Take numbers as used that parts of an interrupted run have.
+
+        Return the number of the recipe of each listed part that is done by that.
+
+        Parameters
+        ----------
+        serial : of the part that goes on in this run; empty where it has none
+        others : of the other parts of that run
+        """
+        done = set(others) - {serial}
+        self.used |= (done | {serial}) - {""}
+        return tuple(number for number, label in self.order.listed if label.serial in done)
+
+    def _label(self, part: PartRecord, product: Product) -> Label:
+        if part.scanned:
+            listed = (one for _, one in self.order.listed if one.serial == part.scanned)
+            return replace(next(listed, Label()), serial=part.scanned)
+        if self.order.in_order:
+            return self._in_order(part)
+        if self.order.counted_from:
+            if part.serial:  # it was taken for another part before
+                return Label(part.serial, part.lot)
+            return Label(self._next_counted())
+        return self._next_listed(product)
+
+    def _in_order(self, part: PartRecord) -> Label:
+        serials = self.order.in_order
+        return Label(serials[part.number - 1] if part.number <= len(serials) else "")
+
+    def _next_counted(self) -> str:
+        while True:
+            serial = counted(self.order.counted_from, self._counted)
+            self._counted += 1
+            if serial not in self.used:
+                return serial
+
+    def _next_listed(self, product: Product) -> Label:
+        """Return the next label of a product; those without a number are the same for all of it."""
+        own = [label for number, label in self.order.listed if number == product.number]
+        return next((one for one in own if one.serial not in self.used), Label())
