@@ -188,7 +188,9 @@ def answer_question(
     """
     _check(who, why)
     if not 0 < len(key) <= MAX_KEY:
-        raise ConfigError(f"an answer has 1 to {MAX_KEY} characters")
+        raise ConfigError(
+            f"an answer is one word, or a serial number, of at most {MAX_KEY} characters"
+        )
     order = AnswerOrder(key=key, number=number, who=who, why=why)
     return print_decision(RunningCell(runs_dir).order("answer", order), "answered", as_json=as_json)
 

@@ -159,9 +159,9 @@ class Labels:
             self.used.discard(part.serial)
 
     def take_over(self, serial: str, others: Iterable[str]) -> tuple[int, ...]:
-        """Take numbers as used that parts of an interrupted run have.
+        """Return the number of the recipe of each listed part that an interrupted run has done.
 
-        Return the number of the recipe of each listed part that is done by that.
+        The numbers of all parts of that run are used.
 
         Parameters
         ----------
