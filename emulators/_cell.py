@@ -449,7 +449,9 @@ class Cell:
             for part in self.world.parts
             if part.state == AWAY or tray_of(self.world, part.index) is not None
         ]
-        waiting = [index for index in gone if self._feed_left[index] > 0]
+        # parts and boards that a person has added are nobody's to bring again
+        own = len(self._feed_left)
+        waiting = [index for index in gone if index < own and self._feed_left[index] > 0]
         at_work = len(self.world.parts) - len(gone)
         room = len(self.world.parts) if self.options.on_table is None else self.options.on_table
         if waiting and at_work < room:

@@ -51,6 +51,17 @@ def test_the_first_part_is_where_it_is_without_the_others(
     np.testing.assert_allclose(poses[0], poses[1], atol=0.01)
 
 
+def test_a_part_that_a_person_added_is_not_brought_again(
+    blocks: tuple[Path, ...], tmp_path: Path
+) -> None:
+    """Whether it is in the cell, or still with whoever brings it."""
+    cell = Cell(CellOptions(cell=CELL, parts=blocks[:1], seed=5, feed=(2,)), tmp_path)
+    cell.faults.do("add", file=str(blocks[1]))
+    cell._feed()
+    assert cell.world.parts[1].state == AWAY
+    cell.world.close()
+
+
 @pytest.mark.parametrize("nests", [False, True])
 def test_a_tray_without_nests_is_emptied_before_the_next_part_comes(
     blocks: tuple[Path, ...], nests: bool, tmp_path: Path
