@@ -29,7 +29,7 @@ from drivers.clock import CellClock
 from drivers.errors import DeviceError
 from drivers.kinds import Signal
 
-SHORT = ("gripper", "overhead")  # the others need a longer run
+SHORT = ("gripper",)  # the others need a longer run
 NAMES = tuple(
     name if name in SHORT else pytest.param(name, marks=pytest.mark.slow) for name in KIND_OF
 )
@@ -186,6 +186,7 @@ async def test_one_real_device_works_with_five_emulated_ones(
         await line.mend()
 
 
+@pytest.mark.slow
 async def test_pictures_from_a_folder_beside_a_real_arm_and_emulated_lamps(
     apart: Apart, beside: dict[str, Any], tmp_path: Path
 ) -> None:

@@ -55,6 +55,7 @@ def test_a_part_goes_from_the_table_to_its_tray_in_about_the_time_forecast(tmp_p
     assert run.around.seconds[Use.HOMING] > 10.0
 
 
+@pytest.mark.slow
 def test_a_part_goes_to_its_tray_with_a_persons_word_for_every_motion(tmp_path: Path) -> None:
     ended = run_case(Case(3, PART, is_stepwise=True), tmp_path / "cell")
     assert ended.ends == ["complete"]
@@ -69,7 +70,11 @@ def test_a_part_goes_to_its_tray_with_a_persons_word_for_every_motion(tmp_path: 
     assert len(words) >= sum(map(len, paths)) + 1 + len(deeds)
 
 
-@pytest.mark.parametrize("case", KILLED, ids=lambda case: f"seed {case.seed}")
+@pytest.mark.parametrize(
+    "case",
+    [pytest.param(KILLED[0], marks=pytest.mark.slow), *KILLED[1:]],
+    ids=lambda case: f"seed {case.seed}",
+)
 def test_after_a_kill_no_part_is_dropped_and_nothing_is_done_twice(case: Case) -> None:
     ended = run_case(case)
     assert ended.ends[0] == "killed"

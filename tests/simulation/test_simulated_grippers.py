@@ -179,6 +179,7 @@ def test_a_gauge_that_nobody_holds_there_is_missed(
     tell(tmp_path, monkeypatch, story)
 
 
+@pytest.mark.slow
 def test_a_plate_that_falls_out_half_way_is_missed_and_the_arm_leaves(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -195,6 +196,7 @@ def test_a_plate_that_falls_out_half_way_is_missed_and_the_arm_leaves(
     tell(tmp_path, monkeypatch, story)
 
 
+@pytest.mark.slow
 def test_a_stop_between_touches_keeps_the_plate_and_names_it_at_the_next_start(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
 from controller.cell.commissioning import CommissionOrder, Errand, Session
 from controller.cell.commissioning.person import HELPER
@@ -109,6 +110,7 @@ def test_another_corner_than_the_one_named_is_noticed(tmp_path: Path) -> None:
     assert not (out / "calibrations" / "trays.json").exists()
 
 
+@pytest.mark.slow
 def test_a_stop_half_way_keeps_what_was_found_and_the_next_start_goes_on(tmp_path: Path) -> None:
     seen: list[str] = []
 

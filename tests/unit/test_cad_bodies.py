@@ -245,6 +245,7 @@ def test_mirror_images_differ_in_what_is_read(made: Path) -> None:
     assert left.content_hash != right.content_hash
 
 
+@pytest.mark.slow
 @needs_kernel
 def test_the_unit_of_the_file_is_the_bodys(tmp_path: Path) -> None:
     inches = write_all(tmp_path)["plate in inches"]

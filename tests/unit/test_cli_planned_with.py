@@ -276,6 +276,7 @@ def test_faces_that_the_recipe_leaves_out_are_named_in_the_plan(
     assert refused[0] == refused[1]
 
 
+@pytest.mark.slow
 def test_without_a_recipe_what_is_assumed_is_said(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

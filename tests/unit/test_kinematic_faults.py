@@ -54,7 +54,7 @@ def test_another_boards_file_is_named_as_such() -> None:
     assert ("board_file", "flat") in {(f.kind, f.subject) for f in found}
 
 
-@pytest.mark.parametrize("camera", ["overhead", "inspection"])
+@pytest.mark.parametrize("camera", ["overhead", pytest.param("inspection", marks=pytest.mark.slow)])
 def test_a_camera_moved_half_way_is_named_with_the_picture_before_which_it_was(camera: str) -> None:
     cell = cells.true_cell(65)
     moved = cells.bumped(cell.cameras[camera], 3.0, 0.3, np.random.default_rng(65))
@@ -66,6 +66,7 @@ def test_a_camera_moved_half_way_is_named_with_the_picture_before_which_it_was(c
     assert any(f"before picture {name};" in found[0].message for name in near)
 
 
+@pytest.mark.slow
 def test_a_plate_that_slipped_is_no_moved_camera() -> None:
     cell = cells.true_cell(66)
     slipped = cell.T_tcp_body["grasp0"] @ cells.pose(cells.turned([0, 0.03, 0]), [1.5, 0, 1.0])
@@ -104,6 +105,7 @@ def test_one_odd_picture_is_left_out_and_the_cell_is_as_it_is_without_it() -> No
     assert np.abs((found.fit.x - good.x) / good.std).max() < 1e-6
 
 
+@pytest.mark.slow
 def test_three_odd_pictures_are_no_chance() -> None:
     pictures = cells.pictures(cells.true_cell(67), COUNT, 67)
     for at, off in ((9, 4.0), (12, -5.0), (20, 6.0)):
