@@ -7,14 +7,14 @@ from typing import Final
 from starlette.applications import Starlette
 from starlette.middleware import Middleware
 
-from . import now, recipes
+from . import cell, now, recipes
 from .frame.entering import Entrance
 from .frame.routing import routes_of, upload_sizes
 from .frame.screens import ORDER, Screen, Setting
 from .frame.visit import Frame
 from .security import Guard
 
-SCREENS: Final[tuple[Callable[[Setting], Screen], ...]] = (now.screen, recipes.screen)
+SCREENS: Final[tuple[Callable[[Setting], Screen], ...]] = (now.screen, recipes.screen, cell.screen)
 
 
 def build_screens(setting: Setting) -> tuple[Screen, ...]:

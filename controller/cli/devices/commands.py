@@ -19,12 +19,24 @@ from ..options import (
 )
 
 
-def doctor(cell: CellOption = None, json: JsonOption = False) -> None:
+def doctor(
+    cell: CellOption = None,
+    runs: Annotated[
+        Path | None,
+        typer.Option(
+            "--runs",
+            metavar="FOLDER",
+            help="folder of all runs: hold the cell's lock there meanwhile, so that no run is on "
+            "(default: do not)",
+        ),
+    ] = None,
+    json: JsonOption = False,
+) -> None:
     """Check devices, versions and permissions; nothing moves."""
     from ..inputs.part_files import cell_of_this_folder
     from .doctor_checks import examine
 
-    raise typer.Exit(examine(cell or cell_of_this_folder(), as_json=json))
+    raise typer.Exit(examine(cell or cell_of_this_folder(), runs, as_json=json))
 
 
 class Lines(StrEnum):

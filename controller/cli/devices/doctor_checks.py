@@ -14,6 +14,7 @@ from controller.cell.devices import Devices, resolve
 from controller.cell.devices.clocks import devices_with_time, find_clock
 from controller.cell.devices.emulator import emulated_cell, emulator_command
 from controller.cell.devices.interlocks import REQUIRED_SIGNALS, settled_signal
+from controller.cell.devices.lock import hold_cell
 from controller.config import Cell, load_cell
 from controller.setup.drivers import require_drivers
 from drivers.errors import DeviceError
@@ -27,8 +28,20 @@ PACKAGES = ("pymodbus", "pyserial", "opencv-python-headless", "numpy", "trimesh"
 MIN_DISK_MB = 500
 
 
-def examine(cell_path: Path, *, as_json: bool) -> int:
-    """Check machine and devices; return 1 if a check failed."""
+def examine(cell_path: Path, runs_dir: Path | None, *, as_json: bool) -> int:
+    """Check machine and devices; return 1 if a check failed.
+
+    Parameters
+    ----------
+    cell_path : cell file
+    runs_dir : folder of the runs in which the cell's lock is held meanwhile; None for no lock
+    as_json : print one JSON object for each check
+
+    Raises
+    ------
+    ConfigError : the cell file is wrong
+    CellBusyError : another process has the cell
+    """
     cell = load_cell(cell_path)
     require_drivers(cell_path, cell)
     checks = machine_checks(cell)
@@ -37,7 +50,8 @@ def examine(cell_path: Path, *, as_json: bool) -> int:
         if cell.emulated_devices
         else nullcontext({})
     )
-    with emulator as ready:
+    lock = nullcontext() if runs_dir is None else hold_cell(runs_dir, cell, "doctor")
+    with lock, emulator as ready:
         checks += asyncio.run(_devices(cell, ready))
     bad = [check for check in checks if not check["ok"]]
     if as_json:

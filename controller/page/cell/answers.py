@@ -1,0 +1,181 @@
+"""What is answered at *Cell*: what is known of it, its pictures, and the doctor's findings."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from datetime import UTC, datetime
+from typing import Any, Final
+
+from pydantic import Field
+from starlette.responses import JSONResponse, Response
+
+from controller.cell.devices.lock import LOCK_NAME, Holder, read_holder
+from controller.config import ConfigError, load_cell
+
+from ..frame import Act, Body, Look, Setting, Visit, refused, word
+from ..frame.drawn import file_within, picture_bytes
+from ..security import Role
+from ..work import BusyError, Workshop
+from .cells import CellFile, CellFiles, History, cell_facts, evidence
+from .pictures import LastPictures
+
+MAX_KEY: Final = 300
+KINDS: Final = {".html": "text/html", ".json": "application/json", ".png": "image/png"}
+
+
+class CellBody(Body):
+    """A cell by its key."""
+
+    cell: str = Field(min_length=1, max_length=MAX_KEY)
+
+
+class NoBody(Body):
+    """An act that needs no words."""
+
+
+class CellAnswers:
+    """The screen *Cell*.
+
+    Parameters
+    ----------
+    setting : what the page was started with
+    workshop : where the doctor works
+    """
+
+    def __init__(self, setting: Setting, workshop: Workshop) -> None:
+        self._runs_dir = setting.runs_dir
+        self._files = CellFiles(setting.project_dir)
+        self._history = History(setting.runs_dir)
+        self._pictures = LastPictures(setting.runs_dir)
+        self._looking = asyncio.Lock()
+        self._workshop = workshop
+
+    @property
+    def every(self) -> tuple[Look | Act, ...]:
+        """All answers."""
+        return (
+            Look("", self.page),
+            Look("facts", self.facts),
+            Look("pictures", self.pictures),
+            Look("picture/{run:str}/{number:int}", self.picture),
+            Look("evidence", self.evidence),
+            Look("doctor", self.doctor),
+            Act("examine", CellBody, self.examine, Role.ENGINEER),
+            Act("cancel", NoBody, self.cancel, Role.ENGINEER),
+        )
+
+    @asynccontextmanager
+    async def open(self) -> AsyncIterator[None]:
+        """Be ready for work while the page is served."""
+        async with self._workshop.open():
+            yield
+
+    async def page(self, visit: Visit) -> Response:
+        """Return the page."""
+        return visit.html("cell.html.j2")
+
+    async def facts(self, visit: Visit) -> Response:
+        """Return what is known of a cell; the first one where none is named."""
+        key = visit.request.query_params.get("cell", "")
+
+        def work() -> dict[str, Any] | None:
+            file = self._files.find(key)
+            if file is None:
+                return None
+            found = cell_facts(self._files, file, self._history.past(), datetime.now(UTC))
+            return found | {"cells": [one.key for one in self._files.all()]}
+
+        async with self._looking:
+            found = await asyncio.to_thread(work)
+        if found is None:
+            return _missing()
+        holder = read_holder(self._runs_dir / LOCK_NAME)
+        return JSONResponse(found | {"holder": "" if holder is None else str(holder)})
+
+    async def pictures(self, _: Visit) -> Response:
+        """Return the last pictures of the newest run, measured."""
+        async with self._looking:
+            return JSONResponse(await asyncio.to_thread(self._pictures.facts))
+
+    async def picture(self, visit: Visit) -> Response:
+        """Return one of the last pictures; its file is named by the journal alone."""
+        params = visit.request.path_params
+        path = (
+            self._pictures.file(params["number"]) if params["run"] == self._pictures.run else None
+        )
+        found = None if path is None else await asyncio.to_thread(picture_bytes, path)
+        return _missing() if found is None else Response(found, media_type="image/jpeg")
+
+    async def evidence(self, visit: Visit) -> Response:
+        """Return a file of the commissioning, to be kept; nothing of it runs within the page."""
+        params = visit.request.query_params
+        name = params.get("name", "")
+
+        def work() -> tuple[bytes, str] | None:
+            file = self._files.find(params.get("cell", ""))
+            if file is None:
+                return None
+            try:
+                folder = self._files.commissioned(file, load_cell(file.path))
+                path = file_within(folder.path, name) if name in evidence(folder) else None
+                return None if path is None else (path.read_bytes(), path.suffix)
+            except (ConfigError, OSError):
+                return None
+
+        found = await asyncio.to_thread(work)
+        if found is None:
+            return _missing()
+        short = "".join(c if c.isalnum() or c in "._-" else "_" for c in name)
+        headers = {"Content-Disposition": f'attachment; filename="{short}"'}
+        return Response(found[0], media_type=KINDS[found[1]], headers=headers)
+
+    async def doctor(self, visit: Visit) -> Response:
+        """Return what the doctor found last in a cell, and whether it looks now."""
+        key = visit.request.query_params.get("cell", "")
+        work = self._workshop.last("doctor", key)
+        running = self._workshop.running
+        return JSONResponse(
+            {
+                "running": None if running is None else running.facts(),
+                "work": None if work is None else work.facts(),
+                "checks": [] if work is None else work.bodies(),
+            }
+        )
+
+    async def examine(self, visit: Visit, body: CellBody) -> Response:
+        """Have the doctor look at the devices under the cell's lock; return that work."""
+        file = await asyncio.to_thread(self._files.find, body.cell)
+        if file is None:
+            return _missing()
+        holder = read_holder(self._runs_dir / LOCK_NAME)
+        if holder is not None:
+            return _taken(holder)
+        return self._examined(visit, file)
+
+    def _examined(self, visit: Visit, file: CellFile) -> Response:
+        path, runs = str(file.path.resolve()), str(self._runs_dir.resolve())
+        try:
+            work = self._workshop.start(
+                "doctor",
+                file.key,
+                visit.who,
+                lambda _: ("doctor", "--cell", path, "--runs", runs, "--json"),
+                within=file.path.resolve().parent,
+            )
+        except BusyError:
+            return refused(409, word("the doctor looks already; wait, or cancel it"))
+        return JSONResponse({"running": work.facts()})
+
+    async def cancel(self, _visit: Visit, _body: NoBody) -> Response:
+        """End the doctor's look; return whether there was one."""
+        return JSONResponse({"done": await self._workshop.cancel()})
+
+
+def _missing() -> Response:
+    return refused(404, word("there is no such cell, picture or file"))
+
+
+def _taken(holder: Holder) -> Response:
+    return JSONResponse({"error": f"the cell is busy: {holder} has it"}, 409)
