@@ -2,12 +2,14 @@
 
 python benchmarks/bench_recognition.py [--json] [--set FOLDER...] [--parts PATH...] [--held-out]
     [--lights backlit front lo-backlit lo-front] [--rivals] [--explain FOLDER] [--keep FOLDER]
-    [--times | --library 1000 [--library-dir FOLDER]] [--checkout FOLDER]
+    [--times | --library 1000 [--library-dir FOLDER]] [--checkout FOLDER] [--lamps 3]
 
 Drives `cellctl recognise` as its users do, a process for the pictures of one light, held to one
 core. A set is a folder with pictures, truth.json, and perhaps lo/ (256 x 256) and calib/ (boards).
 What counts as right: `recognition_judge`. Every fourth picture is aside: --held-out tells those
-separately from the others. The time of a picture is the sum of its answers' "seconds".
+separately from the others. With `--lamps N` the front-lit pictures of a set that
+`trace_pictures.py --lamps N` made are judged N together, and the truth of a scene's first picture
+counts. The time of a picture is the sum of its answers' "seconds".
 """
 
 from __future__ import annotations
@@ -159,6 +161,8 @@ class Bench:
         camera, parts = self.pictures.cameras[size][0], list(parts or self.pictures.parts)
         if who == OURS:
             command = recognise_command(images, parts, camera, LIGHTING[mode])
+            if self.lamps(light) > 1:
+                command += ["--lamps", str(self.lamps(light))]
         else:
             command = rival_command(who, images, parts, camera, LIGHTING[mode])
         return run(
@@ -167,6 +171,10 @@ class Bench:
             checkout=self.checkout if who == OURS else ROOT,
             environment=environment,
         )
+
+    def lamps(self, light: str) -> int:
+        """Return how many pictures of a light show one scene."""
+        return int(self._args.lamps) if LIGHTS[light][1] == "front" else 1
 
     def judge(self, told: Run, images: Sequence[Path]) -> list[Verdict]:
         names = {image.name for image in images}
@@ -227,12 +235,13 @@ def rates(bench: Bench, args: argparse.Namespace) -> tuple[dict[str, Any], dict[
         for who in methods:
             told = bench.answers(who, light, images)
             bench.keep(who, light, told)
-            found = bench.judge(told, images)
+            scenes = images[:: bench.lamps(light)]
+            found = bench.judge(told, scenes)
             verdicts.setdefault(light, {})[who] = found
             result.setdefault(light, {})[who] = {
                 **described(found, args.held_out),
                 "pictures": len(images),
-                "costs": bench.costs(told, images),
+                "costs": bench.costs(told, scenes),
             }
         if args.explain is not None:
             explain(bench, light, result[light][OURS]["failures"], args.explain)
@@ -403,6 +412,7 @@ def read_arguments() -> argparse.Namespace:
     parser.add_argument("--times", action="store_true", help="only how long one part takes")
     parser.add_argument("--library", type=int, help="only with so many parts to choose from")
     parser.add_argument("--library-dir", type=Path, help="where that library is, or is to be, kept")
+    parser.add_argument("--lamps", type=int, default=1, help="front-lit pictures of one scene")
     parser.add_argument("--all-cores", action="store_true", help="instead of one")
     parser.add_argument("--checkout", type=Path, help="whose cellctl is run; this one otherwise")
     return parser.parse_args()

@@ -2,7 +2,7 @@
 
     python benchmarks/trace_pictures.py PART... -o FOLDER --count 40 --seed 1 --mode both
            [--unknown PART...] [--multi 0.2] [--front-share 0.5] [--camera truth.json]
-           [--scene apart|touching|leaving] [--spp 48] [--small] [--wide]
+           [--scene apart|touching|leaving] [--spp 48] [--small] [--wide] [--lamps 3]
 
 Writes into FOLDER, picture by picture, so that others may read while it grows:
     img_NNNN.png      1280 x 1024, 8 bit, as a camera with noise, blur and vignetting gives it
@@ -18,6 +18,9 @@ parts. A part lies in one of its stable poses of 1 % or more, drawn by the squar
 odds, so that rare ones turn up; all of it is inside the picture, and parts are 4 mm apart.
 `--wide` draws surfaces and lamps from further apart: painted, milled, brushed along one direction,
 blackened or anodised parts; one to three bar lamps, a ring, or both, and a table with a grain.
+`--lamps 3` takes every scene under each of so many lamps in turn, a ring first, then bars: pictures
+`img_NNNN_0.png` and so on, of which truth.json says by `scene` which belong together. The room's
+own light is the same in all of them. `cellctl recognise --lamps 3` judges them jointly.
 `--scene touching` lays two to six parts against each other, `--scene leaving` one or two so that
 the picture's edge cuts them (`trace_touching`); of these truth.json also has the `free_share`.
 `--camera` takes the `camera` of another truth.json; `--small` traces a quarter of the rays and
@@ -142,6 +145,24 @@ def _bars(rng: np.random.Generator, count: int, strength: float) -> list[dict[st
     ]
 
 
+def draw_lamps(count: int, light: Truth, rng: np.random.Generator) -> list[Truth]:
+    """Return what of a table's light each of its lamps gives, one at a time; the room's is apart.
+
+    Parameters
+    ----------
+    count : of lamps: a ring first, then bars from different sides
+    light : the table and its ring, as `draw_light` has them
+    """
+    start = rng.uniform(0.0, 360.0)
+    bare = {**light, "side": 0.0, "env": 0.0, "bars": []}
+    lamps = [bare | {"lamps": "ring"}]
+    for number in range(count - 1):
+        az = start + number * 360.0 / max(count - 1, 2)
+        bar = {**_bars(rng, 1, 1.0)[0], "az": (az + rng.uniform(-35.0, 35.0)) % 360.0}
+        lamps.append(bare | {"lamps": "bar", "ring": 0.0, "bars": [bar]})
+    return lamps
+
+
 def draw_wide_material(rng: np.random.Generator) -> Truth:
     """Return one of the surfaces that machined parts have.
 
@@ -257,14 +278,14 @@ def write_atomically(path: Path, text: str) -> None:
     partial.replace(path)
 
 
-def make_picture(
+def make_pictures(
     index: int,
     args: argparse.Namespace,
     known: Sequence[Part],
     unknown: Sequence[Part],
     sight: PixelRays,
-) -> tuple[NDArray[np.uint8], Truth]:
-    """Return picture number index and the truth about it."""
+) -> list[tuple[NDArray[np.uint8], Truth]]:
+    """Return scene number index, a picture for each of its lamps, and the truth about each."""
     camera = sight.camera
     rng = np.random.default_rng([args.seed, index])
     mode = args.mode
@@ -281,7 +302,6 @@ def make_picture(
     materials = [draw_wide_material(rng) if args.wide else draw_material(rng) for _ in placed]
     bodies = [Body(one.triangles_mm, m) for one, m in zip(placed, materials, strict=True)]
     spp = max(4, args.spp // 4) if args.small else args.spp
-    traced = radiance(sight, bodies, light, spp, int(rng.integers(2**31)))
     truth = {
         "image": f"img_{index:04d}.png",
         "kind": kind,
@@ -292,7 +312,24 @@ def make_picture(
         "light": light,
         "sensor": sensor,
     }
-    return develop(traced, sensor, rng), truth
+    if args.lamps == 1 or mode == "back":
+        traced = radiance(sight, bodies, light, spp, int(rng.integers(2**31)))
+        return [(develop(traced, sensor, rng), truth)]
+    lamps = draw_lamps(args.lamps, draw_light("front", rng) | _table_of(light), rng)
+    room_light = {**lamps[0], "ring": 0.0, "env": light["env"]}
+    room = radiance(sight, bodies, room_light, spp, int(rng.integers(2**31)))
+    made = []
+    for number, lamp in enumerate(lamps):
+        traced = room + radiance(sight, bodies, lamp, spp, int(rng.integers(2**31)))
+        about = {"image": f"img_{index:04d}_{number}.png", "scene": index}
+        words = truth | about | {"light": lamp | {"env": light["env"]}}
+        made.append((develop(traced, sensor, rng), words))
+    return made
+
+
+def _table_of(light: Truth) -> Truth:
+    """Return what of a light is the table's."""
+    return {name: value for name, value in light.items() if name.startswith(("table", "grain"))}
 
 
 def trace_all(args: argparse.Namespace) -> None:
@@ -312,20 +349,22 @@ def trace_all(args: argparse.Namespace) -> None:
     }
     if truth_file.exists():
         truth = json.loads(truth_file.read_text())
-    done = {entry["image"] for entry in truth["images"]}
+    done = {int(entry["seed"][1]) for entry in truth["images"]}
     for index in range(args.count):
-        if f"img_{index:04d}.png" in done:
+        if index in done:
             continue
         start = time.perf_counter()
-        picture, entry = make_picture(index, args, known_parts, unknown_parts, sight)
-        if not args.small:
-            cv2.imwrite(str(args.output / entry["image"]), picture)
-        cv2.imwrite(str(args.output / "lo" / entry["image"]), digitised(picture))
-        truth["images"].append(entry)
+        made = make_pictures(index, args, known_parts, unknown_parts, sight)
+        for picture, entry in made:
+            if not args.small:
+                cv2.imwrite(str(args.output / entry["image"]), picture)
+            cv2.imwrite(str(args.output / "lo" / entry["image"]), digitised(picture))
+        truth["images"] += [entry for _, entry in made]
         write_atomically(truth_file, json.dumps(truth, indent=1))
-        names = ", ".join(f"{o['part']} #{o['pose_id']}" for o in entry["objects"])
+        first = made[0][1]
+        names = ", ".join(f"{o['part']} #{o['pose_id']}" for o in first["objects"])
         seconds = time.perf_counter() - start
-        print(f"{entry['image']} {entry['mode']:5} {seconds:5.1f} s  {names}", flush=True)
+        print(f"{first['image']} {first['mode']:5} {seconds:5.1f} s  {names}", flush=True)
 
 
 def tell_edges(args: argparse.Namespace) -> None:
@@ -365,6 +404,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--camera", type=Path, help="a truth.json whose camera is used")
     parser.add_argument("--spp", type=int, default=48, help="rays a pixel")
     parser.add_argument("--wide", action="store_true", help="more kinds of surfaces and lamps")
+    parser.add_argument("--lamps", type=int, default=1, help="pictures of a front-lit scene")
     parser.add_argument("--small", action="store_true", help="small pictures only, fewer rays")
     parser.add_argument("--edges", action="store_true", help="measure FOLDER instead of tracing")
     args = parser.parse_args(argv)

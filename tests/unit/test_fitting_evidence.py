@@ -27,7 +27,7 @@ from controller.recognition.fitting import (
     grey_evidence,
     outline_evidence,
     predict_edges,
-    shading_fit,
+    shading_fits,
 )
 
 Array = NDArray[np.float64]
@@ -234,7 +234,7 @@ def test_evidence_under_lamps_is_for_the_right_pose_and_against_others() -> None
 
     def told(pose: Array) -> Evidence:
         edges = predict_edges(model("pocket"), pose, CAMERA)
-        shading = shading_fit(model("pocket"), pose, CAMERA, image, (0, 0), inside)
+        (shading,) = shading_fits(model("pocket"), pose, CAMERA, [image], (0, 0), inside)
         return grey_evidence(edges, 0.2, 0.28, [measure], strong, shading)
 
     right = told(T)
@@ -258,16 +258,16 @@ def test_shading_tells_two_slopes_apart_without_knowing_the_lamps() -> None:
     # two slopes, one short and steep, the other long and gentle, in a rectangular outline
     T, image = lit("roof", side=True)
     inside = roof_inside(T)
-    right = shading_fit(model("roof"), T, CAMERA, image, (0, 0), inside)
-    turned = shading_fit(model("roof"), T @ HALF_TURN, CAMERA, image, (0, 0), inside)
+    (right,) = shading_fits(model("roof"), T, CAMERA, [image], (0, 0), inside)
+    (turned,) = shading_fits(model("roof"), T @ HALF_TURN, CAMERA, [image], (0, 0), inside)
     assert right.area_px == turned.area_px == inside.sum()
     assert right.variance == turned.variance
     assert right.explained > 0.9
-    assert turned.explained < 0.7
+    assert turned.explained < right.explained - 0.15
     assert right.residual == pytest.approx((1 - right.explained) * right.variance, rel=1e-6)
     # shown by a crop it is the same
     crop = np.ascontiguousarray(image[200:500, 250:600])
-    there = shading_fit(model("roof"), T, CAMERA, crop, (250, 200), inside[200:500, 250:600])
+    (there,) = shading_fits(model("roof"), T, CAMERA, [crop], (250, 200), inside[200:500, 250:600])
     assert there.explained == pytest.approx(right.explained, abs=0.01)
 
 
@@ -276,16 +276,16 @@ def test_brighter_lamps_change_no_share_that_is_explained() -> None:
     inside = roof_inside(T)
     for gain, offset in ((0.5, 0), (0.5, 60), (1.0, 20)):
         grey = np.asarray(np.round(gain * image + offset), dtype=np.uint8)
-        told = shading_fit(model("roof"), T, CAMERA, grey, (0, 0), inside)
+        (told,) = shading_fits(model("roof"), T, CAMERA, [grey], (0, 0), inside)
         assert told.explained > 0.9
 
 
 def test_an_even_patch_explains_nothing_and_claims_nothing() -> None:
     T, image = lit("roof", side=True)
     inside = roof_inside(T)
-    even = shading_fit(model("roof"), T, CAMERA, np.full_like(image, 120), (0, 0), inside)
+    (even,) = shading_fits(model("roof"), T, CAMERA, [np.full_like(image, 120)], (0, 0), inside)
     assert (even.explained, even.variance) == (0.0, 0.0)
-    none = shading_fit(model("roof"), T, CAMERA, image, (0, 0), np.zeros_like(inside))
+    (none,) = shading_fits(model("roof"), T, CAMERA, [image], (0, 0), np.zeros_like(inside))
     assert (none.explained, none.area_px) == (0.0, 0)
 
 

@@ -33,6 +33,7 @@ def recognise_images(
     *,
     unit: str | None,
     as_json: bool,
+    lamps: int = 1,
     explain_in: Path | None = None,
     jobs: Jobs = LOCAL,
 ) -> int:
@@ -46,6 +47,7 @@ def recognise_images(
     lighting : whether the parts are on a light table
     unit : of CAD files that name none, None for mm
     as_json : print one JSON object for each object found
+    lamps : pictures of each scene, under one lamp each; backlit ones first before a light table
     explain_in : folder for a drawing and tables of each picture, None for none
     jobs : who compiles the parts
 
@@ -53,6 +55,10 @@ def recognise_images(
     -------
     exit code: 2 if a picture cannot be read, after answering for the others; 1 if no picture shows
     a known part; else 0
+
+    Raises
+    ------
+    ConfigError : the pictures do not make whole scenes
     """
     camera = load_calibration(calibration)
     files = _cad_files(parts)
@@ -60,42 +66,51 @@ def recognise_images(
     folder = ExplainFolder(explain_in) if explain_in is not None else None
     for remark in doubled:
         warn(remark)
+    if len(paths) % lamps:
+        raise ConfigError(
+            f"--lamps {lamps}: {len(paths)} pictures make no whole scenes of {lamps}; "
+            "name as many for each scene"
+        )
     once = SaidOnce()
     library: Library | None = None
     known, unread = 0, 0
-    for path in paths:
+    for first in range(0, len(paths), lamps):
+        scene = paths[first : first + lamps]
         try:
-            picture = read_picture(path, camera.size_px)
+            pictures = [read_picture(path, camera.size_px) for path in scene]
         except ConfigError as error:
             warn(f"cellctl: {error}")
             unread += 1
             continue
         if library is None:  # compiling takes long; a missing picture is reported first
             library = _library([(p, options_among(p, unit)) for p in files], camera, jobs)
-        for note in once.fresh(picture.notes):
-            warn(f"{path.name}: {note}; reported once for all such pictures")
-        known += _answer_one(path, picture, camera, library, lighting, folder, as_json)
+        for path, picture in zip(scene, pictures, strict=True):
+            for note in once.fresh(picture.notes):
+                warn(f"{path.name}: {note}; reported once for all such pictures")
+        known += _answer_one(scene, pictures, camera, library, lighting, folder, as_json)
     if unread:
         return 2
     return 0 if known else 1
 
 
 def _answer_one(
-    path: Path,
-    picture: StoredPicture,
+    scene: Sequence[Path],
+    pictures: Sequence[StoredPicture],
     camera: Camera,
     library: Library,
     lighting: Lighting,
     folder: ExplainFolder | None,
     as_json: bool,
 ) -> int:
-    """Print what one picture shows; return how many objects are known."""
+    """Print what the pictures of one scene show; return how many objects are known."""
+    path, picture = scene[0], pictures[0]
+    others = [other.grey for other in pictures[1:]]
     started = time.perf_counter()
-    seen = recognise(picture.grey, camera, library, lighting)
+    seen = recognise(picture.grey, camera, library, lighting, lit=others)
     seconds = time.perf_counter() - started
     for remark in seen.segmentation.remarks:
         warn(f"{path.name}: {remark}")
-    bodies = list(_bodies(path, picture, seen, seconds))
+    bodies = list(_bodies(scene, picture, seen, seconds))
     if not bodies:
         (warn if as_json else print_line)(f"{path.name}: nothing on the table")
     for body in bodies:
@@ -141,7 +156,7 @@ def _parts_in(folder: Path) -> list[Path]:
 
 
 def _bodies(
-    path: Path, picture: StoredPicture, seen: Recognition, seconds: float
+    scene: Sequence[Path], picture: StoredPicture, seen: Recognition, seconds: float
 ) -> Iterator[dict[str, Any]]:
     """Yield each object, ready for JSON."""
     about = {
@@ -153,7 +168,8 @@ def _bodies(
     for s in seen.sightings:
         is_known = s.covariance is not None
         yield {
-            "image": path.name,
+            "image": scene[0].name,
+            "images": [path.name for path in scene],
             "part": s.part,
             "stable_pose_R": None if s.R is None else s.R.tolist(),
             "pose_index": s.pose_index,

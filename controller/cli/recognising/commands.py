@@ -31,6 +31,17 @@ def recognise(
     lighting: Annotated[
         Lighting, typer.Option("--lighting", help="lighting of the pictures")
     ] = Lighting.AUTO,
+    lamps: Annotated[
+        int,
+        typer.Option(
+            "--lamps",
+            min=1,
+            metavar="N",
+            help="pictures that show one scene, each under another lamp, N after each other in the "
+            "order named, those of a folder by name; they are judged together (default: 1)",
+            show_default=False,
+        ),
+    ] = 1,
     explain: Annotated[
         Path | None,
         typer.Option(
@@ -57,6 +68,7 @@ def recognise(
         lighting.value,
         unit=unit and unit.value,
         as_json=json,
+        lamps=lamps,
         explain_in=explain,
         jobs=jobs_among(jobs),
     )

@@ -22,7 +22,7 @@ from ._fit import (
 from ._measure import Gaps, GreyMeasure, Measure, OutlineMeasure
 from ._model import EdgeModel, EdgeShape, edge_model, edge_shape
 from ._predict import EdgePoints, predict_edges, predict_outline
-from ._shade import Shading, shading_fit
+from ._shade import Shading, shading_fits
 
 __all__ = [
     "EdgeFit",
@@ -50,7 +50,7 @@ __all__ = [
     "predict_edges",
     "predict_outline",
     "sample_information",
-    "shading_fit",
+    "shading_fits",
     "twist",
     "with_inside",
 ]

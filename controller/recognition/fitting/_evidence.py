@@ -57,7 +57,7 @@ class ImageEdges:
     @staticmethod
     def of(measure: GreyMeasure, within: BoolArray) -> "ImageEdges":
         """Return the ridges of the gradient inside a region (h, w) of the crop."""
-        gx, gy = measure.gx, measure.gy
+        gx, gy = measure.own
         size = cv2.magnitude(gx, gy)
         inside = size[within]
         if inside.size == 0:
@@ -164,7 +164,7 @@ def with_inside(
     edges : all visible edges at the fitted pose
     mm_per_px : at the object
     greys : the pictures that edges inside the part are looked for in; one is enough for an edge
-    shown : for each picture that shows the inside, its strong edges in the part and `shading_fit`
+    shown : for each picture that shows the inside, its strong edges in the part and `shading_fits`
     """
     own = _apart_from_outline(edges)
     first = grey_evidence(own, known.sigma_px, mm_per_px, greys, *shown[0])
@@ -173,9 +173,7 @@ def with_inside(
     image_mm = sum(lengths_mm)
     shares = (first.inner_explained, *others)
     explained_mm = sum(share * mm for share, mm in zip(shares, lengths_mm, strict=True))
-    shadings = [shading for _, shading in shown]
-    # a bright picture must not outvote a dark one: what counts is by what ratio a pose is worse
-    residual = float(np.exp(np.mean(np.log([max(one.residual, 1e-6) for one in shadings]))))
+    shading = Shading.of_all([shading for _, shading in shown])
     return replace(
         first,
         outline=known.outline,
@@ -184,9 +182,9 @@ def with_inside(
         outline_mm=known.outline_mm,
         inner_explained=explained_mm / image_mm if image_mm > 0 else 0.0,
         image_mm=image_mm,
-        shading=float(np.mean([one.explained for one in shadings])),
-        residual=residual,
-        area_mm2=sum(one.area_px * mm_per_px**2 for one in shadings),
+        shading=shading.explained,
+        residual=shading.residual,
+        area_mm2=shading.area_px * mm_per_px**2,
         chance=_chance(own, greys),
         image_px=float(sum(image_edges.length_px for image_edges, _ in shown)),
     )
@@ -232,7 +230,7 @@ def grey_evidence(
     mm_per_px : at the object
     greys : the pictures edges are looked for in; one is enough for an edge
     image_edges : strong edges of the first, about the part
-    shading : `shading_fit` of it
+    shading : `shading_fits` of it; of several lamps' pictures, of all of them
     """
     on = edges.on_outline
     off = _off_px(edges.pixels, edges, greys)

@@ -4,6 +4,7 @@ Before a backlight the outline is known whole. Elsewhere an edge is looked for i
 levels, along the normal of the predicted one.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -140,22 +141,39 @@ class OutlineMeasure:
 class GreyMeasure:
     """Edges are peaks of the grey-level gradient.
 
+    Of a scene under several lamps, one at a time, the gradient at each pixel is that of the lamp
+    that shows it best. What a pose has to explain are the edges of the crop alone: where that is
+    the brightest of all lamps' pictures, it has no shadows.
+
     Parameters
     ----------
     crop : (h, w) grey
     corner_px : (x0, y0) of the crop in the picture
     is_lit : under lamps, where what faces the camera is brighter than what does not
+    others : (h, w) of the same scene, each under one lamp
+
+    Attributes
+    ----------
+    gx, gy : (h, w) the strongest gradient [grey levels / px]
+    own : the same of the crop alone
     """
 
     sees_inside = True
 
-    def __init__(self, crop: Grey, corner_px: tuple[int, int], *, is_lit: bool) -> None:
-        smooth = cv2.GaussianBlur(crop, (0, 0), 0.8).astype(np.float32)
-        # Scharr turns with the edge; 1/32 makes it grey levels a pixel
-        self.gx = np.asarray(cv2.Scharr(smooth, cv2.CV_32F, 1, 0, scale=1 / 32), np.float32)
-        self.gy = np.asarray(cv2.Scharr(smooth, cv2.CV_32F, 0, 1, scale=1 / 32), np.float32)
+    def __init__(
+        self,
+        crop: Grey,
+        corner_px: tuple[int, int],
+        *,
+        is_lit: bool,
+        others: Sequence[Grey] = (),
+    ) -> None:
+        slopes = [_slope(one) for one in (crop, *others)]
+        self.own = slopes[0]
+        self.gx, self.gy = _strongest(slopes) if others else self.own
         self.corner = np.array(corner_px, dtype=np.float64)
-        self.noise = 1.48 * float(np.median(np.abs(self.gx[::3, ::3]))) + 0.05
+        noise = [float(np.median(np.abs(gx[::3, ::3]))) for gx, _ in slopes]
+        self.noise = 1.48 * max(noise) + 0.05
         self._is_lit = is_lit
 
     def gaps(
@@ -219,6 +237,28 @@ class GreyMeasure:
         # what lies where it was counts a little more
         contrast = contrast * (1.0 - 0.01 * np.linalg.norm(shift, axis=1))
         return np.asarray(shift[int(contrast.argmax())], dtype=np.float64)
+
+
+def _slope(crop: Grey) -> tuple[Float32Array, Float32Array]:
+    """Return a picture's gradient along x and y (h, w) [grey levels / px]."""
+    smooth = cv2.GaussianBlur(crop, (0, 0), 0.8).astype(np.float32)
+    # Scharr turns with the edge; 1/32 makes it grey levels a pixel
+    gx = np.asarray(cv2.Scharr(smooth, cv2.CV_32F, 1, 0, scale=1 / 32), np.float32)
+    return gx, np.asarray(cv2.Scharr(smooth, cv2.CV_32F, 0, 1, scale=1 / 32), np.float32)
+
+
+def _strongest(
+    slopes: Sequence[tuple[Float32Array, Float32Array]],
+) -> tuple[Float32Array, Float32Array]:
+    """Return of several gradients the strongest at each pixel."""
+    gx, gy = (one.copy() for one in slopes[0])
+    size = cv2.magnitude(gx, gy)
+    for other_x, other_y in slopes[1:]:
+        other = cv2.magnitude(other_x, other_y)
+        leads = other > size
+        for kept, new in ((gx, other_x), (gy, other_y), (size, other)):
+            np.copyto(kept, new, where=leads)
+    return gx, gy
 
 
 def _sampled(slope: Float32Array, x: Float32Array, y: Float32Array) -> Float32Array:

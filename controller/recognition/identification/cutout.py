@@ -21,7 +21,8 @@ class ObjectCutout:
     Parameters
     ----------
     region : as it was cut out
-    pictures : of the scene; a backlit one last, after those under lamps
+    pictures : of the scene; a backlit one last, after those under lamps. Of several without a
+        backlit one the first is the brightest of the others, which are judged together
     mm_per_px : at the object
     outlines : the loops [px] of each outline that it may have; the region's own first
     is_backlit : its outline is known whole
@@ -69,10 +70,12 @@ class ObjectCutout:
     @cached_property
     def greys(self) -> tuple[GreyMeasure, ...]:
         """Gradients of the pictures."""
-        lit_count = len(self.crops) - 1 if self.is_backlit else len(self.crops)
+        if not self.is_backlit:
+            first, *others = self.crops
+            return (GreyMeasure(first, self.corner_px, is_lit=True, others=others),)
+        last = len(self.crops) - 1
         return tuple(
-            GreyMeasure(crop, self.corner_px, is_lit=k < lit_count)
-            for k, crop in enumerate(self.crops)
+            GreyMeasure(crop, self.corner_px, is_lit=k < last) for k, crop in enumerate(self.crops)
         )
 
     @property
@@ -88,19 +91,22 @@ class ObjectCutout:
         return np.asarray(cv2.erode(mask, np.ones((rim, rim), np.uint8)) > 0)
 
     @property
-    def telling(self) -> range:
-        """Which pictures tell what is inside it: those under lamps, or the only one there is."""
-        return range(max(len(self.crops) - self.is_backlit, 1))
+    def telling(self) -> tuple[Grey, ...]:
+        """The crops that tell what is inside it: those under lamps, or the only one there is."""
+        if self.is_backlit:
+            return self.crops[: max(len(self.crops) - 1, 1)]
+        return self.crops[1:] or self.crops
 
     @cached_property
     def image_edges(self) -> tuple[ImageEdges, ...]:
-        """Strong edges of each `telling` picture in the object; where it is not backlit, round it.
+        """Strong edges of each measure that tells what is in the object; under lamps, round it.
 
         Under each lamp other edges show: a low step that the ring light leaves flat casts a shadow
-        under the side light.
+        under the side light. Before a light table each lamp's picture is a measure of its own.
         """
         within = self.inside
         if not self.is_backlit:
             wide = np.ones((2 * BESIDE_PX + 1,) * 2, np.uint8)
             within = np.asarray(cv2.dilate(self.region.mask.astype(np.uint8), wide) > 0)
-        return tuple(ImageEdges.of(self.greys[k], within) for k in self.telling)
+        telling = self.greys[: max(len(self.greys) - self.is_backlit, 1)]
+        return tuple(ImageEdges.of(grey, within) for grey in telling)

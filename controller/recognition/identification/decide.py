@@ -67,6 +67,10 @@ def decide(hypotheses: Sequence[Hypothesis], *, is_backlit: bool) -> Decision:
             or looks_same(best.fit.edges, h.fit.edges, outline_only=is_backlit)
         )
     )
+    others = [h for h in hypotheses[1:] if h not in rivals]
+    if best.probability / (1 + _claims(best, others)) < 0.5:
+        # what no alternative accounts for speaks against it
+        return Decision(None, max(1.0 - best.probability, 0.5), (), best)
     return Decision(best, best.probability / (1 + _claims(best, hypotheses[1:])), rivals, best)
 
 

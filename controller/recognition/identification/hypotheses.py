@@ -26,12 +26,19 @@ from ..fitting import (
     grey_evidence,
     outline_evidence,
     predict_edges,
-    shading_fit,
+    shading_fits,
     with_inside,
 )
 from ..library import Candidate, Library, place_of, pose_on_table, turn_of
 from .cutout import ObjectCutout
-from .scores import FRONT, SILHOUETTE, log_odds, log_odds_of_all, probability
+from .scores import (
+    FRONT,
+    SILHOUETTE,
+    log_odds,
+    log_odds_of_all,
+    log_odds_under_lamps,
+    probability,
+)
 
 SAME_TURN_RAD = np.radians(4.0)
 SAME_PLACE_MM = 2.0
@@ -158,10 +165,25 @@ def weigh(
             refined = _refine(candidate, coarse, cutout, camera, library, limits, source)
             if refined is not None:
                 fine.append(refined)
+    if not cutout.is_backlit:
+        return ranked_under_lamps(fine, library)
     fine = without_repeats(fine, library)
-    if cutout.is_backlit and len(fine) > 1:
+    if len(fine) > 1:
         fine = look_inside(fine, cutout, camera, library, limits)
     return fine
+
+
+def ranked_under_lamps(hypotheses: Sequence[Hypothesis], library: Library) -> list[Hypothesis]:
+    """Return hypotheses about one object under lamps, weighed against each other, best first.
+
+    Parameters
+    ----------
+    hypotheses : fitted ones; of those that are the same the likeliest is kept
+    library : knows which turns leave a pose as it is
+    """
+    scores = log_odds_under_lamps([h.evidence for h in hypotheses])
+    weighed = [replace(h, log_odds=score) for h, score in zip(hypotheses, scores, strict=True)]
+    return without_repeats(weighed, library)
 
 
 def look_inside(
@@ -389,7 +411,7 @@ def _refine(
             cutout.mm_per_px,
             cutout.greys,
             cutout.image_edges[0],
-            _shading(fit, model, cutout, camera),
+            Shading.of_all(_shadings(fit, model, cutout, camera)),
         )
     return Hypothesis(
         part=candidate.part,
@@ -433,10 +455,8 @@ def _look_inside(
     for h in hypotheses:
         model = library.model(h.part)
         edges = predict_edges(model, h.fit.T_world_part, camera, limits.fine_samples)
-        shown = [
-            (cutout.image_edges[k], _shading(h.fit, model, cutout, camera, k))
-            for k in cutout.telling
-        ]
+        shadings = _shadings(h.fit, model, cutout, camera)
+        shown = list(zip(cutout.image_edges, shadings, strict=True))
         evidences.append(with_inside(h.evidence, edges, cutout.mm_per_px, cutout.greys, shown))
     return [
         replace(h, evidence=evidence, log_odds=score)
@@ -446,9 +466,9 @@ def _look_inside(
     ]
 
 
-def _shading(
-    fit: EdgeFit, model: EdgeModel, cutout: ObjectCutout, camera: Camera, which: int = 0
-) -> Shading:
-    return shading_fit(
-        model, fit.T_world_part, camera, cutout.crops[which], cutout.corner_px, cutout.inside
+def _shadings(
+    fit: EdgeFit, model: EdgeModel, cutout: ObjectCutout, camera: Camera
+) -> tuple[Shading, ...]:
+    return shading_fits(
+        model, fit.T_world_part, camera, cutout.telling, cutout.corner_px, cutout.inside
     )

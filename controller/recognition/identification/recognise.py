@@ -19,10 +19,16 @@ from controller.imaging import Camera
 
 from ..grey import image_features, propose
 from ..library import Candidate, Entry, Library, Silhouette, polar_grid
-from ..segmentation import Region, segment
+from ..segmentation import Region, brightest_of, segment
 from .cutout import ObjectCutout
 from .decide import Decision, decide, is_convincing
-from .hypotheses import Hypothesis, SearchLimits, is_tried, weigh, without_repeats
+from .hypotheses import (
+    Hypothesis,
+    SearchLimits,
+    is_tried,
+    ranked_under_lamps,
+    weigh,
+)
 from .sighting import Alternative, Recognition, Sighting, Trace
 from .touching import PartialSighting, parts_of
 
@@ -69,7 +75,8 @@ def recognise(
     library : of the parts that may lie there, made for this camera
     lighting : a light table, lamps above a matt one, or "auto" to tell from the picture
     usable : (height, width) where parts may lie (the backlit area); elsewhere nothing is seen
-    lit : pictures of the same scene under lamps, for what silhouettes cannot decide
+    lit : pictures of the same scene under other lamps. Before a light table they decide what
+        silhouettes cannot; under lamps all pictures are judged as one
     limits : how much is tried and how much has to agree; None for the defaults
 
     Raises
@@ -82,14 +89,18 @@ def recognise(
     limits = limits or RecognitionLimits()
     middle = camera.on_plane(np.array([[width / 2, height / 2], [width / 2 + 1, height / 2 + 1]]))
     pixel_mm2 = float(np.prod(np.abs(middle[1, :2] - middle[0, :2])))
-    found = segment(picture, lighting, usable, limits.min_area_mm2 / pixel_mm2)
-    is_backlit = found.lighting == "backlit"
-    inner = (*lit, picture) if is_backlit else (picture, *lit)
+    least_px = limits.min_area_mm2 / pixel_mm2
+    found = segment(picture, lighting, usable, least_px) if lighting != "front" or not lit else None
+    is_backlit = found is not None and found.lighting == "backlit"
+    inner: tuple[Grey, ...] = (*lit, picture)
+    if lit and not is_backlit:
+        inner = (brightest_of((picture, *lit)), picture, *lit)
+        found = segment(inner[0], "front", usable, least_px)
+    assert found is not None
     sightings, traces = [], []
     for region in found.regions:
         answers = [_identify(region, inner, camera, library, is_backlit, limits)]
         if is_backlit and _may_be_several(*answers[0], np.sqrt(pixel_mm2)):
-            least_px = limits.min_area_mm2 / pixel_mm2
             parts = parts_of(region, inner, camera, library, usable, least_px, limits.search)
             if answers[0][0].part is None or len(parts) > 1:
                 answers = _of_parts(parts, camera, library, pixel_mm2) or answers
@@ -127,7 +138,7 @@ def _identify(
         candidates += proposed
         new = [c for c in proposed if not is_tried(c, hypotheses, library)]
         lines = weigh(new, cutout, camera, library, limits.search, source="lines")
-        hypotheses = without_repeats([*hypotheses, *lines], library)
+        hypotheses = ranked_under_lamps([*hypotheses, *lines], library)
     decision = decide(hypotheses, is_backlit=is_backlit)
     trace = Trace(region, tuple(candidates), tuple(hypotheses))
     if decision.best is None:

@@ -5,9 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from controller.arrays import FloatArray
+
 from ..fitting import Evidence
 
 STRETCH_MM = 5.0  # of edge that counts as one observation; nearer ones share their causes
+STRETCH_PX = 10.0  # nor is one shorter: in pictures of few pixels 5 mm are within the blur
 SIDE_MM = 20.0  # of outline: a bent wall or a badly calibrated corner shifts as much together
 MODEL_PX = 0.15  # no outline is known better, whatever the noise
 PATCH_MM2 = 50.0  # of surface, likewise
@@ -88,11 +91,30 @@ def log_odds_of_all(evidences: Sequence[Evidence], *, is_lit: bool) -> list[floa
     # of one object the pictures are the same, and so is what they show by chance
     chance = float(length @ by_chance / max(length.sum(), 1e-9)) if is_lit else None
     edges = np.array([_edges(evidence, is_lit, chance) for evidence in evidences])
-    edges = np.maximum(edges - edges.max(initial=-np.inf), -MAX_LOG_ODDS)
     return [
         float(lead) + _without_edges(evidence, FILM_MM2)
-        for lead, evidence in zip(edges, evidences, strict=True)
+        for lead, evidence in zip(_limited(edges), evidences, strict=True)
     ]
+
+
+def log_odds_under_lamps(evidences: Sequence[Evidence]) -> list[float]:
+    """Return the evidence for hypotheses about one object under lamps, to compare them.
+
+    The lead of one over another is limited for each kind of evidence: light that falls off across
+    a wide plate must not outweigh an outline that does not fit.
+    """
+    # of one object the pictures are the same, and a pixel is as long in all hypotheses
+    lengths = [e.image_mm / e.image_px for e in evidences if e.image_px > 0]
+    share = min(1.0, STRETCH_MM / (STRETCH_PX * max(lengths, default=0.0) + 1e-9))
+    edges = np.array([_edges(evidence, True, None) for evidence in evidences]) * share
+    shading = np.array([_shading(evidence, PATCH_MM2) for evidence in evidences]) * share
+    explained = np.array([_explained(evidence) for evidence in evidences]) * share
+    fit = np.array([_fit(evidence) for evidence in evidences])
+    return [float(one) for one in _limited(edges) + _limited(shading) + explained + fit]
+
+
+def _limited(lead: FloatArray) -> FloatArray:
+    return np.asarray(np.maximum(lead - lead.max(initial=-np.inf), -MAX_LOG_ODDS))
 
 
 def _edges(evidence: Evidence, is_lit: bool, chance: float | None) -> float:
@@ -106,9 +128,18 @@ def _edges(evidence: Evidence, is_lit: bool, chance: float | None) -> float:
 
 
 def _without_edges(evidence: Evidence, patch_mm2: float) -> float:
-    explained = evidence.image_mm / STRETCH_MM * evidence.inner_explained
+    return _explained(evidence) + _shading(evidence, patch_mm2) + _fit(evidence)
+
+
+def _explained(evidence: Evidence) -> float:
+    return evidence.image_mm / STRETCH_MM * evidence.inner_explained
+
+
+def _shading(evidence: Evidence, patch_mm2: float) -> float:
     patches = evidence.area_mm2 / patch_mm2
-    shading = -0.5 * patches * np.log(evidence.residual + NOISE_VARIANCE)
+    return float(-0.5 * patches * np.log(evidence.residual + NOISE_VARIANCE))
+
+
+def _fit(evidence: Evidence) -> float:
     sides = evidence.outline_mm / SIDE_MM
-    fit = -sides * np.log(evidence.misfit_px**2 + MODEL_PX**2)
-    return float(explained + shading + fit)
+    return float(-sides * np.log(evidence.misfit_px**2 + MODEL_PX**2))

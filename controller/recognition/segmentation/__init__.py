@@ -3,7 +3,8 @@
 Dark things before a light table, or things under lamps on a matt one (references.md P3.1).
 """
 
+from ._lamps import brightest_of
 from ._segment import segment
 from ._types import Region, Segmentation
 
-__all__ = ["Region", "Segmentation", "segment"]
+__all__ = ["Region", "Segmentation", "brightest_of", "segment"]

@@ -1,0 +1,43 @@
+"""Pictures of one scene under several lamps, one at a time, as one picture to cut things out of.
+
+A shadow is where one lamp does not come to, and others mostly do; a side that is as dark as the
+table under one lamp is bright under another. What is brightest of each place has neither.
+"""
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+
+from controller.arrays import Grey
+from controller.imaging.levels import level_step
+
+MAX_GAIN = 3.0  # of a dim picture: beyond it, noise would be what is brightest
+EVERY_PX = 8  # in rows and columns, for a picture's typical level
+
+
+def brightest_of(pictures: Sequence[Grey]) -> Grey:
+    """Return the brightest of each pixel, the pictures brought to one level of the table.
+
+    Parameters
+    ----------
+    pictures : (height, width) each, of one scene by one camera, under other lamps; one at least
+    """
+    typical = [max(float(np.median(one[::EVERY_PX, ::EVERY_PX])), 1.0) for one in pictures]
+    level = float(np.median(typical))
+    scaled = [
+        cv2.convertScaleAbs(one, alpha=float(np.clip(level / own, 1.0 / MAX_GAIN, MAX_GAIN)))
+        for one, own in zip(pictures, typical, strict=True)
+    ]
+    out = scaled[0]
+    for one in scaled[1:]:
+        out = cv2.max(out, one)
+    # few levels are to stay few, or their steps would be taken for borders
+    step = min(
+        level_step(np.bincount(one.ravel(), minlength=256).astype(np.float64)) for one in pictures
+    )
+    if step > 1:
+        levels = np.arange(256)
+        table = np.clip((levels + step // 2) // step * step, 0, 256 - step).astype(np.uint8)
+        out = cv2.LUT(out, table)
+    return np.asarray(out, np.uint8)
