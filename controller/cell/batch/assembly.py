@@ -37,7 +37,7 @@ from ..actions import (
     UnsuspendAction,
     WithdrawAction,
 )
-from ..compute import Compute, ComputeAtHand
+from ..compute import Compute, PartCompute
 from ..custody import TrayRecord
 from ..devices import Devices
 from ..devices.in_use import counted
@@ -174,7 +174,7 @@ def assemble(
     nest_counts = {name: len(tray.nests) for name, tray in layout.trays.items() if tray.nests}
     trays = TrayRecord(nest_counts, stored)
     record = BatchRecord(journal, progress, on_progress, trays, products)
-    compute = ComputeAtHand(lambda: record.product.compute)
+    compute = PartCompute(lambda: record.product.compute)
     gate = Gate(Permits(journal), clock, Approval(operator) if is_stepwise else None)
     retries = Retries(record, lambda: record.product.policy, clock)
     rules = rules_of(cell.interlock_rules)

@@ -17,15 +17,15 @@ from .job import (
     part_files,
 )
 from .pool import make_pool, worker_pool
-from .service import Compute, ComputeAtHand, begin
+from .service import Compute, PartCompute, begin
 
 __all__ = [
     "MAX_RECIPE_COUNT",
     "Compute",
-    "ComputeAtHand",
     "Context",
     "Holder",
     "Job",
+    "PartCompute",
     "Pickable",
     "begin",
     "context",

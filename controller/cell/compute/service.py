@@ -87,17 +87,17 @@ class Compute:
     surface_share = Question(answers.surface_share)
 
 
-class ComputeAtHand(Compute):
+class PartCompute(Compute):
     """The compute service of the part at hand: which one that is, is looked up at each question.
 
     Parameters
     ----------
-    at_hand : returns the service for parts of the recipe that the part at hand is of
+    service : returns the service for parts of the recipe that the part at hand is of
     """
 
-    def __init__(self, at_hand: Callable[[], Compute]) -> None:
-        self._at_hand = at_hand
+    def __init__(self, service: Callable[[], Compute]) -> None:
+        self._service = service
 
     def answering(self) -> Compute:
         """Return the service of the part at hand."""
-        return self._at_hand()
+        return self._service()

@@ -11,9 +11,9 @@ from .imaging import CameraName, Imaging
 from .interlocks import Interlocks
 from .leases import Leases
 from .motion import Motion
-from .preparation import Preparation
 from .resuming import Resumption, hold_of, park_interrupted, verdict_of
 from .steps import PlanSteps
+from .table import Preparation
 from .views import Disambiguation, HeldPose, PartFile, StoredViews, Views, plain_name
 
 __all__ = [

@@ -57,7 +57,7 @@ def run(
             metavar="N",
             min=1,
             help="parts on the emulated table at a time, drawn by the seed; the next one comes "
-            "once one is in its tray (default: all that are laid)",
+            "once one is in its tray (default: all of them)",
         ),
     ] = None,
     empty: Annotated[bool, typer.Option("--empty", help="leave the emulated table empty")] = False,

@@ -8,7 +8,7 @@ from controller.cell.batch import OrderedRecipe
 from controller.cell.compute import load_parts
 
 
-def laid_parts(
+def parts_on_table(
     ordered: Sequence[OrderedRecipe], lay: Sequence[Path], *, is_empty: bool
 ) -> list[tuple[Path, CompiledPart]]:
     """Return the CAD files on the emulated table, each with its part: by default one per recipe.
@@ -31,24 +31,24 @@ def laid_parts(
 
 
 def feeding(
-    ordered: Sequence[OrderedRecipe], laid: Sequence[Path], on_table: int | None
+    ordered: Sequence[OrderedRecipe], parts: Sequence[Path], on_table: int | None
 ) -> tuple[str, ...]:
     """Return the emulator's options for bringing parts until each recipe has as many as ordered.
 
-    Of a recipe whose part is not laid by its own file nothing is brought, unless it is the only
-    one: then the first file that is laid is brought again.
+    Of a recipe whose own file is not among the parts there nothing is brought, unless the recipe is
+    the only one: then the first part is brought again.
 
     Parameters
     ----------
     ordered : the recipes of the run
-    laid : CAD files on the emulated table
-    on_table : parts there at a time, None for all that are laid
+    parts : CAD files on the emulated table
+    on_table : parts there at a time, None for all of them
     """
-    counts = [0] * len(laid)
+    counts = [0] * len(parts)
     if len(ordered) == 1:
-        counts[0] = max(ordered[0].count - len(laid), 0)
+        counts[0] = max(ordered[0].count - len(parts), 0)
     else:
-        files = [path.resolve() for path in laid]
+        files = [path.resolve() for path in parts]
         for one in ordered:
             own = [k for k, file in enumerate(files) if file == one.recipe.part.resolve()]
             if own:

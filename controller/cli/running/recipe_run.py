@@ -46,7 +46,7 @@ from ..inputs.serials import SerialOptions, papers_of
 from ..planning.recipe_check import warn_of
 from ..terminal.output import warn
 from .door import OperatorDoor
-from .emulated_parts import feeding, laid_parts
+from .emulated_parts import feeding, parts_on_table
 from .ends import Ends
 from .report_file import note_report
 from .run_output import display, print_result
@@ -71,7 +71,7 @@ class RunOptions:
     as_built : seed of how the emulated cell differs from its file, None for not at all
     surfaces : of emulated parts, "plain" or "machined"; None: as `as_built` has it
     lay : CAD files of the parts on the emulated table; empty for the parts of the recipes
-    on_table : parts on the emulated table at a time, None for all that are laid
+    on_table : parts on the emulated table at a time, None for all of them
     empty : leave the emulated table empty
     pose : stable pose of the first emulated part by index, None to draw it by the seed
     at : planar pose of the first emulated part, "X,Y,THETA_DEG"; None to draw it by the seed
@@ -146,8 +146,8 @@ def run_recipe(options: RunOptions) -> int:
         sum(one.count for one in ordered),
         runs_dir,
     )
-    laid = laid_parts(ordered, options.lay, is_empty=options.empty)
-    orientation = emulated_orientation([part for _, part in laid], options.pose)
+    on_table = parts_on_table(ordered, options.lay, is_empty=options.empty)
+    orientation = emulated_orientation([part for _, part in on_table], options.pose)
     jobs = jobs_of(ordered, cell_file)
     if not _are_ready(jobs, as_json=as_json):
         return 1
@@ -156,8 +156,8 @@ def run_recipe(options: RunOptions) -> int:
     folder = runs_dir / run_id
     emulated = cell.emulated_devices
     _warn_of_emulation(emulated, clock, options.speed, seed)
-    parts = tuple(for_emulator(path, part, folder) for path, part in laid if emulated)
-    fed = feeding(ordered, [path for path, _ in laid], options.on_table) if parts else ()
+    parts = tuple(for_emulator(path, part, folder) for path, part in on_table if emulated)
+    fed = feeding(ordered, [path for path, _ in on_table], options.on_table) if parts else ()
     placed = emulator_args(
         orientation, options.at, options.control, options.as_built, options.surfaces
     )
@@ -252,6 +252,10 @@ def _check_options(options: RunOptions, cell: Cell) -> FoundClock:
         raise ConfigError(
             "--step: a person has to let each motion begin, and there is no terminal; add --wait, "
             "and let it begin by `cellctl answer go` from another one"
+        )
+    if options.record is not None and len(options.recipes) > 1:
+        raise ConfigError(
+            "--record: keeps the wires of runs of one recipe; leave it out, or the other recipes"
         )
     if options.record is not None and options.record.exists():
         raise ConfigError(f"--record {options.record}: exists already; name another file")

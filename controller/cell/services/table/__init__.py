@@ -1,12 +1,14 @@
 """The table: which of the objects on it is the part to go on with, and what is left alone.
 
-`choosing.py` has the rules, `taking.py` applies them to the batch at hand, `ahead.py` has the next
-part planned beside the one at hand, `labels.py` has serial numbers and lots.
+`choosing.py` has the rules, `taking.py` applies them to the batch at hand, `labels.py` has serial
+numbers and lots. `preparation.py` has what is planned before any look, `ahead.py` the next part
+planned beside the one at hand.
 """
 
 from .ahead import Foreseen, LookAhead
 from .choosing import LeftAlone, Wanted, candidates, chosen, where
 from .labels import NO_NUMBERS, SCAN, Label, LabelOrder, Labels, counted, why_no_serial
+from .preparation import Preparation
 from .taking import Taking
 
 __all__ = [
@@ -18,6 +20,7 @@ __all__ = [
     "Labels",
     "LeftAlone",
     "LookAhead",
+    "Preparation",
     "Taking",
     "Wanted",
     "candidates",

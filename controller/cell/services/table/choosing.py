@@ -32,7 +32,7 @@ class Wanted:
     is_sought_again : it was on the table, or in a gripper, before
     neighbours : what else was on the table then
     serials : what the next part of a name is to be called, where that is known before it is taken
-    scanned : what the part that was laid last is called, as read off it; empty for none
+    scanned : what the part that came last is called, as read off it; empty for none
     batch : names of all parts of the batch, also those of which enough are done
     """
 

@@ -1,7 +1,7 @@
 """Which serial number and lot a part gets: given in advance, counted, listed, or read off it.
 
 No picture tells which number a part has. A number that is known in advance belongs to the next part
-of its recipe, and a number that was read to the part that was laid last: then nothing else of the
+of its recipe, and a number that was read to the part that came last: then nothing else of the
 batch may be on the table that it could belong to.
 """
 
@@ -154,7 +154,7 @@ class Labels:
         return label
 
     def give_back(self, part: PartRecord) -> None:
-        """Take back the number of a part that was left on the table; one that counts it keeps."""
+        """Free the number of a part that was left on the table; one that was counted it keeps."""
         if not self.order.counted_from:
             self.used.discard(part.serial)
 

@@ -134,7 +134,7 @@ class Taking:
         """Return which of the objects left on the table comes next; None where nobody can know."""
         record = self.record
         if self.labels.order.is_read:
-            return None  # the next part is laid alone, and its number read
+            return None  # the next part comes alone, and its number is read
         next_part = PartRecord(number=record.part.number + 1)
         try:
             found = candidates(seen, self._wanted_of(record.wanted_next, next_part), self.left)
