@@ -24,8 +24,19 @@ from typing import Any
 from sqlalchemy import Connection
 
 from controller.cell.journal import JOURNAL_NAME, Journal, rows
-from controller.history import Filters, Store, figures, fill, find_parts, list_parts, open_store
+from controller.history import (
+    Filters,
+    Store,
+    figures,
+    fill,
+    find_parts,
+    list_parts,
+    open_store,
+    recipes_in,
+    values_of,
+)
 from controller.history.exporting import export
+from controller.history.reviewing import agreement
 from controller.history.rows_of import part_id
 from controller.history.tables import (
     CHARACTERISTICS,
@@ -54,6 +65,7 @@ def part_of(rng: random.Random, run_no: int, number: int, at: datetime) -> dict[
     recipe = RECIPES[run_no % len(RECIPES)]
     verdict = rng.choices(("pass", "fail", "indeterminate", "no verdict"), (92, 5, 2, 1))[0]
     took_s = rng.gauss(64.0, 5.0)
+    decided = "accept" if number % 4 == 1 else "reject"
     return {
         "part_id": part_id(run_no, number), "run_no": run_no, "number": number, "recipe": recipe,
         "serial": f"{recipe[:2].upper()}{run_no:05d}{number:03d}", "lot": f"L{run_no // 5}",
@@ -63,7 +75,9 @@ def part_of(rng: random.Random, run_no: int, number: int, at: datetime) -> dict[
         "forecast_s": 62.0, "done_forecast_s": 60.0, "done_actual_s": took_s,
         "compared_fraction": 0.97, "looks": 1, "recovery_count": int(rng.random() < 0.03),
         "finding_count": int(verdict == "fail"), "is_emulated": False, "is_open": False,
-        "read_seq": 1,
+        "read_seq": 1, "nest": None,
+        "awaits_review": verdict == "indeterminate" and number % 2 == 0,
+        "review": decided if verdict in ("fail", "indeterminate") and number % 2 else "",
     }  # fmt: skip
 
 
@@ -142,12 +156,13 @@ def hang_on(db: Connection, rng: random.Random, part: dict[str, Any]) -> None:
     """Write what hangs on a part that failed, or had a recovery."""
     key = part["part_id"]
     if part["finding_count"]:
+        word = rng.choice(("real", "false_alarm", "")) if part["review"] else ""
         kind = rng.choice(("missing material", "surplus material", "surface differs"))
         db.execute(
             FINDINGS.insert(),
             [{"part_id": key, "ordinal": 1, "kind": kind, "view": "G1-V0", "lamp": "backlit",
               "size_mm": 2.0, "area_mm2": 3.0, "x_mm": 1.0, "y_mm": 2.0, "z_mm": 3.0,
-              "verdict": "fail"}],
+              "verdict": "fail", "review": word}],
         )  # fmt: skip
         faces = rng.sample(range(40), rng.choice((1, 2)))
         db.execute(
@@ -191,6 +206,19 @@ def questions(store: Store, parts: int) -> dict[str, float]:
         "list, operator, second half": median_ms(
             lambda: list_parts(store, Filters(operator="Ann", since=march), 50)
         ),
+        "list, what awaits a person": median_ms(
+            lambda: list_parts(store, Filters(review="awaiting"), 50)
+        ),
+        "list, its last page": median_ms(
+            lambda: list_parts(store, Filters(), 50, skipped=parts - 50)
+        ),
+        "list, by seconds": median_ms(lambda: list_parts(store, Filters(), 50, sort="seconds")),
+        "list, a recipe, by serial number": median_ms(
+            lambda: list_parts(store, Filters(recipe="holder"), 50, sort="serial", is_rising=True)
+        ),
+        "recipes there are": median_ms(lambda: recipes_in(store)),
+        "values of 400 parts": median_ms(lambda: values_of(store, Filters(), "holder", "d3", 400)),
+        "agreement of persons": median_ms(lambda: agreement(store, Filters())),
         "one part in full": median_ms(lambda: find_parts(store, serial)),
         "figures of a day, by run": median_ms(
             lambda: figures(store, Filters(since=march, until=march + timedelta(days=1)), "run")

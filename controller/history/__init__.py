@@ -10,6 +10,7 @@ from .figures import GROUPS, Figures, Group, Tally, figures, group_json, tally_j
 from .filling import Filled, fill, folded, journals_in
 from .migrations import SCHEMA_VERSION
 from .queries import REVIEWS_ASKED, SORTS, Filters, Listed, find_parts, list_parts
+from .series import characteristics_in, recipes_in, values_of
 from .store import STORE_NAME, VARIABLE, Store, open_store, store_url
 
 __all__ = [
@@ -29,6 +30,7 @@ __all__ = [
     "NoSuchPartError",
     "Store",
     "Tally",
+    "characteristics_in",
     "export",
     "figures",
     "fill",
@@ -38,6 +40,8 @@ __all__ = [
     "journals_in",
     "list_parts",
     "open_store",
+    "recipes_in",
     "store_url",
     "tally_json",
+    "values_of",
 ]

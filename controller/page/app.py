@@ -7,14 +7,20 @@ from typing import Final
 from starlette.applications import Starlette
 from starlette.middleware import Middleware
 
-from . import cell, now, recipes
+from . import cell, history, now, recipes, review
 from .frame.entering import Entrance
 from .frame.routing import routes_of, upload_sizes
 from .frame.screens import ORDER, Screen, Setting
 from .frame.visit import Frame
 from .security import Guard
 
-SCREENS: Final[tuple[Callable[[Setting], Screen], ...]] = (now.screen, recipes.screen, cell.screen)
+SCREENS: Final[tuple[Callable[[Setting], Screen], ...]] = (
+    now.screen,
+    review.screen,
+    history.screen,
+    recipes.screen,
+    cell.screen,
+)
 
 
 def build_screens(setting: Setting) -> tuple[Screen, ...]:

@@ -5,7 +5,16 @@
 here.
 """
 
-from .crops import CROPS, FindingCrops, PartCrops, Seen
-from .page import write_review_page
+from .crops import CROPS, Crop, FindingCrops, PartCrops, Seen, border_in
+from .page import jpeg, write_review_page
 
-__all__ = ["CROPS", "FindingCrops", "PartCrops", "Seen", "write_review_page"]
+__all__ = [
+    "CROPS",
+    "Crop",
+    "FindingCrops",
+    "PartCrops",
+    "Seen",
+    "border_in",
+    "jpeg",
+    "write_review_page",
+]

@@ -16,7 +16,7 @@ from ..judged import JudgedPart, solid_in_run
 from ..report.pictures import inside, window_round
 from ..report.signed.looks import picture_of
 from ..run import Box, FindingReport, RunRecord, ViewReport
-from .place import place_drawing
+from .place import MARK_BGR, place_drawing
 from .prediction import Predicted, Predictor
 
 Crop = Literal["picture", "predicted", "difference", "place"]
@@ -130,6 +130,19 @@ class PartCrops:
         if which == "predicted":
             return Seen(_hatched(_shown(gain * predicted.level), predicted))
         return Seen(_hatched(_difference(observed, predicted), predicted))
+
+    def marked(self, found: FindingCrops, which: Crop) -> Seen:
+        """Return the same with the finding's border drawn into it."""
+        seen = self.crop(found, which)
+        points = border_in(found)
+        if seen.image is None or which == "place" or not points:
+            return seen
+        image = cv2.cvtColor(seen.image, cv2.COLOR_GRAY2BGR)
+        size = (image.shape[1], image.shape[0])
+        at = np.round(np.asarray(points) * size).astype(np.int32)
+        cv2.polylines(image, [at], True, (255, 255, 255), 5, cv2.LINE_AA)
+        cv2.polylines(image, [at], True, MARK_BGR, 2, cv2.LINE_AA)
+        return Seen(np.asarray(image, dtype=np.uint8))
 
     def _place(self, finding: FindingReport) -> Seen:
         if isinstance(self._solid, str):

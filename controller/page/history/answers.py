@@ -1,0 +1,266 @@
+"""What *History* answers: the list, one part's record, its pictures, charts, two parts compared."""
+
+import asyncio
+from collections import OrderedDict
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+from urllib.parse import quote
+
+from starlette.responses import Response
+
+from controller.cell.journal import JOURNAL_NAME, JournalError
+from controller.history import (
+    HistoryError,
+    NoSuchPartError,
+    characteristics_in,
+    folded,
+    list_parts,
+    recipes_in,
+    values_of,
+)
+from controller.history.reviewing import one_part
+from controller.results import ResultsError
+
+from ..frame.drawn import file_within, picture_bytes
+from ..frame.screens import Look
+from ..frame.visit import Visit, refused
+from ..frame.words import translator, word
+from ..records import Records, part_key, report_file, value, verdict_class
+from .asked import LISTED, REVIEW_WORDS, VERDICTS, asked
+from .charts import VALUES_MAX, drawn
+
+COMPARED: Final = 2
+KNOWN_COUNT: Final = 50  # parts whose pictures are known by name
+COLUMNS: Final = (
+    ("start", word("begun (UTC)")),
+    ("serial", word("serial number")),
+    ("recipe", word("recipe")),
+    ("lot", word("lot")),
+    ("operator", word("operator")),
+    ("verdict", word("verdict")),
+    ("seconds", word("seconds")),
+    ("findings", word("findings")),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A picture of a part: its number among them, and what it shows."""
+
+    number: int
+    view: str
+    lamp: str
+    file: str
+
+
+class HistoryAnswers:
+    """The answers of *History*.
+
+    Parameters
+    ----------
+    records : parts of all runs
+    """
+
+    def __init__(self, records: Records) -> None:
+        self._records = records
+        self._reading = asyncio.Semaphore(2)
+        self._known: OrderedDict[tuple[str, int], tuple[Picture, ...]] = OrderedDict()
+
+    @property
+    def every(self) -> tuple[Look, ...]:
+        """All answers."""
+        return (
+            Look("", self.list),
+            Look("part/{run:str}/{number:int}", self.part),
+            Look("picture/{run:str}/{number:int}/{picture:int}", self.picture),
+            Look("report/{run:str}/{number:int}", self.report),
+            Look("charts", self.charts),
+            Look("compare", self.compare),
+        )
+
+    async def list(self, visit: Visit) -> Response:
+        """Return the parts that fit, page by page."""
+        wanted = asked(visit.request.query_params)
+        is_filling = await self._records.freshen()
+        try:
+            listed = await self._records.query(
+                list_parts,
+                wanted.filters,
+                LISTED,
+                skipped=LISTED * (wanted.page - 1),
+                sort=wanted.sort,
+                is_rising=wanted.is_rising,
+            )
+            recipes = await self._records.query(recipes_in)
+        except HistoryError as error:
+            return visit.html("unread.html.j2", why=str(error))
+        return visit.html(
+            "history.html.j2",
+            asked=wanted,
+            listed=listed,
+            recipes=recipes,
+            columns=COLUMNS,
+            verdicts=VERDICTS,
+            reviews=REVIEW_WORDS,
+            pages=max(1, -(-listed.count // LISTED)),
+            is_filling=is_filling,
+            problems=self._records.problems,
+            **_SHOWN,
+        )
+
+    async def part(self, visit: Visit) -> Response:
+        """Return all that is known of a part."""
+        try:
+            part = await self._part(visit)
+        except NoSuchPartError:
+            return refused(404, word("there is no such part"))
+        except HistoryError as error:
+            return visit.html("unread.html.j2", why=str(error))
+        run = str(part["run"])
+        report = await asyncio.to_thread(report_file, self._records.runs_dir, run)
+        pictures = await self._pictures(run, int(part["number"]))
+        return visit.html(
+            "part.html.j2",
+            part=part,
+            pictures=pictures if isinstance(pictures, tuple) else (),
+            no_pictures=pictures if isinstance(pictures, str) else "",
+            report=None if report is None else report[0].name,
+            **_SHOWN,
+        )
+
+    async def picture(self, visit: Visit) -> Response:
+        """Return a picture of a part by its number; its file is named by the journal alone."""
+        try:
+            part = await self._part(visit)
+        except HistoryError:
+            return refused(404, word("there is no such part"))
+        run, number = str(part["run"]), visit.request.path_params["picture"]
+        pictures = await self._pictures(run, int(part["number"]))
+        nothing = refused(404, word("there is no such picture"))
+        if isinstance(pictures, str) or not 0 <= number < len(pictures):
+            return nothing
+        path = file_within(self._records.runs_dir / run, pictures[number].file)
+        found = None if path is None else await asyncio.to_thread(picture_bytes, path)
+        if found is None:
+            return nothing
+        headers = {"Cache-Control": "private, max-age=86400, immutable"}
+        return Response(found, media_type="image/jpeg", headers=headers)
+
+    async def report(self, visit: Visit) -> Response:
+        """Return the report of a part's run, to be kept: it is no page of this one."""
+        try:
+            part = await self._part(visit)
+        except HistoryError:
+            return refused(404, word("there is no such part"))
+        run = str(part["run"])
+        found = await asyncio.to_thread(report_file, self._records.runs_dir, run)
+        if found is None:
+            return refused(404, word("there is no report"))
+        path, kind = found
+        content = await asyncio.to_thread(path.read_bytes)
+        name = quote(f"{run}-{path.name}")
+        headers = {"Content-Disposition": f"attachment; filename*=UTF-8''{name}"}
+        return Response(content, media_type=kind, headers=headers)
+
+    async def charts(self, visit: Visit) -> Response:
+        """Return the run charts of a recipe's characteristics."""
+        query = visit.request.query_params
+        await self._records.freshen()
+        wanted = asked(query)
+        try:
+            recipes = await self._records.query(recipes_in)
+            recipe = wanted.filters.recipe or (recipes[0] if recipes else "")
+            characteristics = await self._records.query(characteristics_in, recipe)
+            known = {str(one["id"]): one for one in characteristics}
+            chosen = query.get("characteristic", "")
+            if chosen not in known:
+                chosen = next(iter(known), "")
+            values = await self._records.query(
+                values_of, wanted.filters, recipe, chosen, VALUES_MAX
+            )
+        except HistoryError as error:
+            return visit.html("unread.html.j2", why=str(error))
+        return visit.html(
+            "charts.html.j2",
+            asked=wanted,
+            recipe=recipe,
+            recipes=recipes,
+            characteristics=characteristics,
+            chosen=chosen,
+            one=known.get(chosen),
+            values=values,
+            drawn=await asyncio.to_thread(drawn, values, translator(visit.language, "history")),
+            most=VALUES_MAX,
+            **_SHOWN,
+        )
+
+    async def compare(self, visit: Visit) -> Response:
+        """Return two parts side by side."""
+        names = visit.request.query_params.getlist("part")[:COMPARED]
+        await self._records.freshen()
+        try:
+            parts = [await self._records.query(one_part, name) for name in names]
+        except NoSuchPartError:
+            return refused(404, word("there is no such part"))
+        except HistoryError as error:
+            return visit.html("unread.html.j2", why=str(error))
+        both = parts if len(parts) == COMPARED else []
+        return visit.html(
+            "compare.html.j2", parts=both, rows=_rows(*both) if both else (), **_SHOWN
+        )
+
+    async def _part(self, visit: Visit) -> Mapping[str, Any]:
+        at = visit.request.path_params
+        await self._records.freshen()
+        return await self._records.query(one_part, f"{at['run']}/{at['number']}")
+
+    async def _pictures(self, run: str, number: int) -> tuple[Picture, ...] | str:
+        """Return the pictures of a part, or why there are none."""
+        path = self._records.runs_dir / JOURNAL_NAME
+        async with self._reading:
+            if (run, number) in self._known:
+                return self._known[run, number]
+            try:
+                record = await asyncio.to_thread(folded, path, run, [number])
+            except (JournalError, ResultsError) as error:
+                return str(error)
+        part = next((one for one in record.parts if one.number == number), None)
+        if part is None:
+            return word("there is no such part")
+        found = [("", lamp, file) for lamp, file in part.table_pictures.items()]
+        found += [
+            (view.view_id, lamp, file)
+            for view in part.views
+            for lamp, file in view.pictures.items()
+        ]
+        pictures = tuple(Picture(i, *one) for i, one in enumerate(found))
+        if record.outcome.end != "cut_off":  # else more may come
+            self._known[run, number] = pictures
+            while len(self._known) > KNOWN_COUNT:
+                self._known.popitem(last=False)
+        return pictures
+
+
+_SHOWN: Final[Mapping[str, Any]] = {
+    "verdict_class": verdict_class,
+    "part_key": part_key,
+    "value": value,
+}
+
+
+def _rows(a: Mapping[str, Any], b: Mapping[str, Any]) -> tuple[Mapping[str, Any], ...]:
+    """Return the characteristics of two parts beside each other, as the first one numbers them."""
+    of_b = {str(one["id"]): one for one in b["characteristics"]}
+    rows = []
+    for one in a["characteristics"]:
+        other = of_b.pop(str(one["id"]), None)
+        rows.append({"a": one, "b": other, "difference": _difference(one, other)})
+    rows += [{"a": None, "b": other, "difference": None} for other in of_b.values()]
+    return tuple(rows)
+
+
+def _difference(a: Mapping[str, Any], b: Mapping[str, Any] | None) -> float | None:
+    if b is None or a["measured"] is None or b["measured"] is None:
+        return None
+    return float(b["measured"]) - float(a["measured"])

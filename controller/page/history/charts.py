@@ -1,0 +1,79 @@
+"""Run charts of a characteristic: values with limits and limits of control, as SVG."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+from markupsafe import Markup
+
+from controller.results.statistics.charts import RunChart, run_chart
+from controller.results.value_chart import Chart, Line, value_chart
+
+from ..frame.words import word
+
+VALUES_MAX: Final = 400  # of a chart: the newest parts
+LIMITS: Final = (("lower", word("lower limit")), ("upper", word("upper limit")))
+CONTROLS: Final = (
+    ("upper", word("upper control"), "control"),
+    ("mean", word("mean"), "middle"),
+    ("lower", word("lower control"), "control"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Drawn:
+    """A chart, and what it shows in numbers.
+
+    Attributes
+    ----------
+    svg : None where nothing was measured
+    signals : rule of Nelson and the number of the value, from 1
+    is_changed : the limits are not the same for all values
+    """
+
+    svg: Markup | None
+    chart: RunChart | None
+    count: int
+    missing: int
+    signals: tuple[tuple[int, int], ...]
+    is_changed: bool
+
+
+def drawn(values: Sequence[Mapping[str, Any]], in_words: Callable[[str], str]) -> Drawn:
+    """Return the chart of values.
+
+    Parameters
+    ----------
+    values : oldest first, as the store has them
+    in_words : puts a text into the language of the person
+    """
+    measured = [one for one in values if one["measured"] is not None]
+    numbers = [float(one["measured"]) for one in measured]
+    if not numbers:
+        return Drawn(None, None, 0, len(values), (), is_changed=False)
+    chart = run_chart(numbers)
+    last = measured[-1]
+    # limits as wide as nature sets them (a position has no lower one) are no lines
+    lines = [
+        Line(float(last[key]), in_words(name))
+        for key, name in LIMITS
+        if last[key] != last["nominal"]
+    ]
+    if chart is not None and chart.sigma > 0:
+        lines += [Line(getattr(chart, key), in_words(name), style) for key, name, style in CONTROLS]
+    signals = () if chart is None else chart.signals
+    marks: dict[int, str] = {}
+    for signal in signals:
+        marks[signal.at] = (
+            f"{marks[signal.at]},{signal.rule}" if signal.at in marks else (str(signal.rule))
+        )
+    svg = value_chart(Chart(numbers, lines, marks, half_widths=[one["U"] for one in measured]))
+    limits = {(one["lower"], one["upper"]) for one in measured}
+    return Drawn(
+        svg,
+        chart,
+        len(numbers),
+        len(values) - len(numbers),
+        tuple((signal.rule, signal.at + 1) for signal in signals),
+        is_changed=len(limits) > 1,
+    )

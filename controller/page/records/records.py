@@ -1,0 +1,187 @@
+"""The history as screens have it: one store, opened once, never asked in the page's loop."""
+
+import asyncio
+import multiprocessing
+import os
+import time
+from collections import OrderedDict
+from collections.abc import AsyncIterator, Callable
+from concurrent.futures import Executor, ProcessPoolExecutor
+from contextlib import asynccontextmanager, suppress
+from pathlib import Path
+from typing import ClassVar, Concatenate, Final, ParamSpec, TypeVar
+from weakref import WeakValueDictionary
+
+from controller.cell.journal import JOURNAL_NAME
+from controller.history import HistoryError, Store, open_store, store_url
+
+from .work import begin, draw_crop, fill_store
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+NEWER_S: Final = 2.0  # a store that was filled so short a time ago is not filled again
+WAIT_S: Final = 0.25  # an answer waits so long for the filling, then says that it goes on
+CROP_MAX_COUNT: Final = 200  # that are kept, 30 kB each
+QUERIES_AT_ONCE: Final = 4  # questions of the store; the others wait
+CROPS_AT_ONCE: Final = 2
+END_S: Final = 1.0
+
+
+def make_pool() -> Executor:
+    """Return the process that fills and draws."""
+    apart = multiprocessing.get_context("spawn")
+    return ProcessPoolExecutor(1, mp_context=apart, initializer=begin)
+
+
+class Records:
+    """Parts of all runs in one folder.
+
+    Parameters
+    ----------
+    runs_dir : folder of all runs
+    """
+
+    _known: ClassVar[WeakValueDictionary[Path, "Records"]] = WeakValueDictionary()
+
+    @classmethod
+    def of(cls, runs_dir: Path) -> "Records":
+        """Return the records of a folder; all screens have the same."""
+        found = cls._known.get(runs_dir)
+        if found is None:
+            found = cls._known[runs_dir] = cls(runs_dir)
+        return found
+
+    def __init__(self, runs_dir: Path) -> None:
+        self.runs_dir = runs_dir
+        self.problems: tuple[str, ...] = ()
+        self._keeper_count = 0
+        self._url = store_url(runs_dir, None, os.environ)
+        self._store: Store | None = None
+        self._pool: Executor | None = None
+        self._filling: asyncio.Task[None] | None = None
+        self._filled_s = float("-inf")
+        self._stamp: tuple[object, ...] | None = None
+        self._querying = asyncio.Semaphore(QUERIES_AT_ONCE)
+        self._drawing = asyncio.Semaphore(CROPS_AT_ONCE)
+        self._opening = asyncio.Lock()
+        self._crops: OrderedDict[tuple[str, int, int, str], bytes] = OrderedDict()
+
+    @asynccontextmanager
+    async def kept(self) -> AsyncIterator[None]:
+        """Close store and process when the page ends."""
+        self._keeper_count += 1
+        try:
+            yield
+        finally:
+            self._keeper_count -= 1
+            if self._keeper_count == 0:
+                await self._close()
+
+    async def _close(self) -> None:
+        if self._filling is not None:
+            self._filling.cancel()
+        if self._pool is not None:
+            # one that does not end by then ends with the page
+            ending = asyncio.to_thread(self._pool.shutdown, cancel_futures=True)
+            with suppress(TimeoutError):
+                await asyncio.wait_for(ending, END_S)
+        if self._store is not None:
+            self._store.close()
+        self._filling, self._pool, self._store = None, None, None
+
+    async def query(
+        self, question: Callable[Concatenate[Store, P], T], *args: P.args, **kwargs: P.kwargs
+    ) -> T:
+        """Return what a question of the history answers, worked out in a thread.
+
+        Parameters
+        ----------
+        question : takes the store first
+        args, kwargs : what else it takes
+
+        Raises
+        ------
+        HistoryError : there is no store, or it cannot be read
+        """
+        async with self._querying:
+            store = await self._opened()
+            return await asyncio.to_thread(question, store, *args, **kwargs)
+
+    async def freshen(self) -> bool:
+        """Have the store filled with what is new; return whether that goes on still."""
+        now_s = time.monotonic()
+        stamp = self._stamped()
+        is_running = self._filling is not None and not self._filling.done()
+        is_new = stamp != self._stamp and any(stamp)
+        if not is_running and is_new and now_s - self._filled_s > NEWER_S:
+            self._stamp, self._filled_s = stamp, now_s
+            self._filling = asyncio.create_task(self._fill())
+        if self._filling is None:
+            return False
+        await asyncio.wait([self._filling], timeout=WAIT_S)
+        return not self._filling.done()
+
+    async def crop(self, run: str, part: int, finding: int, which: str) -> bytes | str:
+        """Return a crop of a finding as JPEG, or why there is none.
+
+        Parameters
+        ----------
+        run, part, finding : names and numbers
+        which : one of the crops
+        """
+        key = (run, part, finding, which)
+        if key in self._crops:
+            self._crops.move_to_end(key)
+            return self._crops[key]
+        async with self._drawing:
+            loop = asyncio.get_running_loop()
+            try:
+                found = await loop.run_in_executor(
+                    self._pooled(), draw_crop, self.runs_dir, run, part, finding, which
+                )
+            except OSError as error:
+                return str(error)
+            except RuntimeError as error:  # the process was killed; the next request makes one
+                self._pool = None
+                return f"{error}; try again"
+        if isinstance(found, bytes):
+            self._crops[key] = found
+            while len(self._crops) > CROP_MAX_COUNT:
+                self._crops.popitem(last=False)
+        return found
+
+    async def _opened(self) -> Store:
+        async with self._opening:
+            if self._store is None:
+                if not self.runs_dir.is_dir():
+                    raise HistoryError(f"no folder {self.runs_dir}: nothing ran here yet")
+                self._store = await asyncio.to_thread(open_store, self._url)
+            return self._store
+
+    async def _fill(self) -> None:
+        loop = asyncio.get_running_loop()
+        try:
+            self.problems = await loop.run_in_executor(
+                self._pooled(), fill_store, self._url, self.runs_dir
+            )
+        except (OSError, RuntimeError) as error:
+            self._pool, self._stamp = None, None
+            self.problems = (f"the history was not filled: {error}",)
+
+    def _pooled(self) -> Executor:
+        if self._pool is None:
+            self._pool = make_pool()
+        return self._pool
+
+    def _stamped(self) -> tuple[object, ...]:
+        """Return what changes with the journal; nothing but None where there is none."""
+        found: list[tuple[int, int, int] | None] = []
+        for name in (JOURNAL_NAME, f"{JOURNAL_NAME}-wal"):
+            try:
+                stat = (self.runs_dir / name).stat()
+            except OSError:
+                found.append(None)
+            else:
+                found.append((stat.st_ino, stat.st_size, stat.st_mtime_ns))
+        return tuple(found)

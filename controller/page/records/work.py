@@ -1,0 +1,78 @@
+"""What the records' own process does: it fills the store, and draws what findings show."""
+
+import multiprocessing
+import os
+import signal
+import threading
+from pathlib import Path
+from typing import Protocol
+
+from controller.cell.journal import JOURNAL_NAME, JournalError
+from controller.history import HistoryError, fill, folded, open_store
+from controller.results import ResultsError, judged_parts
+from controller.results.review import CROPS, Crop, PartCrops, jpeg
+
+
+class ParentProcess(Protocol):
+    """The process that this one was started by."""
+
+    def join(self) -> None:
+        """Wait until it has ended."""
+
+
+def begin() -> None:
+    """End with the page, however that ends; a Ctrl-C at its terminal is not for this process."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    page = multiprocessing.parent_process()
+    if page is not None:
+        threading.Thread(target=_end_with, args=(page,), daemon=True).start()
+
+
+def _end_with(page: ParentProcess) -> None:
+    page.join()
+    os._exit(0)
+
+
+def fill_store(url: str, runs_dir: Path) -> tuple[str, ...]:
+    """Fill the store and return what did not go in, as sentences.
+
+    Parameters
+    ----------
+    url : of the store
+    runs_dir : folder of all runs
+    """
+    try:
+        store = open_store(url)
+        try:
+            return tuple(fill(store, runs_dir).problems)
+        finally:
+            store.close()
+    except HistoryError as error:
+        return (str(error),)
+
+
+def draw_crop(runs_dir: Path, run: str, part: int, finding: int, which: str) -> bytes | str:
+    """Return a crop of a finding as JPEG, or why there is none.
+
+    Parameters
+    ----------
+    runs_dir : folder of all runs
+    run, part, finding : names and numbers
+    which : one of the crops
+    """
+    wanted: Crop | None = next((one for one in CROPS if one == which), None)
+    if wanted is None:
+        return "there is no such crop"
+    try:
+        record = folded(runs_dir / JOURNAL_NAME, run, [part])
+        judged = next((one for one in judged_parts(record) if one.part.number == part), None)
+        if judged is None:
+            return "there is no such part"
+        crops = PartCrops(record, judged)
+        found = crops.of(finding)
+        if found is None:
+            return "there is no such finding"
+        seen = crops.marked(found, wanted)
+    except (JournalError, ResultsError, OSError) as error:
+        return str(error)
+    return seen.why_missing if seen.image is None else jpeg(seen.image)

@@ -1,0 +1,166 @@
+"""What *Review* answers: the list of parts, one part, its crops, and the verdict on it."""
+
+import asyncio
+from typing import Final, Literal
+
+from pydantic import Field
+from starlette.responses import JSONResponse, Response
+
+from controller.cell.control import MAX_WHY
+from controller.history import Filters, HistoryError, NoSuchPartError, list_parts
+from controller.history.reviewing import Decision, agreement, decide, one_part
+
+from ..frame.screens import Act, Body, Look, Setting
+from ..frame.visit import Visit, refused
+from ..frame.words import word
+from ..records import Records, part_key, verdict_class
+from ..security import Role
+
+LISTED: Final = 50
+DECIDED: Final = 10
+PAGE_MAX: Final = 10_000
+FINDING_MAX: Final = 10_000
+RUN: Final = r"^[\w.+-]{1,200}$"
+CROP_TITLES: Final = (
+    ("picture", word("picture")),
+    ("predicted", word("predicted by the CAD")),
+    ("difference", word("difference")),
+    ("place", word("where on the part")),
+)
+
+
+class DecideBody(Body):
+    """A verdict of a person, as the browser sends it.
+
+    `seen` is how many verdicts of persons stood on the page.
+    """
+
+    run: str = Field(pattern=RUN)
+    number: int = Field(ge=1)
+    verdict: Literal["accept", "reject"]
+    why: str = Field(min_length=1, max_length=MAX_WHY)
+    findings: dict[str, Literal["real", "false_alarm"]] = Field(
+        default_factory=dict, max_length=FINDING_MAX
+    )
+    seen: int = Field(ge=0)
+
+
+class ReviewAnswers:
+    """The answers of *Review*.
+
+    Parameters
+    ----------
+    setting : what the page was started with
+    records : parts of all runs
+    """
+
+    def __init__(self, setting: Setting, records: Records) -> None:
+        self._runs_dir = setting.runs_dir
+        self._records = records
+        self._deciding = asyncio.Lock()
+
+    @property
+    def every(self) -> tuple[Look | Act, ...]:
+        """All answers."""
+        return (
+            Look("", self.list),
+            Look("part/{run:str}/{number:int}", self.part),
+            Look("crop/{run:str}/{number:int}/{finding:int}/{which:str}", self.crop),
+            Act("decide", DecideBody, self.decide, Role.OPERATOR),
+        )
+
+    async def list(self, visit: Visit) -> Response:
+        """Return the parts that await a person, and those decided on last."""
+        page = _page(visit)
+        is_filling = await self._records.freshen()
+        try:
+            waiting = await self._records.query(
+                list_parts, Filters(review="awaiting"), LISTED, skipped=LISTED * (page - 1)
+            )
+            decided = await self._records.query(list_parts, Filters(review="reviewed"), DECIDED)
+            agreed = await self._records.query(agreement, Filters())
+        except HistoryError as error:
+            return visit.html("unread.html.j2", why=str(error))
+        likely = {(one.part, one.number) for one in agreed.likely}
+        hints = {part: sum(one == part for one, _ in likely) for part, _ in likely}
+        return visit.html(
+            "review.html.j2",
+            waiting=waiting,
+            decided=decided,
+            agreed=agreed,
+            hints=hints,
+            page=page,
+            pages=max(1, -(-waiting.count // LISTED)),
+            is_filling=is_filling,
+            problems=self._records.problems,
+            verdict_class=verdict_class,
+            part_key=part_key,
+        )
+
+    async def part(self, visit: Visit) -> Response:
+        """Return one part with its findings, and the form for the verdict."""
+        run, number = visit.request.path_params["run"], visit.request.path_params["number"]
+        await self._records.freshen()
+        try:
+            part = await self._records.query(one_part, f"{run}/{number}")
+            likely = (await self._records.query(agreement, Filters(recipe=part["recipe"]))).likely
+        except NoSuchPartError:
+            return refused(404, word("there is no such part"))
+        except HistoryError as error:
+            return visit.html("unread.html.j2", why=str(error))
+        return visit.html(
+            "part.html.j2",
+            part=part,
+            likely={one.number: one.reviewed for one in likely if one.part == part["part"]},
+            crops=CROP_TITLES,
+            max_why=MAX_WHY,
+            verdict_class=verdict_class,
+            part_key=part_key,
+        )
+
+    async def crop(self, visit: Visit) -> Response:
+        """Return a crop of a finding."""
+        at = visit.request.path_params
+        await self._records.freshen()
+        try:
+            part = await self._records.query(one_part, f"{at['run']}/{at['number']}")
+        except HistoryError:
+            return refused(404, word("there is no such part"))
+        found = await self._records.crop(
+            str(part["run"]), int(part["number"]), at["finding"], at["which"]
+        )
+        if isinstance(found, str):
+            return refused(404, found)
+        headers = {"Cache-Control": "private, max-age=3600"}
+        return Response(found, media_type="image/jpeg", headers=headers)
+
+    async def decide(self, visit: Visit, body: DecideBody) -> Response:
+        """Return what a person's verdict made of the part, once the journal has it in their name.
+
+        Parameters
+        ----------
+        visit : whose verdict it is
+        body : the verdict
+        """
+        try:
+            findings = {int(number): said for number, said in body.findings.items()}
+        except ValueError:
+            return refused(422, word("the order makes no sense"))
+        decision = Decision(body.verdict, visit.who, body.why, findings)
+        name = f"{body.run}/{body.number}"
+        await self._records.freshen()
+        try:
+            async with self._deciding:
+                part = await self._records.query(
+                    decide, self._runs_dir, name, decision, seen=body.seen
+                )
+        except NoSuchPartError:
+            return refused(404, word("there is no such part"))
+        except HistoryError as error:
+            return refused(409, str(error))
+        return JSONResponse({"review": part["review"], "part": part["part"]})
+
+
+def _page(visit: Visit) -> int:
+    text = visit.request.query_params.get("page", "1")
+    return min(max(int(text), 1), PAGE_MAX) if text.isdecimal() and len(text) < 9 else 1

@@ -1,0 +1,308 @@
+"""The screens Review and History without a browser: what they show, what they refuse."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("starlette", reason="the page's packages are not installed (extra `page`)")
+pytest.importorskip("httpx2", reason="starlette's client for tests needs it")
+
+from page_bench import ORIGIN, Bench, bench
+from results_bench import RunWriter, bad_run, finding, good_run, verdict, view
+
+from controller.cell.batch import Papers
+from controller.cell.journal import JOURNAL_NAME, read_rows, rows
+from controller.inspection import Verdict
+from controller.page.records import records as records_module
+from controller.page.security import Role
+
+OPEN = "20260303-120000-000-featuretype"
+FAILED = "20260302-120000-000-featuretype"
+PASSED = "20260301-120000-000-featuretype"
+NASTY = "<script>alert(1)</script>"
+BORE = rows.CharacteristicFields(
+    id="d1", balloon=1, kind="diameter", label="bore <8>", nominal=8.0, lower=7.9, upper=8.1,
+    source="recipe", measured=8.01, U=0.02, verdict="pass",
+)  # fmt: skip
+
+
+def measured_run(runs: Path, run: str, *values: float, serial: str = "") -> None:
+    writer = RunWriter(runs, run, count=len(values), papers=Papers(serials=(serial,)))
+    for value in values:
+        writer.look()
+        writer.plan()
+        one = BORE.model_copy(update={"measured": value})
+        writer.write(rows.PartMeasured(characteristics=(one,)))
+        writer.judge(verdict())
+        writer.place("accept")
+    writer.end()
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("written")
+    good_run(folder)
+    bad_run(folder)
+    writer = RunWriter(folder, OPEN, papers=Papers(serials=(NASTY,), lot="L&7"))
+    writer.whole_part(
+        (view("G1-V0", finding()), view("G1-V3")), verdict(Verdict.INDETERMINATE), "quarantine"
+    )
+    writer.end()
+    return folder
+
+
+@pytest.fixture
+def at(tmp_path: Path, written: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
+    # what the page's own process does is done in a thread here
+    monkeypatch.setattr(records_module, "make_pool", lambda: ThreadPoolExecutor(1))
+    monkeypatch.setattr(records_module, "WAIT_S", 60.0)
+    monkeypatch.setattr(records_module, "NEWER_S", 0.0)
+    shutil.copytree(written, tmp_path / "runs")
+    found = bench(tmp_path)
+    with found.client:
+        yield found
+
+
+def page(at: Bench, path: str, status: int = 200) -> str:
+    reply = at.client.get(path)
+    assert reply.status_code == status, reply.text[:300]
+    return str(reply.text)
+
+
+def decide(at: Bench, csrf: str, **changes: Any) -> tuple[int, dict[str, Any]]:
+    body = {"run": OPEN, "number": 1, "verdict": "accept", "why": "dust", "seen": 0, **changes}
+    reply = at.client.post(
+        "/review/decide", json=body, headers={"Origin": ORIGIN, "X-CSRF-Token": csrf}
+    )
+    return reply.status_code, json.loads(reply.text)
+
+
+def reviews(at: Bench, tmp_path: Path) -> list[dict[str, Any]]:
+    found = read_rows(tmp_path / "runs" / JOURNAL_NAME)
+    return [row.body for row in found if row.name == "part_reviewed"]
+
+
+def test_a_verdict_is_in_the_journal_in_the_persons_name(at: Bench, tmp_path: Path) -> None:
+    csrf = at.log_in(Role.OPERATOR, "ada")
+    text = page(at, "/review")
+    assert "Parts that await a person: 1" in text
+    assert decide(at, csrf, findings={"1": "false_alarm"}) == (
+        200, {"review": "accept", "part": f"{OPEN}/1"},
+    )  # fmt: skip
+    (body,) = reviews(at, tmp_path)
+    assert (body["who"], body["why"], body["machine"]) == ("ada, page", "dust", "indeterminate")
+    assert body["findings"] == [{"number": 1, "word": "false_alarm"}]
+    assert "No part awaits a person." in page(at, "/review")
+    text = page(at, f"/review/part/{OPEN}/1")
+    assert 'data-seen="1"' in text
+    assert re.search(r'value="false_alarm" checked', text)
+
+
+def test_who_has_not_seen_the_last_verdict_is_refused(at: Bench, tmp_path: Path) -> None:
+    csrf = at.log_in()
+    assert decide(at, csrf)[0] == 200
+    status, answer = decide(at, csrf, verdict="reject", why="a dent")
+    assert (status, "somebody decided meanwhile" in answer["error"]) == (409, True)
+    assert decide(at, csrf, verdict="reject", why="a dent", seen=1)[0] == 200
+    assert [body["verdict"] for body in reviews(at, tmp_path)] == ["accept", "reject"]
+
+
+@pytest.mark.parametrize(
+    ("changes", "status"),
+    [
+        ({"verdict": "maybe"}, 422),
+        ({"why": ""}, 422),
+        ({"why": "x" * 1001}, 422),
+        ({"run": "../../etc"}, 422),
+        ({"who": "somebody else"}, 422),
+        ({"findings": {"1": "so-so"}}, 422),
+        ({"findings": {"one": "real"}}, 422),
+        ({"findings": {"7": "real"}}, 409),
+        ({"why": "   "}, 409),
+        ({"number": 9}, 404),
+        ({"run": "nobody"}, 404),
+    ],
+)
+def test_a_verdict_that_makes_no_sense_leaves_no_row(
+    at: Bench, tmp_path: Path, changes: dict[str, Any], status: int
+) -> None:
+    assert decide(at, at.log_in(), **changes)[0] == status
+    assert reviews(at, tmp_path) == []
+
+
+def test_a_viewer_sees_all_and_decides_nothing(at: Bench, tmp_path: Path) -> None:
+    csrf = at.log_in(Role.VIEWER)
+    text = page(at, f"/review/part/{OPEN}/1")
+    assert "An operator may decide" in text
+    assert 'type="submit"' not in text
+    assert "<fieldset disabled>" in text
+    assert decide(at, csrf)[0] == 403
+    assert reviews(at, tmp_path) == []
+
+
+@pytest.mark.parametrize(
+    "path",
+    ["/review", f"/review/part/{OPEN}/1", "/history", f"/history/part/{OPEN}/1",
+     f"/history/compare?part={OPEN}/1&part={FAILED}/1", f"/history?serial={NASTY}"],
+)  # fmt: skip
+def test_names_that_are_scripts_are_text(at: Bench, path: str) -> None:
+    at.log_in()
+    text = page(at, path)
+    assert NASTY not in text
+    assert "&lt;script&gt;" in text
+
+
+def test_a_finding_is_shown_and_what_is_missing_is_said(at: Bench, tmp_path: Path) -> None:
+    at.log_in()
+    reply = at.client.get(f"/review/crop/{OPEN}/1/1/picture")
+    assert (reply.status_code, reply.headers["content-type"]) == (200, "image/jpeg")
+    assert reply.content[:2] == b"\xff\xd8"
+    for path, why in (
+        (f"/review/crop/{OPEN}/1/9/picture", "no such finding"),
+        (f"/review/crop/{OPEN}/1/1/secret", "no such crop"),
+        (f"/review/crop/{OPEN}/4/1/picture", "no such part"),
+        ("/review/crop/..%2f..%2fetc/1/1/picture", ""),
+    ):
+        reply = at.client.get(path)
+        assert reply.status_code == 404
+        assert why in reply.text
+    shutil.rmtree(tmp_path / "runs" / FAILED / "pictures")
+    assert "is missing" in at.client.get(f"/review/crop/{FAILED}/1/1/picture").text
+
+
+def test_findings_that_are_likely_false_are_marked(
+    at: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(RunWriter, "picture", lambda _, name, level=0: f"pictures/{name}.png")
+    for i in range(6):
+        writer = RunWriter(tmp_path / "runs", f"202605{10 + i}-120000-000-featuretype")
+        writer.whole_part(
+            (view("G1-V0", finding()), view("G1-V3")),
+            verdict(Verdict.INDETERMINATE), "quarantine",
+        )  # fmt: skip
+        writer.end()
+    csrf = at.log_in()
+    assert "likely false alarms: 1" not in page(at, "/review")
+    for i in range(6):
+        word = {"1": "false_alarm"}
+        assert (
+            decide(at, csrf, run=f"202605{10 + i}-120000-000-featuretype", findings=word)[0] == 200
+        )
+    assert "likely false alarms: 1" in page(at, "/review")
+    text = page(at, f"/review/part/{OPEN}/1")
+    assert "of those of this kind on this face, 6 of 6 were" in text
+
+
+def test_the_list_is_filtered_sorted_and_paged(
+    at: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    at.log_in()
+
+    def listed(query: str = "") -> list[str]:
+        return re.findall(r'name="part" value="(\d{8})', page(at, f"/history{query}"))
+
+    assert listed() == ["20260303", "20260302", "20260301"]
+    assert listed("?order=rising") == ["20260301", "20260302", "20260303"]
+    assert listed("?verdict=fail") == ["20260302"]
+    assert listed("?review=awaiting") == ["20260303"]
+    assert listed("?sort=findings&order=falling")[0] == "20260302"
+    assert listed("?since=2099-01-01") == []
+    assert listed("?run=20260302&lot=") == ["20260302"]
+    text = page(at, "/history?since=yesterday&verdict=perhaps&sort=password&page=-3")
+    assert "Left out, as it makes no sense: verdict, since" in text
+    monkeypatch.setattr("controller.page.history.answers.LISTED", 2)
+    text = page(at, "/history?recipe=featuretype")
+    assert "1 / 2" in text
+    following = re.search(r'href="/history(\?[^"]+)" rel="next"', text)
+    assert following is not None
+    assert listed(following[1].replace("&amp;", "&")) == ["20260301"]
+
+
+def test_one_parts_record_has_its_pictures_and_its_report(at: Bench, tmp_path: Path) -> None:
+    at.log_in()
+    text = page(at, f"/history/part/{FAILED}/1")
+    assert "missing material" in text
+    assert "The run has no report" in text
+    pictures = re.findall(r'src="(/history/picture/[^"]+)"', text)
+    assert len(pictures) == 2 + 2 * 3  # of the table, and of two views under three lamps
+    reply = at.client.get(pictures[-1])
+    assert (reply.status_code, reply.headers["content-type"]) == (200, "image/jpeg")
+    assert at.client.get(f"/history/picture/{FAILED}/1/8").status_code == 404
+    assert at.client.get(f"/history/report/{FAILED}/1").status_code == 404
+    (tmp_path / "runs" / FAILED / "report.html").write_text("<script>steal()</script>")
+    reply = at.client.get(f"/history/report/{FAILED}/1")
+    # somebody else's page is kept by the browser, not shown as one of this site
+    assert reply.headers["content-disposition"].startswith("attachment")
+    assert "script-src 'self'" in reply.headers["content-security-policy"]
+
+
+def test_a_report_that_leads_out_of_its_folder_is_none(at: Bench, tmp_path: Path) -> None:
+    at.log_in()
+    secret = tmp_path / "secret.html"
+    secret.write_text("secret")
+    (tmp_path / "runs" / FAILED / "report.html").symlink_to(secret)
+    assert at.client.get(f"/history/report/{FAILED}/1").status_code == 404
+
+
+def test_run_charts_have_limits_of_control_and_name_broken_rules(at: Bench, tmp_path: Path) -> None:
+    values = [8.0, 8.01] * 6 + [8.09]  # the last one is beyond three standard deviations
+    measured_run(tmp_path / "runs", "20260401-120000-000-featuretype", *values)
+    at.log_in()
+    text = page(at, "/history/charts?recipe=featuretype&characteristic=d1")
+    # mean range 0.1 / 12 of neighbours... by hand: eleven steps of 0.01, one of 0.08
+    mean, sigma = sum(values) / 13, (11 * 0.01 + 0.08) / 12 * 3.141592653589793**0.5 / 2
+    assert f"limits of control {mean - 3 * sigma:.4f} – {mean + 3 * sigma:.4f} mm" in text
+    assert "rule 1, value 13" in text
+    assert "bore &lt;8&gt;" in text
+    assert text.count('class="dot"') + text.count('class="mark" d=') == 13
+    assert "style=" not in text  # the page's own policy would refuse it
+    assert "No value was measured" in page(at, "/history/charts?recipe=featuretype&lot=none")
+    assert "No characteristic" in page(at, "/history/charts?recipe=nothing")
+
+
+def test_two_parts_are_compared_value_by_value(at: Bench, tmp_path: Path) -> None:
+    run = "20260401-120000-000-featuretype"
+    measured_run(tmp_path / "runs", run, 8.0, 8.025)
+    at.log_in()
+    text = page(at, "/history")  # which fills the store
+    text = page(at, f"/history/compare?part={run}/1&part={run}/2")
+    assert "+0.025" in text
+    assert "Choose two parts" in page(at, f"/history/compare?part={run}/1")
+    page(at, f"/history/compare?part={run}/1&part=nobody/1", 404)
+
+
+def test_a_folder_without_runs_says_so(tmp_path: Path) -> None:
+    found = bench(tmp_path)
+    with found.client:
+        found.log_in()
+        for path in ("/review", "/history", "/history/charts"):
+            assert "nothing ran here yet" in page(found, path)
+
+
+def test_both_screens_are_german_where_asked(at: Bench) -> None:
+    at.log_in()
+    assert "Teile, die auf einen Menschen warten" in page(at, "/review?lang=de")
+    assert "Seriennummer" in page(at, "/history")
+
+
+@pytest.mark.slow
+def test_the_pages_own_process_fills_the_store_and_ends_with_the_page(
+    tmp_path: Path, written: Path
+) -> None:
+    shutil.copytree(written, tmp_path / "runs")
+    found = bench(tmp_path)
+    with found.client:
+        found.log_in()
+        for _ in range(600):
+            if "Parts that await a person: 1" in page(found, "/review"):
+                break
+        else:
+            raise AssertionError("the store was not filled")
