@@ -28,7 +28,7 @@ CPU_LIMIT_S: Final = 1800
 WALL_LIMIT_S: Final = 3600.0
 DATA_LIMIT_BYTES: Final = 6_000_000_000
 FILE_LIMIT_BYTES: Final = 500_000_000
-PATIENCE_S: Final = 3.0  # from the request to end to the end by force
+PATIENCE_S: Final = 3.0  # from the request to end to the end by force, unless more is given
 MESSAGE_MAX_COUNT: Final = 20
 MESSAGE_MAX: Final = 500
 KEPT_MAX_COUNT: Final = 60
@@ -90,6 +90,7 @@ class Work:
             "about": self.about,
             "who": self.who,
             "state": self.state.value,
+            "code": self.code,
             "stage": self.stage,
             "seconds": round(self.seconds, 1),
             "messages": self.messages,
@@ -111,10 +112,16 @@ class Workshop:
     Parameters
     ----------
     program : with its first arguments; what starts `cellctl`
+    patience_s : from the request to end to the end by force
     """
 
-    def __init__(self, program: tuple[str, ...] = (sys.executable, "-m", "controller.cli")) -> None:
+    def __init__(
+        self,
+        program: tuple[str, ...] = (sys.executable, "-m", "controller.cli"),
+        patience_s: float = PATIENCE_S,
+    ) -> None:
         self._program = program
+        self._patience_s = patience_s
         self._root: Path | None = None
         self._kept: dict[tuple[str, str], Work] = {}
         self._running: Work | None = None
@@ -189,7 +196,7 @@ class Workshop:
             return False
         work.state = WorkState.CANCELLED
         self._signal(signal.SIGTERM)
-        done, _ = await asyncio.wait([task], timeout=PATIENCE_S)
+        done, _ = await asyncio.wait([task], timeout=self._patience_s)
         if not done:
             self._signal(signal.SIGKILL)
             await asyncio.wait([task])

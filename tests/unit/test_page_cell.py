@@ -33,7 +33,15 @@ from controller.page.work import Workshop
 
 NOW = datetime(2026, 11, 27, 12, 0, tzinfo=UTC)
 DOCTOR = """
-import json, sys
+import json, pathlib, sys
+if "--pictures" in sys.argv:
+    import cv2, numpy
+    name = "overhead-table_ring-000007.png"
+    folder = pathlib.Path(sys.argv[sys.argv.index("--pictures") + 1])
+    cv2.imwrite(str(folder / name), numpy.full((20, 30), 77, numpy.uint8))
+    found = {"event": "picture", "camera": "overhead", "lamp": "table_ring", "file": name}
+    print(json.dumps(found))
+    raise SystemExit(0)
 print(json.dumps({"check": "arm", "ok": False, "found": " ".join(sys.argv[1:]), "remedy": "r"}))
 raise SystemExit(1)
 """
@@ -209,7 +217,7 @@ def test_the_last_pictures_are_those_of_the_newest_rows(project: Path) -> None:
 @pytest.fixture
 def page(project: Path) -> Iterator[Bench]:
     shop = Workshop((sys.executable, "-c", DOCTOR))
-    with patch.object(cell_screen, "Workshop", lambda: shop):
+    with patch.object(cell_screen, "Workshop", lambda **_: shop):
         found = bench(project)
     with found.client:
         yield found
@@ -243,6 +251,28 @@ def test_only_an_engineer_has_devices_examined_and_never_while_a_run_is_on(
     words = check["found"].split()
     assert words[:2] == ["doctor", "--cell"]
     assert words[words.index("--runs") + 1] == str(project / "runs")  # whose lock it holds
+
+
+def test_an_engineer_sees_what_the_cameras_see_with_its_measures(
+    page: Bench, project: Path
+) -> None:
+    asked = {"cell": "project/cell.yaml"}
+    csrf = page.log_in(Role.OPERATOR)
+    assert post(page, "watch", asked, csrf)[0] == 403
+    assert page.client.get("/cell/live").status_code == 403
+    csrf = page.log_in(Role.ENGINEER)
+    assert page.client.get("/cell/live").json()["pictures"] == []
+    with hold_cell(project / "runs", load_cell(CELL), "the-run"):
+        assert post(page, "watch", asked, csrf)[0] == 409
+    assert post(page, "watch", asked, csrf)[0] == 200
+    while (found := page.client.get("/cell/live").json())["work"]["state"] == "running":
+        pass
+    [one] = found["pictures"]
+    assert (one["lamp"], one["measured"]["mean"]) == ("table_ring", 77)
+    reply = page.client.get(f"/cell/live/{one['file']}")
+    assert (reply.status_code, reply.headers["content-type"]) == (200, "image/jpeg")
+    for name in ("out.jsonl", "overhead-table_ring-000008.png", "..%2Fx.png"):
+        assert page.client.get(f"/cell/live/{name}").status_code == 404
 
 
 def test_evidence_comes_as_a_file_to_keep_and_no_other_file_comes(

@@ -49,7 +49,7 @@ def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Served]:
     writer.write(rows.ViewPicturesTaken(view="V1", pictures={"ring": "pictures/a.png"}, q=HERE), 1)
     writer.close()
     shop = Workshop((sys.executable, "-c", DOCTOR))
-    with patch.object(cell_screen, "Workshop", lambda: shop):
+    with patch.object(cell_screen, "Workshop", lambda **_: shop):
         found = Served(tmp_path, monkeypatch)
     yield found
     found.end()

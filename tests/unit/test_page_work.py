@@ -77,10 +77,9 @@ async def test_only_one_thing_is_at_work() -> None:
 
 @pytest.mark.parametrize("text", [WAITS, STUBBORN])
 async def test_work_is_cancelled_and_its_process_is_gone(
-    text: str, monkeypatch: pytest.MonkeyPatch
+    text: str,
 ) -> None:
-    monkeypatch.setattr("controller.page.work.PATIENCE_S", 0.2)
-    shop = program(text)
+    shop = Workshop((sys.executable, "-c", text), patience_s=0.2)
     async with shop.open():
         work = shop.start("plan", "a", "ada", nothing)
         await heard(work)

@@ -16,6 +16,7 @@ from ..options import (
     SeedOption,
     SpeedOption,
     SurfacesOption,
+    finite,
 )
 
 
@@ -30,13 +31,34 @@ def doctor(
             "(default: do not)",
         ),
     ] = None,
+    pictures: Annotated[
+        Path | None,
+        typer.Option(
+            "--pictures",
+            metavar="FOLDER",
+            help="take a picture with each camera under two lamps, and write it there; goes with "
+            "--runs",
+        ),
+    ] = None,
+    watch: Annotated[
+        float,
+        typer.Option(
+            "--watch",
+            metavar="SECONDS",
+            min=0,
+            max=3600,
+            callback=finite,
+            help="take pictures again and again for so long; the last ones are kept",
+        ),
+    ] = 0.0,
     json: JsonOption = False,
 ) -> None:
     """Check devices, versions and permissions; nothing moves."""
     from ..inputs.part_files import cell_of_this_folder
-    from .doctor_checks import examine
+    from .doctor_checks import Looking, examine
 
-    raise typer.Exit(examine(cell or cell_of_this_folder(), runs, as_json=json))
+    looking = Looking(runs, pictures, watch)
+    raise typer.Exit(examine(cell or cell_of_this_folder(), looking, as_json=json))
 
 
 class Lines(StrEnum):

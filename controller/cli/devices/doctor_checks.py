@@ -4,8 +4,10 @@ import asyncio
 import os
 import platform
 import shutil
-from collections.abc import Awaitable, Callable
-from contextlib import nullcontext
+import signal
+from collections.abc import Awaitable, Callable, Iterator
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -15,12 +17,14 @@ from controller.cell.devices.clocks import devices_with_time, find_clock
 from controller.cell.devices.emulator import emulated_cell, emulator_command
 from controller.cell.devices.interlocks import REQUIRED_SIGNALS, settled_signal
 from controller.cell.devices.lock import hold_cell
-from controller.config import Cell, load_cell
+from controller.config import Cell, ConfigError, load_cell
 from controller.setup.drivers import require_drivers
 from drivers.errors import DeviceError
 from drivers.kinds import Signal
 
+from ..inputs.checks import check_writable_folder, writing
 from ..terminal.output import emit, print_line, stdout
+from .doctor_pictures import take_pictures
 
 Check = dict[str, Any]
 
@@ -28,13 +32,50 @@ PACKAGES = ("pymodbus", "pyserial", "opencv-python-headless", "numpy", "trimesh"
 MIN_DISK_MB = 500
 
 
-def examine(cell_path: Path, runs_dir: Path | None, *, as_json: bool) -> int:
+@dataclass(frozen=True, slots=True)
+class Looking:
+    """What is looked at beside the checks.
+
+    Attributes
+    ----------
+    runs_dir : folder of the runs in which the cell's lock is held meanwhile; None for no lock
+    pictures : folder for pictures of the cameras; None for none
+    watch_s : for how long pictures are taken
+    """
+
+    runs_dir: Path | None = None
+    pictures: Path | None = None
+    watch_s: float = 0.0
+
+    def check(self) -> None:
+        """Check the options, and make the folder of the pictures.
+
+        Raises
+        ------
+        ConfigError : pictures are wanted without the lock, a time without pictures, or the folder
+            cannot be made
+        """
+        if self.pictures is None:
+            if self.watch_s:
+                raise ConfigError("--watch: goes with --pictures")
+            return
+        if self.runs_dir is None:
+            raise ConfigError(
+                "--pictures switches lamps: give the folder of the runs by --runs, so that no run "
+                "is on meanwhile"
+            )
+        check_writable_folder(self.pictures, "--pictures")
+        with writing("--pictures", self.pictures):
+            self.pictures.mkdir(parents=True, exist_ok=True)
+
+
+def examine(cell_path: Path, looking: Looking, *, as_json: bool) -> int:
     """Check machine and devices; return 1 if a check failed.
 
     Parameters
     ----------
     cell_path : cell file
-    runs_dir : folder of the runs in which the cell's lock is held meanwhile; None for no lock
+    looking : lock and pictures
     as_json : print one JSON object for each check
 
     Raises
@@ -42,6 +83,7 @@ def examine(cell_path: Path, runs_dir: Path | None, *, as_json: bool) -> int:
     ConfigError : the cell file is wrong
     CellBusyError : another process has the cell
     """
+    looking.check()
     cell = load_cell(cell_path)
     require_drivers(cell_path, cell)
     checks = machine_checks(cell)
@@ -50,9 +92,10 @@ def examine(cell_path: Path, runs_dir: Path | None, *, as_json: bool) -> int:
         if cell.emulated_devices
         else nullcontext({})
     )
+    runs_dir = looking.runs_dir
     lock = nullcontext() if runs_dir is None else hold_cell(runs_dir, cell, "doctor")
-    with lock, emulator as ready:
-        checks += asyncio.run(_devices(cell, ready))
+    with lock, _ending_as_by_ctrl_c(), emulator as ready:
+        checks += asyncio.run(_devices(cell, ready, looking, as_json=as_json))
     bad = [check for check in checks if not check["ok"]]
     if as_json:
         for check in checks:
@@ -69,6 +112,16 @@ def examine(cell_path: Path, runs_dir: Path | None, *, as_json: bool) -> int:
                 print_line(f"      {check['remedy']}")
         print_line("all well" if not bad else f"{len(bad)} of {len(checks)} checks failed")
     return 1 if bad else 0
+
+
+@contextmanager
+def _ending_as_by_ctrl_c() -> Iterator[None]:
+    """Have SIGTERM end what is within as Ctrl-C does, so that lamps are dark afterwards."""
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _check(name: str, found: str, *, ok: bool, remedy: str = "") -> Check:
@@ -124,7 +177,16 @@ def _access(*, there: bool, allowed: bool) -> str:
     return "may be used" if allowed else "may not be used"
 
 
-async def _devices(cell: Cell, ready: dict[str, Any]) -> list[Check]:
+def _report_picture(found: dict[str, Any], *, as_json: bool) -> None:
+    if as_json:
+        emit(found)
+    else:
+        print_line(f"picture: {found['camera']} camera, {found['lamp']}: {found['file']}")
+
+
+async def _devices(
+    cell: Cell, ready: dict[str, Any], looking: Looking, *, as_json: bool
+) -> list[Check]:
     clock = find_clock(cell, ready).open()
     devices = Devices.build(cell, resolve(cell, ready.get("devices", {})), clock)
     checks: list[Check] = []
@@ -161,6 +223,20 @@ async def _devices(cell: Cell, ready: dict[str, Any]) -> list[Check]:
         active = "active" if status.is_activated else "not activated"
         return f"{devices.gripper.model}, {active}, {status.opening_mm:.0f} mm"
 
+    async def pictures(folder: Path) -> Check:
+        files: list[str] = []
+
+        def taken(found: dict[str, Any]) -> None:
+            files.append(found["file"])
+            _report_picture(found, as_json=as_json)
+
+        try:
+            await take_pictures(devices, clock, folder, looking.watch_s, taken)
+        except (DeviceError, OSError) as error:
+            remedy = "see the message; then run doctor again"
+            return _check("pictures", str(error), ok=False, remedy=remedy)
+        return _check("pictures", f"{len(files)} taken", ok=True)
+
     async with clock.attending():
         try:
             await ask("io", devices.io.connect)
@@ -170,8 +246,10 @@ async def _devices(cell: Cell, ready: dict[str, Any]) -> list[Check]:
             await ask("overhead", lambda: camera("overhead"))
             await ask("inspection", lambda: camera("inspection"))
             for name, remedy in REQUIRED_SIGNALS.items():
-                signal = await settled_signal(devices.io, name, clock)
-                checks.append(_check(name, signal.value, ok=signal is Signal.OK, remedy=remedy))
+                found = await settled_signal(devices.io, name, clock)
+                checks.append(_check(name, found.value, ok=found is Signal.OK, remedy=remedy))
+            if looking.pictures is not None:
+                checks.append(await pictures(looking.pictures))
         finally:
             await devices.aclose()
     clock.close()

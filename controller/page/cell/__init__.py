@@ -5,6 +5,8 @@
 cell's lock.
 """
 
+from typing import Final
+
 from ..frame.screens import Screen, Setting
 from ..frame.words import word
 from ..work import Workshop
@@ -12,8 +14,10 @@ from .answers import CellAnswers
 
 __all__ = ["screen"]
 
+PATIENCE_S: Final = 20.0  # the doctor switches lamps off and closes devices before it ends
+
 
 def screen(setting: Setting) -> Screen:
     """Return the screen."""
-    answers = CellAnswers(setting, Workshop())
+    answers = CellAnswers(setting, Workshop(patience_s=PATIENCE_S))
     return Screen("cell", word("Cell"), answers.every, beside=answers.open)

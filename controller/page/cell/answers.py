@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import re
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from datetime import UTC, datetime
@@ -19,9 +20,12 @@ from ..frame.drawn import file_within, picture_bytes
 from ..security import Role
 from ..work import BusyError, Workshop
 from .cells import CellFile, CellFiles, History, cell_facts, evidence
-from .pictures import LastPictures
+from .pictures import LastPictures, live_facts
 
 MAX_KEY: Final = 300
+LIVE: Final = "live"  # the last pictures that were asked for, of whichever cell
+WATCHED: Final = ("--watch", "300")  # seconds; then the lock is free again by itself
+LIVE_PICTURE: Final = re.compile(r"(?:overhead|inspection)-[a-z_]{1,40}-\d{6,9}\.png")
 KINDS: Final = {".html": "text/html", ".json": "application/json", ".png": "image/png"}
 
 
@@ -62,7 +66,10 @@ class CellAnswers:
             Look("picture/{run:str}/{number:int}", self.picture),
             Look("evidence", self.evidence),
             Look("doctor", self.doctor),
+            Look("live", self.live, Role.ENGINEER),
+            Look("live/{file:str}", self.live_picture, Role.ENGINEER),
             Act("examine", CellBody, self.examine, Role.ENGINEER),
+            Act("watch", CellBody, self.watch, Role.ENGINEER),
             Act("cancel", NoBody, self.cancel, Role.ENGINEER),
         )
 
@@ -140,28 +147,59 @@ class CellAnswers:
             {
                 "running": None if running is None else running.facts(),
                 "work": None if work is None else work.facts(),
-                "checks": [] if work is None else work.bodies(),
+                "checks": [] if work is None else [one for one in work.bodies() if "check" in one],
             }
         )
 
+    async def live(self, _: Visit) -> Response:
+        """Return the pictures that the doctor has just taken, measured."""
+        work = self._workshop.last("live", LIVE)
+        if work is None:
+            return JSONResponse({"work": None, "pictures": [], "failed": []})
+
+        def found() -> dict[str, Any]:
+            bodies = work.bodies()
+            failed = [one for one in bodies if one.get("ok") is False]
+            return {"pictures": live_facts(bodies, work.folder), "failed": failed}
+
+        return JSONResponse({"work": work.facts(), **await asyncio.to_thread(found)})
+
+    async def live_picture(self, visit: Visit) -> Response:
+        """Return one of the pictures that the doctor has just taken."""
+        work, name = self._workshop.last("live", LIVE), visit.request.path_params["file"]
+        if work is None or not LIVE_PICTURE.fullmatch(name):
+            return _missing()
+        found = await asyncio.to_thread(picture_bytes, work.folder / name)
+        return _missing() if found is None else Response(found, media_type="image/jpeg")
+
+    async def watch(self, visit: Visit, body: CellBody) -> Response:
+        """Have the doctor take pictures for minutes under the cell's lock; return that work."""
+        return await self._asked(visit, body, LIVE)
+
     async def examine(self, visit: Visit, body: CellBody) -> Response:
         """Have the doctor look at the devices under the cell's lock; return that work."""
+        return await self._asked(visit, body, "doctor")
+
+    async def _asked(self, visit: Visit, body: CellBody, kind: str) -> Response:
         file = await asyncio.to_thread(self._files.find, body.cell)
         if file is None:
             return _missing()
         holder = read_holder(self._runs_dir / LOCK_NAME)
         if holder is not None:
             return _taken(holder)
-        return self._examined(visit, file)
+        return self._examined(visit, file, kind)
 
-    def _examined(self, visit: Visit, file: CellFile) -> Response:
+    def _examined(self, visit: Visit, file: CellFile, kind: str) -> Response:
         path, runs = str(file.path.resolve()), str(self._runs_dir.resolve())
         try:
             work = self._workshop.start(
-                "doctor",
-                file.key,
+                kind,
+                LIVE if kind == LIVE else file.key,
                 visit.who,
-                lambda _: ("doctor", "--cell", path, "--runs", runs, "--json"),
+                lambda folder: (
+                    *("doctor", "--cell", path, "--runs", runs, "--json"),
+                    *(("--pictures", str(folder), *WATCHED) if kind == LIVE else ()),
+                ),
                 within=file.path.resolve().parent,
             )
         except BusyError:

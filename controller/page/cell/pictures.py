@@ -138,6 +138,26 @@ def measures_of(image: Grey) -> dict[str, Any]:
     }
 
 
+def live_facts(bodies: Sequence[dict[str, Any]], folder: Path) -> list[dict[str, Any]]:
+    """Return the last picture of each camera and lamp that the doctor has taken, measured.
+
+    Parameters
+    ----------
+    bodies : lines that it has printed so far
+    folder : of its pictures
+    """
+    last = {(one["camera"], one["lamp"]): one for one in bodies if one.get("event") == "picture"}
+    return [
+        {
+            "camera": camera,
+            "lamp": lamp,
+            "file": one["file"],
+            "measured": measured(folder / one["file"]),
+        }
+        for (camera, lamp), one in last.items()
+    ]
+
+
 def _taken(camera: str, what: str, at: str, files: dict[str, Any]) -> tuple[TakenPicture, ...]:
     return tuple(
         TakenPicture(camera, str(lamp), what, at, str(file)) for lamp, file in files.items()

@@ -115,33 +115,67 @@ async function pictures() {
   if (text === shown) return;
   shown = text;
   $("pictures-words").textContent = found.problem || (found.pictures.length ? t("Run {run}", { run: found.run }) : t("There is none yet."));
-  $("pictures").replaceChildren(...found.pictures.map((one) => {
-    const figure = el("figure");
-    const image = el("img");
-    image.src = `/cell/picture/${encodeURIComponent(found.run)}/${one.number}?at=${encodeURIComponent(one.at)}`;
-    const name = `${t(DEVICE_WORDS[one.camera])}, ${one.lamp}${one.view ? `, ${one.view}` : ""}`;
-    image.alt = name;
-    const caption = el("figcaption");
-    caption.append(el("b", name), el("span", time(one.at)));
-    figure.append(image, caption);
-    const { measured } = one;
-    if (!measured) {
-      caption.append(el("span", t("its file cannot be read")));
-      return figure;
-    }
-    const chart = svg("svg", { viewBox: "0 0 256 64", class: "histogram", role: "img", preserveAspectRatio: "none" });
-    chart.setAttribute("aria-label", t("Histogram of grey levels, dark to bright"));
-    const most = Math.max(...measured.histogram);
-    measured.histogram.forEach((share, k) => {
-      const high = 62 * Math.sqrt(share / most);
-      chart.append(svg("rect", { x: 4 * k, y: 64 - high, width: 3.4, height: high }));
-    });
-    figure.append(chart);
-    caption.append(el("span", t("focus {f}; mean level {m}; black {b}, white {w}", {
-      f: number(measured.focus, 1), m: number(measured.mean), b: `${number(100 * measured.dark, 1)} %`, w: `${number(100 * measured.bright, 1)} %`,
-    })));
+  $("pictures").replaceChildren(...found.pictures.map((one) => figureOf(
+    one, `/cell/picture/${encodeURIComponent(found.run)}/${one.number}?at=${encodeURIComponent(one.at)}`,
+  )));
+}
+
+// A picture with its histogram and figures.
+function figureOf(one, source) {
+  const figure = el("figure");
+  const image = el("img");
+  image.src = source;
+  const name = `${t(DEVICE_WORDS[one.camera])}, ${one.lamp}${one.view ? `, ${one.view}` : ""}`;
+  image.alt = name;
+  const caption = el("figcaption");
+  caption.append(el("b", name));
+  if (one.at) caption.append(el("span", time(one.at)));
+  figure.append(image, caption);
+  const { measured } = one;
+  if (!measured) {
+    caption.append(el("span", t("its file cannot be read")));
     return figure;
-  }));
+  }
+  const chart = svg("svg", { viewBox: "0 0 256 64", class: "histogram", role: "img", preserveAspectRatio: "none" });
+  chart.setAttribute("aria-label", t("Histogram of grey levels, dark to bright"));
+  const most = Math.max(...measured.histogram);
+  measured.histogram.forEach((share, k) => {
+    const high = 62 * Math.sqrt(share / most);
+    chart.append(svg("rect", { x: 4 * k, y: 64 - high, width: 3.4, height: high }));
+  });
+  figure.append(chart);
+  caption.append(el("span", t("focus {f}; mean level {m}; black {b}, white {w}", {
+    f: number(measured.focus, 1), m: number(measured.mean), b: `${number(100 * measured.dark, 1)} %`, w: `${number(100 * measured.bright, 1)} %`,
+  })));
+  return figure;
+}
+
+// Follows the pictures that are being taken, until they end.
+async function live() {
+  if (!$("watch")) return;
+  for (;;) {
+    let found = null;
+    try {
+      found = await get("/cell/live");
+    } catch {
+      return;
+    }
+    const { work } = found;
+    const isOn = Boolean(work) && work.state === "running";
+    $("watch").disabled = $("examine").disabled = isOn;
+    $("enough").disabled = !isOn;
+    if (found.pictures.every((one) => one.measured)) {
+      $("live").replaceChildren(...found.pictures.map((one) => figureOf(one, `/cell/live/${one.file}`)));
+    }
+    const bad = found.failed.map((one) => `${one.check}: ${one.found}`);
+    if (!work) $("live-said").textContent = "";
+    else if (isOn) $("live-said").textContent = `… ${t("looking, {s} s", { s: number(work.seconds) })}`;
+    else if (work.code === -9) $("live-said").textContent = `✗ ${t("It was ended by force; lamps may still be lit.")}`;
+    else if (work.state === "refused") $("live-said").textContent = `✗ ${[...bad, ...work.messages].join(" ")}`;
+    else $("live-said").textContent = `✓ ${t("The cameras are free again; the lamps are dark.")}`;
+    if (!isOn) return;
+    await new Promise((go) => setTimeout(go, DOCTOR_EVERY_MS));
+  }
 }
 
 async function doctor() {
@@ -165,7 +199,7 @@ async function doctor() {
           : bad ? `✗ ${t("{n} checks failed", { n: bad })}` : `✓ ${t("all well")}`;
       return;
     }
-    $("doctor-said").textContent = `⏳ ${t("examining, {s} s", { s: number(found.running.seconds) })}`;
+    $("doctor-said").textContent = `… ${t("examining, {s} s", { s: number(found.running.seconds) })}`;
     await new Promise((go) => setTimeout(go, DOCTOR_EVERY_MS));
   }
 }
@@ -183,8 +217,18 @@ if ($("examine")) {
     await load();
   });
   $("cancel").addEventListener("click", () => post("/cell/cancel", {}));
+  $("watch").addEventListener("click", async () => {
+    const reply = await post("/cell/watch", { cell: key });
+    if (reply.error) $("live-said").textContent = `✗ ${reply.error}`;
+    else await live();
+  });
+  $("enough").addEventListener("click", () => {
+    $("enough").disabled = true;
+    post("/cell/cancel", {});
+  });
 }
 await load();
 pictures();
 setInterval(pictures, PICTURES_EVERY_MS);
 await doctor();
+await live();

@@ -29,7 +29,7 @@ export async function watch(ended) {
     if (!found) break;
     last = found;
     const stage = found.stage ? `: ${found.stage}` : "";
-    $("stage").textContent = `⏳ ${t(KIND_WORDS[found.kind] || found.kind)} (${found.about})${stage}, ${number(found.seconds)} s`;
+    $("stage").textContent = `… ${t(KIND_WORDS[found.kind] || found.kind)} (${found.about})${stage}, ${number(found.seconds)} s`;
     await new Promise((go) => setTimeout(go, EVERY_MS));
   }
   watching = false;
