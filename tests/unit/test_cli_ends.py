@@ -80,6 +80,12 @@ def test_whoever_ignores_hang_ups_is_left_alone() -> None:
         signal.signal(signal.SIGHUP, before)
 
 
+def test_a_worker_that_works_ahead_has_less_priority() -> None:
+    own = os.nice(0)
+    with worker_pool(niceness=5) as pool:
+        assert pool.submit(os.nice, 0).result() == min(own + 5, 19)
+
+
 PARENT = """
 import os, signal, sys, time
 from controller.cell.compute import worker_pool
