@@ -1,0 +1,302 @@
+"""A shift on the emulated cell, one command: is each part sorted right, without help?
+
+    python benchmarks/bench_shift.py [--parts 12] [--seed 901] [--speed 2] [--json]
+
+Parts of four recipes lie in random poses, up to five at once, strangers (3 %, at least one) and
+defective ones (5 %, at least one) among them. Once the last part of a lot is off the table, the
+next five come. Judged by the emulated world's truth alone: which part the arm had, and in which
+tray it ended. A good part has to be accepted, a defective one rejected, a stranger left where it
+is; what goes to quarantine, and what a person is called for, is not sorted. With it: seconds a part
+against the forecast, what the arm's time went into, and how late the controller's event loop was.
+A busy machine makes the arm wait for the worker process, which itself waits for a processor: how
+long it did is measured (/proc/PID/schedstat), and what the arm's share would be without that is
+estimated.
+Seeds below 900 are there to develop with.
+"""
+
+import argparse
+import contextlib
+import json
+import math
+import os
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from runs_whole import ask
+from shift_parts import RECIPES, ShiftPart, make_parts, spots_for
+
+from controller.cell.journal import JOURNAL_NAME, read_rows_named, rows
+from controller.results.takt import TaktGroup, Use, grouped, takt_json, takt_line, takts_of
+
+ROOT = Path(__file__).parents[1]
+AT_ONCE = 5
+LIMIT_WALL_S = 4 * 3600.0
+FIRST_SERIAL = "SH001"
+MOVED_MM = 3.0  # what was left alone may have been brushed by so much
+COMPUTING = (Use.RECOGNITION, Use.PLANNING, Use.EVALUATION)
+Words = dict[str, Any]
+
+
+class Shift:
+    """One run of `cellctl run`, fed with parts, and what the world says of it."""
+
+    def __init__(
+        self, count: int, seed: int, speed: float, recipes: tuple[str, ...], folder: Path
+    ) -> None:
+        self.rng = np.random.default_rng(seed)
+        self.seed, self.speed, self.recipes, self.folder = seed, speed, recipes, folder
+        self.parts = make_parts(count, recipes, self.rng, folder)
+        self.control, self.runs = folder / "control.sock", folder / "runs"
+        self.waiting = list(range(len(self.parts)))  # not on the table yet
+        self.first: dict[int, np.ndarray] = {}  # where each part came to rest
+        self.moved_mm: dict[int, float] = {}
+        self.trays: dict[int, str] = {}  # by number in `parts`
+        self.held: list[int] = []  # numbers in `parts`, in the order they were taken
+        self.collisions = 0
+        self.process_id = 0
+        self.worker_s = (0.0, 0.0)  # on a processor, and waiting for one
+        self.result: Words = {}
+        self.labels: dict[int, tuple[str, str]] = {}
+        self.has_ended = threading.Event()
+
+    def command(self) -> list[str]:
+        """Return the one command of the shift."""
+        counts = Counter(part.recipe for part in self.parts if part.recipe)
+        command = [sys.executable, "-m", "controller.cli", "run"]
+        command += [f"recipes/{name}.yaml={counts[name]}" for name in self.recipes if counts[name]]
+        command += ["--serial-from", FIRST_SERIAL]
+        command += ["--json", "--speed", f"{self.speed:g}", "--seed", str(self.seed), "--empty"]
+        command += ["--runs", str(self.runs), "--control", str(self.control)]
+        return command
+
+    def run(self) -> None:
+        """Make the run; feed the table and look at the world all the while."""
+        with (self.folder / "stderr.txt").open("w") as log:
+            process = subprocess.Popen(
+                self.command(), cwd=ROOT, stdout=subprocess.PIPE, stderr=log, text=True
+            )
+        self.process_id = process.pid
+        limit = threading.Timer(LIMIT_WALL_S, process.kill)
+        limit.start()
+        person = threading.Thread(target=self._feed_and_look)
+        person.start()
+        assert process.stdout is not None
+        for line in process.stdout:
+            body = json.loads(line)
+            if body["event"] == "result":
+                self.result = body
+        process.wait()
+        self.has_ended.set()
+        person.join()
+        limit.cancel()
+
+    def _feed_and_look(self) -> None:
+        while not self.has_ended.wait(0.3):
+            self.worker_s = max(self.worker_s, processor_times(self.process_id))
+            with contextlib.suppress(OSError, ValueError, KeyError):
+                truth = ask(self.control, "truth")
+                if truth["ok"]:
+                    for part in self.parts[len(truth["parts"]) :]:
+                        ask(self.control, "add", file=str(part.file))
+                    self._look(truth)
+                    self._feed(truth)
+
+    def _look(self, truth: Words) -> None:
+        self.collisions = len(truth["collisions"])
+        for k, part in enumerate(truth["parts"][: len(self.parts)]):
+            if part["custody"] in ("arm", "fixture", "both"):
+                if not self.held or self.held[-1] != k:
+                    self.held.append(k)
+                continue
+            if part["tray"] is not None and k in self.held:
+                self.trays[k] = part["tray"]
+            elif part["T_world_part"] is not None and k not in self.held:
+                at = np.array(part["T_world_part"])[:3, 3]
+                if part["at_rest"]:
+                    self.first.setdefault(k, at)
+                if k in self.first:
+                    self.moved_mm[k] = float(np.linalg.norm(at - self.first[k]))
+
+    def _feed(self, truth: Words) -> None:
+        """Lay the next lot once nothing of the last one but strangers is on the table."""
+        lying = [
+            k
+            for k, part in enumerate(truth["parts"][: len(self.parts)])
+            if part["custody"] == "free" and part["tray"] is None
+        ]
+        if not self.waiting or any(self.parts[k].recipe for k in lying):
+            return
+        # the strangers of earlier lots are taken away, as whoever brings parts does
+        for k in lying:
+            ask(self.control, "remove", part=k)
+        lot = self.waiting[:AT_ONCE]
+        spots = spots_for([self.parts[k] for k in lot], [], self.rng)
+        for k, spot in zip(lot, spots, strict=True):
+            if spot is not None:
+                self.waiting.remove(k)
+                turn = math.degrees(self.rng.uniform(0.0, math.tau))
+                ask(self.control, "drop", part=k, x_mm=spot[0], y_mm=spot[1], theta_deg=turn)
+
+    def figures(self) -> Words:
+        """Return what came of the shift."""
+        verdicts = {p["part"]: p for p in self.result.get("parts", [])}
+        took: list[int] = []  # a part that was dropped and taken again is one
+        for k in self.held:
+            if k not in took:
+                took.append(k)
+        # the cell counts the parts it takes; the world says which ones those were
+        self.labels = labels_of(self.runs / JOURNAL_NAME)
+        told = {k: verdicts.get(number) for number, k in enumerate(took, start=1)}
+        each = [self._part(k, told.get(k)) for k in range(len(self.parts))]
+        serials = [one["serial"] for one in each if one["serial"]]
+        good = sum(one["is_right"] for one in each)
+        takts = list(takts_of(self.runs))
+        (group,) = grouped(takts, "run")
+        late = [
+            rows.LoopLate.model_validate(row.body).longest_s
+            for row in read_rows_named(self.runs / JOURNAL_NAME, [rows.LoopLate.row_name])
+        ]
+        low, high = interval(good, len(each))
+        return {
+            "seed": self.seed,
+            "speed": self.result.get("speed"),
+            "end": self.result.get("end", "none"),
+            "message": self.result.get("message", ""),
+            "n": len(each),
+            "strangers": sum(not part.recipe for part in self.parts),
+            "defective": sum(bool(part.defect) for part in self.parts),
+            "sorted_right": good,
+            "sorted_right_share": round(good / len(each), 4),
+            "interval_95": [round(low, 3), round(high, 3)],
+            "wrong_pass": sum(one["is_wrong_pass"] for one in each),
+            # a number that two parts have is of the wrong one at least once
+            "mixed_up": sum(one["is_mixed_up"] for one in each) + len(serials) - len(set(serials)),
+            "serials": len(serials),
+            "collisions": self.collisions,
+            "takt": takt_json(group),
+            "worker_on_processor_s": round(self.worker_s[0], 1),
+            "worker_waited_for_one_s": round(self.worker_s[1], 1),
+            "busy_share_alone": busy_alone(group, *self.worker_s),
+            "line": takt_line(group),
+            "longest_late_s": max(late, default=0.0),
+            "late_rows": len(late),
+            "load": [round(x, 1) for x in os.getloadavg()],
+            "parts": each,
+        }
+
+    def _part(self, k: int, told: Words | None) -> Words:
+        part: ShiftPart = self.parts[k]
+        tray = self.trays.get(k, "")
+        said = "" if told is None else (told["tray"] or "")
+        recipe, serial = self.labels.get(0 if told is None else told["part"], ("", ""))
+        is_right = tray == part.right_tray
+        if not part.recipe:
+            is_right = k not in self.held and self.moved_mm.get(k, 0.0) <= MOVED_MM
+        return {
+            "number": k,
+            "recipe": part.recipe or "stranger",
+            "defect": part.defect,
+            "tray": tray,
+            "verdict": None if told is None else told["verdict"],
+            "reasons": [] if told is None else told["reasons"][:2],
+            "recoveries": [] if told is None else told["recoveries"],
+            "is_right": is_right,
+            "is_wrong_pass": tray == "accept" and bool(part.defect or not part.recipe),
+            # what the cell says of it is of another part
+            "is_mixed_up": told is not None and (said != tray or recipe != part.recipe),
+            "serial": serial,
+            "was_laid": k not in self.waiting,
+        }
+
+
+def labels_of(journal: Path) -> dict[int, tuple[str, str]]:
+    """Return recipe and serial number of each part by its number, as the journal has them."""
+    found = {}
+    for row in read_rows_named(journal, [rows.PartIdentified.row_name]):
+        body = rows.PartIdentified.model_validate(row.body)
+        found[row.part or 0] = (body.name, body.serial)
+    return found
+
+
+def processor_times(process_id: int) -> tuple[float, float]:
+    """Return how long the workers of a run were on a processor, and waited for one [wall s]."""
+    on_s = waited_s = 0.0
+    for folder in Path(f"/proc/{process_id}/task").glob("*/children"):
+        for child in folder.read_text().split():
+            with contextlib.suppress(OSError):
+                if b"multiprocessing.spawn" in Path(f"/proc/{child}/cmdline").read_bytes():
+                    ran, waited, _ = Path(f"/proc/{child}/schedstat").read_text().split()
+                    on_s, waited_s = on_s + int(ran) * 1e-9, waited_s + int(waited) * 1e-9
+    return on_s, waited_s
+
+
+def busy_alone(group: TaktGroup, on_s: float, waited_s: float) -> float | None:
+    """Return the share of Execute that the arm would be busy, had the workers a processor each.
+
+    An estimate: what the arm waits for computing shrinks as the computing itself would.
+    """
+    if on_s <= 0.0 or group.execute_s <= 0.0:
+        return None
+    computing_s = sum(group.seconds[use] for use in COMPUTING)
+    rest_s = group.execute_s - computing_s * waited_s / (on_s + waited_s)
+    return round(group.busy_s / rest_s, 4)
+
+
+def interval(good: int, count: int) -> tuple[float, float]:
+    """Return the interval that holds the true share with 95 % (Wilson)."""
+    z = 1.96
+    share, n = good / count, float(count)
+    middle = (share + z * z / (2 * n)) / (1 + z * z / n)
+    half = z * math.sqrt(share * (1 - share) / n + z * z / (4 * n * n)) / (1 + z * z / n)
+    return middle - half, middle + half
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--parts", type=int, default=12)
+    parser.add_argument("--seed", type=int, default=901)
+    parser.add_argument("--speed", type=float, default=2.0)
+    parser.add_argument("--recipes", default=",".join(RECIPES), help="names, separated by commas")
+    parser.add_argument("--keep", type=Path, help="folder that runs and files are left in")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    args = parser.parse_args()
+    began = time.monotonic()
+    with tempfile.TemporaryDirectory(prefix="shift-") as scratch:
+        folder = args.keep or Path(scratch)
+        folder.mkdir(parents=True, exist_ok=True)
+        recipes = tuple(args.recipes.split(","))
+        shift = Shift(args.parts, args.seed, args.speed, recipes, folder.resolve())
+        shift.run()
+        found = {**shift.figures(), "wall_s": round(time.monotonic() - began, 1)}
+    if args.json:
+        print(json.dumps(found))
+        return 0
+    for one in found["parts"]:
+        mark = "right" if one["is_right"] else "WRONG"
+        print(
+            f"{one['number']:3} {one['recipe']:12} {one['defect']:38} {one['tray'] or '-':10} "
+            f"{one['verdict'] or '-':14} {mark} {'; '.join(map(str, one['reasons']))[:80]}"
+        )
+    print(
+        f"\n{found['sorted_right']} of {found['n']} right {found['interval_95']}, wrong PASS "
+        f"{found['wrong_pass']}, mixed up {found['mixed_up']}; {found['end']} {found['message']}"
+    )
+    if found["busy_share_alone"] is not None:
+        print(
+            f"workers {found['worker_on_processor_s']} s on a processor, waited for one "
+            f"{found['worker_waited_for_one_s']} s; arm busy without that (estimate) "
+            f"{100 * found['busy_share_alone']:.0f} %"
+        )
+    print(f"{found['line']}\nevent loop late at most {found['longest_late_s']} s")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
