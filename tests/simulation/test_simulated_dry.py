@@ -127,7 +127,7 @@ def test_a_dry_run_drives_its_steps_opens_both_grippers_and_has_no_verdict(tmp_p
 
 
 @pytest.mark.parametrize("what", ["stop", pytest.param("door", marks=pytest.mark.slow)])
-def test_a_dry_run_that_is_stopped_halts_on_its_way_and_says_so(tmp_path: Path, what: str) -> None:
+def test_a_dry_run_that_is_stopped_halts_above_tray_and_says_so(tmp_path: Path, what: str) -> None:
     async def story(one: Story) -> None:
         session = one.session(60.0)
 

@@ -200,7 +200,7 @@ SLOW = pytest.mark.slow
 @pytest.mark.parametrize(
     "what", ["door", pytest.param("Ctrl-C", marks=SLOW), pytest.param("estop", marks=SLOW)]
 )
-def test_whatever_ends_a_jog_halts_the_arm_on_its_way(play: Play, what: str) -> None:
+def test_whatever_ends_a_jog_halts_the_arm_above_tray(play: Play, what: str) -> None:
     async def story(one: Story) -> None:
         pilot = Script((*HOMED, "joint 1 -40", "joint 1 -5"), after="joint 1 -40")
         session = one.session(pilot)

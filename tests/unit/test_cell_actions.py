@@ -35,7 +35,7 @@ from controller.cell.services import (
     Retries,
     fault_policy,
 )
-from controller.cell.services.records import BatchRecord, OnItsWay, grasp_of
+from controller.cell.services.records import AboveTray, BatchRecord, grasp_of
 from controller.config import FaultsSection, load_cell
 from controller.inspection import PartVerdict, Verdict
 from controller.planning import Grasp, NoMotionError
@@ -336,11 +336,11 @@ async def test_an_arm_that_went_on_before_the_verdict_ends_above_the_right_tray(
     motion = motion_of(arm)
     await motion.start_from(at(0.5))  # where the last view was presented
     await motion.follow(step[went_to].motion)
-    part.on_its_way = OnItsWay(went_to, 3.0)
+    part.above_tray = AboveTray(went_to, 3.0)
     arm.been.clear()
     assert await PlaceAction(steps, motion, Gripper(record), record).run() is Event.PLACED  # type: ignore[arg-type]
     tray = {Verdict.PASS: "accept", Verdict.FAIL: "reject"}.get(verdict, "quarantine")
-    assert (part.tray, part.on_its_way) == (tray, None)
+    assert (part.tray, part.above_tray) == (tray, None)
     assert arm.been == [*been, trays[tray] + 10, trays[tray], 0]
     # its seconds count from when the arm set out for the tray that it is in
     assert ended == [3.0 if tray == went_to else 7.0]

@@ -713,7 +713,7 @@ def test_all_faults_together_are_bounded_too() -> None:
 
 
 @pytest.mark.parametrize("fault", list(PartFault))
-def test_a_part_on_its_way_to_the_quarantine_tray_is_not_parked_again(fault: PartFault) -> None:
+def test_a_part_above_tray_to_the_quarantine_tray_is_not_parked_again(fault: PartFault) -> None:
     past = [Recovery(fault, "again")] * 20
     assert decide(POLICY, fault, past, is_parked=True).act in (Act.HOLD, Act.SKIP)
 

@@ -60,7 +60,7 @@ def test_a_block_is_held_across_its_widths_and_nothing_else() -> None:
     assert {int(np.argmax(np.abs(g.T_part_tcp[:3, 1]))) for g in grasps} == {0, 1, 2}
 
 
-def test_the_open_hand_never_reaches_into_the_block_on_its_way_in() -> None:
+def test_the_open_hand_never_reaches_into_the_block_above_tray_in() -> None:
     mesh = trimesh.creation.box((60.0, 40.0, 30.0))
     rng = np.random.default_rng(0)
     for grasp in grips_of(solid_of(mesh))[::25]:

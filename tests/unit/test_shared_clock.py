@@ -95,7 +95,7 @@ async def test_time_waits_for_a_controller_that_is_late(
     assert cell.now_s() == pytest.approx(WINDOW_S + 1.0, abs=0.02)  # a tick to notice it
 
 
-async def test_held_time_creeps_so_that_what_was_long_on_its_way_is_still_answered(
+async def test_held_time_creeps_so_that_what_was_long_above_tray_is_still_answered(
     world: SharedClock, cell: CellClock, wall: Wall
 ) -> None:
     assert cell.shared is not None

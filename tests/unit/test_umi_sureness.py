@@ -15,7 +15,7 @@ def test_a_resting_axis_that_reads_otherwise_is_named() -> None:
     assert "zed" in judge_counters(KNOWN, COUNTS | {Axis.ZED: 0}, may_be_zeroed=False)
 
 
-def test_an_axis_under_way_may_be_anywhere_on_its_way_and_nowhere_else() -> None:
+def test_an_axis_under_way_may_be_anywhere_above_tray_and_nowhere_else() -> None:
     known = KNOWN | {Axis.SHOULDER: (0, 1000)}
     assert not judge_counters(known, COUNTS | {Axis.SHOULDER: 400}, may_be_zeroed=True)
     assert "shoulder" in judge_counters(known, COUNTS | {Axis.SHOULDER: -60}, may_be_zeroed=True)

@@ -63,7 +63,7 @@ class PlaceAction:
         """Go to above the tray, unless the arm has gone there already; return when it set out."""
         part, plan = self.record.part, self.record.part.plan
         started_s = self.steps.begin(step)
-        there, part.on_its_way = part.on_its_way, None
+        there, part.above_tray = part.above_tray, None
         if there is not None and there.tray == step.tray:
             return there.started_s
         if there is not None and plan is not None:

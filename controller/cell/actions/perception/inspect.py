@@ -18,8 +18,8 @@ from controller.cell.services import (
     plain_name,
 )
 from controller.cell.services.records import (
+    AboveTray,
     BatchRecord,
-    OnItsWay,
     findings_row,
     measured_row,
     verdict_row,
@@ -137,7 +137,7 @@ class InspectAction:
         tray = QUARANTINE if part.parked else TRAYS[Verdict.PASS]
         started_s = self.steps.clock.now_s()
         await self.motion.follow(part.plan.place[tray].motion)
-        part.on_its_way = OnItsWay(tray, started_s)
+        part.above_tray = AboveTray(tray, started_s)
 
 
 def _parked_verdict(judged: PartVerdict | None, reason: str) -> PartVerdict:

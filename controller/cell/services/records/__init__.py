@@ -16,14 +16,14 @@ from .describe import (
     views_posed_row,
 )
 from .holds import grasp_of, matrix
-from .part import OnItsWay, PartInGripper, PartRecord, Shown, merged
+from .part import AboveTray, PartInGripper, PartRecord, Shown, merged
 from .product import INPUTS, Product, inputs_of
 from .progress import Progress
 
 __all__ = [
     "INPUTS",
+    "AboveTray",
     "BatchRecord",
-    "OnItsWay",
     "PartInGripper",
     "PartRecord",
     "Product",

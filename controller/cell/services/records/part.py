@@ -67,7 +67,7 @@ class Shown:
 
 
 @dataclass(frozen=True, slots=True)
-class OnItsWay:
+class AboveTray:
     """The arm has gone on to a tray before the verdict.
 
     Attributes
@@ -106,7 +106,7 @@ class PartRecord:
     planned : by view, which samples (n,) it was planned to show
     recoveries : part faults that the cell has set out to recover from
     avoid : ids of grasps that have failed
-    on_its_way : the tray that the arm went on to while the part was judged
+    above_tray : the tray that the arm went on to while the part was judged
     parked : the fault for which the part goes to the quarantine tray, None while all is well
     is_said_to_be_out : a person states that they took it out; not checked yet
     interrupted : the run that was cut off while it had the part; empty for a part of this run alone
@@ -139,7 +139,7 @@ class PartRecord:
     planned: dict[str, BoolArray] = field(default_factory=dict)
     recoveries: list[Recovery] = field(default_factory=list)
     avoid: set[str] = field(default_factory=set)
-    on_its_way: OnItsWay | None = None
+    above_tray: AboveTray | None = None
     parked: Recovery | None = None
     verdict: inspecting.PartVerdict | None = None
     tray: str | None = None

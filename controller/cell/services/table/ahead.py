@@ -87,7 +87,7 @@ class Foreseen:
         """Return a fresh sighting of the part, read as the plan has it.
 
         A part that looks the same after some turn may be read either way, but not first one way and
-        then the other: grasps and views of the plan are told in the part's own frame.
+        then the other: grasps and views of the plan are in the part's own frame.
 
         Parameters
         ----------
