@@ -54,6 +54,7 @@ class SearchLimits:
     max_coarse, max_lit : candidates fitted coarsely: to an outline, which is soon done; under
         lamps, where lines propose others
     sure_coarse : coarse score from which a candidate is fitted in full at once
+    max_crowded : of a backlit outline that many views are like, and none of the first ones fits
     max_fine : of the others, the best ones, if none fits perfectly
     coarse_samples : edge samples of a coarse fit: enough to tell a turn that is off
     fine_samples, fine_outline : of a full one; of one to an outline
@@ -71,6 +72,7 @@ class SearchLimits:
 
     max_coarse: int = 14
     max_lit: int = 9
+    max_crowded: int = 40
     sure_coarse: float = 0.8
     max_fine: int = 4
     coarse_samples: int = 300
@@ -225,13 +227,15 @@ def _distinct_ones(candidates: Sequence[Candidate], library: Library) -> Iterato
             yield c
 
 
-def is_tried(candidate: Candidate, hypotheses: Sequence[Hypothesis], library: Library) -> bool:
-    """Return whether a candidate has led to one of the hypotheses already.
+def is_tried(
+    candidate: Candidate, hypotheses: Sequence[Candidate | Hypothesis], library: Library
+) -> bool:
+    """Return whether a candidate is one of some others, or has led to one of the hypotheses.
 
     Parameters
     ----------
     candidate : a view not fitted yet
-    hypotheses : fitted ones of the same object
+    hypotheses : of the same object, fitted or not
     library : knows which turns leave a pose as it is
     """
     return any(is_same_reading(h, candidate, library) for h in hypotheses)

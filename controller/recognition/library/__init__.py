@@ -1,6 +1,6 @@
 """The parts that may turn up: their views, and an index that finds them by shape."""
 
-from ._index import Candidate, Silhouette, ViewIndex
+from ._index import FEW_VIEWS, Candidate, Silhouette, ViewIndex
 from ._library import (
     Entry,
     Library,
@@ -16,6 +16,7 @@ from ._views import PartViews, Station, pose_on_table, shadow_camera, view_part
 from .polar import polar_grid
 
 __all__ = [
+    "FEW_VIEWS",
     "Candidate",
     "Entry",
     "Library",
