@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 from unittest.mock import patch
 
 import cv2
@@ -104,8 +106,8 @@ def bench(folder: Path, site: Site | None = None) -> Bench:
     # the poller that *Now* makes for itself is the test's: it looks when the test says so
     made: list[Live] = []
 
-    def live(runs_dir: Path) -> Live:
-        made.append(Live(runs_dir))
+    def live(runs_dir: Path, started: Callable[[], dict[str, Any] | None]) -> Live:
+        made.append(Live(runs_dir, started))
         return made[-1]
 
     with patch.object(now, "Live", live):

@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager, suppress
+from dataclasses import asdict
 from typing import Any, Final
 
 from pydantic import Field
@@ -26,6 +27,7 @@ from ..frame.visit import Visit, refused
 from ..frame.words import word
 from ..security import Role
 from .live import Live, TooManyWatchersError
+from .starting import Launcher, StartBody, StartError
 
 FIRST_MAX: Final = 1000
 
@@ -72,9 +74,11 @@ class NowAnswers:
     ----------
     setting : what the page was started with
     live : what is known of the cell
+    launcher : starts runs
     """
 
-    def __init__(self, setting: Setting, live: Live) -> None:
+    def __init__(self, setting: Setting, live: Live, launcher: Launcher) -> None:
+        self._launcher = launcher
         self._setting = setting
         self._live = live
         self._cell = RunningCell(setting.runs_dir)
@@ -90,6 +94,8 @@ class NowAnswers:
             Look("scene", self.scene),
             Look("mesh", self.mesh),
             Look("picture/{run:str}/{number:int}", self.picture),
+            Look("choices", self.choices, Role.OPERATOR),
+            Act("start", StartBody, self.start, Role.OPERATOR),
             *(
                 Act(f"act/{name}", body, self._order(name, order), Role.OPERATOR)
                 for name, body, order in ORDERS
@@ -167,6 +173,19 @@ class NowAnswers:
             return missing
         headers = {"Cache-Control": "private, max-age=86400, immutable"}
         return Response(found, media_type="image/jpeg", headers=headers)
+
+    async def choices(self, _: Visit) -> Response:
+        """Return the recipes and cell files that a run may be started with."""
+        return JSONResponse(asdict(await self._launcher.choices()))
+
+    async def start(self, visit: Visit, body: StartBody) -> Response:
+        """Start a run in the name of a person; return that it was started, or why not."""
+        try:
+            await self._launcher.start(body, visit.account.name)
+        except StartError as error:
+            return refused(error.status, str(error))
+        self._live.publish()
+        return JSONResponse({"done": True})
 
     def _order(self, name: str, model: type[Order]) -> Callable[[Visit, Any], Awaitable[Response]]:
         async def answer(visit: Visit, body: _OrderBody) -> Response:

@@ -263,6 +263,8 @@ class RunFold:
     def _take_people(self, row: Row, body: rows.Body | None) -> None:
         """Take what a person did, or has to know."""
         match body:
+            case rows.RunBegan() if body.operator:
+                self._act(row, "start", body.operator, "", "handled")
             case rows.CellEvent():
                 if body.answer == "handled":
                     self.state = body.target

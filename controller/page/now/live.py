@@ -59,10 +59,17 @@ class Live:
     Parameters
     ----------
     runs_dir : folder of all runs
+    started : what the page has started last, as JSON
     clock : UTC, seconds since 1970
     """
 
-    def __init__(self, runs_dir: Path, clock: Callable[[], float] = time.time) -> None:
+    def __init__(
+        self,
+        runs_dir: Path,
+        started: Callable[[], dict[str, Any] | None] = lambda: None,
+        clock: Callable[[], float] = time.time,
+    ) -> None:
+        self._started = started
         self._runs_dir = runs_dir
         self._journal = runs_dir / JOURNAL_NAME
         self._clock = clock
@@ -211,6 +218,7 @@ class Live:
             "light": light_of(status, self._has_run, state),
             "status": None if status is None else _status(status),
             "run": None if fold is None else fold.facts(),
+            "started": self._started(),
         }
 
 

@@ -1,5 +1,6 @@
 // Page "Now": shows what the server streams, and sends orders. All text goes in as text, never as HTML.
 import { $, el, number, post, svg, t, time } from "/static/shared.js";
+import { showStart } from "./start.js";
 
 const MODE_WORDS = {
   execute: "Execute", suspending: "Suspending", suspended: "Suspended", unsuspending: "Unsuspending",
@@ -64,10 +65,11 @@ function show(now) {
   } else if (!now.runs && run) {
     doing.push(run.end ? t("The last run ended: {end}. {message}", run.end) : t("The last run broke off."));
   } else if (!run) {
-    doing.push(t("Start one with `cellctl run`; it shows here by itself."));
+    doing.push(t("Start one here, or with `cellctl run`; it shows here by itself."));
   }
   onChange("doing", doing, () => { $("doing").textContent = doing.join(" · "); });
   onChange("facts", factsOf(now), drawFacts);
+  onChange("start", [now.runs, Boolean(status), now.started], () => showStart(now));
   onChange("question", status && status.question, drawQuestion);
   onChange("acts", [status && [status.pause_seconds, status.pausing, status.first_motion, status.state], now.runs, isLost], drawActs);
   onChange("alarms", [status ? status.alarms : [], run ? run.alarms : []], drawAlarms);

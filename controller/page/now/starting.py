@@ -1,0 +1,274 @@
+"""Starts `cellctl run` as a process of its own, which outlives the page.
+
+The process has a session of its own and ignores SIGHUP, so that neither the end of the page nor of
+its terminal reaches it. What it prints goes to a file in the folder of runs; the page shows the
+end of that file until the run can be asked itself. Questions of the run wait for an answer.
+"""
+
+import asyncio
+import contextlib
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Annotated, Any, Final
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+
+from controller.cell.devices.lock import LOCK_NAME, Holder, read_holder
+
+from ..frame.screens import Body, Setting
+from ..frame.words import word
+from .choices import Choices, choices_of
+
+LOG_FOLDER: Final = "started"
+LOG_MAX_COUNT: Final = 50
+SHOWN_MAX_BYTES: Final = 6_000
+SHOWN_LINE_COUNT: Final = 30
+PAPER_MAX: Final = 80
+COUNT_MAX: Final = 100_000
+SERIAL_MAX_COUNT: Final = 2_000
+RECIPE_MAX_COUNT: Final = 20
+# Ignores SIGHUP, which an `exec` keeps, and becomes the command; its words are never parsed.
+DETACHED: Final = ("/bin/sh", "-c", 'trap "" HUP; exec "$@"', "sh")
+
+
+def _plain(text: str) -> str:
+    if not text.isprintable():
+        raise ValueError("has signs that cannot be printed")
+    return text
+
+
+Paper = Annotated[str, Field(max_length=PAPER_MAX), AfterValidator(_plain)]
+
+
+class CountedRecipe(BaseModel):
+    """A recipe of a run, by its key in `Choices`, with its number of parts: None for its own."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+    recipe: str = Field(min_length=1, max_length=300)
+    count: int | None = Field(default=None, ge=1, le=COUNT_MAX)
+
+    @property
+    def word(self) -> str:
+        """As the command line has it."""
+        return self.recipe if self.count is None else f"{self.recipe}={self.count}"
+
+
+class StartBody(Body):
+    """A start, as the browser orders it; the options are those of `cellctl run`.
+
+    Attributes
+    ----------
+    cell : key of `Choices`; empty for that of the recipe
+    serials, serial_from : serial numbers one by one, or the first of those that are counted
+    speed, seed : of the emulated cell
+    """
+
+    recipes: tuple[CountedRecipe, ...] = Field(min_length=1, max_length=RECIPE_MAX_COUNT)
+    cell: str = Field(default="", max_length=300)
+    lot: Paper = ""
+    serials: tuple[Annotated[Paper, Field(min_length=1)], ...] = Field(
+        default=(), max_length=SERIAL_MAX_COUNT
+    )
+    serial_from: Paper = ""
+    part_temperature_c: float | None = Field(default=None, ge=-50, le=150)
+    speed: float = Field(default=1.0, ge=0.1, le=100)
+    seed: int | None = Field(default=None, ge=0, lt=2**32)
+    are_trays_empty: bool = False
+    is_part_removed: bool = False
+
+    @model_validator(mode="after")
+    def _one_source_of_serials(self) -> "StartBody":
+        if self.serials and self.serial_from:
+            raise ValueError("serial numbers are listed or counted, not both")
+        return self
+
+    def options(self, who: str) -> list[str]:
+        """Return the options of `cellctl run`; values stand behind `=`, so that none is an option.
+
+        Parameters
+        ----------
+        who : the account that starts the run
+        """
+        valued: dict[str, object] = {
+            "--operator": who,
+            "--lot": self.lot,
+            "--cell": self.cell,
+            "--serial-from": self.serial_from,
+            "--part-temperature": self.part_temperature_c,
+            "--seed": self.seed,
+            "--speed": None if self.speed == 1 else self.speed,
+        }
+        stated = {
+            "--trays-empty": self.are_trays_empty,
+            "--part-removed": self.is_part_removed,
+        }
+        return [
+            *(f"{name}={value}" for name, value in valued.items() if value not in ("", None)),
+            *(f"--serial={serial}" for serial in self.serials),
+            *(name for name, is_stated in stated.items() if is_stated),
+        ]
+
+
+class StartError(Exception):
+    """Nothing was started.
+
+    Attributes
+    ----------
+    status : of the answer
+    """
+
+    def __init__(self, status: int, text: str) -> None:
+        super().__init__(text)
+        self.status = status
+
+
+@dataclass(slots=True, eq=False)
+class Work:
+    """A run that the page has started.
+
+    Attributes
+    ----------
+    recipes, who : what, and for whom
+    began : UTC
+    log : file of what it prints
+    code : its exit code, None while it works
+    """
+
+    recipes: str
+    who: str
+    began: str
+    log: Path
+    process: subprocess.Popen[bytes]
+    code: int | None = None
+    _read: tuple[int, list[str]] = (-1, [])
+
+    def facts(self) -> dict[str, Any]:
+        """Return what the page shows of it, as JSON."""
+        if self.code is None:
+            self.code = self.process.poll()
+        size = self.log.stat().st_size if self.log.exists() else 0
+        if size != self._read[0]:
+            self._read = (size, _last_lines(self.log))
+        return {
+            "recipes": self.recipes,
+            "who": self.who,
+            "began": self.began,
+            "code": self.code,
+            "lines": self._read[1],
+        }
+
+
+class Launcher:
+    """Starts runs, one at a time.
+
+    Parameters
+    ----------
+    setting : folder of runs, and the project's folder, in which the commands run
+    command : what `cellctl` is
+    now : UTC
+    """
+
+    def __init__(
+        self,
+        setting: Setting,
+        command: tuple[str, ...] = (sys.executable, "-m", "controller.cli"),
+        now: Callable[[], datetime] = lambda: datetime.now(UTC),
+    ) -> None:
+        self._runs_dir = setting.runs_dir.absolute()
+        self._project_dir = setting.project_dir.absolute()
+        self._command = command
+        self._now = now
+        self._one_at_a_time = asyncio.Lock()
+        self._work: Work | None = None
+
+    async def choices(self) -> Choices:
+        """Return what may be started."""
+        return await asyncio.to_thread(choices_of, self._project_dir)
+
+    async def start(self, body: StartBody, who: str) -> None:
+        """Start a run in the name of an account.
+
+        Parameters
+        ----------
+        body : what to start
+        who : name of the account
+
+        Raises
+        ------
+        StartError : a run is on, another start goes on, or there is no such recipe or cell file
+        """
+        async with self._one_at_a_time:
+            if self._work is not None and self._work.process.poll() is None:
+                raise StartError(409, word("the run that was started here has not ended yet"))
+            lock = self._runs_dir / LOCK_NAME
+            holder: Holder | None = await asyncio.to_thread(read_holder, lock)
+            if holder is not None:
+                raise StartError(409, f"{holder} has the cell")
+            require_known(body, await self.choices())
+            self._work = await asyncio.to_thread(self._spawn, body, who)
+
+    def facts(self) -> dict[str, Any] | None:
+        """Return the last run that was started here, as JSON; None before the first."""
+        return None if self._work is None else self._work.facts()
+
+    def _spawn(self, body: StartBody, who: str) -> Work:
+        folder = self._runs_dir / LOG_FOLDER
+        began = self._now()
+        log = folder / f"{began:%Y%m%d-%H%M%S-%f}.log"
+        recipes = [one.word for one in body.recipes]
+        # its questions wait for an answer at the page, or at another terminal
+        options = [*body.options(who), "--wait", f"--runs={self._runs_dir}"]
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            for old in sorted(folder.glob("*.log"))[: -LOG_MAX_COUNT + 1]:
+                with contextlib.suppress(FileNotFoundError):
+                    old.unlink()
+            with log.open("xb") as to:
+                process = subprocess.Popen(
+                    [*DETACHED, *self._command, "run", *options, "--", *recipes],
+                    stdin=subprocess.DEVNULL,
+                    stdout=to,
+                    stderr=subprocess.STDOUT,
+                    cwd=self._project_dir,
+                    env={**os.environ, "COLUMNS": "110", "NO_COLOR": "1"},
+                    start_new_session=True,
+                )
+        except OSError as error:
+            raise StartError(507, f"{log}: {error.strerror}") from error
+        return Work(" ".join(recipes), who, began.isoformat(), log, process)
+
+
+def require_known(body: StartBody, choices: Choices) -> None:
+    """Check that recipes and cell file of a start are among those that it may name.
+
+    Parameters
+    ----------
+    body : of the start
+    choices : what it may name
+
+    Raises
+    ------
+    StartError : one of them is not, or cannot be used
+    """
+    named = [(one.recipe, choices.recipe(one.recipe)) for one in body.recipes]
+    for name, found in (*named, *([(body.cell, choices.cell(body.cell))] if body.cell else [])):
+        if found is None:
+            raise StartError(422, f"`{name}`: there is no such file in the project")
+        if found.problem:
+            raise StartError(422, found.problem)
+
+
+def _last_lines(log: Path) -> list[str]:
+    try:
+        with log.open("rb") as file:
+            file.seek(max(0, log.stat().st_size - SHOWN_MAX_BYTES))
+            text = file.read().decode(errors="replace")
+    except OSError:
+        return []
+    lines = [line.rstrip() for line in text.splitlines()]
+    return [line for line in lines if line][-SHOWN_LINE_COUNT:]
