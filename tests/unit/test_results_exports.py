@@ -8,6 +8,7 @@ import io
 import json
 import zipfile
 from dataclasses import replace
+from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
 
@@ -24,6 +25,7 @@ from controller.results import (
     result_json,
     write_report,
 )
+from controller.results.run import ReviewReport
 from tests.unit import judged_bench as bench
 
 DATA = Path(__file__).resolve().parents[1] / "data" / "qif"
@@ -184,6 +186,28 @@ def test_markup_in_names_stays_text_in_qif(tmp_path: Path, schema: etree.XMLSche
     assert document.findtext(f".//{QIF3}DiameterCharacteristicItem/{QIF3}Name") == (
         'bore </Name><x a=" &'
     )
+
+
+def test_a_persons_verdict_stands_beside_the_machines(
+    tmp_path: Path, schema: etree.XMLSchema
+) -> None:
+    judged = bench.judged(tmp_path)
+    at = datetime(2026, 3, 1, 12, tzinfo=UTC)
+    review = ReviewReport(at, "reject", "Ann & Co", "a <dent>", judged.verdict, {1: "real"})
+    reviewed = replace(judged, part=replace(judged.part, reviews=(review,)))
+    document = etree.fromstring(qif_bytes([reviewed]))
+    schema.assertValid(document)
+    status = ".//{*}InspectionStatus/{*}InspectionStatusEnum"
+    before = etree.fromstring(qif_bytes([judged])).findtext(status)
+    assert document.findtext(status) == before
+    (note,) = [one for one in document.iter("{*}AttributeStr") if one.get("name") == "review 1"]
+    assert note.get("value") == (
+        "reject; finding 1 real; a <dent> (Ann & Co, 2026-03-01T12:00:00+00:00)"
+    )
+    row = next(csv.DictReader(io.StringIO(csv_text([reviewed]))))
+    assert (row["review"], row["review_who"], row["part_verdict"]) == (
+        "reject", "Ann & Co", judged.verdict,
+    )  # fmt: skip
 
 
 def test_parts_of_two_products_are_refused(tmp_path: Path) -> None:

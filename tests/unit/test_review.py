@@ -434,6 +434,14 @@ def test_the_tables_for_people_say_who_decided(
     assert "reject by" in capsys.readouterr().out
     assert main(["history", "SN7", *at]) == 0
     assert "a [dent]" in capsys.readouterr().out
+    for i in range(6):
+        words = ["--verdict", "accept", "--why", f"reason {i}"]
+        assert main(["review", "SN7", *words, *at]) == 0
+    capsys.readouterr()
+    assert main(["history", "SN7", *at]) == 0
+    out = capsys.readouterr().out
+    assert [f"reason {i}" in out for i in range(6)] == [False, *[True] * 5]
+    assert "and 2 earlier ones" in out
     assert main(["review", *at]) == 0
     assert capsys.readouterr().out == "no part awaits a person\n"
 

@@ -13,6 +13,7 @@ from controller.results.wording import num, span
 from ..terminal.output import print_line, printable, stdout
 
 TEXT_COLUMNS = 220
+REVIEWS_COUNT = 5  # of a part that are printed, the last ones
 COLUMNS = (
     "begun (UTC)", "part", "serial", "lot", "recipe", "operator", "verdict", "tray", "s",
     "forecast", "findings", "recoveries", "review",
@@ -80,14 +81,16 @@ def print_record(part: Mapping[str, Any]) -> None:
         "run": f"{part['run']}, {part['outcome']}",
         "reason": part["reason"],
     }
-    for one in part["reviews"]:
-        at = f"{str(one['at'])[:19].replace('T', ' ')} UTC"
-        about[f"review {at[:10]}"] = f"{one['verdict']} by {one['who']}, {at}: {one['why']}"
     if part["awaits_review"]:
         about["review"] = "awaits a person (`cellctl review`)"
     for name, value in about.items():
         if value:
             print_line(f"  {name:9} {value}")
+    for one in part["reviews"][-REVIEWS_COUNT:]:
+        at = f"{str(one['at'])[:19].replace('T', ' ')} UTC"
+        print_line(f"  {'review':9} {one['verdict']} by {one['who']}, {at}: {one['why']}")
+    if len(part["reviews"]) > REVIEWS_COUNT:
+        print_line(f"  {'':9} and {len(part['reviews']) - REVIEWS_COUNT} earlier ones (--json)")
     if part["characteristics"]:
         print_columns(
             ("", "characteristic", "nominal", "lower", "upper", "measured", "U", "verdict", ""),
