@@ -41,7 +41,7 @@ async function draw() {
   $("sent").hidden = !found;
   $("take").disabled = work.state !== "done";
   if (!found) {
-    const why = work.messages.join(" ") || t("the file could not be read");
+    const why = work.messages.join("\n") || t("the file could not be read");
     said("sent-said", work.state === "cancelled" ? t("cancelled") : why, true);
     return;
   }
