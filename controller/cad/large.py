@@ -15,7 +15,9 @@ import trimesh
 from controller.arrays import FloatArray, IntArray
 
 AT_ONCE = 100_000  # rows of a span: 7 MB of corners
-LASTING = ("face_normals", "area_faces", "convex_hull")  # of what trimesh works out and keeps
+M_MMAP_THRESHOLD = -3  # of glibc's malloc.h
+OWN_PAGES_BYTES = 1 << 20
+LASTING = ("face_normals", "area_faces")  # of what trimesh works out and keeps
 
 # what it knows of neighbours, worth keeping from one stage of the compile to the next
 ADJACENCY = ("face_adjacency", "face_adjacency_edges", "face_adjacency_angles")
@@ -59,7 +61,14 @@ def drop_derived(mesh: trimesh.Trimesh, *kept: str) -> None:
 
 
 def give_back() -> None:
-    """Return memory to the system that is free, but in pieces that the allocator would keep."""
+    """Return memory to the system that is free, but in pieces that the allocator would keep.
+
+    From then on arrays of a megabyte have pages of their own, which go back when they do: the
+    allocator would take them from its heap once it has seen larger ones, and the heap of a large
+    mesh is full of holes.
+    """
     gc.collect()  # trimesh's meshes hold themselves in circles
     with suppress(AttributeError, OSError):  # another C library than glibc
-        ctypes.CDLL(None).malloc_trim(0)
+        library = ctypes.CDLL(None)
+        library.mallopt(M_MMAP_THRESHOLD, OWN_PAGES_BYTES)
+        library.malloc_trim(0)

@@ -5,12 +5,13 @@ from functools import cached_property
 
 import numpy as np
 import trimesh
+from scipy.spatial import ConvexHull
 
 from controller.arrays import BoolArray, FloatArray, Int32Array, IntArray
 
 from .boundary import Boundary, Face, find_boundary, search_faces
 from .errors import CoordinatesCadError, EmptyCadError, LargeCadError, UnitCadError
-from .large import ADJACENCY, drop_derived
+from .large import ADJACENCY, AT_ONCE, drop_derived, give_back
 from .soundness import check_soundness
 from .stages import OnStage, no_stage
 from .welding import weld
@@ -22,6 +23,7 @@ SENSIBLE_MM = (10.0, 2000.0)  # longest side of a part whose file names no unit
 FARTHEST_MM = 1e5  # single precision there is 0.01 mm, as coarse as what is inspected
 SENSELESS_MM = 1e7  # no unit makes a part of this
 MAX_TRIANGLES = 2_000_000
+HULL_OPTIONS = "QbB Pp Qt"  # scaled to a cube, without warnings, in triangles
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +63,18 @@ class Solid:
         A compiled part puts its stored one in place with ``vars(solid)["boundary"] = stored``.
         """
         return find_boundary(self.mesh, self.faces, self.face_of_triangle)
+
+    @cached_property
+    def hull_mm(self) -> FloatArray:
+        """Corners of the convex hull (k, 3), in the order of the mesh's, found when asked for.
+
+        A compiled part puts its stored ones in place, as it does the boundary.
+        """
+        vertices = np.asarray(self.mesh.vertices, dtype=np.float64)
+        corners = vertices[np.sort(ConvexHull(vertices, qhull_options=HULL_OPTIONS).vertices)]
+        if len(vertices) > AT_ONCE:
+            give_back()
+        return corners
 
 
 @dataclass(frozen=True, eq=False, slots=True)

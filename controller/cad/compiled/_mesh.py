@@ -20,7 +20,7 @@ from ..solid import Solid
 
 @dataclass(frozen=True, eq=False, slots=True)
 class StoredMesh:
-    """What of a mesh is kept; also of its hull, which has no hull of its own."""
+    """What of a mesh is kept."""
 
     vertices: FloatArray
     faces: IntArray
@@ -29,19 +29,12 @@ class StoredMesh:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class StoredBody:
-    """A mesh and its convex hull."""
-
-    mesh: StoredMesh
-    hull: StoredMesh
-
-
-@dataclass(frozen=True, eq=False, slots=True)
 class StoredSolid:
-    """A solid and its boundary."""
+    """A solid, its boundary and the corners of its hull."""
 
     solid: Solid
     boundary: Boundary
+    hull_mm: FloatArray
 
 
 def meshes() -> Codec:
@@ -51,24 +44,26 @@ def meshes() -> Codec:
     """
     return converted(
         trimesh.Trimesh,
-        make_codec(StoredBody),
-        lambda mesh: StoredBody(_stored(mesh), _stored(mesh.convex_hull)),
-        _body,
+        make_codec(StoredMesh),
+        _stored,
+        _mesh,
     )
 
 
 def solids() -> Codec:
-    """Return the codec of `Solid`, with its boundary in place."""
+    """Return the codec of `Solid`, with its boundary and hull in place."""
     return converted(
         Solid,
         make_codec(StoredSolid, {Solid: make_codec(Solid, {trimesh.Trimesh: meshes()})}),
-        lambda solid: StoredSolid(solid, solid.boundary),
+        lambda solid: StoredSolid(solid, solid.boundary, solid.hull_mm),
         _solid,
     )
 
 
 def _solid(stored: StoredSolid) -> Solid:
-    vars(stored.solid)["boundary"] = stored.boundary
+    if stored.hull_mm.shape[1:] != (3,):
+        raise CacheError("corners of a hull that are no points")
+    vars(stored.solid).update(boundary=stored.boundary, hull_mm=stored.hull_mm)
     return stored.solid
 
 
@@ -81,12 +76,6 @@ def _stored(mesh: trimesh.Trimesh) -> StoredMesh:
     )
     drop_derived(mesh)
     return stored
-
-
-def _body(stored: StoredBody) -> trimesh.Trimesh:
-    mesh = _mesh(stored.mesh)
-    mesh._cache["convex_hull"] = _mesh(stored.hull)  # noqa: SLF001  (as in _mesh)
-    return mesh
 
 
 def _mesh(stored: StoredMesh) -> trimesh.Trimesh:
@@ -111,5 +100,5 @@ def called(solid: Solid, name: str) -> Solid:
     if solid.name == name:
         return solid
     twin = replace(solid, name=name)
-    vars(twin)["boundary"] = solid.boundary
+    vars(twin).update(boundary=solid.boundary, hull_mm=solid.hull_mm)
     return twin

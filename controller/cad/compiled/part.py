@@ -242,6 +242,7 @@ def compile_solid(
     drop_derived(solid.mesh)
     on_stage("finding stable poses")
     found = find_resting(solid)
+    drop_derived(solid.mesh)
     pose_count = len(found.poses)
     found = _likeliest(found, max(1, options.max_drawn_triangles // len(solid.mesh.faces)))
     if len(found.poses) < pose_count:
@@ -254,6 +255,7 @@ def compile_solid(
     views = _views(solid, resting.poses, on_stage)
     on_stage("comparing stable poses")
     alike = search_look_alikes(solid, resting.poses, views, max_compared=options.max_compared)
+    drop_derived(solid.mesh)
     if alike.pose_count < len(resting.poses):
         warnings += (
             f"Which stable poses look alike is not worked out beyond the {alike.pose_count} "
@@ -286,6 +288,8 @@ def _views(solid: Solid, poses: Sequence[StablePose], on_stage: OnStage) -> tupl
     for number, pose in enumerate(poses, 1):
         on_stage(f"drawing stable pose {number} of {len(poses)}")
         views.append(line_view(solid, pose.R, prepared=prepared))
+    del prepared
+    drop_derived(solid.mesh)
     return tuple(views)
 
 

@@ -8,12 +8,14 @@ belongs to the lower one beyond the pass.
 """
 
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 
 from controller.arrays import BoolArray, FloatArray, IntArray
 
 from ..graph import components, distinct
+from ..large import spans
 from ._hull import Hull
 from ._topple import Landscape
 
@@ -177,7 +179,11 @@ def _fill(
             i = up[i]
         return i
 
-    for i, j, pass_mm in zip(a.tolist(), b.tolist(), top.tolist(), strict=True):
+    passes = chain.from_iterable(  # millions of numbers as objects are a quarter of a gigabyte
+        zip(a[span].tolist(), b[span].tolist(), top[span].tolist(), strict=True)
+        for span in spans(len(a))
+    )
+    for i, j, pass_mm in passes:
         # as `bottom` does, without a call for each of millions of passes
         p, q = i, j
         while up[p] != p:

@@ -12,6 +12,7 @@ from scipy.spatial import ConvexHull
 from controller.arrays import FloatArray, IntArray
 
 from ..graph import components
+from ..large import AT_ONCE, give_back
 
 SINGLE = float(np.finfo(np.float32).eps)  # STL files hold single precision
 BLUR = 8.0  # times that precision: corners of one plane stray this far from it
@@ -65,6 +66,8 @@ def hull_of(points_mm: FloatArray, centre_mm: FloatArray) -> Hull:
     ValueError : the centre is outside of the hull, where no centre of mass can be
     """
     shell = ConvexHull(points_mm)  # qhull's defaults triangulate facets that hold many corners
+    if len(shell.simplices) > AT_ONCE:
+        give_back()  # what qhull took, several times its answer
     renumber = np.full(len(points_mm), -1, dtype=np.int64)
     renumber[shell.vertices] = np.arange(len(shell.vertices))
     corners = np.asarray(points_mm, dtype=np.float64)[shell.vertices] - centre_mm

@@ -170,11 +170,7 @@ def family_member(
         probabilities=probabilities / probabilities.sum() if len(probabilities) else probabilities,
         completes=completing(np.asarray(shown.any(axis=1)), weights),
         picks=_picks(layout, solid, [poses[k] for k in able.tolist()], arm_grasps, from_pose[able]),
-        radius_mm=float(
-            np.linalg.norm(
-                np.asarray(solid.mesh.convex_hull.vertices) - solid.centroid_mm, axis=1
-            ).max()
-        ),
+        radius_mm=float(np.linalg.norm(solid.hull_mm - solid.centroid_mm, axis=1).max()),
     )
 
 

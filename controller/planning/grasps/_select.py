@@ -30,7 +30,7 @@ def resting_pose(
     c, s = np.cos(theta_rad), np.sin(theta_rad)
     T = np.eye(4)
     T[:3, :3] = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ pose.R
-    hull = np.asarray(solid.mesh.convex_hull.vertices)
+    hull = solid.hull_mm
     turned = (hull - solid.centroid_mm) @ T[:3, :3].T
     T[:3, 3] = np.array([x_mm, y_mm, -turned[:, 2].min()]) - T[:3, :3] @ solid.centroid_mm
     return T

@@ -104,7 +104,7 @@ class Judge:
         self.solid, self.caster, self.jaw, self.rules = solid, caster, jaw, rules
         self.gravities = gravities
         self.tally = Tally()
-        self.hull = np.asarray(solid.mesh.convex_hull.vertices)
+        self.hull = solid.hull_mm
         self.face_normals = np.asarray(solid.mesh.face_normals, dtype=np.float32)
         self.weight_n = solid.volume_mm3 * rules.density_kg_mm3 * GRAVITY_N_PER_KG
         self.coarse = PadGrid.of(jaw, rules.ray_step_mm)

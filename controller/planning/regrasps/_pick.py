@@ -182,7 +182,7 @@ def _stacked(grippers: Sequence[list[Box]], layout: CellLayout) -> tuple[FloatAr
 
 def _no_grasp_from_above(part: PreparedPart, layout: CellLayout, T_world_part: FloatArray) -> str:
     """Return why there is nothing to grasp, what would help, and which other stable poses do."""
-    hull = np.asarray(part.solid.mesh.convex_hull.vertices) @ T_world_part[:3, :3].T
+    hull = part.solid.hull_mm @ T_world_part[:3, :3].T
     high = float(np.ptp(hull[:, 2]))
     text = f"no pick in this pose: in it the part is {high:.1f} mm high"
     rules, jaw = part.options.rules.for_pads_of(layout.arm_gripper), layout.arm_gripper

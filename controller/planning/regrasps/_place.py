@@ -55,7 +55,7 @@ def place_paths(
         R_part = np.stack([_turned(nest.turn_rad) @ pose.R for pose in part.poses])
     else:
         R_part = _gripper_orientations() @ grasp.T_part_tcp[:3, :3].T
-    hull = np.asarray(part.solid.mesh.convex_hull.vertices)
+    hull = part.solid.hull_mm
     T_part = np.tile(np.eye(4), (len(R_part), 1, 1))
     T_part[:, :3, :3] = R_part
     tilts = np.arccos(

@@ -81,7 +81,7 @@ def view_poses(
 
 def _whole(solid: Solid, camera: Camera, T: FloatArray) -> BoolArray:
     """Return which poses (v, r, 4, 4) have the whole part inside the picture (v, r)."""
-    hull = np.asarray(solid.mesh.convex_hull.vertices) - solid.centroid_mm
+    hull = solid.hull_mm - solid.centroid_mm
     centre = T[0, 0, :3, :3] @ solid.centroid_mm + T[0, 0, :3, 3]
     radius = float(np.linalg.norm(hull, axis=1).max())
     if in_picture(camera, _rim_of_ball(camera, centre, radius)).all():

@@ -55,7 +55,7 @@ def candidates(
         & (seeds.gap <= widest_inner(jaw)),
         seeds.gap <= jaw.max_mm - rules.jaw_reserve_mm,
     )
-    hull = np.asarray(solid.mesh.convex_hull.vertices)
+    hull = solid.hull_mm
     poses, gaps, inner = [np.zeros((0, 4, 4))], [np.zeros(0)], [np.zeros(0, dtype=bool)]
     round_axis: dict[bytes, tuple[FloatArray, FloatArray]] = {}
     for k in np.flatnonzero(able):

@@ -43,7 +43,7 @@ def from_above(
     rules : what is kept of the full opening
     clearance_mm : kept of the table beside the usual margin
     """
-    hull = np.asarray(solid.mesh.convex_hull.vertices)
+    hull = solid.hull_mm
     u, v = across(down)
     turn = np.arange(HEADING_COUNT) * np.pi / HEADING_COUNT
     axes = np.outer(np.cos(turn), u) + np.outer(np.sin(turn), v)
