@@ -107,8 +107,10 @@ class TruthCamera:
             return self._last
         is_dark = faults.is_dark or sum(self._cell.levels().values()) < DARK_LEVEL
         world = self._cell.world
-        truth = part_pose(world, 0), custody(world, 0)
-        self._last = TruthFrame(stamped_picture(*truth, is_dark=is_dark))
+        first, *further = (
+            (part_pose(world, part.index), custody(world, part.index)) for part in world.parts
+        )
+        self._last = TruthFrame(stamped_picture(*first, *further, is_dark=is_dark))
         return self._last
 
     def _require_plug(self) -> None:

@@ -16,7 +16,15 @@ from typing import Any, Final, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.cell.batch import Outfit, RunOrder, RunResult, new_run_id, run_batch
+from controller.cell.batch import (
+    OrderedRecipe,
+    Outfit,
+    RunOrder,
+    RunResult,
+    jobs_of,
+    new_run_id,
+    run_batch,
+)
 from controller.cell.compute import Compute, Job, context
 from controller.cell.devices import Devices
 from controller.cell.devices.build import DeviceBuilder
@@ -67,11 +75,18 @@ class Scene:
     recipe : name of a recipe of the project
     pose_index : stable pose of the part
     place : number in `PLACES`
+    beside : the part of another recipe, which the same run is to take; None for none
     """
 
     recipe: str = "holder"
     pose_index: int = 0
     place: int = 0
+    beside: "Scene | None" = None
+
+    @property
+    def each(self) -> "tuple[Scene, ...]":
+        """The scene of each recipe, this one first."""
+        return (self, *(() if self.beside is None else self.beside.each))
 
 
 class SimulatedCell:
@@ -106,10 +121,12 @@ class SimulatedCell:
         self.scene = scene
         self.folder = folder
         folder.mkdir(parents=True, exist_ok=True)
-        self.recipe_path = ROOT / "recipes" / f"{scene.recipe}.yaml"
-        self.recipe = load_recipe(self.recipe_path)
-        self.job = Job(self.recipe_path, CELL_FILE)
-        self.context = context(self.job)
+        paths = [ROOT / "recipes" / f"{one.recipe}.yaml" for one in scene.each]
+        self.ordered = tuple(OrderedRecipe(path, load_recipe(path), 1) for path in paths)
+        self.jobs = jobs_of(self.ordered, CELL_FILE)
+        self.contexts = tuple(context(job) for job in self.jobs)
+        self.recipe_path, self.recipe = paths[0], self.ordered[0].recipe
+        self.job, self.context = self.jobs[0], self.contexts[0]
         self.plugs = Plugs()
         self.process = SimulatedProcess("cell")
         self.after_slice: Callable[[], None] = lambda: None
@@ -145,12 +162,13 @@ class SimulatedCell:
         self.cell.world.close()
 
     async def _start(self) -> None:
-        solid = self.context.solid
-        mesh = self.folder / f"{solid.name}.stl"
-        solid.mesh.export(mesh)
+        meshes = []
+        for one in self.contexts:
+            meshes.append(self.folder / f"{one.solid.name}.stl")
+            one.solid.mesh.export(meshes[-1])
         options = CellOptions(
             cell=CELL_FILE,
-            parts=(mesh,),
+            parts=tuple(meshes),
             is_empty=True,
             seed=self.seed,
             as_built=self.as_built,
@@ -183,24 +201,26 @@ class SimulatedCell:
 
     # --- the world ------------------------------------------------------------------------------
 
-    def planned_poses(self) -> tuple[Array, ...]:
-        """Return the poses (4, 4) of which plans are kept."""
-        return (self._place(self.scene),)
+    def planned_poses(self, number: int = 0) -> tuple[Array, ...]:
+        """Return the poses (4, 4) of which plans are kept, of a part by its number."""
+        return (self._place(number),)
 
-    def _place(self, scene: Scene) -> Array:
-        pose = next(p for p in self.context.poses if p.index == scene.pose_index)
-        return resting_pose(self.context.solid, pose, *PLACES[scene.place % len(PLACES)])
+    def _place(self, number: int) -> Array:
+        scene, known = self.scene.each[number], self.contexts[number]
+        pose = next(p for p in known.poses if p.index == scene.pose_index)
+        return resting_pose(known.solid, pose, *PLACES[scene.place % len(PLACES)])
 
     def _lay(self) -> None:
-        """Lay the part down near the scene's place, as far off as recognition is."""
-        T = self._place(self.scene)
-        centre = (T @ [*self.context.solid.centroid_mm, 1.0])[:3]
-        noise = Noise()
-        T = turned_about(T, centre, float(self._rng.normal(0.0, noise.turn_rad / 2)))
-        T[:2, 3] += self._rng.normal(0.0, noise.place_mm / 2, 2)
-        T[2, 3] += 0.5
-        self.cell.world.place(0, T)
-        self.cell.world.settle()
+        """Lay each part down near its scene's place, as far off as recognition is."""
+        for number, known in enumerate(self.contexts):
+            T = self._place(number)
+            centre = (T @ [*known.solid.centroid_mm, 1.0])[:3]
+            noise = Noise()
+            T = turned_about(T, centre, float(self._rng.normal(0.0, noise.turn_rad / 2)))
+            T[:2, 3] += self._rng.normal(0.0, noise.place_mm / 2, 2)
+            T[2, 3] += 0.5
+            self.cell.world.place(number, T)
+            self.cell.world.settle()
 
     def befall(self, verb: str, /, **order: Any) -> dict[str, Any]:  # noqa: ANN401  (verbs check)
         """Carry out a verb of docs/emulator-faults.md now; return its answer.
@@ -262,6 +282,7 @@ class Controller:
         self.state = ""
         self.on_state: Callable[[str], None] = lambda state: None
         self.minds: StandIns | None = None
+        self._all_minds: list[StandIns] = []
         self.dispatcher: Any = None
         self.row_count = -1  # the run's name takes the date once
         self._options = options
@@ -280,6 +301,7 @@ class Controller:
                 clock=clock,
                 runs_dir=cell.folder,
                 run_id=new_run_id(cell.recipe, stamps),
+                beside=cell.ordered[1:],
             ),
             **options,
         )
@@ -327,8 +349,16 @@ class Controller:
     def _compute(self, job: Job, pool: Executor) -> Compute:
         cell = self.cell
         rng = np.random.default_rng([cell.seed, 2, self.number])
-        self.minds = StandIns(cell.job, pool, Noise(), rng, cell.planned_poses(), TAKES_S)
-        return self.minds
+        # the cell's own job: where its devices answer is nothing that a plan depends on
+        paths = [one.recipe_path for one in cell.jobs]
+        number = paths.index(job.recipe_path)
+        planned = cell.planned_poses(number) if len(paths) == 1 else ()
+        made = StandIns(cell.jobs[number], pool, Noise(), rng, planned, TAKES_S, number)
+        self._all_minds.append(made)
+        for one in self._all_minds:
+            one.beside = tuple(other for other in self._all_minds if other is not one)
+        self.minds = self.minds or made
+        return made
 
     def _devices(
         self, cell_file: CellFile, where: Mapping[str, dict[str, Any]], clock: CellClock

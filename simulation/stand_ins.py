@@ -42,25 +42,34 @@ MEASURED_MM, MEASURED_RAD = 0.15, 0.002  # how well a view measures the pose in 
 SIZE_PX: Final = (1280, 1024)  # of both cameras: stored pictures are checked against it
 
 
-def stamped_picture(T_world_part: Array | None, custody: str, *, is_dark: bool = False) -> Grey:
-    """Return a picture that says where the part is.
+def stamped_picture(
+    T_world_part: Array | None,
+    custody: str,
+    *further: tuple[Array | None, str],
+    is_dark: bool = False,
+) -> Grey:
+    """Return a picture that says where each part is.
 
     Parameters
     ----------
-    T_world_part : (4, 4), None for a part that is away
-    custody : one of `HOLDERS`
+    T_world_part : (4, 4) of the first part, None for one that is away
+    custody : who has it, one of `HOLDERS`
+    further : the same of further parts
     is_dark : no light reached the sensor, so that the picture shows nothing
     """
-    T = np.eye(4) if T_world_part is None else T_world_part
-    numbers = np.concatenate([T.ravel(), [float(HOLDERS.index(custody)), float(is_dark)]])
     image = np.full(SIZE_PX[::-1], 0 if is_dark else 255, np.uint8)
-    image.ravel()[:HEADER_BYTES] = np.frombuffer(numbers.tobytes(), np.uint8)
+    for number, (T, holder) in enumerate(((T_world_part, custody), *further)):
+        where = (np.eye(4) if T is None else T).ravel()
+        numbers = np.concatenate([where, [float(HOLDERS.index(holder)), float(is_dark)]])
+        stamp = np.frombuffer(numbers.tobytes(), np.uint8)
+        image.ravel()[number * HEADER_BYTES : (number + 1) * HEADER_BYTES] = stamp
     return image
 
 
-def read_truth(picture: Grey) -> tuple[Array, str]:
-    """Return T_world_part (4, 4) and who had the part; ``away`` of a dark picture."""
-    numbers = np.frombuffer(picture.ravel()[:HEADER_BYTES].tobytes(), np.float64)
+def read_truth(picture: Grey, number: int = 0) -> tuple[Array, str]:
+    """Return T_world_part (4, 4) and who had a part by its number; ``away`` of a dark picture."""
+    stamp = picture.ravel()[number * HEADER_BYTES : (number + 1) * HEADER_BYTES]
+    numbers = np.frombuffer(stamp.tobytes(), np.float64)
     custody = "away" if numbers[17] else HOLDERS[int(numbers[16])]
     return numbers[:16].reshape(4, 4).copy(), custody
 
@@ -111,10 +120,12 @@ class StandIns(Compute):
     planned : poses (4, 4) of which plans are kept: a part this near to one, within the noise, is
         recognised exactly there
     takes_s : how long the worker takes for a question, from and to [s]; nothing where not named
+    number : of the recipe's part in the world
 
     Attributes
     ----------
     views : that were judged
+    beside : the same for the other recipes of the batch: their parts are seen on the table, too
     """
 
     def __init__(
@@ -125,6 +136,7 @@ class StandIns(Compute):
         rng: np.random.Generator,
         planned: tuple[Array, ...] = (),
         takes_s: Mapping[str, tuple[float, float]] = MappingProxyType({}),
+        number: int = 0,
     ) -> None:
         super().__init__(job, pool)
         self._context = context(job)
@@ -133,6 +145,8 @@ class StandIns(Compute):
         self._planned = planned
         self._takes_s = takes_s
         self.views: list[Seen] = []
+        self.beside: tuple[StandIns, ...] = ()
+        self._number = number
         self.has_recovered = False
         self._promised: dict[str, Mask] = {}
 
@@ -189,15 +203,20 @@ class StandIns(Compute):
         raise AssertionError("a doubt about a part that was read without one")
 
     async def recognise(self, backlit: Grey, lit: Mapping[str, Grey]) -> tuple[Sighting, ...]:
-        """Return where the part truly lies, with noise; nothing outside the camera's picture."""
+        """Return where parts truly lie, with noise; nothing outside the camera's picture."""
         await self._take("recognise")
-        T, custody = read_truth(backlit)
+        found = (one.sighted(backlit) for one in (self, *self.beside))
+        return tuple(one for one in found if one is not None)
+
+    def sighted(self, backlit: Grey) -> Sighting | None:
+        """Return where the recipe's part truly lies, with noise; None where it is not seen."""
+        T, custody = read_truth(backlit, self._number)
         c = self._context
         centre = transform(T, c.solid.centroid_mm[None])[0]
         width, height = c.overhead.size_px
         u, v = c.overhead.project(centre[None])[0]
         if custody != "free" or not (0 <= u < width and 0 <= v < height):
-            return ()
+            return None
         noisy = self._kept_near(T)
         if noisy is None:
             dx, dy = self._rng.normal(0.0, self._noise.place_mm, 2)
@@ -210,22 +229,20 @@ class StandIns(Compute):
         # a part that rolls on a curve lies on any line of it
         lies = angles[nearest] < np.radians(8.0) or any(p.rolling or p.rocking for p in c.poses)
         pose = c.poses[nearest]
-        return (
-            Sighting(
-                part=c.solid.name,
-                pose_index=pose.index if lies else -1,
-                R=noisy[:3, :3],
-                x_mm=float(centre[0]),
-                y_mm=float(centre[1]),
-                theta_rad=float(np.arctan2(noisy[1, 0], noisy[0, 0])),
-                T_world_part=noisy,
-                score=1.0,
-                covariance=None,
-                ambiguous_with=(),
-                area_mm2=0.0,
-                box_px=(0, 0, 1, 1),
-                residual_px=float("inf"),
-            ),
+        return Sighting(
+            part=c.solid.name,
+            pose_index=pose.index if lies else -1,
+            R=noisy[:3, :3],
+            x_mm=float(centre[0]),
+            y_mm=float(centre[1]),
+            theta_rad=float(np.arctan2(noisy[1, 0], noisy[0, 0])),
+            T_world_part=noisy,
+            score=1.0,
+            covariance=None,
+            ambiguous_with=(),
+            area_mm2=0.0,
+            box_px=(0, 0, 1, 1),
+            residual_px=float("inf"),
         )
 
     def _kept_near(self, T: Array) -> Array | None:
@@ -247,7 +264,7 @@ class StandIns(Compute):
     ) -> inspecting.ViewResult:
         """Return what the camera sees of the part where it truly is in the gripper."""
         await self._take("inspect")
-        T, custody = read_truth(backlit)
+        T, custody = read_truth(backlit, self._number)
         shift, turn = self._off(T, T_world_part)
         count = len(self._context.samples.points_mm)
         reason, seen = "", np.zeros(count, dtype=bool)
@@ -279,7 +296,7 @@ class StandIns(Compute):
     ) -> inspecting.ViewResult:
         """Return what the camera over the table sees of the part where it truly lies."""
         await self._take("inspect")
-        T, custody = read_truth(backlit)
+        T, custody = read_truth(backlit, self._number)
         is_there = custody == "free"
         count = len(self._context.samples.points_mm)
         seen = np.zeros(count, dtype=bool)
@@ -309,7 +326,7 @@ class StandIns(Compute):
     ) -> Array | None:
         """Return where the part truly is, if that is within what the real search tries."""
         await self._take("inspect")
-        T, custody = read_truth(backlit)
+        T, custody = read_truth(backlit, self._number)
         shift, turn = self._off(T, T_world_part)
         if custody != "arm" or shift > FOUND_MM or turn > FOUND_RAD:
             return None
@@ -325,7 +342,7 @@ class StandIns(Compute):
             is_held = view.camera is None
             picture = view.pictures[STATION_PANEL if is_held else TABLE_PANEL]
             stored = cv2.imread(str(set_path.parent / picture), cv2.IMREAD_GRAYSCALE)
-            T, custody = read_truth(np.asarray(stored, dtype=np.uint8))
+            T, custody = read_truth(np.asarray(stored, dtype=np.uint8), self._number)
             boxes = tuple(
                 inspecting.WorldBox(np.array(b.T), np.array(b.half_mm)) for b in view.gripper_boxes
             )

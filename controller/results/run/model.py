@@ -514,8 +514,12 @@ class RunRecord:
     @property
     def recipe_name(self) -> str:
         """The recipe's name; of several recipes all names."""
-        recipes = [one.recipe for one in self.ordered_recipes] or [self.recipe]
-        return " + ".join(str(recipe.get("name", "unknown")) for recipe in recipes)
+        return " + ".join(str(recipe.get("name", "unknown")) for recipe in self.recipes)
+
+    @property
+    def recipes(self) -> tuple[Mapping[str, Any], ...]:
+        """The recipes of the run, at least one, as they were read."""
+        return tuple(one.recipe for one in self.ordered_recipes) or (self.recipe,)
 
     def recipe_of(self, part: PartReport) -> RecipeOrdered:
         """Return the recipe that a part is of; the first one where it was not recognised."""

@@ -309,7 +309,7 @@ function listen() {
     take(JSON.parse(event.data));
   });
   hear("beat", () => {});
-  hear("now", (now) => { show(now); if (now.run) wantScene(now.run.run); });
+  hear("now", (now) => { show(now); if (now.run) wantScene(`${now.run.run} ${now.run.recipe}`); });
   hear("moment", (found) => { moment = found; if (scene) scene.show(found); sceneWords(found); });
   hear("end", () => location.assign("/login"));
   stream.onerror = async () => {
