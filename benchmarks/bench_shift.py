@@ -286,7 +286,8 @@ def main() -> int:
         )
     print(
         f"\n{found['sorted_right']} of {found['n']} right {found['interval_95']}, wrong PASS "
-        f"{found['wrong_pass']}, mixed up {found['mixed_up']}; {found['end']} {found['message']}"
+        f"{found['wrong_pass']}, mixed up {found['mixed_up']}, collisions {found['collisions']}; "
+        f"{found['end']} {found['message']}"
     )
     if found["busy_share_alone"] is not None:
         print(
