@@ -219,7 +219,7 @@ def _no_grasp_from_above(part: PreparedPart, layout: CellLayout, T_world_part: F
             able.append(str(pose.index))
     if able:
         return f"{text}; {remedy}, or lay it down in stable pose {' or '.join(able)}"
-    return f"{text}, and no other stable pose does; {remedy}"
+    return f"{text}, and no other pose does that is more than barely stable; {remedy}"
 
 
 def _out_of_reach(layout: CellLayout, T_tcp: FloatArray, where: str) -> OutOfReachError:
