@@ -119,7 +119,7 @@ class NowAnswers:
 
     async def events(self, visit: Visit) -> Response:
         """Return a stream of what is known, then of each change, while the session lasts."""
-        stream = self._live.watch()
+        stream = self._live.watch(visit.account.name)
         try:
             first = await anext(stream)
         except TooManyWatchersError:

@@ -29,6 +29,7 @@ POLL_WALL_S: Final = 0.1
 STATUS_WALL_S: Final = 0.5
 BEAT_WALL_S: Final = 5.0
 WATCHER_MAX_COUNT: Final = 40
+WATCHER_OF_ONE_MAX_COUNT: Final = 10  # so that one account cannot take the room of all
 
 
 class TooManyWatchersError(Exception):
@@ -41,9 +42,11 @@ class Watcher:
 
     Attributes
     ----------
+    owner : name of the account
     waiting : messages by kind, in the order in which they came
     """
 
+    owner: str = ""
     waiting: dict[str, str] = field(default_factory=dict)
     has_more: asyncio.Event = field(default_factory=asyncio.Event)
 
@@ -91,16 +94,21 @@ class Live:
             tasks.create_task(self._follow_journal())
             tasks.create_task(self._follow_status())
 
-    async def watch(self) -> AsyncIterator[tuple[str, str]]:
+    async def watch(self, owner: str = "") -> AsyncIterator[tuple[str, str]]:
         """Yield what is known, then each change: its kind and its JSON.
+
+        Parameters
+        ----------
+        owner : name of the account that looks
 
         Raises
         ------
         TooManyWatchersError : there are as many already as the page has room for
         """
-        if len(self._watchers) >= WATCHER_MAX_COUNT:
+        own = sum(one.owner == owner for one in self._watchers)
+        if len(self._watchers) >= WATCHER_MAX_COUNT or (owner and own >= WATCHER_OF_ONE_MAX_COUNT):
             raise TooManyWatchersError
-        watcher = Watcher()
+        watcher = Watcher(owner)
         for kind, message in self._sent.items():
             watcher.put(kind, message)
         self._watchers.add(watcher)
