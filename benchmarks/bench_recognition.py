@@ -3,13 +3,15 @@
 python benchmarks/bench_recognition.py [--json] [--set FOLDER...] [--parts PATH...] [--held-out]
     [--lights backlit front lo-backlit lo-front] [--rivals] [--explain FOLDER] [--keep FOLDER]
     [--times | --library 1000 [--library-dir FOLDER]] [--checkout FOLDER] [--lamps 3]
+    [--without PART...]
 
 Drives `cellctl recognise` as its users do, a process for the pictures of one light, held to one
 core. A set is a folder with pictures, truth.json, and perhaps lo/ (256 x 256) and calib/ (boards).
 What counts as right: `recognition_judge`. Every fourth picture is aside: --held-out tells those
 separately from the others. With `--lamps N` the front-lit pictures of a set that
 `trace_pictures.py --lamps N` made are judged N together, and the truth of a scene's first picture
-counts. The time of a picture is the sum of its answers' "seconds".
+counts. What --without names is left out of the library, so that it is a stranger. The time of a
+picture is the sum of its answers' "seconds".
 """
 
 from __future__ import annotations
@@ -22,7 +24,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -114,6 +116,15 @@ def read_set(folder: Path, args: argparse.Namespace, scratch: Path) -> Pictures:
     name = folder.name if folder != SHARED / "images" else "shared"
     things = read_things(truth)
     return Pictures(name, folder, truth, things, cameras, parts or [SHARED / "parts"])
+
+
+def without(pictures: Pictures, names: Sequence[str]) -> Pictures:
+    """Return a set of which some parts are in no library."""
+    if not names:
+        return pictures
+    things = [replace(t, is_known=t.is_known and t.part not in names) for t in pictures.things]
+    parts = [file for name, file in cad_files(pictures.parts).items() if name not in names]
+    return replace(pictures, things=things, parts=parts)
 
 
 def _is_shared_camera(truth: dict[str, Any]) -> bool:
@@ -361,6 +372,7 @@ def main() -> int:
     with tempfile.TemporaryDirectory(prefix="bench_recognition_") as scratch_name:
         for folder in folders:
             pictures = read_set(folder.resolve(), args, Path(scratch_name))
+            pictures = without(pictures, args.without)
             bench = Bench(pictures, args, checkout)
             body: dict[str, Any] = {"cameras": {k: how for k, (_, how) in pictures.cameras.items()}}
             if args.times:
@@ -413,6 +425,7 @@ def read_arguments() -> argparse.Namespace:
     parser.add_argument("--library", type=int, help="only with so many parts to choose from")
     parser.add_argument("--library-dir", type=Path, help="where that library is, or is to be, kept")
     parser.add_argument("--lamps", type=int, default=1, help="front-lit pictures of one scene")
+    parser.add_argument("--without", nargs="+", default=[], help="parts no library has")
     parser.add_argument("--all-cores", action="store_true", help="instead of one")
     parser.add_argument("--checkout", type=Path, help="whose cellctl is run; this one otherwise")
     return parser.parse_args()
