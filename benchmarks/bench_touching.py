@@ -2,9 +2,10 @@
 
 python benchmarks/bench_touching.py --set FOLDER... --parts PATH... [--json] [--keep FOLDER]
 
-A set is a folder of pictures that `trace_pictures.py --scene touching` or `--scene leaving` made:
-its truth.json has the `free_share` of each object, what of its outline nothing covers. Drives
-`cellctl recognise` as its users do; what counts as right: `recognition_judge`, alternatives
+A set is a folder of pictures that `trace_pictures.py --scene touching`, `--scene overlapping` or
+`--scene leaving` made, backlit or under lamps: its truth.json has the `free_share` of each object,
+what of its outline nothing covers. A part that lies on others is right if it leans as answered.
+Drives `cellctl recognise` as its users do; what counts as right: `recognition_judge`, alternatives
 included. Objects of which less than 70 % is free are counted apart. A false name is a known
 part's name for another part, for a stranger or for nothing.
 """
@@ -31,7 +32,8 @@ EXACT_MM = {"backlit": 0.1, "front": 0.3}
 FALSE = ("wrong part", "named", "spurious")
 GOAL = 0.95
 
-Shares = dict[tuple[str, float, float], float]
+Key = tuple[str, float, float]
+Shares = dict[Key, float]
 
 
 def free_shares(truth: dict[str, Any]) -> Shares:
@@ -43,24 +45,43 @@ def free_shares(truth: dict[str, Any]) -> Shares:
     }
 
 
-def described(found: Sequence[Verdict], shares: Shares, exact_mm: float) -> dict[str, Any]:
+def lying_ones(truth: dict[str, Any]) -> frozenset[Key]:
+    """Return picture and place of the objects that lie on others."""
+    return frozenset(
+        (entry["image"], o["x_mm"], o["y_mm"])
+        for entry in truth["images"]
+        for o in entry["objects"]
+        if o.get("lies_on")
+    )
+
+
+def described(
+    found: Sequence[Verdict], shares: Shares, lying: frozenset[Key], exact_mm: float
+) -> dict[str, Any]:
     """Return the figures of a set's verdicts.
 
     Parameters
     ----------
     found : on every object and every answer
     shares : of each object, what of its outline is free
+    lying : those that lie on others
     exact_mm : how far off a position may be
     """
     known = [v for v in found if v.thing is not None and v.thing.is_known]
     strangers = [v for v in found if v.thing is not None and not v.thing.is_known]
 
-    def share_of(v: Verdict) -> float:
+    def key_of(v: Verdict) -> Key:
         assert v.thing is not None
-        return shares[v.thing.image, v.thing.x_mm, v.thing.y_mm]
+        return v.thing.image, v.thing.x_mm, v.thing.y_mm
 
+    def share_of(v: Verdict) -> float:
+        return shares[key_of(v)]
+
+    free = [v for v in known if share_of(v) >= FREE]
     return {
-        "free": _part(known=[v for v in known if share_of(v) >= FREE], exact_mm=exact_mm),
+        "free": _part(known=free, exact_mm=exact_mm),
+        "free_on_table": _part([v for v in free if key_of(v) not in lying], exact_mm),
+        "free_on_others": _part([v for v in free if key_of(v) in lying], exact_mm),
         "covered": _part(known=[v for v in known if share_of(v) < FREE], exact_mm=exact_mm),
         "strangers": len(strangers),
         "strangers_named": sum(v.kind == "named" for v in strangers),
@@ -100,7 +121,8 @@ def measure(folder: Path, args: argparse.Namespace, scratch: Path) -> dict[str, 
             continue
         told = bench.answers(OURS, light, images)
         bench.keep(OURS, light, told)
-        result[light] = described(bench.judge(told, images), shares, EXACT_MM[light]) | {
+        lying, exact_mm = lying_ones(pictures.truth), EXACT_MM[light]
+        result[light] = described(bench.judge(told, images), shares, lying, exact_mm) | {
             "pictures": len(images),
             "costs": bench.costs(told, images),
         }
@@ -110,7 +132,13 @@ def measure(folder: Path, args: argparse.Namespace, scratch: Path) -> dict[str, 
 def print_set(name: str, light: str, body: dict[str, Any]) -> None:
     """Print what a set came to."""
     print(f"{name}, {light}: {body['pictures']} pictures")
-    for key, words in (("free", "70 % free and more"), ("covered", "less than 70 % free")):
+    groups = {
+        "free": "70 % free and more",
+        "free_on_table": "of these on the table",
+        "free_on_others": "of these on other parts",
+        "covered": "less than 70 % free",
+    }
+    for key, words in groups.items():
         part = body[key]
         if part["objects"]:
             print(

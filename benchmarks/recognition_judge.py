@@ -124,7 +124,9 @@ def read_answer(
     ----------
     poses : orientation of a part's stable pose by number, for alternatives told by number
     """
-    R = body["stable_pose_R"]
+    R, theta_deg = body["stable_pose_R"], body.get("theta_deg")
+    if body.get("lies_on"):  # it leans, as no stable pose does
+        R, theta_deg = np.asarray(body["T_world_part"])[:3, :3], 0.0
     readings = []
     for other in body.get("ambiguous_with", ()):
         turned = other.get("stable_pose_R")
@@ -135,7 +137,10 @@ def read_answer(
         body["image"],
         body["part"],
         None if R is None else np.asarray(R, dtype=np.float64),
-        *(_number(body.get(name)) for name in ("x_mm", "y_mm", "theta_deg", "score")),
+        _number(body.get("x_mm")),
+        _number(body.get("y_mm")),
+        _number(theta_deg),
+        _number(body.get("score")),
         tuple(readings),
         _number(body.get("seconds")),
         str(body.get("reason", "")),

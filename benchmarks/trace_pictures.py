@@ -2,7 +2,7 @@
 
     python benchmarks/trace_pictures.py PART... -o FOLDER --count 40 --seed 1 --mode both
            [--unknown PART...] [--multi 0.2] [--front-share 0.5] [--camera truth.json]
-           [--scene apart|touching|leaving] [--spp 48] [--small] [--wide] [--lamps 3]
+           [--scene apart|touching|overlapping|leaving] [--spp 48] [--small] [--wide] [--lamps 3]
 
 Writes into FOLDER, picture by picture, so that others may read while it grows:
     img_NNNN.png      1280 x 1024, 8 bit, as a camera with noise, blur and vignetting gives it
@@ -22,7 +22,8 @@ blackened or anodised parts; one to three bar lamps, a ring, or both, and a tabl
 `img_NNNN_0.png` and so on, of which truth.json says by `scene` which belong together. The room's
 own light is the same in all of them. `cellctl recognise --lamps 3` judges them jointly.
 `--scene touching` lays two to six parts against each other, `--scene leaving` one or two so that
-the picture's edge cuts them (`trace_touching`); of these truth.json also has the `free_share`.
+the picture's edge cuts them (`trace_touching`), `--scene overlapping` lets some of two to six fall
+on others (`trace_overlapping`); of these truth.json also has the `free_share`.
 `--camera` takes the `camera` of another truth.json; `--small` traces a quarter of the rays and
 writes only the small pictures. `--edges` measures instead of tracing: how far edges in FOLDER's
 unsaturated backlit pictures lie off the true outline.
@@ -51,6 +52,7 @@ sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
 import cv2  # noqa: E402  (threads and path come first)
 import numpy as np  # noqa: E402
 from numpy.typing import NDArray  # noqa: E402
+from trace_overlapping import put_overlapping  # noqa: E402
 from trace_placing import (  # noqa: E402
     NoRoomError,
     Part,
@@ -69,6 +71,7 @@ from controller.imaging import Camera  # noqa: E402
 
 Array = NDArray[np.float64]
 
+SCENES = ("apart", "touching", "overlapping", "leaving")
 CAMERA_NOTE = (
     "pixel (0,0) is the centre of the first pixel; OpenCV distortion (k1,k2,p1,p2,k3); "
     "X_c = R_wc X_w + t_wc; lo/: u_lo = (u + 0.5) / 5 - 0.5, v_lo = (v + 0.5) / 4 - 0.5, 4 x level"
@@ -294,6 +297,8 @@ def make_pictures(
         mode = "front" if is_front else "back"
     if args.scene == "apart":
         kind, placed = put_down(known, unknown, args.multi, camera, rng)
+    elif args.scene == "overlapping":
+        kind, placed = put_overlapping(known, unknown, camera, rng)
     else:
         kind, placed = put_touching(known, unknown, args.scene == "leaving", camera, rng)
     is_wide_light = args.wide and mode == "front"
@@ -400,7 +405,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--front-share", type=float, default=0.5, help="with --mode both")
     parser.add_argument("--unknown", nargs="+", type=Path, default=[], metavar="PART")
     parser.add_argument("--multi", type=float, default=0.2, help="share with several parts")
-    parser.add_argument("--scene", choices=("apart", "touching", "leaving"), default="apart")
+    parser.add_argument("--scene", choices=SCENES, default="apart")
     parser.add_argument("--camera", type=Path, help="a truth.json whose camera is used")
     parser.add_argument("--spp", type=int, default=48, help="rays a pixel")
     parser.add_argument("--wide", action="store_true", help="more kinds of surfaces and lamps")

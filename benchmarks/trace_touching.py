@@ -53,25 +53,61 @@ def put_touching(
     for _ in range(MAX_TRIES):
         count = int(rng.integers(1, 3)) if leaving else int(rng.integers(2, MOST_PARTS + 1))
         stranger = int(rng.integers(count)) if unknown and rng.random() < 0.2 else -1
-        pieces: list[_Piece] = []
+        pieces: list[Piece] = []
         for number in range(count):
             pool = unknown if number == stranger else known
             part = pool[int(rng.integers(len(pool)))]
-            _join(pieces, _drawn(part, number != stranger, rng), rng)
-        placed = _shown(pieces, leaving, camera, rng)
+            join(pieces, drawn(part, number != stranger, rng), rng)
+        placed = shown(pieces, leaving, camera, rng)
         if placed:
             return ("leaving" if leaving else "touching"), placed
     raise NoRoomError("no touching parts found that the picture shows")
 
 
-class _Piece:
-    """A part in a pose at a turn, its centre of mass at ``at``; outlines from straight above."""
+class Piece:
+    """A part in a pose at a turn, its centre of mass at ``at``; outlines from straight above.
 
-    def __init__(self, part: Part, words: Truth) -> None:
-        self.part, self.words, self.at = part, words, np.zeros(2)
+    Parameters
+    ----------
+    part : what it is
+    words : truth.json's, without its place
+    lift_mm : of its lowest point above the table
+    """
+
+    def __init__(self, part: Part, words: Truth, lift_mm: float = 0.0) -> None:
+        self.part, self.words, self.at, self.lift_mm = part, words, np.zeros(2), lift_mm
         R = turn(words)
         self.loops = [loop.points for loop in outline(part.solid, R, prepared=_views(part)).loops]
         self.upright = (np.asarray(part.solid.mesh.vertices) - part.solid.centroid_mm) @ R.T
+
+    @property
+    def height_mm(self) -> float:
+        """Of its centre of mass above the table."""
+        return self.lift_mm - float(self.upright[:, 2].min())
+
+    @property
+    def points_mm(self) -> Array:
+        """(n, 3) its vertices where it lies."""
+        return self.upright + np.array([*self.at, self.height_mm])
+
+    def moved(self, turned: Array, centroid_mm: Array, below: tuple[int, ...]) -> Piece:
+        """Return it turned further, elsewhere, lying on other pieces.
+
+        Parameters
+        ----------
+        turned : (3, 3) world
+        centroid_mm : (3,) world, of its centre of mass then
+        below : numbers of the pieces it lies on
+        """
+        theta = np.radians(self.words["theta_deg"])
+        c, s = np.cos(theta), np.sin(theta)
+        about_z = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        R = about_z.T @ turned @ turn(self.words)
+        words = {**self.words, "stable_pose_R": np.round(R, 9).tolist(), "lies_on": list(below)}
+        piece = Piece(self.part, words)
+        piece.lift_mm = float(centroid_mm[2] + piece.upright[:, 2].min())
+        piece.at = np.array(centroid_mm[:2])
+        return piece
 
     @property
     def sides(self) -> Array:
@@ -95,9 +131,10 @@ def _views(part: Part) -> ViewModel:
     return _views_of(part.solid)
 
 
-def _drawn(part: Part, is_known: bool, rng: np.random.Generator) -> _Piece:
+def drawn(part: Part, is_known: bool, rng: np.random.Generator) -> Piece:
+    """Return a part in one of its stable poses, turned by chance."""
     pose = part.poses[rng.choice(len(part.poses), p=part.odds)]
-    return _Piece(part, _words(part, pose.index, pose.R, is_known, rng.uniform(0.0, 360.0)))
+    return Piece(part, _words(part, pose.index, pose.R, is_known, rng.uniform(0.0, 360.0)))
 
 
 def _words(part: Part, index: int, R: Array, is_known: bool, theta_deg: float) -> Truth:
@@ -110,11 +147,11 @@ def _words(part: Part, index: int, R: Array, is_known: bool, theta_deg: float) -
     }
 
 
-def _join(pieces: list[_Piece], piece: _Piece, rng: np.random.Generator) -> None:
-    """Add a piece, slid up to those there are."""
+def join(pieces: list[Piece], piece: Piece, rng: np.random.Generator) -> Array:
+    """Add a piece, slid up to those there are; return the direction (2,) it came in."""
     if not pieces:
         pieces.append(piece)
-        return
+        return np.zeros(2)
     beside = pieces[int(rng.integers(len(pieces)))]
     there, here = beside.flat_sides(), piece.flat_sides()
     if rng.random() < FLAT_SHARE and len(there) and len(here):
@@ -124,7 +161,7 @@ def _join(pieces: list[_Piece], piece: _Piece, rng: np.random.Generator) -> None
         words = piece.words
         theta = (words["theta_deg"] + turned) % 360.0
         R = np.array(words["stable_pose_R"])
-        piece = _Piece(piece.part, _words(piece.part, words["pose_id"], R, words["known"], theta))
+        piece = Piece(piece.part, _words(piece.part, words["pose_id"], R, words["known"], theta))
         c, s = np.cos(np.radians(turned)), np.sin(np.radians(turned))
         middle = b.mean(axis=0) @ np.array([[c, s], [-s, c]])
         half = 0.4 * (np.linalg.norm(a[1] - a[0]) + np.linalg.norm(b[1] - b[0]))
@@ -143,6 +180,7 @@ def _join(pieces: list[_Piece], piece: _Piece, rng: np.random.Generator) -> None
         stops = [_slide(start - one.at, piece.sides, one.sides, towards) for one in pieces]
     piece.at = start + (min(stops) - HAIR_MM) * towards
     pieces.append(piece)
+    return np.asarray(towards)
 
 
 def _slide(offset: Array, mine: Array, theirs: Array, towards: Array) -> float:
@@ -164,8 +202,8 @@ def _first_hit(points: Array, towards: Array, sides: Array) -> float:
     return float(far[meets].min()) if meets.any() else np.inf
 
 
-def _shown(
-    pieces: Sequence[_Piece], leaving: bool, camera: Camera, rng: np.random.Generator
+def shown(
+    pieces: Sequence[Piece], leaving: bool, camera: Camera, rng: np.random.Generator
 ) -> list[Placed]:
     """Return the pieces moved to where the picture shows them; nothing where it does not."""
     width, height = camera.size_px
@@ -188,9 +226,9 @@ def _shown(
     return []
 
 
-def _placed(piece: _Piece, shift: Array, camera: Camera) -> Placed:
+def _placed(piece: Piece, shift: Array, camera: Camera) -> Placed:
     at = np.round(piece.at + shift, 4)
-    height = -float(piece.upright[:, 2].min())
+    height = piece.height_mm
     words = dict(piece.words)
     words |= {"x_mm": float(at[0]), "y_mm": float(at[1])}
     words["centroid_height_mm"] = round(height, 4)

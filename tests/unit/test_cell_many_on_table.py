@@ -98,6 +98,17 @@ def test_what_is_sure_and_free_comes_first(better: Any, worse: Any) -> None:
     assert choose(good, bad, counts=(1, 9)) is good
 
 
+def test_of_two_parts_the_one_that_lies_on_the_other_is_taken_first() -> None:
+    below, above = seen(is_covered=True), seen(x_mm=60.0, lies_on=(0,), free_share=0.6)
+    assert choose(below, above, counts=(9, 1)) is above
+
+
+def test_what_something_lies_on_is_not_taken_whatever_is_beside_it() -> None:
+    with pytest.raises(PartProblemError, match="touching another, under another") as e:
+        choose(seen(touching_count=1, is_covered=True), seen(None, x_mm=60.0), counts=(9, 0))
+    assert e.value.code == "many_parts"
+
+
 def test_of_two_alike_that_with_more_grasps_comes_first() -> None:
     one, other = seen(), seen(x_mm=60.0)
     assert choose(one, other, counts=(2, 7)) is other
@@ -196,10 +207,12 @@ def test_a_part_partly_outside_the_backlit_area_is_not_grasped() -> None:
 
 
 def test_what_is_free_of_an_outline_is_kept_in_the_journal() -> None:
-    (row,) = sightings_row((seen(free_share=0.8125, touching_count=2, is_cut=True),)).sightings
+    one = seen(free_share=0.8125, touching_count=2, is_cut=True, lies_on=(1, 3), is_covered=True)
+    (row,) = sightings_row((one,)).sightings
     again = sighting_of(row)
     assert again.free_share == pytest.approx(0.8125, abs=1e-3)
     assert (again.touching_count, again.is_cut) == (2, True)
+    assert (again.lies_on, again.is_covered) == ((1, 3), True)
 
 
 # --- several recipes ----------------------------------------------------------------------------

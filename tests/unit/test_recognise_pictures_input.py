@@ -25,7 +25,8 @@ KEYS = {
     "image", "part", "stable_pose_R", "x_mm", "y_mm", "theta_deg", "score", "ambiguous_with",
     "seconds",  # conventions.md 7
     "pose_index", "sigma_mm", "sigma_deg", "T_world_part", "reason", "remarks", "lighting",
-    "seconds_picture", "free_share", "touching_count", "is_cut", "images",
+    "seconds_picture", "free_share", "touching_count", "is_cut", "images", "lies_on",
+    "is_covered",
 }  # fmt: skip
 
 

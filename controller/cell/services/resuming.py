@@ -210,4 +210,6 @@ def sighting_of(row: rows.SightingFields) -> Sighting:
         free_share=row.free_share,
         touching_count=row.touching_count,
         is_cut=row.is_cut,
+        lies_on=row.lies_on,
+        is_covered=row.is_covered,
     )

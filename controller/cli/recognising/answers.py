@@ -192,6 +192,8 @@ def _bodies(
             "free_share": s.free_share,
             "touching_count": s.touching_count,
             "is_cut": s.is_cut,
+            "lies_on": list(s.lies_on),
+            "is_covered": s.is_covered,
             **about,
         }
 
@@ -218,6 +220,10 @@ def _in_part(body: dict[str, Any]) -> str:
     count, reasons = body["touching_count"], []
     if count:
         reasons.append("touches another object" if count == 1 else f"one of {count + 1} that touch")
+    if body["lies_on"]:
+        reasons.append("lies on another object")
+    if body["is_covered"]:
+        reasons.append("another object lies on it")
     if body["is_cut"]:
         reasons.append("partly outside the picture")
     if not reasons:

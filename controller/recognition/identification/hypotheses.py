@@ -332,7 +332,7 @@ def _coarse(
             most=limits.coarse_samples,
         )
         fit = fit_edges(model, T, camera, cutout.measure, options)
-        score = 0.0 if fit is None else _coarse_score(fit)
+        score = 0.0 if fit is None else coarse_score(fit)
         if score > best_score:
             best, best_score = fit, score
         if best_score >= limits.sure_coarse:
@@ -359,7 +359,7 @@ def _coarse_by_outline(
     for which in dict.fromkeys((candidate.silhouette, 0)):
         outline = cutout.outline_of(which)
         fit = fit_edges(model, T_world_part, camera, outline, options, first)
-        score = 0.0 if fit is None else _coarse_score(fit)
+        score = 0.0 if fit is None else coarse_score(fit)
         if fit is not None and score > best_score:
             start, best_score = fit.T_world_part, score
         if best_score >= limits.sure_coarse:
@@ -368,10 +368,10 @@ def _coarse_by_outline(
         return None, 0.0
     options = replace(options, reach_px=(_reach_px(limits.after_outline_mm, cutout),))
     fit = fit_edges(model, start, camera, cutout.measure, options)
-    return fit, 0.0 if fit is None else _coarse_score(fit)
+    return fit, 0.0 if fit is None else coarse_score(fit)
 
 
-def _coarse_score(fit: EdgeFit) -> float:
+def coarse_score(fit: EdgeFit) -> float:
     """Return the share of predicted edges that are about where they should be."""
     off = np.abs(np.nan_to_num(fit.gaps.gap_px, nan=99.0))
     near = np.exp(-0.5 * (off / 2.0) ** 2)

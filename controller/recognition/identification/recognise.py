@@ -19,7 +19,7 @@ from controller.imaging import Camera
 
 from ..grey import image_features, propose
 from ..library import FEW_VIEWS, Candidate, Entry, Library, Silhouette, polar_grid
-from ..segmentation import Region, brightest_of, segment
+from ..segmentation import Region, brightest_of, joined, near_ones, segment
 from .cutout import ObjectCutout
 from .decide import Decision, decide, is_convincing
 from .hypotheses import (
@@ -30,9 +30,11 @@ from .hypotheses import (
     ranked_under_lamps,
     weigh,
 )
+from .lit import parts_of_lit
 from .sighting import Alternative, Recognition, Sighting, Trace
 from .touching import PartialSighting, parts_of
 
+Answers = tuple[Region, list[tuple[Sighting, Trace]]]  # of a region, and what is in it
 LEFT_OVER = "touches known parts, but is none of them as far as it is seen; move it apart"
 WHOLE = 0.95  # of an outline's length, that the part itself explains
 BESIDE_MM = 3.0  # from the outline of a part that is named, farther off is something else's,
@@ -100,15 +102,23 @@ def recognise(
         inner = (brightest_of((picture, *lit)), picture, *lit)
         found = segment(inner[0], "front", usable, least_px)
     assert found is not None
-    sightings, traces = [], []
+    sightings: list[Sighting] = []
+    traces: list[Trace] = []
+    every: list[Answers] = []
     for region in found.regions:
         answers = [_identify(region, inner, camera, library, is_backlit, limits)]
         if is_backlit and _may_be_several(*answers[0], np.sqrt(pixel_mm2)):
             parts = parts_of(region, inner, camera, library, usable, least_px, limits.search)
             if answers[0][0].part is None or len(parts) > 1:
                 answers = _of_parts(parts, camera, library, pixel_mm2) or answers
+        every.append((region, answers))
+    if not is_backlit:
+        every = _taken_apart(every, inner, camera, library, usable, pixel_mm2, limits)
+    for _, answers in every:
+        first = len(sightings)
         for sighting, trace in answers:
-            sightings.append(sighting)
+            below = tuple(first + k for k in sighting.lies_on)
+            sightings.append(replace(sighting, lies_on=below) if below else sighting)
             traces.append(trace)
     return Recognition(tuple(sightings), tuple(traces), found)
 
@@ -177,6 +187,37 @@ def _may_be_several(sighting: Sighting, trace: Trace, mm_per_px: float) -> bool:
     return float(is_beside.sum()) * mm_per_px > ANOTHER_MM
 
 
+def _taken_apart(
+    every: Sequence[Answers],
+    pictures: Sequence[Grey],
+    camera: Camera,
+    library: Library,
+    usable: BoolArray | None,
+    pixel_mm2: float,
+    limits: RecognitionLimits,
+) -> list[Answers]:
+    """Return answers under lamps with those of clusters taken apart, things that touch as one."""
+    out = dict(enumerate(every))
+    for group in near_ones([region for region, _ in every]):
+        numbers = [k for k in group if not every[k][0].touches_edge]
+        whole = [every[k] for k in numbers]
+        if not any(_may_be_several(*one[1][0], float(np.sqrt(pixel_mm2))) for one in whole):
+            continue
+        region = joined([region for region, _ in whole])
+        least_px = limits.min_area_mm2 / pixel_mm2
+        parts = parts_of_lit(region, pictures, camera, library, usable, least_px, limits.search)
+        named_singly = sum(answers[0][0].part is not None for _, answers in whole)
+        named = sum(part.decision.best is not None for part in parts)
+        # a part with nothing beside it is judged as a whole
+        if len(parts) > 1 and (
+            named > named_singly or (0 < named == named_singly and len(parts) > len(whole))
+        ):
+            for k in numbers[1:]:
+                del out[k]
+            out[numbers[0]] = region, _of_parts(parts, camera, library, pixel_mm2)
+    return list(out.values())
+
+
 def _of_parts(
     parts: Sequence[PartialSighting],
     camera: Camera,
@@ -199,6 +240,8 @@ def _of_parts(
             free_share=one.free_share,
             touching_count=others,
             is_cut=is_cut and best is not None,
+            lies_on=one.lies_on,
+            is_covered=one.is_covered,
         )
         out.append((seen, Trace(one.region, (), one.hypotheses)))
     return out

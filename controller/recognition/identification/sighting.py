@@ -47,6 +47,9 @@ class Sighting:
     free_share : share of its outline by which it was recognised; the rest other objects cover, or
         it lies outside the picture or the backlit area. Parts of one backlit cluster lie beside
         each other on the table, none on another
+    lies_on : numbers of the picture's sightings that it lies on, from 0; its ``T_world_part`` then
+        has the tilt it leans by and is no pose of a part at rest on the table
+    is_covered : another object lies on it
     touching_count : other objects that it is one cluster with
     is_cut : it lies partly outside the picture or the backlit area
     """
@@ -68,6 +71,8 @@ class Sighting:
     free_share: float = 1.0
     touching_count: int = 0
     is_cut: bool = False
+    lies_on: tuple[int, ...] = ()
+    is_covered: bool = False
 
     def read_as(self, name: str, library: Library) -> "Sighting":
         """Return what this is if it is that part, this hypothesis being the alternative then.

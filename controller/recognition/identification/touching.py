@@ -35,12 +35,16 @@ class PartialSighting:
     decision : what it is
     hypotheses : what it may be, best first; none for what is left
     free_share : of the best one's outline
+    lies_on : numbers of the parts and pieces of this cluster that it lies on
+    is_covered : something lies on it
     """
 
     region: Region
     decision: Decision
     hypotheses: tuple[Hypothesis, ...]
     free_share: float
+    lies_on: tuple[int, ...] = ()
+    is_covered: bool = False
 
 
 def parts_of(
@@ -73,7 +77,7 @@ def parts_of(
         hypotheses = _hypotheses(place, own, pictures, camera, library, limits)
         decision = decide(hypotheses, is_backlit=True)
         if decision.best is None or not _is_certain(decision.best, library):
-            left = left | (_within(own, region) & region.mask)
+            left = left | (within(own, region) & region.mask)
             continue
         best = next(fit for fit in place.fits if _is_of(decision.best, fit))
         found.append(PartialSighting(own, decision, tuple(hypotheses), best.free_share))
@@ -134,10 +138,18 @@ def _own_region(fit: PartialFit, cluster: Cluster) -> Region:
     whole = cluster.region
     shadow = cluster.raster(fit.shadow).astype(np.uint8)
     mask = whole.mask & (cv2.dilate(shadow, np.ones((CELL_PX, CELL_PX), np.uint8)) > 0)
-    return _cut_out(mask, whole, fit.free_share < 1.0)
+    return cut_out(mask, whole, fit.free_share < 1.0)
 
 
-def _cut_out(mask: BoolArray, whole: Region, is_cut: bool) -> Region:
+def cut_out(mask: BoolArray, whole: Region, is_cut: bool) -> Region:
+    """Return what of a region a mask of its box names.
+
+    Parameters
+    ----------
+    mask : (h, w)
+    whole : the region
+    is_cut : it reaches the picture's edge if the region does
+    """
     x0, y0, _, _ = whole.box_px
     left, top, width, height = cv2.boundingRect(mask.astype(np.uint8))
     margin = 4
@@ -157,7 +169,7 @@ def _cut_out(mask: BoolArray, whole: Region, is_cut: bool) -> Region:
     )
 
 
-def _within(own: Region, whole: Region) -> BoolArray:
+def within(own: Region, whole: Region) -> BoolArray:
     """Return a region's mask in the box of the cluster that it is of."""
     out = np.zeros_like(whole.mask)
     x, y = own.box_px[0] - whole.box_px[0], own.box_px[1] - whole.box_px[1]
@@ -171,7 +183,7 @@ def _what_is_left(left: BoolArray, whole: Region, least_px: float) -> list[Parti
     _, labels, stats, _ = cv2.connectedComponentsWithStats(left.astype(np.uint8), connectivity=8)
     nothing = Decision(None, 1.0, (), None)
     return [
-        PartialSighting(_cut_out(labels == k, whole, True), nothing, (), 0.0)
+        PartialSighting(cut_out(labels == k, whole, True), nothing, (), 0.0)
         for k in range(1, len(stats))
         if stats[k, cv2.CC_STAT_AREA] >= least_px
     ]

@@ -130,6 +130,8 @@ class SightingFields(Fields):
     free_share: float = 1.0
     touching_count: int = 0
     is_cut: bool = False
+    lies_on: tuple[int, ...] = ()
+    is_covered: bool = False
 
 
 class Sightings(Body):

@@ -84,6 +84,8 @@ def _sighting(s: Sighting) -> rows.SightingFields:
         free_share=round(s.free_share, 3),
         touching_count=s.touching_count,
         is_cut=s.is_cut,
+        lies_on=s.lies_on,
+        is_covered=s.is_covered,
     )
 
 

@@ -167,6 +167,8 @@ def chosen(
 ) -> int:
     """Return the number of the object to take: known for sure, free of others, soonest done.
 
+    What another object lies on is left until that one is gone.
+
     Parameters
     ----------
     seen : all objects on the table
@@ -190,7 +192,7 @@ def chosen(
             how.path_count,
         )
 
-    free = [k for k in among if pickable[k].path_count > 0]
+    free = [k for k in among if pickable[k].path_count > 0 and not seen[k].is_covered]
     if not free:
         raise PartProblemError(
             "many_parts",
@@ -205,6 +207,8 @@ def where(seen: Sequence[SightingFields]) -> str:
     return "; ".join(
         f"{one.part or 'unknown object'} at x {one.x_mm:.0f}, y {one.y_mm:.0f} mm"
         + (", touching another" if one.touching_count else "")
+        + (", lying on another" if one.lies_on else "")
+        + (", under another" if one.is_covered else "")
         + (", partly outside the backlit area" if one.is_cut else "")
         for one in seen
     )

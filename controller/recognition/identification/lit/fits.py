@@ -1,0 +1,281 @@
+"""A pose fitted to the grey levels of a cluster under lamps, beside other parts that are there.
+
+Edges inside show here, and so does the border between two parts. What another part hides is not
+asked for, and what another part explains is not held against a pose.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import cv2
+import numpy as np
+
+from controller.arrays import BoolArray, FloatArray, Grey, IntArray
+from controller.imaging import Camera, inverse_pose, render_maps, transform
+
+from ...fitting import (
+    EdgeFit,
+    EdgeModel,
+    Evidence,
+    Gaps,
+    GreyMeasure,
+    ImageEdges,
+    grey_evidence,
+    is_predicted,
+    shading_fits,
+)
+from ...library import Candidate
+
+HIDDEN_MM = 0.4  # something this much nearer the eye hides an edge
+BESIDE_PX = 1  # outside its mask strong edges still are the part's
+RIM_PX = 2  # of its grey levels that are blurred with what lies beside it
+OUTSIDE_PX = 2.5  # outside an outline, where another part takes away its border with the table
+STRIDE_PX = 3  # between the sight lines by which parts are compared
+GOES_ON_MM = 8.0  # below the table, where sight lines come back from
+BURIED_MM = 1.5  # along a line of sight, by which two parts are in one place
+BURIED_SHARE = 0.02  # of the smaller one
+BURIED_CELLS = 6
+PROBED = (0.2, 0.5, 0.8)  # of a shared stretch of a line, where both parts are asked
+
+
+class LitCluster:
+    """A region of a picture under lamps that may hold several parts.
+
+    Parameters
+    ----------
+    picture : (height, width) grey
+    box_px : x0, y0, x1, y1 of the crop, wide enough for all of its parts
+    mask : (h, w) of the crop, what was cut out
+    camera : overhead, calibrated
+    """
+
+    def __init__(
+        self,
+        picture: Grey,
+        box_px: tuple[int, int, int, int],
+        mask: BoolArray,
+        camera: Camera,
+    ) -> None:
+        self.box_px, self.mask, self.camera = box_px, mask, camera
+        x0, y0, x1, y1 = box_px
+        self.crop = np.ascontiguousarray(picture[y0:y1, x0:x1])
+        self.grey = GreyMeasure(self.crop, (x0, y0), is_lit=True)
+        self.image_edges = ImageEdges.of(self.grey, np.ones(mask.shape, dtype=np.bool_))
+
+    def mm_per_px(self, x_mm: float, y_mm: float) -> float:
+        """Return the size of a pixel on the table."""
+        return self.camera.mm_per_px(np.array([x_mm, y_mm, 0.0]))
+
+    def index(self, pixels: FloatArray) -> tuple[IntArray, IntArray, BoolArray]:
+        """Return rows and columns (n,) of pixels (n, 2) in the crop, and which are in it."""
+        height, width = self.mask.shape
+        x, y = np.round(np.nan_to_num(pixels, nan=-1e6) - self.box_px[:2]).astype(np.int64).T
+        within = (x >= 0) & (y >= 0) & (x < width) & (y < height)
+        return np.clip(y, 0, height - 1), np.clip(x, 0, width - 1), within
+
+
+@dataclass(frozen=True, eq=False)
+class LitFit:
+    """A candidate, fitted.
+
+    Attributes
+    ----------
+    candidate, model : what it is
+    fit : its visible edges, hidden by others or not
+    cluster : what it was fitted to
+    leans : it was fitted with any tilt and height, as a part that lies on another
+    """
+
+    candidate: Candidate
+    model: EdgeModel
+    fit: EdgeFit
+    cluster: LitCluster
+    leans: bool = False
+
+    @property
+    def T(self) -> FloatArray:
+        """(4, 4) where it is in the world."""
+        return self.fit.T_world_part
+
+    @property
+    def mm_per_px(self) -> float:
+        """Size of a pixel on the table about where it is."""
+        return self.cluster.mm_per_px(float(self.T[0, 3]), float(self.T[1, 3]))
+
+    @cached_property
+    def depth_mm(self) -> FloatArray:
+        """(h, w) of the crop, from the camera to the part; inf beside it."""
+        cluster = self.cluster
+        out = np.full(cluster.mask.shape, np.inf)
+        x0, y0, x1, y1 = cluster.box_px
+        seen = self.fit.edges.pixels
+        low = np.maximum(np.floor(seen.min(axis=0)).astype(int) - 2, [x0, y0])
+        high = np.minimum(np.ceil(seen.max(axis=0)).astype(int) + 3, [x1, y1])
+        if (low >= high).any():
+            return out
+        roi = (int(low[0]), int(low[1]), int(high[0]), int(high[1]))
+        maps = render_maps(self.model.caster, self.fit.T_world_part, cluster.camera, roi)
+        out[low[1] - y0 : high[1] - y0, low[0] - x0 : high[0] - x0] = maps.depth_mm
+        return out
+
+    @property
+    def shadow(self) -> BoolArray:
+        """(h, w) where the part is seen, if nothing hides it."""
+        return np.asarray(np.isfinite(self.depth_mm))
+
+    def is_above(self, other: "LitFit") -> bool:
+        """Return whether it lies before another part by more than chance."""
+        nearer = other.shadow & (self.depth_mm < other.depth_mm - HIDDEN_MM)
+        return int(nearer.sum()) > BURIED_CELLS * STRIDE_PX**2
+
+    def is_hidden(self, others: Sequence["LitFit"]) -> BoolArray:
+        """Return which of its edges (n,) others lie before."""
+        edges = self.fit.edges
+        eye = self.cluster.camera.position_mm
+        axis = self.cluster.camera.T_world_cam[:3, 2]
+        own = (edges.points_mm - eye) @ axis
+        y, x, within = self.cluster.index(edges.pixels)
+        answer = np.zeros(len(own), dtype=np.bool_)
+        for other in others:
+            answer |= within & (other.depth_mm[y, x] < own - HIDDEN_MM)
+        return answer
+
+    def visible_mask(self, others: Sequence["LitFit"]) -> BoolArray:
+        """Return where (h, w) it is seen and others do not lie before it."""
+        seen = self.shadow
+        for other in others:
+            seen = seen & ~(other.depth_mm < self.depth_mm)
+        return np.asarray(seen)
+
+    def is_beside(self, others: Sequence["LitFit"]) -> BoolArray:
+        """Return outside which edges (n,) of its outline another part is seen."""
+        edges = self.fit.edges
+        y, x, within = self.cluster.index(edges.pixels + OUTSIDE_PX * edges.normals)
+        answer = np.zeros(len(edges.pixels), dtype=np.bool_)
+        for other in others:
+            answer |= within & other.shadow[y, x]
+        return answer & edges.on_outline
+
+    def free_share(self, others: Sequence["LitFit"]) -> float:
+        """Return the share of its outline that no other part lies before or beside."""
+        on = self.fit.edges.on_outline
+        if not on.any():
+            return 0.0
+        return float((~(self.is_hidden(others) | self.is_beside(others)))[on].mean())
+
+    def seen_fit(self, others: Sequence["LitFit"]) -> EdgeFit:
+        """Return the fit with those of its edges alone that no other part hides."""
+        seen, fit = ~self.is_hidden(others), self.fit
+        gaps = Gaps(fit.gaps.gap_px[seen], fit.gaps.weight[seen])
+        return EdgeFit(fit.T_world_part, fit.edges.at(seen), gaps, fit.sigma_px, fit.covariance)
+
+    def evidence(self, others: Sequence["LitFit"], area: BoolArray | None = None) -> Evidence:
+        """Return what the picture says of it, where others are what they are.
+
+        Parameters
+        ----------
+        others : the parts beside it
+        area : (h, w) of the crop that is asked about, less what others hide; None for where the
+            part itself is seen
+        """
+        cluster = self.cluster
+        edges = self.seen_fit(others).edges
+        seen = self.visible_mask(others)
+        if area is not None:
+            seen = seen | area
+            for other in others:
+                seen &= ~(other.shadow & ~(self.depth_mm < other.depth_mm))
+        wide = np.ones((2 * BESIDE_PX + 1,) * 2, np.uint8)
+        about = cv2.dilate(seen.astype(np.uint8), wide) > 0
+        inside = cv2.erode(seen.astype(np.uint8), np.ones((2 * RIM_PX + 1,) * 2, np.uint8)) > 0
+        picture_edges = ImageEdges.of(cluster.grey, np.asarray(about))
+        if others:
+            own = is_predicted(picture_edges.points_px, edges, edges.step_mm / self.mm_per_px)
+            theirs = np.zeros(len(own), dtype=np.bool_)
+            for other in others:
+                step_px = other.fit.edges.step_mm / self.mm_per_px
+                theirs |= is_predicted(picture_edges.points_px, other.fit.edges, step_px)
+            picture_edges = _picked(picture_edges, own | ~theirs)
+        (shading,) = shading_fits(
+            self.model,
+            self.fit.T_world_part,
+            cluster.camera,
+            (cluster.crop,),
+            cluster.box_px[:2],
+            np.asarray(inside),
+        )
+        return grey_evidence(
+            edges, self.fit.sigma_px, self.mm_per_px, (cluster.grey,), picture_edges, shading
+        )
+
+    @cached_property
+    def explains(self) -> BoolArray:
+        """(m,) which of the cluster's strong edges it predicts."""
+        edges = self.fit.edges
+        step_px = edges.step_mm / self.mm_per_px
+        return is_predicted(self.cluster.image_edges.points_px, edges, step_px)
+
+    @cached_property
+    def leave_mm(self) -> FloatArray:
+        """(h, w) of every `STRIDE_PX`-th pixel, depth at which sight lines leave it; nan beside."""
+        cluster = self.cluster
+        enter = self.depth_mm[::STRIDE_PX, ::STRIDE_PX]
+        out = np.full(enter.shape, np.nan)
+        y, x = np.nonzero(np.isfinite(enter))
+        pixels = STRIDE_PX * np.column_stack([x, y]).astype(np.float64) + cluster.box_px[:2]
+        lines = cluster.camera.sight_lines(pixels)
+        eye = cluster.camera.position_mm
+        T = inverse_pose(self.fit.T_world_part)
+        # from below the table back to the eye, where the line leaves is met first
+        whole = (eye[2] + GOES_ON_MM) / -lines[:, 2]
+        begin, way = transform(T, eye[None])[0], lines @ T[:3, :3].T
+        triangle, back = self.model.caster.first_hit(begin + whole[:, None] * way, -way)
+        out[y, x] = np.where(triangle >= 0, whole - back, enter[y, x])
+        return out
+
+    def holds(self, points_mm: FloatArray) -> BoolArray:
+        """Return which points (n, 3) of the world are inside the part."""
+        T = inverse_pose(self.T)
+        up = T[:3, :3] @ np.array([0.0, 0.0, 1.0])
+        triangle, _ = self.model.caster.first_hit(transform(T, points_mm), up)
+        return np.asarray((triangle >= 0) & (self.model.normals[triangle] @ up > 0))
+
+    @cached_property
+    def span_mm(self) -> tuple[float, float]:
+        """Its lowest and its highest point above the table."""
+        z = transform(self.fit.T_world_part, self.model.start_mm)[:, 2]
+        return float(z.min()), float(z.max())
+
+
+def _picked(edges: ImageEdges, which: BoolArray) -> ImageEdges:
+    """Return those of a picture's edges that a mask (n,) names."""
+    return replace(
+        edges,
+        points_px=edges.points_px[which],
+        normals=edges.normals[which],
+        strength=edges.strength[which],
+    )
+
+
+def are_in_one_place(a: LitFit, b: LitFit) -> bool:
+    """Return whether two parts would have to be in one place."""
+    enter_a, enter_b = (one.depth_mm[::STRIDE_PX, ::STRIDE_PX] for one in (a, b))
+    with np.errstate(invalid="ignore"):
+        first, last = np.maximum(enter_a, enter_b), np.minimum(a.leave_mm, b.leave_mm)
+        at = np.flatnonzero((last - first).ravel() > BURIED_MM)
+    smaller = min(int(np.isfinite(enter_a).sum()), int(np.isfinite(enter_b).sum()))
+    least = BURIED_CELLS + BURIED_SHARE * smaller
+    if len(at) <= least:
+        return False
+    # between where a line enters a part and leaves it there may be hollows
+    y, x = np.divmod(at, enter_a.shape[1])
+    pixels = STRIDE_PX * np.column_stack([x, y]).astype(np.float64) + a.cluster.box_px[:2]
+    camera = a.cluster.camera
+    lines = camera.sight_lines(pixels)
+    first, shared = first.ravel()[at], (last - first).ravel()[at]
+    is_buried = np.zeros(len(at), dtype=np.bool_)
+    for share in PROBED:
+        points = camera.position_mm + (first + share * shared)[:, None] * lines
+        is_buried |= a.holds(points) & b.holds(points)
+    return int(is_buried.sum()) > least

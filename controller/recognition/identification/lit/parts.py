@@ -1,0 +1,195 @@
+"""Sightings of parts under lamps that touch or lie on others: one cluster, taken apart.
+
+Parts that are sure are named; what they leave is looked at again, as pieces with outlines of their
+own, flat on the table or leaning on what is named. What is left at the end stays unknown.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import cv2
+import numpy as np
+
+from controller.arrays import BoolArray, Grey
+from controller.imaging import Camera
+
+from ...fitting import ImageEdges, is_predicted
+from ...library import Library
+from ...segmentation import Region
+from ..decide import Decision
+from ..hypotheses import SearchLimits
+from ..touching import PartialSighting, cut_out, within
+from .choice import Place, chosen
+from .fits import LitFit
+from .search import Search
+
+MAX_ROUNDS = 3
+RIM_PX = 5  # round a part's shadow, what is left there is its rim
+LEFT_PX = 9  # narrower pieces are shadows and rims
+NEAR_PX = 15  # twice the distance at which a part lies against a piece
+EDGED_SHARE = 0.3  # of a piece's rim, so long are its own edges
+OVERLAID_PX = 2.0  # an edge this far off is not there
+OVERLAID_MM = 5.0  # of outline that is not there but a piece is: that lies on the part
+
+
+def parts_of_lit(
+    region: Region,
+    pictures: Sequence[Grey],
+    camera: Camera,
+    library: Library,
+    usable: BoolArray | None,
+    least_px: float,
+    limits: SearchLimits,
+) -> tuple[PartialSighting, ...]:
+    """Return the parts of a cluster under lamps, and what they leave; nothing if none is sure.
+
+    Parameters
+    ----------
+    region : the cluster
+    pictures : of the scene, under lamps
+    camera : overhead, calibrated
+    library : of the parts that may be there
+    usable : (height, width) where parts may lie; None for everywhere
+    least_px : of the picture's pixels, below which what is left is no object
+    limits : how much is tried
+    """
+    search = Search(region, pictures[0], camera, library, usable, limits)
+    proposed = search.proposed([region], is_first=True)
+    fits = search.with_flat((), proposed)
+    places = chosen(fits, search, library)
+    if not places:
+        return ()
+    fits = search.with_leaning(fits, (), [place.fit for place in places])
+    places = chosen(fits, search, library)
+    for _ in range(1, MAX_ROUNDS):
+        pieces = pieces_left([place.fit for place in places], search, least_px)
+        if not pieces:
+            break
+        proposed = search.proposed(pieces, is_first=False)
+        fits = search.with_flat(fits, proposed)
+        fits = search.with_leaning(fits, proposed, [place.fit for place in places])
+        before, places = len(places), chosen(fits, search, library)
+        if len(places) <= before:
+            break
+    return _sightings(places, search, least_px)
+
+
+def pieces_left(there: Sequence[LitFit], search: Search, least_px: float) -> list[Region]:
+    """Return the connected pieces of what no part is seen at, with outlines of their own.
+
+    Parameters
+    ----------
+    there : the parts
+    search : of the cluster
+    least_px : pixels below which a piece is none
+    """
+    left = search.region.mask.astype(np.uint8)
+    rim = np.ones((RIM_PX, RIM_PX), np.uint8)
+    for fit in there:
+        left[cv2.dilate(fit.shadow.astype(np.uint8), rim) > 0] = 0
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (LEFT_PX, LEFT_PX))
+    left = np.asarray(cv2.morphologyEx(left, cv2.MORPH_OPEN, disc), np.uint8)
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(left, connectivity=8)
+    return [
+        _with_loops(cut_out(labels == k, search.region, False))
+        for k in range(1, len(stats))
+        if stats[k, cv2.CC_STAT_AREA] >= least_px
+    ]
+
+
+def _with_loops(region: Region) -> Region:
+    """Return a region with the outlines of its mask."""
+    mask = region.mask.astype(np.uint8)
+    chains, _ = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+    corner = np.array(region.box_px[:2], dtype=np.float64)
+    loops = sorted((c.reshape(-1, 2) + corner for c in chains), key=len, reverse=True)
+    return replace(region, loops_px=tuple(loops))
+
+
+def _sightings(
+    places: Sequence[Place], search: Search, least_px: float
+) -> tuple[PartialSighting, ...]:
+    """Return the named parts, then what is left; parts that lie on others say on which."""
+    there = [place.fit for place in places]
+    pieces = pieces_left(there, search, least_px)
+    pieces = [piece for piece in pieces if _has_edges(piece, there, search)]
+    masks = [within(piece, search.region) for piece in pieces]
+    places, nowhere = _standing(places, masks)
+    if not places:
+        return ()
+    fits = [place.fit for place in places]
+    nothing = Decision(None, 1.0, (), None)
+    left = [cut_out(place.fit.shadow, search.region, False) for place in nowhere] + pieces
+    masks = [place.fit.shadow for place in nowhere] + masks
+    below = [_below(fit, fits, masks) for fit in fits]
+    found = []
+    for k, place in enumerate(places):
+        others = [fit for fit in fits if fit is not place.fit]
+        found.append(
+            PartialSighting(
+                region=cut_out(place.fit.visible_mask(others), search.region, False),
+                decision=place.decision,
+                hypotheses=place.hypotheses,
+                free_share=place.fit.free_share(others),
+                lies_on=below[k],
+                is_covered=any(k in one for one in below) or _is_overlaid(place.fit, others, masks),
+            )
+        )
+    return (*found, *(PartialSighting(piece, nothing, (), 0.0) for piece in left))
+
+
+def _has_edges(piece: Region, there: Sequence[LitFit], search: Search) -> bool:
+    """Return whether a piece has borders that no part explains: shadows and glare have none."""
+    mask = within(piece, search.region).astype(np.uint8)
+    near = cv2.dilate(mask, np.ones((RIM_PX, RIM_PX), np.uint8)) > 0
+    edges = ImageEdges.of(search.cluster.grey, np.asarray(near))
+    own = np.ones(len(edges.points_px), dtype=np.bool_)
+    for fit in there:
+        step_px = fit.fit.edges.step_mm / fit.mm_per_px
+        own &= ~is_predicted(edges.points_px, fit.fit.edges, step_px)
+    rim_px = sum(len(loop) for loop in piece.loops_px)
+    return bool(own.sum() * edges.every > EDGED_SHARE * rim_px)
+
+
+def _standing(
+    places: Sequence[Place], pieces: Sequence[BoolArray]
+) -> tuple[list[Place], list[Place]]:
+    """Return places, and those that would lean on nothing: they lie flat, or are not known."""
+    fits = [place.fit for place in places]
+    able, nowhere = [], []
+    for place in places:
+        flat = place if _is_held(place.fit, fits, pieces) else place.flat()
+        if flat is None:
+            nowhere.append(place)
+        else:
+            able.append(flat)
+    return able, nowhere
+
+
+def _is_held(fit: LitFit, fits: Sequence[LitFit], pieces: Sequence[BoolArray]) -> bool:
+    return not fit.leans or bool(_below(fit, fits, pieces))
+
+
+def _below(fit: LitFit, fits: Sequence[LitFit], pieces: Sequence[BoolArray]) -> tuple[int, ...]:
+    """Return the numbers of parts, or else of pieces after them, that a leaning part lies on."""
+    if not fit.leans:
+        return ()
+    found = [j for j, other in enumerate(fits) if other is not fit and fit.is_above(other)]
+    if not found:
+        wide = np.ones((NEAR_PX, NEAR_PX), np.uint8)
+        near = cv2.dilate(fit.shadow.astype(np.uint8), wide) > 0
+        found = [len(fits) + j for j, piece in enumerate(pieces) if (piece & near).any()]
+    return tuple(found)
+
+
+def _is_overlaid(fit: LitFit, others: Sequence[LitFit], pieces: Sequence[BoolArray]) -> bool:
+    """Return whether an unknown piece takes the place of some of a part's outline."""
+    if not pieces:
+        return False
+    left = np.any(pieces, axis=0).astype(np.uint8)
+    near = cv2.dilate(left, np.ones((3, 3), np.uint8)) > 0
+    seen = fit.seen_fit(others)
+    off = np.abs(np.nan_to_num(seen.gaps.gap_px, nan=99.0)) > OVERLAID_PX
+    y, x, is_in = fit.cluster.index(seen.edges.pixels)
+    missing = off & seen.edges.on_outline & is_in & near[y, x]
+    return bool(missing.sum() * seen.edges.step_mm > OVERLAID_MM)

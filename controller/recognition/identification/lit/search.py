@@ -1,0 +1,331 @@
+"""What a cluster under lamps may be made of: poses proposed, fitted, and weighed one by one.
+
+Stretches of outlines and lines inside propose parts as if they lay flat on the table. A part that
+lies on another leans: one side of it on the table, the other on its neighbour. Such poses are
+fitted with any tilt, from those that lie flat.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from controller.arrays import BoolArray, FloatArray, Grey
+from controller.imaging import Camera
+
+from ...fitting import EdgeFit, FitOptions, Prior, at_rest, fit_edges
+from ...grey import image_features, propose
+from ...library import (
+    Candidate,
+    Library,
+    Silhouette,
+    place_of,
+    polar_grid,
+    pose_on_table,
+    turn_of,
+)
+from ...partial import Cluster, propose_partial
+from ...segmentation import Region
+from ..hypotheses import Hypothesis, SearchLimits, coarse_score, is_same_turn
+from ..scores import FRONT, log_odds, probability
+from .fits import LitCluster, LitFit, are_in_one_place
+
+MARGIN_PX = 40  # of the crop round a cluster: shaded sides are often left out of it
+MAX_BY_LINES, MAX_BY_OUTLINE = 30, 20
+FAR = 1.5  # in the index of silhouettes, as for a whole thing under lamps
+GIVE_UP = 40  # after so many candidates in turn of one kind that do not fit
+MAX_FINE = 40
+COARSE_SHARE, GOOD_SHARE = 0.45, 0.6  # of a candidate's edges that are about where they should be
+MIN_PROBABILITY = 0.05  # probability by itself, from which a pose is weighed against others
+NEAR_MM, FAR_MM = 2.0, 5.0  # how far off a candidate may lie
+LEANS_FAR_MM = (6.0, 3.0)  # and one that leans, round by round
+COARSE_SAMPLES, SAMPLES = 300, 1000
+SAME_PLACE_MM = 2.0
+IN_REGION = 0.35  # of a part's shadow, on what was cut out
+LEANS = Prior((np.inf, np.inf, 6.0), (0.15, 0.15, np.inf))  # of each round of a fit
+ON_TABLE = Prior((np.inf, np.inf, 0.3), (0.1, 0.1, np.inf))  # its lowest point is there
+LEANING_STEPS = 4  # of a fit: as a part tilts, another point of it becomes the lowest
+SETTLED_MM = 0.15  # off the table, from which the lowest point is on it
+MIN_TILT_RAD, MAX_TILT_RAD = np.radians(2.5), np.radians(30.0)
+MAX_LOW_MM = 1.0  # off the table, by which the lowest point of a leaning part may come out
+TILTED = 0.3  # probability of a flat pose by itself, from which it is tried tilted
+MAX_LEANING = 30
+SAME_SHADOW = 0.5  # of two shadows together, from which two fits are of one thing
+
+Proposed = tuple[Candidate, str]  # and what proposed it
+
+
+class Search:
+    """What is tried on one cluster.
+
+    Parameters
+    ----------
+    region : what was cut out, one thing or several near each other
+    picture : (height, width) under lamps
+    camera : overhead, calibrated
+    library : of the parts that may be there
+    usable : (height, width) where parts may lie; None for everywhere
+    limits : as for a part by itself
+    """
+
+    def __init__(
+        self,
+        region: Region,
+        picture: Grey,
+        camera: Camera,
+        library: Library,
+        usable: BoolArray | None,
+        limits: SearchLimits,
+    ) -> None:
+        self.region = widened(region, MARGIN_PX, (picture.shape[0], picture.shape[1]))
+        self.cluster = LitCluster(picture, self.region.box_px, self.region.mask, camera)
+        self._library, self._usable, self._limits = library, usable, limits
+        self._alone: dict[LitFit, float] = {}
+        self._tilted: set[LitFit] = set()
+
+    def proposed(self, pieces: Sequence[Region], *, is_first: bool) -> list[Proposed]:
+        """Return what pieces of the cluster may be, those of one kind in order.
+
+        Parameters
+        ----------
+        pieces : in which parts are looked for
+        is_first : lines of the whole cluster are asked once; afterwards pieces may be whole parts
+        """
+        found: list[Proposed] = []
+        for piece in pieces:
+            if not is_first:
+                found += [(c, "outline") for c in self._by_silhouette(piece)]
+            found += [(c, "stretches") for c in self._by_stretches(piece)]
+        return found + ([(c, "lines") for c in self._by_lines()] if is_first else [])
+
+    def _by_stretches(self, piece: Region) -> list[Candidate]:
+        outline = Cluster(piece, self.cluster.camera, self._usable)
+        if len(outline.points_px) == 0:
+            return []
+        is_open = np.ones(len(outline.points_px), dtype=np.bool_)
+        return propose_partial(outline, self._library, is_open)
+
+    def _by_silhouette(self, piece: Region) -> list[Candidate]:
+        plane = self.cluster.camera.on_plane
+        loops = tuple(plane(loop)[:, :2] for loop in piece.loops_px if len(loop) > 8)
+        try:
+            grid, centroid, area = polar_grid(loops)
+        except ValueError:
+            return []
+        perimeter = sum(
+            float(np.linalg.norm(np.diff(loop, axis=0), axis=1).sum()) for loop in loops
+        )
+        found = self._library.index.search(Silhouette(area, perimeter, centroid, grid), far=FAR)
+        return sorted(found, key=lambda c: -c.overlap)[:MAX_BY_OUTLINE]
+
+    def _by_lines(self) -> list[Candidate]:
+        camera, corner = self.cluster.camera, np.array(self.cluster.box_px[:2], dtype=np.float64)
+        features = image_features(self.cluster.crop, lambda p: camera.on_plane(p + corner)[:, :2])
+        foot = (float(camera.position_mm[0]), float(camera.position_mm[1]))
+        found = propose(features, self._library.grey_index, foot_mm=foot, most=MAX_BY_LINES)
+        out = []
+        for h in found:
+            part, pose = self._library.grey_views[h.model_index]
+            x, y = (float(v) for v in h.shift_mm)
+            out.append(Candidate(part, pose, h.turn_rad, x, y, h.score, 0.0))
+        return out
+
+    def with_flat(self, fits: Sequence[LitFit], proposed: Sequence[Proposed]) -> list[LitFit]:
+        """Return fits with those of parts that lie flat on the table, each place once.
+
+        Parameters
+        ----------
+        fits : found so far
+        proposed : what may be there besides
+        """
+        coarse = sorted(self._coarse_ones(proposed), key=lambda one: -one[0])
+        out = list(fits)
+        tried: list[tuple[Candidate, FloatArray]] = []
+        for _, c, T in coarse:
+            if any(self._is_one(c, T, *other) for other in tried):
+                continue
+            if len(tried) == MAX_FINE:
+                break
+            tried.append((c, T))
+            fit = self._fine(c, T)
+            if fit is None or any(self._is_one(c, fit.T, o.candidate, o.T) for o in out):
+                continue
+            if self._is_likely(fit):
+                out.append(fit)
+        return out
+
+    def with_leaning(
+        self, fits: Sequence[LitFit], proposed: Sequence[Proposed], there: Sequence[LitFit]
+    ) -> list[LitFit]:
+        """Return fits with those of parts that may lean on others.
+
+        Parameters
+        ----------
+        fits : found so far; those that lie flat are tried tilted, once
+        proposed : what may be there besides, if it lay flat
+        there : what seems to be there
+        """
+        starts: list[tuple[Candidate, FloatArray | None, list[LitFit]]] = []
+        for flat in sorted(fits, key=lambda f: -self.worth(f)):
+            if flat.leans or flat in self._tilted or self.alone(flat) < TILTED:
+                continue
+            self._tilted.add(flat)
+            starts.append(
+                (flat.candidate, flat.T, [f for f in there if not are_one_place(f, flat)])
+            )
+        starts += [(c, None, list(there)) for c, _ in proposed[:MAX_LEANING]]
+        out = list(fits)
+        for c, T, others in starts:
+            fit = self._leaning(c, T)
+            if fit is None or not self._is_likely(fit):
+                continue
+            leaning = (o for o in out if o.leans)
+            if any(self._is_one(c, fit.T, o.candidate, o.T) for o in leaning):
+                continue
+            if not any(are_in_one_place(fit, other) for other in others):
+                out.append(fit)
+        return out
+
+    def alone(self, fit: LitFit) -> float:
+        """Return how likely a fit is right, with nothing known beside it."""
+        if fit not in self._alone:
+            self._alone[fit] = probability(fit.evidence(()), FRONT)
+        return self._alone[fit]
+
+    def worth(self, fit: LitFit) -> float:
+        """Return how many pixels of the cluster's edges a fit explains, by how likely it is."""
+        return float(fit.explains.sum()) * self.cluster.image_edges.every * self.alone(fit)
+
+    def hypothesis(self, fit: LitFit, others: Sequence[LitFit], area: BoolArray) -> Hypothesis:
+        """Return a fit with what the picture says of it.
+
+        Parameters
+        ----------
+        fit : a pose
+        others : the other parts that are there
+        area : (h, w) of the crop, by which it is compared with other poses about one place
+        """
+        c, entry = fit.candidate, self._library.entries[fit.candidate.part]
+        evidence = fit.evidence(others)
+        return Hypothesis(
+            part=c.part,
+            pose=c.pose,
+            theta_rad=turn_of(entry.pose(c.pose).R, fit.T),
+            place_mm=place_of(entry, fit.T),
+            fit=fit.fit,
+            evidence=evidence,
+            probability=probability(evidence, FRONT),
+            log_odds=log_odds(fit.evidence(others, area), is_lit=True),
+            overlap=c.overlap,
+            source="cluster",
+        )
+
+    def _coarse_ones(
+        self, proposed: Sequence[Proposed]
+    ) -> Iterator[tuple[float, Candidate, FloatArray]]:
+        """Yield score, candidate and pose of what about fits, until others of its kind do not."""
+        failed: dict[str, int] = {}
+        for c, source in proposed:
+            if failed.get(source, 0) == GIVE_UP:
+                continue
+            fit, score = self._coarse(c)
+            failed[source] = 0 if score >= GOOD_SHARE else failed.get(source, 0) + 1
+            if fit is not None and score >= COARSE_SHARE:
+                yield score, c, fit.T_world_part
+
+    def _coarse(self, c: Candidate) -> tuple[EdgeFit | None, float]:
+        model, T = self._library.model(c.part), self._flat(c)
+        best, best_score = None, 0.0
+        for reach_mm in (NEAR_MM, FAR_MM + 0.5 * c.slack_mm):
+            options = FitOptions((self._reach_px(c, reach_mm),), steps=3, most=COARSE_SAMPLES)
+            fit = fit_edges(model, T, self.cluster.camera, self.cluster.grey, options)
+            score = 0.0 if fit is None else coarse_score(fit)
+            if score > best_score:
+                best, best_score = fit, score
+            if best_score >= self._limits.sure_coarse:
+                break
+        return best, best_score
+
+    def _fine(self, c: Candidate, T: FloatArray, leaning: Prior | None = None) -> LitFit | None:
+        model, pose = self._library.model(c.part), self._library.entries[c.part].pose(c.pose)
+        limits = self._limits
+        tilt = limits.rocking_lit_rad if pose.rocking or pose.rolling else limits.tilt_rad
+        options = FitOptions(
+            reach_px=(self._reach_px(c, 1.5), self._reach_px(c, 0.8)),
+            steps=3,
+            prior=leaning or at_rest(tilt),
+            most=SAMPLES,
+        )
+        fit = fit_edges(model, T, self.cluster.camera, self.cluster.grey, options)
+        if fit is None:
+            return None
+        return LitFit(c, model, fit, self.cluster, leans=leaning is not None)
+
+    def _leaning(self, c: Candidate, T: FloatArray | None) -> LitFit | None:
+        """Return a candidate fitted as it leans on another part, from a pose or as it lies flat."""
+        model = self._library.model(c.part)
+        reach_px = tuple(self._reach_px(c, mm) for mm in LEANS_FAR_MM)
+        options = FitOptions(reach_px, steps=4, prior=LEANS, most=COARSE_SAMPLES)
+        start = self._flat(c) if T is None else T
+        coarse = fit_edges(model, start, self.cluster.camera, self.cluster.grey, options)
+        if coarse is None or coarse_score(coarse) < COARSE_SHARE:
+            return None
+        found = LitFit(c, model, coarse, self.cluster, leans=True)
+        for _ in range(LEANING_STEPS):
+            on_table = found.T.copy()
+            on_table[2, 3] -= found.span_mm[0]
+            lower = self._fine(c, on_table, replace(ON_TABLE, T_world_part=on_table))
+            if lower is None:
+                return None
+            found = lower
+            if abs(found.span_mm[0]) < SETTLED_MM:
+                break
+        R = self._library.entries[c.part].pose(c.pose).R
+        tilt = float(np.arccos(np.clip((found.T[:3, :3] @ R.T)[2, 2], -1.0, 1.0)))
+        is_leaning = MIN_TILT_RAD < tilt < MAX_TILT_RAD and abs(found.span_mm[0]) < MAX_LOW_MM
+        return found if is_leaning else None
+
+    def _flat(self, c: Candidate) -> FloatArray:
+        pose = self._library.entries[c.part].pose(c.pose)
+        return pose_on_table(self._library.model(c.part), pose, c.x_mm, c.y_mm, c.theta_rad)
+
+    def _reach_px(self, c: Candidate, mm: float) -> float:
+        return max(mm / self.cluster.mm_per_px(c.x_mm, c.y_mm), 3.0)
+
+    def _is_likely(self, fit: LitFit) -> bool:
+        shadow = fit.shadow
+        is_in = (shadow & self.cluster.mask).sum() >= IN_REGION * max(int(shadow.sum()), 1)
+        return bool(is_in) and self.alone(fit) >= MIN_PROBABILITY
+
+    def _is_one(self, a: Candidate, T_a: FloatArray, b: Candidate, T_b: FloatArray) -> bool:
+        """Return whether two posed candidates are one part, in one stable pose, in one place."""
+        if (a.part, a.pose) != (b.part, b.pose):
+            return False
+        entry = self._library.entries[a.part]
+        if np.linalg.norm(place_of(entry, T_a) - place_of(entry, T_b)) > SAME_PLACE_MM:
+            return False
+        R = entry.pose(a.pose).R
+        return is_same_turn(turn_of(R, T_a), turn_of(R, T_b), entry.turns_of(a.pose))
+
+
+def are_one_place(a: LitFit, b: LitFit) -> bool:
+    """Return whether two fits are of one thing."""
+    both = int((a.shadow & b.shadow).sum())
+    return both > SAME_SHADOW * int((a.shadow | b.shadow).sum())
+
+
+def widened(region: Region, margin_px: int, shape: tuple[int, int]) -> Region:
+    """Return a region with a wider box.
+
+    Parameters
+    ----------
+    region : of a picture
+    margin_px : added on each side, within the picture
+    shape : (height, width) of the picture
+    """
+    x0, y0, x1, y1 = region.box_px
+    left, top = max(x0 - margin_px, 0), max(y0 - margin_px, 0)
+    right, bottom = min(x1 + margin_px, shape[1]), min(y1 + margin_px, shape[0])
+    mask = np.zeros((bottom - top, right - left), dtype=np.bool_)
+    mask[y0 - top : y1 - top, x0 - left : x1 - left] = region.mask
+    return replace(region, box_px=(left, top, right, bottom), mask=mask)

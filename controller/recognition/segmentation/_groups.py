@@ -1,0 +1,74 @@
+"""Things that lie so near each other that they may touch, or be pieces of one part."""
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+
+from ._types import Region
+
+NEAR_PX = 6  # half the distance between two things that may touch: a shaded side may lie between
+
+
+def near_ones(regions: Sequence[Region]) -> list[list[int]]:
+    """Return the numbers of regions in groups: each is near another one of its group.
+
+    Parameters
+    ----------
+    regions : of one picture
+    """
+    group = list(range(len(regions)))
+    for a in range(len(regions)):
+        for b in range(a):
+            if group[a] != group[b] and _are_near(regions[a], regions[b]):
+                old, new = group[a], group[b]
+                group = [new if g == old else g for g in group]
+    order = dict.fromkeys(group)
+    return [[k for k, g in enumerate(group) if g == one] for one in order]
+
+
+def joined(regions: Sequence[Region]) -> Region:
+    """Return several regions of one picture as one.
+
+    Parameters
+    ----------
+    regions : at least one
+    """
+    if len(regions) == 1:
+        return regions[0]
+    boxes = np.array([region.box_px for region in regions])
+    x0, y0 = boxes[:, :2].min(axis=0).tolist()
+    x1, y1 = boxes[:, 2:].max(axis=0).tolist()
+    mask = np.zeros((y1 - y0, x1 - x0), dtype=np.bool_)
+    for region in regions:
+        left, top, right, bottom = region.box_px
+        mask[top - y0 : bottom - y0, left - x0 : right - x0] |= region.mask
+    loops = sorted((loop for region in regions for loop in region.loops_px), key=len, reverse=True)
+    return Region(
+        box_px=(x0, y0, x1, y1),
+        mask=mask,
+        loops_px=tuple(loops),
+        touches_edge=any(region.touches_edge for region in regions),
+        area_px=sum(region.area_px for region in regions),
+        alternatives=(),
+    )
+
+
+def _are_near(a: Region, b: Region) -> bool:
+    pad = 2 * NEAR_PX
+    x0, y0 = (max(a.box_px[k], b.box_px[k]) - pad for k in (0, 1))
+    x1, y1 = (min(a.box_px[k], b.box_px[k]) + pad for k in (2, 3))
+    if x0 >= x1 or y0 >= y1:
+        return False
+    square = np.ones((2 * NEAR_PX + 1,) * 2, np.uint8)
+    wide = []
+    for one in (a, b):
+        canvas = np.zeros((y1 - y0 + 2 * pad, x1 - x0 + 2 * pad), np.uint8)
+        left, top, right, bottom = one.box_px
+        x, y = left - x0 + pad, top - y0 + pad
+        u0, v0 = max(x, 0), max(y, 0)
+        u1, v1 = min(x + right - left, canvas.shape[1]), min(y + bottom - top, canvas.shape[0])
+        if u0 < u1 and v0 < v1:
+            canvas[v0:v1, u0:u1] = one.mask[v0 - y : v1 - y, u0 - x : u1 - x]
+        wide.append(cv2.dilate(canvas, square))
+    return bool(np.logical_and(wide[0], wide[1]).any())

@@ -1,0 +1,141 @@
+"""Parts under lamps that touch or lie on others: named, placed, and said to lie on what."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+import trimesh
+from cad_solids import Body, box, rod, solid_of
+from lit_pictures import Renderer, Scene, placed
+from numpy.typing import NDArray
+from table_pictures import overhead, resting
+
+from controller.cad import Solid, stable_poses
+from controller.cad.compiled import compile_solid
+from controller.imaging import PointLamp
+from controller.recognition import Library, Sighting, make_library, recognise
+from controller.recognition.segmentation import Region, joined, near_ones
+
+Array = NDArray[np.float64]
+CAMERA = overhead()
+TABLE = np.array([[-150.0, -120, 0], [150, -120, 0], [150, 120, 0], [-150, 120, 0]])
+RING = PointLamp.ring("ring", np.array([0.0, 0, 690]), np.array([0.0, 0, -1]), 150.0)
+BODIES: dict[str, Body] = {
+    "plate": box(60, 40, 10) - rod(6, 40, 48).translate((18, 8, 0)),
+    "bar": (
+        box(70, 16, 8)
+        - rod(5, 40, 48).translate((-27, 0, 0))
+        - box(10, 6, 40).translate((28, 1, 0))
+        - box(3, 9, 40).translate((34, -4, 0))
+    ),
+    "strange": box(38, 30, 10) - box(14, 10, 20).translate((10, 8, 0)),
+}
+
+
+@cache
+def solid(name: str) -> Solid:
+    return solid_of(BODIES[name], name)
+
+
+@cache
+def library() -> Library:
+    return make_library([compile_solid(solid(name)) for name in ("plate", "bar")], CAMERA)
+
+
+def flat(name: str, x: float, y: float, theta: float = 0.0) -> Array:
+    return resting(solid(name), stable_poses(solid(name))[0].R, x, y, theta)
+
+
+def leaning(name: str, x: float, on_x_mm: float, on_mm: float) -> Array:
+    """A body whose left lower edge is on the table, and which rests on an edge right of it.
+
+    The edge runs along y at ``on_x_mm`` in a height of ``on_mm``; the body's middle is about x.
+    """
+    level = flat(name, x, 0.0)
+    low = float((trimesh.transform_points(solid(name).mesh.vertices, level))[:, 0].min())
+    tilt = np.arctan2(on_mm, on_x_mm - low)
+    turn = trimesh.transformations.rotation_matrix(-tilt, (0.0, 1.0, 0.0), (low, 0.0, 0.0))
+    return np.asarray(turn @ level)
+
+
+def look(*bodies: tuple[str, Array], seed: int = 0) -> tuple[Sighting, ...]:
+    scene = trimesh.util.concatenate([placed(solid(name).mesh, T) for name, T in bodies])
+    image = Renderer(Scene(scene, None, TABLE), CAMERA, seed=seed).lit(RING)
+    return recognise(image, CAMERA, library(), "front").sightings
+
+
+def assert_placed(seen: Sighting, name: str, T: Array, within_mm: float = 0.3) -> None:
+    assert seen.part == name
+    assert seen.T_world_part is not None
+    centre = np.append(solid(name).centroid_mm, 1.0)
+    off = (seen.T_world_part @ centre - T @ centre)[:2]
+    assert np.linalg.norm(off) < within_mm
+
+
+def test_two_parts_that_touch_under_lamps_are_both_named_and_lie_on_nothing() -> None:
+    T_plate, T_bar = flat("plate", -20.0, 5.0), flat("bar", 18.05, 0.0, np.pi / 2)
+    first, second = look(("plate", T_plate), ("bar", T_bar))
+    plate, bar = (first, second) if first.part == "plate" else (second, first)
+    assert_placed(plate, "plate", T_plate)
+    assert_placed(bar, "bar", T_bar)
+    for one in (plate, bar):
+        assert (one.lies_on, one.is_covered, one.touching_count) == ((), False, 1)
+    # 40 of the plate's 200 mm are against the bar
+    assert plate.free_share == pytest.approx(1 - 40 / (200 + 12 * np.pi), abs=0.06)
+
+
+def test_a_part_that_leans_on_another_is_named_with_its_tilt_and_what_it_lies_on() -> None:
+    T_bar = flat("bar", 15.0, 0.0, np.pi / 2)
+    T_plate = leaning("plate", -11.0, 7.0, 8.0)
+    seen = look(("bar", T_bar), ("plate", T_plate))
+    numbers = {one.part: k for k, one in enumerate(seen)}
+    plate, bar = seen[numbers["plate"]], seen[numbers["bar"]]
+    assert_placed(plate, "plate", T_plate)
+    assert plate.lies_on == (numbers["bar"],)
+    assert not plate.is_covered
+    assert plate.T_world_part is not None
+    tilt = np.degrees(np.arccos((plate.T_world_part[:3, :3] @ T_plate[:3, :3].T)[2, 2]))
+    assert tilt < 1.0
+    assert_placed(bar, "bar", T_bar)
+    assert (bar.lies_on, bar.is_covered) == ((), True)
+
+
+def test_what_touches_a_known_part_under_lamps_and_is_none_stays_unknown() -> None:
+    T_plate, T_strange = flat("plate", -20.0, 0.0), flat("strange", 29.1, 0.0)
+    seen = look(("plate", T_plate), ("strange", T_strange))
+    assert sorted(str(one.part) for one in seen) == ["None", "plate"]
+    plate = next(one for one in seen if one.part == "plate")
+    assert_placed(plate, "plate", T_plate)
+    other = next(one for one in seen if one.part is None)
+    assert "touches known parts" in other.reason
+
+
+def test_a_stranger_by_itself_under_lamps_is_not_made_of_known_parts() -> None:
+    (seen,) = look(("strange", flat("strange", 10.0, -12.0, 0.7)))
+    assert (seen.part, seen.lies_on, seen.is_covered) == (None, (), False)
+
+
+def patch(x: int, y: int, width: int, height: int) -> Region:
+    mask = np.zeros((height + 8, width + 8), dtype=np.bool_)
+    mask[4:-4, 4:-4] = True
+    box_px = (x - 4, y - 4, x + width + 4, y + height + 4)
+    return Region(box_px, mask, (), False, float(width * height), ())
+
+
+def test_things_a_shaded_side_apart_are_one_group_and_others_are_not() -> None:
+    first, beside, far = patch(100, 100, 50, 40), patch(158, 110, 30, 30), patch(300, 100, 20, 20)
+    assert near_ones([first, far, beside]) == [[0, 2], [1]]
+    # boxes overlap, masks do not come near each other
+    corner = patch(160, 152, 30, 30)
+    assert near_ones([first, corner]) == [[0], [1]]
+
+
+def test_joined_things_keep_their_masks_where_they_were() -> None:
+    first, beside = patch(100, 100, 50, 40), patch(158, 110, 30, 30)
+    whole = joined([first, beside])
+    assert whole.box_px == (96, 96, 192, 144)
+    assert whole.mask.sum() == first.mask.sum() + beside.mask.sum()
+    assert whole.mask[110 + 10 - 96, 160 + 10 - 96]
+    assert whole.area_px == first.area_px + beside.area_px
