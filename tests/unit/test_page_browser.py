@@ -18,9 +18,10 @@ from page_bench import HERE, PASSWORD, RUN, bench, journal, picture
 from playwright.sync_api import sync_playwright
 from test_page_now import STATUS, plan_row
 
-from controller.cell.control import DecisionReply, Order, RunningCell, StatusReply
+from controller.cell.control import DecisionReply, NoRunError, Order, RunningCell, StatusReply
 from controller.cell.journal import rows
 from controller.page import serving as serving_module
+from controller.page.now.starting import Launcher, StartBody, StartError
 from controller.page.security import Account, Role, Site
 
 CHROMIUM = Path("/usr/bin/chromium")
@@ -163,6 +164,43 @@ def test_every_button_reaches_the_cell_once_in_the_persons_name(served: Served, 
     ]
     assert served.orders[4][1].model_dump()["first"] == "the arm, 3 mm"
     assert served.orders[5][1].model_dump()["number"] == 4
+
+
+def test_a_run_is_started_with_what_the_person_filled_in(
+    served: Served, tab: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def nobody(_: RunningCell) -> StatusReply:
+        raise NoRunError("no run at this cell")
+
+    begun: list[tuple[StartBody, str]] = []
+
+    async def start(_: Launcher, body: StartBody, who: str) -> None:
+        begun.append((body, who))
+        if len(begun) == 1:
+            raise StartError(409, "run <b>x</b> has the cell")
+
+    monkeypatch.setattr(RunningCell, "status", nobody)
+    monkeypatch.setattr(Launcher, "start", start)
+    tab.goto(served.link())
+    tab.wait_for_selector("#start-recipes select")
+    assert not tab.is_visible("#stop")
+    tab.select_option("#start-recipes select", "holder")
+    assert "arm" in tab.inner_text("#start-devices")
+    tab.fill("#start-recipes .count", "7")
+    tab.click("#start-more")
+    tab.fill("#start-lot", "L 7")
+    tab.click("summary")
+    tab.fill("#start-serials", "A\n\n B ")
+    tab.check("#start-trays")
+    tab.click("#start")
+    until(tab, lambda: "run <b>x</b> has the cell" in tab.inner_text("#start-said"))
+    tab.click("#start")
+    until(tab, lambda: tab.inner_text("#start-said") == "")
+    (first, who), (second, _) = begun
+    assert (first, who) == (second, "ada")
+    assert first.recipes[0].word == "holder=7"
+    assert len(first.recipes) == 2
+    assert (first.lot, first.serials, first.are_trays_empty) == ("L 7", ("A", "B"), True)
 
 
 def test_a_viewer_logs_in_by_password_sees_all_and_has_no_button(served: Served, tab: Any) -> None:
