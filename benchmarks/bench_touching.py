@@ -171,6 +171,7 @@ def main() -> int:
     parser.add_argument("--keep", type=Path, help="folder for the answers themselves")
     parser.add_argument("--calibration", type=Path, help="camera; by the set's boards otherwise")
     parser.add_argument("--lo-calibration", type=Path, default=None, help=argparse.SUPPRESS)
+    parser.set_defaults(lamps=1)  # one picture of each scene
     parser.add_argument("--all-cores", action="store_true", help="instead of one")
     args = parser.parse_args()
     result = {}
