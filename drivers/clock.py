@@ -132,6 +132,7 @@ class CellClock:
         duration_s: float,
         *,
         return_when: str = asyncio.ALL_COMPLETED,
+        looks_again: bool = False,
     ) -> None:
         """Wait as `asyncio.wait` does, for ``duration_s`` [cell s] of attended time at most.
 
@@ -142,12 +143,14 @@ class CellClock:
         futures : what may end the pause; left running when the time is over
         duration_s : the pause [cell s]; infinite waits without a limit
         return_when : which of the futures end it, as in `asyncio.wait`
+        looks_again : what is missing then counts as silent: take the last look of a `timeout`
         """
         if duration_s == math.inf:
             await asyncio.wait(futures, return_when=return_when)
             return
         with suppress(TimeoutError):
-            async with Patience(self.attended_s, self.speed, duration_s):
+            holding = self.shared if looks_again else None
+            async with Patience(self.attended_s, self.speed, duration_s, holding):
                 await asyncio.wait(futures, return_when=return_when)
 
     @contextmanager

@@ -248,6 +248,11 @@ class CellIo:
     # --- polling ---
 
     def _is_stale(self) -> bool:
+        poller = self._poller
+        if self._clock.shared is not None and poller is not None and not poller.done():
+            # That clock stands for this process and creeps for the last look: the poller, which
+            # has asked anew by then, alone tells a late reader from a silent block, and forgets.
+            return self._read_at_s == -math.inf
         return self._clock.attended_s() - self._attended_at_s > self._stale_s
 
     @property
@@ -267,9 +272,7 @@ class CellIo:
         try:
             # A silent block holds this up for longer than a reading may be old.
             fresh_for_s = max(0.0, self._attended_at_s + self._stale_s - attended_at_s)
-            await self._clock.wait({reading}, fresh_for_s)
-            with self._clock.held() as look_wall_s:
-                await asyncio.wait({reading}, timeout=look_wall_s)
+            await self._clock.wait({reading}, fresh_for_s, looks_again=True)
             if not reading.done():
                 self._forget()
             try:
@@ -280,7 +283,7 @@ class CellIo:
         finally:
             reading.cancel()
         if self._clock.attended_s() - attended_at_s > self._stale_s:
-            return  # too old on arrival; signals are unknown already
+            return  # too old on arrival: it is asked for once more, at once
         self._read_at_s, self._attended_at_s = at_s, attended_at_s
         self._publish(self._believer.take(bits, at_s))
 
