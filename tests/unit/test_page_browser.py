@@ -18,7 +18,14 @@ from page_bench import HERE, PASSWORD, RUN, bench, journal, picture
 from playwright.sync_api import sync_playwright
 from test_page_now import STATUS, plan_row
 
-from controller.cell.control import DecisionReply, NoRunError, Order, RunningCell, StatusReply
+from controller.cell.control import (
+    AnswerOrder,
+    DecisionReply,
+    NoRunError,
+    Order,
+    RunningCell,
+    StatusReply,
+)
 from controller.cell.journal import rows
 from controller.page import serving as serving_module
 from controller.page.now.starting import Launcher, StartBody, StartError
@@ -189,18 +196,72 @@ def test_a_run_is_started_with_what_the_person_filled_in(
     tab.fill("#start-recipes .count", "7")
     tab.click("#start-more")
     tab.fill("#start-lot", "L 7")
-    tab.click("summary")
+    tab.select_option("#start-serials-how", "listed")
     tab.fill("#start-serials", "A\n\n B ")
+    tab.click("summary")
     tab.check("#start-trays")
     tab.click("#start")
     until(tab, lambda: "run <b>x</b> has the cell" in tab.inner_text("#start-said"))
     tab.click("#start")
     until(tab, lambda: tab.inner_text("#start-said") == "")
-    (first, who), (second, _) = begun
+    tab.select_option("#start-serials-how", "across")
+    tab.fill("#start-serial-from", "A001")
+    tab.click("#start")
+    until(tab, lambda: len(begun) == 3)
+    until(tab, lambda: tab.inner_text("#start-said") == "")
+    tab.select_option("#start-serials-how", "scan")
+    tab.click("#start")
+    until(tab, lambda: len(begun) == 4)
+    (first, who), (second, _), (counted, _), (read, _) = begun
+    assert (counted.serial_from, counted.goes_on, counted.serials) == ("A001", True, ())
+    assert (read.is_read, read.serial_from, read.serials) == (True, "", ())
     assert (first, who) == (second, "ada")
     assert first.recipes[0].word == "holder=7"
     assert len(first.recipes) == 2
     assert (first.lot, first.serials, first.are_trays_empty) == ("L 7", ("A", "B"), True)
+
+
+SCAN: dict[str, Any] = {
+    "number": 5,
+    "code": "scan",
+    "text": "read its serial number",
+    "choices": [],
+    "entry": "serial number",
+}
+
+
+def test_a_scanner_that_types_answers_and_a_refused_number_is_replaced_by_the_next(
+    served: Served, tab: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def take(_: RunningCell, name: str, body: AnswerOrder) -> DecisionReply:
+        served.orders.append((name, body))
+        if body.key == "A1":
+            reason = "A1: a part of this run <b>has</b> this number already"
+            return DecisionReply(decision="refused", state="execute_acquiring", reason=reason)
+        served.status |= {"question": {**SCAN, "number": 6} if body.number == 5 else None}
+        return DecisionReply(decision="handled", state="execute_acquiring")
+
+    monkeypatch.setattr(RunningCell, "order", take)
+    tab.goto(served.link())
+    tab.wait_for_selector("#stop:enabled")
+    assert not tab.is_visible("#entry")
+    served.status |= {"question": SCAN}
+    tab.wait_for_selector("#entry-text:focus")
+    assert "Serial number" in tab.inner_text("#entry label")
+    tab.keyboard.press("Enter")  # an empty line is no number
+    tab.keyboard.type("A1\n")
+    until(tab, lambda: "<b>has</b> this number already" in tab.inner_text("#entry-said"))
+    tab.keyboard.type("B <2>\n")
+    until(tab, lambda: tab.inner_text("#question-head") == "Question 6")
+    assert (tab.input_value("#entry-text"), tab.inner_text("#entry-said")) == ("", "")
+    tab.wait_for_selector("#entry-text:focus")
+    tab.fill("#entry-text", "x" * 90)
+    tab.click("#entry button")
+    tab.wait_for_selector("#entry", state="hidden")
+    answers = [body.model_dump() for name, body in served.orders if name == "answer"]
+    expected = [("A1", 5), ("B <2>", 5), ("x" * 80, 6)]
+    assert [(one["key"], one["number"]) for one in answers] == expected
+    assert len(answers) == len(served.orders)
 
 
 def test_a_viewer_logs_in_by_password_sees_all_and_has_no_button(served: Served, tab: Any) -> None:
@@ -210,6 +271,8 @@ def test_a_viewer_logs_in_by_password_sees_all_and_has_no_button(served: Served,
     tab.fill("[name=password]", PASSWORD)
     tab.click("button")
     tab.wait_for_selector("[data-answer=look]:disabled")
+    served.status |= {"question": SCAN}
+    tab.wait_for_selector("#entry-text:disabled")
     assert tab.query_selector("#stop") is None
     assert RUN in tab.inner_text("#run")
 
@@ -237,7 +300,7 @@ def test_what_is_shown_is_there_after_a_reload_and_a_lost_page_says_so(
 def test_axe_finds_nothing_serious_and_nothing_is_wider_than_the_screen(
     served: Served, tab: Any, scheme: str, width: int
 ) -> None:
-    served.status |= {"question": QUESTION}
+    served.status |= {"question": {**QUESTION, "entry": "serial number"}}
     tab.emulate_media(color_scheme=scheme)
     tab.set_viewport_size({"width": width, "height": 844})
     tab.goto(served.link())

@@ -15,7 +15,7 @@ pytest.importorskip("httpx2", reason="starlette's client for tests needs it")
 
 from page_bench import CELL, EYE, HERE, RUN, THERE, bench, journal, picture
 
-from controller.cell.control import DecisionReply, NoRunError, RunningCell, StatusReply
+from controller.cell.control import DecisionReply, NoRunError, Order, RunningCell, StatusReply
 from controller.cell.custody import Custody
 from controller.cell.journal import JOURNAL_NAME, newest_run, read_rows, read_rows_after, rows
 from controller.config import load_cell
@@ -87,9 +87,29 @@ def test_the_next_part_begins_with_nothing_of_the_last(tmp_path: Path) -> None:
     writer.close()
     facts = folded(tmp_path).facts()
     assert (facts["part"], facts["views"], facts["plan"]["steps"]) == (2, [], [])
-    assert facts["parts"] == [{"part": 1, "verdict": "pass", "tray": "accept"}]
+    done = {"part": 1, "verdict": "pass", "tray": "accept", "recipe": "holder", "serial": ""}
+    assert facts["parts"] == [done]
     assert facts["counts"] == {"pass": 1}
     assert facts["table"] == [{"lamp": "ring", "picture": 1}]
+
+
+def test_each_part_has_the_recipe_and_the_number_that_it_was_identified_by(tmp_path: Path) -> None:
+    recipes = tuple(
+        rows.RecipeOrdered(recipe={"name": name}, file="", count=1) for name in ("holder", "riser")
+    )
+    writer = journal(tmp_path, with_cell=False)
+    writer.write(rows.RunBegan(recipe={"name": "holder"}, recipes=recipes, count=2))
+    writer.write(rows.TablePictures({"ring": "a.png"}), 1)
+    assert folded(tmp_path).facts()["at_hand"] == {"recipe": "", "serial": ""}
+    writer.write(rows.PartIdentified(recipe=1, name="riser", serial="A<7>"), 1)
+    assert folded(tmp_path).facts()["at_hand"] == {"recipe": "riser", "serial": "A<7>"}
+    writer.write(rows.PartDone(verdict="fail", tray="reject"), 1)
+    writer.write(rows.TablePictures({"ring": "b.png"}), 2)
+    writer.close()
+    facts = folded(tmp_path).facts()
+    assert facts["at_hand"] == {"recipe": "", "serial": ""}
+    (done,) = facts["parts"]
+    assert (done["recipe"], done["serial"], done["verdict"]) == ("riser", "A<7>", "fail")
 
 
 def test_a_view_gets_its_outline_and_findings_once_it_is_judged(tmp_path: Path) -> None:
@@ -363,6 +383,27 @@ def test_orders_that_the_cell_refuses_come_back_with_its_reason(
     at = bench(tmp_path)
     status, text = at.act("pause", {"kind": "now"}, at.log_in())
     assert (status, json.loads(text)["reason"]) == (409, "homing goes on")
+
+
+def test_a_number_that_was_read_reaches_the_cell_as_an_answer(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sent: list[tuple[str, Order]] = []
+
+    def order(_: RunningCell, name: str, body: Order) -> DecisionReply:
+        sent.append((name, body))
+        reason = "SN <1>: a part of this run has this number already"
+        return DecisionReply(decision="refused", state="execute_acquiring", reason=reason)
+
+    monkeypatch.setattr(RunningCell, "order", order)
+    at = bench(tmp_path)
+    csrf = at.log_in()
+    status, text = at.act("answer", {"key": "SN <1>", "number": 4}, csrf)
+    assert (status, "already" in json.loads(text)["reason"]) == (409, True)
+    assert at.act("answer", {"key": "x" * 81, "number": 4}, csrf)[0] == 422
+    assert at.act("answer", {"key": "", "number": 4}, csrf)[0] == 422
+    ((name, body),) = sent
+    assert (name, body.model_dump()["key"], body.model_dump()["number"]) == ("answer", "SN <1>", 4)
 
 
 def test_without_a_run_an_order_is_answered_with_a_sentence(tmp_path: Path) -> None:

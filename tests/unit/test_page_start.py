@@ -106,6 +106,7 @@ async def test_a_run_has_the_options_of_the_command_line_and_a_session_of_its_ow
 ) -> None:
     recipes = [{"recipe": "recipes/plate.yaml", "count": 4}, {"recipe": "holder"}]
     more = {"cell": "cell.yaml", "lot": "L 7", "serial_from": "A-001", "speed": 5, "seed": 3}
+    more |= {"goes_on": True}
     await launcher.start(body(recipes=recipes, are_trays_empty=True, **more), "ada")
     found = said(project)
     assert found["argv"][0] == "run"
@@ -115,6 +116,7 @@ async def test_a_run_has_the_options_of_the_command_line_and_a_session_of_its_ow
         "--lot=L 7",
         "--cell=cell.yaml",
         "--serial-from=A-001",
+        "--across-runs",
         "--speed=5.0",
         "--seed=3",
         "--trays-empty",
@@ -191,6 +193,9 @@ async def test_a_file_that_is_not_offered_is_not_started(
         {"serials": ["a", ""]},
         {"serials": ["a"] * 2_001},
         {"serials": ["a"], "serial_from": "b"},
+        {"serials": ["a"], "is_read": True},
+        {"serial_from": "a1", "is_read": True},
+        {"goes_on": True},
         {"speed": float("nan")},
         {"speed": 101},
         {"seed": -1},
@@ -202,6 +207,11 @@ async def test_a_file_that_is_not_offered_is_not_started(
 def test_a_start_that_makes_no_sense_is_refused(more: dict[str, object]) -> None:
     with pytest.raises(ValidationError):
         body(**more)
+
+
+async def test_numbers_may_be_read_off_the_parts(launcher: Launcher, project: Path) -> None:
+    await launcher.start(body(is_read=True), "ada")
+    assert "--scan" in said(project)["argv"]
 
 
 async def test_a_value_is_never_taken_for_an_option(launcher: Launcher, project: Path) -> None:

@@ -14,7 +14,7 @@ SIZE_PX: Final = (1280, 1024)  # where the journal does not have it
 VIEW_COUNT: Final = 6
 ALARM_COUNT: Final = 12
 ACT_COUNT: Final = 12
-DONE_COUNT: Final = 12
+DONE_COUNT: Final = 50
 # A predicted outline is shown by as many points at most.
 OUTLINE_POINT_COUNT: Final = 240
 
@@ -105,6 +105,7 @@ class RunFold:
     _plan: dict[str, Any] = field(default_factory=dict)
     _done: int = 0
     _recipe_number: int = 0
+    _label: rows.PartIdentified | None = None
     _views: dict[str, dict[str, Any]] = field(default_factory=dict)
     _table: list[dict[str, Any]] = field(default_factory=list)
     _verdict: dict[str, Any] | None = None
@@ -138,6 +139,15 @@ class RunFold:
         return {} if self.began is None else self.began.ordered[self._recipe_number].recipe
 
     @property
+    def _at_hand(self) -> dict[str, str]:
+        """Recipe and serial number of the part at hand, each empty where nobody knows it yet."""
+        label, began = self._label, self.began
+        if label is not None:
+            return {"recipe": label.name, "serial": label.serial}
+        is_only_one = began is not None and len(began.ordered) == 1
+        return {"recipe": str(self.recipe.get("name", "")) if is_only_one else "", "serial": ""}
+
+    @property
     def _size(self) -> list[int]:
         """Width and height of the inspection camera's pictures [px]."""
         cameras = {} if self.began is None else self.began.cell.get("cameras", {})
@@ -160,6 +170,7 @@ class RunFold:
             "state": self.state,
             "custody": self.part.custody.value,
             "part": self.part.number,
+            "at_hand": self._at_hand,
             "verdict": self._verdict,
             "plan": {**self._plan, "steps": self._steps, "done": self._done},
             "views": list(self._views.values())[-VIEW_COUNT:],
@@ -173,6 +184,7 @@ class RunFold:
 
     def _next_part(self, number: int) -> None:
         self.part = HeldPart(number=number)
+        self._label = None
         self.others, self._steps, self._plan, self._done = [], [], {}, 0
         self._views, self._table, self._verdict = {}, [], None
 
@@ -207,7 +219,7 @@ class RunFold:
         """Take what is about the part at work."""
         match body:
             case rows.PartIdentified():
-                self._recipe_number = body.recipe
+                self._recipe_number, self._label = body.recipe, body
             case rows.TablePictures():
                 self._table = self._shown(row.body)
             case rows.Sightings():
@@ -253,9 +265,8 @@ class RunFold:
             case rows.PartJudged():
                 self._verdict = {"verdict": body.verdict, "reasons": list(body.reasons)}
             case rows.PartDone():
-                self._parts.append(
-                    {"part": self.part.number, "verdict": body.verdict, "tray": body.tray}
-                )
+                done = {"part": self.part.number, "verdict": body.verdict, "tray": body.tray}
+                self._parts.append({**done, **self._at_hand})
                 self._counts[body.verdict] = self._counts.get(body.verdict, 0) + 1
             case _:
                 pass

@@ -65,6 +65,8 @@ class StartBody(Body):
     ----------
     cell : key of `Choices`; empty for that of the recipe
     serials, serial_from : serial numbers one by one, or the first of those that are counted
+    goes_on : counting goes on after the last number of the earlier runs
+    is_read : serial numbers are read off the parts
     speed, seed : of the emulated cell
     """
 
@@ -75,6 +77,8 @@ class StartBody(Body):
         default=(), max_length=SERIAL_MAX_COUNT
     )
     serial_from: Paper = ""
+    goes_on: bool = False
+    is_read: bool = False
     part_temperature_c: float | None = Field(default=None, ge=-50, le=150)
     speed: float = Field(default=1.0, ge=0.1, le=100)
     seed: int | None = Field(default=None, ge=0, lt=2**32)
@@ -83,8 +87,10 @@ class StartBody(Body):
 
     @model_validator(mode="after")
     def _one_source_of_serials(self) -> "StartBody":
-        if self.serials and self.serial_from:
-            raise ValueError("serial numbers are listed or counted, not both")
+        if sum(map(bool, (self.serials, self.serial_from, self.is_read))) > 1:
+            raise ValueError("serial numbers are listed, counted or read: one of these")
+        if self.goes_on and not self.serial_from:
+            raise ValueError("counting goes on across runs only where numbers are counted")
         return self
 
     def options(self, who: str) -> list[str]:
@@ -104,6 +110,8 @@ class StartBody(Body):
             "--speed": None if self.speed == 1 else self.speed,
         }
         stated = {
+            "--across-runs": self.goes_on,
+            "--scan": self.is_read,
             "--trays-empty": self.are_trays_empty,
             "--part-removed": self.is_part_removed,
         }

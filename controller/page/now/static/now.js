@@ -18,6 +18,9 @@ const SIGNAL_WORDS = {
   part_in_nest: "Part in the fixed gripper's barrier", part_in_gripper: "Part in the arm gripper's barrier",
   acknowledge: "Acknowledge button",
 };
+const ENTRY_WORDS = {
+  "serial number": "Serial number",
+};
 const VERDICTS = { pass: "PASS", fail: "FAIL", indeterminate: "INDETERMINATE", not_evaluated: "NOT EVALUATED" };
 
 let last = null;
@@ -83,8 +86,9 @@ function show(now) {
 function factsOf({ status, run }) {
   const found = [];
   if (!run) return found;
-  found.push([t("Recipe"), run.recipe]);
+  found.push([t("Recipe"), run.at_hand.recipe || t("not recognised yet")]);
   if (run.part) found.push([t("Part"), run.count ? t("{k} of {n}", { k: run.part, n: run.count }) : String(run.part)]);
+  if (run.at_hand.serial) found.push([t("Serial number"), run.at_hand.serial]);
   if (run.lot) found.push([t("Lot"), run.lot]);
   if (run.operator) found.push([t("Operator"), run.operator]);
   found.push([t("Custody"), t(status ? status.custody : run.custody)]);
@@ -117,6 +121,31 @@ function drawQuestion(question) {
     button.addEventListener("click", () => act("answer", { key: choice.key, number: question.number }));
     return button;
   }));
+  drawEntry(question);
+}
+
+// A text in place of a choice. The field has the focus, so that what a scanner types arrives there.
+function drawEntry(question) {
+  const mayAct = document.querySelector("main").dataset.mayAct === "yes";
+  $("entry").hidden = !question.entry;
+  $("entry-said").textContent = "";
+  if (!question.entry) return;
+  $("entry-words").textContent = t(ENTRY_WORDS[question.entry] || question.entry);
+  $("entry-text").value = "";
+  for (const one of $("entry").querySelectorAll("input, button")) one.disabled = !mayAct;
+  if (mayAct) $("entry-text").focus();
+}
+
+async function enter(event) {
+  event.preventDefault();
+  const question = last && last.status && last.status.question;
+  const key = $("entry-text").value.trim();
+  if (!question || !key) return;
+  $("entry-said").textContent = "";
+  if (await act("answer", { key, number: question.number })) return;
+  // the next number, typed or scanned, replaces the one that was refused
+  $("entry-said").textContent = $("said").textContent;
+  $("entry-text").select();
 }
 
 function within(seconds) {
@@ -245,7 +274,7 @@ function drawParts([parts, counts]) {
   $("counts").textContent = counts
     ? Object.entries(counts).map(([verdict, n]) => `${VERDICTS[verdict] || verdict}: ${n}`).join(" · ") : "";
   $("parts").replaceChildren(...[...(parts || [])].reverse().map((one) =>
-    el("li", `${t("Part")} ${one.part}: ${VERDICTS[one.verdict] || one.verdict}${one.tray ? ` → ${t(one.tray)}` : ""}`)));
+    el("li", `${[`${t("Part")} ${one.part}`, one.serial, one.recipe].filter(Boolean).join(" · ")}: ${VERDICTS[one.verdict] || one.verdict}${one.tray ? ` → ${t(one.tray)}` : ""}`)));
 }
 
 function drawPeople(acts) {
@@ -254,8 +283,9 @@ function drawPeople(acts) {
     : [el("li", t("Nobody yet."))]));
 }
 
+// Sends an order; returns whether it was taken.
 async function act(name, body) {
-  if (isActing) return;
+  if (isActing) return false;
   isActing = true;
   $("said").textContent = t("sent …");
   const why = $("why") ? $("why").value : "";
@@ -267,17 +297,20 @@ async function act(name, body) {
     else {
       $("said").textContent = `✓ ${t("taken")}: ${stateWords(said.state)}`;
       if ($("why")) $("why").value = "";
+      return true;
     }
   } catch {
     $("said").textContent = `✗ ${t("The order did not reach the page. Look at the cell before you repeat it.")}`;
   } finally {
     isActing = false;
   }
+  return false;
 }
 
 for (const button of document.querySelectorAll("[data-pause]")) {
   button.addEventListener("click", () => act("pause", { kind: button.dataset.pause }));
 }
+$("entry").addEventListener("submit", enter);
 if ($("resume")) {
   $("resume").addEventListener("click", () => {
     const first = last && last.status && last.status.first_motion;

@@ -73,11 +73,24 @@ export function showStart(now) {
   $("started-lines").textContent = started.lines.join("\n");
 }
 
+const isCounted = (how) => how === "counted" || how === "across";
+
+// Shows the field of the way in which parts get their numbers.
+function numbering() {
+  const how = $("start-serials-how").value;
+  for (const box of document.querySelectorAll("[data-serials]")) {
+    box.hidden = !box.dataset.serials.split(" ").includes(how);
+  }
+  $("start-serial-from").required = isCounted(how);
+  $("start-serials").required = how === "listed";
+}
+
 async function start(event) {
   event.preventDefault();
   if (isSending) return;
   isSending = true;
   $("start-said").textContent = t("sent …");
+  const how = $("start-serials-how").value;
   const number = (id) => ($(id).value === "" ? null : Number($(id).value));
   const recipes = [...document.querySelectorAll("#start-recipes .pair")].map((box) => ({
     recipe: box.querySelector(".recipe").value, count: Number(box.querySelector(".count").value),
@@ -87,8 +100,10 @@ async function start(event) {
       recipes,
       cell: $("start-cell").value,
       lot: $("start-lot").value.trim(),
-      serial_from: $("start-serial-from").value.trim(),
-      serials: $("start-serials").value.split("\n").map((one) => one.trim()).filter(Boolean),
+      serial_from: isCounted(how) ? $("start-serial-from").value.trim() : "",
+      goes_on: how === "across",
+      is_read: how === "scan",
+      serials: how === "listed" ? $("start-serials").value.split("\n").map((one) => one.trim()).filter(Boolean) : [],
       part_temperature_c: number("start-temperature"),
       speed: number("start-speed") ?? 1,
       are_trays_empty: $("start-trays").checked,
@@ -110,4 +125,6 @@ if ($("start-form")) {
   $("start-form").addEventListener("submit", start);
   $("start-more").addEventListener("click", row);
   $("start-cell").addEventListener("change", devices);
+  $("start-serials-how").addEventListener("change", numbering);
+  numbering();
 }
