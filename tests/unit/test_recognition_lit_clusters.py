@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
+from typing import cast
 
 import numpy as np
 import pytest
@@ -16,6 +17,11 @@ from controller.cad import Solid, stable_poses
 from controller.cad.compiled import compile_solid
 from controller.imaging import PointLamp
 from controller.recognition import Library, Sighting, make_library, recognise
+from controller.recognition.identification.decide import Decision
+from controller.recognition.identification.hypotheses import Hypothesis
+from controller.recognition.identification.lit.choice import Place
+from controller.recognition.identification.lit.fits import LitFit
+from controller.recognition.identification.lit.parts import sure_beside_unknown
 from controller.recognition.segmentation import Region, joined, near_ones
 
 Array = NDArray[np.float64]
@@ -115,6 +121,18 @@ def test_what_touches_a_known_part_under_lamps_and_is_none_stays_unknown() -> No
 def test_a_stranger_by_itself_under_lamps_is_not_made_of_known_parts() -> None:
     (seen,) = look(("strange", flat("strange", 10.0, -12.0, 0.7)))
     assert (seen.part, seen.lies_on, seen.is_covered) == (None, (), False)
+
+
+def place(score: float) -> Place:
+    """What is known of a place but how sure it is does not matter here."""
+    hypothesis = cast(Hypothesis, None)
+    return Place(cast(LitFit, None), (), Decision(hypothesis, score, (), None), ())
+
+
+def test_beside_something_unknown_only_what_is_sure_by_itself_is_named() -> None:
+    sure, detail = place(0.95), place(0.74)
+    assert sure_beside_unknown([sure, detail], is_unknown_left=True) == ([sure], [detail])
+    assert sure_beside_unknown([sure, detail], is_unknown_left=False) == ([sure, detail], [])
 
 
 def patch(x: int, y: int, width: int, height: int) -> Region:
