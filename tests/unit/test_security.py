@@ -32,10 +32,12 @@ ROOT = Path(__file__).parents[2]
 CELL = ROOT / "recipes" / "cells" / "emulated.yaml"
 PACKAGES = ("controller", "drivers", "emulators", "simulation")
 # multiprocessing pickles what it sends to our own child over our own pipe: nothing from a disk or
-# a wire goes that way, which is why the two modules that use it are named here
+# a wire goes that way, which is why the modules that use it are named here
 PIPES = {
     "controller/cell/compute/pool.py",
     "controller/cli/running/ends.py",
+    "controller/page/records/records.py",
+    "controller/page/records/work.py",
     "emulators/world/pictures/desk.py",
     "emulators/world/pictures/worker.py",
 }

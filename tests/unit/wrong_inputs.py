@@ -1050,6 +1050,14 @@ ROWS: tuple[Row, ...] = (
         1,
     ),
     Row("history of no runs", nothing, ("history",), "no journal at runs", 1),
+    Row("review of no runs", nothing, ("review",), "no journal at runs", 1),
+    Row(
+        "review with no such verdict",
+        nothing,
+        ("review", "SN1", "--verdict", "good"),
+        "--verdict good: one of accept, reject",
+    ),
+    Row("review of nothing", nothing, ("review", "--verdict", "accept"), "--verdict, --output"),
     Row(
         "history of a wrong date",
         nothing,
