@@ -192,7 +192,9 @@ function drawSteps([plan, step]) {
   const steps = plan ? plan.steps : [];
   $("course-words").textContent = steps.length
     ? t("Forecast of the plan: {s} s.", { s: number(plan.forecast_s) }) : t("There is no plan yet.");
-  const most = Math.max(1, ...steps.map((one) => Math.max(one.forecast_s, one.seconds || 0)));
+  // a step that took far longer than any was forecast fills its row, and leaves the others their length
+  const longest = Math.max(1, ...steps.map((one) => one.forecast_s));
+  const most = Math.max(longest, ...steps.map((one) => Math.min(one.seconds || 0, 2 * longest)));
   $("steps").replaceChildren(...steps.map((one, k) => {
     const item = el("li");
     if (step === k + 1) item.setAttribute("aria-current", "step");
@@ -203,7 +205,7 @@ function drawSteps([plan, step]) {
     const bars = el("span", "", "bars");
     const bar = (kind, seconds) => {
       const made = el("span", "", `bar ${kind}`);
-      made.style.width = `${(100 * seconds) / most}%`;
+      made.style.width = `${Math.min(100, (100 * seconds) / most)}%`;
       bars.append(made);
     };
     bar("forecast", one.forecast_s);
