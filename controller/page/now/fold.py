@@ -135,7 +135,7 @@ class RunFold:
 
     @property
     def recipe(self) -> Mapping[str, Any]:
-        """The recipe of the part at hand; the run's first one before it was recognised."""
+        """The recipe of the part that was recognised last; the run's first one before any was."""
         return {} if self.began is None else self.began.ordered[self._recipe_number].recipe
 
     @property
