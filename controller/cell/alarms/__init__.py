@@ -5,11 +5,12 @@
 """
 
 from .alarm import Alarm, Severity
-from .catalogue import ALARMS, BY_CODE, INTERNAL, alarm_of, code_of, device_named
+from .catalogue import ALARMS, BY_CODE, BY_NUMBER, INTERNAL, alarm_of, code_of, device_named
 
 __all__ = [
     "ALARMS",
     "BY_CODE",
+    "BY_NUMBER",
     "INTERNAL",
     "Alarm",
     "Severity",

@@ -11,6 +11,7 @@ from .parts import PARTS
 
 ALARMS: Final[tuple[Alarm, ...]] = tuple(sorted((*CELL, *DEVICES, *PARTS), key=lambda a: a.number))
 BY_CODE: Final[Mapping[str, Alarm]] = {alarm.code: alarm for alarm in ALARMS}
+BY_NUMBER: Final[Mapping[int, Alarm]] = {alarm.number: alarm for alarm in ALARMS}
 INTERNAL: Final = BY_CODE["internal"]
 # Names whose code is not made of the words of the class.
 CODES: Final = {"OSError": "file", "ArmStalledError": "stall"}

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Any, Final
 
-from controller.cell.alarms import ALARMS, Alarm
+from controller.cell.alarms import BY_NUMBER
 from controller.cell.custody import Custody
 from controller.cell.journal import Row, read_row, rows
 
@@ -19,7 +19,6 @@ DONE_COUNT: Final = 50
 OUTLINE_POINT_COUNT: Final = 240
 
 IN_ARM: Final = (Custody.IN_ARM, Custody.IN_BOTH)
-BY_NUMBER: Final[Mapping[int, Alarm]] = {alarm.number: alarm for alarm in ALARMS}
 
 
 @dataclass(frozen=True, slots=True)

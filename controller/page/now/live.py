@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from controller.cell.alarms import ALARMS
+from controller.cell.alarms import BY_NUMBER
 from controller.cell.control import ControlError, NoRunError, RunningCell, StatusReply, facts
 from controller.cell.journal import JOURNAL_NAME, JournalError, newest_run, read_rows_after
 
@@ -253,9 +253,6 @@ def light_of(status: StatusReply | None, has_run: bool, state: str) -> str:
     return "working" if mode in ("execute", "completing", "resetting", "starting") else "resting"
 
 
-_ALARMS: Final = {alarm.number: alarm for alarm in ALARMS}
-
-
 def _status(status: StatusReply) -> dict[str, Any]:
     """Return a status as JSON, its alarms with what a person does about them."""
     found = facts(status)
@@ -263,7 +260,7 @@ def _status(status: StatusReply) -> dict[str, Any]:
     alarms = []
     for text in status.alarms:
         number, _, words = text.partition(" ")
-        alarm = _ALARMS.get(int(number)) if number.isdigit() else None
+        alarm = BY_NUMBER.get(int(number)) if number.isdigit() else None
         alarms.append(
             {
                 "number": int(number) if number.isdigit() else 0,
