@@ -18,7 +18,13 @@ from typing import Any, Final
 
 from controller.cell.alarms import BY_NUMBER
 from controller.cell.control import ControlError, NoRunError, RunningCell, StatusReply, facts
-from controller.cell.journal import JOURNAL_NAME, JournalError, newest_run, read_rows_after
+from controller.cell.journal import (
+    JOURNAL_NAME,
+    JournalError,
+    journal_mark,
+    newest_run,
+    read_rows_after,
+)
 
 from .fold import RunFold
 from .scene import CellScene
@@ -77,7 +83,7 @@ class Live:
         self._journal = runs_dir / JOURNAL_NAME
         self._clock = clock
         self._cell = RunningCell(runs_dir)
-        self._stamp: tuple[object, ...] = ()
+        self._mark: tuple[object, ...] = ()
         self._watchers: set[Watcher] = set()
         self._sent: dict[str, str] = {}
         self._status: StatusReply | None = None
@@ -161,18 +167,18 @@ class Live:
 
     def look(self) -> bool:
         """Take new rows of the journal; return whether anything has changed."""
-        stamp = self._stamped()
-        if stamp == self._stamp:
+        mark = journal_mark(self._journal)
+        if mark == self._mark:
             return False
         if not self._journal.is_file():
-            self._stamp, self.fold, self.scene = stamp, None, None
+            self._mark, self.fold, self.scene = mark, None, None
             return True
         run = newest_run(self._journal)
         if run is None:
-            self._stamp = stamp
+            self._mark = mark
             return False
         fold = self.fold
-        if fold is None or fold.run != run or (self._stamp and self._stamp[0] != stamp[0]):
+        if fold is None or fold.run != run or (self._mark and self._mark[0] != mark[0]):
             fold = RunFold(run)
         has_new = False
         for row in read_rows_after(self._journal, fold.seq, run):
@@ -180,20 +186,8 @@ class Live:
             has_new = True
         if self.fold is not fold:
             self.scene = _scene_of(fold)
-        self.fold, self._stamp = fold, stamp
+        self.fold, self._mark = fold, mark
         return has_new
-
-    def _stamped(self) -> tuple[object, ...]:
-        """Return what changes with the journal: which file it is, sizes and times."""
-        found: list[object] = []
-        for path in (self._journal, self._journal.with_name(f"{JOURNAL_NAME}-wal")):
-            try:
-                stat = path.stat()
-            except FileNotFoundError:
-                found.append(None)
-            else:
-                found += [stat.st_ino, stat.st_size, stat.st_mtime_ns]
-        return tuple(found)
 
     def publish(self) -> None:
         """Hand on what has changed."""

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import ClassVar, Concatenate, Final, ParamSpec, TypeVar
 from weakref import WeakValueDictionary
 
-from controller.cell.journal import JOURNAL_NAME
+from controller.cell.journal import JOURNAL_NAME, journal_mark
 from controller.history import HistoryError, Store, open_store, store_url
 
 from .work import begin, draw_crop, fill_store
@@ -61,7 +61,7 @@ class Records:
         self._pool: Executor | None = None
         self._filling: asyncio.Task[None] | None = None
         self._filled_s = float("-inf")
-        self._stamp: tuple[object, ...] | None = None
+        self._mark: tuple[object, ...] | None = None
         self._querying = asyncio.Semaphore(QUERIES_AT_ONCE)
         self._drawing = asyncio.Semaphore(CROPS_AT_ONCE)
         self._opening = asyncio.Lock()
@@ -111,11 +111,11 @@ class Records:
     async def freshen(self) -> bool:
         """Have the store filled with what is new; return whether that goes on still."""
         now_s = time.monotonic()
-        stamp = self._stamped()
+        mark = self._marked()
         is_running = self._filling is not None and not self._filling.done()
-        is_new = stamp != self._stamp and any(stamp)
+        is_new = mark != self._mark and any(mark)
         if not is_running and is_new and now_s - self._filled_s > NEWER_S:
-            self._stamp, self._filled_s = stamp, now_s
+            self._mark, self._filled_s = mark, now_s
             self._filling = asyncio.create_task(self._fill())
         if self._filling is None:
             return False
@@ -166,7 +166,7 @@ class Records:
                 self._pooled(), fill_store, self._url, self.runs_dir
             )
         except (OSError, RuntimeError) as error:
-            self._pool, self._stamp = None, None
+            self._pool, self._mark = None, None
             self.problems = (f"the history was not filled: {error}",)
 
     def _pooled(self) -> Executor:
@@ -174,14 +174,9 @@ class Records:
             self._pool = make_pool()
         return self._pool
 
-    def _stamped(self) -> tuple[object, ...]:
+    def _marked(self) -> tuple[object, ...]:
         """Return what changes with the journal; nothing but None where there is none."""
-        found: list[tuple[int, int, int] | None] = []
-        for name in (JOURNAL_NAME, f"{JOURNAL_NAME}-wal"):
-            try:
-                stat = (self.runs_dir / name).stat()
-            except OSError:
-                found.append(None)
-            else:
-                found.append((stat.st_ino, stat.st_size, stat.st_mtime_ns))
-        return tuple(found)
+        try:
+            return journal_mark(self.runs_dir / JOURNAL_NAME)
+        except OSError:
+            return ()

@@ -1,6 +1,13 @@
 """Read journals: whole, as reports do, or bit by bit, as the history does. Nothing here writes."""
 
-from ._following import NewRows, new_rows, row_at, rows_of_parts, whole_up_to
+from ._following import (
+    NewRows,
+    journal_mark,
+    new_rows,
+    row_at,
+    rows_of_parts,
+    whole_up_to,
+)
 from ._reader import (
     BrokenRow,
     broken_rows,
@@ -17,6 +24,7 @@ __all__ = [
     "NewRows",
     "broken_rows",
     "first_broken_row",
+    "journal_mark",
     "new_rows",
     "newest_run",
     "read_rows",

@@ -32,6 +32,27 @@ class NewRows:
     last_seq: int
 
 
+def journal_mark(path: Path) -> tuple[int | None, ...]:
+    """Return what changes with a journal: which file it is, sizes and times; None where none is.
+
+    Its first entry changes only with the file. Asking costs two looks at the folder: the journal
+    is not opened.
+
+    Raises
+    ------
+    OSError : the folder cannot be looked into
+    """
+    found: list[int | None] = []
+    for one in (path, path.with_name(f"{path.name}-wal")):
+        try:
+            stat = one.stat()
+        except FileNotFoundError:
+            found.append(None)
+        else:
+            found += [stat.st_ino, stat.st_size, stat.st_mtime_ns]
+    return tuple(found)
+
+
 def row_at(path: Path, seq: int) -> Head | None:
     """Return number and hash of a row; None where the journal does not have it.
 
