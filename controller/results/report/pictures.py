@@ -136,7 +136,7 @@ class Pictures:
             while self._held_px > KEPT_PX:
                 gone = self._decoded.pop(next(iter(self._decoded)))
                 self._held_px -= 0 if gone is None else gone.size
-            image = _decode(self._folder, name)
+            image = grey_picture(self._folder, name)
             self._decoded[name] = image
             self._held_px += 0 if image is None else image.size
         return self._decoded[name]
@@ -148,7 +148,14 @@ def inside(folder: Path, name: str) -> Path | None:
     return path if path.is_relative_to(folder.resolve()) else None
 
 
-def _decode(folder: Path, name: str) -> Grey | None:
+def grey_picture(folder: Path, name: str) -> Grey | None:
+    """Return a picture of a run, None where there is none that can be read.
+
+    Parameters
+    ----------
+    folder : of the run
+    name : of the file, relative to it
+    """
     path = inside(folder, name)
     if path is None or not path.is_file():
         return None

@@ -8,12 +8,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.arrays import FloatArray, Grey
+from controller.arrays import FloatArray
 from controller.cad import Solid
 from controller.imaging import RayCaster
 
 from ..judged import JudgedPart, solid_in_run
-from ..report.pictures import inside, window_round
+from ..report.pictures import grey_picture, window_round
 from ..report.signed.looks import picture_of
 from ..run import Box, FindingReport, RunRecord, ViewReport
 from .place import MARK_BGR, place_drawing
@@ -96,7 +96,7 @@ class PartCrops:
     def _found(self, view: ViewReport, finding: FindingReport) -> FindingCrops:
         file = picture_of(view, finding.lamp) or ""
         lamp = next((name for name, one in view.pictures.items() if one == file), "")
-        picture = self._read(file) if file and finding.box_px else None
+        picture = grey_picture(self._record.folder, file) if file and finding.box_px else None
         window = None
         if picture is not None and finding.box_px is not None:
             size = (picture.shape[1], picture.shape[0])
@@ -113,7 +113,7 @@ class PartCrops:
         """
         if which == "place":
             return self._place(found.finding)
-        picture = self._read(found.file) if found.file else None
+        picture = grey_picture(self._record.folder, found.file) if found.file else None
         if picture is None or found.window is None:
             name = f"picture {found.file} is missing" if found.file else "no picture was named"
             return Seen(None, name)
@@ -152,14 +152,6 @@ class PartCrops:
         caster = RayCaster(self._solid.mesh)
         place = np.asarray(finding.p_part_mm, dtype=float)
         return Seen(place_drawing(self._solid, caster, place, PLACE_PX))
-
-    def _read(self, file: str) -> Grey | None:
-        path = inside(self._record.folder, file)
-        if path is None or not path.is_file():
-            return None
-        data = np.frombuffer(path.read_bytes(), dtype=np.uint8)
-        image = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE) if data.size else None
-        return None if image is None else np.asarray(image, dtype=np.uint8)
 
 
 def border_in(found: FindingCrops) -> tuple[tuple[float, float], ...]:
