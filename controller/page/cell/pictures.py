@@ -14,7 +14,7 @@ import numpy as np
 from controller.arrays import Grey
 from controller.cell.journal import JOURNAL_NAME, JournalError, newest_run, read_rows_after, rows
 
-from ..frame.drawn import PICTURE_MAX_BYTES, file_within
+from ..frame.drawn import file_within, grey_picture
 
 BIN_COUNT: Final = 64
 OVERHEAD, INSPECTION = "overhead", "inspection"
@@ -114,14 +114,8 @@ def measured(path: Path) -> dict[str, Any] | None:
     it grows with sharpness, and compares pictures of one camera, one lamp and one scene only.
     ``dark`` and ``bright`` are the shares of pixels at the lowest and the highest level.
     """
-    try:
-        if path.stat().st_size > PICTURE_MAX_BYTES:
-            return None
-        data = np.frombuffer(path.read_bytes(), np.uint8)
-    except OSError:
-        return None
-    image = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE) if len(data) else None
-    return None if image is None else measures_of(np.asarray(image, dtype=np.uint8))
+    image = grey_picture(path)
+    return None if image is None else measures_of(image)
 
 
 def measures_of(image: Grey) -> dict[str, Any]:

@@ -1,5 +1,6 @@
 """What screens hand out to be drawn: pictures of a run, the mesh of its part."""
 
+import asyncio
 import gzip
 import json
 from collections.abc import Mapping
@@ -11,6 +12,7 @@ import cv2
 import numpy as np
 from starlette.responses import Response
 
+from controller.arrays import Grey
 from controller.cad import Solid
 from controller.results.judged import solid_of
 
@@ -33,9 +35,8 @@ def file_within(folder: Path, name: str) -> Path | None:
     return path if path.is_relative_to(inside) else None
 
 
-@lru_cache(maxsize=64)
-def picture_bytes(path: Path) -> bytes | None:
-    """Return a picture of the run as JPEG, narrower; None where there is none."""
+def grey_picture(path: Path) -> Grey | None:
+    """Return a picture's grey levels (height, width); None where there is none of sound size."""
     try:
         if path.stat().st_size > PICTURE_MAX_BYTES:
             return None
@@ -43,14 +44,44 @@ def picture_bytes(path: Path) -> bytes | None:
     except OSError:
         return None
     image = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE) if len(data) else None
+    return None if image is None else np.asarray(image, dtype=np.uint8)
+
+
+@lru_cache(maxsize=64)
+def picture_bytes(path: Path) -> bytes | None:
+    """Return a picture of the run as JPEG, narrower; None where there is none."""
+    image = grey_picture(path)
     if image is None:
         return None
     height, width = image.shape[:2]
     if width > PICTURE_WIDTH_PX:
         size = (PICTURE_WIDTH_PX, round(height * PICTURE_WIDTH_PX / width))
-        image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+        image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
     _, jpeg = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, PICTURE_QUALITY])
     return jpeg.tobytes()
+
+
+async def run_picture(folder: Path, name: str) -> Response | None:
+    """Return the answer that is a picture of a run, for browsers to keep; None without one.
+
+    Parameters
+    ----------
+    folder : of the run
+    name : as the journal has it
+    """
+    path = file_within(folder, name)
+    found = None if path is None else await asyncio.to_thread(picture_bytes, path)
+    if found is None:
+        return None
+    headers = {"Cache-Control": "private, max-age=86400, immutable"}
+    return Response(found, media_type="image/jpeg", headers=headers)
+
+
+def why_not_drawn(count: int) -> str:
+    """Return why a mesh of so many triangles is not drawn, empty where it is."""
+    if count <= TRIANGLE_MAX_COUNT:
+        return ""
+    return f"the part has {count} triangles, {TRIANGLE_MAX_COUNT} at most are drawn"
 
 
 def mesh_of(recipe: Mapping[str, Any], stored: Mapping[str, str], folder: Path) -> dict[str, Any]:
@@ -65,9 +96,8 @@ def mesh_of(recipe: Mapping[str, Any], stored: Mapping[str, str], folder: Path) 
     solid = solid_of(recipe, stored, folder)
     if not isinstance(solid, Solid):
         return {"why": solid}
-    count = len(solid.mesh.faces)
-    if count > TRIANGLE_MAX_COUNT:
-        return {"why": f"the part has {count} triangles, {TRIANGLE_MAX_COUNT} at most are drawn"}
+    if why := why_not_drawn(len(solid.mesh.faces)):
+        return {"why": why}
     return {
         "vertices": np.round(np.asarray(solid.mesh.vertices), 3).ravel().tolist(),
         "triangles": np.asarray(solid.mesh.faces).ravel().tolist(),

@@ -22,7 +22,7 @@ from controller.history import (
 from controller.history.reviewing import one_part
 from controller.results import ResultsError
 
-from ..frame.drawn import file_within, picture_bytes
+from ..frame.drawn import run_picture
 from ..frame.screens import Look
 from ..frame.visit import Visit, refused
 from ..frame.words import translator, word
@@ -140,12 +140,7 @@ class HistoryAnswers:
         nothing = refused(404, word("there is no such picture"))
         if isinstance(pictures, str) or not 0 <= number < len(pictures):
             return nothing
-        path = file_within(self._records.runs_dir / run, pictures[number].file)
-        found = None if path is None else await asyncio.to_thread(picture_bytes, path)
-        if found is None:
-            return nothing
-        headers = {"Cache-Control": "private, max-age=86400, immutable"}
-        return Response(found, media_type="image/jpeg", headers=headers)
+        return await run_picture(self._records.runs_dir / run, pictures[number].file) or nothing
 
     async def report(self, visit: Visit) -> Response:
         """Return the report of a part's run, to be kept: it is no page of this one."""

@@ -21,7 +21,7 @@ from controller.cell.control import (
     facts,
 )
 
-from ..frame.drawn import file_within, mesh_of, packed, packed_json, picture_bytes
+from ..frame.drawn import mesh_of, packed, packed_json, run_picture
 from ..frame.screens import Act, Body, Look, Setting
 from ..frame.visit import Visit, refused
 from ..frame.words import word
@@ -167,12 +167,8 @@ class NowAnswers:
         missing = refused(404, word("there is no such picture"))
         if fold is None or params["run"] != fold.run or params["number"] >= len(fold.pictures):
             return missing
-        path = file_within(self._setting.runs_dir / fold.run, fold.pictures[params["number"]])
-        found = None if path is None else await asyncio.to_thread(picture_bytes, path)
-        if found is None:
-            return missing
-        headers = {"Cache-Control": "private, max-age=86400, immutable"}
-        return Response(found, media_type="image/jpeg", headers=headers)
+        folder, name = self._setting.runs_dir / fold.run, fold.pictures[params["number"]]
+        return await run_picture(folder, name) or missing
 
     async def choices(self, _: Visit) -> Response:
         """Return the recipes and cell files that a run may be started with."""

@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-TRIANGLE_MAX_COUNT: Final = 150_000
+from ..frame.drawn import why_not_drawn
+
 POINT_MAX_COUNT: Final = 20_000  # of the surface that no view shows
 WHOLE, NOTHING = 0.995, 0.005  # shares of a face that count as all of it, and as none
 PART_KEYS: Final = (
@@ -101,10 +102,8 @@ def mesh_shown(folder: Path) -> dict[str, Any]:
         mesh = json.loads((folder / "mesh.json").read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return {"why": "the mesh is not there"}
-    count = len(mesh["face_of_triangle"])
-    if count > TRIANGLE_MAX_COUNT:
-        return {"why": f"the part has {count} triangles, {TRIANGLE_MAX_COUNT} at most are drawn"}
-    return dict(mesh)
+    why = why_not_drawn(len(mesh["face_of_triangle"]))
+    return {"why": why} if why else dict(mesh)
 
 
 def _state(share: float, is_left_out: bool) -> str:
