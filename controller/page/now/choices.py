@@ -1,8 +1,9 @@
 """What a run may be started with: the recipes and cell files of a project, and those shipped."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any, Final
 
@@ -75,6 +76,7 @@ def choices_of(project_dir: Path) -> Choices:
     """Return what a run in a project may be started with, read anew."""
     recipes: list[RecipeChoice] = []
     cells: list[CellChoice] = []
+    emulated_in = cache(_emulated_in)  # most recipes of a project share a cell file
     for path in _files(project_dir):
         key = path.relative_to(project_dir).as_posix()
         try:
@@ -82,10 +84,10 @@ def choices_of(project_dir: Path) -> Choices:
         except ConfigError:
             continue
         if IS_RECIPE.search(text):
-            recipes.append(_recipe(key, path))
+            recipes.append(_recipe(key, path, emulated_in))
         elif IS_CELL.search(text):
             cells.append(_cell(key, path))
-    shipped = (_recipe(name, SHIPPED / f"{name}.yaml") for name in shipped_recipes())
+    shipped = (_recipe(one, SHIPPED / f"{one}.yaml", emulated_in) for one in shipped_recipes())
     return Choices((*recipes, *shipped), tuple(cells))
 
 
@@ -98,13 +100,17 @@ def _files(project_dir: Path) -> Iterator[Path]:
         ]
 
 
-def _recipe(key: str, path: Path) -> RecipeChoice:
+def _emulated_in(cell: Path) -> tuple[str, ...]:
+    return tuple(load_cell(cell).emulated_devices)
+
+
+def _recipe(key: str, path: Path, emulated_in: Callable[[Path], tuple[str, ...]]) -> RecipeChoice:
     try:
         recipe = load_recipe(path)
-        emulated = load_cell(recipe.cell).emulated_devices
+        emulated = emulated_in(recipe.cell)
     except ConfigError as error:
         return RecipeChoice(key, key, problem=str(error))
-    return RecipeChoice(key, recipe.name, recipe.part.name, recipe.count, tuple(emulated))
+    return RecipeChoice(key, recipe.name, recipe.part.name, recipe.count, emulated)
 
 
 def _cell(key: str, path: Path) -> CellChoice:
