@@ -15,7 +15,7 @@ from starlette.responses import JSONResponse, Response
 from controller.cell.devices.lock import LOCK_NAME, Holder, read_holder
 from controller.config import ConfigError, load_cell
 
-from ..frame import Act, Body, Look, Setting, Visit, refused, word
+from ..frame import Act, Body, Look, NoBody, Setting, Visit, refused, word
 from ..frame.drawn import file_within, picture_bytes
 from ..security import Role
 from ..work import BusyError, Workshop
@@ -33,10 +33,6 @@ class CellBody(Body):
     """A cell by its key."""
 
     cell: str = Field(min_length=1, max_length=MAX_KEY)
-
-
-class NoBody(Body):
-    """An act that needs no words."""
 
 
 class CellAnswers:

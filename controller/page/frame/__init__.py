@@ -4,7 +4,7 @@ Its `templates/` and `static/` are there for every screen: `screen.html.j2` is e
 page of a screen, `/static/shared.js` has its texts, numbers and orders.
 """
 
-from .screens import Act, Body, Look, Screen, Setting, Upload
+from .screens import Act, Body, Look, NoBody, Screen, Setting, Upload
 from .uploads import Uploaded
 from .visit import Frame, Visit, refused
 from .words import word
@@ -14,6 +14,7 @@ __all__ = [
     "Body",
     "Frame",
     "Look",
+    "NoBody",
     "Screen",
     "Setting",
     "Upload",

@@ -46,6 +46,10 @@ class Body(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
+class NoBody(Body):
+    """An act that needs no words."""
+
+
 @dataclass(frozen=True, slots=True)
 class Look:
     """Something that is fetched (GET) and changes nothing.

@@ -14,7 +14,7 @@ from starlette.responses import JSONResponse, Response
 
 from controller.config import ConfigError, Recipe
 
-from ..frame import Act, Body, Look, Setting, Upload, Uploaded, Visit, refused, word
+from ..frame import Act, Body, Look, NoBody, Setting, Upload, Uploaded, Visit, refused, word
 from ..frame.drawn import packed, packed_json
 from ..security import Role
 from ..work import BusyError, Work, Workshop, WorkState
@@ -48,10 +48,6 @@ class WorkBody(Body):
 
     of: str = Field(min_length=1, max_length=MAX_KEY)
     kind: Literal["part", "plan", "check"]
-
-
-class NoBody(Body):
-    """An act that needs no words."""
 
 
 class DraftBody(Body):
