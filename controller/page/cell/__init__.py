@@ -19,5 +19,6 @@ PATIENCE_S: Final = 20.0  # the doctor switches lamps off and closes devices bef
 
 def screen(setting: Setting) -> Screen:
     """Return the screen."""
-    answers = CellAnswers(setting, Workshop(patience_s=PATIENCE_S))
-    return Screen("cell", word("Cell"), answers.every, beside=answers.open)
+    doctors = Workshop(patience_s=PATIENCE_S)
+    answers = CellAnswers(setting, doctors)
+    return Screen("cell", word("Cell"), answers.every, beside=doctors.open)

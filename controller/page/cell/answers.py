@@ -4,29 +4,26 @@ from __future__ import annotations
 
 import asyncio
 import re
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
 from datetime import UTC, datetime
 from typing import Any, Final
 
 from pydantic import Field
 from starlette.responses import JSONResponse, Response
 
-from controller.cell.devices.lock import LOCK_NAME, Holder, read_holder
+from controller.cell.devices.lock import LOCK_NAME, read_holder
 from controller.config import ConfigError, load_cell
 
 from ..frame import Act, Body, Look, NoBody, Setting, Visit, refused, word
 from ..frame.drawn import file_within, picture_bytes
 from ..security import Role
 from ..work import BusyError, Workshop
-from .cells import CellFile, CellFiles, History, cell_facts, evidence
+from .cells import EVIDENCE_KINDS, CellFile, CellFiles, History, cell_facts, evidence, named
 from .pictures import LastPictures, live_facts
 
 MAX_KEY: Final = 300
 LIVE: Final = "live"  # the last pictures that were asked for, of whichever cell
 WATCHED: Final = ("--watch", "300")  # seconds; then the lock is free again by itself
 LIVE_PICTURE: Final = re.compile(r"(?:overhead|inspection)-[a-z_]{1,40}-\d{6,9}\.png")
-KINDS: Final = {".html": "text/html", ".json": "application/json", ".png": "image/png"}
 
 
 class CellBody(Body):
@@ -69,12 +66,6 @@ class CellAnswers:
             Act("cancel", NoBody, self.cancel, Role.ENGINEER),
         )
 
-    @asynccontextmanager
-    async def open(self) -> AsyncIterator[None]:
-        """Be ready for work while the page is served."""
-        async with self._workshop.open():
-            yield
-
     async def page(self, visit: Visit) -> Response:
         """Return the page."""
         return visit.html("cell.html.j2")
@@ -84,11 +75,12 @@ class CellAnswers:
         key = visit.request.query_params.get("cell", "")
 
         def work() -> dict[str, Any] | None:
-            file = self._files.find(key)
+            every = self._files.all()
+            file = named(every, key)
             if file is None:
                 return None
             found = cell_facts(self._files, file, self._history.past(), datetime.now(UTC))
-            return found | {"cells": [one.key for one in self._files.all()]}
+            return found | {"cells": [one.key for one in every]}
 
         async with self._looking:
             found = await asyncio.to_thread(work)
@@ -132,7 +124,7 @@ class CellAnswers:
             return _missing()
         short = "".join(c if c.isalnum() or c in "._-" else "_" for c in name)
         headers = {"Content-Disposition": f'attachment; filename="{short}"'}
-        return Response(found[0], media_type=KINDS[found[1]], headers=headers)
+        return Response(found[0], media_type=EVIDENCE_KINDS[found[1]], headers=headers)
 
     async def doctor(self, visit: Visit) -> Response:
         """Return what the doctor found last in a cell, and whether it looks now."""
@@ -182,7 +174,7 @@ class CellAnswers:
             return _missing()
         holder = read_holder(self._runs_dir / LOCK_NAME)
         if holder is not None:
-            return _taken(holder)
+            return refused(409, f"the cell is busy: {holder} has it")
         return self._examined(visit, file, kind)
 
     def _examined(self, visit: Visit, file: CellFile, kind: str) -> Response:
@@ -209,7 +201,3 @@ class CellAnswers:
 
 def _missing() -> Response:
     return refused(404, word("there is no such cell, picture or file"))
-
-
-def _taken(holder: Holder) -> Response:
-    return JSONResponse({"error": f"the cell is busy: {holder} has it"}, 409)

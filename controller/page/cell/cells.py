@@ -27,7 +27,7 @@ from controller.config.calibrations import MAX_OFF_MM, Usage, read_calibrations,
 MAX_CELL_COUNT: Final = 100
 PATTERNS: Final = ("*.yaml", "cells/*.yaml", "commissioning/*/cell.yaml")
 EVIDENCE_PAGE: Final = "commissioning.html"
-EVIDENCE_KINDS: Final = (".html", ".json", ".png")
+EVIDENCE_KINDS: Final = {".html": "text/html", ".json": "application/json", ".png": "image/png"}
 MAX_EVIDENCE_COUNT: Final = 2_000
 DRIFT_MAX_COUNT: Final = 300  # parts in the chart, the last ones
 HISTORY_EVERY_S: Final = 60.0  # the whole journal is read no more often
@@ -100,9 +100,8 @@ class CellFiles:
         return [*own, *(one for one in come_along if one.path.resolve() not in seen)]
 
     def find(self, key: str) -> CellFile | None:
-        """Return a cell file by its key, the first for an empty one; None if there is none."""
-        found = self.all()
-        return next((one for one in found if not key or one.key == key), None)
+        """Return a cell file by its key, as `named` does."""
+        return named(self.all(), key)
 
     def commissioned(self, file: CellFile, cell: Cell) -> Folder:
         """Return the folder of a cell's commissioning, which need not exist.
@@ -123,6 +122,11 @@ class CellFiles:
             return load_recipe(path).cell.resolve() if path.is_file() else None
         except ConfigError:
             return None
+
+
+def named(files: Sequence[CellFile], key: str) -> CellFile | None:
+    """Return a cell file by its key, the first for an empty one; None if there is none."""
+    return next((one for one in files if not key or one.key == key), None)
 
 
 class History:
