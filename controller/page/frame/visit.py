@@ -46,9 +46,12 @@ class Frame:
 
     @cached_property
     def templates(self) -> Environment:
-        """The templates: those shared by their names, a screen's below its name."""
-        own = {one.name: PackageLoader(f"controller.page.{one.name}") for one in self.screens}
+        """The templates: those shared by their names, a screen's and the shared below its name."""
         shared = PackageLoader("controller.page.frame")
+        own = {
+            one.name: ChoiceLoader([PackageLoader(f"controller.page.{one.name}"), shared])
+            for one in self.screens
+        }
         return Environment(
             loader=ChoiceLoader([PrefixLoader(own), shared]),
             autoescape=True,
@@ -136,7 +139,7 @@ class Visit:
 
         Parameters
         ----------
-        template : its name within the screen's `templates/`
+        template : its name within the screen's `templates/`, or the shared ones
         values : what it shows, beside `who`, `role`, `may_act`, `may_edit` and what the frame needs
         """
         role = self.account.role

@@ -12,7 +12,6 @@ from starlette.responses import Response
 from controller.cell.journal import JOURNAL_NAME, JournalError
 from controller.history import (
     HistoryError,
-    NoSuchPartError,
     characteristics_in,
     folded,
     list_parts,
@@ -26,7 +25,7 @@ from ..frame.drawn import run_picture
 from ..frame.screens import Look
 from ..frame.visit import Visit, refused
 from ..frame.words import translator, word
-from ..records import Records, part_key, report_file, value, verdict_class
+from ..records import Records, page_count, part_key, report_file, unread, value, verdict_class
 from .asked import LISTED, REVIEW_WORDS, VERDICTS, asked
 from .charts import VALUES_MAX, drawn
 
@@ -94,7 +93,7 @@ class HistoryAnswers:
             )
             recipes = await self._records.query(recipes_in)
         except HistoryError as error:
-            return visit.html("unread.html.j2", why=str(error))
+            return unread(visit, error)
         return visit.html(
             "history.html.j2",
             asked=wanted,
@@ -103,7 +102,7 @@ class HistoryAnswers:
             columns=COLUMNS,
             verdicts=VERDICTS,
             reviews=REVIEW_WORDS,
-            pages=max(1, -(-listed.count // LISTED)),
+            pages=page_count(listed.count, LISTED),
             is_filling=is_filling,
             problems=self._records.problems,
             **_SHOWN,
@@ -112,11 +111,9 @@ class HistoryAnswers:
     async def part(self, visit: Visit) -> Response:
         """Return all that is known of a part."""
         try:
-            part = await self._part(visit)
-        except NoSuchPartError:
-            return refused(404, word("there is no such part"))
+            part = await self._records.part(visit.request.path_params)
         except HistoryError as error:
-            return visit.html("unread.html.j2", why=str(error))
+            return unread(visit, error)
         run = str(part["run"])
         report = await asyncio.to_thread(report_file, self._records.runs_dir, run)
         pictures = await self._pictures(run, int(part["number"]))
@@ -132,7 +129,7 @@ class HistoryAnswers:
     async def picture(self, visit: Visit) -> Response:
         """Return a picture of a part by its number; its file is named by the journal alone."""
         try:
-            part = await self._part(visit)
+            part = await self._records.part(visit.request.path_params)
         except HistoryError:
             return refused(404, word("there is no such part"))
         run, number = str(part["run"]), visit.request.path_params["picture"]
@@ -145,7 +142,7 @@ class HistoryAnswers:
     async def report(self, visit: Visit) -> Response:
         """Return the report of a part's run, to be kept: it is no page of this one."""
         try:
-            part = await self._part(visit)
+            part = await self._records.part(visit.request.path_params)
         except HistoryError:
             return refused(404, word("there is no such part"))
         run = str(part["run"])
@@ -175,7 +172,7 @@ class HistoryAnswers:
                 values_of, wanted.filters, recipe, chosen, VALUES_MAX
             )
         except HistoryError as error:
-            return visit.html("unread.html.j2", why=str(error))
+            return unread(visit, error)
         return visit.html(
             "charts.html.j2",
             asked=wanted,
@@ -196,19 +193,12 @@ class HistoryAnswers:
         await self._records.freshen()
         try:
             parts = [await self._records.query(one_part, name) for name in names]
-        except NoSuchPartError:
-            return refused(404, word("there is no such part"))
         except HistoryError as error:
-            return visit.html("unread.html.j2", why=str(error))
+            return unread(visit, error)
         both = parts if len(parts) == COMPARED else []
         return visit.html(
             "compare.html.j2", parts=both, rows=_rows(*both) if both else (), **_SHOWN
         )
-
-    async def _part(self, visit: Visit) -> Mapping[str, Any]:
-        at = visit.request.path_params
-        await self._records.freshen()
-        return await self._records.query(one_part, f"{at['run']}/{at['number']}")
 
     async def _pictures(self, run: str, number: int) -> tuple[Picture, ...] | str:
         """Return the pictures of a part, or why there are none."""

@@ -11,6 +11,7 @@ from starlette.datastructures import QueryParams
 from controller.history import REVIEWS_ASKED, SORTS, Filters
 
 from ..frame.words import word
+from ..records import page_asked
 
 TEXT_MAX: Final = 200
 PAGE_MAX: Final = 100_000
@@ -75,7 +76,6 @@ def asked(query: QueryParams) -> Asked:
             wrong.append(name)
             times[name] = None
     sort = query.get("sort", "start")
-    page = query.get("page", "1")
     return Asked(
         Filters(
             **{name: values[name] for name in (*TEXTS, "verdict", "review")},
@@ -84,7 +84,7 @@ def asked(query: QueryParams) -> Asked:
         ),
         sort if sort in SORTS else "start",
         query.get("order") == "rising",
-        min(max(int(page), 1), PAGE_MAX) if page.isdecimal() and len(page) < 9 else 1,
+        page_asked(query, PAGE_MAX),
         values,
         tuple(wrong),
     )

@@ -4,6 +4,24 @@ The page's loop waits for none of it, and the cell knows nothing of it.
 """
 
 from .records import NEWER_S, Records
-from .shown import part_key, report_file, value, verdict_class
+from .shown import (
+    page_asked,
+    page_count,
+    part_key,
+    report_file,
+    unread,
+    value,
+    verdict_class,
+)
 
-__all__ = ["NEWER_S", "Records", "part_key", "report_file", "value", "verdict_class"]
+__all__ = [
+    "NEWER_S",
+    "Records",
+    "page_asked",
+    "page_count",
+    "part_key",
+    "report_file",
+    "unread",
+    "value",
+    "verdict_class",
+]

@@ -5,15 +5,16 @@ import multiprocessing
 import os
 import time
 from collections import OrderedDict
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Mapping
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import asynccontextmanager, suppress
 from pathlib import Path
-from typing import ClassVar, Concatenate, Final, ParamSpec, TypeVar
+from typing import Any, ClassVar, Concatenate, Final, ParamSpec, TypeVar
 from weakref import WeakValueDictionary
 
 from controller.cell.journal import JOURNAL_NAME, journal_mark
 from controller.history import HistoryError, Store, open_store, store_url
+from controller.history.reviewing import one_part
 
 from .work import begin, draw_crop, fill_store
 
@@ -107,6 +108,21 @@ class Records:
         async with self._querying:
             store = await self._opened()
             return await asyncio.to_thread(question, store, *args, **kwargs)
+
+    async def part(self, at: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Return what is known of a part, the newest rows of the journal included.
+
+        Parameters
+        ----------
+        at : its `run` and `number`, as an address has them
+
+        Raises
+        ------
+        NoSuchPartError : there is no such part
+        HistoryError : there is no store, or it cannot be read
+        """
+        await self.freshen()
+        return await self.query(one_part, f"{at['run']}/{at['number']}")
 
     async def freshen(self) -> bool:
         """Have the store filled with what is new; return whether that goes on still."""

@@ -1,8 +1,15 @@
-"""Parts in words of a page."""
+"""Parts and lists of them in words of a page."""
 
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
+
+from starlette.responses import Response
+
+from controller.history import HistoryError, NoSuchPartError
+
+from ..frame.visit import Visit, refused
+from ..frame.words import word
 
 CLASSES: Final[Mapping[str, str]] = {
     "pass": "good",
@@ -26,6 +33,36 @@ def verdict_class(word: str) -> str:
 def part_key(part: Mapping[str, Any]) -> str:
     """Return the end of a part's address."""
     return f"{part['run']}/{part['number']}"
+
+
+def page_asked(query: Mapping[str, str], most: int) -> int:
+    """Return the number of the page of a list that an address asks for, 1 where it asks nonsense.
+
+    Parameters
+    ----------
+    query : of the address
+    most : largest number
+    """
+    text = query.get("page", "1")
+    return min(max(int(text), 1), most) if text.isdecimal() and len(text) < 9 else 1
+
+
+def page_count(count: int, listed: int) -> int:
+    """Return the number of pages of a list, one at least.
+
+    Parameters
+    ----------
+    count : of all that the list has
+    listed : of those on one page
+    """
+    return max(1, -(-count // listed))
+
+
+def unread(visit: Visit, error: HistoryError) -> Response:
+    """Return the answer where there is no such part, or the history cannot be read."""
+    if isinstance(error, NoSuchPartError):
+        return refused(404, word("there is no such part"))
+    return visit.html("unread.html.j2", title=visit.screen.title, why=str(error))
 
 
 def value(number: float | None, digits: int = 3) -> str:

@@ -8,12 +8,12 @@ from starlette.responses import JSONResponse, Response
 
 from controller.cell.control import MAX_WHY
 from controller.history import Filters, HistoryError, NoSuchPartError, list_parts
-from controller.history.reviewing import Decision, agreement, decide, one_part
+from controller.history.reviewing import Decision, agreement, decide
 
 from ..frame.screens import Act, Body, Look, Setting
 from ..frame.visit import Visit, refused
 from ..frame.words import word
-from ..records import Records, part_key, verdict_class
+from ..records import Records, page_asked, page_count, part_key, unread, verdict_class
 from ..security import Role
 
 LISTED: Final = 50
@@ -71,7 +71,7 @@ class ReviewAnswers:
 
     async def list(self, visit: Visit) -> Response:
         """Return the parts that await a person, and those decided on last."""
-        page = _page(visit)
+        page = page_asked(visit.request.query_params, PAGE_MAX)
         is_filling = await self._records.freshen()
         try:
             waiting = await self._records.query(
@@ -80,7 +80,7 @@ class ReviewAnswers:
             decided = await self._records.query(list_parts, Filters(review="reviewed"), DECIDED)
             agreed = await self._records.query(agreement, Filters())
         except HistoryError as error:
-            return visit.html("unread.html.j2", why=str(error))
+            return unread(visit, error)
         likely = {(one.part, one.number) for one in agreed.likely}
         hints = {part: sum(one == part for one, _ in likely) for part, _ in likely}
         return visit.html(
@@ -90,7 +90,7 @@ class ReviewAnswers:
             agreed=agreed,
             hints=hints,
             page=page,
-            pages=max(1, -(-waiting.count // LISTED)),
+            pages=page_count(waiting.count, LISTED),
             is_filling=is_filling,
             problems=self._records.problems,
             verdict_class=verdict_class,
@@ -99,15 +99,11 @@ class ReviewAnswers:
 
     async def part(self, visit: Visit) -> Response:
         """Return one part with its findings, and the form for the verdict."""
-        run, number = visit.request.path_params["run"], visit.request.path_params["number"]
-        await self._records.freshen()
         try:
-            part = await self._records.query(one_part, f"{run}/{number}")
+            part = await self._records.part(visit.request.path_params)
             likely = (await self._records.query(agreement, Filters(recipe=part["recipe"]))).likely
-        except NoSuchPartError:
-            return refused(404, word("there is no such part"))
         except HistoryError as error:
-            return visit.html("unread.html.j2", why=str(error))
+            return unread(visit, error)
         return visit.html(
             "part.html.j2",
             part=part,
@@ -121,9 +117,8 @@ class ReviewAnswers:
     async def crop(self, visit: Visit) -> Response:
         """Return a crop of a finding."""
         at = visit.request.path_params
-        await self._records.freshen()
         try:
-            part = await self._records.query(one_part, f"{at['run']}/{at['number']}")
+            part = await self._records.part(at)
         except HistoryError:
             return refused(404, word("there is no such part"))
         found = await self._records.crop(
@@ -159,8 +154,3 @@ class ReviewAnswers:
         except HistoryError as error:
             return refused(409, str(error))
         return JSONResponse({"review": part["review"], "part": part["part"]})
-
-
-def _page(visit: Visit) -> int:
-    text = visit.request.query_params.get("page", "1")
-    return min(max(int(text), 1), PAGE_MAX) if text.isdecimal() and len(text) < 9 else 1
