@@ -17,6 +17,12 @@ export const el = (tag, text = "", kind = "") => {
   if (kind) made.className = kind;
   return made;
 };
+// Entries of a `dl`: [name, value] each.
+export const entries = (found) => found.map(([name, value]) => {
+  const box = el("div");
+  box.append(el("dt", name), el("dd", value));
+  return box;
+});
 export const svg = (tag, attributes) => {
   const made = document.createElementNS("http://www.w3.org/2000/svg", tag);
   for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);

@@ -1,5 +1,5 @@
 // Page "Now": shows what the server streams, and sends orders. All text goes in as text, never as HTML.
-import { $, el, number, post, svg, t, time } from "/static/shared.js";
+import { $, el, entries, number, post, svg, t, time } from "/static/shared.js";
 import { showStart } from "./start.js";
 
 const MODE_WORDS = {
@@ -71,7 +71,7 @@ function show(now) {
     doing.push(t("Start one here, or with `cellctl run`; it shows here by itself."));
   }
   onChange("doing", doing, () => { $("doing").textContent = doing.join(" · "); });
-  onChange("facts", factsOf(now), drawFacts);
+  onChange("facts", factsOf(now), (found) => $("facts").replaceChildren(...entries(found)));
   onChange("start", [now.runs, Boolean(status), now.started], () => showStart(now));
   onChange("question", status && status.question, drawQuestion);
   onChange("acts", [status && [status.pause_seconds, status.pausing, status.first_motion, status.state], now.runs, isLost], drawActs);
@@ -96,14 +96,6 @@ function factsOf({ status, run }) {
   if (status && status.seconds_left !== null) found.push([t("Left, about"), `${number(status.seconds_left)} s`]);
   if (run.verdict) found.push([t("Verdict"), VERDICTS[run.verdict.verdict] || run.verdict.verdict]);
   return found;
-}
-
-function drawFacts(found) {
-  $("facts").replaceChildren(...found.map(([name, value]) => {
-    const box = el("div");
-    box.append(el("dt", name), el("dd", value));
-    return box;
-  }));
 }
 
 function drawQuestion(question) {

@@ -1,24 +1,20 @@
 // Page "Recipes": the list, and a new recipe from a CAD file.
-import { $, el, get, number, post, send, t } from "/static/shared.js";
-import { listenToCancel, said, watch } from "/static/recipes/working.js";
+import { $, el, entries, get, number, post, send, t } from "/static/shared.js";
+import { addressOf, drawn, listenToCancel, said, STATE_WORDS, watch } from "/static/recipes/working.js";
 
 const MADE_WORDS = {
   part: "compiled", plan: "planned", check: "checked",
-};
-const END_WORDS = {
-  done: "done", refused: "says no", cancelled: "cancelled", running: "at work",
 };
 
 function row(one) {
   const item = el("li");
   const link = el("a", one.file);
-  const [group, name] = one.key.split(/\/(.*)/s);
-  link.href = `/recipes/one/${group}/${encodeURIComponent(name)}`;
+  link.href = `/recipes/one/${addressOf(one.key)}`;
   item.append(link);
   if (one.problem) item.append(el("p", `✗ ${one.problem}`, "wrong"));
   else item.append(el("p", t("{name}: part {part}, cell {cell}", one), "quiet"));
   const known = Object.entries(one.known).map(([kind, work]) => {
-    const words = `${t(MADE_WORDS[kind])}: ${t(END_WORDS[work.state])}`;
+    const words = `${t(MADE_WORDS[kind])}: ${t(STATE_WORDS[work.state])}`;
     return work.is_old ? `${words} (${t("before the last change")})` : words;
   });
   if (known.length) item.append(el("p", known.join(" · "), "quiet"));
@@ -33,7 +29,6 @@ async function list() {
   }
 }
 
-let view = null;
 async function draw() {
   const { work, found, error } = await get("/recipes/part/sent/file");
   if (error) return;
@@ -53,21 +48,12 @@ async function draw() {
     [t("Stable poses"), number(found.poses.length)],
     [t("Characteristics"), number(found.characteristics.length)],
   ];
-  $("sent-facts").replaceChildren(...facts.map(([name, value]) => {
-    const box = el("div");
-    box.append(el("dt", name), el("dd", value));
-    return box;
-  }));
+  $("sent-facts").replaceChildren(...entries(facts));
   $("warnings").replaceChildren(...found.warnings.map((text) => el("li", `⚠ ${text}`)));
   if (!$("stem").value) $("stem").value = found.part.replace(/[^A-Za-z0-9_-]+/g, "_").replace(/^[^A-Za-z0-9]+/, "").slice(0, 60);
   const mesh = await get("/recipes/mesh/sent/file");
   try {
-    if (mesh.why) throw new Error(mesh.why);
-    const { PartView } = await import("/static/recipes/part.js");
-    // a canvas keeps its context: another part gets a canvas of its own
-    const fresh = $("scene").cloneNode();
-    $("scene").replaceWith(fresh);
-    view = new PartView(fresh, mesh, () => {});
+    const view = await drawn(mesh, () => {});
     view.rest(found.poses.length ? found.poses[0].R : null);
     $("scene-words").textContent = "";
   } catch (problem) {
@@ -109,10 +95,7 @@ if ($("file")) {
   $("take").addEventListener("click", async () => {
     const reply = await post("/recipes/take", { ...choice(), name: $("stem").value });
     if (reply.error) said("sent-said", reply.error, true);
-    else {
-      const [group, name] = reply.key.split(/\/(.*)/s);
-      location.assign(`/recipes/one/${group}/${encodeURIComponent(name)}`);
-    }
+    else location.assign(`/recipes/one/${addressOf(reply.key)}`);
   });
 }
 list();

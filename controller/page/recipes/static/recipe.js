@@ -1,10 +1,9 @@
 // Page of one recipe: its part in three dimensions, tolerances in a table, plan and check.
-import { $, el, get, language, number, post, t } from "/static/shared.js";
-import { listenToCancel, said, watch } from "/static/recipes/working.js";
+import { $, el, entries, get, language, number, post, t } from "/static/shared.js";
+import { addressOf, drawn, listenToCancel, said, STATE_WORDS, watch } from "/static/recipes/working.js";
 
 const { key, own } = $("recipe").dataset;
-const [group, name] = key.split(/\/(.*)/s);
-const at = `${group}/${encodeURIComponent(name)}`;
+const at = addressOf(key);
 const may = $("content").dataset;
 const mayChange = own === "yes" && may.mayEdit === "yes";
 const ONE_SIDED = ["position", "straightness", "roundness"];
@@ -12,9 +11,6 @@ const ONE_SIDED = ["position", "straightness", "roundness"];
 const LEGEND_WORDS = {
   seen: "in sight of some view", partly: "partly in sight", unseen: "in sight of no view",
   left_out: "not all in sight, and left out by the recipe", chosen: "chosen",
-};
-const STATE_WORDS = {
-  done: "done", refused: "says no", cancelled: "cancelled", running: "at work",
 };
 
 let facts = null;
@@ -40,6 +36,16 @@ function mode() {
   return document.querySelector("[name=mode]:checked").value;
 }
 
+// Fills the fields of the section `inspection` as the file has it.
+function fillSettings() {
+  for (const input of document.querySelectorAll("[data-setting]")) {
+    const value = facts.recipe.inspection[input.dataset.setting];
+    input.value = typeof value === "number" ? plain(value) : value;
+    input.disabled = !mayChange;
+    input.setAttribute("aria-invalid", "false");
+  }
+}
+
 async function load() {
   facts = await get(`/recipes/facts/${at}`);
   const words = facts.problem ? facts.file : t("{name}: part {part}, cell {cell}", facts);
@@ -54,11 +60,7 @@ async function load() {
     button.disabled = may.mayAct !== "yes" || Boolean(facts.problem);
   }
   if (facts.recipe) {
-    for (const input of document.querySelectorAll("[data-setting]")) {
-      const value = facts.recipe.inspection[input.dataset.setting];
-      input.value = typeof value === "number" ? plain(value) : value;
-      input.disabled = !mayChange;
-    }
+    fillSettings();
     const left = Object.entries(facts.recipe.not_inspected);
     const list = el("ul");
     list.append(...left.map(([face, why]) => el("li", `${face}: ${why}`)));
@@ -90,11 +92,7 @@ async function drawPart() {
     [t("Faces"), number(found.faces.length)],
     [t("Features"), found.features.length ? number(found.features.length) : t("none")],
   ];
-  $("part-facts").replaceChildren(...rows.map(([title, value]) => {
-    const box = el("div");
-    box.append(el("dt", title), el("dd", value));
-    return box;
-  }));
+  $("part-facts").replaceChildren(...entries(rows));
   const features = el("details");
   features.append(el("summary", t("Features")), el("p", found.features.map((one) => one.label).join("; ")));
   $("warnings").replaceChildren(...found.warnings.map((text) => el("li", `⚠ ${text}`)));
@@ -125,12 +123,7 @@ async function drawPart() {
   if (meshOf !== mark) {
     meshOf = mark;
     try {
-      const mesh = await get(`/recipes/mesh/${at}`);
-      if (mesh.why || mesh.error) throw new Error(mesh.why || mesh.error);
-      const { PartView } = await import("/static/recipes/part.js");
-      const fresh = $("scene").cloneNode(); // a canvas keeps its context
-      $("scene").replaceWith(fresh);
-      view = new PartView(fresh, mesh, choseFace);
+      view = await drawn(await get(`/recipes/mesh/${at}`), choseFace);
       view.rest(found.poses.length ? found.poses[0].R : null);
       $("scene-words").textContent = t("Drag, pinch, or use the arrow keys, plus and minus. Click a face to find its characteristic.");
     } catch (error) {
@@ -378,11 +371,7 @@ if ($("draft")) {
   $("undo").addEventListener("click", () => {
     forget();
     drawTable();
-    for (const input of document.querySelectorAll("[data-setting]")) {
-      const value = facts.recipe.inspection[input.dataset.setting];
-      input.value = typeof value === "number" ? plain(value) : value;
-      input.setAttribute("aria-invalid", "false");
-    }
+    fillSettings();
     said("save-said", "");
   });
 }

@@ -5,7 +5,27 @@ const EVERY_MS = 1000;
 const KIND_WORDS = {
   part: "compiling", plan: "planning", check: "checking",
 };
+// How work stands.
+const STATE_WORDS = {
+  done: "done", refused: "says no", cancelled: "cancelled", running: "at work",
+};
+export { STATE_WORDS };
 let watching = false;
+
+// Returns a recipe's key as addresses have it.
+export const addressOf = (key) => {
+  const [group, name] = key.split(/\/(.*)/s);
+  return `${group}/${encodeURIComponent(name)}`;
+};
+
+// Draws a part in the canvas `scene` and returns its view; throws where it cannot be drawn.
+export async function drawn(mesh, pick) {
+  if (mesh.why || mesh.error) throw new Error(mesh.why || mesh.error);
+  const { PartView } = await import("/static/recipes/part.js");
+  const fresh = $("scene").cloneNode(); // a canvas keeps its context: another part gets its own
+  $("scene").replaceWith(fresh);
+  return new PartView(fresh, mesh, pick);
+}
 
 export function said(id, text, isWrong = false) {
   $(id).textContent = text ? `${isWrong ? "✗" : "✓"} ${text}` : "";
