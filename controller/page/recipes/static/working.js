@@ -23,6 +23,7 @@ export async function drawn(mesh, pick) {
   if (mesh.why || mesh.error) throw new Error(mesh.why || mesh.error);
   const { PartView } = await import("/static/recipes/part.js");
   const fresh = $("scene").cloneNode(); // a canvas keeps its context: another part gets its own
+  fresh.hidden = false; // the part before may not have been drawn
   $("scene").replaceWith(fresh);
   return new PartView(fresh, mesh, pick);
 }
