@@ -22,10 +22,11 @@ To add a screen, say *Review*:
 3. one line in `SCREENS` of `app.py`.
 
 Every answer takes a `Visit` (who asks, in which language, `visit.html(...)`); an act gets its body
-as a model besides, an upload the file. Session, role, origin, token of the session, size and form
-of the body are checked before it is called. Its page extends `screen.html.j2` (blocks `title`,
-`head`, `content`) and loads `/static/review/review.js`, which imports `/static/shared.js`: `t()`
-puts a text into the language, `post()` sends an act, `send()` a file. Texts in Python that reach a
-person are marked with `word("...")`. Style within the HTML and scripts within it are refused by
-the browser; so is a script from elsewhere.
+as a model besides, an upload the file. An answer that says no is a `RefusedError`, or
+`refused(...)`. Session, role, origin, token of the session, size and form of the body are checked
+before it is called. Its page extends `screen.html.j2` (blocks `title`, `head`, `content`) and loads
+`/static/review/review.js`, which imports `/static/shared.js`: `t()` puts a text into the language,
+`post()` sends an act, `send()` a file. Texts in Python that reach a person are marked with
+`word("...")`. Style within the HTML and scripts within it are refused by the browser; so is a
+script from elsewhere.
 """

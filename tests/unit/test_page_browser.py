@@ -28,7 +28,8 @@ from controller.cell.control import (
 )
 from controller.cell.journal import rows
 from controller.page import serving as serving_module
-from controller.page.now.starting import Launcher, StartBody, StartError
+from controller.page.frame.screens import RefusedError
+from controller.page.now.starting import Launcher, StartBody
 from controller.page.security import Account, Role, Site
 
 CHROMIUM = Path("/usr/bin/chromium")
@@ -184,7 +185,7 @@ def test_a_run_is_started_with_what_the_person_filled_in(
     async def start(_: Launcher, body: StartBody, who: str) -> None:
         begun.append((body, who))
         if len(begun) == 1:
-            raise StartError(409, "run <b>x</b> has the cell")
+            raise RefusedError(409, "run <b>x</b> has the cell")
 
     monkeypatch.setattr(RunningCell, "status", nobody)
     monkeypatch.setattr(Launcher, "start", start)

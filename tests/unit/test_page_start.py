@@ -24,7 +24,8 @@ from controller.cell.control import socket_path
 from controller.cell.devices.lock import hold_cell
 from controller.config import load_cell
 from controller.page.frame import Setting
-from controller.page.now.starting import LOG_FOLDER, Launcher, StartBody, StartError
+from controller.page.frame.screens import RefusedError
+from controller.page.now.starting import LOG_FOLDER, Launcher, StartBody
 from controller.page.security import Role
 
 RECIPE = "name: plate\npart: plate.stl\n"
@@ -137,7 +138,7 @@ async def test_what_a_run_prints_and_how_it_ends_is_shown(
     facts = launcher.facts()
     assert facts is not None
     assert (facts["who"], facts["code"], facts["lines"]) == ("ada", None, ["checking"])
-    with pytest.raises(StartError, match="not ended"):
+    with pytest.raises(RefusedError, match="not ended"):
         await launcher.start(body(), "bob")
     (project / "end").touch()
     until(lambda: (launcher.facts() or {})["code"] is not None)
@@ -153,7 +154,7 @@ async def test_nothing_is_started_while_somebody_has_the_cell(
     runs = project / "runs"
     with (
         hold_cell(runs, load_cell(CELL), "another run", socket_path(runs)),
-        pytest.raises(StartError, match="another run"),
+        pytest.raises(RefusedError, match="another run"),
     ):
         await launcher.start(body(), "ada")
     assert launcher.facts() is None
@@ -175,7 +176,7 @@ async def test_nothing_is_started_while_somebody_has_the_cell(
 async def test_a_file_that_is_not_offered_is_not_started(
     launcher: Launcher, recipe: str, cell: str, why: str
 ) -> None:
-    with pytest.raises(StartError, match=why):
+    with pytest.raises(RefusedError, match=why):
         await launcher.start(body(recipes=[{"recipe": recipe}], cell=cell), "ada")
     assert launcher.facts() is None
 
@@ -229,6 +230,7 @@ def test_a_page_that_is_killed_leaves_the_run_alone(project: Path) -> None:
     page = f"""
 import asyncio, pathlib, sys, time
 from controller.page.frame import Setting
+from controller.page.frame.screens import RefusedError
 from controller.page.now.starting import Launcher, StartBody
 project = pathlib.Path({str(project)!r})
 command = (sys.executable, str(project / "fake.py"), str(project))

@@ -4,7 +4,7 @@ Its `templates/` and `static/` are there for every screen: `screen.html.j2` is e
 page of a screen, `/static/shared.js` has its texts, numbers and orders.
 """
 
-from .screens import Act, Body, Look, NoBody, Screen, Setting, Upload
+from .screens import Act, Body, Look, NoBody, RefusedError, Screen, Setting, Upload
 from .uploads import Uploaded
 from .visit import Frame, Visit, refused
 from .words import word
@@ -15,6 +15,7 @@ __all__ = [
     "Frame",
     "Look",
     "NoBody",
+    "RefusedError",
     "Screen",
     "Setting",
     "Upload",

@@ -11,8 +11,8 @@ from starlette.routing import Route
 
 from ..security import Role
 from ..security.sessions import same
-from .screens import Act, Look, Screen, Upload
-from .uploads import UploadError, received
+from .screens import Act, Look, RefusedError, Screen, Upload
+from .uploads import received
 from .visit import Frame, Visit, refused
 from .words import word
 
@@ -47,12 +47,12 @@ def routes_of(frame: Frame) -> list[Route]:
             address = screen.address(one.path)
             match one:
                 case Look():
-                    found.append(Route(address, _looked(frame, screen, one), methods=["GET"]))
+                    endpoint, method = _looked(frame, screen, one), "GET"
                 case Act():
-                    found.append(Route(address, _acted(frame, screen, one), methods=["POST"]))
+                    endpoint, method = _acted(frame, screen, one), "POST"
                 case Upload():
-                    endpoint = _uploaded(frame, screen, one, uploading)
-                    found.append(Route(address, endpoint, methods=["POST"]))
+                    endpoint, method = _uploaded(frame, screen, one, uploading), "POST"
+            found.append(Route(address, _refusing(endpoint), methods=[method]))
     return found
 
 
@@ -119,10 +119,17 @@ def _uploaded(frame: Frame, screen: Screen, one: Upload, uploading: asyncio.Sema
             return visit
         if uploading.locked():
             return refused(503, word("other files are being sent; try again soon"))
+        async with uploading, received(request, one) as file:
+            return await one.answer(visit, file)
+
+    return endpoint
+
+
+def _refusing(answer: Endpoint) -> Endpoint:
+    async def endpoint(request: Request) -> Response:
         try:
-            async with uploading, received(request, one) as file:
-                return await one.answer(visit, file)
-        except UploadError as error:
+            return await answer(request)
+        except RefusedError as error:
             return refused(error.status, str(error))
 
     return endpoint

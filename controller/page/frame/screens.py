@@ -40,6 +40,19 @@ class Setting:
     project_dir: Path
 
 
+class RefusedError(Exception):
+    """What is asked is not done; its text is the answer.
+
+    Attributes
+    ----------
+    status : of the answer
+    """
+
+    def __init__(self, status: int, text: str) -> None:
+        super().__init__(text)
+        self.status = status
+
+
 class Body(BaseModel):
     """The body of an act, as the browser sends it."""
 

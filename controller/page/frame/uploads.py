@@ -13,7 +13,7 @@ from typing import Final
 
 from starlette.requests import ClientDisconnect, Request
 
-from .screens import Upload
+from .screens import RefusedError, Upload
 
 NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._+()-]{0,99}")
 WALL_S: Final = 300.0
@@ -23,19 +23,6 @@ SPARE_BYTES: Final = 1_000_000_000  # that stay free on the disk
 ENTRY_MAX_COUNT: Final = 1_000
 UNPACKED_MAX_BYTES: Final = 1_000_000_000
 UNPACKED_MAX_RATIO: Final = 200
-
-
-class UploadError(Exception):
-    """A file is not taken.
-
-    Attributes
-    ----------
-    status : of the answer
-    """
-
-    def __init__(self, status: int, text: str) -> None:
-        super().__init__(text)
-        self.status = status
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,31 +50,31 @@ async def received(request: Request, upload: Upload) -> AsyncIterator[Uploaded]:
 
     Raises
     ------
-    UploadError : name, size, time or content is not allowed, or the disk is full
+    RefusedError : name, size, time or content is not allowed, or the disk is full
     """
     name = request.query_params.get("name", "")
     if not NAME.fullmatch(name):
-        raise UploadError(
+        raise RefusedError(
             422, "a file's name has letters, digits and ` ._+()-`, 100 at most, and no folder"
         )
     suffix = Path(name).suffix.lower()
     if suffix not in upload.suffixes:
         allowed = ", ".join(sorted(upload.suffixes))
-        raise UploadError(415, f"`{suffix}`: the file ends in one of {allowed}")
+        raise RefusedError(415, f"`{suffix}`: the file ends in one of {allowed}")
     with tempfile.TemporaryDirectory(prefix="cellctl-upload-") as folder:
         path = Path(folder) / f"file{suffix}"
         length = int(request.headers.get("content-length", "0"))
         if shutil.disk_usage(folder).free < length + SPARE_BYTES:
-            raise UploadError(507, "the disk has too little room for the file")
+            raise RefusedError(507, "the disk has too little room for the file")
         try:
             async with asyncio.timeout(WALL_S):
                 await _write(request, path, upload.max_bytes)
         except TimeoutError as error:
-            raise UploadError(408, "the file did not arrive in time") from error
+            raise RefusedError(408, "the file did not arrive in time") from error
         except ClientDisconnect as error:
-            raise UploadError(400, "the file did not arrive whole") from error
+            raise RefusedError(400, "the file did not arrive whole") from error
         except OSError as error:
-            raise UploadError(507, f"the file cannot be kept: {error.strerror}") from error
+            raise RefusedError(507, f"the file cannot be kept: {error.strerror}") from error
         require_sound_archive(path)
         yield Uploaded(name, path)
 
@@ -103,7 +90,7 @@ async def _write(request: Request, path: Path, max_bytes: int) -> None:
                 return
             size += len(piece)
             if size > max_bytes:
-                raise UploadError(413, f"a file has {max_bytes} bytes at most")
+                raise RefusedError(413, f"a file has {max_bytes} bytes at most")
             file.write(piece)
 
 
@@ -112,7 +99,7 @@ def require_sound_archive(path: Path) -> None:
 
     Raises
     ------
-    UploadError : it has too many entries, or they are too large or packed too well
+    RefusedError : it has too many entries, or they are too large or packed too well
     """
     if not zipfile.is_zipfile(path):
         return
@@ -120,10 +107,12 @@ def require_sound_archive(path: Path) -> None:
         with zipfile.ZipFile(path) as archive:
             entries = archive.infolist()
     except (zipfile.BadZipFile, ValueError, NotImplementedError) as error:
-        raise UploadError(422, f"the archive is damaged: {error}") from error
+        raise RefusedError(422, f"the archive is damaged: {error}") from error
     unpacked = sum(one.file_size for one in entries)
     packed = max(1, path.stat().st_size)
     if len(entries) > ENTRY_MAX_COUNT:
-        raise UploadError(422, f"the archive has {len(entries)} entries, {ENTRY_MAX_COUNT} at most")
+        raise RefusedError(
+            422, f"the archive has {len(entries)} entries, {ENTRY_MAX_COUNT} at most"
+        )
     if unpacked > UNPACKED_MAX_BYTES or unpacked > UNPACKED_MAX_RATIO * packed + 1_000_000:
-        raise UploadError(422, "the archive unpacks to more than a part has")
+        raise RefusedError(422, "the archive unpacks to more than a part has")

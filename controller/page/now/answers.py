@@ -27,7 +27,7 @@ from ..frame.visit import Visit, refused
 from ..frame.words import word
 from ..security import Role
 from .live import Live, TooManyWatchersError
-from .starting import Launcher, StartBody, StartError
+from .starting import Launcher, StartBody
 
 FIRST_MAX: Final = 1000
 
@@ -176,10 +176,7 @@ class NowAnswers:
 
     async def start(self, visit: Visit, body: StartBody) -> Response:
         """Start a run in the name of a person; return that it was started, or why not."""
-        try:
-            await self._launcher.start(body, visit.account.name)
-        except StartError as error:
-            return refused(error.status, str(error))
+        await self._launcher.start(body, visit.account.name)
         self._live.publish()
         return JSONResponse({"done": True})
 

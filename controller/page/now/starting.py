@@ -20,7 +20,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validat
 
 from controller.cell.devices.lock import LOCK_NAME, Holder, read_holder
 
-from ..frame.screens import Body, Setting
+from ..frame.screens import Body, RefusedError, Setting
 from ..frame.words import word
 from .choices import Choices, choices_of
 
@@ -122,19 +122,6 @@ class StartBody(Body):
         ]
 
 
-class StartError(Exception):
-    """Nothing was started.
-
-    Attributes
-    ----------
-    status : of the answer
-    """
-
-    def __init__(self, status: int, text: str) -> None:
-        super().__init__(text)
-        self.status = status
-
-
 @dataclass(slots=True, eq=False)
 class Work:
     """A run that the page has started.
@@ -208,15 +195,15 @@ class Launcher:
 
         Raises
         ------
-        StartError : a run is on, another start goes on, or there is no such recipe or cell file
+        RefusedError : a run is on, another start goes on, or there is no such recipe or cell file
         """
         async with self._one_at_a_time:
             if self._work is not None and self._work.process.poll() is None:
-                raise StartError(409, word("the run that was started here has not ended yet"))
+                raise RefusedError(409, word("the run that was started here has not ended yet"))
             lock = self._runs_dir / LOCK_NAME
             holder: Holder | None = await asyncio.to_thread(read_holder, lock)
             if holder is not None:
-                raise StartError(409, f"{holder} has the cell")
+                raise RefusedError(409, f"{holder} has the cell")
             require_known(body, await self.choices())
             self._work = await asyncio.to_thread(self._spawn, body, who)
 
@@ -247,7 +234,7 @@ class Launcher:
                     start_new_session=True,
                 )
         except OSError as error:
-            raise StartError(507, f"{log}: {error.strerror}") from error
+            raise RefusedError(507, f"{log}: {error.strerror}") from error
         return Work(" ".join(recipes), who, began.isoformat(), log, process)
 
 
@@ -261,14 +248,14 @@ def require_known(body: StartBody, choices: Choices) -> None:
 
     Raises
     ------
-    StartError : one of them is not, or cannot be used
+    RefusedError : one of them is not, or cannot be used
     """
     named = [(one.recipe, choices.recipe(one.recipe)) for one in body.recipes]
     for name, found in (*named, *([(body.cell, choices.cell(body.cell))] if body.cell else [])):
         if found is None:
-            raise StartError(422, f"`{name}`: there is no such file in the project")
+            raise RefusedError(422, f"`{name}`: there is no such file in the project")
         if found.problem:
-            raise StartError(422, found.problem)
+            raise RefusedError(422, found.problem)
 
 
 def _last_lines(log: Path) -> list[str]:
