@@ -10,10 +10,11 @@ from starlette.middleware import Middleware
 from . import cell, history, now, recipes, review
 from .frame.entering import Entrance
 from .frame.routing import routes_of, upload_sizes
-from .frame.screens import ORDER, Screen, Setting
+from .frame.screens import Screen, Setting
 from .frame.visit import Frame
 from .security import Guard
 
+# In the order of the navigation bar.
 SCREENS: Final[tuple[Callable[[Setting], Screen], ...]] = (
     now.screen,
     review.screen,
@@ -25,8 +26,7 @@ SCREENS: Final[tuple[Callable[[Setting], Screen], ...]] = (
 
 def build_screens(setting: Setting) -> tuple[Screen, ...]:
     """Return all screens in the order of the navigation bar."""
-    found = [make(setting) for make in SCREENS]
-    return tuple(sorted(found, key=lambda one: ORDER.index(one.name)))
+    return tuple(make(setting) for make in SCREENS)
 
 
 def build_app(frame: Frame) -> Starlette:

@@ -13,12 +13,14 @@ from controller.cell.alarms import Severity
 from controller.cell.custody import Custody
 from controller.cell.machine.table import COMPLETING, STAGES
 from controller.config.interlock_rules import SIGNALS
-from controller.page.frame.screens import ORDER
+from controller.page.app import build_screens
+from controller.page.frame import Setting
 from controller.page.frame.words import LANGUAGES, chosen, every_word, translator
 
 PAGE = Path(__file__).resolve().parents[2] / "controller" / "page"
 TEXT = r'"((?:[^"\\]|\\.)*)"'
-PACKAGES = ["frame", *(name for name in ORDER if (PAGE / name).is_dir())]
+SCREENS = build_screens(Setting(Path("nowhere"), Path("nowhere")))
+PACKAGES = ["frame", *(screen.name for screen in SCREENS)]
 FOREIGN = sorted(set(LANGUAGES) - {"en"})
 
 

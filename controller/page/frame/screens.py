@@ -10,7 +10,7 @@ from collections.abc import Awaitable, Callable
 from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 from pydantic import BaseModel, ConfigDict
 
@@ -21,9 +21,6 @@ if TYPE_CHECKING:
 
     from .uploads import Uploaded
     from .visit import Visit
-
-# The order of the navigation bar; a screen that is not here cannot be added.
-ORDER: Final = ("now", "review", "history", "recipes", "cell")
 
 
 @dataclass(frozen=True, slots=True)
