@@ -119,7 +119,7 @@ class LitFit:
         out[low[1] - y0 : high[1] - y0, low[0] - x0 : high[0] - x0] = maps.depth_mm
         return out
 
-    @property
+    @cached_property
     def shadow(self) -> BoolArray:
         """(h, w) where the part is seen, if nothing hides it."""
         return np.asarray(np.isfinite(self.depth_mm))

@@ -63,15 +63,18 @@ def parts_of_lit(
     places = chosen(fits, search, library)
     if not places:
         return ()
-    fits = search.with_leaning(fits, (), [place.fit for place in places])
-    places = chosen(fits, search, library)
+    count, fits = len(fits), search.with_leaning(fits, (), [place.fit for place in places])
+    if len(fits) > count:
+        places = chosen(fits, search, library)
     for _ in range(1, MAX_ROUNDS):
         pieces = pieces_left([place.fit for place in places], search, least_px)
         if not pieces:
             break
         proposed = search.proposed(pieces, is_first=False)
-        fits = search.with_flat(fits, proposed)
+        count, fits = len(fits), search.with_flat(fits, proposed)
         fits = search.with_leaning(fits, proposed, [place.fit for place in places])
+        if len(fits) == count:  # of the same fits the same places are chosen
+            break
         before, places = len(places), chosen(fits, search, library)
         if len(places) <= before:
             break
