@@ -17,7 +17,6 @@ from scipy.spatial import cKDTree
 from controller.arrays import BoolArray, FloatArray, Grey
 from controller.imaging import Camera
 
-from ..grey import image_features, propose
 from ..library import FEW_VIEWS, Candidate, Entry, Library, Silhouette, polar_grid
 from ..segmentation import Region, brightest_of, joined, near_ones, segment
 from .cutout import ObjectCutout
@@ -30,6 +29,7 @@ from .hypotheses import (
     ranked_under_lamps,
     weigh,
 )
+from .lines import by_lines
 from .lit import parts_of_lit
 from .sighting import Alternative, Recognition, Sighting, Trace
 from .touching import PartialSighting, parts_of
@@ -147,7 +147,7 @@ def _identify(
     cutout = ObjectCutout(region, pictures, mm, outlines, is_backlit=is_backlit)
     hypotheses = weigh(candidates, cutout, camera, library, limits.search)
     if not is_backlit and not is_convincing(hypotheses):
-        proposed = _by_lines(cutout, camera, library)
+        proposed = by_lines(cutout.crops[0], cutout.corner_px, camera, library, MAX_BY_LINES)
         candidates += proposed
         new = [c for c in proposed if not is_tried(c, hypotheses, library)]
         lines = weigh(new, cutout, camera, library, limits.search, source="lines")
@@ -245,22 +245,6 @@ def _of_parts(
         )
         out.append((seen, Trace(one.region, (), one.hypotheses)))
     return out
-
-
-def _by_lines(cutout: ObjectCutout, camera: Camera, library: Library) -> list[Candidate]:
-    """Return what lines, corners and circles of the picture propose; references.md P3.2."""
-    corner = np.array(cutout.corner_px, dtype=np.float64)
-    features = image_features(cutout.crops[0], lambda p: camera.on_plane(p + corner)[:, :2])
-    foot = camera.position_mm
-    found = propose(
-        features, library.grey_index, foot_mm=(float(foot[0]), float(foot[1])), most=MAX_BY_LINES
-    )
-    proposed = []
-    for h in found:
-        part, pose = library.grey_views[h.model_index]
-        x, y = (float(v) for v in h.shift_mm)
-        proposed.append(Candidate(part, pose, h.turn_rad, x, y, h.score, 0.0))
-    return proposed
 
 
 def _silhouettes(

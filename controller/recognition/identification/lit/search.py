@@ -14,7 +14,6 @@ from controller.arrays import BoolArray, FloatArray, Grey
 from controller.imaging import Camera
 
 from ...fitting import EdgeFit, FitOptions, Prior, at_rest, fit_edges
-from ...grey import image_features, propose
 from ...library import (
     Candidate,
     Library,
@@ -27,6 +26,7 @@ from ...library import (
 from ...partial import Cluster, propose_partial
 from ...segmentation import Region
 from ..hypotheses import Hypothesis, SearchLimits, coarse_score, is_same_turn
+from ..lines import by_lines
 from ..scores import FRONT, log_odds, probability
 from .fits import LitCluster, LitFit, are_in_one_place
 
@@ -96,7 +96,11 @@ class Search:
             if not is_first:
                 found += [(c, "outline") for c in self._by_silhouette(piece)]
             found += [(c, "stretches") for c in self._by_stretches(piece)]
-        return found + ([(c, "lines") for c in self._by_lines()] if is_first else [])
+        if is_first:
+            crop, corner_px = self.cluster.crop, self.cluster.box_px[:2]
+            lines = by_lines(crop, corner_px, self.cluster.camera, self._library, MAX_BY_LINES)
+            found += [(c, "lines") for c in lines]
+        return found
 
     def _by_stretches(self, piece: Region) -> list[Candidate]:
         outline = Cluster(piece, self.cluster.camera, self._usable)
@@ -117,18 +121,6 @@ class Search:
         )
         found = self._library.index.search(Silhouette(area, perimeter, centroid, grid), far=FAR)
         return sorted(found, key=lambda c: -c.overlap)[:MAX_BY_OUTLINE]
-
-    def _by_lines(self) -> list[Candidate]:
-        camera, corner = self.cluster.camera, np.array(self.cluster.box_px[:2], dtype=np.float64)
-        features = image_features(self.cluster.crop, lambda p: camera.on_plane(p + corner)[:, :2])
-        foot = (float(camera.position_mm[0]), float(camera.position_mm[1]))
-        found = propose(features, self._library.grey_index, foot_mm=foot, most=MAX_BY_LINES)
-        out = []
-        for h in found:
-            part, pose = self._library.grey_views[h.model_index]
-            x, y = (float(v) for v in h.shift_mm)
-            out.append(Candidate(part, pose, h.turn_rad, x, y, h.score, 0.0))
-        return out
 
     def with_flat(self, fits: Sequence[LitFit], proposed: Sequence[Proposed]) -> list[LitFit]:
         """Return fits with those of parts that lie flat on the table, each place once.
