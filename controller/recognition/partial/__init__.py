@@ -4,6 +4,7 @@ from .candidates import propose_partial
 from .cluster import CELL_PX, Cluster
 from .fits import PartialFit, fit_partial
 from .parts import Explained, PartialLimits, Place, explain_cluster
+from .together import are_one_place, best_set, by_place
 
 __all__ = [
     "CELL_PX",
@@ -12,6 +13,9 @@ __all__ = [
     "PartialFit",
     "PartialLimits",
     "Place",
+    "are_one_place",
+    "best_set",
+    "by_place",
     "explain_cluster",
     "fit_partial",
     "propose_partial",

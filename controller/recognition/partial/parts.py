@@ -18,6 +18,7 @@ from ..library import Candidate, Library
 from .candidates import propose_partial
 from .cluster import CELL_PX, Cluster
 from .fits import PartialFit, fit_partial
+from .together import best_set, by_place
 
 SAME_SHADOW = 0.7  # of the cells of two shadows together, from which two poses are one place
 BURIED_MM = 1.5  # along a line of sight, by which two parts are in one place
@@ -146,8 +147,9 @@ def _chosen(fits: Sequence[PartialFit], limits: PartialLimits) -> list[list[Part
     """Return the places whose best fits explain a cluster together, each one's neighbours known."""
     fits = list(fits)
     while True:
-        places = _places(fits, limits.most_fits)
-        chosen = [places[k] for k in _best_set([place[0] for place in places])]
+        places = by_place(fits, SAME_SHADOW, limits.most_fits)
+        best = best_set([place[0] for place in places], are_buried, _gain)
+        chosen = [places[k] for k in best]
         firsts = [place[0] for place in chosen]
         alone = [one for one in firsts if one.lacks_cover([f for f in firsts if f is not one])]
         if not alone:
@@ -163,25 +165,6 @@ def _not_buried(place: Sequence[PartialFit], others: Sequence[PartialFit]) -> li
     ]
 
 
-def _places(fits: Sequence[PartialFit], most: int) -> list[list[PartialFit]]:
-    """Return fits by the place they are about, best first."""
-    places: list[list[PartialFit]] = []
-    for fit in fits:
-        for place in places:
-            if _are_one_place(place[0], fit):
-                place.append(fit)
-                break
-        else:
-            if len(places) < most:
-                places.append([fit])
-    return places
-
-
-def _are_one_place(a: PartialFit, b: PartialFit) -> bool:
-    both = int((a.shadow & b.shadow).sum())
-    return both > SAME_SHADOW * int((a.shadow | b.shadow).sum())
-
-
 def are_buried(a: PartialFit, b: PartialFit) -> bool:
     """Return whether two parts would have to be in one place."""
     (enter_a, leave_a), (enter_b, leave_b) = a.depths, b.depths
@@ -192,32 +175,9 @@ def are_buried(a: PartialFit, b: PartialFit) -> bool:
     return int(both.sum()) > BURIED_CELLS + BURIED_SHARE * smaller
 
 
-def _best_set(fits: Sequence[PartialFit]) -> list[int]:
-    """Return which fits, none of them buried in another, explain most of the outline."""
-    count = len(fits)
-    apart = np.ones((count, count), dtype=np.bool_)
-    for i in range(count):
-        for j in range(i):
-            apart[i, j] = apart[j, i] = not are_buried(fits[i], fits[j])
-    gains = [int(fit.explains.sum()) - PART_COST for fit in fits]
-    best: tuple[float, list[int]] = (0.0, [])
-
-    def search(k: int, taken: list[int], explained: BoolArray | None, value: float) -> None:
-        nonlocal best
-        if value > best[0]:
-            best = (value, list(taken))
-        if k == count or value + sum(max(g, 0) for g in gains[k:]) <= best[0]:
-            return
-        if all(apart[k, j] for j in taken):
-            mine = fits[k].explains
-            new = mine if explained is None else mine & ~explained
-            together = mine if explained is None else mine | explained
-            worth = float(new.sum()) - PART_COST - 4.0 * fits[k].misfit_px
-            search(k + 1, [*taken, k], together, value + worth)
-        search(k + 1, taken, explained, value)
-
-    search(0, [], None, 0.0)
-    return best[1]
+def _gain(fit: PartialFit, points: float) -> float:
+    """Return what a fit counts for by how many outline points it explains that others do not."""
+    return points - PART_COST - 4.0 * fit.misfit_px
 
 
 def _explained_about(fit: PartialFit, chosen: Sequence[PartialFit]) -> float:

@@ -9,13 +9,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from controller.arrays import BoolArray
-
 from ...library import Library
+from ...partial import best_set, by_place
 from ..decide import Decision, decide
 from ..hypotheses import Hypothesis, without_repeats
 from .fits import LitFit, are_in_one_place
-from .search import Search, are_one_place
+from .search import SAME_SHADOW, Search
 
 MAX_PLACES = 14
 PART_COST = 40.0  # pixels of edges that another part has to explain
@@ -60,10 +59,16 @@ def chosen(fits: Sequence[LitFit], search: Search, library: Library) -> list[Pla
     search : weighs them
     library : whose parts and stable poses the fits count
     """
+    every = search.cluster.image_edges.every
+
+    def gain(fit: LitFit, points: float) -> float:
+        return points * every * search.alone(fit) - PART_COST
+
     left = sorted(fits, key=lambda f: -search.worth(f))
     while True:
-        places = _by_place(left)[:MAX_PLACES]
-        taken = [places[k] for k in _best_set([place[0] for place in places], search)]
+        places = by_place(left, SAME_SHADOW, MAX_PLACES)
+        best = best_set([place[0] for place in places], are_in_one_place, gain)
+        taken = [places[k] for k in best]
         firsts = [place[0] for place in taken]
         decided = [_decided(place, firsts, search, library) for place in taken]
         wrong = [place[0] for place, one in zip(taken, decided, strict=True) if one is None]
@@ -88,45 +93,3 @@ def _decided(
         return None
     T = decision.best.fit.T_world_part
     return Place(next(f for f in able if f.T is T), tuple(able), decision, hypotheses)
-
-
-def _by_place(fits: Sequence[LitFit]) -> list[list[LitFit]]:
-    """Return fits by the place they are about, best first."""
-    places: list[list[LitFit]] = []
-    for fit in fits:
-        for place in places:
-            if are_one_place(place[0], fit):
-                place.append(fit)
-                break
-        else:
-            places.append([fit])
-    return places
-
-
-def _best_set(fits: Sequence[LitFit], search: Search) -> list[int]:
-    """Return which fits that can be there together explain most."""
-    count = len(fits)
-    apart = np.ones((count, count), dtype=np.bool_)
-    for i in range(count):
-        for j in range(i):
-            apart[i, j] = apart[j, i] = not are_in_one_place(fits[i], fits[j])
-    every = search.cluster.image_edges.every
-    gains = [max(search.worth(f) - PART_COST, 0.0) for f in fits]
-    best: tuple[float, list[int]] = (0.0, [])
-
-    def look(k: int, taken: list[int], explained: BoolArray | None, value: float) -> None:
-        nonlocal best
-        if value > best[0]:
-            best = (value, list(taken))
-        if k == count or value + sum(gains[k:]) <= best[0]:
-            return
-        if all(apart[k, j] for j in taken):
-            mine = fits[k].explains
-            new = mine if explained is None else mine & ~explained
-            together = mine if explained is None else mine | explained
-            worth = float(new.sum()) * every * search.alone(fits[k]) - PART_COST
-            look(k + 1, [*taken, k], together, value + worth)
-        look(k + 1, taken, explained, value)
-
-    look(0, [], None, 0.0)
-    return best[1]

@@ -23,7 +23,7 @@ from ...library import (
     pose_on_table,
     turn_of,
 )
-from ...partial import Cluster, propose_partial
+from ...partial import Cluster, are_one_place, propose_partial
 from ...segmentation import Region
 from ..hypotheses import Hypothesis, SearchLimits, coarse_score, is_same_turn
 from ..lines import by_lines
@@ -162,9 +162,8 @@ class Search:
             if flat.leans or flat in self._tilted or self.alone(flat) < TILTED:
                 continue
             self._tilted.add(flat)
-            starts.append(
-                (flat.candidate, flat.T, [f for f in there if not are_one_place(f, flat)])
-            )
+            others = [f for f in there if not are_one_place(f, flat, SAME_SHADOW)]
+            starts.append((flat.candidate, flat.T, others))
         starts += [(c, None, list(there)) for c, _ in proposed[:MAX_LEANING]]
         out = list(fits)
         for c, T, others in starts:
@@ -298,12 +297,6 @@ class Search:
             return False
         R = entry.pose(a.pose).R
         return is_same_turn(turn_of(R, T_a), turn_of(R, T_b), entry.turns_of(a.pose))
-
-
-def are_one_place(a: LitFit, b: LitFit) -> bool:
-    """Return whether two fits are of one thing."""
-    both = int((a.shadow & b.shadow).sum())
-    return both > SAME_SHADOW * int((a.shadow | b.shadow).sum())
 
 
 def widened(region: Region, margin_px: int, shape: tuple[int, int]) -> Region:

@@ -1,0 +1,97 @@
+"""Which of many fits to one cluster are there together: by places, then the set that explains most.
+
+Before a light table and under lamps alike; what a fit is and what it is worth differs.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Protocol, TypeVar
+
+import numpy as np
+
+from controller.arrays import BoolArray
+
+
+class Shown(Protocol):
+    """A part fitted to a cluster."""
+
+    @property
+    def shadow(self) -> BoolArray:
+        """Where of the cluster the part is seen, if nothing hides it."""
+
+    @property
+    def explains(self) -> BoolArray:
+        """(m,) which of what the cluster shows it predicts."""
+
+
+Fit = TypeVar("Fit", bound=Shown)
+
+
+def are_one_place(a: Shown, b: Shown, share: float) -> bool:
+    """Return whether two fits are of one thing.
+
+    Parameters
+    ----------
+    a, b : fits to one cluster
+    share : of their shadows together, which more than that have to have in common
+    """
+    both = int((a.shadow & b.shadow).sum())
+    return both > share * int((a.shadow | b.shadow).sum())
+
+
+def by_place(fits: Sequence[Fit], share: float, most: int) -> list[list[Fit]]:
+    """Return fits by the place they are about, best first.
+
+    Parameters
+    ----------
+    fits : the best ones first
+    share : as for `are_one_place`
+    most : of places; fits about others are left out
+    """
+    places: list[list[Fit]] = []
+    for fit in fits:
+        for place in places:
+            if are_one_place(place[0], fit, share):
+                place.append(fit)
+                break
+        else:
+            if len(places) < most:
+                places.append([fit])
+    return places
+
+
+def best_set(
+    fits: Sequence[Fit],
+    are_in_one_place: Callable[[Fit, Fit], bool],
+    gain: Callable[[Fit, float], float],
+) -> list[int]:
+    """Return the numbers of the fits that can be there together and gain most.
+
+    Parameters
+    ----------
+    fits : one of each place
+    are_in_one_place : whether two of them cannot both be there
+    gain : of a fit by how much it explains that others do not; the more the better
+    """
+    count = len(fits)
+    apart = np.ones((count, count), dtype=np.bool_)
+    for i in range(count):
+        for j in range(i):
+            apart[i, j] = apart[j, i] = not are_in_one_place(fits[i], fits[j])
+    gains = [max(gain(fit, float(fit.explains.sum())), 0.0) for fit in fits]
+    best: tuple[float, list[int]] = (0.0, [])
+
+    def look(k: int, taken: list[int], explained: BoolArray | None, value: float) -> None:
+        nonlocal best
+        if value > best[0]:
+            best = (value, list(taken))
+        if k == count or value + sum(gains[k:]) <= best[0]:
+            return
+        if all(apart[k, j] for j in taken):
+            mine = fits[k].explains
+            new = mine if explained is None else mine & ~explained
+            together = mine if explained is None else mine | explained
+            look(k + 1, [*taken, k], together, value + gain(fits[k], float(new.sum())))
+        look(k + 1, taken, explained, value)
+
+    look(0, [], None, 0.0)
+    return best[1]
