@@ -91,7 +91,7 @@ class PlannerSetup:
         fixed = "" if fixed_gripper is None else f", {fixed_gripper.force_n:g} N (fixed gripper)"
         least = f"; each view adds {gain:.2%} of the surface or more" if gain else ""
         counted = ""
-        if self.counted_defect_mm > self.smallest_defect_mm * (1 + 1e-9):
+        if self.counted_defect_mm > self.smallest_defect_mm:
             counted = f", coverage counted for {self.counted_defect_mm:.2g} mm and more"
         pads = self.layout.arm_gripper.pads
         friction = "" if pads is None else f"; friction {pads.friction:g}"

@@ -78,7 +78,8 @@ def counted_defect_mm(samples: SurfaceSamples, smallest_mm: float) -> float:
     samples : of `counted_samples`, or any whose reach is known; others are taken as near enough
     smallest_mm : size of the smallest defect that they were drawn for
     """
-    return max(smallest_mm, (samples.reach_mm or 0.0) / SAMPLE_SHARE)
+    counted_mm = (samples.reach_mm or 0.0) / SAMPLE_SHARE
+    return counted_mm if counted_mm > smallest_mm * (1 + ROUNDING) else smallest_mm
 
 
 def count_caution(samples: SurfaceSamples, smallest_mm: float) -> str:
@@ -90,7 +91,7 @@ def count_caution(samples: SurfaceSamples, smallest_mm: float) -> str:
     smallest_mm : size of the smallest defect that is to be found
     """
     counted_mm = counted_defect_mm(samples, smallest_mm)
-    if counted_mm <= smallest_mm * (1 + ROUNDING):
+    if counted_mm <= smallest_mm:
         return ""
     return (
         f"Coverage is counted by {len(samples.points_mm):,} points, no more than memory has room "
