@@ -137,7 +137,7 @@ class Shift:
         for k in lying:
             ask(self.control, "remove", part=k)
         lot = self.waiting[:AT_ONCE]
-        spots = spots_for([self.parts[k] for k in lot], [], self.rng)
+        spots = spots_for([self.parts[k] for k in lot], self.rng)
         for k, spot in zip(lot, spots, strict=True):
             if spot is not None:
                 self.waiting.remove(k)
@@ -147,10 +147,7 @@ class Shift:
     def figures(self) -> Words:
         """Return what came of the shift."""
         verdicts = {p["part"]: p for p in self.result.get("parts", [])}
-        took: list[int] = []  # a part that was dropped and taken again is one
-        for k in self.held:
-            if k not in took:
-                took.append(k)
+        took = list(dict.fromkeys(self.held))  # a part that was dropped and taken again is one
         # the cell counts the parts it takes; the world says which ones those were
         self.labels = labels_of(self.runs / JOURNAL_NAME)
         told = {k: verdicts.get(number) for number, k in enumerate(took, start=1)}

@@ -119,15 +119,12 @@ def spoil(name: str, rng: np.random.Generator, file: Path) -> tuple[Path, str]:
     return file, f"groove of {length_mm:.0f} x 3 x 1.5 mm in F{face.id}"
 
 
-def spots_for(
-    parts: list[ShiftPart], taken: list[tuple[Array, float]], rng: np.random.Generator
-) -> list[tuple[float, float] | None]:
-    """Return where each part is dropped, apart from each other and from what lies there.
+def spots_for(parts: list[ShiftPart], rng: np.random.Generator) -> list[tuple[float, float] | None]:
+    """Return where each part is dropped, apart from each other.
 
     Parameters
     ----------
     parts : to be dropped
-    taken : centre (2,) and radius [mm] of what lies on the table
     rng : draws
 
     Returns
@@ -135,7 +132,7 @@ def spots_for(
     x and y [mm] of each; None where no room is left for it
     """
     found: list[tuple[float, float] | None] = []
-    there = list(taken)
+    there: list[tuple[Array, float]] = []
     for part in parts:
         spot = None
         for _ in range(TRIES):
