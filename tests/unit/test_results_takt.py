@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Sequence
+from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
@@ -259,6 +260,25 @@ def test_the_command_prints_groups(tmp_path: Path, capsys: pytest.CaptureFixture
     assert "homing" not in table  # of no part
     assert main(["stats", "flange", "--takt", "--runs", str(tmp_path)]) == 0
     assert "no part fits" in capsys.readouterr().out
+
+
+def test_the_command_takes_runs_of_some_days(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write(tmp_path, ONE_PART)
+    (run,) = takts_of(tmp_path)
+    day = run.start.date()
+
+    def shown(*words: str) -> str:
+        assert main(["stats", "--takt", *words, "--runs", str(tmp_path)]) == 0
+        return capsys.readouterr().out
+
+    assert "60.8 %" in shown("--since", str(day), "--until", str(day))
+    assert "no part fits" in shown("--since", str(day + timedelta(days=1)))
+    assert "no part fits" in shown("--until", str(day - timedelta(days=1)))
+    # up to an instant, and not the instant itself
+    assert "no part fits" in shown("--until", run.start.isoformat())
+    assert "60.8 %" in shown("--since", run.start.isoformat())
 
 
 @pytest.mark.parametrize("words", [("--by", "colour"), ("--since", "soon"), ("--report", "a.html")])

@@ -2,12 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from datetime import UTC
 from pathlib import Path
 
 from rich import box
 from rich.table import Table
 
 from controller.config import ConfigError
+from controller.history import Filters
 from controller.results.takt import (
     BUSY,
     GROUPS,
@@ -21,7 +23,6 @@ from controller.results.takt import (
 )
 from controller.results.wording import num
 
-from ..inputs.history_store import instant
 from ..terminal.output import emit, print_line
 from ._output import print_table
 from .yields import Chosen
@@ -47,17 +48,9 @@ def report_takt(runs_dir: Path, chosen: Chosen, by: str, *, as_json: bool) -> in
     """
     if by not in GROUPS:
         raise ConfigError(f"--by {by}: with --takt one of {', '.join(GROUPS)}")
-    since = None if chosen.since is None else instant(chosen.since, "--since")
-    until = None if chosen.until is None else instant(chosen.until, "--until", is_end=True)
-    runs = [
-        run
-        for run in (of_recipe(one, chosen.recipe) for one in takts_of(runs_dir))
-        if (run.parts or run.recipe == chosen.recipe or not chosen.recipe)
-        and chosen.lot in ("", run.lot)
-        and chosen.operator in ("", run.operator)
-        and (since is None or run.start >= since)
-        and (until is None or run.start <= until)
-    ]
+    filters = chosen.filters()
+    of_it = (of_recipe(one, chosen.recipe) for one in takts_of(runs_dir))
+    runs = [run for run in of_it if _fits(run, filters)]
     groups = grouped(runs, by)
     if as_json:
         for group in groups:
@@ -74,6 +67,17 @@ def report_takt(runs_dir: Path, chosen: Chosen, by: str, *, as_json: bool) -> in
             "share of Execute; rest is what no rule names"
         )
     return 0
+
+
+def _fits(run: RunTakt, filters: Filters) -> bool:
+    start = run.start.astimezone(UTC).replace(tzinfo=None)  # as filters have it
+    return (
+        (bool(run.parts) or filters.recipe in ("", run.recipe))
+        and filters.lot in ("", run.lot)
+        and filters.operator in ("", run.operator)
+        and (filters.since is None or start >= filters.since)
+        and (filters.until is None or start < filters.until)
+    )
 
 
 def of_recipe(run: RunTakt, recipe: str) -> RunTakt:
