@@ -7,6 +7,22 @@ import typer
 
 from ..options import JsonOption, RunsOption, StoreOption
 
+# Which parts are listed, and how many.
+OfRecipe = Annotated[str, typer.Option(metavar="NAME", help="parts of this recipe")]
+OfSerial = Annotated[str, typer.Option(metavar="SERIAL", help="parts of this serial number")]
+OfLot = Annotated[str, typer.Option(metavar="LOT", help="parts of this lot")]
+OfOperator = Annotated[str, typer.Option(metavar="NAME", help="parts of this operator")]
+OfRun = Annotated[str, typer.Option(metavar="RUN", help="parts of runs whose id begins like this")]
+Since = Annotated[
+    str | None, typer.Option(metavar="DATE", help="parts begun at this date or later (UTC)")
+]
+Until = Annotated[
+    str | None, typer.Option(metavar="DATE", help="parts begun at this date or before (UTC)")
+]
+Limit = Annotated[
+    int, typer.Option(metavar="N", min=1, max=1_000_000, help="how many parts to list")
+]
+
 
 def history(
     part: Annotated[
@@ -16,7 +32,7 @@ def history(
             help="serial number, or RUN/NUMBER, of a part to show with all that is known of it",
         ),
     ] = None,
-    recipe: Annotated[str, typer.Option(metavar="NAME", help="parts of this recipe")] = "",
+    recipe: OfRecipe = "",
     verdict: Annotated[
         str,
         typer.Option(
@@ -24,27 +40,19 @@ def history(
             help="parts of this verdict: pass, fail, indeterminate, no verdict",
         ),
     ] = "",
-    serial: Annotated[str, typer.Option(metavar="SERIAL", help="parts of this serial number")] = "",
-    lot: Annotated[str, typer.Option(metavar="LOT", help="parts of this lot")] = "",
-    operator: Annotated[str, typer.Option(metavar="NAME", help="parts of this operator")] = "",
-    run: Annotated[
-        str, typer.Option(metavar="RUN", help="parts of runs whose id begins like this")
-    ] = "",
-    since: Annotated[
-        str | None, typer.Option(metavar="DATE", help="parts begun at this date or later (UTC)")
-    ] = None,
-    until: Annotated[
-        str | None, typer.Option(metavar="DATE", help="parts begun at this date or before (UTC)")
-    ] = None,
+    serial: OfSerial = "",
+    lot: OfLot = "",
+    operator: OfOperator = "",
+    run: OfRun = "",
+    since: Since = None,
+    until: Until = None,
     awaiting_review: Annotated[
         bool, typer.Option("--awaiting-review", help="parts that await a person's verdict")
     ] = False,
     reviewed: Annotated[
         bool, typer.Option("--reviewed", help="parts that a person has decided on")
     ] = False,
-    limit: Annotated[
-        int, typer.Option(metavar="N", min=1, max=1_000_000, help="how many parts to list")
-    ] = 50,
+    limit: Limit = 50,
     export: Annotated[
         Path | None,
         typer.Option(
@@ -131,22 +139,14 @@ def review(
     all_: Annotated[
         bool, typer.Option("--all", help="list parts that a person has decided on, too")
     ] = False,
-    recipe: Annotated[str, typer.Option(metavar="NAME", help="parts of this recipe")] = "",
-    serial: Annotated[str, typer.Option(metavar="SERIAL", help="parts of this serial number")] = "",
-    lot: Annotated[str, typer.Option(metavar="LOT", help="parts of this lot")] = "",
-    operator: Annotated[str, typer.Option(metavar="NAME", help="parts of this operator")] = "",
-    run: Annotated[
-        str, typer.Option(metavar="RUN", help="parts of runs whose id begins like this")
-    ] = "",
-    since: Annotated[
-        str | None, typer.Option(metavar="DATE", help="parts begun at this date or later (UTC)")
-    ] = None,
-    until: Annotated[
-        str | None, typer.Option(metavar="DATE", help="parts begun at this date or before (UTC)")
-    ] = None,
-    limit: Annotated[
-        int, typer.Option(metavar="N", min=1, max=1_000_000, help="how many parts to list")
-    ] = 50,
+    recipe: OfRecipe = "",
+    serial: OfSerial = "",
+    lot: OfLot = "",
+    operator: OfOperator = "",
+    run: OfRun = "",
+    since: Since = None,
+    until: Until = None,
+    limit: Limit = 50,
     store: StoreOption = None,
     runs: RunsOption = Path("runs"),
     json: JsonOption = False,
