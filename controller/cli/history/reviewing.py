@@ -18,7 +18,7 @@ from ..inputs.checks import check_writable_folder
 from ..inputs.history_store import filled_store
 from ..terminal.output import emit, print_line, warn
 from .answering import Asked
-from .tables import print_columns, print_record, review_word, tray_words
+from .tables import instant_words, print_columns, print_record, review_word, tray_words
 
 COLUMNS = (
     "begun (UTC)",
@@ -131,7 +131,7 @@ def _list(store: Store, order: Order, asked: Asked, limit: int, *, as_json: bool
 
 def _row(part: Mapping[str, Any]) -> tuple[str, ...]:
     return (
-        str(part["start"])[:19].replace("T", " "),
+        instant_words(part["start"]),
         str(part["part"]),
         str(part["serial"]),
         str(part["recipe"]),

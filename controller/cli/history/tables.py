@@ -38,7 +38,7 @@ def part_row(part: Mapping[str, Any]) -> tuple[str, ...]:
     """Return the cells of a part in the list."""
     is_done = part["done_forecast_s"] > 0
     return (
-        str(part["start"])[:19].replace("T", " "),
+        instant_words(part["start"]),
         str(part["part"]),
         str(part["serial"]),
         str(part["lot"]),
@@ -52,6 +52,11 @@ def part_row(part: Mapping[str, Any]) -> tuple[str, ...]:
         str(part["recovery_count"]),
         review_word(part),
     )
+
+
+def instant_words(at: object) -> str:
+    """Return an instant of the store, in ISO form, to the second."""
+    return str(at)[:19].replace("T", " ")
 
 
 def review_word(part: Mapping[str, Any]) -> str:
@@ -76,7 +81,7 @@ def print_record(part: Mapping[str, Any]) -> None:
         "recipe": part["recipe"],
         "cell": f"{part['cell']}{emulated}",
         "operator": part["operator"],
-        "begun": f"{str(part['start'])[:19].replace('T', ' ')} UTC, {span(part['wall_s'])}",
+        "begun": f"{instant_words(part['start'])} UTC, {span(part['wall_s'])}",
         "tray": tray_words(part),
         "run": f"{part['run']}, {part['outcome']}",
         "reason": part["reason"],
@@ -87,8 +92,8 @@ def print_record(part: Mapping[str, Any]) -> None:
         if value:
             print_line(f"  {name:9} {value}")
     for one in part["reviews"][-REVIEWS_COUNT:]:
-        at = f"{str(one['at'])[:19].replace('T', ' ')} UTC"
-        print_line(f"  {'review':9} {one['verdict']} by {one['who']}, {at}: {one['why']}")
+        by = f"{one['who']}, {instant_words(one['at'])} UTC"
+        print_line(f"  {'review':9} {one['verdict']} by {by}: {one['why']}")
     if len(part["reviews"]) > REVIEWS_COUNT:
         print_line(f"  {'':9} and {len(part['reviews']) - REVIEWS_COUNT} earlier ones (--json)")
     if part["characteristics"]:
