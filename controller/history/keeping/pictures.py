@@ -12,8 +12,8 @@ from sqlalchemy import func, select
 
 from controller.cell.journal import (
     JOURNAL_NAME,
-    Journal,
     JournalError,
+    append_beside,
     first_broken_row,
     read_rows,
     rows,
@@ -98,13 +98,8 @@ def drop_pictures(runs_dir: Path, old: OldPictures, before: datetime, who: str) 
         broken = first_broken_row(path)
         if broken is not None:
             raise HistoryError(f"journal {path}: row {broken} is broken, so nothing is deleted")
-        journal = Journal(path, old.run)
-        try:
-            journal.write_synced(
-                rows.PicturesDropped(before=before.isoformat(), files=old.files, who=who)
-            )
-        finally:
-            journal.close()
+        row = rows.PicturesDropped(before=before.isoformat(), files=old.files, who=who)
+        append_beside(path, old.run, row)
     except JournalError as error:
         raise HistoryError(str(error)) from error
     for name in old.files:

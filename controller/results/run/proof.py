@@ -13,9 +13,9 @@ from typing import Final
 
 from controller.cell.journal import (
     JOURNAL_NAME,
-    Journal,
     JournalError,
     Row,
+    append_beside,
     broken_rows,
     first_broken_row,
     first_flaw,
@@ -135,11 +135,7 @@ def note_results(runs_dir: Path, run_id: str, files: Sequence[Path]) -> None:
     if broken is not None:
         raise JournalError(f"journal {path}: row {broken} is broken, so nothing is added to it")
     digests = {file.relative_to(folder).as_posix(): _sha256(file) for file in inside}
-    journal = Journal(path, run_id)
-    try:
-        journal.write(rows.FilesStored(digests))
-    finally:
-        journal.close()
+    append_beside(path, run_id, rows.FilesStored(digests))
 
 
 def _broken(path: Path) -> Iterator[Tampering]:
