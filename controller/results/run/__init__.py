@@ -6,7 +6,7 @@
 
 from ._fold import entry_of, fold
 from ._parts import PartFold
-from .load import RunSummary, find_run, list_runs, load_run
+from .load import RunSummary, find_run, list_runs, load_run, whole_journal
 from .log_words import row_words, stage_words
 from .model import (
     Box,
@@ -71,4 +71,5 @@ __all__ = [
     "row_words",
     "stage_words",
     "stored_files",
+    "whole_journal",
 ]

@@ -23,6 +23,28 @@ class RunSummary:
     rows: int
 
 
+def whole_journal(runs_dir: Path) -> Path:
+    """Return the journal of a folder of runs, for numbers over all of it.
+
+    Raises
+    ------
+    ResultsError : no journal there, one that cannot be read, or one that was changed
+    """
+    path = runs_dir / JOURNAL_NAME
+    if not path.is_file():
+        raise ResultsError(f"no journal at {path}: name the folder of runs with --runs")
+    try:
+        broken = first_broken_row(path)
+    except (JournalError, sqlite3.Error, ValueError) as error:
+        raise ResultsError(f"journal {path}: {error}") from error
+    if broken is not None:
+        raise ResultsError(
+            f"journal {path}: the chain of hashes breaks at row {broken}; numbers that may "
+            "have been changed make no statistics"
+        )
+    return path
+
+
 def list_runs(runs_dir: Path) -> tuple[RunSummary, ...]:
     """Return the runs of a folder, newest first.
 

@@ -7,19 +7,11 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, Final
 
-from controller.cell.journal import (
-    JOURNAL_NAME,
-    JournalError,
-    Row,
-    first_broken_row,
-    read_row,
-    read_rows_named,
-    rows,
-)
+from controller.cell.journal import JournalError, Row, read_row, read_rows_named, rows
 from controller.cell.journal.usage import views_off_mm
 from controller.config.calibrations import MAX_OFF_MM
 
-from ..run import ResultsError
+from ..run import ResultsError, whole_journal
 from .capability import Capability, Interval, capability
 from .charts import RunChart, run_chart
 
@@ -88,9 +80,7 @@ def series_of(runs_dir: Path, recipe: str) -> tuple[Series, ...]:
     ------
     ResultsError : no journal, one that cannot be read or was changed, or no run of this recipe
     """
-    path = runs_dir / JOURNAL_NAME
-    if not path.is_file():
-        raise ResultsError(f"no journal at {path}: name the folder of runs with --runs")
+    path = whole_journal(runs_dir)
     found: dict[str, Series] = {}
     names: dict[str, str] = {}  # of the first recipe, by run
     of_part: dict[tuple[str, int | None], str] = {}
@@ -99,12 +89,6 @@ def series_of(runs_dir: Path, recipe: str) -> tuple[Series, ...]:
         return of_part.get((row.run, row.part), names.get(row.run)) == recipe
 
     try:
-        broken = first_broken_row(path)
-        if broken is not None:
-            raise ResultsError(
-                f"journal {path}: the chain of hashes breaks at row {broken}; numbers that may "
-                "have been changed make no statistics"
-            )
         for row in read_rows_named(path, NAMES):
             if row.name == rows.RunBegan.row_name:
                 names[row.run] = str(row.body.get("recipe", {}).get("name", ""))

@@ -8,16 +8,10 @@ from itertools import groupby
 from pathlib import Path
 from typing import Final
 
-from controller.cell.journal import (
-    JOURNAL_NAME,
-    JournalError,
-    first_broken_row,
-    read_rows_of_kinds,
-    rows,
-)
+from controller.cell.journal import JournalError, read_rows_of_kinds, rows
 from controller.cell.machine import Event
 
-from ..run import LogEntry, ResultsError, RunRecord, entry_of
+from ..run import LogEntry, ResultsError, RunRecord, entry_of, whole_journal
 from ._spans import Span, instants, spans
 from .uses import BUSY, Use
 
@@ -104,16 +98,8 @@ def takts_of(runs_dir: Path) -> Iterator[RunTakt]:
     ------
     ResultsError : no journal, one that cannot be read, or one that was changed
     """
-    path = runs_dir / JOURNAL_NAME
-    if not path.is_file():
-        raise ResultsError(f"no journal at {path}: name the folder of runs with --runs")
+    path = whole_journal(runs_dir)
     try:
-        broken = first_broken_row(path)
-        if broken is not None:
-            raise ResultsError(
-                f"journal {path}: the chain of hashes breaks at row {broken}; numbers that may "
-                "have been changed make no statistics"
-            )
         found = read_rows_of_kinds(path, KINDS, (), WITHOUT)
         # two runs may share a journal, but never write to it at once: a cell has one controller
         for run_id, rows_of_run in groupby(found, key=lambda row: row.run):
