@@ -11,6 +11,7 @@ The definitions:
   the interval of false alarms is above `LIKELY_SHARE`.
 """
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
@@ -141,20 +142,25 @@ def agreement(store: Store, filters: Filters) -> Agreement:
         awaiting = db.execute(
             select(func.count()).select_from(PARTS).where(clause, p.awaits_review)
         ).scalar_one()
-        likely_kinds = {(one.recipe, one.kind, one.face): one for one in found}
+        likely_groups = {
+            (one.recipe, one.kind, one.face): one for one in found if one.is_likely_false
+        }
         waiting = (
             select(RUNS.c.run_id, p.number, f.ordinal, p.recipe, f.kind, label)
             .select_from(_FINDINGS_ON_FACES.join(RUNS, RUNS.c.run_no == p.run_no))
             .where(clause, p.awaits_review)
             .order_by(p.start.desc(), p.part_id.desc(), f.ordinal, FINDING_FACES.c.ordinal)
         )
-        likely = _likely(db.execute(waiting).all(), likely_kinds)
-    passed = {word: n for (_, machine, word), n in _summed(verdicts).items() if machine == "pass"}
+        likely = _likely(db.execute(waiting).all(), likely_groups)
+    passed: Counter[str] = Counter()
+    for (_, machine, word), n in verdicts.items():
+        if machine == "pass":
+            passed[word] += n
     found.sort(key=lambda one: (-one.false_alarms.count, one.recipe, one.kind, one.face))
     return Agreement(
         tuple(found),
         verdicts,
-        Rate(passed.get("reject", 0), sum(passed.values())),
+        Rate(passed["reject"], passed.total()),
         likely,
         int(awaiting),
     )
@@ -169,29 +175,20 @@ _FINDINGS_ON_FACES: Final = FINDINGS.join(PARTS).outerjoin(
 
 
 def _likely(
-    waiting: Sequence[Any], kinds: Mapping[tuple[str, str, str], Reviewed]
+    waiting: Sequence[Any], likely: Mapping[tuple[str, str, str], Reviewed]
 ) -> tuple[LikelyFalseAlarm, ...]:
     """Return the findings that wait and are likely false alarms on each of their faces."""
     by_finding: dict[tuple[str, int], list[Reviewed | None]] = {}
     for run, number, ordinal, recipe, kind, face in waiting:
-        group = by_finding.setdefault((f"{run}/{number}", int(ordinal)), [])
-        group.append(kinds.get((recipe, kind, face)))
+        groups = by_finding.setdefault((f"{run}/{number}", int(ordinal)), [])
+        groups.append(likely.get((recipe, kind, face)))
     found: list[LikelyFalseAlarm] = []
     for (part, number), groups in by_finding.items():
-        sure = [one for one in groups if one is not None and one.is_likely_false]
-        if len(sure) == len(groups) and len(found) < LISTED_MAX:
+        sure = [one for one in groups if one is not None]
+        if len(sure) == len(groups):
             least = min(sure, key=lambda one: one.false_alarms.interval[0])
             found.append(LikelyFalseAlarm(part, number, least))
-    return tuple(found)
-
-
-def _summed(verdicts: Mapping[tuple[str, str, str], int]) -> dict[tuple[str, str, str], int]:
-    """Return the same over all recipes, under an empty name."""
-    total: dict[tuple[str, str, str], int] = {}
-    for (_, machine, word), n in verdicts.items():
-        key = ("", machine, word)
-        total[key] = total.get(key, 0) + n
-    return total
+    return tuple(found[:LISTED_MAX])
 
 
 def agreement_json(found: Agreement) -> list[Mapping[str, Any]]:
