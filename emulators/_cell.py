@@ -444,6 +444,8 @@ class Cell:
 
     def _feed(self) -> None:
         """Drop the next part, drawn by the seed, once one is in a tray and has been let go."""
+        if not any(self._feed_left):
+            return
         gone = [
             part.index
             for part in self.world.parts
