@@ -1,6 +1,7 @@
 """Serial numbers of a batch: given, counted, listed, read; and never mixed up."""
 
 import asyncio
+import os
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -177,6 +178,19 @@ def test_a_list_that_is_no_text_is_refused(tmp_path: Path) -> None:
     file.write_bytes(b"recipe,serial\nholder,\xff\n")
     with pytest.raises(ConfigError, match="no text in UTF-8"):
         load_parts_list(file)
+
+
+def test_a_list_that_is_a_pipe_is_refused_and_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "parts.csv")
+    with pytest.raises(ConfigError, match="is not a plain file"):
+        load_parts_list(tmp_path / "parts.csv")
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+def test_lines_of_a_list_end_as_any_system_ends_them(tmp_path: Path, end: str) -> None:
+    file = tmp_path / "parts.csv"
+    file.write_bytes(end.join(("recipe;serial", "holder;H1", "holder;H2", "")).encode())
+    assert load_parts_list(file).labels == ((0, Label("H1")), (0, Label("H2")))
 
 
 # --- the command line ---------------------------------------------------------------------------

@@ -2,6 +2,7 @@
 
 import csv
 import io
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import Final
 
 from controller.cell.services.table import Label, why_no_serial
 from controller.config import ConfigError, find_recipe
+from controller.config.files import read_bytes
 
 from .recipes import MAX_PART_COUNT, AskedRecipe
 
@@ -39,7 +41,7 @@ class _Reading:
     numbers: dict[Path, int] = field(default_factory=dict)
     lines: dict[str, int] = field(default_factory=dict)
     labels: list[tuple[int, Label]] = field(default_factory=list)
-    first_lines: dict[int, int] = field(default_factory=dict)
+    firsts: dict[int, tuple[int, Label]] = field(default_factory=dict)
 
     def take(self, line: int, row: dict[str, str]) -> None:
         try:
@@ -57,19 +59,19 @@ class _Reading:
         else:
             self.lines.setdefault(serial, line)
         number = self.numbers.setdefault(path, len(self.numbers))
-        first = next((label for n, label in self.labels if n == number), None)
-        self.first_lines.setdefault(number, line)
-        if first is not None and bool(first.serial) != bool(serial):
+        label = Label(serial, lot)
+        first_line, first = self.firsts.setdefault(number, (line, label))
+        if bool(first.serial) != bool(serial):
             self.problems.append(
                 f"line {line}: some parts of {row['recipe']} have a serial number and some have "
-                f"none (line {self.first_lines[number]}): nobody can tell which is which"
+                f"none (line {first_line}): nobody can tell which is which"
             )
-        elif first is not None and not serial and first.lot != lot:
+        elif not serial and first.lot != lot:
             self.problems.append(
                 f"line {line}: parts of {row['recipe']} without serial numbers are of several "
-                f"lots (line {self.first_lines[number]}): nobody can tell which is which"
+                f"lots (line {first_line}): nobody can tell which is which"
             )
-        self.labels.append((number, Label(serial, lot)))
+        self.labels.append((number, label))
 
 
 def load_parts_list(path: Path, lot: str = "") -> PartsList:
@@ -96,14 +98,15 @@ def load_parts_list(path: Path, lot: str = "") -> PartsList:
         more = len(reading.problems) - MAX_NAMED
         shown = [*reading.problems[:MAX_NAMED], *([f"and {more} more"] if more > 0 else [])]
         raise ConfigError(f"{path}: " + "; ".join(shown))
-    counts = [sum(n == number for n, _ in reading.labels) for number in reading.numbers.values()]
-    recipes = [AskedRecipe(*one) for one in zip(reading.numbers, counts, strict=True)]
+    counts = Counter(number for number, _ in reading.labels)
+    recipes = (AskedRecipe(file, counts[number]) for file, number in reading.numbers.items())
     return PartsList(tuple(recipes), tuple(reading.labels))
 
 
 def _rows(path: Path) -> Iterator[tuple[int, dict[str, str] | None]]:
     """Yield each part's line number and its values by title; None where they do not fit."""
-    reader = csv.reader(io.StringIO(_text(path)), delimiter=_delimiter(_text(path)), strict=True)
+    text = _text(path)
+    reader = csv.reader(io.StringIO(text), delimiter=_delimiter(text), strict=True)
     try:
         titles = [title.strip().lower() for title in next(reader, [])]
         _check_titles(path, titles)
@@ -120,12 +123,10 @@ def _rows(path: Path) -> Iterator[tuple[int, dict[str, str] | None]]:
 
 
 def _text(path: Path) -> str:
+    data = read_bytes(path, MAX_BYTES, "a list of parts")
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise ConfigError(f"{path}: larger than {MAX_BYTES // 1_000_000} MB")
-        return path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise ConfigError(f"{path}: {error.strerror or error}") from error
+        # lines end as any system ends them
+        return io.StringIO(data.decode("utf-8-sig"), newline=None).getvalue()
     except UnicodeDecodeError as error:
         raise ConfigError(f"{path}: is no text in UTF-8") from error
 
