@@ -1,13 +1,12 @@
 """Serial numbers on a command line: where they come from, and which are taken already."""
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from controller.cell.batch import Papers
 from controller.cell.journal import JOURNAL_NAME, JournalError, read_rows_named, rows
-from controller.cell.services.table import counted, why_no_serial
+from controller.cell.services.table import counted, parted, why_no_serial
 from controller.config import ConfigError
 
 from ..terminal.output import warn
@@ -106,23 +105,25 @@ def _first_counted(first: str, part_count: int, runs_dir: Path, *, goes_on: bool
     """Return the first number to give, none of which an earlier run has given."""
     if why := why_no_serial(first):
         raise ConfigError(f"--serial-from {first!r}: {why}")
-    found = re.fullmatch(r"(.*?)([0-9]+)", first)
-    if found is None:
+    head, digits = parted(first)
+    if not digits:
         raise ConfigError(f"--serial-from {first}: it has to end in a number, such as A0001")
-    head, digits = found.groups()
     known = serials_in(runs_dir)
     if goes_on:
-        same = (re.fullmatch(re.escape(head) + r"([0-9]+)", serial) for serial in known)
-        last = max((int(one[1]) for one in same if one is not None), default=-1)
+        given = map(parted, known)
+        last = max((int(end) for before, end in given if before == head and end), default=-1)
         return first if last < int(digits) else counted(first, last + 1 - int(digits))
     taken = [serial for k in range(part_count) if (serial := counted(first, k)) in known]
     if taken:
-        shown = ", ".join(taken[:MAX_NAMED]) + (" ..." if len(taken) > MAX_NAMED else "")
         raise ConfigError(
-            f"--serial-from {first}: parts of earlier runs have {shown} already; begin with "
-            "another number, or go on after the last one with --across-runs"
+            f"--serial-from {first}: parts of earlier runs have {_named(taken)} already; begin "
+            "with another number, or go on after the last one with --across-runs"
         )
     return first
+
+
+def _named(taken: Sequence[str]) -> str:
+    return ", ".join(taken[:MAX_NAMED]) + (" ..." if len(taken) > MAX_NAMED else "")
 
 
 def serials_in(runs_dir: Path) -> frozenset[str]:
@@ -153,5 +154,4 @@ def _warn_of_known(serials: Sequence[str], runs_dir: Path) -> None:
     known = serials_in(runs_dir)
     taken = [serial for serial in serials if serial in known]
     if taken:
-        shown = ", ".join(taken[:MAX_NAMED]) + (" ..." if len(taken) > MAX_NAMED else "")
-        warn(f"--parts-list: parts of earlier runs have {shown}; is this the right list?")
+        warn(f"--parts-list: parts of earlier runs have {_named(taken)}; is this the right list?")

@@ -7,7 +7,7 @@ planned beside the one at hand.
 
 from .ahead import Foreseen, LookAhead
 from .choosing import LeftAlone, Wanted, candidates, chosen, where
-from .labels import NO_NUMBERS, SCAN, Label, LabelOrder, Labels, counted, why_no_serial
+from .labels import NO_NUMBERS, SCAN, Label, LabelOrder, Labels, counted, parted, why_no_serial
 from .preparation import Preparation
 from .taking import Taking
 
@@ -26,6 +26,7 @@ __all__ = [
     "candidates",
     "chosen",
     "counted",
+    "parted",
     "where",
     "why_no_serial",
 ]

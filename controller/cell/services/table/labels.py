@@ -5,7 +5,6 @@ of its recipe, and a number that was read to the part that came last: then nothi
 batch may be on the table that it could belong to.
 """
 
-import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from typing import Final
@@ -59,11 +58,16 @@ def counted(first: str, count: int) -> str:
     ------
     ValueError : it does not end in a digit
     """
-    found = re.fullmatch(r"(.*?)([0-9]+)", first)
-    if found is None:
+    head, digits = parted(first)
+    if not digits:
         raise ValueError(f"{first!r} does not end in a digit")
-    head, digits = found.groups()
     return f"{head}{int(digits) + count:0{len(digits)}d}"
+
+
+def parted(serial: str) -> tuple[str, str]:
+    """Return what stands before the digits at the end of a number, and these digits, if any."""
+    head = serial.rstrip("0123456789")
+    return head, serial[len(head) :]
 
 
 def why_no_serial(text: str) -> str:
@@ -197,5 +201,5 @@ class Labels:
 
     def _next_listed(self, product: Product) -> Label:
         """Return the next label of a product; those without a number are the same for all of it."""
-        own = [label for number, label in self.order.listed if number == product.number]
+        own = (label for number, label in self.order.listed if number == product.number)
         return next((one for one in own if one.serial not in self.used), Label())
