@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+MAX_PART_COUNT = 100_000  # in one run; the limit of a recipe, too
+
 
 class Unit(StrEnum):
     """A unit of length."""

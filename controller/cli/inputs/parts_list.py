@@ -12,7 +12,8 @@ from controller.cell.services.table import Label, why_no_serial
 from controller.config import ConfigError, find_recipe
 from controller.config.files import read_bytes
 
-from .recipes import MAX_PART_COUNT, AskedRecipe
+from ..options import MAX_PART_COUNT
+from .recipes import AskedRecipe
 
 COLUMNS: Final = ("recipe", "serial", "lot")
 MAX_BYTES: Final = 20_000_000

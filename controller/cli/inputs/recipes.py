@@ -9,7 +9,7 @@ from controller.cell.batch import OrderedRecipe
 from controller.cell.compute import MAX_RECIPE_COUNT
 from controller.config import ConfigError, find_recipe, load_recipe
 
-MAX_PART_COUNT = 100_000  # in one run; the limit of a recipe, too
+from ..options import MAX_PART_COUNT
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +44,9 @@ def _asked(word: str, *, has_counts: bool) -> AskedRecipe:
     if not has_counts:
         raise ConfigError(f"{word}: nothing is counted here; leave out `={tail}`")
     if not (tail.isascii() and tail.isdigit() and 1 <= int(tail) <= MAX_PART_COUNT):
-        raise ConfigError(f"{word}: behind the = a number of parts is expected, 1 to 100000")
+        raise ConfigError(
+            f"{word}: behind the = a number of parts is expected, 1 to {MAX_PART_COUNT}"
+        )
     return AskedRecipe(find_recipe(Path(name)), int(tail))
 
 

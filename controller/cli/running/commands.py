@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from ..options import (
+    MAX_PART_COUNT,
     AsBuiltOption,
     CellOption,
     ControlOption,
@@ -20,8 +21,6 @@ from ..options import (
     SpeedOption,
     SurfacesOption,
 )
-
-MAX_PART_COUNT = 100_000  # in one run; the limit of a recipe, too
 
 
 def run(
