@@ -22,7 +22,7 @@ from controller.setup.drivers import require_drivers
 from drivers.errors import DeviceError
 from drivers.kinds import Signal
 
-from ..inputs.checks import check_writable_folder, writing
+from ..inputs.checks import make_folder
 from ..terminal.output import emit, print_line, stdout
 from .doctor_pictures import take_pictures
 
@@ -64,9 +64,7 @@ class Looking:
                 "--pictures switches lamps: give the folder of the runs by --runs, so that no run "
                 "is on meanwhile"
             )
-        check_writable_folder(self.pictures, "--pictures")
-        with writing("--pictures", self.pictures):
-            self.pictures.mkdir(parents=True, exist_ok=True)
+        make_folder(self.pictures, "--pictures")
 
 
 def examine(cell_path: Path, looking: Looking, *, as_json: bool) -> int:

@@ -40,8 +40,23 @@ def check_drawings(folder: Path | None, part_count: int) -> None:
         return
     if part_count != 1:
         raise ConfigError(f"--drawings {folder}: is for one part at a time")
-    check_writable_folder(folder, "--drawings")
-    with writing("--drawings", folder):
+    make_folder(folder, "--drawings")
+
+
+def make_folder(folder: Path, option: str) -> None:
+    """Make a folder that can be written to, unless it is there.
+
+    Parameters
+    ----------
+    folder : the folder
+    option : names it in the message
+
+    Raises
+    ------
+    ConfigError : not writable, or it cannot be made
+    """
+    check_writable_folder(folder, option)
+    with writing(option, folder):
         folder.mkdir(parents=True, exist_ok=True)
 
 

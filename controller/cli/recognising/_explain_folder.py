@@ -11,9 +11,9 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from controller.config import ConfigError
 from controller.recognition.explain import Explanation, StageTable
 
+from ..inputs.checks import writing
 from ..terminal.output import stdout
 
 TEXT_COLUMNS = 200  # of a line in a file
@@ -30,10 +30,8 @@ class ExplainFolder:
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._taken: set[str] = set()
-        try:
+        with writing("--explain", folder):
             folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise ConfigError(f"--explain {folder}: {error.strerror}") from error
 
     def write(self, image: Path, explanation: Explanation, *, with_json: bool) -> Path:
         """Write what explains an answer; return the path of the drawing.
@@ -51,7 +49,7 @@ class ExplainFolder:
         name = self._name(image)
         drawing = self._folder / f"{name}.explain.png"
         _, data = cv2.imencode(".png", explanation.picture)
-        try:
+        with writing("--explain", self._folder):
             drawing.write_bytes(data.tobytes())
             text = self._folder / f"{name}.explain.txt"
             text.write_text(tables_text(explanation.tables), encoding="utf-8")
@@ -62,8 +60,6 @@ class ExplainFolder:
                 ]
                 body = json.dumps({"image": image.name, "stages": stages}, ensure_ascii=False)
                 (self._folder / f"{name}.explain.json").write_text(body + "\n", encoding="utf-8")
-        except OSError as error:
-            raise ConfigError(f"--explain {self._folder}: {error.strerror}") from error
         return drawing
 
     def _name(self, image: Path) -> str:
