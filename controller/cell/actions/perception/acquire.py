@@ -69,7 +69,7 @@ class AcquireAction:
 
     async def _read_number(self) -> None:
         part = self.record.part
-        if self.labels.order.is_read and not (part.serial or part.scanned):
+        if self.labels.is_wanted(part):
             self.record.show("waiting for the serial number of the next part")
         await self.labels.read(part)
 

@@ -95,6 +95,10 @@ class Labels:
     used: set[str] = field(default_factory=set)
     _counted: int = 0
 
+    def is_wanted(self, part: PartRecord) -> bool:
+        """Return whether the number of the next part is yet to be read off it."""
+        return self.order.is_read and not (part.serial or part.scanned or part.interrupted)
+
     async def read(self, part: PartRecord) -> None:
         """Have the number of the next part read off it, unless it has one.
 
@@ -102,7 +106,7 @@ class Labels:
         ------
         PartProblemError : nobody is there to read it
         """
-        if not self.order.is_read or part.serial or part.scanned or part.interrupted:
+        if not self.is_wanted(part):
             return
         question = Question(
             code=SCAN,
