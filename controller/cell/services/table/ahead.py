@@ -17,8 +17,12 @@ from controller.cell.custody import Around
 from controller.cell.errors import CellError
 from controller.cell.journal.rows import PlanDropped, SightingFields, StoredFields
 from controller.cell.services.records import BatchRecord, Product, matrix
+from controller.cell.services.trays import TRAYS
+from controller.inspection import Verdict
 from controller.planning import OnTable, Plan
 from controller.recognition import Sighting
+
+from .choosing import apart_deg, apart_mm
 
 log = logging.getLogger(__name__)
 
@@ -26,11 +30,11 @@ log = logging.getLogger(__name__)
 SAME_MM: Final = 0.5
 SAME_DEG: Final = 0.5
 SAME_PX: Final = 6  # of the box about an object whose outline a neighbour may have closed before
-ACCEPT: Final = "accept"
 
 Seen = tuple[SightingFields, ...]
-# returns which of some objects is next, and of which product; None where nobody can know yet
+# [deg] that nobody can see, 0 first; None where no turn shows
 Turns = tuple[float, ...] | None
+# returns which of some objects is next, and of which product; None where nobody can know yet
 Choose = Callable[[Seen], Awaitable[tuple[int, Product] | None]]
 
 
@@ -43,8 +47,7 @@ class Foreseen:
     product : that it is of
     one : the part, as it was seen
     around : what else the plan keeps clear of
-    turns_deg : of the part and of each neighbour, the turns that nobody can see; None where no
-        turn shows
+    turns_deg : of the part and of each neighbour, the turns that nobody can see
     avoid : grasps that the plan does without
     plan : from there
     """
@@ -93,10 +96,10 @@ class Foreseen:
         ----------
         sighting, now : of the part by the fresh look, and as it is journaled
         """
-        turn_deg = unseen_turn(self.one, now, self.turns_deg[0])
-        if not turn_deg or sighting.T_world_part is None:
+        unseen_deg = unseen_turn(self.one, now, self.turns_deg[0])
+        if not unseen_deg or sighting.T_world_part is None:
             return sighting
-        turn_rad = float(np.radians(turn_deg))
+        turn_rad = float(np.radians(unseen_deg))
         c, s = np.cos(turn_rad), np.sin(turn_rad)
         about = np.eye(4)
         about[:2, :2] = (c, -s), (s, c)
@@ -115,20 +118,19 @@ def unseen_turn(was: SightingFields, now: SightingFields, turns: Turns) -> float
     Parameters
     ----------
     was, now : the two looks
-    turns : [deg] that nobody can see, 0 first; None where no turn shows
+    turns : that nobody can see
     """
     if (was.part, was.pose_index, was.is_cut) != (now.part, now.pose_index, now.is_cut):
         return None
     if {o.part for o in was.ambiguous_with} != {o.part for o in now.ambiguous_with}:
         return None
     beside_px = max(abs(a - b) for a, b in zip(was.box_px, now.box_px, strict=True))
-    away_mm = float(np.hypot(now.x_mm - was.x_mm, now.y_mm - was.y_mm))
-    if away_mm > SAME_MM or beside_px > SAME_PX:
+    if apart_mm(was, now) > SAME_MM or beside_px > SAME_PX:
         return None
     missing_deg = was.theta_deg - now.theta_deg
     if turns is None:
         return missing_deg
-    return next((t for t in turns if abs((missing_deg - t + 180) % 360 - 180) <= SAME_DEG), None)
+    return next((t for t in turns if apart_deg(missing_deg, t) <= SAME_DEG), None)
 
 
 class LookAhead:
@@ -136,8 +138,7 @@ class LookAhead:
 
     Parameters
     ----------
-    record : of the batch
-    compute_of : returns the service that works ahead for a product; None for no looking ahead
+    record : of the batch; its products have the services that work ahead
     """
 
     def __init__(self, record: BatchRecord) -> None:
@@ -220,15 +221,15 @@ class LookAhead:
 
     def _stored_then(self) -> tuple[StoredFields, ...]:
         """Return what stands in the trays once the part at hand is accepted, as most parts are."""
-        record, part = self._record, self._record.part
-        nest, plan = record.trays.next_nest(ACCEPT), part.plan
+        record, part, accept = self._record, self._record.part, TRAYS[Verdict.PASS]
+        nest, plan = record.trays.next_nest(accept), part.plan
         if nest is None or plan is None or part.sighting is None or part.sighting.part is None:
             return record.trays.stored
         stored = StoredFields(
-            tray=ACCEPT,
+            tray=accept,
             nest=nest,
             part=part.sighting.part,
-            T_world_part=matrix(plan.place[ACCEPT].T_world_part),
+            T_world_part=matrix(plan.place[accept].T_world_part),
         )
         return (*record.trays.stored, stored)
 

@@ -17,8 +17,6 @@ from controller.cell.journal.rows import SightingFields
 # What stood beside a part that was taken, or dropped next to it, may have been pushed by so much.
 PUSHED_MM: Final = 15.0
 TURNED_DEG: Final = 8.0  # of a part that nobody touched, by what recognition reads of it
-
-
 FREE_STEP: Final = 0.05  # of an outline: what differs by less is as free
 
 
@@ -61,13 +59,13 @@ class LeftAlone:
         """Return whether an object is this part, not moved since."""
         return (
             (other.part, other.pose_index) == (self.one.part, self.one.pose_index)
-            and _away_mm(other, self.one) <= PUSHED_MM
-            and abs((other.theta_deg - self.one.theta_deg + 180) % 360 - 180) <= TURNED_DEG
+            and apart_mm(other, self.one) <= PUSHED_MM
+            and apart_deg(other.theta_deg, self.one.theta_deg) <= TURNED_DEG
         )
 
     def is_freer(self, seen: Sequence[SightingFields]) -> bool:
         """Return whether something that lay beside it is gone."""
-        return any(all(_away_mm(one, before) > PUSHED_MM for one in seen) for before in self.beside)
+        return any(all(apart_mm(one, before) > PUSHED_MM for one in seen) for before in self.beside)
 
 
 def candidates(
@@ -223,7 +221,7 @@ def _without_neighbours(
 ) -> tuple[int, ...]:
     """Return the numbers of the objects that no neighbour of before accounts for, nearest first."""
     pairs = sorted(
-        (_away_mm(one, before), k, n)
+        (apart_mm(one, before), k, n)
         for k, one in enumerate(seen)
         for n, before in enumerate(neighbours)
         if before.part is None or one.part is None or before.part == one.part
@@ -235,8 +233,14 @@ def _without_neighbours(
     return tuple(k for k in range(len(seen)) if k not in accounted)
 
 
-def _away_mm(one: SightingFields, other: SightingFields) -> float:
+def apart_mm(one: SightingFields, other: SightingFields) -> float:
+    """Return how far two objects are from each other."""
     return float(np.hypot(one.x_mm - other.x_mm, one.y_mm - other.y_mm))
+
+
+def apart_deg(one_deg: float, other_deg: float) -> float:
+    """Return by how much two angles differ, 0 to 180."""
+    return abs((one_deg - other_deg + 180) % 360 - 180)
 
 
 def _none_of_them(seen: Sequence[SightingFields], wanted: Wanted) -> PartProblemError:

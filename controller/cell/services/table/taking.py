@@ -72,7 +72,7 @@ class Taking:
         part.sighting = sightings[number]
         _, part.neighbours = row.parted()
         part.alternatives = part.sighting.ambiguous_with
-        product = next(p for p in self.record.products if p.part_name == part.sighting.part)
+        product = self._product_of(part.sighting.part)
         if part.product is not product:
             label = self.labels.assign(part, product)
             self.record.identify_part(product, label.serial, label.lot)
@@ -138,15 +138,10 @@ class Taking:
         next_part = PartRecord(number=record.part.number + 1)
         try:
             found = candidates(seen, self._wanted_of(record.wanted_next, next_part), self.left)
-            if not found:
-                return None
-            if len(seen) == 1:
-                number = found[0]
-            else:
-                number = chosen(seen, found, await self._pickable(seen, is_ahead=True))
+            number = await self._best(seen, found, is_ahead=True)
         except PartProblemError:
             return None
-        return number, next(p for p in record.products if p.part_name == seen[number].part)
+        return None if number is None else (number, self._product_of(seen[number].part))
 
     async def _choose(
         self, seen: tuple[SightingFields, ...], foreseen: Foreseen | None = None
@@ -156,11 +151,23 @@ class Taking:
         Where one was foreseen, and may be taken, it is that one: it has a plan.
         """
         found = candidates(seen, self._wanted(), self.left)
-        if not found:
-            return None
         if foreseen is not None and (number := foreseen.place_in(seen)) in found:
             return number
-        return found[0] if len(seen) == 1 else chosen(seen, found, await self._pickable(seen))
+        return await self._best(seen, found)
+
+    async def _best(
+        self, seen: tuple[SightingFields, ...], found: Sequence[int], *, is_ahead: bool = False
+    ) -> int | None:
+        """Return the number of the best of the objects that may be taken; None without any."""
+        if not found:
+            return None
+        if len(seen) == 1:
+            return found[0]
+        return chosen(seen, found, await self._pickable(seen, is_ahead=is_ahead))
+
+    def _product_of(self, name: str | None) -> Product:
+        """Return the product of the batch that a part taken is of, by the part's name."""
+        return next(one for one in self.record.products if one.part_name == name)
 
     def _wanted_of(self, products: Sequence[Product], part: PartRecord) -> Wanted:
         """Return what is looked for of some products: the part at hand, or one that is to come."""
@@ -191,12 +198,9 @@ class Taking:
     ) -> tuple[Pickable, ...]:
         """Return how each object could be taken, by the recipe that it is of."""
         best = [Pickable()] * len(seen)
-        for product in self._asked(seen):
+        names = {one.part for one in seen}
+        for product in (one for one in self.record.products if one.part_name in names):
             compute = product.ahead if is_ahead and product.ahead is not None else product.compute
             found = await compute.pickable(seen)
             best = [max(pair, key=lambda p: p.path_count) for pair in zip(best, found, strict=True)]
         return tuple(best)
-
-    def _asked(self, seen: tuple[SightingFields, ...]) -> list[Product]:
-        names = {one.part for one in seen}
-        return [one for one in self.record.products if one.part_name in names]
