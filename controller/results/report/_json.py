@@ -9,6 +9,7 @@ are cell seconds, `wall_s` is wall seconds. Unknown is null, never a made-up num
 | `schema`, `schema_version` | ``cellctl.report``, 1 |
 | `run`, `start`, `end`, `wall_s`, `speed`, `speed_reached` | id, times, cell seconds per wall second: requested, and reached (null: cut off) |
 | `recipe`, `cell` | as they were read, whole |
+| `recipes[]` | of a run of several: `recipe`, as it was read, and `ordered`, how many parts of it; empty otherwise |
 | `calibration[]` | what of the cell's calibrations did not count, in sentences; null in journals of older versions |
 | `emulated`, `emulated_devices` | true if any device was not real: not a production result |
 | `devices[]` | `name`, `address`, `emulated`, `identity` (null if it never answered) |
@@ -54,6 +55,7 @@ SCHEMA_VERSION = 1
 def report_json(record: RunRecord) -> dict[str, Any]:
     """Return a run as plain JSON values; see the module's table for the schema."""
     word, sentence = headline(record)
+    several = record.ordered_recipes if len(record.ordered_recipes) > 1 else ()
     body = {
         "schema": SCHEMA,
         "schema_version": SCHEMA_VERSION,
@@ -64,7 +66,7 @@ def report_json(record: RunRecord) -> dict[str, Any]:
         "speed": record.speed,
         "speed_reached": record.speed_reached,
         "recipe": record.recipe,
-        "recipes": [{"recipe": one.recipe, "ordered": one.count} for one in record.ordered_recipes],
+        "recipes": [{"recipe": one.recipe, "ordered": one.count} for one in several],
         "cell": record.cell,
         "calibration": None if record.calibration is None else list(record.calibration),
         "emulated": bool(record.emulated_devices),

@@ -80,7 +80,7 @@ def fold(run_id: str, folder: Path, found: Sequence[Row], broken: int | None) ->
         part_temperature_c=began.part_temperature_c,
         calibration=None if stood is None else stood.sentences,
         dry=_dry(log) if began.is_dry else None,
-        ordered_recipes=began.recipes,
+        ordered_recipes=began.ordered,
     )
 
 

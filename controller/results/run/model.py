@@ -481,7 +481,7 @@ class RunRecord:
     calibration : what of the cell's calibrations did not count; None where the journal is older
         than they are
     dry : the steps of a dry run; None where the run was to inspect parts
-    ordered_recipes : where the run has several, all of them; `recipe` is the first
+    ordered_recipes : all recipes of the run, at least one; `recipe` is the first
     """
 
     run_id: str
@@ -519,14 +519,11 @@ class RunRecord:
     @property
     def recipes(self) -> tuple[Mapping[str, Any], ...]:
         """The recipes of the run, at least one, as they were read."""
-        return tuple(one.recipe for one in self.ordered_recipes) or (self.recipe,)
+        return tuple(one.recipe for one in self.ordered_recipes)
 
     def recipe_of(self, part: PartReport) -> RecipeOrdered:
         """Return the recipe that a part is of; the first one where it was not recognised."""
-        ordered = self.ordered_recipes or (
-            RecipeOrdered(recipe=self.recipe, file=next(iter(self.files), ""), count=self.ordered),
-        )
-        return ordered[0 if part.identified is None else part.identified.recipe]
+        return self.ordered_recipes[0 if part.identified is None else part.identified.recipe]
 
     @property
     def cell_name(self) -> str:
