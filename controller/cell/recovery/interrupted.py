@@ -96,19 +96,17 @@ class Interrupted:
     @property
     def serial(self) -> str:
         """The part's serial number; empty if it has none."""
-        if self.identified is not None:
-            return self.identified.serial
-        if self.resumed is not None:
-            return self.resumed.serial
-        serials = self.began.serials
-        return serials[self.part - 1] if self.part <= len(serials) else ""
+        return self._label[0]
 
     @property
     def lot(self) -> str:
         """The part's lot; empty if it has none."""
-        if self.identified is not None and self.identified.lot:
-            return self.identified.lot
-        return self.began.lot if self.resumed is None else self.resumed.lot
+        return self._label[1]
+
+    @property
+    def _label(self) -> tuple[str, str]:
+        began = self.began
+        return rows.label_of(self.part, began.serials, began.lot, self.resumed, self.identified)
 
     @property
     def around(self) -> Around:

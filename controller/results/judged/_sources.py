@@ -52,23 +52,9 @@ def judged_part(
     return JudgedPart(header, fold.report(is_cut_off=False), folder)
 
 
-def _serial(record: RunRecord, part: PartReport) -> str:
-    if part.identified is not None:
-        return part.identified.serial
-    if part.resumed is not None:
-        return part.resumed.serial
-    index = part.number - 1
-    return record.serials[index] if index < len(record.serials) else ""
-
-
-def _lot(record: RunRecord, part: PartReport) -> str:
-    if part.identified is not None and part.identified.lot:
-        return part.identified.lot
-    return record.lot if part.resumed is None else part.resumed.lot
-
-
 def _header(record: RunRecord, part: PartReport) -> Header:
     ordered, cell = record.recipe_of(part), record.cell
+    serial, lot = record.label_of(part)
     name = str(ordered.recipe.get("name", "unknown"))
     cad = split_cad(Path(str(ordered.recipe.get("part", ""))))
     # in the order in which a run begins: first recipe, cell, parts, calibrations, other recipes
@@ -76,8 +62,8 @@ def _header(record: RunRecord, part: PartReport) -> Header:
     return Header(
         part=name,
         number=part.number,
-        serial=_serial(record, part),
-        lot=_lot(record, part),
+        serial=serial,
+        lot=lot,
         operator=record.operator,
         recipe=Path(ordered.file).name or name,
         recipe_sha256=record.files.get(ordered.file, ""),

@@ -17,6 +17,7 @@ from controller.cell.journal.rows import (
     PartLeft,
     PartResumed,
     RecipeOrdered,
+    label_of,
 )
 
 End = Literal["complete", "held", "stopped", "aborted", "refused", "broke_off", "cut_off"]
@@ -524,6 +525,10 @@ class RunRecord:
     def recipe_of(self, part: PartReport) -> RecipeOrdered:
         """Return the recipe that a part is of; the first one where it was not recognised."""
         return self.ordered_recipes[0 if part.identified is None else part.identified.recipe]
+
+    def label_of(self, part: PartReport) -> tuple[str, str]:
+        """Return serial number and lot of a part; empty where it has none."""
+        return label_of(part.number, self.serials, self.lot, part.resumed, part.identified)
 
     @property
     def cell_name(self) -> str:

@@ -51,6 +51,7 @@ from ._decisions import (
     SourceDemoted,
     StartRefused,
     UnseenFields,
+    label_of,
 )
 from ._deeds import (
     CustodyChanged,
@@ -229,6 +230,7 @@ __all__ = [
     "ViewsPosed",
     "is_of",
     "is_once",
+    "label_of",
     "name_of",
     "read_row",
 ]

@@ -1,6 +1,6 @@
 """What is decided: plans, recoveries, verdicts, answers, refusals."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Literal
 
 from pydantic import Field
@@ -157,6 +157,32 @@ class PartIdentified(Body):
     name: str
     serial: str = ""
     lot: str = ""
+
+
+def label_of(
+    number: int,
+    serials: Sequence[str],
+    lot: str,
+    resumed: PartResumed | None,
+    identified: PartIdentified | None,
+) -> tuple[str, str]:
+    """Return serial number and lot of a part by the rows of its run; empty where it has none.
+
+    Parameters
+    ----------
+    number : of the part
+    serials, lot : that the run began with
+    resumed, identified : the last of these rows of the part, None without
+    """
+    if identified is not None:
+        serial = identified.serial
+    elif resumed is not None:
+        serial = resumed.serial
+    else:
+        serial = serials[number - 1] if 0 < number <= len(serials) else ""
+    if identified is not None and identified.lot:
+        return serial, identified.lot
+    return serial, lot if resumed is None else resumed.lot
 
 
 class PartLeft(Body):
