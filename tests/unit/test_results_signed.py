@@ -20,7 +20,7 @@ from controller.cell.services.records import measured_row
 from controller.cli import main
 from controller.inspection import Detection, Verdict
 from controller.inspection.characteristics import CharacteristicKind
-from controller.results import judged_parts, load_run, result_json
+from controller.results import judged_parts, load_run, report_json, result_json
 from controller.results.report.html import render_parts
 from controller.results.report.signed import MAX_LOOKS
 from controller.results.report.signed.balloons import balloon_drawing
@@ -230,8 +230,15 @@ def test_what_the_operator_gave_with_the_order_is_on_each_part(tmp_path: Path) -
     for _ in range(3):
         writer.look(sighting())
     writer.close()
-    headers = [judged.header for judged in judged_parts(load_run(tmp_path))]
+    record = load_run(tmp_path)
+    headers = [judged.header for judged in judged_parts(record)]
     assert [h.serial for h in headers] == ["SN-1", "SN-2", ""]
+    listed = report_json(record)["parts"]
+    assert [(one["serial"], one["lot"]) for one in listed] == [
+        ("SN-1", "L7"),
+        ("SN-2", "L7"),
+        (None, "L7"),
+    ]
     assert {(h.operator, h.lot, h.part_temperature_c) for h in headers} == {
         ("R. Meyer", "L7", 22.5)
     }
