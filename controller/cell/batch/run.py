@@ -40,7 +40,7 @@ from ..journal.usage import usage_of
 from ..operator import NOBODY, Journaled, Operator, require_acknowledged
 from ..operator.notices import Notices
 from ..recovery import Back, Beside, Bounds, Interrupted, Sweep
-from ..services.records import PartRecord, Product, Progress, inputs_of
+from ..services.records import RECIPE_COPY, PartRecord, Product, Progress, inputs_of
 from .assembly import assemble, product_of
 from .dispatcher import Dispatcher, Outcome
 from .order import RunOrder
@@ -66,7 +66,6 @@ class Outfit:
 
 
 HOST: Final = Outfit()
-RECIPE_COPY: Final = "recipe.yaml"  # a recipe in the folder of what a run was started with
 
 
 @dataclass(frozen=True, slots=True)

@@ -89,9 +89,14 @@ class Interrupted:
     has_ended: bool = False
 
     @property
+    def recipe_number(self) -> int:
+        """Which of the run's recipes the part is of; the first where it was not recognised."""
+        return 0 if self.identified is None else self.identified.recipe
+
+    @property
     def recipe(self) -> rows.RecipeOrdered:
-        """The recipe that the part is of; the run's first where it was not recognised."""
-        return self.began.ordered[0 if self.identified is None else self.identified.recipe]
+        """That recipe."""
+        return self.began.ordered[self.recipe_number]
 
     @property
     def serial(self) -> str:

@@ -16,7 +16,7 @@ from controller.cell.devices.clocks import find_clock
 from controller.cell.journal import JOURNAL_NAME, read_rows, rows
 from controller.cell.operator import Answer, Question
 from controller.cell.recovery import Interrupted, fold_interrupted
-from controller.cell.services.records import inputs_of
+from controller.cell.services.records import RECIPE_COPY, inputs_of
 from controller.config import STEP_FORMATS, Cell, ConfigError, load_cell, split_cad
 
 from ..inputs.recipes import AskedRecipe
@@ -132,8 +132,8 @@ def recipe_of(left: Interrupted, folder: Path) -> Path:
     """
     began, recipe = left.began, Path(left.recipe.file)
     part = split_cad(Path(str(left.recipe.recipe.get("part", "")))).file
-    inputs = folder / inputs_of(0 if left.identified is None else left.identified.recipe)
-    stored = {recipe: inputs / "recipe.yaml", part: inputs / part.name}
+    inputs = folder / inputs_of(left.recipe_number)
+    stored = {recipe: inputs / RECIPE_COPY, part: inputs / part.name}
     for path in map(Path, began.files):  # what a STEP file of several files is made of
         if path.suffix.lower() in STEP_FORMATS and path.is_relative_to(part.parent):
             copy = inputs / path.relative_to(part.parent)

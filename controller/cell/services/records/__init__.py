@@ -17,11 +17,12 @@ from .describe import (
 )
 from .holds import grasp_of, matrix
 from .part import AboveTray, PartInGripper, PartRecord, Shown, merged
-from .product import INPUTS, Product, inputs_of
+from .product import INPUTS, RECIPE_COPY, Product, inputs_of
 from .progress import Progress
 
 __all__ = [
     "INPUTS",
+    "RECIPE_COPY",
     "AboveTray",
     "BatchRecord",
     "PartInGripper",

@@ -10,6 +10,7 @@ from controller.cell.machine import Budgets, FaultPolicy
 from controller.config import Recipe
 
 INPUTS: Final = "inputs"  # folder of a run for the files it was started with
+RECIPE_COPY: Final = "recipe.yaml"  # the recipe in that folder
 
 
 def inputs_of(number: int) -> Path:
