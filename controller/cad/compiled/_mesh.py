@@ -1,8 +1,8 @@
 """Mesh and solid with what is costly to find out about them again.
 
-A solid finds its boundary, and trimesh normals, areas and hulls, when they are first asked for, and
-keep them. What the rooms above ask of every part is kept in the file and put back, bit for bit, so
-that a part read from the file answers as the one that was compiled.
+A solid finds its boundary and its hull, and trimesh normals and areas, when they are first asked
+for, and keep them. What the rooms above ask of every part is kept in the file and put back, bit for
+bit, so that a part read from the file answers as the one that was compiled.
 """
 
 from dataclasses import dataclass, replace

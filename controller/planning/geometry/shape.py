@@ -27,6 +27,7 @@ class PartShape:
     ----------
     vertices_mm : (v, 3)
     faces : (f, 3) indices into them, closed and wound outwards
+    hull_mm : (h, 3) corners of their convex hull; None to find them
 
     Attributes
     ----------
@@ -34,18 +35,22 @@ class PartShape:
     hull_mm : (h, 3) those of its points that can be its lowest one
     """
 
-    def __init__(self, vertices_mm: FloatArray, faces: IntArray) -> None:
+    def __init__(
+        self, vertices_mm: FloatArray, faces: IntArray, hull_mm: FloatArray | None = None
+    ) -> None:
         self._vertices_mm = np.ascontiguousarray(vertices_mm, dtype=np.float64)
         self._faces = np.ascontiguousarray(faces, dtype=np.int64)
         low, high = self._vertices_mm.min(axis=0), self._vertices_mm.max(axis=0)
         self.box = Box.from_bounds(low[0], high[0], low[1], high[1], low[2], high[2])
-        self.hull_mm: FloatArray = self._vertices_mm[ConvexHull(self._vertices_mm).vertices]
+        if hull_mm is None:
+            hull_mm = self._vertices_mm[ConvexHull(self._vertices_mm).vertices]
+        self.hull_mm = hull_mm
         self._model: fcl.BVHModel | None = None
 
     @classmethod
     def of(cls, solid: Solid) -> PartShape:
         """Return the shape of a solid."""
-        return cls(np.asarray(solid.mesh.vertices), np.asarray(solid.mesh.faces))
+        return cls(np.asarray(solid.mesh.vertices), np.asarray(solid.mesh.faces), solid.hull_mm)
 
     def shrunk(self, by_mm: float) -> PartShape:
         """Return the shape made smaller in proportion: its bounding box by `by_mm` on each side.
@@ -56,7 +61,10 @@ class PartShape:
         """
         centre, half = self.box.T[:3, 3], self.box.half_mm
         scale = np.maximum(1.0 - by_mm / half, 0.5)
-        return PartShape(centre + (self._vertices_mm - centre) * scale, self._faces)
+        vertices_mm, hull_mm = (
+            centre + (points_mm - centre) * scale for points_mm in (self._vertices_mm, self.hull_mm)
+        )
+        return PartShape(vertices_mm, self._faces, hull_mm)
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave FCL's model behind: it is built anew where it is asked for."""
