@@ -1,4 +1,7 @@
-"""Files: read plain ones of limited size only, never a pipe; written whole or not at all."""
+"""Files: read plain ones of limited size only, never a pipe; written whole or not at all.
+
+A name that somebody else has written leads to no file outside its folder.
+"""
 
 import os
 import stat
@@ -71,6 +74,19 @@ def read_text(path: Path, what: str, max_bytes: int = MAX_TEXT_BYTES) -> str:
         return read_bytes(path, max_bytes, what).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise ConfigError(f"{path}: is not a text file (UTF-8); is it the right file?") from error
+
+
+def file_within(folder: Path, name: str) -> Path | None:
+    """Return a file below a folder, None where its name or a link leads out of it.
+
+    Parameters
+    ----------
+    folder : that the file must lie in
+    name : relative to it, as somebody else has written it
+    """
+    inside = folder.resolve()
+    path = (inside / name).resolve()
+    return path if path.is_relative_to(inside) else None
 
 
 def reason_of(error: Exception) -> str:

@@ -12,9 +12,10 @@ from starlette.responses import JSONResponse, Response
 
 from controller.cell.devices.lock import LOCK_NAME, read_holder
 from controller.config import ConfigError, load_cell
+from controller.config.files import file_within
 
 from ..frame import Act, Body, Look, NoBody, Setting, Visit, refused, word
-from ..frame.drawn import file_within, picture_bytes
+from ..frame.drawn import picture_bytes
 from ..security import Role
 from ..work import BusyError, Workshop
 from .cells import EVIDENCE_KINDS, CellFile, CellFiles, History, cell_facts, evidence, named

@@ -13,8 +13,9 @@ import numpy as np
 
 from controller.arrays import Grey
 from controller.cell.journal import JOURNAL_NAME, JournalError, newest_run, read_rows_after, rows
+from controller.config.files import file_within
 
-from ..frame.drawn import file_within, grey_picture
+from ..frame.drawn import grey_picture
 
 BIN_COUNT: Final = 64
 OVERHEAD, INSPECTION = "overhead", "inspection"

@@ -14,25 +14,13 @@ from starlette.responses import Response
 
 from controller.arrays import Grey
 from controller.cad import Solid
+from controller.config.files import file_within
 from controller.results.judged import solid_of
 
 PICTURE_WIDTH_PX: Final = 640
 PICTURE_QUALITY: Final = 82
 PICTURE_MAX_BYTES: Final = 64_000_000
 TRIANGLE_MAX_COUNT: Final = 150_000
-
-
-def file_within(folder: Path, name: str) -> Path | None:
-    """Return a file below a folder, None where its name or a link leads out of it.
-
-    Parameters
-    ----------
-    folder : of a run
-    name : as the journal has it
-    """
-    inside = folder.resolve()
-    path = (inside / name).resolve()
-    return path if path.is_relative_to(inside) else None
 
 
 def grey_picture(path: Path) -> Grey | None:

@@ -42,12 +42,12 @@ from pathlib import Path
 from typing import Any
 
 from controller.cell.alarms import alarm_of
+from controller.config.files import file_within
 
 from ..judged import characteristic_json, reviews_json
 from ..run import FindingReport, PartReport, RunRecord, ViewReport
 from ..takt import run_takt, takt_json
 from ._words import cautions, headline, why_in_run
-from .pictures import inside
 
 SCHEMA = "cellctl.report"
 SCHEMA_VERSION = 1
@@ -209,7 +209,7 @@ def _pictures(folder: Path, names: Mapping[str, str]) -> dict[str, Any]:
 
 
 def _sha256(folder: Path, name: str) -> str | None:
-    path = inside(folder, name)
+    path = file_within(folder, name)
     if path is None:
         return None
     try:

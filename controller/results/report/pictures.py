@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller.arrays import Grey
+from controller.config.files import file_within
 
 from ..run import Box, Points
 
@@ -142,12 +143,6 @@ class Pictures:
         return self._decoded[name]
 
 
-def inside(folder: Path, name: str) -> Path | None:
-    """Return a picture's path, None if its name leads out of the run's folder."""
-    path = (folder / name).resolve()
-    return path if path.is_relative_to(folder.resolve()) else None
-
-
 def grey_picture(folder: Path, name: str) -> Grey | None:
     """Return a picture of a run, None where there is none that can be read.
 
@@ -156,7 +151,7 @@ def grey_picture(folder: Path, name: str) -> Grey | None:
     folder : of the run
     name : of the file, relative to it
     """
-    path = inside(folder, name)
+    path = file_within(folder, name)
     if path is None or not path.is_file():
         return None
     data = np.frombuffer(path.read_bytes(), dtype=np.uint8)
