@@ -11,7 +11,7 @@ from controller.cell.journal import JOURNAL_NAME, JournalError
 from controller.config import ConfigError
 from controller.history import Store, folded, list_parts
 from controller.history.reviewing import VERDICTS, WORDS, Decision, decide, one_part
-from controller.results import ResultsError, judged_parts
+from controller.results import ResultsError
 from controller.results.review import PartCrops, write_review_page
 
 from ..inputs.checks import check_writable_folder
@@ -175,8 +175,7 @@ def _crops(part: Mapping[str, Any], runs_dir: Path) -> PartCrops | None:
     except (JournalError, ResultsError) as error:
         warn(f"no page: {error}")
         return None
-    judged = next((one for one in judged_parts(record) if one.part.number == number), None)
-    return None if judged is None else PartCrops(record, judged)
+    return PartCrops.of_part(record, number)
 
 
 def _picture(crops: PartCrops | None, number: int) -> str | None:

@@ -9,7 +9,7 @@ from typing import Protocol
 
 from controller.cell.journal import JOURNAL_NAME, JournalError
 from controller.history import HistoryError, fill, folded, open_store
-from controller.results import ResultsError, judged_parts
+from controller.results import ResultsError
 from controller.results.review import CROPS, Crop, PartCrops, jpeg
 
 
@@ -65,10 +65,9 @@ def draw_crop(runs_dir: Path, run: str, part: int, finding: int, which: str) -> 
         return "there is no such crop"
     try:
         record = folded(runs_dir / JOURNAL_NAME, run, [part])
-        judged = next((one for one in judged_parts(record) if one.part.number == part), None)
-        if judged is None:
+        crops = PartCrops.of_part(record, part)
+        if crops is None:
             return "there is no such part"
-        crops = PartCrops(record, judged)
         found = crops.of(finding)
         if found is None:
             return "there is no such finding"

@@ -12,7 +12,7 @@ from controller.arrays import FloatArray
 from controller.cad import Solid
 from controller.imaging import RayCaster
 
-from ..judged import JudgedPart, solid_in_run
+from ..judged import JudgedPart, judged_parts, solid_in_run
 from ..report.pictures import grey_picture, window_round
 from ..report.signed.looks import picture_of
 from ..run import Box, FindingReport, RunRecord, ViewReport
@@ -76,6 +76,12 @@ class PartCrops:
     def __init__(self, record: RunRecord, judged: JudgedPart) -> None:
         self.judged = judged
         self._record = record
+
+    @classmethod
+    def of_part(cls, record: RunRecord, number: int) -> "PartCrops | None":
+        """Return the crops of a part by its number in the run; None where there is none."""
+        every = judged_parts(record)
+        return next((cls(record, one) for one in every if one.part.number == number), None)
 
     @cached_property
     def _solid(self) -> Solid | str:
