@@ -179,7 +179,7 @@ class RecipeAnswers:
             return _missing()
         read = await asyncio.to_thread(read_recipe, file)
         if read.recipe is None:
-            return refused(409, read.problem.replace(f"{file.path.parent}/", ""))
+            return refused(409, read.problem)
         path = str(file.path.resolve())
         return self._start(
             body.kind,
@@ -324,7 +324,7 @@ class RecipeAnswers:
             "key": file.key,
             "file": file.path.name,
             "is_own": file.is_own,
-            "problem": read.problem.replace(f"{file.path.parent}/", ""),
+            "problem": read.problem,
             "name": "" if recipe is None else recipe.name,
             "part": "" if recipe is None else recipe.part.name,
             "cell": "" if recipe is None else recipe.cell.name,

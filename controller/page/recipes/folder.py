@@ -44,6 +44,10 @@ class RecipeFile:
         """Whether it belongs to the project, and may be written to."""
         return self.group == OWN
 
+    def short(self, error: ConfigError) -> str:
+        """Return a message without the folder of the file."""
+        return str(error).replace(f"{self.path.parent}/", "")
+
     def read(self) -> bytes:
         """Return its bytes.
 
@@ -61,7 +65,7 @@ class ReadRecipe:
     Attributes
     ----------
     recipe : None where the file is wrong
-    problem : why, with file and line; empty where it is not
+    problem : why, with file, without its folder, and line; empty where it is not
     sha256 : of its bytes
     mark : changes with the recipe, and with the files that it names
     """
@@ -103,12 +107,12 @@ def read_recipe(file: RecipeFile) -> ReadRecipe:
     try:
         data = file.read()
     except ConfigError as error:
-        return ReadRecipe(file, None, str(error), "", "")
+        return ReadRecipe(file, None, file.short(error), "", "")
     sha256 = hashlib.sha256(data).hexdigest()
     try:
         recipe = load_recipe(file.path)
     except ConfigError as error:
-        return ReadRecipe(file, None, str(error), sha256, sha256)
+        return ReadRecipe(file, None, file.short(error), sha256, sha256)
     stamps = [_stamp(split_cad(path).file) for path in (recipe.part, *recipe.others, recipe.cell)]
     mark = hashlib.sha256("\n".join([sha256, *stamps]).encode()).hexdigest()
     return ReadRecipe(file, recipe, "", sha256, mark)
