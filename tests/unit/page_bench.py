@@ -90,12 +90,13 @@ class Bench:
         return found[1]
 
     def act(self, name: str, body: object, csrf: str, **headers: str) -> tuple[int, str]:
-        """Send an order as the page does; return status and text."""
-        reply = self.client.post(
-            f"/now/act/{name}",
-            json=body,
-            headers={"Origin": ORIGIN, "X-CSRF-Token": csrf, **headers},
-        )
+        """Send an order to the cell as the page does; return status and text."""
+        return self.post(f"/now/act/{name}", body, csrf, **headers)
+
+    def post(self, path: str, body: object, csrf: str, **headers: str) -> tuple[int, str]:
+        """Send an act as the page does; return status and text."""
+        sent = {"Origin": ORIGIN, "X-CSRF-Token": csrf, **headers}
+        reply = self.client.post(path, json=body, headers=sent)
         return reply.status_code, reply.text
 
 

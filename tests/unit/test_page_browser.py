@@ -57,6 +57,27 @@ QUESTION = {
 PATIENT_MS = 30_000
 
 
+def grave(tab: Any) -> list[Any]:
+    """Return what axe finds serious or critical."""
+    tab.evaluate(AXE.read_text(encoding="utf-8"))
+    found = tab.evaluate("axe.run(document).then(found => found.violations)")
+    return [
+        (one["id"], [node["target"] for node in one["nodes"]])
+        for one in found
+        if one["impact"] in ("serious", "critical")
+    ]
+
+
+def require_sound_on_all_screens(tab: Any) -> None:
+    """Check that what is shown is no wider than two screens, and that axe finds nothing grave."""
+    for width in (1280, 390):
+        tab.set_viewport_size({"width": width, "height": 844})
+        assert tab.evaluate("document.documentElement.scrollWidth") <= width
+        for scheme in ("dark", "light"):
+            tab.emulate_media(color_scheme=scheme)
+            assert grave(tab) == []
+
+
 def until(tab: Any, is_so: Callable[[], bool]) -> None:
     """Wait until something is so; the page's policy allows no expression of the test's in it."""
     for _ in range(PATIENT_MS // 50):
@@ -308,11 +329,4 @@ def test_axe_finds_nothing_serious_and_nothing_is_wider_than_the_screen(
     tab.wait_for_selector("[data-answer=look]")
     tab.wait_for_selector("#steps li")
     assert tab.evaluate("document.documentElement.scrollWidth") <= width
-    tab.evaluate(AXE.read_text(encoding="utf-8"))
-    found = tab.evaluate("axe.run(document).then(found => found.violations)")
-    grave = [
-        (one["id"], [node["target"] for node in one["nodes"]])
-        for one in found
-        if one["impact"] in ("serious", "critical")
-    ]
-    assert grave == []
+    assert grave(tab) == []

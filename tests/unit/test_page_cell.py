@@ -18,7 +18,7 @@ import pytest
 pytest.importorskip("starlette", reason="the page's packages are not installed (extra `page`)")
 pytest.importorskip("httpx2", reason="starlette's client for tests needs it")
 
-from page_bench import CELL, HERE, ORIGIN, RUN, Bench, bench, journal
+from page_bench import CELL, HERE, RUN, Bench, bench, journal
 
 from controller.cell.devices.lock import hold_cell
 from controller.cell.journal import JOURNAL_NAME, rows
@@ -224,9 +224,8 @@ def page(project: Path) -> Iterator[Bench]:
 
 
 def post(page: Bench, path: str, body: object, csrf: str) -> tuple[int, dict[str, Any]]:
-    headers = {"Origin": ORIGIN, "X-CSRF-Token": csrf}
-    reply = page.client.post(f"/cell/{path}", json=body, headers=headers)
-    return reply.status_code, reply.json()
+    status, text = page.post(f"/cell/{path}", body, csrf)
+    return status, json.loads(text)
 
 
 def test_only_an_engineer_has_devices_examined_and_never_while_a_run_is_on(

@@ -15,8 +15,7 @@ pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 pytest.importorskip("starlette", reason="the page's packages are not installed (extra `page`)")
 
 from page_bench import CELL, HERE, journal, picture
-from test_page_browser import CHROMIUM, Served, chromium, tab, until
-from test_page_recipes_browser import grave
+from test_page_browser import CHROMIUM, Served, chromium, require_sound_on_all_screens, tab, until
 
 from controller.cell.journal import rows
 from controller.page import cell as cell_screen
@@ -65,9 +64,4 @@ def test_devices_are_examined_and_axe_finds_nothing_serious(site: Served, tab: A
     until(tab, lambda: "plug it in" in tab.inner_text("#checks"))
     assert "UMI <b>RTX</b>" in tab.inner_text("#checks")
     until(tab, lambda: tab.inner_text("#doctor-said").startswith("✗"))
-    for width in (1280, 390):
-        tab.set_viewport_size({"width": width, "height": 844})
-        assert tab.evaluate("document.documentElement.scrollWidth") <= width
-        for scheme in ("dark", "light"):
-            tab.emulate_media(color_scheme=scheme)
-            assert grave(tab) == []
+    require_sound_on_all_screens(tab)

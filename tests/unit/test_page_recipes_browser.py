@@ -11,7 +11,15 @@ pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 pytest.importorskip("starlette", reason="the page's packages are not installed (extra `page`)")
 
 from cad_solids import box, mesh_of, rod
-from test_page_browser import AXE, CHROMIUM, Served, chromium, tab, until
+from test_page_browser import (
+    CHROMIUM,
+    Served,
+    chromium,
+    grave,
+    require_sound_on_all_screens,
+    tab,
+    until,
+)
 
 from controller.config import load_recipe
 from controller.page.security import Role
@@ -34,17 +42,6 @@ def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     found = Served(tmp_path, monkeypatch)
     yield found
     found.end()
-
-
-def grave(tab: Any) -> list[Any]:
-    """Return what axe finds serious or critical."""
-    tab.evaluate(AXE.read_text(encoding="utf-8"))
-    found = tab.evaluate("axe.run(document).then(found => found.violations)")
-    return [
-        (one["id"], [node["target"] for node in one["nodes"]])
-        for one in found
-        if one["impact"] in ("serious", "critical")
-    ]
 
 
 def test_a_limit_is_changed_its_difference_seen_and_the_file_written(
@@ -84,12 +81,7 @@ def test_axe_finds_nothing_serious_and_nothing_is_wider_than_a_phone(
     tab.fill("[data-setting=min_coverage]", "0,6")
     tab.click("#draft")
     tab.wait_for_selector("#diff", state="visible")
-    for width in (1280, 390):
-        tab.set_viewport_size({"width": width, "height": 844})
-        assert tab.evaluate("document.documentElement.scrollWidth") <= width
-        for scheme in ("dark", "light"):
-            tab.emulate_media(color_scheme=scheme)
-            assert grave(tab) == []
+    require_sound_on_all_screens(tab)
     tab.goto(f"{site.origin}/recipes")
     tab.wait_for_selector("#shipped a")
     assert tab.evaluate("document.documentElement.scrollWidth") <= 390

@@ -15,7 +15,7 @@ import pytest
 pytest.importorskip("starlette", reason="the page's packages are not installed (extra `page`)")
 pytest.importorskip("httpx2", reason="starlette's client for tests needs it")
 
-from page_bench import ORIGIN, Bench, bench
+from page_bench import Bench, bench
 from results_bench import RunWriter, bad_run, finding, good_run, verdict, view
 
 from controller.cell.batch import Papers
@@ -79,10 +79,8 @@ def page(at: Bench, path: str, status: int = 200) -> str:
 
 def decide(at: Bench, csrf: str, **changes: Any) -> tuple[int, dict[str, Any]]:
     body = {"run": OPEN, "number": 1, "verdict": "accept", "why": "dust", "seen": 0, **changes}
-    reply = at.client.post(
-        "/review/decide", json=body, headers={"Origin": ORIGIN, "X-CSRF-Token": csrf}
-    )
-    return reply.status_code, json.loads(reply.text)
+    status, text = at.post("/review/decide", body, csrf)
+    return status, json.loads(text)
 
 
 def reviews(at: Bench, tmp_path: Path) -> list[dict[str, Any]]:

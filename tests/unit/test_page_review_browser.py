@@ -15,8 +15,7 @@ pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 pytest.importorskip("starlette", reason="the page's packages are not installed (extra `page`)")
 
 from results_bench import RunWriter, bad_run, finding, good_run, verdict, view
-from test_page_browser import CHROMIUM, Served, chromium, tab, until
-from test_page_recipes_browser import grave
+from test_page_browser import CHROMIUM, Served, chromium, grave, tab, until
 
 from controller.cell.batch import Papers
 from controller.cell.journal import JOURNAL_NAME, read_rows, rows
