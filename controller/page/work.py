@@ -23,6 +23,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any, Final
 
+CELLCTL: Final = (sys.executable, "-m", "controller.cli")
 NICENESS: Final = 15
 CPU_LIMIT_S: Final = 1800
 WALL_LIMIT_S: Final = 3600.0
@@ -117,7 +118,7 @@ class Workshop:
 
     def __init__(
         self,
-        program: tuple[str, ...] = (sys.executable, "-m", "controller.cli"),
+        program: tuple[str, ...] = CELLCTL,
         patience_s: float = PATIENCE_S,
     ) -> None:
         self._program = program

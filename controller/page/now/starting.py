@@ -9,7 +9,6 @@ import asyncio
 import contextlib
 import os
 import subprocess
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -22,6 +21,7 @@ from controller.cell.devices.lock import LOCK_NAME, Holder, read_holder
 
 from ..frame.screens import Body, RefusedError, Setting
 from ..frame.words import word
+from ..work import CELLCTL
 from .choices import Choices, choices_of
 
 LOG_FOLDER: Final = "started"
@@ -171,7 +171,7 @@ class Launcher:
     def __init__(
         self,
         setting: Setting,
-        command: tuple[str, ...] = (sys.executable, "-m", "controller.cli"),
+        command: tuple[str, ...] = CELLCTL,
         now: Callable[[], datetime] = lambda: datetime.now(UTC),
     ) -> None:
         self._runs_dir = setting.runs_dir.absolute()
