@@ -103,6 +103,25 @@ def test_a_file_is_sent_looked_at_and_made_a_recipe(site: Served, tab: Any, tmp_
     assert load_recipe(tmp_path / "post.yaml").part == tmp_path / "parts" / "post.stl"
 
 
+def test_a_part_is_drawn_although_the_one_before_could_not_be(
+    site: Served, tab: Any, tmp_path: Path
+) -> None:
+    tab.set_default_timeout(PATIENT_MS)
+    mesh_of(rod(10, 30, 32)).export(tmp_path / "post.stl")
+    tab.goto(site.link(Role.ENGINEER))
+    tab.goto(f"{site.origin}/recipes")
+    mesh = "**/recipes/mesh/sent/file"
+    tab.route(mesh, lambda route: route.fulfill(json={"why": "too many triangles"}))
+    tab.set_input_files("#file", str(tmp_path / "post.stl"))
+    tab.click("#send")
+    until(tab, lambda: "too many triangles" in tab.inner_text("#scene-words"))
+    assert not tab.is_visible("#scene")
+    tab.unroute(mesh)
+    tab.click("#again")
+    tab.wait_for_selector("#scene[data-drawn]", state="visible")
+    assert tab.inner_text("#scene-words") == ""
+
+
 def test_a_viewer_sees_and_changes_nothing(site: Served, tab: Any) -> None:
     tab.goto(site.link(Role.VIEWER))
     tab.goto(f"{site.origin}/recipes/one/project/block")
