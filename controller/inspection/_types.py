@@ -7,7 +7,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.arrays import BoolArray, Float32Array, FloatArray, Grey
+from controller.arrays import BoolArray, Float32Array, FloatArray, Grey, Int32Array
 from controller.imaging import Camera, PointLamp
 
 
@@ -241,6 +241,7 @@ class ViewResult:
         counted from 1, else 0; may be empty
     outline_px : outline of the prediction at the measured pose, (k, 2), for the report
     hints : marks too weak to be findings, which may confirm another look's
+    face_ids : (n,) surface of each sample, for who knows the part by its view alone; may be empty
     """
 
     view_id: str
@@ -258,6 +259,7 @@ class ViewResult:
     checks: tuple[Check, ...] = ()
     unjudged: NDArray[np.uint8] = field(default_factory=lambda: np.zeros(0, dtype=np.uint8))
     hints: tuple[Finding, ...] = ()
+    face_ids: Int32Array = field(default_factory=lambda: np.zeros(0, dtype=np.int32))
 
     @property
     def in_sight(self) -> BoolArray:

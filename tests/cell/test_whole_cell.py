@@ -53,6 +53,13 @@ def test_a_perfect_part_is_shown_whole_and_lies_in_the_accept_tray(
     assert custody == ["in_arm", "in_both", "in_fixture", "in_both", "in_arm", "placed"]
     intents = [row.name for row in rows if row.kind == "intent" and row.name != "follow_path"]
     assert intents == ["grip", "hand_off", "release", "take_back", "fixture_release", "sort"]
+    views = [row.body for row in rows if (row.kind, row.name) == ("observation", "view")]
+    compared = [{face: count for face, count, _ in view["faces"]} for view in views]
+    assert sum(compared[0].values()) == views[0]["seen_samples"]
+    for before, after, view in zip([{}, *compared], compared, views, strict=False):
+        assert all(count <= after[face] for face, count in before.items())
+        assert sum(after.values()) >= view["seen_samples"]
+    assert all(0 < count <= of for view in views for _, count, of in view["faces"])
     verdict = next(row for row in rows if row.name == "verdict").body
     faces = verdict["faces"]
     assert all(f["reason"] or f["verdict"] != "not evaluated" for f in faces)

@@ -8,10 +8,13 @@ import sqlite3
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from controller.cell.journal import Journal, JournalError, read_row, read_rows, rows
 from controller.cell.journal.rows import Body, NamedBody, Once
+from controller.cell.services.records import view_row
+from controller.inspection import ViewResult
 
 ROOT = Path(__file__).parents[2]
 RECORDED = [
@@ -123,6 +126,28 @@ def test_whatever_the_controller_writes_is_a_row_with_a_model() -> None:
 @pytest.mark.parametrize("model", sorted(rows.ROWS.values(), key=lambda m: m.__name__))
 def test_a_row_cannot_be_changed_once_it_is_made(model: type[Body]) -> None:
     assert model.model_config["frozen"] is True
+
+
+def viewed(compared: str, faces: str = "") -> ViewResult:
+    """Return a view's result: one letter a sample, x for a compared one, and its face."""
+    return ViewResult(
+        "V", True, "", np.eye(4), 0.0, 0.0, 0.0, (),
+        np.array([sign == "x" for sign in compared]), np.zeros((0, 2)),
+        face_ids=np.array([int(sign) for sign in faces], dtype=np.int32),
+    )  # fmt: skip
+
+
+def test_the_row_of_a_view_counts_what_it_and_the_earlier_ones_compared_of_each_face() -> None:
+    first, second = viewed("x--x---", "0022255"), viewed("xx-----", "0022255")
+    assert view_row(first).faces == ((0, 1, 2), (2, 1, 3))
+    assert view_row(second, [first]).faces == ((0, 2, 2), (2, 1, 3))
+    # a part that was taken for another one before: its samples are others
+    assert view_row(second, [viewed("xxx", "000")]).faces == ((0, 2, 2),)
+
+
+@pytest.mark.parametrize("result", [viewed("x-x"), viewed(""), viewed("---", "012")])
+def test_the_row_of_a_view_without_faces_has_no_word_of_them(result: ViewResult) -> None:
+    assert "faces" not in view_row(result).as_json()
 
 
 def test_numbers_of_a_row_keep_every_digit() -> None:

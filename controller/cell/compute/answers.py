@@ -9,7 +9,7 @@ import math
 import time
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -397,9 +397,7 @@ def inspect(
         limits=inspection_limits(c.recipe),
         is_hold_measured=is_hold_measured,
     )
-    return inspecting.inspect_view(
-        c.posed, c.samples, task, inspecting.ViewPictures(backlit=backlit, lit=lit)
-    )
+    return _inspected(c, task, backlit, lit)
 
 
 def inspect_on_table(
@@ -425,9 +423,16 @@ def inspect_on_table(
         limits=inspection_limits(c.recipe),
         is_hold_measured=True,
     )
-    return inspecting.inspect_view(
-        c.posed, c.samples, task, inspecting.ViewPictures(backlit=backlit, lit=lit)
-    )
+    return _inspected(c, task, backlit, lit)
+
+
+def _inspected(
+    c: Context, task: inspecting.ViewTask, backlit: Grey, lit: Mapping[str, Grey]
+) -> inspecting.ViewResult:
+    """Return what a view showed, with the surface of each sample."""
+    pictures = inspecting.ViewPictures(backlit=backlit, lit=lit)
+    result = inspecting.inspect_view(c.posed, c.samples, task, pictures)
+    return replace(result, face_ids=c.samples.face_ids)
 
 
 def find_hold(

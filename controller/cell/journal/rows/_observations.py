@@ -204,7 +204,11 @@ class FindingFields(Fields):
 
 
 class ViewJudged(Body):
-    """The result of inspecting a view."""
+    """The result of inspecting a view.
+
+    `faces` has, of each face, how many of its samples this view or an earlier one of the part
+    compared, and how many it has: (face, compared, of). Faces of which none did are not in it.
+    """
 
     kind = "observation"
     row_name = "view"
@@ -220,6 +224,7 @@ class ViewJudged(Body):
     checks: tuple[CheckMade, ...] = ()
     outline_px: tuple[tuple[int, int], ...] = ()
     findings: tuple[FindingFields, ...] = ()
+    faces: tuple[tuple[int, int, int], ...] = ()
 
 
 class LookFields(Fields):

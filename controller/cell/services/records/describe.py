@@ -20,6 +20,7 @@ from controller.planning import Plan
 from controller.recognition import Sighting
 
 from .holds import matrix
+from .part import merged
 
 # Of each characteristic the row keeps the edge points of so many looks, twice what a report draws.
 # All of them would be 9 MB for a part, which holds the event loop for half a second; a replay finds
@@ -89,8 +90,18 @@ def _sighting(s: Sighting) -> rows.SightingFields:
     )
 
 
-def view_row(r: inspecting.ViewResult) -> rows.ViewJudged:
-    """Return the row of a view's result."""
+def view_row(
+    r: inspecting.ViewResult, before: Sequence[inspecting.ViewResult] = ()
+) -> rows.ViewJudged:
+    """Return the row of a view's result.
+
+    Parameters
+    ----------
+    r : the result
+    before : those of the earlier views of the part; faces are counted with them
+    """
+    faces = _faces_compared((*before, r))
+    more = {"faces": faces} if faces else {}
     return rows.ViewJudged(
         view=r.view_id,
         evaluated=r.evaluated,
@@ -126,7 +137,20 @@ def view_row(r: inspecting.ViewResult) -> rows.ViewJudged:
             )
             for f in r.findings
         ),
+        **more,
     )
+
+
+def _faces_compared(
+    results: Sequence[inspecting.ViewResult],
+) -> tuple[tuple[int, int, int], ...]:
+    """Return (face, samples that some view compared, samples on it) of each face with some."""
+    of = results[-1].face_ids
+    compared = merged([one.compared for one in results if len(one.compared) == len(of)])
+    if compared is None:
+        return ()
+    total, done = np.bincount(of), np.bincount(of[compared])
+    return tuple((f, int(done[f]), int(total[f])) for f in np.flatnonzero(done).tolist())
 
 
 def verdict_row(v: inspecting.PartVerdict) -> rows.PartJudged:

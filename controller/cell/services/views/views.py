@@ -125,9 +125,9 @@ class Views:
         shown = part.pending[0]
         result = await asyncio.shield(shown.task)
         part.pending.pop(0)
+        self._record.note(view_row(result, part.results))
         part.results.append(result)
         part.judged.append(shown)
-        self._record.note(view_row(result))
         log.info(
             "view %s: %s",
             result.view_id,
