@@ -26,6 +26,7 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "gate"))
 # each processor, would wait for one another (numpy reads this when it is imported)
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
+os.environ.setdefault("OPENCV_FOR_THREADS_NUM", "1")
 
 # no test notes its journals in the home of whoever runs it
 os.environ["XDG_STATE_HOME"] = tempfile.mkdtemp(prefix="cellctl-tests-")

@@ -13,7 +13,6 @@ from controller.config import ConfigError
 
 MAX_COUNT: Final = 512
 SCHEMES: Final = ("tcp://", "tls://", "ucx://", "ws://", "wss://")  # that Dask knows
-THREADS: Final = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")  # a worker has one core
 CONNECT_S: Final = 30.0
 
 
@@ -86,23 +85,8 @@ def open_pool(jobs: Jobs) -> Iterator[Pool | None]:
     elif jobs.is_alone:
         yield None
     else:
-        with _one_thread_each(), worker_pool(jobs.count) as pool:
+        with worker_pool(jobs.count) as pool:
             yield Pool(pool, jobs.count)
-
-
-@contextmanager
-def _one_thread_each() -> Iterator[None]:
-    """Let processes that are started meanwhile keep to one core each."""
-    before = {name: os.environ.get(name) for name in THREADS}
-    os.environ.update(dict.fromkeys(THREADS, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
 
 
 @contextmanager

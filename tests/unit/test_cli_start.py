@@ -27,6 +27,15 @@ for line in json.load(sys.stdin):
 print(json.dumps(report), file=sys.stderr)
 """
 
+THREADS = """
+import json, os
+import controller.cli
+import cv2, numpy, scipy.linalg
+own = [name for name in os.environ if "_NUM_THREADS" in name]
+busy = len(os.listdir("/proc/self/task"))
+print(json.dumps([{name: os.environ[name] for name in own}, busy, cv2.getNumThreads()]))
+"""
+
 
 def command_names() -> list[list[str]]:
     commands = [[str(command.name)] for command in app_module.app.registered_commands]
@@ -58,6 +67,28 @@ def test_the_probe_would_notice(tmp_path: Path) -> None:
     ((_, code, heavy),) = json.loads(done.stderr.splitlines()[-1])
     assert code == 2
     assert "numpy" in heavy
+
+
+def threads_of(**chosen: str) -> tuple[dict[str, str], int, int]:
+    """Return the variables of a process of `cellctl`, its threads, and those of OpenCV."""
+    ours = {k: v for k, v in os.environ.items() if "THREADS" not in k}
+    done = subprocess.run(
+        [sys.executable, "-c", THREADS],
+        env=ours | {"PYTHONPATH": str(ROOT)} | chosen, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    names, busy, of_opencv = json.loads(done.stdout)
+    return names, busy, of_opencv
+
+
+def test_a_process_computes_with_one_thread() -> None:
+    _, busy, of_opencv = threads_of()
+    assert (busy, of_opencv) == (1, 1)
+
+
+def test_threads_that_the_user_has_chosen_stay() -> None:
+    names, _, of_opencv = threads_of(OMP_NUM_THREADS="2", OPENCV_FOR_THREADS_NUM="3")
+    assert names == {"OMP_NUM_THREADS": "2"}  # a library's own variable would come before it
+    assert of_opencv == 3
 
 
 @pytest.mark.parametrize("name", ["", *(" ".join(name) for name in command_names())])

@@ -106,7 +106,6 @@ def context(job: Job) -> Context:
     ------
     ConfigError, CadError : recipe, cell or a CAD file is wrong
     """
-    cv2.setNumThreads(1)  # an emulated cell may need the other of two cores
     recipe = load_recipe(job.recipe_path)
     cell = load_cell(job.cell_path)
     own, *_ = part_files(recipe)
