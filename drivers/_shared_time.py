@@ -60,6 +60,7 @@ class SharedTime:
                 raise LinkError(f"clock {path}: this is no clock of an emulated cell")
             self._hold_count = 0
             self._held = (0, 0)  # wall instant at which time began to creep, and its limit then
+            self._held_from_ns = self._held_ns = 0
             self._orphaned: tuple[int, int] | None = None
             self._begun: tuple[int, int] | None = None
             self._look_for_owner()
@@ -130,11 +131,19 @@ class SharedTime:
         """
         if not self._hold_count:
             self._held = (time.monotonic_ns(), self._words[_LIMIT])
+            self._held_from_ns = self._now_ns()
         self._hold_count += 1
 
     def release(self) -> None:
         """Let time go on, once per `hold`."""
         self._hold_count -= 1
+        if not self._hold_count:
+            self._held_ns += self._now_ns() - self._held_from_ns
+
+    def held_s(self) -> float:
+        """Return how much time has passed while it was held, in all [cell s]."""
+        since_ns = self._now_ns() - self._held_from_ns if self._hold_count else 0
+        return (self._held_ns + since_ns) * _NS
 
     # --- taking part ----------------------------------------------------------------------------
 

@@ -91,7 +91,15 @@ class CellClock:
         The scale is good for differences alone. It is that of `now_s` on a shared clock, which
         waits for this process, and where nobody attends (see `attending`).
         """
-        return self.now_s() - self._attendance.lost_wall_s() * self.speed
+        return self.now_s() - self._attendance.lost_s() * self.speed
+
+    def unheld_s(self) -> float:
+        """Return the present instant [cell s] on a scale that also omits last looks.
+
+        The scale is good for differences alone. It is that of `attended_s` where no clock is
+        shared: time that is not shared cannot be held.
+        """
+        return self.attended_s() - (0.0 if self.shared is None else self.shared.held_s())
 
     def to_wall_s(self, duration_s: float) -> float:
         """Return how long a duration [cell s] takes on the wall clock at least [s]."""
@@ -191,7 +199,7 @@ class CellClock:
     @property
     def missed_wall_s(self) -> float:
         """What this process has missed while it attended a clock that waits for nobody [s]."""
-        return self._attendance.lost_wall_s()
+        return self._attendance.lost_s()
 
     @property
     def speed_reached(self) -> float:

@@ -238,11 +238,11 @@ async def _silence(bench: Bench) -> Figure:
     device = await bench.opened()
     limit_s = bench.bounds.arm_silent_s
     await bench.line.silence()
-    begun_s = bench.clock.now_s()
+    begun_s = bench.stopwatch.now_s()
     try:
         reading = asyncio.ensure_future(device.read_jaws())
         await bench.clock.wait([reading], 4.0 * limit_s)
-        took_s = bench.clock.now_s() - begun_s
+        took_s = bench.stopwatch.now_s() - begun_s
         require(reading.done(), f"a silent line is not known after {took_s:.1f} s")
         error = reading.exception()
         require(isinstance(error, LinkError), f"a silent line ended with {error!r:.80}")

@@ -117,6 +117,10 @@ class Relay:
                 finally:
                     self._writers.discard(to_device)
                     to_device.close()
+        except asyncio.CancelledError:
+            if self._server is not None:
+                raise
+            # `aclose` ends it; the stream that called it has nobody to tell, and would log it
         finally:
             self._writers.discard(writer)
             self._pumps.discard(task)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import AbstractAsyncContextManager, contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import Any, Final
 
+from drivers.attendance import BEAT_WALL_S, JITTER_WALL_S, Attendance
 from drivers.clock import CellClock
 
 from .lines import Line
@@ -15,6 +16,8 @@ from .lines import Line
 ANSWER_S: Final = 3.0
 """Contract of all kinds: a silent device is reported, and one that is back answers, by then [s]."""
 HANG_FACTOR: Final = 4.0  # what takes so many times its bound is cut off
+BEATS_PER_WINDOW: Final = 4  # of a shared clock: how often this process is looked at for being late
+JITTER_SHARE: Final = 0.1  # of its window: a delay no longer than this is none
 STEP_WAITS_S: Final = (0.0, 0.0, 0.002, 0.005, 0.01, 0.02)  # when an exchange is cancelled
 
 
@@ -74,6 +77,39 @@ class Bounds:
     answer_s: float = ANSWER_S
 
 
+class Stopwatch:
+    """Measures how long a device took, by its cell's clock.
+
+    It omits what this process missed, and what a clock that is shared with an emulated cell went
+    on by during a last look (`CellClock.held`): the device is to blame for neither. A device is
+    not excused by it for anything of its own.
+
+    Parameters
+    ----------
+    clock : the cell's
+    """
+
+    def __init__(self, clock: CellClock) -> None:
+        self._clock = clock
+        shared = clock.shared
+        if shared is None:  # `CellClock.attending` measures it there, and finds more than this
+            own = Attendance(clock.unheld_s, BEAT_WALL_S, clock.speed, JITTER_WALL_S * clock.speed)
+        else:
+            # it waits for this process, but is up to a window ahead of it each time
+            beat_wall_s = shared.window_s / BEATS_PER_WINDOW / clock.speed
+            jitter_s = shared.window_s * JITTER_SHARE
+            own = Attendance(clock.unheld_s, beat_wall_s, clock.speed, jitter_s)
+        self._attendance = own
+
+    def now_s(self) -> float:
+        """Return the present instant [cell s]; good for differences alone."""
+        return self._clock.unheld_s() - self._attendance.lost_s()
+
+    def attending(self) -> AbstractAsyncContextManager[None]:
+        """Return what measures how late this process is while its block runs."""
+        return self._attendance.beating()
+
+
 @dataclass(slots=True)
 class Bench:
     """A device of a cell, and what is needed to try it.
@@ -83,6 +119,7 @@ class Bench:
     name, kind : of the device in the cell file, and of `drivers.kinds`
     build : returns a new driver of it, not open
     clock : the cell's
+    stopwatch : measures what is compared with a limit
     bounds : how long things may take
     line : between driver and device, where it can be disturbed
     facts : what the cell file has about it: ``lamps``, ``inputs``, ``capture``, ``arm_model``
@@ -95,6 +132,7 @@ class Bench:
     kind: str
     build: Callable[[], Any]
     clock: CellClock
+    stopwatch: Stopwatch
     bounds: Bounds
     line: Line
     facts: Mapping[str, Any] = field(default_factory=dict)
@@ -177,7 +215,7 @@ async def timed(bench: Bench, limit_s: float, doing: Awaitable[Any], what: str) 
 
     Parameters
     ----------
-    bench : whose clock it is
+    bench : whose stopwatch it is
     limit_s : how long it may take [cell s]
     doing : what is awaited
     what : for the message
@@ -186,15 +224,15 @@ async def timed(bench: Bench, limit_s: float, doing: Awaitable[Any], what: str) 
     ------
     NotMetError : it took longer, by the patience of the clock
     """
-    begun_s = bench.clock.now_s()
+    begun_s = bench.stopwatch.now_s()
     try:
         async with bench.clock.timeout(HANG_FACTOR * limit_s):
             await doing
     except TimeoutError:
         raise NotMetError(f"{what}: not done after {HANG_FACTOR * limit_s:.1f} s") from None
-    took_s = bench.clock.now_s() - begun_s
+    took_s = bench.stopwatch.now_s() - begun_s
     allowed_s = bench.clock.patience_s(limit_s)
-    require(took_s <= allowed_s, f"{what}: took {took_s:.3f} s, {limit_s:.3f} s are allowed")
+    require(took_s <= allowed_s, f"{what}: took {took_s:.3f} s, {allowed_s:.3f} s are allowed")
     return took_s
 
 
@@ -293,7 +331,8 @@ async def cancel_often(
         require(was_done or task.cancelled(), "the cancellation was swallowed")
         took_s = await timed(bench, bench.bounds.answer_s, check(), "after a cancellation")
         longest_s = max(longest_s, took_s)
-    return Figure(longest_s * 1e3, "ms", bench.bounds.answer_s * 1e3, "until the next answer")
+    limit_ms = bench.clock.patience_s(bench.bounds.answer_s) * 1e3
+    return Figure(longest_s * 1e3, "ms", limit_ms, "until the next answer")
 
 
 def require_model(bench: Bench) -> Figure:

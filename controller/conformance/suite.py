@@ -8,7 +8,7 @@ import tempfile
 import threading
 from collections.abc import Callable, Coroutine, Mapping, Sequence
 from concurrent.futures import Future
-from contextlib import ExitStack
+from contextlib import AsyncExitStack, ExitStack
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -28,7 +28,7 @@ from drivers.kinds import Capture, Lamp
 
 from .families import FAMILIES
 from .lines import HOST_PORT, EmulatedLine, Line, PersonsLine, Relay
-from .requirement import Bench, Bounds, Figure, NotMetError, NotTriedError, Requirement
+from .requirement import Bench, Bounds, Figure, NotMetError, NotTriedError, Requirement, Stopwatch
 
 MET: Final = "met"
 NOT_MET: Final = "not met"
@@ -217,9 +217,11 @@ class Suite:
         thread = threading.Thread(target=self._loop.run_forever, name="devices", daemon=True)
         thread.start()
         self._stack.callback(self._end_loop, thread)
-        attending = self._clock.attending()
-        self._run(attending.__aenter__())
-        self._stack.callback(lambda: self._run(attending.__aexit__(None, None, None)))
+        self._stopwatch = Stopwatch(self._clock)
+        attending = AsyncExitStack()
+        self._stack.callback(lambda: self._run(attending.aclose()))
+        for attends in (self._clock.attending(), self._stopwatch.attending()):
+            self._run(attending.enter_async_context(attends))
 
     def _find_clock(self, emulated: Sequence[Tried], ready: Mapping[str, Any]) -> FoundClock:
         if not emulated:
@@ -301,6 +303,7 @@ class Suite:
             kind,
             build,
             self._clock,
+            self._stopwatch,
             _bounds(cell, self._clock),
             line,
             _facts(cell, name, kind),

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.conformance.requirement import Bench, Bounds
+from controller.conformance.requirement import Bench, Bounds, Stopwatch
 from drivers.clock import CellClock
 from drivers.errors import (
     LinkError,
@@ -430,4 +430,6 @@ def bench_of(kind: str, make: type[Device], clock: CellClock) -> Bench:
         "slides": SLIDES,
         "within_limits": lambda q: bool((np.abs(q) <= RANGE).all()),
     }
-    return Bench(kind, kind, lambda: make(line, clock, body), clock, BOUNDS, line, facts)
+    return Bench(
+        kind, kind, lambda: make(line, clock, body), clock, Stopwatch(clock), BOUNDS, line, facts
+    )

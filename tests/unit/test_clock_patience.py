@@ -193,5 +193,15 @@ async def test_the_attended_scale_never_goes_back(monkeypatch: pytest.MonkeyPatc
     async with attendance.beating():
         for pause_s in (0.001, 0.5, 0.01, 2.0, 0.03):
             now_s[0] += pause_s
-            assert lost <= attendance.lost_wall_s() <= lost + pause_s + 1e-6
-            lost = attendance.lost_wall_s()
+            assert lost <= attendance.lost_s() <= lost + pause_s + 1e-6
+            lost = attendance.lost_s()
+
+
+async def test_by_a_clock_that_stands_still_nothing_is_missed() -> None:
+    clock = StoppedClock()
+    attendance = Attendance(clock.now_s, beat_wall_s=0.001, speed=4.0, jitter_s=0.01)
+    async with attendance.beating():
+        await asyncio.sleep(0.02)
+        assert attendance.lost_s() == 0.0
+        clock.instant_s += 1.0  # less what is due until the next beat, and the jitter
+        assert attendance.lost_s() == pytest.approx(1.0 - 0.004 - 0.01)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable, Iterator
+from contextlib import AsyncExitStack
 from types import SimpleNamespace
 from typing import Any
 
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 
 from controller.conformance.families import FAMILIES
+from controller.conformance.requirement import NotMetError, timed
 from controller.conformance.suite import MET, NOT_MET, NOT_TRIED, Outcome, try_requirement
 from drivers.clock import CellClock
 from drivers.errors import BadReplyError, PositionLostError
@@ -48,6 +50,65 @@ def attempt(
         return outcome
 
     return loop.run_until_complete(run())
+
+
+class HeldTime:
+    """An emulated cell's clock in virtual time; what its readers miss is added by the test."""
+
+    speed, window_s = 4.0, 0.05
+
+    def __init__(self, loop: SimulatedLoop) -> None:
+        self.loop = loop
+        self.missed_s = self.total_held_s = 0.0
+
+    def now_s(self) -> float:
+        return self.loop.time() * self.speed + self.missed_s
+
+    def held_s(self) -> float:
+        return self.total_held_s
+
+    def hold(self) -> None:
+        """Nobody looks for the last time here."""
+
+    def release(self) -> None:
+        """Nobody looks for the last time here."""
+
+
+@pytest.mark.parametrize("is_shared", [False, True], ids=["wall clock", "shared clock"])
+def test_a_device_is_charged_with_its_own_time_alone(loop: SimulatedLoop, is_shared: bool) -> None:
+    time = HeldTime(loop)
+    shared: Any = time if is_shared else None
+    clock = CellClock(speed=time.speed, shared=shared, monotonic=lambda: time.now_s() / time.speed)
+
+    async def took_s(extra: Callable[[], None], duration_s: float) -> float:
+        async def doing() -> None:
+            await clock.sleep(duration_s / 2)
+            extra()
+            await clock.sleep(duration_s / 2)
+
+        bench = d.bench_of("lights", d.MemoryLights, clock)
+        async with AsyncExitStack() as attending:
+            if not is_shared:  # `taking_part` needs a real one, and measures nothing
+                await attending.enter_async_context(clock.attending())
+            await attending.enter_async_context(bench.stopwatch.attending())
+            return await timed(bench, 1.0, doing(), "it")
+
+    def nothing() -> None:
+        pass
+
+    def late() -> None:
+        time.missed_s += 60.0  # in one go: the loop had no turn
+
+    def held() -> None:
+        time.missed_s += 60.0
+        time.total_held_s += 60.0
+
+    for extra in (nothing, late, held) if is_shared else (nothing, late):
+        # exact to a beat and the jitter of a healthy loop, 25 ms of the wall
+        within_s = 0.025 * time.speed
+        assert loop.run_until_complete(took_s(extra, 0.9)) == pytest.approx(0.9, abs=within_s)
+        with pytest.raises(NotMetError, match=r"it: took 1\.3"):
+            loop.run_until_complete(took_s(extra, 1.35))
 
 
 @pytest.mark.parametrize(("kind", "name"), EVERY)

@@ -109,10 +109,29 @@ async def test_held_time_creeps_so_that_what_was_long_above_tray_is_still_answer
         crept_s = cell.now_s() - began_s
         assert 0.1 < crept_s <= 2 * WINDOW_S + 0.2
         cell.shared.release()
+        assert cell.shared.held_s() == pytest.approx(crept_s)
         while cell.now_s() < began_s + 1.0:
             wall.pass_s(0.01)
             await asyncio.sleep(0.002)
             world.tick(world.now_s())
+        assert cell.shared.held_s() == pytest.approx(crept_s)  # what ran freely does not count
+        assert cell.unheld_s() == pytest.approx(cell.now_s() - crept_s)
+
+
+def test_time_that_is_held_twice_at_once_counts_once(
+    world: SharedClock, cell: CellClock, wall: Wall
+) -> None:
+    assert cell.shared is not None
+    wall.pass_s(0.001)
+    with cell.held():
+        wall.pass_s(0.001)
+        with cell.held():
+            wall.pass_s(0.001)
+            assert cell.shared.held_s() == pytest.approx(0.002 * SPEED)
+        wall.pass_s(0.001)
+    wall.pass_s(0.001)
+    assert cell.shared.held_s() == pytest.approx(0.003 * SPEED)
+    assert cell.now_s() == pytest.approx(0.005 * SPEED)
 
 
 def test_who_only_reads_the_clock_holds_nobody_up(world: SharedClock, wall: Wall) -> None:

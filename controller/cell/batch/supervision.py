@@ -149,11 +149,11 @@ class LoopWatcher:
             attendance = self._attendance()
             async with attendance.beating():
                 await self._clock.sleep(LOOP_REPORT_S)
-            if attendance.longest_wall_s > self._limit_s:
+            if attendance.longest_s > self._limit_s:
                 self._record.note(
                     LoopLate(
-                        longest_s=round(attendance.longest_wall_s, 3),
-                        missed_s=round(attendance.lost_wall_s(), 3),
+                        longest_s=round(attendance.longest_s, 3),
+                        missed_s=round(attendance.lost_s(), 3),
                         within_s=LOOP_REPORT_S,
                         alarm=alarm_of("loop_late").number,
                     )
