@@ -23,6 +23,7 @@ from drivers.attendance import Attendance
 from drivers.clock import CellClock
 from drivers.errors import BadReplyError, DeviceError, LinkError, PositionLostError, SilentLineError
 from drivers.kinds import Stop
+from simulation.loop import SimulatedLoop
 
 FAST = 1000.0
 
@@ -197,18 +198,29 @@ async def test_a_late_loop_is_recorded_with_its_number_and_stops_nothing(
         return Attendance(lambda: float(next(walls)))
 
     reports = Reports()
-    with pytest.raises(TimeoutError):
-        async with asyncio.timeout(0.5):
-            await LoopWatcher(record, 0.05, CellClock(FAST / 10), late).run(reports)
+    watching = asyncio.create_task(
+        LoopWatcher(record, 0.05, CellClock(FAST / 10), late).run(reports)
+    )
+    rows: list[Any] = []
+    while not rows:  # the guard of a test that hangs is pytest's
+        assert not watching.done()
+        await asyncio.sleep(0.01)
+        rows = [r.body for r in read_rows(tmp_path / "journal.sqlite") if r.name == "loop_late"]
+    watching.cancel()
+    await asyncio.gather(watching, return_exceptions=True)
     assert reports == []
-    rows = [r.body for r in read_rows(tmp_path / "journal.sqlite") if r.name == "loop_late"]
-    assert rows
     assert rows[0]["longest_s"] > 0.9
     assert rows[0]["alarm"] == 910
 
 
-async def test_devices_that_never_answer_a_stop_are_given_up_within_the_time_allowed() -> None:
-    clock = CellClock(20.0)
+def test_devices_that_never_answer_a_stop_are_given_up_within_the_time_allowed() -> None:
+    loop = SimulatedLoop(1)
+    loop.run_until_complete(_give_up(CellClock(monotonic=loop.time)))
+    loop.bury()
+    loop.close()
+
+
+async def _give_up(clock: CellClock) -> None:
     never = asyncio.Event()
     dead: Any = SimpleNamespace(stop=lambda *_: never.wait(), all_off=never.wait)
     stopping = Stopping(dead, dead, dead, clock, confirm_s=1.0)
@@ -216,7 +228,7 @@ async def test_devices_that_never_answer_a_stop_are_given_up_within_the_time_all
     await asyncio.gather(stopping.halt_arm(), stopping.stop_others())
     failures = await stopping.stop_all(Stop.DEAD)
     assert set(failures) == {"arm", "gripper", "lights"}
-    assert clock.now_s() - began_s < 1.0 + 0.02 * clock.speed  # and what the host adds
+    assert clock.now_s() - began_s == pytest.approx(1.0, abs=1e-3)
 
 
 def test_a_beat_that_leaves_no_time_for_an_answer_is_refused(tmp_path: Path) -> None:

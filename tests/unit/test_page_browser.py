@@ -54,7 +54,7 @@ QUESTION = {
         {"key": "stop", "words": "end the run", "first": ""},
     ],
 }
-PATIENT_MS = 30_000
+PATIENT_MS = 120_000  # a guard against a hang, no measure
 
 
 def grave(tab: Any) -> list[Any]:

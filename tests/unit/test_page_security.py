@@ -519,7 +519,7 @@ def test_slow_clients_are_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         head = f"POST /login HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\n".encode()
         body = f"Origin: http://127.0.0.1:{port}\r\nContent-Length: 100\r\n\r\n".encode()
         for sent in (b"", head, head + body + b"name="):
-            with socket.create_connection(("127.0.0.1", port), timeout=20.0) as slow:
+            with socket.create_connection(("127.0.0.1", port), timeout=600.0) as slow:
                 slow.sendall(sent)
                 answer = b""
                 with suppress(ConnectionResetError):
@@ -543,12 +543,12 @@ def test_slow_clients_are_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 )
 def test_what_is_no_request_of_a_browser_is_refused(tmp_path: Path, sent: bytes) -> None:
     with served(tmp_path) as port:
-        with socket.create_connection(("127.0.0.1", port), timeout=20.0) as wire:
+        with socket.create_connection(("127.0.0.1", port), timeout=600.0) as wire:
             wire.sendall(sent.replace(b"PORT", str(port).encode()))
             wire.shutdown(socket.SHUT_WR)
             answer = wire.recv(65536)
         assert answer == b"" or answer.split(b" ")[1][:1] == b"4"
-        with socket.create_connection(("127.0.0.1", port), timeout=20.0) as wire:
+        with socket.create_connection(("127.0.0.1", port), timeout=600.0) as wire:
             wire.sendall(f"GET /login HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\n\r\n".encode())
             assert b" 200 " in wire.recv(65536)  # and it still serves
 

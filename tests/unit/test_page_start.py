@@ -45,7 +45,7 @@ print("refused: the cell is cold", file=sys.stderr)
 (folder / "ended").touch()
 sys.exit(1)
 """
-PATIENCE_S = 60.0
+PATIENCE_S = 600.0  # a guard against a hang, no measure
 
 
 def until(is_so: Callable[[], bool]) -> None:
