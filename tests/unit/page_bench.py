@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -42,14 +43,16 @@ class Clock:
         return self.now_s
 
 
-def journal(runs: Path, run: str = RUN, *, with_cell: bool = True) -> Journal:
+def journal(
+    runs: Path, run: str = RUN, *, with_cell: bool = True, part: Path | None = None
+) -> Journal:
     """Return the journal of a run that has begun; without a cell there is nothing to draw."""
     runs.mkdir(exist_ok=True)
     found = Journal(runs / JOURNAL_NAME, run)
     cell = load_cell(CELL).model_dump(mode="json") if with_cell else {}
-    found.write(
-        rows.RunBegan(recipe={"name": "holder", "part": "none.stl"}, cell=cell, count=3, speed=2.0)
-    )
+    recipe = {"name": "holder", "part": "none.stl" if part is None else str(part), "unit": "mm"}
+    files = {} if part is None else {str(part): hashlib.sha256(part.read_bytes()).hexdigest()}
+    found.write(rows.RunBegan(recipe=recipe, cell=cell, count=3, speed=2.0, files=files))
     return found
 
 

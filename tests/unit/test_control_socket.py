@@ -9,7 +9,7 @@ import re
 import socket
 import stat
 import threading
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from controller.cell.batch import CellStatus
 from controller.cell.control import (
     AnswerOrder,
     ControlError,
@@ -39,9 +40,11 @@ from controller.cell.control.serving import (
     serving,
 )
 from controller.cell.control.serving import server as server_module
+from controller.cell.custody import Custody
 from controller.cell.devices.lock import LOCK_NAME, Holder, hold_cell, read_holder
 from controller.cell.machine import Decision, Event
 from controller.cell.operator import Answer, Choice, Desk, Question
+from controller.cell.services import NextMotion
 from controller.config import load_cell
 
 ROOT = Path(__file__).parents[2]
@@ -123,6 +126,41 @@ async def test_an_order_goes_to_the_dispatcher_with_who_and_why() -> None:
     assert dispatcher.taken == [
         (Event.PAUSE_NOW, f"Ada ({ME.name})", "a screw on the table"),
     ]  # fmt: skip
+
+
+HERE, THERE = (0.5, -0.25, 0.5, -100.0, -1.0, 0.25), (0.25, 0.5, 0.25, -300.0, -0.5, 0.5)
+
+
+@pytest.mark.parametrize(
+    ("first", "waypoints"),
+    [
+        (NextMotion("the arm", HERE, THERE, 3.0), [list(HERE), list(THERE)]),
+        (NextMotion("the jaws close"), []),
+        (NextMotion("the arm homes"), []),
+    ],
+)
+async def test_what_moves_first_has_the_joints_where_it_begins_and_ends(
+    first: NextMotion, waypoints: list[list[float]]
+) -> None:
+    dispatcher = Dispatching()
+    dispatcher.status = standing(first)  # type: ignore[method-assign]
+    status, reply = await ask(control_of(dispatcher), "GET", "/status")
+    assert status == 200
+    assert reply["first_motion"]["words"] == first.words
+    assert reply["first_motion"]["waypoints"] == waypoints
+
+
+def standing(first: NextMotion) -> Callable[[], Awaitable[CellStatus]]:
+    """Return what reads the status of a cell that is paused before a motion."""
+
+    async def status() -> CellStatus:
+        return CellStatus(
+            at_s=1.0, state="suspended_grasping", label="grasp", step=1, step_count=2,
+            custody=Custody.ON_TABLE, remaining_s=None, message="", alarm="", point=None,
+            wanted=None, pause_s={}, first=first,
+        )  # fmt: skip
+
+    return status
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,7 @@ import pytest
 pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 pytest.importorskip("starlette", reason="the page's packages are not installed (extra `page`)")
 
+from cad_solids import box, mesh_of
 from page_bench import HERE, PASSWORD, RUN, bench, journal, picture
 from playwright.sync_api import sync_playwright
 from test_page_now import STATUS, plan_row
@@ -26,7 +27,7 @@ from controller.cell.control import (
     RunningCell,
     StatusReply,
 )
-from controller.cell.journal import rows
+from controller.cell.journal import JOURNAL_NAME, Journal, rows
 from controller.page import serving as serving_module
 from controller.page.frame.screens import RefusedError
 from controller.page.now.starting import Launcher, StartBody
@@ -123,6 +124,10 @@ class Served:
         self._thread.join()
 
 
+SECOND_VIEW = ((0, 10, 40), (1, 25, 40), (2, 40, 40))
+THERE = (0.25, 0.5, 0.25, -300.0, -0.5, 0.5)
+
+
 @pytest.fixture(scope="module")
 def chromium() -> Iterator[Any]:
     with sync_playwright() as running:
@@ -133,13 +138,16 @@ def chromium() -> Iterator[Any]:
 
 @pytest.fixture
 def served(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Served]:
-    writer = journal(tmp_path / "runs")
+    block = tmp_path / "block.stl"
+    mesh_of(box(40, 30, 10)).export(block)
+    writer = journal(tmp_path / "runs", part=block)
     picture(tmp_path / "runs", "pictures/a.png")
     writer.write(plan_row(), 1)
     writer.write(rows.StepDone(label="pick", forecast_s=9.0, seconds=9.5), 1)
     writer.write(
         rows.ViewPicturesTaken(view="V<1>", pictures={"ring": "pictures/a.png"}, q=HERE), 1
     )
+    writer.write(rows.ViewJudged(view="V<1>", evaluated=True, faces=((0, 10, 40),)), 1)
     writer.close()
     found = Served(tmp_path, monkeypatch)
     yield found
@@ -193,6 +201,46 @@ def test_every_button_reaches_the_cell_once_in_the_persons_name(served: Served, 
     ]
     assert served.orders[4][1].model_dump()["first"] == "the arm, 3 mm"
     assert served.orders[5][1].model_dump()["number"] == 4
+
+
+def test_the_coverage_of_the_part_fills_and_the_next_part_begins_with_none(
+    served: Served, tab: Any, tmp_path: Path
+) -> None:
+    def shares() -> list[str]:
+        return [row.split("\t")[1].strip() for row in tab.inner_text("#coverage-rows").split("\n")]
+
+    tab.goto(served.link())
+    tab.wait_for_selector("#coverage[data-drawn]")
+    tab.click("#coverage-table summary")
+    until(tab, lambda: sorted(shares()) == sorted(["25 %", *["0 %"] * 5]))
+    # the two largest of six faces have 1200 mm² of 3800 each
+    assert "8 % of the surface" in tab.inner_text("#coverage-words")
+    assert "up to a third: 1 faces, 1,200 mm²" in tab.inner_text("#coverage-legend")
+    writer = Journal(tmp_path / "runs" / JOURNAL_NAME, RUN)
+    writer.write(rows.ViewJudged(view="V2", evaluated=True, faces=SECOND_VIEW), 1)
+    until(tab, lambda: shares()[:4] == ["25 %", "63 %", "100 %", "0 %"])
+    assert "more than two thirds: 1 faces" in tab.inner_text("#coverage-legend")
+    writer.write(rows.TablePictures({"ring": "pictures/a.png"}), 2)
+    writer.close()
+    until(tab, lambda: set(shares()) == {"0 %"})
+    assert "Part 2" in tab.inner_text("#coverage-words")
+
+
+def test_what_moves_first_is_drawn_while_the_cell_is_paused_and_gone_afterwards(
+    served: Served, tab: Any
+) -> None:
+    first = {
+        "words": "the arm", "tcp_mm": 3.0, "turn_deg": 0.0, "seconds": 1.0,
+        "waypoints": [HERE, THERE],
+    }  # fmt: skip
+    tab.goto(served.link())
+    tab.wait_for_selector("#scene[data-preview=no]")
+    served.status |= {"state": "suspended_grasping", "first_motion": first}
+    tab.wait_for_selector("#scene[data-preview=yes]")
+    assert "what moves first" in tab.inner_text("#scene-words")
+    served.status |= {"state": "execute_grasping", "first_motion": None}
+    tab.wait_for_selector("#scene[data-preview=no]")
+    assert "what moves first" not in tab.inner_text("#scene-words")
 
 
 def test_a_run_is_started_with_what_the_person_filled_in(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
 
@@ -110,6 +111,25 @@ def test_each_part_has_the_recipe_and_the_number_that_it_was_identified_by(tmp_p
     assert facts["at_hand"] == {"recipe": "", "serial": ""}
     (done,) = facts["parts"]
     assert (done["recipe"], done["serial"], done["verdict"]) == ("riser", "A<7>", "fail")
+
+
+def view_row(view: str, *faces: tuple[int, int, int]) -> rows.ViewJudged:
+    return rows.ViewJudged(view=view, evaluated=True, faces=faces)
+
+
+def test_the_coverage_of_a_part_fills_and_the_next_part_begins_with_none(tmp_path: Path) -> None:
+    writer = journal(tmp_path)
+    writer.write(view_row("V1", (0, 3, 10)), 1)
+    writer.write(view_row("V2", (0, 7, 10), (2, 1, 4)), 1)
+    before = {"run": RUN, "part": 1, "recipe": "holder", "views": 2}
+    assert folded(tmp_path).coverage() == {**before, "faces": [[0, 7, 10], [2, 1, 4]]}
+    # as a run before this version has it, and as one whose picture proved nothing
+    writer.write(rows.ViewJudged(view="V3", evaluated=False, reason="no outline"), 1)
+    after = {**before, "views": 3, "faces": [[0, 7, 10], [2, 1, 4]]}
+    assert folded(tmp_path).coverage() == after
+    writer.write(rows.TablePictures({"ring": "b.png"}), 2)
+    writer.close()
+    assert folded(tmp_path).coverage() == {**before, "part": 2, "views": 0, "faces": []}
 
 
 def test_a_view_gets_its_outline_and_findings_once_it_is_judged(tmp_path: Path) -> None:
@@ -228,6 +248,60 @@ def test_the_part_moves_with_the_gripper_and_stays_where_it_was_let_go(scene: Ce
     assert scene.moment(Arm(HERE), HeldPart(Custody.LOST, 1, EYE), 0.0, 1.0)["part"] is None
 
 
+def test_a_motion_is_previewed_from_where_the_arm_stands_to_its_goal(scene: CellScene) -> None:
+    held = HeldPart(Custody.IN_ARM, 1, T_part_tcp=EYE, arm_mm=20.0)
+    motion = scene.ghost(held, (HERE, THERE))
+    assert motion is not None
+    ends = [tcp_pose(scene.layout, np.array(q))[:3, 3] for q in (HERE, THERE)]
+    np.testing.assert_allclose([motion["tcp"][0], motion["tcp"][-1]], ends, atol=0.1)
+    at_goal = scene.moment(Arm(THERE), held, 0.0, 1.0)
+    assert motion["stops"][-1] == {"T": at_goal["T"], "part": at_goal["part"]}
+    stops = [stop["T"] for stop in motion["stops"]]
+    assert len(stops) == 3
+    assert stops[0] != stops[1] != stops[2]
+    free = scene.ghost(HeldPart(Custody.ON_TABLE, 1, EYE), (HERE, THERE))
+    assert free is not None
+    assert [stop["part"] for stop in free["stops"]] == [None] * 3
+
+
+@pytest.mark.parametrize("waypoints", [(), (HERE,), ((20.0,), (40.0,))])
+def test_a_motion_without_a_path_of_the_arm_is_not_drawn(
+    scene: CellScene, waypoints: tuple[tuple[float, ...], ...]
+) -> None:
+    assert scene.ghost(HeldPart(), waypoints) is None
+
+
+async def test_a_paused_arm_is_shown_where_it_stands_and_where_it_goes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = {
+        "words": "the arm", "tcp_mm": 3.0, "turn_deg": 0.0, "seconds": 1.0,
+        "waypoints": [HERE, THERE],
+    }  # fmt: skip
+    status = StatusReply.model_validate(
+        {**STATUS, "state": "suspended_grasping", "first_motion": first}
+    )
+    monkeypatch.setattr(RunningCell, "status", lambda _: status)
+    writer = journal(tmp_path)
+    writer.write(rows.PathBegun(effect_class=rows.EffectClass.ABSOLUTE, waypoints=(THERE,)), 1)
+    writer.close()
+    live = Live(tmp_path)
+    poller = asyncio.create_task(live.run())
+    stream = live.watch()
+    last: dict[str, Any] = {"ghost": {"motion": None}, "moment": {"moves": True}}
+    async with asyncio.timeout(60):
+        # it stands halfway on its path, as the arm itself reports
+        while last["ghost"]["motion"] is None or last["moment"]["moves"]:
+            kind, message = await anext(stream)
+            last[kind] = json.loads(message)
+    motion, moment = last["ghost"]["motion"], last["moment"]
+    poller.cancel()
+    await asyncio.gather(poller, return_exceptions=True)
+    assert moment["q"] == list(HERE)
+    assert motion["stops"][-1]["T"] != moment["T"]
+    assert "waypoints" not in live.now()["status"]["first_motion"]
+
+
 def test_the_scene_has_all_that_stands_and_moves(scene: CellScene) -> None:
     standing = scene.standing
     names = {box["name"] for box in standing["boxes"]}
@@ -273,6 +347,15 @@ async def changes(live: Live, kinds: int) -> dict[str, Any]:
     return found
 
 
+async def told(stream: AsyncIterator[tuple[str, str]], wanted: str) -> dict[str, Any]:
+    """Return the next message of a kind."""
+    async for kind, message in stream:
+        if kind == wanted:
+            found: dict[str, Any] = json.loads(message)
+            return found
+    raise AssertionError("the stream has ended")
+
+
 async def test_a_row_reaches_a_browser_and_no_run_is_no_fault(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -288,12 +371,12 @@ async def test_a_row_reaches_a_browser_and_no_run_is_no_fault(
     assert json.loads(first)["runs"] is False
     writer = journal(tmp_path, with_cell=False)
     async with asyncio.timeout(30):
-        while (now := json.loads((await anext(stream))[1])).get("run") is None:
+        while (now := await told(stream, "now"))["run"] is None:
             pass
     assert now["run"]["run"] == RUN
     writer.write(plan_row(), 1)
     async with asyncio.timeout(30):
-        while not json.loads((await anext(stream))[1])["run"]["plan"]["steps"]:
+        while not (await told(stream, "now"))["run"]["plan"]["steps"]:
             pass
     writer.close()
     poller.cancel()
@@ -311,8 +394,9 @@ async def test_a_browser_that_reads_nothing_costs_one_message_of_each_kind(tmp_p
         live.look()
         live.publish()
     writer.close()
-    _, message = await anext(stream)
-    assert json.loads(message)["run"]["part"] == 50
+    (now_kind, now), (kind, coverage) = [await anext(stream) for _ in range(2)]
+    assert (now_kind, kind) == ("now", "coverage")
+    assert json.loads(now)["run"]["part"] == json.loads(coverage)["part"] == 50
     with pytest.raises(TimeoutError):
         async with asyncio.timeout(0.3):
             await anext(stream)

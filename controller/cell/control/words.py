@@ -58,12 +58,17 @@ class DecisionReply(_Body):
 
 
 class MotionReply(_Body):
-    """What moves first when a pause ends: the TCP by so much, in about so many cell seconds."""
+    """What moves first when a pause ends: the TCP by so much, in about so many cell seconds.
+
+    `waypoints` are the joints of the arm, mm or rad, where this motion begins and ends; empty where
+    no joint but the jaws moves, and where nobody knows its path, as in homing.
+    """
 
     words: str
     tcp_mm: float
     turn_deg: float
     seconds: float
+    waypoints: tuple[tuple[float, ...], ...] = ()
 
 
 class ChoiceReply(_Body):

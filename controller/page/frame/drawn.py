@@ -75,6 +75,8 @@ def why_not_drawn(count: int) -> str:
 def mesh_of(recipe: Mapping[str, Any], stored: Mapping[str, str], folder: Path) -> dict[str, Any]:
     """Return the part's mesh in its CAD frame [mm] as JSON, or why there is none to draw.
 
+    With the face of each triangle, and name and area of each face.
+
     Parameters
     ----------
     recipe : of the run
@@ -89,6 +91,11 @@ def mesh_of(recipe: Mapping[str, Any], stored: Mapping[str, str], folder: Path) 
     return {
         "vertices": np.round(np.asarray(solid.mesh.vertices), 3).ravel().tolist(),
         "triangles": np.asarray(solid.mesh.faces).ravel().tolist(),
+        "face_of_triangle": np.asarray(solid.face_of_triangle).tolist(),
+        "faces": [
+            {"face": number, "label": face.label, "area_mm2": round(float(face.area_mm2), 1)}
+            for number, face in enumerate(solid.faces)
+        ],
     }
 
 

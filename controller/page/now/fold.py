@@ -87,6 +87,8 @@ class RunFold:
     inputs : SHA-256 of the files that the run was started with
     others : what else lies on the table
     state, arm, part : of cell, arm and part
+    compared : by face of the part at hand, how many of its samples the views have compared so far,
+        and how many it has
     began_utc : when it began
     """
 
@@ -97,6 +99,7 @@ class RunFold:
     state: str = ""
     arm: Arm = field(default_factory=Arm)
     part: HeldPart = field(default_factory=HeldPart)
+    compared: dict[int, tuple[int, int]] = field(default_factory=dict)
     others: list[dict[str, Any]] = field(default_factory=list)
     pictures: list[str] = field(default_factory=list)
     inputs: dict[str, str] = field(default_factory=dict)
@@ -138,13 +141,18 @@ class RunFold:
         return {} if self.began is None else self.began.ordered[self._recipe_number].recipe
 
     @property
+    def recipe_name(self) -> str:
+        """Its name, empty where it has none."""
+        return str(self.recipe.get("name", ""))
+
+    @property
     def _at_hand(self) -> dict[str, str]:
         """Recipe and serial number of the part at hand, each empty where nobody knows it yet."""
         label, began = self._label, self.began
         if label is not None:
             return {"recipe": label.name, "serial": label.serial}
         is_only_one = began is not None and len(began.ordered) == 1
-        return {"recipe": str(self.recipe.get("name", "")) if is_only_one else "", "serial": ""}
+        return {"recipe": self.recipe_name if is_only_one else "", "serial": ""}
 
     @property
     def _size(self) -> list[int]:
@@ -153,13 +161,23 @@ class RunFold:
         size = cameras.get("inspection", {}).get("size_px", SIZE_PX)
         return [int(size[0]), int(size[1])]
 
+    def coverage(self) -> dict[str, Any]:
+        """Return how much of each face the views of the part have compared so far, as JSON."""
+        return {
+            "run": self.run,
+            "part": self.part.number,
+            "recipe": self.recipe_name,
+            "views": sum(bool(view.get("judged")) for view in self._views.values()),
+            "faces": [[face, count, of] for face, (count, of) in self.compared.items()],
+        }
+
     def facts(self) -> dict[str, Any]:
         """Return what the page shows of it, as JSON."""
         began = self.began
         return {
             "run": self.run,
             "began": self.began_utc,
-            "recipe": str(self.recipe.get("name", "")),
+            "recipe": self.recipe_name,
             "operator": "" if began is None else began.operator,
             "lot": "" if began is None else began.lot,
             "count": None if began is None else began.count,
@@ -186,6 +204,7 @@ class RunFold:
         self._label = None
         self.others, self._steps, self._plan, self._done = [], [], {}, 0
         self._views, self._table, self._verdict = {}, [], None
+        self.compared = {}
 
     def _take_course(self, row: Row, body: rows.Body | None) -> None:
         """Take what is about the run and the arm."""
@@ -261,6 +280,8 @@ class RunFold:
             case rows.ViewJudged():
                 view = self._views.setdefault(body.view, {"view": body.view, "pictures": []})
                 view |= _judged(body)
+                if body.faces:
+                    self.compared = {face: (count, of) for face, count, of in body.faces}
             case rows.PartJudged():
                 self._verdict = {"verdict": body.verdict, "reasons": list(body.reasons)}
             case rows.PartDone():

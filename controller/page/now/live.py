@@ -26,8 +26,8 @@ from controller.cell.journal import (
     read_rows_after,
 )
 
-from .fold import RunFold
-from .scene import CellScene
+from .fold import Arm, RunFold
+from .scene import CellScene, Waypoints
 
 log = logging.getLogger(__name__)
 
@@ -193,9 +193,22 @@ class Live:
         """Hand on what has changed."""
         self._put("now", self.now())
         fold, scene = self.fold, self.scene
-        if fold is not None and scene is not None:
-            speed = fold.speed
-            self._put("moment", scene.moment(fold.arm, fold.part, self._clock(), speed))
+        if fold is None:
+            return
+        self._put("coverage", fold.coverage())
+        if scene is None:
+            return
+        first = self._first_motion()
+        # a paused arm was asked where it stands; the journal has only the path that it is on
+        arm = Arm(first[0]) if first else fold.arm
+        self._put("moment", scene.moment(arm, fold.part, self._clock(), fold.speed))
+        ghost = scene.ghost(fold.part, first) if first else None
+        self._put("ghost", {"motion": ghost})
+
+    def _first_motion(self) -> Waypoints:
+        """Return the joints that the arm goes through first when the pause ends; () if none."""
+        first = None if self._status is None else self._status.first_motion
+        return () if first is None else first.waypoints
 
     def _put(self, kind: str, message: dict[str, Any]) -> None:
         text = json.dumps(message, ensure_ascii=False, separators=(",", ":"))
@@ -265,6 +278,8 @@ def _status(status: StatusReply) -> dict[str, Any]:
                 "todo": "" if alarm is None else alarm.action,
             }
         )
+    if found["first_motion"] is not None:
+        del found["first_motion"]["waypoints"]  # drawn in the scene, by a message of its own
     return {**found, "alarms": alarms}
 
 

@@ -17,10 +17,17 @@ from controller.cell.custody import Custody
 from controller.config import Cell
 from controller.imaging import Camera
 from controller.planning import Box, CellLayout
-from controller.planning.motion import Scene, segment_seconds, shown_pose
+from controller.planning.motion import Scene, segment_seconds, shown_pose, tcp_pose
 from controller.setup.layout import build_layout
 
 from .fold import IN_ARM, Arm, HeldPart, Path
+
+Waypoints = tuple[tuple[float, ...], ...]
+
+# of a motion that is previewed: where between its ends the arm is drawn, and how densely its TCP
+GHOST_SHARES: Final = (1 / 3, 2 / 3, 1.0)
+TCP_POINT_COUNT: Final = 25
+AXES: Final = 6
 
 CONE_MM: Final = 200.0  # of an eye whose picture meets no table
 TRAY_MM: Final = 4.0
@@ -113,6 +120,40 @@ class CellScene:
         if arm.path is None:
             return None if arm.q is None else np.array(arm.q, dtype=float)
         return self._on_path(arm.path, (now_s - arm.path.began_s) * speed)
+
+    def ghost(self, part: HeldPart, waypoints: Waypoints) -> dict[str, Any] | None:
+        """Return where the arm comes along on a motion, as JSON; None where no path is known.
+
+        Between two waypoints the joints go in proportion, as the arm drives them.
+
+        Parameters
+        ----------
+        part : as the journal has it; what the arm gripper holds comes along
+        waypoints : joints where the motion begins and ends, (6,) each
+        """
+        if len(waypoints) < 2 or any(len(q) != AXES for q in waypoints):
+            return None
+        points = np.array(waypoints, dtype=float)
+        way = [
+            a + share * (b - a)
+            for a, b in pairwise(points)
+            for share in np.linspace(0.0, 1.0, TCP_POINT_COUNT)
+        ]
+        begin, end = points[-2], points[-1]
+        stops = [begin + share * (end - begin) for share in GHOST_SHARES]
+        is_held = part.custody in IN_ARM and part.T_part_tcp is not None
+        return {
+            "tcp": [np.round(tcp_pose(self.layout, q)[:3, 3], 1).tolist() for q in way],
+            "stops": [
+                {
+                    "T": [
+                        _pose(box.T) for _, _, box in self._moving(q, part.arm_mm, part.fixed_mm)
+                    ],
+                    "part": self._held(q, part.T_part_tcp or ()) if is_held else None,
+                }
+                for q in stops
+            ],
+        }
 
     def _part(self, part: HeldPart, q: FloatArray, is_known: bool) -> list[float] | None:
         if part.custody in IN_ARM:

@@ -223,7 +223,11 @@ def _motion(first: NextMotion | None) -> words.MotionReply | None:
     if first is None:
         return None
     return words.MotionReply(
-        words=first.words, tcp_mm=first.tcp_mm, turn_deg=first.turn_deg, seconds=first.seconds
+        words=first.words,
+        tcp_mm=first.tcp_mm,
+        turn_deg=first.turn_deg,
+        seconds=first.seconds,
+        waypoints=tuple(q for q in (first.origin, first.goal) if q),
     )
 
 

@@ -1,5 +1,6 @@
 // Page "Now": shows what the server streams, and sends orders. All text goes in as text, never as HTML.
-import { $, el, entries, number, post, svg, t, time } from "/static/shared.js";
+import { $, el, entries, get, number, post, svg, t, time } from "/static/shared.js";
+import { Coverage } from "./coverage.js";
 import { showStart } from "./start.js";
 
 const MODE_WORDS = {
@@ -318,6 +319,8 @@ let heard = 0;
 let stream = null;
 let scene = null;
 let moment = null;
+let ghost = null;
+const coverage = new Coverage();
 
 function lose(lost) {
   if (isLost === lost) return;
@@ -337,7 +340,9 @@ function listen() {
   });
   hear("beat", () => {});
   hear("now", (now) => { show(now); if (now.run) wantScene(`${now.run.run} ${now.run.recipe}`); });
-  hear("moment", (found) => { moment = found; if (scene) scene.show(found); sceneWords(found); });
+  hear("moment", (found) => { moment = found; if (scene) scene.show(found); sceneWords(); });
+  hear("ghost", ({ motion }) => { ghost = motion; if (scene) scene.preview(motion); sceneWords(); });
+  hear("coverage", (found) => coverage.show(found));
   hear("end", () => location.assign("/login"));
   stream.onerror = async () => {
     lose(true);
@@ -360,24 +365,35 @@ document.addEventListener("visibilitychange", () => {
   if (!document.hidden && Date.now() - heard > LOST_MS) listen();
 });
 
-function sceneWords(found) {
-  if (scene === false) return;
-  $("scene-words").textContent = !found.known ? t("Where the arm stands is not known yet.")
-    : found.moves ? t("The arm moves; between the ends of its path this is where its timing model has it.")
+function sceneWords() {
+  if (scene === false || !moment) return;
+  const stands = !moment.known ? t("Where the arm stands is not known yet.")
+    : moment.moves ? t("The arm moves; between the ends of its path this is where its timing model has it.")
       : t("The arm stands.");
+  const next = ghost ? ` ${t("Transparent, with an arrow: what moves first when you resume.")}` : "";
+  $("scene-words").textContent = stands + next;
 }
 
 let sceneRun = "";
 async function wantScene(run) {
-  if (sceneRun === run || scene === false) return;
+  if (sceneRun === run) return;
   sceneRun = run;
+  let mesh = {};
+  try {
+    mesh = await get("/now/mesh");
+  } catch {
+    sceneRun = ""; // the page's server is away; tried again
+    return;
+  }
+  coverage.part(run, mesh);
+  if (scene === false) return;
   try {
     const { CellView } = await import("./scene.js");
     if (!scene) scene = new CellView($("scene"));
-    await scene.load();
+    await scene.load(mesh);
     if (moment) scene.show(moment);
+    scene.preview(ghost);
   } catch (error) {
-    sceneRun = "";
     scene = false;
     $("scene").hidden = true;
     $("scene-words").textContent = t("The cell cannot be drawn in this browser: {why}", { why: error.message });

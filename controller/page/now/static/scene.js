@@ -1,7 +1,7 @@
 // The cell in three dimensions, by three.js: boxes of the collision checks, the part's mesh, camera cones.
 import {
-  BoxGeometry, BufferAttribute, BufferGeometry, Color, EdgesGeometry, GridHelper, Group,
-  LineBasicMaterial, LineSegments, Matrix4, Mesh, MeshLambertMaterial,
+  BoxGeometry, BufferAttribute, BufferGeometry, Color, ConeGeometry, EdgesGeometry, GridHelper, Group,
+  Line, LineBasicMaterial, LineSegments, Matrix4, Mesh, MeshBasicMaterial, MeshLambertMaterial, Vector3,
 } from "/static/three/three.module.min.js";
 import { OrbitView } from "/static/orbit.js";
 
@@ -10,6 +10,10 @@ const COLOURS = {
   obstacle: 0xbabcbe, "tray accept": 0x96cdaa, "tray reject": 0xe2a08c, "tray quarantine": 0xead282,
   part: 0x3d7ab8,
 };
+// Of a motion that is previewed: how dense the arm is at each stop, the last being its end.
+const GHOST_OPACITIES = [0.1, 0.16, 0.38];
+const GHOST_COLOUR = 0xb0480a;
+const STANDS_STILL = ["fixed", "fixed finger"];
 const matrix = (T) => new Matrix4().set(...T);
 
 export class CellView extends OrbitView {
@@ -19,9 +23,12 @@ export class CellView extends OrbitView {
     this.cell = null;
     this.moving = [];
     this.part = null;
+    this.ghost = null;
+    this.kinds = [];
   }
 
-  async load() {
+  // Draws what stands in the cell, and the part's mesh, if there is one.
+  async load(mesh) {
     const reply = await fetch("/now/scene", { credentials: "same-origin" });
     if (!reply.ok) throw new Error((await reply.json()).error);
     const found = await reply.json();
@@ -35,6 +42,8 @@ export class CellView extends OrbitView {
     grid.material.transparent = true;
     grid.material.opacity = 0.35;
     this.cell.add(grid);
+    this.kinds = found.moving;
+    this.preview(null);
     this.moving = found.moving.map((one) => {
       const made = this.box(one, new Matrix4(), 1);
       this.cell.add(made);
@@ -42,8 +51,6 @@ export class CellView extends OrbitView {
     });
     this.part = null;
     this.scene.add(this.cell);
-    this.draw();
-    const mesh = await (await fetch("/now/mesh", { credentials: "same-origin" })).json();
     if (mesh.vertices) {
       const geometry = new BufferGeometry();
       geometry.setAttribute("position", new BufferAttribute(new Float32Array(mesh.vertices), 3));
@@ -63,7 +70,8 @@ export class CellView extends OrbitView {
     const color = COLOURS[kind] || 0xbabcbe;
     const material = new MeshLambertMaterial({ color, transparent: opacity < 1, opacity, depthWrite: opacity === 1 });
     const made = new Mesh(geometry, material);
-    made.add(new LineSegments(new EdgesGeometry(geometry), new LineBasicMaterial({ color: new Color(color).multiplyScalar(0.55) })));
+    const edge = new LineBasicMaterial({ color: new Color(color).multiplyScalar(0.55), transparent: opacity < 1, opacity: Math.min(1, 2 * opacity) });
+    made.add(new LineSegments(new EdgesGeometry(geometry), edge));
     made.matrixAutoUpdate = false;
     made.matrix.copy(pose);
     return made;
@@ -75,6 +83,48 @@ export class CellView extends OrbitView {
     const geometry = new BufferGeometry();
     geometry.setAttribute("position", new BufferAttribute(new Float32Array(points), 3));
     return new LineSegments(geometry, new LineBasicMaterial({ color: 0xd08a1e }));
+  }
+
+  // Draws the arm along a motion that has not begun: at stops on its way, denser towards its end, and
+  // the path of its TCP with an arrow. Null takes it away.
+  preview(motion) {
+    if (this.ghost) this.scene.remove(this.ghost);
+    this.ghost = null;
+    if (motion && this.kinds.length) {
+      this.ghost = new Group();
+      motion.stops.forEach(({ T, part }, k) => {
+        const opacity = GHOST_OPACITIES[k];
+        T.forEach((pose, j) => {
+          if (!STANDS_STILL.includes(this.kinds[j].kind)) this.ghost.add(this.box(this.kinds[j], matrix(pose), opacity));
+        });
+        if (part && this.part) {
+          const held = new Mesh(this.part.geometry, new MeshLambertMaterial({ color: COLOURS.part, transparent: true, opacity, depthWrite: false }));
+          held.matrixAutoUpdate = false;
+          held.matrix.copy(matrix(part));
+          this.ghost.add(held);
+        }
+      });
+      this.ghost.add(this.arrow(motion.tcp.map((p) => new Vector3(...p))));
+      this.scene.add(this.ghost);
+    }
+    this.canvas.dataset.preview = this.ghost ? "yes" : "no";
+    this.draw();
+  }
+
+  arrow(points) {
+    const made = new Group();
+    made.add(new Line(new BufferGeometry().setFromPoints(points), new LineBasicMaterial({ color: GHOST_COLOUR, depthTest: false })));
+    const end = points.at(-1);
+    const from = points.findLast((p) => p.distanceTo(end) > 2);
+    if (from) {
+      const head = new Mesh(new ConeGeometry(9, 30, 12), new MeshBasicMaterial({ color: GHOST_COLOUR, depthTest: false }));
+      const along = end.clone().sub(from).normalize();
+      head.quaternion.setFromUnitVectors(new Vector3(0, 1, 0), along);
+      head.position.copy(end).addScaledVector(along, -15);
+      made.add(head);
+    }
+    made.renderOrder = 2;
+    return made;
   }
 
   show(moment) {

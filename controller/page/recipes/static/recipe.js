@@ -164,7 +164,7 @@ function numbers() {
 }
 
 async function legend(faces) {
-  const { tile } = await import("/static/recipes/part.js");
+  const { tile } = await import("/static/part.js");
   const states = new Set(faces.map((face) => face.state));
   $("legend").replaceChildren(...["seen", "partly", "unseen", "left_out"].filter((state) => states.has(state)).map((state) => {
     const item = el("li");

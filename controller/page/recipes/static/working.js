@@ -21,7 +21,7 @@ export const addressOf = (key) => {
 // Draws a part in the canvas `scene` and returns its view; throws where it cannot be drawn.
 export async function drawn(mesh, pick) {
   if (mesh.why || mesh.error) throw new Error(mesh.why || mesh.error);
-  const { PartView } = await import("/static/recipes/part.js");
+  const { PartView } = await import("/static/part.js");
   const fresh = $("scene").cloneNode(); // a canvas keeps its context: another part gets its own
   fresh.hidden = false; // the part before may not have been drawn
   $("scene").replaceWith(fresh);

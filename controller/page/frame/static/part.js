@@ -15,6 +15,9 @@ export const PATTERNS = {
   partly: ["#a9d0f2", "#0d4c8a", "dots"],
   unseen: ["#e58a52", "#6b2400", "stripes"],
   left_out: ["#c9c9c9", "#4a4a4a", "crosses"],
+  little: ["#cfe3f6", "#0d4c8a", "dots"],
+  much: ["#8fc0ea", "#0d4c8a", "stripes"],
+  most: ["#1c5a9e", "", "none"],
 };
 const TILE_PX = 64;
 const TILES = 14; // along the part
