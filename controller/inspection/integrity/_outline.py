@@ -105,9 +105,11 @@ def compare_outline(
     is_resolved = smallest_mm >= max(CHIP_PX * look.mm, 2 * size_mm)
     if near.any() and is_resolved:
         tree = cKDTree(points.points_mm[near])
-        far, _ = tree.query(transform(pose.T_world_part, samples.points_mm))
         # a chip of the smallest size about such a point reaches well across the outline
-        compared |= far <= smallest_mm / 4
+        reach_mm = smallest_mm / 4
+        placed = transform(pose.T_world_part, samples.points_mm)
+        far, _ = tree.query(placed, distance_upper_bound=np.nextafter(reach_mm, np.inf))
+        compared |= far <= reach_mm
     return OutlineResult(findings, Check(OUTLINE, "", compared, size_mm, CHIP_PX * look.mm))
 
 
