@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 
 from controller import inspection as inspecting
 from controller.cache import digest_of
-from controller.cell.compute import Compute, Holder, Job, context
+from controller.cell.compute import Compute, Holder, Job, Located, context
 from controller.cell.custody import ALONE, Around
 from controller.cell.devices.lamps import STATION_PANEL, TABLE_PANEL
 from controller.cell.services import plain_name
-from controller.config.view_set import load_view_set
+from controller.config.view_set import load_view_set, parse_view_set
 from controller.imaging import Camera, inverse_pose, transform
 from controller.planning import Look, NoPlanError, Plan, Present, Start
 from controller.planning.geometry import Box, segments_hit
@@ -149,6 +149,7 @@ class StandIns(Compute):
         self._number = number
         self.has_recovered = False
         self._promised: dict[str, Mask] = {}
+        self._located: dict[str, Located] = {}
 
     async def _take(self, question: str) -> None:
         if question in self._takes_s:
@@ -253,6 +254,28 @@ class StandIns(Compute):
                 return kept.copy()
         return None
 
+    async def locate(
+        self,
+        view_id: str,
+        T_world_part: Array,
+        holder: Holder,
+        backlit: Grey,
+        lit: Mapping[str, Grey],
+        is_hold_measured: bool,
+    ) -> Located:
+        """Return where the camera sees the part, if it is near where it should be."""
+        await self._take("locate")
+        T, custody = read_truth(backlit, self._number)
+        shift, turn = self._off(T, T_world_part)
+        reason = ""
+        if custody != "arm":
+            reason = "no outline of the part where it should be"
+        elif shift > SLIPPED_MM or turn > SLIPPED_RAD:
+            reason = f"part lies {shift:.1f} mm, {np.degrees(turn):.1f} degrees off: it slipped"
+        found = Located(not reason, reason, T_world_part if reason else self._measured(T))
+        self._located[view_id] = found
+        return found
+
     async def inspect(
         self,
         view_id: str,
@@ -264,15 +287,14 @@ class StandIns(Compute):
     ) -> inspecting.ViewResult:
         """Return what the camera sees of the part where it truly is in the gripper."""
         await self._take("inspect")
-        T, custody = read_truth(backlit, self._number)
+        where = self._located.pop(view_id, None) or await self.locate(
+            view_id, T_world_part, holder, backlit, lit, is_hold_measured
+        )
+        T, _ = read_truth(backlit, self._number)
         shift, turn = self._off(T, T_world_part)
         count = len(self._context.samples.points_mm)
-        reason, seen = "", np.zeros(count, dtype=bool)
-        if custody != "arm":
-            reason = "no outline of the part where it should be"
-        elif shift > SLIPPED_MM or turn > SLIPPED_RAD:
-            reason = f"part lies {shift:.1f} mm, {np.degrees(turn):.1f} degrees off: it slipped"
-        else:
+        reason, seen = where.reason, np.zeros(count, dtype=bool)
+        if where.evaluated:
             seen = await asyncio.to_thread(self._in_sight, T, holder, self._context.inspection)
             planned = self._promised.get(plain_name(view_id), np.zeros(count, dtype=bool))
             self.views.append(
@@ -282,7 +304,7 @@ class StandIns(Compute):
             view_id=view_id,
             evaluated=not reason,
             reason=reason,
-            T_world_part=T_world_part if reason else self._measured(T),
+            T_world_part=where.T_world_part,
             shift_mm=0.0 if reason else shift,
             turn_rad=0.0 if reason else turn,
             residual_px=0.1,
@@ -331,6 +353,17 @@ class StandIns(Compute):
         if custody != "arm" or shift > FOUND_MM or turn > FOUND_RAD:
             return None
         return self._measured(T)
+
+    async def judge_ahead(
+        self,
+        set_path: Path,
+        text: str,
+        view_count: int,
+    ) -> bool:
+        """Read what is to be judged ahead, as the worker process does; nothing is left to do."""
+        await self._take("judge_ahead")
+        assert parse_view_set(set_path, text).views
+        return False
 
     async def judge(self, set_path: Path) -> inspecting.PartInspection:
         """Return the verdict on a good part by how much of it was in sight."""

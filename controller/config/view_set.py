@@ -265,12 +265,28 @@ def load_view_set(path: Path) -> ViewSetFile:
     ConfigError : unreadable, not JSON, unknown or missing keys, values that cannot be; the message
         names file and key
     """
-    tree = _tree(path, read_text(path, "a set of views", MAX_SET_BYTES))
+    return parse_view_set(path, read_text(path, "a set of views", MAX_SET_BYTES))
+
+
+def parse_view_set(path: Path, text: str) -> ViewSetFile:
+    """Return a set of views, with file names relative to the working directory.
+
+    Parameters
+    ----------
+    path : of its file, for messages and as the place that files are relative to
+    text : its content
+
+    Raises
+    ------
+    ConfigError : not JSON, unknown or missing keys, values that cannot be; the message names file
+        and key
+    """
+    tree = _tree(path, text)
     try:
         found = ViewSetFile.model_validate(tree)
     except ValidationError as error:
-        text = YamlText(path, JSON_DIALECT, tree, {})
-        raise ConfigError(text.problems(ViewSetFile, [dict(e) for e in error.errors()])) from error
+        keys = YamlText(path, JSON_DIALECT, tree, {})
+        raise ConfigError(keys.problems(ViewSetFile, [dict(e) for e in error.errors()])) from error
     views = tuple(
         view.model_copy(
             update={"pictures": {lamp: path.parent / file for lamp, file in view.pictures.items()}}

@@ -20,6 +20,7 @@ from ._types import (
     WorldBox,
 )
 from .detection import KINDS, Detection, least_mm
+from .kept import Kept, Same
 from .lit import MIN_WIDTH_PX
 from .part import (
     HeldView,
@@ -29,8 +30,9 @@ from .part import (
     ViewOff,
     ViewSet,
     inspect_part,
+    work_ahead,
 )
-from .view import inspect_view
+from .view import LocatedView, inspect_view, locate_view
 
 __all__ = [
     "KINDS",
@@ -45,11 +47,14 @@ __all__ = [
     "FindingKind",
     "HeldView",
     "InspectionLimits",
+    "Kept",
+    "LocatedView",
     "PartFinding",
     "PartInspection",
     "PartSettings",
     "PartVerdict",
     "PosedPart",
+    "Same",
     "Unjudged",
     "Verdict",
     "ViewOff",
@@ -64,5 +69,7 @@ __all__ = [
     "inspect_view",
     "judge",
     "least_mm",
+    "locate_view",
     "make_scene",
+    "work_ahead",
 ]

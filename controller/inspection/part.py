@@ -2,10 +2,15 @@
 
 Views come with their pictures, so that what one view alone cannot tell (where the part is in the
 jaws, what a dimension is) is found from all of them.
+
+Most of the work is view by view, once the pose of its grasp is known. `work_ahead` does that of the
+grasps that are over while the arm has not shown all views yet, and `inspect_part` finds it in what
+was kept (ADR 81).
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -17,7 +22,7 @@ from ._pose import PosedPart
 from ._types import OUTLINE, InspectionLimits, Verdict, ViewPictures, ViewResult, ViewTask
 from .characteristics import Characteristic, Measured, standing_of, worse
 from .detection import NOTHING_ASKED, detections, in_words, stops
-from .dimensions import BACKLIT, MeasuringSettings, PosedView, measure
+from .dimensions import BACKLIT, MeasuringSettings, PosedView, measure, measure_ahead
 from .edge_evidence import EdgeEvidence, EdgeView, find_evidence
 from .grasp_pose import (
     GraspPose,
@@ -30,6 +35,7 @@ from .grasp_pose import (
     is_suspect,
 )
 from .integrity import Allowances
+from .kept import Kept
 from .view import (
     SeenView,
     Strictness,
@@ -175,8 +181,45 @@ class PartInspection:
     off: tuple[ViewOff, ...] = ()
 
 
+def work_ahead(
+    views: ViewSet,
+    characteristics: tuple[Characteristic, ...],
+    settings: PartSettings,
+    kept: Kept,
+    view_count: int,
+) -> Iterator[None]:
+    """Work out what `inspect_part` will ask of these views, once there are all of them.
+
+    Yields after each view. Of a grasp that is not over the pose will be another one, and all that
+    follows from it: leave its views out.
+
+    Parameters
+    ----------
+    views : of the grasps that are over, with their pictures
+    characteristics : to be measured
+    settings : how strictly
+    kept : gets it
+    view_count : how many views there will be; with another number outlines are compared again
+    """
+    for view in views.views:
+        _outline_of(view, kept)
+        yield
+    posed = pose_views(views, settings.pose, kept)
+    yield
+    strictness = Strictness(settings.allowances, settings.pose, view_count)
+    for view in views.views:
+        _result(views, view, posed, strictness, kept)
+        yield
+        if (one := _posed_view(view, posed, kept)) is not None:
+            measure_ahead(views.part, characteristics, one, settings.measuring, kept)
+            yield
+
+
 def inspect_part(
-    views: ViewSet, characteristics: tuple[Characteristic, ...], settings: PartSettings
+    views: ViewSet,
+    characteristics: tuple[Characteristic, ...],
+    settings: PartSettings,
+    kept: Kept | None = None,
 ) -> PartInspection:
     """Return what all views of a part come to.
 
@@ -185,11 +228,13 @@ def inspect_part(
     views : with their pictures
     characteristics : to be measured
     settings : how strictly
+    kept : what of it was worked out before; None for nothing
     """
-    posed = pose_views(views, settings.pose)
+    kept = kept or Kept()
+    posed = pose_views(views, settings.pose, kept)
     rival = posed.rival(views.part, settings.pose)
-    results = inspect_views(views, posed, settings)
-    edges = inspect_edges(views, posed, results, settings)
+    results = inspect_views(views, posed, settings, kept)
+    edges = inspect_edges(views, posed, results, settings, kept)
     results = tuple(
         replace(r, findings=(*r.findings, *edges.findings.get(r.view_id, ()))) for r in results
     )
@@ -222,7 +267,7 @@ def inspect_part(
         for result in results
         for finding in result.findings
     )
-    measured = measure_views(views, posed, characteristics, settings.measuring)
+    measured = measure_views(views, posed, characteristics, settings.measuring, kept)
     standing = standing_of(measured)
     verdict = worse(ledger.verdict, standing.verdict)
     reasons = (*standing.reasons, *ledger.reasons)
@@ -280,26 +325,45 @@ class PosedViews:
         return find_rival(part, list(self.outlines.values()), fits, settings)
 
 
-def pose_views(views: ViewSet, settings: PoseSettings) -> PosedViews:
+def pose_views(views: ViewSet, settings: PoseSettings, kept: Kept | None = None) -> PosedViews:
     """Return where the part is in all its views, one fit for each grasp.
 
     Parameters
     ----------
     views : with their pictures
     settings : what is known of arm, parts and light
+    kept : what of it was worked out before; None for nothing
     """
-    seen = {view.task.view_id: see_view(view.task, view.pictures) for view in views.views}
+    kept = kept or Kept()
+    seen = {view.task.view_id: _seen(view, kept) for view in views.views}
     by_grasp: dict[int, list[OutlineView]] = {}
     for view in views.views:
-        outline = outline_view(view.task, seen[view.task.view_id], view.prior_mm, view.prior_rad)
+        outline = _outline_of(view, kept)
         if outline is not None:
             by_grasp.setdefault(view.grasp, []).append(outline)
-    fits = {grasp: fit_grasp(views.part, every, settings) for grasp, every in by_grasp.items()}
+    fits = {
+        grasp: kept.once(
+            partial(fit_grasp, views.part, every, settings), fit_grasp, *every, settings
+        )
+        for grasp, every in by_grasp.items()
+    }
     return PosedViews(seen, by_grasp, fits)
 
 
+def _seen(view: HeldView, kept: Kept) -> SeenView:
+    return kept.once(lambda: see_view(view.task, view.pictures), see_view, view)
+
+
+def _outline_of(view: HeldView, kept: Kept) -> OutlineView | None:
+    return kept.once(
+        lambda: outline_view(view.task, _seen(view, kept), view.prior_mm, view.prior_rad),
+        outline_view,
+        view,
+    )
+
+
 def inspect_views(
-    views: ViewSet, posed: PosedViews, settings: PartSettings
+    views: ViewSet, posed: PosedViews, settings: PartSettings, kept: Kept
 ) -> tuple[ViewResult, ...]:
     """Return what each view showed at its pose.
 
@@ -308,14 +372,10 @@ def inspect_views(
     views : with their pictures
     posed : where the part is in them
     settings : how strictly
+    kept : what of it was worked out before
     """
     strictness = Strictness(settings.allowances, settings.pose, len(views.views))
-    return tuple(
-        _result(
-            views, view, posed.seen[view.task.view_id], posed.pose(view.task.view_id), strictness
-        )
-        for view in views.views
-    )
+    return tuple(_result(views, view, posed, strictness, kept) for view in views.views)
 
 
 def measure_views(
@@ -323,6 +383,7 @@ def measure_views(
     posed: PosedViews,
     characteristics: tuple[Characteristic, ...],
     settings: MeasuringSettings,
+    kept: Kept,
 ) -> tuple[Measured, ...]:
     """Return the characteristics measured in all views whose pose is known.
 
@@ -332,13 +393,18 @@ def measure_views(
     posed : where the part is in them
     characteristics : what is asked
     settings : what is uncertain before any picture
+    kept : what of it was worked out before
     """
-    known = [one for view in views.views if (one := _posed_view(view, posed)) is not None]
-    return measure(views.part, characteristics, known, settings) if characteristics else ()
+    known = [one for view in views.views if (one := _posed_view(view, posed, kept)) is not None]
+    return measure(views.part, characteristics, known, settings, kept) if characteristics else ()
 
 
 def inspect_edges(
-    views: ViewSet, posed: PosedViews, results: tuple[ViewResult, ...], settings: PartSettings
+    views: ViewSet,
+    posed: PosedViews,
+    results: tuple[ViewResult, ...],
+    settings: PartSettings,
+    kept: Kept,
 ) -> EdgeEvidence:
     """Return what the edges of a part prove, in all pictures that passed their self-checks.
 
@@ -348,10 +414,11 @@ def inspect_edges(
     posed : where the part is in them
     results : of each view, in the same order
     settings : how strictly
+    kept : what of it was worked out before
     """
     known = []
     for view, result in zip(views.views, results, strict=True):
-        one = _posed_view(view, posed)
+        one = _posed_view(view, posed, kept)
         if one is None or not result.evaluated:
             continue
         lamps = (c.name for c in result.checks if not c.reason and c.name != OUTLINE)
@@ -363,21 +430,23 @@ def inspect_edges(
         settings.limits,
         settings.allowances,
         settings.measuring,
+        kept,
     )
 
 
-def _posed_view(view: HeldView, posed: PosedViews) -> PosedView | None:
+def _posed_view(view: HeldView, posed: PosedViews, kept: Kept) -> PosedView | None:
     """Return a view with the part's pose, None where it was not found."""
     pose = posed.pose(view.task.view_id)
     if pose is None:
         return None
-    return PosedView(
-        view.task,
-        view.pictures,
-        pose.T_world_part,
-        pose.covariance,
-        view.grasp,
-        posed.seen[view.task.view_id].scene,
+    scene = posed.seen[view.task.view_id].scene
+    return kept.once(
+        lambda: PosedView(
+            view.task, view.pictures, pose.T_world_part, pose.covariance, view.grasp, scene
+        ),
+        PosedView,
+        view,
+        pose,
     )
 
 
@@ -428,10 +497,17 @@ def _identity(views: ViewSet) -> PartFinding:
 
 
 def _result(
-    views: ViewSet, view: HeldView, seen: SeenView, pose: ViewPose | None, strictness: Strictness
+    views: ViewSet, view: HeldView, posed: PosedViews, strictness: Strictness, kept: Kept
 ) -> ViewResult:
     """Return what a view showed, on the samples that it counts for."""
-    result = compare_view(
-        views.part, views.samples, view.task, view.pictures, seen, pose, strictness
+    seen, pose = posed.seen[view.task.view_id], posed.pose(view.task.view_id)
+    result = kept.once(
+        lambda: compare_view(
+            views.part, views.samples, view.task, view.pictures, seen, pose, strictness
+        ),
+        compare_view,
+        view,
+        pose,
+        strictness,
     )
     return result if view.counted is None else result.within(view.counted)

@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.arrays import BoolArray
+from controller.arrays import BoolArray, FloatArray
 from controller.cad import SurfaceSamples
 from controller.imaging import mask_contour, render_maps, threshold_levels, view_roi
 
@@ -123,16 +123,38 @@ def outline_view(
     )
 
 
-def inspect_view(
-    part: PosedPart, samples: SurfaceSamples, task: ViewTask, pictures: ViewPictures
-) -> ViewResult:
-    """Return what one view of a held part showed by itself: findings, what each check compared.
+@dataclass(frozen=True, eq=False, slots=True)
+class LocatedView:
+    """Where one view by itself shows a part: all that the arm has to know of it.
+
+    Attributes
+    ----------
+    seen : what stands in its picture before the panel
+    stand : how the part stands in it
+    """
+
+    seen: SeenView
+    stand: "Stand"
+
+    @property
+    def reason(self) -> str:
+        """Why the view is not evaluated; empty where it is."""
+        return self.stand.reason
+
+    @property
+    def T_world_part(self) -> FloatArray | None:
+        """The measured pose (4, 4), None where the view is not evaluated."""
+        return None if self.stand.fit is None else self.stand.fit.T_world_part
+
+
+def locate_view(part: PosedPart, task: ViewTask, pictures: ViewPictures) -> LocatedView:
+    """Return where one view of a held part shows it; nothing is compared yet.
 
     Parameters
     ----------
-    part, samples : the CAD model and its surface samples
+    part : the CAD model
     task : the view: camera, pose expected, limits
-    pictures : taken while the arm stood still at the view's pose
+    pictures : taken while the arm stood still at the view's pose; of lit ones only which there are
     """
     seen = see_view(task, pictures)
     own = outline_view(task, seen, *(MEASURED_HOLD if task.is_hold_measured else PLANNED_HOLD))
@@ -144,7 +166,27 @@ def inspect_view(
         assert own is not None
         grasp = fit_grasp(part, [own], strictness.pose)
     pose = None if grasp is None else grasp.views[0]
-    return compare_view(part, samples, task, pictures, seen, pose, strictness)
+    return LocatedView(seen, stand_of(part, task, pictures, seen, pose, strictness))
+
+
+def inspect_view(
+    part: PosedPart,
+    samples: SurfaceSamples,
+    task: ViewTask,
+    pictures: ViewPictures,
+    located: LocatedView | None = None,
+) -> ViewResult:
+    """Return what one view of a held part showed by itself: findings, what each check compared.
+
+    Parameters
+    ----------
+    part, samples : the CAD model and its surface samples
+    task : the view: camera, pose expected, limits
+    pictures : taken while the arm stood still at the view's pose
+    located : what `locate_view` returned; None to find it
+    """
+    located = located or locate_view(part, task, pictures)
+    return _compare(part, samples, task, pictures, located.seen, located.stand, Strictness())
 
 
 def _is_near(grasp: GraspPose | None) -> bool:
@@ -171,12 +213,41 @@ def compare_view(
     pose : of the part; None where no outline was found
     strictness : what a good part may show
     """
+    stand = stand_of(part, task, pictures, seen, pose, strictness)
+    return _compare(part, samples, task, pictures, seen, stand, strictness)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Stand:
+    """How a part stands in a view, or why the view is not evaluated.
+
+    Attributes
+    ----------
+    reason : why it is not; empty where it is
+    pose, fit, sharp : of the part, what it predicts, how sharp the picture is; None without
+    """
+
+    reason: str
+    pose: ViewPose | None = None
+    fit: PoseFit | None = None
+    sharp: Registration | None = None
+
+
+def stand_of(
+    part: PosedPart,
+    task: ViewTask,
+    pictures: ViewPictures,
+    seen: SeenView,
+    pose: ViewPose | None,
+    strictness: Strictness,
+) -> Stand:
+    """Return how a part stands in a view; see `compare_view`."""
     limits = task.limits
     if seen.backlit is None:
-        return _not_evaluated(task, samples, seen.reason)
+        return Stand(seen.reason)
     fit = None if pose is None else _as_fit(part, task, seen.backlit, pose)
     if pose is None or fit is None:
-        return _not_evaluated(task, samples, "no outline of the part where it should be")
+        return Stand("no outline of the part where it should be")
     refusal = _pose_refusal(fit, *moved(part, task, fit), limits)
     rough_px = ROUGH * float(np.hypot(pose.noise_px, strictness.pose.light_px))
     if not refusal and pose.residual_px > rough_px:
@@ -191,9 +262,26 @@ def compare_view(
             "of focus, or moved"
         )
     if refusal:
-        return _not_evaluated(task, samples, refusal)
+        return Stand(refusal)
     if missing := [lamp.name for lamp in task.lamps if lamp.name not in pictures.lit]:
-        return _not_evaluated(task, samples, f"no picture under {missing[0]}")
+        return Stand(f"no picture under {missing[0]}")
+    return Stand("", pose, fit, sharp)
+
+
+def _compare(
+    part: PosedPart,
+    samples: SurfaceSamples,
+    task: ViewTask,
+    pictures: ViewPictures,
+    seen: SeenView,
+    stand: Stand,
+    strictness: Strictness,
+) -> ViewResult:
+    """Return what a view showed of a part that stands so; see `compare_view`."""
+    pose, fit, sharp = stand.pose, stand.fit, stand.sharp
+    if stand.reason or seen.backlit is None or pose is None or fit is None:
+        return _not_evaluated(task, samples, stand.reason)
+    limits = task.limits
     outline = _outline(part, samples, task, seen.backlit, pose, fit, strictness)
     view = _View(part, samples, task, pictures, seen.scene, sharp, outline)
     best = view.compare_at(fit)

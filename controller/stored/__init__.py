@@ -4,7 +4,7 @@
 inspected as a recipe says, `lines.py` turns what came out into JSON. Nothing here knows a device.
 """
 
-from .judging import Judging, compiled_part, judge_views, read_pictures
+from .judging import Judging, compiled_part, judge_ahead, judge_views, read_pictures
 from .lines import in_unit, json_lines, lines_digest
 from .view_set import build_pose, build_view_set, grasp_numbers, repeated_sets
 
@@ -16,6 +16,7 @@ __all__ = [
     "grasp_numbers",
     "in_unit",
     "json_lines",
+    "judge_ahead",
     "judge_views",
     "lines_digest",
     "read_pictures",

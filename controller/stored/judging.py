@@ -1,7 +1,8 @@
 """Have the part of a set of views inspected, as a recipe says."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -11,11 +12,15 @@ from controller.config import ConfigError, Recipe, split_cad
 from controller.config.view_set import ViewSetFile
 from controller.imaging import transform
 from controller.inspection import (
+    HeldView,
     InspectionLimits,
+    Kept,
     PartInspection,
     PartSettings,
+    Same,
     ViewSet,
     inspect_part,
+    work_ahead,
 )
 from controller.inspection.characteristics import Characteristic, with_capability
 from controller.setup.characteristics import (
@@ -69,19 +74,23 @@ def compiled_part(set_path: Path, file: ViewSetFile) -> CompiledPart:
     return load_part(file.part, sampled_for(file.recipe, options))
 
 
-def read_pictures(set_path: Path, file: ViewSetFile) -> dict[str, dict[str, Grey]]:
+def read_pictures(
+    set_path: Path, file: ViewSetFile, kept: Kept | None = None
+) -> dict[str, dict[str, Grey]]:
     """Return the pictures of a set, by view id and lamp.
 
     Parameters
     ----------
     set_path : named in messages
     file : the set
+    kept : pictures that were read before are taken from here; None for none
 
     Raises
     ------
     ConfigError : pictures are missing, cut off, of another size or not grey of 8 bits; all are
         named at once
     """
+    kept = kept or Kept()
     found: dict[str, dict[str, Grey]] = {}
     problems: list[str] = []
     for i, view in enumerate(file.views):
@@ -89,7 +98,9 @@ def read_pictures(set_path: Path, file: ViewSetFile) -> dict[str, dict[str, Grey
         of_view = found[view.id] = {}
         for lamp, path in view.pictures.items():
             try:
-                of_view[lamp] = read_grey(path, size_px)
+                of_view[lamp] = kept.once(
+                    partial(read_grey, path, size_px), read_grey, path, size_px
+                )
             except ConfigError as error:
                 problems.append(f"{set_path}: `views.{i}.pictures.{lamp}`: {error}")
     if len(problems) > MAX_PROBLEM_COUNT:
@@ -105,6 +116,7 @@ def judge_views(
     part: CompiledPart,
     pictures: Pictures,
     judging: Judging,
+    kept: Kept | None = None,
 ) -> PartInspection:
     """Return what all views of a part come to.
 
@@ -114,20 +126,62 @@ def judge_views(
     part : its part
     pictures : by view id and lamp
     judging : what it is judged by
+    kept : what of it was worked out before; None for nothing
 
     Raises
     ------
     ConfigError : the recipe names what the part does not have, or the set expects the part where
         no camera can see it
     """
+    kept = kept or Kept()
+    views, characteristics, settings = _asked(file, part, pictures, judging, kept)
+    found = inspect_part(views, characteristics, settings, kept)
+    return as_calibrated(found, file.calibration, judging.recipe)
+
+
+def judge_ahead(
+    file: ViewSetFile,
+    part: CompiledPart,
+    judging: Judging,
+    kept: Kept,
+    view_count: int,
+) -> bool:
+    """Do a piece of what `judge_views` will ask of these views; return whether there may be more.
+
+    Parameters
+    ----------
+    file : views of grasps that are over; the same object for each piece
+    part : its part
+    judging : what it will be judged by
+    kept : gets it
+    view_count : how many views there will be
+
+    Raises
+    ------
+    ConfigError : as `read_pictures` and `judge_views`
+    """
+    asked = kept.once(
+        lambda: _asked(file, part, read_pictures(judging.set_path, file, kept), judging, kept),
+        *(judge_ahead, Same(file)),
+    )
+    before = kept.count
+    return any(kept.count > before for _ in work_ahead(*asked, kept, view_count))
+
+
+def _asked(
+    file: ViewSetFile, part: CompiledPart, pictures: Pictures, judging: Judging, kept: Kept
+) -> tuple[ViewSet, tuple[Characteristic, ...], PartSettings]:
+    """Return what a part is inspected by: views, characteristics, settings."""
     try:
         planned = planned_samples(file, part)
-        views = build_view_set(file, part, pictures, _limits(judging))
+        views = build_view_set(file, part, pictures, _limits(judging), kept)
     except ConfigError as error:
         raise ConfigError(f"{judging.set_path}: {error}") from error
-    settings = _settings(file, part, judging, planned)
-    found = inspect_part(views, _characteristics(file, part, judging, views), settings)
-    return as_calibrated(found, file.calibration, judging.recipe)
+    return (
+        views,
+        _characteristics(file, part, judging, views, kept),
+        _settings(file, part, judging, planned),
+    )
 
 
 def _limits(judging: Judging) -> InspectionLimits:
@@ -159,16 +213,28 @@ def _settings(
 
 
 def _characteristics(
-    file: ViewSetFile, part: CompiledPart, judging: Judging, views: ViewSet
+    file: ViewSetFile, part: CompiledPart, judging: Judging, views: ViewSet, kept: Kept
 ) -> tuple[Characteristic, ...]:
     """Return what is measured: the set's characteristics, else those of CAD file and recipe.
 
     General tolerances that the camera cannot verify are marked, by the first view in a gripper.
     """
+    first = [*(v for v in views.views if v.task.holder), *views.views][:1]
+    asked = "" if judging.recipe is None else judging.recipe.model_dump_json()
+    given = [one.model_dump_json() for one in file.characteristics or ()]
+    return kept.once(
+        partial(_found, file, part, judging, first),
+        *(Characteristic, asked, file.accuracy.model_dump_json(), *first, *given),
+    )
+
+
+def _found(
+    file: ViewSetFile, part: CompiledPart, judging: Judging, first: Sequence[HeldView]
+) -> tuple[Characteristic, ...]:
     found = part_characteristics(judging.path, judging.recipe, part, file.characteristics or None)
-    if not views.views:
+    if not first:
         return found
-    held = next((v.task for v in views.views if v.task.holder), views.views[0].task)
+    held = first[0].task
     p_mm = transform(held.T_world_part, part.solid.centroid_mm[None])[0]
     station = station_at(held.camera, p_mm)
     return with_capability(found, station, build_accuracy(file.accuracy))

@@ -1,6 +1,7 @@
 """Build the views of a part from a set's file and its pictures; find which views share a grasp."""
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from math import radians
 from typing import Final
 
@@ -14,7 +15,9 @@ from controller.imaging import Camera, inverse_pose, rotation_angle, transform
 from controller.inspection import (
     HeldView,
     InspectionLimits,
+    Kept,
     PosedPart,
+    Same,
     ViewPictures,
     ViewSet,
     ViewTask,
@@ -42,6 +45,7 @@ def build_view_set(
     part: CompiledPart,
     pictures: Pictures,
     limits: InspectionLimits,
+    kept: Kept | None = None,
 ) -> ViewSet:
     """Return the views of a part with their pictures.
 
@@ -51,30 +55,56 @@ def build_view_set(
     part : its part
     pictures : by view id and lamp
     limits : of differences
+    kept : the views of it that were built before are taken from here; None for none
 
     Raises
     ------
     ConfigError : the set's plan counts other samples than this part has, or the part is expected
         behind a camera
     """
+    kept = kept or Kept()
     planned = planned_samples(file, part)
     # a camera's table of sight lines is worked out once for all its views
-    cameras = {one: build_camera(one) for one in {file.camera_of(view) for view in file.views}}
+    cameras = {
+        one: kept.once(partial(build_camera, one), build_camera, one)
+        for one in {file.camera_of(view) for view in file.views}
+    }
     tasks = [_task(file, view, cameras[file.camera_of(view)], limits) for view in file.views]
     _require_in_front(tasks, part)
     grasps = _grasps(file.views, tasks)
     views = tuple(
-        HeldView(
-            task,
-            _pictures(file, view, pictures[view.id]),
-            grasp,
-            prior_mm=view.prior_mm,
-            prior_rad=radians(view.prior_deg),
-            counted=planned.get(view.id) if view.only_planned else None,
+        kept.once(
+            partial(_held, file, view, task, grasp, pictures[view.id], planned.get(view.id)),
+            *(HeldView, *_all_of(file, view), task.camera, limits, grasp),
+            *(Same(pictures[view.id][lamp]) for lamp in view.pictures),
         )
         for view, task, grasp in zip(file.views, tasks, grasps, strict=True)
     )
-    return ViewSet(PosedPart(part.solid), part.samples, views)
+    posed = kept.once(partial(PosedPart, part.solid), PosedPart, Same(part.solid))
+    return ViewSet(posed, part.samples, views)
+
+
+def _held(
+    file: ViewSetFile,
+    view: SetView,
+    task: ViewTask,
+    grasp: int,
+    pictures: Mapping[str, Grey],
+    planned: BoolArray | None,
+) -> HeldView:
+    return HeldView(
+        task,
+        _pictures(file, view, pictures),
+        grasp,
+        prior_mm=view.prior_mm,
+        prior_rad=radians(view.prior_deg),
+        counted=planned if view.only_planned else None,
+    )
+
+
+def _all_of(file: ViewSetFile, view: SetView) -> tuple[str, ...]:
+    """Return all that a set says of a view, but for its camera: its own entry, and its lamps'."""
+    return view.model_dump_json(), *(file.lamps[lamp].model_dump_json() for lamp in view.pictures)
 
 
 def grasp_numbers(file: ViewSetFile) -> dict[str, int]:

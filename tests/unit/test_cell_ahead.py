@@ -119,7 +119,7 @@ class Cell:
 
         service: Any = self.now
         action = PlanAction(
-            service, ANY(wait=nothing), self.taking, ANY(take_next=nothing),
+            service, ANY(wait=nothing), self.taking, ANY(take_all=nothing),
             ANY(measure_again=nothing), ANY(), self.record,
         )  # fmt: skip
         await action.run()

@@ -50,7 +50,7 @@ def live_task(monkeypatch: pytest.MonkeyPatch, ask: Any, *arguments: Any) -> Vie
     """The task that a question of the cell comes to."""
     caught: list[ViewTask] = []
 
-    def catch(part: Any, samples: Any, task: ViewTask, pictures: Any) -> ViewResult:
+    def catch(part: Any, samples: Any, task: ViewTask, *_: Any) -> ViewResult:
         caught.append(task)
         raise ReachedError
 

@@ -20,6 +20,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from controller.cell.batch import PartRecord, Progress, assemble, product_of
+from controller.cell.compute import Located
 from controller.cell.custody import ALONE, Custody
 from controller.cell.custody.release_guard import ReleaseGuard
 from controller.cell.errors import PartFaultError, PartProblemError, ReleaseRefusedError
@@ -43,7 +44,7 @@ from controller.cell.machine import (
 from controller.cell.services import fault_policy
 from controller.cell.services.records import Shown
 from controller.config import FaultsSection, load_cell, load_recipe
-from controller.config.view_set import load_view_set
+from controller.config.view_set import load_view_set, parse_view_set
 from controller.imaging import inverse_pose
 from controller.inspection import PartInspection, PartVerdict, Verdict, ViewResult
 from controller.planning import (
@@ -293,6 +294,8 @@ class PaperCompute:
     blind: set[str] = field(default_factory=set)
     identified: tuple[int, ...] = ()
     hold_searches: int = 0
+    located: dict[str, Located] = field(default_factory=dict)
+    ahead_counts: list[int] = field(default_factory=list)
     by_view: dict[str, np.ndarray] = field(default_factory=dict)
 
     async def prepare(self) -> float:
@@ -333,18 +336,26 @@ class PaperCompute:
     async def path_home(self, *args: object) -> tuple[np.ndarray, ...]:
         return (LAYOUT.park_q,)
 
-    async def inspect(
+    async def locate(
         self, view: str, expected: Any, holder: Any, backlit: Any, lit: Any, is_measured: bool
-    ) -> ViewResult:
+    ) -> Located:
         name = re.sub(r"~\d+$", "", view)
-        self.shown.append(name)
         in_hand = backlit[0, 0] == 255 and name not in self.blind
         T = expected.copy()
         T[0, 3] += self.shift_mm.pop(name, 0.0)
+        self.located[view] = Located(in_hand, "" if in_hand else "no outline", T)
+        return self.located[view]
+
+    async def inspect(self, view: str, *args: object) -> ViewResult:
+        name = re.sub(r"~\d+$", "", view)
+        self.shown.append(name)
+        where = self.located[view]
+        in_hand = where.evaluated
         return ViewResult(
-            view_id=view, evaluated=in_hand, reason="" if in_hand else "no outline",
-            T_world_part=T, shift_mm=0.0, turn_rad=0.0, residual_px=0.1, findings=(),
-            compared=self.by_view[name] if in_hand else mask(), outline_px=np.zeros((0, 2)),
+            view_id=view, evaluated=in_hand, reason=where.reason,
+            T_world_part=where.T_world_part, shift_mm=0.0, turn_rad=0.0, residual_px=0.1,
+            findings=(), compared=self.by_view[name] if in_hand else mask(),
+            outline_px=np.zeros((0, 2)),
         )  # fmt: skip
 
     async def inspect_on_table(self, view: str, T: Any, glowing: Any, lit: Any) -> ViewResult:
@@ -357,6 +368,11 @@ class PaperCompute:
     async def find_hold(self, expected: Any, *args: object) -> Any:
         self.hold_searches += 1
         return expected if self.cell.has == "arm" else None
+
+    async def judge_ahead(self, set_path: Path, text: str, view_count: int) -> bool:
+        assert parse_view_set(set_path, text).views
+        self.ahead_counts.append(view_count)
+        return len(self.ahead_counts) % 2 == 1
 
     async def judge(self, set_path: Path) -> PartInspection:
         ledger = PartVerdict(Verdict.PASS, ("fine",), (), 1.0, ())

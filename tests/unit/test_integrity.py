@@ -33,11 +33,13 @@ from controller.inspection import (
     FindingKind,
     HeldView,
     InspectionLimits,
+    Kept,
     PartInspection,
     PartSettings,
     Verdict,
     ViewSet,
     inspect_part,
+    work_ahead,
 )
 from controller.inspection.characteristics import (
     Characteristic,
@@ -162,6 +164,26 @@ def of_perfect() -> PartInspection:
 def test_a_perfect_part_shows_nothing() -> None:
     assert all(view.evaluated for view in of_perfect().views)
     assert findings(of_perfect()) == []
+
+
+def test_a_part_judged_in_pieces_comes_to_the_same_as_one_judged_at_once() -> None:
+    views, kept = views_of(chipped()), Kept()
+    settings = PartSettings(InspectionLimits(), min_coverage=0.01)
+    for _ in work_ahead(replace(views, views=views.views[:2]), (), settings, kept, len(LOOKS)):
+        pass
+    seen = [kept.count]
+    for _ in work_ahead(views, (), settings, kept, len(LOOKS)):
+        seen.append(kept.count)  # a piece each time, until all is kept
+    before = kept.count
+    for _ in work_ahead(views, (), settings, kept, len(LOOKS)):
+        assert kept.count == before
+    pieces, whole = inspect_part(views, (), settings, kept), inspected(chipped())
+    assert seen[-1] > seen[0]
+    assert (pieces.verdict, pieces.reasons) == (whole.verdict, whole.reasons)
+    for one, other in zip(pieces.views, whole.views, strict=True):
+        assert (one.T_world_part == other.T_world_part).all()
+        assert (one.compared == other.compared).all()
+    assert [f.area_mm2 for f in findings(pieces)] == [f.area_mm2 for f in findings(whole)]
 
 
 def test_the_outline_says_how_little_it_would_have_found() -> None:

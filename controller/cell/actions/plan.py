@@ -61,8 +61,8 @@ class PlanAction:
         """
         self.record.show("planning")
         part, before = self.record.part, self.record.part.plan
-        while await self.views.take_next() is not None:
-            pass  # these views are of an earlier plan: below, the hold is measured anew
+        # these views are of an earlier plan: below, the hold is measured anew
+        await self.views.take_all()
         # of a part that may be another one nobody knows what its outline should be
         if part.parked is None or part.parked.fault is not PartFault.AMBIGUOUS:
             await self.held_pose.measure_again()
@@ -86,7 +86,7 @@ class PlanAction:
         )
         if is_more and await self.compute.surface_share(_new(plan, part.in_sight)) < WORTH_SHARE:
             return Event.PLANNED_ON  # the new plan would gain too little: finish the old one
-        part.plan, part.next_step = plan, 0
+        part.plan, part.next_step, part.above_tray = plan, 0, None
         part.plan_count += 1
         self.record.note(plan_row(plan, is_ahead=plan is part.plan_ahead))
         part.plan_ahead = None

@@ -49,6 +49,7 @@ from ..machine import Budgets, Effect
 from ..operator import NOBODY, Operator
 from ..services import (
     Approval,
+    Background,
     CameraName,
     Disambiguation,
     Gate,
@@ -56,6 +57,7 @@ from ..services import (
     HeldPose,
     Imaging,
     Interlocks,
+    JudgingAhead,
     Leases,
     Motion,
     PartFile,
@@ -92,6 +94,7 @@ class Batch:
     dispatcher : runs the batch
     resumption : whether it begins with the part of an interrupted run
     taking : which part is next; what it has planned ahead is dropped at the end
+    ahead : judges the part at hand ahead; dropped at the end
     """
 
     record: BatchRecord
@@ -101,6 +104,7 @@ class Batch:
     dispatcher: Dispatcher
     resumption: Resumption
     taking: Taking
+    ahead: JudgingAhead
 
 
 def product_of(
@@ -194,14 +198,18 @@ def assemble(
     )
     imaging = Imaging(lights, cameras, quick, folder, record.note_file, retries)
     recoveries = Recoveries(record, lambda: record.product.policy, clock)
-    views = Views(record, compute, layout)
+    background = Background()
+    views = Views(record, compute, background, layout)
+    part_file = PartFile(cell, layout, folder, calibration or SetCalibration())
+    ahead = JudgingAhead(record, views, compute, background, part_file)
     held_pose = HeldPose(record, views, motion, imaging, compute, recoveries, layout)
     preparation = Preparation([product.compute for product in products])
     stopping = Stopping(arm, gripper, lights, clock, cell.detection.stop_confirm_s)
 
     labels = Labels(numbers, operator)
     taking = Taking(record, labels)
-    resumption = Resumption(record, motion, StoredViews(record, compute, layout, folder), labels)
+    stored_views = StoredViews(record, compute, background, layout, folder)
+    resumption = Resumption(record, motion, stored_views, labels)
 
     by_effect: dict[Effect, Action] = {
         Effect.HOME: ResetAction(
@@ -224,10 +232,11 @@ def assemble(
             steps,
             views,
             held_pose,
+            ahead,
             motion,
             record,
             recoveries,
-            PartFile(cell, layout, folder, calibration or SetCalibration()),
+            part_file,
         ),
         Effect.HAND_OFF: HandOffAction(steps, motion, grippers, record, layout),
         Effect.SET_DOWN: SetDownAction(steps, motion, grippers, record),
@@ -262,7 +271,7 @@ def assemble(
         on_alarm,
         lambda: {name: _is_ok(io.signal(name)) for name in SIGNALS},
     )
-    return Batch(record, motion, gate, actions, dispatcher, resumption, taking)
+    return Batch(record, motion, gate, actions, dispatcher, resumption, taking, ahead)
 
 
 def _is_ok(signal: Signal) -> bool | None:

@@ -231,6 +231,7 @@ async def run_batch(
                     show()
                 finally:
                     await batch.taking.ahead.aclose()
+                    await batch.ahead.aclose()
                     await devices.aclose()
         except BaseException as error:
             with suppress(JournalError):

@@ -5,7 +5,7 @@ has what a worker keeps of a job, `pool.py` makes the worker process, and `held_
 part that slipped in the jaws. `checking.py` checks a recipe in a cell from files alone.
 """
 
-from .answers import Holder, Pickable
+from .answers import Holder, Located, Pickable
 from .job import (
     MAX_RECIPE_COUNT,
     Context,
@@ -25,6 +25,7 @@ __all__ = [
     "Context",
     "Holder",
     "Job",
+    "Located",
     "PartCompute",
     "Pickable",
     "begin",

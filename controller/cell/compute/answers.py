@@ -5,6 +5,7 @@ of its function. Each function takes plain data and a `Job`, from which the work
 what cannot be sent between processes (`job.context`). None of them moves anything.
 """
 
+import hashlib
 import math
 import time
 from collections.abc import Mapping
@@ -12,6 +13,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
@@ -23,7 +25,7 @@ from controller.cad.compiled import load_part
 from controller.cell.custody import ALONE, Around
 from controller.cell.devices.lamps import STATION_PANEL
 from controller.cell.journal.rows import SightingFields
-from controller.config.view_set import load_view_set
+from controller.config.view_set import ViewSetFile, load_view_set, parse_view_set
 from controller.imaging import inverse_pose
 from controller.planning import (
     Ambiguity,
@@ -46,6 +48,7 @@ from controller.planning.motion import (
 from controller.planning.regrasps import pick_paths
 from controller.setup.optics import build_lamps, panel_corners, table_corners
 from controller.stored import Judging, judge_views, read_pictures
+from controller.stored import judge_ahead as stored_ahead
 
 from ..devices.lamps import TABLE_LAMPS
 from ..plans import PlanCache
@@ -54,6 +57,7 @@ from .job import MAX_RECIPE_COUNT, Context, Job, context, inspection_limits
 from .neighbours import layout_among
 
 Holder = tuple[inspecting.WorldBox, ...]
+MAX_LOCATED_COUNT: Final = 8
 
 
 def recognise(job: Job, backlit: Grey, lit: Mapping[str, Grey]) -> tuple[recognising.Sighting, ...]:
@@ -366,6 +370,63 @@ def _prepared(job: Job) -> PreparedPart:
     return PlanCache(c.part, c.layout, c.setup.options).prepared()
 
 
+@dataclass(frozen=True, eq=False, slots=True)
+class Located:
+    """Where a view shows the part in the arm gripper: what the arm goes on by.
+
+    Attributes
+    ----------
+    evaluated : the view shows it where it may be; otherwise `reason` says why not
+    T_world_part : (4, 4) measured; the expected one where it is not evaluated
+    """
+
+    evaluated: bool
+    reason: str
+    T_world_part: FloatArray
+
+
+def locate(
+    job: Job,
+    view_id: str,
+    T_world_part: FloatArray,
+    holder: Holder,
+    backlit: Grey,
+    lit: Mapping[str, Grey],
+    is_hold_measured: bool,
+) -> Located:
+    """Return where one view shows the part in the arm gripper.
+
+    It is the quick half of `inspect`, which goes on from it.
+
+    Parameters
+    ----------
+    job : which recipe on which cell
+    view_id : what the view is called
+    T_world_part : (4, 4) where the part should be
+    holder : what of the cell may be in the picture
+    backlit, lit : pictures in front of the backlight panel, and by lamp
+    is_hold_measured : an earlier view has confirmed how the part is held
+    """
+    task = _held_task(job, view_id, T_world_part, holder, lit, is_hold_measured)
+    pictures = inspecting.ViewPictures(backlit=backlit, lit=lit)
+    found = inspecting.locate_view(context(job).posed, task, pictures)
+    _located[_view_key(job, view_id, T_world_part, backlit)] = found
+    if len(_located) > MAX_LOCATED_COUNT:
+        _located.pop(next(iter(_located)))
+    T = T_world_part if found.T_world_part is None else found.T_world_part
+    return Located(not found.reason, found.reason, T)
+
+
+# What `locate` found last, for `inspect` to go on from; ten megabytes each.
+_located: dict[tuple[object, ...], inspecting.LocatedView] = {}
+
+
+def _view_key(
+    job: Job, view_id: str, T_world_part: FloatArray, backlit: Grey
+) -> tuple[object, ...]:
+    return job, view_id, T_world_part.tobytes(), hashlib.sha256(backlit.tobytes()).digest()
+
+
 def inspect(
     job: Job,
     view_id: str,
@@ -386,8 +447,21 @@ def inspect(
     backlit, lit : pictures in front of the backlight panel, and by lamp
     is_hold_measured : an earlier view has confirmed how the part is held
     """
+    task = _held_task(job, view_id, T_world_part, holder, lit, is_hold_measured)
+    located = _located.pop(_view_key(job, view_id, T_world_part, backlit), None)
+    return _inspected(context(job), task, backlit, lit, located)
+
+
+def _held_task(
+    job: Job,
+    view_id: str,
+    T_world_part: FloatArray,
+    holder: Holder,
+    lit: Mapping[str, Grey],
+    is_hold_measured: bool,
+) -> inspecting.ViewTask:
     c = context(job)
-    task = inspecting.ViewTask(
+    return inspecting.ViewTask(
         view_id=view_id,
         camera=c.inspection,
         T_world_part=T_world_part,
@@ -397,7 +471,6 @@ def inspect(
         limits=inspection_limits(c.recipe),
         is_hold_measured=is_hold_measured,
     )
-    return _inspected(c, task, backlit, lit)
 
 
 def inspect_on_table(
@@ -427,11 +500,15 @@ def inspect_on_table(
 
 
 def _inspected(
-    c: Context, task: inspecting.ViewTask, backlit: Grey, lit: Mapping[str, Grey]
+    c: Context,
+    task: inspecting.ViewTask,
+    backlit: Grey,
+    lit: Mapping[str, Grey],
+    located: inspecting.LocatedView | None = None,
 ) -> inspecting.ViewResult:
     """Return what a view showed, with the surface of each sample."""
     pictures = inspecting.ViewPictures(backlit=backlit, lit=lit)
-    result = inspecting.inspect_view(c.posed, c.samples, task, pictures)
+    result = inspecting.inspect_view(c.posed, c.samples, task, pictures, located)
     return replace(result, face_ids=c.samples.face_ids)
 
 
@@ -465,6 +542,25 @@ def find_hold(
     return held_search.find_hold(c.posed, c.samples, task, T_part_tcp, backlit)
 
 
+def judge_ahead(job: Job, set_path: Path, text: str, view_count: int) -> bool:
+    """Do a piece of what `judge` will have to do; return whether there may be more.
+
+    Parameters
+    ----------
+    job : which recipe on which cell
+    set_path : the file of the part's views, to be written
+    text : what would be in it by now, of the grasps that are over
+    view_count : how many views there will be
+
+    Raises
+    ------
+    ConfigError : a picture that was stored cannot be read again
+    """
+    file = _parsed(set_path, text)
+    judging = Judging(file.recipe, set_path, set_path)
+    return stored_ahead(file, context(job).part, judging, _kept(set_path), view_count)
+
+
 def judge(job: Job, set_path: Path) -> inspecting.PartInspection:
     """Return what all views of a part come to.
 
@@ -477,7 +573,20 @@ def judge(job: Job, set_path: Path) -> inspecting.PartInspection:
     ------
     ConfigError : a picture that was stored cannot be read again
     """
-    file = load_view_set(set_path)
-    pictures = read_pictures(set_path, file)
+    file, kept = load_view_set(set_path), _kept(set_path)
+    _kept.cache_clear()
+    _parsed.cache_clear()
+    pictures = read_pictures(set_path, file, kept)
     judging = Judging(file.recipe, set_path, set_path)
-    return judge_views(file, context(job).part, pictures, judging)
+    return judge_views(file, context(job).part, pictures, judging, kept)
+
+
+@lru_cache(maxsize=1)
+def _kept(set_path: Path) -> inspecting.Kept:
+    """Return what was worked out ahead of one part; of the one before nobody asks any more."""
+    return inspecting.Kept()
+
+
+@lru_cache(maxsize=1)
+def _parsed(set_path: Path, text: str) -> ViewSetFile:
+    return parse_view_set(set_path, text)

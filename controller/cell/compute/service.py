@@ -80,9 +80,11 @@ class Compute:
     path_home = Question(answers.path_home)
     homing_swept = Question(answers.homing_swept)
     proven_back = Question(answers.proven_back)
+    locate = Question(answers.locate)
     inspect = Question(answers.inspect)
     inspect_on_table = Question(answers.inspect_on_table)
     find_hold = Question(answers.find_hold)
+    judge_ahead = Question(answers.judge_ahead)
     judge = Question(answers.judge)
     surface_share = Question(answers.surface_share)
 

@@ -14,10 +14,20 @@ from .motion import Motion
 from .resuming import Resumption, hold_of, park_interrupted, verdict_of
 from .steps import PlanSteps
 from .table import Preparation
-from .views import Disambiguation, HeldPose, PartFile, StoredViews, Views, plain_name
+from .views import (
+    Background,
+    Disambiguation,
+    HeldPose,
+    JudgingAhead,
+    PartFile,
+    StoredViews,
+    Views,
+    plain_name,
+)
 
 __all__ = [
     "Approval",
+    "Background",
     "CameraName",
     "Disambiguation",
     "Gate",
@@ -25,6 +35,7 @@ __all__ = [
     "HeldPose",
     "Imaging",
     "Interlocks",
+    "JudgingAhead",
     "Leases",
     "Motion",
     "NextMotion",

@@ -5,7 +5,7 @@ from ._looks import Estimate
 from ._rays import Rays, place_rays, with_rotation, with_visibility
 from ._types import BACKLIT, MeasuringSettings, PosedView
 from .combine import Combined, combine
-from .measuring import look, measure, result_of
+from .measuring import look, measure, measure_ahead, result_of
 
 __all__ = [
     "BACKLIT",
@@ -18,6 +18,7 @@ __all__ = [
     "combine",
     "look",
     "measure",
+    "measure_ahead",
     "place_rays",
     "result_of",
     "with_rotation",

@@ -2,11 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Final
 
 from .._pose import PosedPart
 from .._types import Verdict
 from ..characteristics import Characteristic, Measured, verdict_of
+from ..kept import Kept
 from ._features import Feature, FeatureFit
 from ._looks import Estimate, estimate, feature_key, features_of, has_halves
 from ._pictures import fit_features, predict
@@ -22,6 +24,7 @@ def measure(
     characteristics: Sequence[Characteristic],
     views: Sequence[PosedView],
     settings: MeasuringSettings = DEFAULT,
+    kept: Kept | None = None,
 ) -> tuple[Measured, ...]:
     """Return each characteristic with its value, uncertainty and verdict from all views, in order.
 
@@ -31,9 +34,11 @@ def measure(
     characteristics : what is asked
     views : with pictures, and the part's pose in them
     settings : when a measurement counts, and what is uncertain before any picture
+    kept : what of it was worked out before; None for nothing
     """
-    shown = [c for c in characteristics if _why_not(c) == ""]
-    by_view = [_looks(part, shown, view, settings) for view in views]
+    kept = kept or Kept()
+    shown = _shown(tuple(characteristics), kept)
+    by_view = [_kept_looks(part, shown, view, settings, kept) for view in views]
     found = iter(_put_together(shown, by_view, settings))
     return tuple(
         Measured(c, None, None, Verdict.NOT_EVALUATED, (), why)
@@ -41,6 +46,43 @@ def measure(
         else next(found)
         for c in characteristics
     )
+
+
+def measure_ahead(
+    part: PosedPart,
+    characteristics: tuple[Characteristic, ...],
+    view: PosedView,
+    settings: MeasuringSettings,
+    kept: Kept,
+) -> None:
+    """Work out what `measure` will ask of a view.
+
+    Parameters
+    ----------
+    part : the CAD model
+    characteristics : what is asked
+    view : with pictures, and the part's pose in them
+    settings : see `measure`
+    kept : gets it
+    """
+    _kept_looks(part, _shown(characteristics, kept), view, settings, kept)
+
+
+def _shown(characteristics: tuple[Characteristic, ...], kept: Kept) -> tuple[Characteristic, ...]:
+    """Return the characteristics that a picture may show."""
+    return kept.once(
+        lambda: tuple(c for c in characteristics if not _why_not(c)), _why_not, characteristics
+    )
+
+
+def _kept_looks(
+    part: PosedPart,
+    shown: tuple[Characteristic, ...],
+    view: PosedView,
+    settings: MeasuringSettings,
+    kept: Kept,
+) -> "list[_Looks]":
+    return kept.once(partial(_looks, part, shown, view, settings), *(_looks, shown, view, settings))
 
 
 def _why_not(characteristic: Characteristic) -> str:

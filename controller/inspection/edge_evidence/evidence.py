@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -15,6 +16,7 @@ from .._pose import PosedPart
 from .._types import Finding, InspectionLimits
 from ..dimensions import BACKLIT, MeasuringSettings, PosedView
 from ..integrity import Allowances, allowed_mm
+from ..kept import Kept
 from ._damage import find_damage
 from ._displaced import find_displaced
 from ._edges import PartEdges, find_edges
@@ -73,6 +75,7 @@ def find_evidence(
     limits: InspectionLimits,
     allowances: Allowances,
     settings: MeasuringSettings,
+    kept: Kept | None = None,
 ) -> EdgeEvidence:
     """Return what the edges of a part prove of its faces, and what is damaged of them.
 
@@ -83,18 +86,30 @@ def find_evidence(
     limits : of findings
     allowances : what a good part may show
     settings : what is uncertain before any picture
+    kept : what of it was worked out before; None for nothing
     """
     if not views:
         return EdgeEvidence(None, (), {}, {})
+    kept = kept or Kept()
     pixel_mm = min(v.view.task.camera.mm_per_px(v.view.T_world_part[:3, 3]) for v in views)
-    edges = find_edges(part.solid, pixel_mm)
+    edges = kept.once(partial(find_edges, part.solid, pixel_mm), find_edges, pixel_mm)
     if edges is None:
         return EdgeEvidence(None, (), {}, {})
     allowed = allowed_mm(part, allowances.tolerance_class)
     looks: list[EdgeLook] = []
     for one in views:
-        found = look_at_edges(
-            part, edges, one.view, one.lamps, allowed, limits.smallest_defect_mm, settings
+        found = kept.once(
+            partial(
+                look_at_edges,
+                part,
+                edges,
+                one.view,
+                one.lamps,
+                allowed,
+                limits.smallest_defect_mm,
+                settings,
+            ),
+            *(look_at_edges, edges, one.view, one.lamps, limits, allowances, settings),
         )
         looks += [_counted(look, edges, samples, one.counted) for look in found]
     around_mm = EDGE_PLAY_MM + BLUR_PX * pixel_mm

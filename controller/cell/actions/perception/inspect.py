@@ -1,4 +1,4 @@
-"""Inspecting: collect the results of the views so far, and decide what comes next."""
+"""Inspecting: learn from the views so far how the part is held, and decide what comes next."""
 
 import asyncio
 from dataclasses import dataclass, replace
@@ -10,6 +10,7 @@ from controller.cell.journal.rows import PartInspected
 from controller.cell.machine import VIEW, WORTH_SHARE, Act, Event, PartFault
 from controller.cell.services import (
     HeldPose,
+    JudgingAhead,
     Motion,
     PartFile,
     PlanSteps,
@@ -33,14 +34,14 @@ from controller.stored import lines_digest
 
 @dataclass(frozen=True, slots=True, eq=False)
 class InspectAction:
-    """Collects the results of the views so far; judges the part after the last one.
+    """Learns how the part is held; judges the part after the last view.
 
     Meanwhile the arm goes on with the part to the tray that it is likely to need.
 
     Attributes
     ----------
     compute : judges the part from its views
-    steps, views, held_pose, motion, record : services
+    steps, views, held_pose, ahead, motion, record : services
     recoveries : what is done about a part of which too little was in sight
     part_file : writes the views that the part is judged from
     """
@@ -49,48 +50,58 @@ class InspectAction:
     steps: PlanSteps
     views: Views
     held_pose: HeldPose
+    ahead: JudgingAhead
     motion: Motion
     record: BatchRecord
     recoveries: Recoveries
     part_file: PartFile
 
     async def run(self) -> Event:
-        """Collect results; return what the plan has next, or that all is seen.
+        """Learn where views show the part; return what the plan has next, or that all is seen.
+
+        What they show is waited for after the last one alone.
 
         Raises
         ------
         PartFaultError : the part is not held as planned, or too little of it was in sight
         """
         self.record.show("judging what was shown")
-        await self._collect()
+        await self._learn()
+        self.views.take_ready()
         if self.steps.next(Present) is not None:
             return Event.INSPECTED
         if self.steps.next(GiveStep) is not None or self.steps.next(ReceiveStep) is not None:
+            self.ahead.begin()
             return Event.HAND_OFF_DUE
         if self.steps.next(SetDown) is not None:
+            self.ahead.begin()
             return Event.SET_DOWN_DUE
+        self.ahead.drop()
         part = self.record.part
-        if part.parked is None:
-            await self._require_enough()
-        if part.parked is None or part.judged:
-            await self._judge()
+        if part.parked is None or part.judged or part.pending:
+            judging = begin(self._judge())
+            try:
+                await self._go_on()
+                await judging
+            finally:
+                judging.cancel()
         if part.parked is not None:
             part.verdict = _parked_verdict(part.verdict, part.parked.reason)
         assert part.verdict is not None
         self.record.note(verdict_row(part.verdict))
         return Event.ALL_SEEN
 
-    async def _collect(self) -> None:
-        while (judged := await self.views.take_next()) is not None:
-            shown, result = judged
+    async def _learn(self) -> None:
+        while (learned := await self.views.learn_next()) is not None:
+            shown, found = learned
             source = VIEW + plain_name(shown.view)
-            if result.evaluated:
+            if found.evaluated:
                 self.record.budgets.succeed(source)
             else:
-                self.recoveries.fail(source, result.reason)
+                self.recoveries.fail(source, found.reason)
             # a view of an earlier grasp says nothing about the present one
             if shown.hold is not None and shown.hold is self.record.part.hold:
-                await self.held_pose.learn(shown, shown.hold, result)
+                await self.held_pose.learn(shown, shown.hold, found)
 
     async def _require_enough(self) -> None:
         """Raise PartFaultError where views showed less than promised, unless that is let be."""
@@ -112,11 +123,12 @@ class InspectAction:
     async def _judge(self) -> None:
         part, record = self.record.part, self.record
         assert part.plan is not None
+        await self.views.take_all()
+        if part.parked is None:
+            await self._require_enough()
         stored = await asyncio.to_thread(self.part_file.write, part, record.product)
         record.note_file(stored.file, stored.digest)
-        judging = begin(self.compute.judge(self.part_file.folder / stored.file))
-        await self._go_on()
-        found = await judging
+        found = await self.compute.judge(self.part_file.folder / stored.file)
         reasons = (*found.reasons, *found.unproven)
         part.verdict = replace(found.ledger, verdict=found.verdict, reasons=reasons)
         # in a thread: thousands of looks take longer to describe than the event loop may be held
@@ -132,7 +144,7 @@ class InspectAction:
         along it, which is as free as it was, and then to the tray that it needs.
         """
         part = self.record.part
-        if part.custody is not Custody.IN_ARM or part.plan is None:
+        if part.custody is not Custody.IN_ARM or part.plan is None or part.above_tray is not None:
             return
         tray = QUARANTINE if part.parked else TRAYS[Verdict.PASS]
         started_s = self.steps.clock.now_s()

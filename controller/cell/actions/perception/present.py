@@ -41,7 +41,8 @@ class PresentAction:
     async def run(self) -> Event:
         """Present one view after another; return ``SHOWN``.
 
-        After each new grasp the first view is judged before the second: it verifies the grasp. In
+        After each new grasp it has to be known where the first view shows the part, before the
+        second is taken: it verifies the grasp. In
         a plan made after a recovery, views that would show nothing new are skipped; so are, once
         the grasp is verified, views that have failed too often in this batch.
 
@@ -65,6 +66,7 @@ class PresentAction:
                     continue
                 view = await self._show(step, hold)
                 self.steps.end(step, started_s, view=view)
+                self.views.take_ready()
                 if not hold.is_measured or self.views.is_hold_questioned():
                     break
         finally:

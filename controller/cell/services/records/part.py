@@ -8,6 +8,7 @@ import numpy as np
 
 from controller import inspection as inspecting
 from controller.arrays import BoolArray, FloatArray, Grey
+from controller.cell.compute import Located
 from controller.cell.custody import Custody
 from controller.cell.journal.rows import SightingFields
 from controller.cell.machine import Recovery
@@ -52,6 +53,8 @@ class Shown:
     lamps : of its lit pictures
     is_hold_measured : the expected pose was measured in an earlier view
     T_part_tcp : (4, 4) how it was held by then; None for a part on the table
+    task : the result
+    located : where it shows the part, known sooner; None to take it from the result
     """
 
     view: str
@@ -64,6 +67,7 @@ class Shown:
     is_hold_measured: bool
     T_part_tcp: FloatArray | None
     task: asyncio.Task[inspecting.ViewResult]
+    located: asyncio.Task[Located] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +104,8 @@ class PartRecord:
     hold : how the arm gripper holds it, None where that is empty
     hold_count : how often the arm gripper took it, or was about to
     fixed_grasp : how the fixed gripper holds it, as measured; None where that is empty
+    pending : views whose results are not known yet
+    unlearned : views of which nobody has asked yet where they show the part
     results : of all views, of earlier plans too
     judged : the views that they are of
     files : of the pictures of each view, by lamp
@@ -133,6 +139,7 @@ class PartRecord:
     hold_count: int = 0
     fixed_grasp: Grasp | None = None
     pending: list[Shown] = field(default_factory=list)
+    unlearned: list[Shown] = field(default_factory=list)
     results: list[inspecting.ViewResult] = field(default_factory=list)
     judged: list[Shown] = field(default_factory=list)
     files: dict[str, Mapping[str, str]] = field(default_factory=dict)

@@ -2,19 +2,24 @@
 
 `views.py` has views judged in the worker process, `held_pose.py` measures how the arm gripper holds
 the part, `disambiguation.py` decides between hypotheses, `holder.py` has the boxes of arm and
-grippers that may hide the part, `part_file.py` writes the views of a part to a file.
+grippers that may hide the part, `part_file.py` writes the views of a part to a file,
+`judging_ahead.py` judges them as far as that can be done before the last one is shown.
 """
 
+from .background import Background
 from .disambiguation import Disambiguation
 from .held_pose import HeldPose
 from .holder import holder_boxes
+from .judging_ahead import JudgingAhead
 from .part_file import PartFile
 from .stored_views import StoredViews
 from .views import Views, plain_name
 
 __all__ = [
+    "Background",
     "Disambiguation",
     "HeldPose",
+    "JudgingAhead",
     "PartFile",
     "StoredViews",
     "Views",

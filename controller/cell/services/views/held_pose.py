@@ -4,9 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controller import inspection as inspecting
 from controller.arrays import FloatArray
-from controller.cell.compute import Compute
+from controller.cell.compute import Compute, Located
 from controller.cell.devices.lamps import STATION_PANEL
 from controller.cell.errors import PartFaultError
 from controller.cell.machine import GRASP, PartFault, is_held_otherwise
@@ -77,25 +76,25 @@ class HeldPose:
         hold.is_measured = True
         self.record.note_hold()
 
-    async def learn(self, shown: Shown, hold: PartInGripper, result: inspecting.ViewResult) -> None:
+    async def learn(self, shown: Shown, hold: PartInGripper, found: Located) -> None:
         """Take a view as proof of the hold, and its pose as the measured one.
 
         Parameters
         ----------
         shown : the view
         hold : in which it was taken
-        result : its result by inspection
+        found : where it shows the part
 
         Raises
         ------
         PartFaultError : the part is held otherwise than planned, or not seen in the gripper
         """
-        T_world_part, was_known = result.T_world_part, hold.is_measured
-        if not result.evaluated:
-            found = await self._search(shown, hold, result.reason)
-            if found is None:
+        T_world_part, was_known = found.T_world_part, hold.is_measured
+        if not found.evaluated:
+            T_searched = await self._search(shown, hold, found.reason)
+            if T_searched is None:
                 return
-            T_world_part = found
+            T_world_part = T_searched
         hold.unconfirmed_count = 0
         measured = inverse_pose(T_world_part) @ tcp_pose(self.layout, shown.q)
         shift_mm, turn_rad = _difference(measured, hold.T_part_tcp)
@@ -104,7 +103,7 @@ class HeldPose:
         hold.T_part_tcp, hold.is_measured = measured, True
         self.record.note_hold()
         # inspection accepted the view, and no further plan is allowed: go on as it is
-        is_bearable = result.evaluated and not self.recoveries.may_recover(PartFault.HELD_OTHERWISE)
+        is_bearable = found.evaluated and not self.recoveries.may_recover(PartFault.HELD_OTHERWISE)
         if is_held_otherwise(shift_mm, turn_rad) and not is_bearable:
             raise PartFaultError(
                 PartFault.HELD_OTHERWISE,

@@ -11,11 +11,13 @@ from controller.inspection import ViewResult
 from controller.planning import shown_pose
 from controller.planning.model import CellLayout
 
+from .background import Background
 from .holder import holder_boxes
 
 
 def judge_held(
     compute: Compute,
+    background: Background,
     layout: CellLayout,
     view: str,
     hold: PartInGripper,
@@ -29,6 +31,7 @@ def judge_held(
     Parameters
     ----------
     compute : judges it
+    background : what does not hold up the arm is asked there
     layout : where camera, arm and fixed gripper stand
     view : its name
     hold : in which it was taken; learns from the result
@@ -39,7 +42,8 @@ def judge_held(
     known = hold if by_then is None else by_then
     expected = shown_pose(layout, q, known.T_part_tcp)
     holder = holder_boxes(layout, q, known.opening_mm)
-    inspected = compute.inspect(view, expected, holder, backlit, lit, known.is_measured)
+    asked = (view, expected, holder, backlit, lit, known.is_measured)
+    located = begin(compute.locate(*asked))
     return Shown(
         view=view,
         hold=hold,
@@ -50,12 +54,14 @@ def judge_held(
         lamps=tuple(lit),
         is_hold_measured=known.is_measured,
         T_part_tcp=known.T_part_tcp,
-        task=begin(inspected),
+        task=begin(background.ask(compute.inspect, *asked)),
+        located=located,
     )
 
 
 def judge_on_table(
     compute: Compute,
+    background: Background,
     view: str,
     T_world_part: FloatArray,
     planned: BoolArray,
@@ -67,14 +73,16 @@ def judge_on_table(
     Parameters
     ----------
     compute : judges it
+    background : asks it
     view : its name
     T_world_part : (4, 4) where the part was recognised
     planned : (n,) the samples that count: those that the plan has this view resolve
     backlit, lit : pictures of the light table, and by lamp
     """
+    inspect = compute.inspect_on_table  # of this part's recipe, whenever it is asked
 
     async def counted() -> ViewResult:
-        found = await compute.inspect_on_table(view, T_world_part, backlit, lit)
+        found = await background.ask(inspect, view, T_world_part, backlit, lit)
         return found.within(planned)
 
     return Shown(

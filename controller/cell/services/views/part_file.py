@@ -65,6 +65,10 @@ class PartFile:
     folder: Path
     calibration: SetCalibration = field(default_factory=SetCalibration)
 
+    def path(self, part: PartRecord) -> Path:
+        """Return the file that has the views of a part, or will have them."""
+        return self.folder / f"part{part.number:03d}.views.json"
+
     def write(self, part: PartRecord, product: Product) -> WrittenViews:
         """Write the views of a part that were judged; return the file.
 
@@ -77,14 +81,24 @@ class PartFile:
         ------
         OSError : the file cannot be written
         """
-        judged = _in_common_holds(part.judged, part.results, self.layout)
-        body = self._file(part, product, judged).model_dump_json(
-            by_alias=True, exclude_none=True, indent=1
-        )
-        data = (body + "\n").encode()
-        name = f"part{part.number:03d}.views.json"
-        (self.folder / name).write_bytes(data)
-        return WrittenViews(name, hashlib.sha256(data).hexdigest())
+        path = self.path(part)
+        data = self.text(part, product, tuple(zip(part.judged, part.results, strict=True))).encode()
+        path.write_bytes(data)
+        return WrittenViews(path.name, hashlib.sha256(data).hexdigest())
+
+    def text(
+        self, part: PartRecord, product: Product, views: Sequence[tuple[Shown, ViewResult]]
+    ) -> str:
+        """Return what the file of some of a part's views has.
+
+        Parameters
+        ----------
+        part : that they are of
+        product : that it is of
+        views : judged, in the order shown
+        """
+        body = self._file(part, product, _in_common_holds(views, self.layout))
+        return body.model_dump_json(by_alias=True, exclude_none=True, indent=1) + "\n"
 
     def _file(
         self, part: PartRecord, product: Product, judged: Sequence[tuple[Shown, int]]
@@ -132,17 +146,17 @@ class PartFile:
 
 
 def _in_common_holds(
-    judged: Sequence[Shown], results: Sequence[ViewResult], layout: CellLayout
+    views: Sequence[tuple[Shown, ViewResult]], layout: CellLayout
 ) -> list[tuple[Shown, int]]:
     """Return views with the numbers of their grasps; those of one grasp are expected by one hold.
 
     The first view of a grasp is taken where the plan expects the part; from then on the hold is
     known from that view. It is restated by the same hold, as all views of a grasp share it.
     """
-    learned = [shown for shown in judged if shown.hold is not None and shown.is_hold_measured]
+    learned = [shown for shown, _ in views if shown.hold is not None and shown.is_hold_measured]
     numbers: dict[tuple[int, bytes], int] = {}
     found = []
-    for shown, result in zip(judged, results, strict=True):
+    for shown, result in views:
         now = shown
         if shown.hold is not None and not shown.is_hold_measured and result.evaluated:
             own = inverse_pose(result.T_world_part) @ tcp_pose(layout, shown.q)

@@ -19,6 +19,7 @@ from controller.cell.services.records import BatchRecord, PartInGripper, Shown, 
 from controller.config.view_set import unpacked
 from controller.planning.model import CellLayout
 
+from .background import Background
 from .judging import judge_held, judge_on_table
 
 
@@ -30,12 +31,14 @@ class StoredViews:
     ----------
     record : gets the views as views being judged
     compute : judges them
+    background : what does not hold up the arm is asked there
     layout : where camera, arm and fixed gripper stand
     folder : of this run
     """
 
     record: BatchRecord
     compute: Compute
+    background: Background
     layout: CellLayout
     folder: Path
 
@@ -75,6 +78,7 @@ class StoredViews:
             }
             shown = self._held(taken, left, holds, pictures)
             part.pending.append(shown or self._on_table(taken, pictures))
+            part.unlearned.append(part.pending[-1])
         return tuple(missing)
 
     async def _copied(
@@ -107,6 +111,7 @@ class StoredViews:
         lit = {lamp: image for lamp, image in pictures.items() if lamp != STATION_PANEL}
         return judge_held(
             self.compute,
+            self.background,
             self.layout,
             row.view,
             holds.setdefault(by_then.number, replace(by_then)),
@@ -124,7 +129,8 @@ class StoredViews:
         # as in the run that took them: only the ring's light is judged on the table
         lit = {lamp: pictures[lamp] for lamp in TABLE_LAMPS[:1] if lamp in pictures}
         planned = self.record.part.planned[row.view]
-        return judge_on_table(self.compute, row.view, T, planned, pictures[TABLE_PANEL], lit)
+        panel = pictures[TABLE_PANEL]
+        return judge_on_table(self.compute, self.background, row.view, T, planned, panel, lit)
 
 
 def _read(path: Path) -> Grey:

@@ -1,4 +1,8 @@
-"""Views of the part: judged in the worker process while the arm moves on."""
+"""Views of the part: judged in the worker process while the arm moves on.
+
+Of each view two things are asked. Where it shows the part is known soon, and is all that the next
+motion may depend on. What it shows takes some ten times as long, and is taken when it is there.
+"""
 
 import asyncio
 import logging
@@ -6,7 +10,7 @@ from collections.abc import Mapping
 
 from controller import inspection as inspecting
 from controller.arrays import FloatArray, Grey
-from controller.cell.compute import Compute
+from controller.cell.compute import Compute, Located
 from controller.cell.journal.rows import ViewHold, ViewPicturesTaken
 from controller.cell.services.records import (
     BatchRecord,
@@ -20,6 +24,7 @@ from controller.config.view_set import packed
 from controller.planning import Look, Present
 from controller.planning.model import CellLayout
 
+from .background import Background
 from .judging import judge_held, judge_on_table
 
 # Of the samples: fewer, on the border of what was shown, are not worth another view.
@@ -40,12 +45,16 @@ class Views:
     ----------
     record : keeps the results with the part
     compute : judges the pictures
+    background : what does not hold up the arm is asked there
     layout : where camera, arm and fixed gripper stand
     """
 
-    def __init__(self, record: BatchRecord, compute: Compute, layout: CellLayout) -> None:
+    def __init__(
+        self, record: BatchRecord, compute: Compute, background: Background, layout: CellLayout
+    ) -> None:
         self._record = record
         self._compute = compute
+        self._background = background
         self._layout = layout
         self._last_held: Shown | None = None
 
@@ -96,8 +105,10 @@ class Views:
         q : (6,) where the arm stood
         backlit, lit : pictures before the backlight panel, and by lamp
         """
-        self._last_held = judge_held(self._compute, self._layout, view, hold, q, backlit, lit)
-        self._record.part.pending.append(self._last_held)
+        self._last_held = judge_held(
+            self._compute, self._background, self._layout, view, hold, q, backlit, lit
+        )
+        self._keep(self._last_held)
 
     def judge_on_table(self, view: str, step: Look, backlit: Grey, lit: Mapping[str, Grey]) -> None:
         """Start judging pictures of the table as a view of the part at rest on it.
@@ -114,8 +125,30 @@ class Views:
         assert sighting is not None
         T = sighting.T_world_part
         assert T is not None
-        shown = judge_on_table(self._compute, view, T, step.seen, backlit, lit)
+        shown = judge_on_table(self._compute, self._background, view, T, step.seen, backlit, lit)
+        self._keep(shown)
+
+    def _keep(self, shown: Shown) -> None:
         self._record.part.pending.append(shown)
+        self._record.part.unlearned.append(shown)
+
+    async def learn_next(self) -> tuple[Shown, Located] | None:
+        """Wait until it is known where the oldest view shows the part; None after the last one.
+
+        Each view is returned once. One of the table is passed over until its result is there.
+        """
+        part = self._record.part
+        known = (s for s in part.unlearned if s.located is not None or s.task.done())
+        shown = next(known, None)
+        if shown is None:
+            return None
+        if shown.located is not None:
+            found = await asyncio.shield(shown.located)
+        else:
+            result = await asyncio.shield(shown.task)
+            found = Located(result.evaluated, result.reason, result.T_world_part)
+        part.unlearned.remove(shown)
+        return shown, found
 
     async def take_next(self) -> tuple[Shown, inspecting.ViewResult] | None:
         """Wait for the oldest view still being judged; return it, None if there is none."""
@@ -124,6 +157,26 @@ class Views:
             return None
         shown = part.pending[0]
         result = await asyncio.shield(shown.task)
+        if part.pending and part.pending[0] is shown:  # nobody has taken it meanwhile
+            self._take(shown, result)
+        return shown, result
+
+    async def take_all(self) -> None:
+        """Wait for all views still being judged, and take them; nobody will ask where they are."""
+        while await self.take_next() is not None:
+            pass
+        self._record.part.unlearned.clear()
+
+    def take_ready(self) -> None:
+        """Take the views whose results are there, in the order they were shown."""
+        pending = self._record.part.pending
+        while pending and (task := pending[0].task).done():
+            if task.cancelled() or task.exception() is not None:
+                return  # raised to whoever waits for it
+            self._take(pending[0], task.result())
+
+    def _take(self, shown: Shown, result: inspecting.ViewResult) -> None:
+        part = self._record.part
         part.pending.pop(0)
         self._record.note(view_row(result, part.results))
         part.results.append(result)
@@ -133,7 +186,6 @@ class Views:
             result.view_id,
             f"{len(result.findings)} findings" if result.evaluated else result.reason,
         )
-        return shown, result
 
     async def is_worth_showing(self, step: Present) -> bool:
         """Return whether a view is planned to show samples that none has shown yet.
@@ -152,16 +204,20 @@ class Views:
         return in_sight is None or float((step.seen & ~in_sight).mean()) >= MIN_NEW_SHARE
 
     def is_hold_questioned(self) -> bool:
-        """Return whether a view judged meanwhile does not confirm how the part is held."""
-        pending = self._record.part.pending
-        judged = [s.task for s in pending if s.task.done() and not s.task.cancelled()]
-        return any(t.exception() is not None or not t.result().evaluated for t in judged)
+        """Return whether a view is known by now that does not confirm how the part is held."""
+        tasks = [s.located for s in self._record.part.unlearned if s.located is not None]
+        known = [t for t in tasks if t.done() and not t.cancelled()]
+        return any(t.exception() is not None or not t.result().evaluated for t in known)
 
     def drop_pending(self) -> None:
         """Drop the views that are still being judged."""
-        for shown in self._record.part.pending:
+        part = self._record.part
+        for shown in (*part.pending, *part.unlearned):
             shown.task.cancel()
-        self._record.part.pending.clear()
+            if shown.located is not None:
+                shown.located.cancel()
+        part.pending.clear()
+        part.unlearned.clear()
 
 
 def _view_hold(hold: PartInGripper) -> ViewHold:

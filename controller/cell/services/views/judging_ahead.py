@@ -1,0 +1,96 @@
+"""The part at hand, judged ahead: of a grasp that is over all is worked out while the arm goes on.
+
+How the part lay in the jaws follows from all views of a grasp together, and what each of them shows
+from that. Once the arm changes the grasp nothing of it changes any more (ADR 81).
+"""
+
+import asyncio
+import logging
+from collections.abc import Callable, Coroutine, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from controller.cell.compute import Compute, begin
+from controller.cell.services.records import BatchRecord, PartRecord, Product, Shown
+from controller.inspection import ViewResult
+from controller.planning import Look, Present
+
+from .background import Background
+from .part_file import PartFile
+from .views import Views
+
+log = logging.getLogger(__name__)
+
+AskAhead = Callable[[Path, str, int], Coroutine[Any, Any, bool]]
+
+
+@dataclass(slots=True, eq=False)
+class JudgingAhead:
+    """Has the worker process judge the views of grasps that are over, piece by piece.
+
+    What it has not done by the time the part is judged is done then: nothing depends on it but how
+    long that takes.
+
+    Attributes
+    ----------
+    record : has the part
+    views : takes the results that it waits for
+    compute : judges
+    background : asks it
+    part_file : writes what the part will be judged from
+    """
+
+    record: BatchRecord
+    views: Views
+    compute: Compute
+    background: Background
+    part_file: PartFile
+    _task: asyncio.Task[None] | None = field(default=None, init=False)
+
+    def begin(self) -> None:
+        """Begin with all views shown so far; returns at once."""
+        self.drop()
+        part, product = self.record.part, self.record.product
+        if part.judged or part.pending:
+            self._task = begin(self._work(part, product, self.compute.judge_ahead))
+
+    def drop(self) -> None:
+        """Go on with it no more."""
+        if self._task is not None:
+            self._task.cancel()
+            self._task = None
+
+    async def aclose(self) -> None:
+        """Drop it, and wait until nothing of it runs in this process."""
+        task = self._task
+        self.drop()
+        if task is not None:
+            await asyncio.gather(task, return_exceptions=True)
+
+    async def _work(self, part: PartRecord, product: Product, judge_ahead: AskAhead) -> None:
+        try:
+            views = await self._results(part)
+            text = await asyncio.to_thread(self.part_file.text, part, product, views)
+            path, count = self.part_file.path(part), _view_count(part)
+            while await self.background.ask(judge_ahead, path, text, count):
+                pass
+        except Exception as error:  # noqa: BLE001  whatever it is: the part is judged as ever
+            log.warning("part %d is not judged ahead: %s", part.number, error)
+
+    async def _results(self, part: PartRecord) -> Sequence[tuple[Shown, ViewResult]]:
+        """Return the views shown by now with their results, once there are all of them."""
+        pending = tuple(part.pending)
+        done = tuple(zip(part.judged, part.results, strict=True))
+        for shown in pending:
+            await asyncio.shield(shown.task)
+        if part is self.record.part:
+            self.views.take_ready()
+        return (*done, *((shown, shown.task.result()) for shown in pending))
+
+
+def _view_count(part: PartRecord) -> int:
+    """Return how many views of the part there will be, if its plan is followed to the end."""
+    left = () if part.plan is None else part.plan.steps[part.next_step :]
+    coming = sum(isinstance(step, Present | Look) for step in left)
+    return len(part.judged) + len(part.pending) + coming

@@ -1,0 +1,89 @@
+"""What is judged while the arm goes on: in pieces, one at a time, and never of what was dropped."""
+
+import asyncio
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+from controller.cell.services import Background, JudgingAhead
+from controller.cell.services.records import PartRecord
+
+
+def bench(part: PartRecord, judge_ahead: Any, background: Background) -> JudgingAhead:
+    record: Any = SimpleNamespace(part=part, product=None)
+    views: Any = SimpleNamespace(take_ready=lambda: None)
+    compute: Any = SimpleNamespace(judge_ahead=judge_ahead)
+    part_file: Any = SimpleNamespace(
+        text=lambda part, product, views: f"{len(views)} views", path=lambda part: Path("file")
+    )
+    return JudgingAhead(record, views, compute, background, part_file)
+
+
+def shown(task: asyncio.Task[str]) -> Any:
+    return SimpleNamespace(task=task)
+
+
+async def result() -> str:
+    return "a result"
+
+
+def test_a_grasp_that_is_over_is_judged_piece_by_piece_until_nothing_is_left() -> None:
+    async def run() -> list[tuple[str, int]]:
+        asked: list[tuple[str, int]] = []
+        is_done = asyncio.Event()
+
+        async def judge_ahead(path: Path, text: str, view_count: int) -> bool:
+            asked.append((text, view_count))
+            if len(asked) == 3:
+                is_done.set()
+            return len(asked) < 3
+
+        part = PartRecord(number=1)
+        part.pending = [shown(asyncio.create_task(result())) for _ in range(2)]
+        ahead = bench(part, judge_ahead, Background())
+        ahead.begin()
+        await is_done.wait()
+        await ahead.aclose()
+        return asked
+
+    assert asyncio.run(run()) == [("2 views", 2)] * 3
+
+
+def test_nothing_is_asked_of_a_part_whose_judging_ahead_was_dropped() -> None:
+    async def run() -> int:
+        asked = 0
+
+        async def judge_ahead(*_: object) -> bool:
+            nonlocal asked
+            asked += 1
+            return True
+
+        background, is_free = Background(), asyncio.Event()
+        busy = asyncio.create_task(background.ask(is_free.wait))
+        part = PartRecord(number=1)
+        part.pending = [shown(asyncio.create_task(result()))]
+        ahead = bench(part, judge_ahead, background)
+        ahead.begin()
+        await part.pending[0].task
+        await ahead.aclose()
+        is_free.set()
+        await busy
+        return asked
+
+    assert asyncio.run(run()) == 0
+
+
+def test_slow_questions_are_put_one_after_the_other() -> None:
+    async def run() -> list[str]:
+        log: list[str] = []
+
+        async def slow(name: str) -> None:
+            log.append(f"{name} asked")
+            await asyncio.sleep(0)
+            log.append(f"{name} answered")
+
+        background = Background()
+        await asyncio.gather(background.ask(slow, "a"), background.ask(slow, "b"))
+        return log
+
+    assert asyncio.run(run()) == ["a asked", "a answered", "b asked", "b answered"]
