@@ -59,7 +59,7 @@ def test_nothing_is_asked_of_a_part_whose_judging_ahead_was_dropped() -> None:
             return True
 
         background, is_free = Background(), asyncio.Event()
-        busy = asyncio.create_task(background.ask(is_free.wait))
+        busy = asyncio.create_task(background.put(is_free.wait))
         part = PartRecord(number=1)
         part.pending = [shown(asyncio.create_task(result()))]
         ahead = bench(part, judge_ahead, background)
@@ -83,7 +83,7 @@ def test_slow_questions_are_put_one_after_the_other() -> None:
             log.append(f"{name} answered")
 
         background = Background()
-        await asyncio.gather(background.ask(slow, "a"), background.ask(slow, "b"))
+        await asyncio.gather(background.put(slow, "a"), background.put(slow, "b"))
         return log
 
     assert asyncio.run(run()) == ["a asked", "a answered", "b asked", "b answered"]

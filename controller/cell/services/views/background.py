@@ -18,7 +18,7 @@ class Background:
     def __init__(self) -> None:
         self._lane = asyncio.Lock()
 
-    async def ask(
+    async def put(
         self,
         question: Callable[Arguments, Coroutine[Any, Any, Answer]],
         *args: Arguments.args,

@@ -54,7 +54,7 @@ def judge_held(
         lamps=tuple(lit),
         is_hold_measured=known.is_measured,
         T_part_tcp=known.T_part_tcp,
-        task=begin(background.ask(compute.inspect, *asked)),
+        task=begin(background.put(compute.inspect, *asked)),
         located=located,
     )
 
@@ -82,7 +82,7 @@ def judge_on_table(
     inspect = compute.inspect_on_table  # of this part's recipe, whenever it is asked
 
     async def counted() -> ViewResult:
-        found = await background.ask(inspect, view, T_world_part, backlit, lit)
+        found = await background.put(inspect, view, T_world_part, backlit, lit)
         return found.within(planned)
 
     return Shown(

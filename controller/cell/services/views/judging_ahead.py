@@ -22,7 +22,7 @@ from .views import Views
 
 log = logging.getLogger(__name__)
 
-AskAhead = Callable[[Path, str, int], Coroutine[Any, Any, bool]]
+JudgeAhead = Callable[[Path, str, int], Coroutine[Any, Any, bool]]
 
 
 @dataclass(slots=True, eq=False)
@@ -68,12 +68,12 @@ class JudgingAhead:
         if task is not None:
             await asyncio.gather(task, return_exceptions=True)
 
-    async def _work(self, part: PartRecord, product: Product, judge_ahead: AskAhead) -> None:
+    async def _work(self, part: PartRecord, product: Product, judge_ahead: JudgeAhead) -> None:
         try:
             views = await self._results(part)
             text = await asyncio.to_thread(self.part_file.text, part, product, views)
             path, count = self.part_file.path(part), _view_count(part)
-            while await self.background.ask(judge_ahead, path, text, count):
+            while await self.background.put(judge_ahead, path, text, count):
                 pass
         except Exception as error:  # noqa: BLE001  whatever it is: the part is judged as ever
             log.warning("part %d is not judged ahead: %s", part.number, error)
