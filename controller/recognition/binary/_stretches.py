@@ -24,6 +24,8 @@ BLOCK = 2000  # views at a time
 DIMENSIONS = 4  # in which leaves have bounds
 LEAF = 256  # stretches of a leaf at most
 LEAVES_AT_ONCE = 512
+SAMPLED = 8  # one leaf in so many shows how alike the most alike pairs are
+LIKELY = 8  # times as many pairs as are wanted: of neighbours only the best one counts
 MAX_FOR_BASIS = 20000
 
 
@@ -53,6 +55,8 @@ class Leaves:
     Attributes
     ----------
     stretches : leaf by leaf
+    columns : (n, 2 POINTS + 2) each shape, with what makes a product with one observed half their
+        squared distance, below 0: 1 and half its own square
     rank : (n,) their places before that
     ends : (k + 1,) where leaves begin, and where the last one ends
     mean, basis : (2 POINTS,), (2 POINTS, DIMENSIONS) the directions in which shapes differ most
@@ -60,6 +64,7 @@ class Leaves:
     """
 
     stretches: Stretches
+    columns: Float32Array
     rank: IntArray
     ends: IntArray
     mean: Float32Array
@@ -93,14 +98,18 @@ def leaves_of(stretches: Stretches) -> Leaves:
     while len(leaves[0]) > LEAF:
         leaves = [half for leaf in leaves for half in _halves(leaf, places)]
     rank = np.concatenate(leaves)
+    own = shape[rank]
+    half = -0.5 * (own**2).sum(axis=1)
+    columns = np.column_stack([own, np.ones(len(own), np.float32), half])
     bounds = [(places[leaf].min(axis=0), places[leaf].max(axis=0)) for leaf in leaves if len(leaf)]
     return Leaves(
         Stretches(
-            shape[rank],
+            columns[:, : shape.shape[1]],
             stretches.middle[rank],
             stretches.direction[rank],
             stretches.owner[rank],
         ),
+        columns,
         rank,
         np.cumsum([0, *(len(leaf) for leaf in leaves if len(leaf))]),
         mean,
@@ -248,35 +257,57 @@ def like(observed: Stretches, views: Leaves, near_mm: float, most: int) -> tuple
     near_mm : root mean square distance of points up to which they are
     most : so many pairs, the most alike
     """
-    pairs: list[NDArray[np.int64]] = [np.zeros((2, 0), np.int64)]
-    levels: list[Float32Array] = [np.zeros(0, np.float32)]
-    a, b = observed.shape, views.stretches.shape
-    # one product gives half the squared distance, below 0
-    rows = np.column_stack([a, -0.5 * (a**2).sum(axis=1), np.ones(len(a), np.float32)])
-    columns = np.column_stack([b, np.ones(len(b), np.float32), -0.5 * (b**2).sum(axis=1)])
-    for number, asked in _near_leaves(observed, views, near_mm):
-        begin, end = views.ends[number : number + 2]
-        level = rows[asked] @ columns[begin:end].T
-        mine, theirs = divmod(np.flatnonzero(level > -0.5 * near_mm**2), end - begin)
-        at = level[mine, theirs]
-        best = np.ones(len(mine), dtype=np.bool_)
-        for step in (-1, 1):
-            beside = np.clip(mine + step, 0, len(asked) - 1)
-            is_next = asked[beside] == asked[mine] + step
-            best &= ~is_next | (at >= level[beside, theirs])
-        pairs.append(np.stack([asked[mine], theirs + begin])[:, best])
-        levels.append(at[best])
-    pair, found = np.concatenate(pairs, axis=1), np.concatenate(levels)
+    near = list(_near_leaves(observed, views, near_mm))
+    least = -0.5 * near_mm**2
+    _, some = _levels(observed, views, near[::SAMPLED], least)
+    likely = 2 * LIKELY * most // SAMPLED
+    if len(some) > likely:  # what is less alike than so many is among the most only by chance
+        level = float(np.partition(some, -likely // 2)[-likely // 2])
+        key, found = _best_of_neighbours(*_levels(observed, views, near, level))
+    if len(some) <= likely or len(found) < most:
+        key, found = _best_of_neighbours(*_levels(observed, views, near, least))
     if len(found) > most:
-        pair = pair[:, np.argpartition(-found, most)[:most]]
-    order = np.argsort(pair[0] * len(b) + views.rank[pair[1]])
-    return pair[0, order], pair[1, order]
+        key = key[np.argpartition(-found, most)[:most]]
+    theirs, mine = np.divmod(key, len(observed.shape) + 1)
+    order = np.argsort(mine * len(views.rank) + views.rank[theirs])
+    return mine[order], theirs[order]
+
+
+def _levels(
+    observed: Stretches, views: Leaves, near: Sequence[tuple[int, IntArray]], least: float
+) -> tuple[IntArray, Float32Array]:
+    """Return the pairs of stretches above a level, and theirs: half the squared distance, below 0.
+
+    A pair is a number, of a view before observed; one row more keeps the last one observed from
+    being next to the first. They ascend.
+    """
+    a = observed.shape
+    rows = np.column_stack([a, -0.5 * (a**2).sum(axis=1), np.ones(len(a), np.float32)])
+    keys: list[NDArray[np.int64]] = [np.zeros(0, np.int64)]
+    levels: list[Float32Array] = [np.zeros(0, np.float32)]
+    for number, asked in near:
+        begin, end = views.ends[number : number + 2]
+        level = (views.columns[begin:end] @ rows[asked].T).ravel()
+        at = np.flatnonzero(level > least)
+        theirs, mine = np.divmod(at, len(asked))
+        keys.append((theirs + begin) * (len(a) + 1) + asked[mine])
+        levels.append(level[at])
+    return np.concatenate(keys), np.concatenate(levels)
+
+
+def _best_of_neighbours(key: IntArray, level: Float32Array) -> tuple[IntArray, Float32Array]:
+    """Return the pairs of `_levels` than which none of an observed neighbour is more alike."""
+    beside = key[1:] == key[:-1] + 1
+    best = np.ones(len(key), dtype=np.bool_)
+    best[1:] &= ~beside | (level[1:] >= level[:-1])
+    best[:-1] &= ~beside | (level[:-1] >= level[1:])
+    return key[best], level[best]
 
 
 def _near_leaves(
     observed: Stretches, views: Leaves, near_mm: float
 ) -> Iterator[tuple[int, IntArray]]:
-    """Yield leaves with the observed stretches that may have one alike there, and those beside."""
+    """Yield leaves in order, each with the observed stretches that may have one alike there."""
     if len(observed.shape) == 0:
         return
     places = (observed.shape - views.mean) @ views.basis
@@ -288,8 +319,5 @@ def _near_leaves(
             away = np.maximum(low[:, k, None] - places[:, k], places[:, k] - high[:, k, None])
             away2 += np.maximum(away, 0.0) ** 2
         near = away2 < (slack * near_mm) ** 2
-        beside = near.copy()
-        beside[:, 1:] |= near[:, :-1]
-        beside[:, :-1] |= near[:, 1:]
         for row in np.flatnonzero(near.any(axis=1)).tolist():
-            yield begin + row, np.flatnonzero(beside[row])
+            yield begin + row, np.flatnonzero(near[row])
