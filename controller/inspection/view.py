@@ -166,7 +166,7 @@ def locate_view(part: PosedPart, task: ViewTask, pictures: ViewPictures) -> Loca
         assert own is not None
         grasp = fit_grasp(part, [own], strictness.pose)
     pose = None if grasp is None else grasp.views[0]
-    return LocatedView(seen, stand_of(part, task, pictures, seen, pose, strictness))
+    return LocatedView(seen, _stand_of(part, task, pictures, seen, pose, strictness))
 
 
 def inspect_view(
@@ -213,7 +213,7 @@ def compare_view(
     pose : of the part; None where no outline was found
     strictness : what a good part may show
     """
-    stand = stand_of(part, task, pictures, seen, pose, strictness)
+    stand = _stand_of(part, task, pictures, seen, pose, strictness)
     return _compare(part, samples, task, pictures, seen, stand, strictness)
 
 
@@ -233,7 +233,7 @@ class Stand:
     sharp: Registration | None = None
 
 
-def stand_of(
+def _stand_of(
     part: PosedPart,
     task: ViewTask,
     pictures: ViewPictures,

@@ -6,10 +6,10 @@ grippers that may hide the part, `part_file.py` writes the views of a part to a 
 `judging_ahead.py` judges them as far as that can be done before the last one is shown.
 """
 
-from .background import Background
 from .disambiguation import Disambiguation
 from .held_pose import HeldPose
 from .holder import holder_boxes
+from .judging import Background
 from .judging_ahead import JudgingAhead
 from .part_file import PartFile
 from .stored_views import StoredViews

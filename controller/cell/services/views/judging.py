@@ -1,6 +1,11 @@
-"""Begins to judge the pictures of a view, whether they were just taken or are stored."""
+"""Begins to judge the pictures of a view, whether they were just taken or are stored.
 
-from collections.abc import Mapping
+What the arm does not wait for is asked of the worker process one at a time.
+"""
+
+import asyncio
+from collections.abc import Callable, Coroutine, Mapping
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 
@@ -11,8 +16,37 @@ from controller.inspection import ViewResult
 from controller.planning import shown_pose
 from controller.planning.model import CellLayout
 
-from .background import Background
 from .holder import holder_boxes
+
+Arguments = ParamSpec("Arguments")
+Answer = TypeVar("Answer")
+
+
+class Background:
+    """Puts slow questions one after the other, so that a quick one waits for one at most.
+
+    The worker process answers in the order in which it is asked. What the arm waits for is asked at
+    once; what it does not wait for is asked here.
+    """
+
+    def __init__(self) -> None:
+        self._lane = asyncio.Lock()
+
+    async def put(
+        self,
+        question: Callable[Arguments, Coroutine[Any, Any, Answer]],
+        *args: Arguments.args,
+        **kwargs: Arguments.kwargs,
+    ) -> Answer:
+        """Return the answer to a question.
+
+        Parameters
+        ----------
+        question : of the compute service
+        *args, **kwargs : its arguments
+        """
+        async with self._lane:
+            return await question(*args, **kwargs)
 
 
 def judge_held(

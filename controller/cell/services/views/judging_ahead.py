@@ -16,7 +16,7 @@ from controller.cell.services.records import BatchRecord, PartRecord, Product, S
 from controller.inspection import ViewResult
 from controller.planning import Look, Present
 
-from .background import Background
+from .judging import Background
 from .part_file import PartFile
 from .views import Views
 

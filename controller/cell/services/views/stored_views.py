@@ -19,8 +19,7 @@ from controller.cell.services.records import BatchRecord, PartInGripper, Shown, 
 from controller.config.view_set import unpacked
 from controller.planning.model import CellLayout
 
-from .background import Background
-from .judging import judge_held, judge_on_table
+from .judging import Background, judge_held, judge_on_table
 
 
 @dataclass(frozen=True, slots=True, eq=False)

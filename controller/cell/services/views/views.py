@@ -24,8 +24,7 @@ from controller.config.view_set import packed
 from controller.planning import Look, Present
 from controller.planning.model import CellLayout
 
-from .background import Background
-from .judging import judge_held, judge_on_table
+from .judging import Background, judge_held, judge_on_table
 
 # Of the samples: fewer, on the border of what was shown, are not worth another view.
 MIN_NEW_SHARE = 0.001
@@ -133,7 +132,7 @@ class Views:
         self._record.part.unlearned.append(shown)
 
     async def learn_next(self) -> tuple[Shown, Located] | None:
-        """Wait until it is known where the oldest view shows the part; None after the last one.
+        """Wait until it is known where the oldest view shows the part; return it, else None.
 
         Each view is returned once. One of the table is passed over until its result is there.
         """
