@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,6 +23,7 @@ from controller.inspection.edge_evidence import (
     find_displaced,
     find_edges,
     find_evidence,
+    refuted,
 )
 from controller.inspection.integrity import Allowances
 
@@ -31,6 +33,7 @@ NOISE_PX = 0.03
 DUST_MM = 1.0
 # on the edge between front and top, off its corners
 CHIP = (4.0, 17.0, 12.0)
+TURNS = ((20.0, -12.0), (-15.0, -10.0))  # the front and the top in sight
 
 
 @cache
@@ -48,7 +51,13 @@ def long_edge() -> NDArray[np.intp]:
 
 
 def seen(
-    offset: Array, contrast: Array | None = None, view: str = "v0", x_px: float = 0
+    offset: Array,
+    contrast: Array | None = None,
+    view: str = "v0",
+    x_px: float = 0,
+    faces: tuple[bool, bool] = (True, True),
+    shaded: Array | None = None,
+    along_face: bool = False,
 ) -> EdgeLook:
     """A picture that shows one long edge of the bar, and nothing else."""
     edges, mine = bar(), long_edge()
@@ -71,12 +80,13 @@ def seen(
         contrast=at_edge(80.0 if contrast is None else contrast, 0.0),
         limit_px=np.full(count, 2.0),
         is_sensitive=np.ones((count, 2), dtype=bool),
-        faces_camera=np.ones((count, 2), dtype=bool),
+        faces_camera=np.tile(faces, (count, 1)),
         light_through=np.zeros((count, 2), dtype=bool),
         may_glare=np.zeros(count, dtype=bool),
         pixels=pixels,
         normals=np.tile([0.0, 1.0], (count, 1)),
-        across=out / PIXEL_MM,
+        across=(-edges.into[:, 0] if along_face else out) / PIXEL_MM,
+        may_shade=at_edge(False if shaded is None else shaded, False).astype(bool),
     )
 
 
@@ -136,6 +146,13 @@ def test_a_shadow_that_leads_away_from_an_edge_is_no_notch() -> None:
     assert runs(seen(offset)) == []
 
 
+def test_by_the_border_of_the_grippers_shadow_nothing_is_known() -> None:
+    place = np.arange(len(long_edge()))
+    assert runs(seen(dented(), shaded=(place > 55) & (place < 70))) == []
+    assert runs(seen(dented(), shaded=place > 61)) == []
+    assert len(runs(seen(dented(), shaded=place > 80))) == 1
+
+
 def test_at_the_end_of_an_edge_nothing_is_known() -> None:
     assert runs(seen(dented(first=0))) == []
 
@@ -146,12 +163,16 @@ def test_what_is_as_short_as_dust_is_none() -> None:
     assert runs(seen(speck)) == []
 
 
+def turned(deg: float) -> Array:
+    T = np.eye(4)
+    c, s = np.cos(np.radians(deg)), np.sin(np.radians(deg))
+    T[:2, :2] = [[c, -s], [s, c]]
+    return T
+
+
 def damage(turn_deg: float, x_px: float, second_px: float = -1.0, first: int = 60) -> list[Finding]:
     looks = seen(dented()), seen(dented(first, second_px), view="v1", x_px=x_px)
-    T = np.eye(4)
-    c, s = np.cos(np.radians(turn_deg)), np.sin(np.radians(turn_deg))
-    T[:2, :2] = [[c, -s], [s, c]]
-    found = find_damage(bar(), runs(*looks), {"v0": np.eye(4), "v1": T})
+    found = find_damage(bar(), runs(*looks), {"v0": np.eye(4), "v1": turned(turn_deg)})
     return [f for every in found.values() for f in every]
 
 
@@ -176,15 +197,92 @@ def test_two_looks_that_one_error_explains_are_not_sure(second: list[Finding]) -
     assert not any(f.is_sure for f in second)
 
 
+OUTLINE = (True, False)
+
+
+def left(others: list[EdgeLook]) -> list[Finding]:
+    """What is left of a notch in one view, with other looks at its edge: v1 and on, all turned."""
+    looks = [seen(dented()), *others]
+    poses = {look.view_id: turned(20.0 * int(look.view_id[1:])) for look in looks}
+    found = runs(*looks)
+    no = refuted(bar(), found, looks, poses, PIXEL_MM, Allowances(), MeasuringSettings())
+    every = find_damage(bar(), found, poses, no)
+    return [f for some in every.values() for f in some]
+
+
+def clean(number: int, **how: Any) -> EdgeLook:
+    return seen(wavering(number), view=f"v{number}", x_px=40.0 * number, **how)
+
+
+def test_what_two_outlines_had_to_show_and_do_not_is_no_damage() -> None:
+    assert left([clean(1, faces=OUTLINE), clean(2, faces=OUTLINE)]) == []
+
+
+@pytest.mark.parametrize(
+    "others",
+    [
+        [clean(1, faces=OUTLINE)],
+        [clean(1, faces=OUTLINE), clean(1, faces=OUTLINE)],  # two lamps, one view
+        [clean(1), clean(2)],  # both faces in sight: a facet between them may be as bright
+        [clean(k, faces=OUTLINE, along_face=True) for k in (1, 2)],  # one face is seen edge-on
+        [clean(k, faces=OUTLINE, shaded=np.ones(len(long_edge()))) for k in (1, 2)],
+    ],
+    ids=["one look", "one view", "not the outline", "flat", "in shadow"],
+)
+def test_looks_that_need_not_show_damage_do_not_refute_it(others: list[EdgeLook]) -> None:
+    (found,) = left(others)
+    assert not found.is_sure
+
+
+def test_a_shallow_notch_is_not_refuted_by_outlines_that_might_not_show_it() -> None:
+    shallow = seen(dented(depth_px=-0.8))
+    looks = [shallow, clean(1, faces=OUTLINE), clean(2, faces=OUTLINE)]
+    found = runs(*looks)
+    poses = {look.view_id: turned(20.0 * int(look.view_id[1:])) for look in looks}
+    no = refuted(bar(), found, looks, poses, PIXEL_MM, Allowances(), MeasuringSettings())
+    assert no == [False]
+
+
+def test_what_two_views_show_is_damage_whatever_two_others_do_not() -> None:
+    again = seen(dented(), view="v3", x_px=200.0)
+    found = left([clean(1, faces=OUTLINE), clean(2, faces=OUTLINE), again])
+    assert [f.is_sure for f in found] == [True, True]
+
+
+def test_where_the_gripper_may_keep_light_away_is_known_by_its_boxes() -> None:
+    views = edge_views(perfect(), TURNS[:1])
+    found = find_evidence(
+        part(), samples(), views, InspectionLimits(), Allowances(), MeasuringSettings()
+    )
+    assert found.edges is not None
+    points = np.column_stack([found.edges.points_mm, np.ones(len(found.edges.edge))])
+    task = {one.view.task.view_id: one.view.task for one in views}
+    (side,) = next(iter(task.values())).lamps[1].points_mm
+    shaded_count = 0
+    for look in found.looks:
+        if look.lamp == "backlit":
+            assert not look.may_shade.any()
+        if look.lamp != "side":
+            continue
+        view = task[look.view_id]
+        start = points @ view.T_world_part[:3].T
+        way = start[:, None, :] + np.linspace(0.0, 1.0, 400)[:, None] * (side - start[:, None, :])
+        clear_mm = np.full(len(start), np.inf)
+        for box_ in view.holder:
+            at = np.abs((way - box_.T[:3, 3]) @ box_.T[:3, :3]) - box_.half_mm
+            clear_mm = np.minimum(clear_mm, np.max(at, axis=2).min(axis=1))
+        assert look.may_shade[clear_mm < 0].all()
+        assert not look.may_shade[clear_mm > 12.0].any()
+        shaded_count += int((clear_mm < 0).sum())
+    assert shaded_count > 20
+
+
 def shown_damage(body: Body, turns: tuple[tuple[float, float], ...]) -> list[Finding]:
     views = edge_views(body, turns)
     found = find_evidence(
         part(), samples(), views, InspectionLimits(), Allowances(), MeasuringSettings()
     )
     return [f for every in found.findings.values() for f in every]
-
-
-TURNS = ((20.0, -12.0), (-15.0, -10.0))  # the front and the top in sight
 
 
 def test_a_perfect_part_has_no_damage() -> None:

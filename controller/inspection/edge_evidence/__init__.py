@@ -7,6 +7,7 @@ from ._edges import PartEdges, find_edges
 from ._faces import FaceEdges, MissingEdge, inner_mm
 from ._floor_light import BlindBore, blind_bore, rise_by_light
 from ._looks import EdgeLook, State
+from ._other_looks import refuted
 from ._recesses import Recess, find_recesses
 from .evidence import EdgeEvidence, EdgeView, find_evidence
 
@@ -29,5 +30,6 @@ __all__ = [
     "find_recesses",
     "floor_bound_mm",
     "inner_mm",
+    "refuted",
     "rise_by_light",
 ]

@@ -16,19 +16,25 @@ BESIDE: Final = 1  # points of an edge between two runs that are one thing
 
 
 def find_damage(
-    edges: PartEdges, runs: Sequence[Displaced], T_world_part: Mapping[str, FloatArray]
+    edges: PartEdges,
+    runs: Sequence[Displaced],
+    T_world_part: Mapping[str, FloatArray],
+    is_refuted: Sequence[bool] = (),
 ) -> dict[str, tuple[Finding, ...]]:
     """Return by view what runs of displaced points show, one finding a place and view.
 
     A place is sure where two views show it, the part turned between them and not in the same
-    pixels: two lamps in one view share the dirt on the lens and the dust on the part.
+    pixels: two lamps in one view share the dirt on the lens and the dust on the part. What is not
+    sure is nothing where other looks refute it.
 
     Parameters
     ----------
     edges : of the part
     runs : all that were found
     T_world_part : (4, 4) by view id
+    is_refuted : of each run, whether other looks had to show it and do not; empty for none
     """
+    contradicted = {id(run) for run, is_it in zip(runs, is_refuted, strict=False) if is_it}
     by_place: dict[tuple[int, str], list[Displaced]] = {}
     for place, run in zip(_places(edges, runs), runs, strict=True):
         by_place.setdefault((place, run.look.view_id), []).append(run)
@@ -42,6 +48,8 @@ def find_damage(
             for run in those
         ]
         is_sure = any(_is_other_look(plainest, other, T_world_part) for other in others)
+        if not is_sure and all(id(run) in contradicted for run in mine):
+            continue
         out.setdefault(view_id, []).append(_finding(edges, plainest, is_sure))
     return {view_id: tuple(found) for view_id, found in out.items()}
 

@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from controller.arrays import FloatArray, IndexArray
+from controller.arrays import BoolArray, FloatArray, IndexArray
 
 from ..dimensions import BACKLIT, MeasuringSettings
 from ..integrity import Allowances, Run, RunTest, find_runs
@@ -41,6 +41,7 @@ class Displaced:
     deepest : the one that is farthest off
     depth_px : the largest difference, positive out of the material
     depth_mm : the same on the part
+    mean_mm : of the differences at all its points, without sign
     length_mm : along the edge
     is_burr : it is off away from the material, and the picture shows which way that is
     """
@@ -50,8 +51,77 @@ class Displaced:
     deepest: int
     depth_px: float
     depth_mm: float
+    mean_mm: float
     length_mm: float
     is_burr: bool
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Course:
+    """One edge in one picture, with its own course taken off.
+
+    Attributes
+    ----------
+    known : (n,) which of the edges' points were found, in order
+    off_px : (n,) how far they are off the edge's course, out of the material
+    step_px : between two of them in the picture
+    scatter_px : of them about the course, robust
+    wave_px : what light and form move neighbours by together, standard deviation
+    """
+
+    known: IndexArray
+    off_px: FloatArray
+    step_px: float
+    scatter_px: float
+    wave_px: float
+
+    def noise_px(self, look: EdgeLook, points: IndexArray) -> float:
+        """Return the standard deviation of one of some points (k,), which may be faint ones."""
+        own = float(np.sqrt(np.mean(np.square(look.sigma_px[points]))))
+        return max(self.scatter_px, own)
+
+
+def wave_of(
+    look: EdgeLook, pixel_mm: float, allowances: Allowances, settings: MeasuringSettings
+) -> float:
+    """Return what light and form move neighbouring points of an edge by, standard deviation [px].
+
+    Light on the edge as a whole is in its course.
+
+    Parameters
+    ----------
+    look : the picture
+    pixel_mm : size of a pixel at the part
+    allowances : of unevenness
+    settings : how far light moves an edge
+    """
+    light = settings.backlit_edge_px if look.lamp == BACKLIT else settings.lit_edge_px
+    return float(np.hypot(light / 3.0, allowances.form_mm / pixel_mm))
+
+
+def known_points(look: EdgeLook) -> BoolArray:
+    """Return which points (n,) a picture shows in the light that is theirs.
+
+    Elsewhere a wall may throw the panel's light back, or the gripper's shadow may end, whose border
+    beside an edge looks like damage.
+    """
+    is_lit_so = ~look.may_glare & ~look.may_shade
+    return np.asarray(np.isfinite(look.offset_px) & (look.state != State.HIDDEN) & is_lit_so)
+
+
+def course_of(edges: PartEdges, look: EdgeLook, known: IndexArray, wave_px: float) -> Course:
+    """Return one edge in one picture, its own course taken off.
+
+    Parameters
+    ----------
+    edges : of the part
+    look : the picture
+    known : (n,) points of the edge that were found, in order; `MIN_POINTS` or more
+    wave_px : see `wave_of`
+    """
+    off = _off_course(edges, look, known)
+    step = float(np.median(np.linalg.norm(np.diff(look.pixels[known], axis=0), axis=1)))
+    return Course(known, off, step, 1.4826 * float(np.median(np.abs(off))), wave_px)
 
 
 def find_displaced(
@@ -78,10 +148,8 @@ def find_displaced(
     ends = np.append(starts[1:], len(edges.edge))
     found: list[Displaced] = []
     for look in looks:
-        light = settings.backlit_edge_px if look.lamp == BACKLIT else settings.lit_edge_px
-        # light on the edge as a whole is in its course
-        wave_px = float(np.hypot(light / 3.0, allowances.form_mm / pixel_mm))
-        is_known = np.isfinite(look.offset_px) & (look.state != State.HIDDEN) & ~look.may_glare
+        wave_px = wave_of(look, pixel_mm, allowances, settings)
+        is_known = known_points(look)
         for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
             known = start + np.flatnonzero(is_known[start:end])
             # where all of an edge lies so close, no window is off by what chance does not explain
@@ -91,35 +159,31 @@ def find_displaced(
             ):
                 share = max(round(total / len(known)), 1)
                 test = RunTest(0.0, wave_px, allowances.false_alarms, share)
-                found += _runs(edges, look, known, test)
+                found += _runs(edges, look, course_of(edges, look, known, wave_px), test)
     return [run for run in found if run.length_mm >= smallest_mm]
 
 
-def _runs(
-    edges: PartEdges, look: EdgeLook, known: IndexArray, test: RunTest
-) -> Iterator[Displaced]:
+def _runs(edges: PartEdges, look: EdgeLook, course: Course, test: RunTest) -> Iterator[Displaced]:
     """Yield the runs of one edge in one picture.
 
     Parameters
     ----------
     edges : of the part
     look : the picture
-    known : (n,) points of the edge that were found, in order
+    course : of the edge in it
     test : how a run and chance are told apart; without the noise
     """
-    off = _off_course(edges, look, known)
-    scatter = 1.4826 * float(np.median(np.abs(off)))
-    step = float(np.median(np.linalg.norm(np.diff(look.pixels[known], axis=0), axis=1)))
-    test = replace(test, noise_px=max(scatter, float(np.median(look.sigma_px[known]))))
-    for run in find_runs(look.pixels[known], look.normals[known], off, step, test):
+    known, off = course.known, course.off_px
+    typical = float(np.median(look.sigma_px[known]))
+    test = replace(test, noise_px=max(course.scatter_px, typical))
+    for run in find_runs(look.pixels[known], look.normals[known], off, course.step_px, test):
         whole = _whole_run(look, known, off, run)
         if whole is None:
             continue
         mine = known[whole]
         # where the edge is faint its points are known less well than elsewhere
-        noise = float(np.sqrt(np.mean(np.square(look.sigma_px[mine]))))
-        weaker = replace(test, noise_px=max(scatter, noise))
-        sigma = float(weaker.sigma_px(np.array([len(mine) * step]))[0])
+        weaker = replace(test, noise_px=course.noise_px(look, mine))
+        sigma = float(weaker.sigma_px(np.array([len(mine) * course.step_px]))[0])
         if abs(float(off[whole].mean())) < test.limit(len(known)) * sigma:
             continue
         deepest = int(mine[np.argmax(np.abs(off[whole]))])
@@ -132,6 +196,7 @@ def _runs(
             deepest=deepest,
             depth_px=run.depth_px,
             depth_mm=abs(run.depth_px) / size,
+            mean_mm=abs(float(off[whole].mean())) / size,
             length_mm=float(edges.length_mm[mine].sum()),
             is_burr=run.depth_px > 0 and out > OUTWARD,
         )

@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controller.arrays import BoolArray, FloatArray, Grey
-from controller.imaging import EdgeFits, inverse_pose, measure_edges, transform
+from controller.imaging import EdgeFits, RayCaster, inverse_pose, measure_edges, transform
 from controller.imaging.levels import pixel_noise
 
 from .._pose import PosedPart
-from .._scene import make_scene
+from .._scene import HOLDER_MARGIN_PX, box_mesh, make_scene
+from .._types import ViewTask, WorldBox
 from ..dimensions import (
     BACKLIT,
     MeasuringSettings,
@@ -23,6 +24,7 @@ from ..dimensions import (
     with_rotation,
     with_visibility,
 )
+from ..lit import lamp_points
 from ._edges import PartEdges
 
 BEYOND_PX: Final = 2.5  # the least that an edge is looked for to either side
@@ -61,6 +63,7 @@ class EdgeLook:
     may_glare : (n,) a wall beside it, seen flat, may throw the panel's light back
     pixels, normals : (n, 2) of the rays
     across : (n, 3) how far the edge moves along its ray, CAD frame [px/mm]
+    may_shade : (n,) the gripper may keep some of the lamp's light away, or end its shadow there
     """
 
     view_id: str
@@ -77,6 +80,7 @@ class EdgeLook:
     pixels: FloatArray
     normals: FloatArray
     across: FloatArray
+    may_shade: BoolArray
 
     def only(self, points: BoolArray) -> "EdgeLook":
         """Return the look with some of its points (n,), the others hidden."""
@@ -125,6 +129,7 @@ def look_at_edges(
     step = np.einsum("nj,nkj->nk", across, edges.normals)
     own = OWN_WALL * np.linalg.norm(across, axis=1)
     through = (rays.rising[:, None] * step) > own[:, None]
+    gripper = _gripper_about(view.task, HOLDER_MARGIN_PX * camera.mm_per_px(pivot))
     out = []
     for lamp in lamps:
         is_backlit = lamp == BACKLIT
@@ -140,8 +145,30 @@ def look_at_edges(
                 along > limit[:, None], faces_camera, through & is_backlit,
                 (rays.wall_px > 0) & is_backlit,
                 rays.pixels, rays.normals, across,
+                _in_gripper_shadow(edges, view, lamp, gripper),
             )
         )  # fmt: skip
+    return out
+
+
+def _gripper_about(task: ViewTask, margin_mm: float) -> RayCaster | None:
+    """Return what holds the part as large as it may be, in the world; None where nothing does."""
+    if not task.holder:
+        return None
+    return RayCaster(box_mesh(tuple(WorldBox(b.T, b.half_mm + margin_mm) for b in task.holder)))
+
+
+def _in_gripper_shadow(
+    edges: PartEdges, view: PosedView, lamp: str, gripper: RayCaster | None
+) -> BoolArray:
+    """Return at which points of the edges (n,) a gripper may keep away some of a lamp's light."""
+    out = np.zeros(len(edges.points_mm), dtype=bool)
+    if lamp == BACKLIT or gripper is None:
+        return out
+    points = transform(view.T_world_part, edges.points_mm)
+    for source in lamp_points(next(one for one in view.task.lamps if one.name == lamp)):
+        # what stands behind the lamp takes none of its light
+        out |= gripper.blocked(points, source - points, 1.0)
     return out
 
 

@@ -23,6 +23,7 @@ from ._edges import PartEdges, find_edges
 from ._faces import FaceEdges, MissingEdge, inner_mm, missing_edges, prove_faces
 from ._floor_light import blind_bore, rise_by_light
 from ._looks import EdgeLook, look_at_edges
+from ._other_looks import refuted
 from ._recesses import find_recesses
 
 EDGE_PLAY_MM: Final = 0.3  # beside an edge that may be broken by so much no surface is compared
@@ -119,11 +120,12 @@ def find_evidence(
     faces = prove_faces(part.solid, edges, looks, narrow, settings, by_light)
     runs = find_displaced(edges, looks, pixel_mm, GRAINS * limits.dust_mm, allowances, settings)
     poses = {one.view.task.view_id: one.view.T_world_part for one in views}
+    is_refuted = refuted(edges, runs, looks, poses, pixel_mm, allowances, settings)
     return EdgeEvidence(
         edges,
         tuple(looks),
         faces,
-        find_damage(edges, runs, poses),
+        find_damage(edges, runs, poses, is_refuted),
         missing_edges(part.solid, edges, looks),
     )
 
