@@ -21,12 +21,13 @@ from ._apart import SAME_PIXELS_PX, is_turned
 from ._types import (
     OUTLINE,
     Finding,
+    FindingKind,
     InspectionLimits,
     Unjudged,
     Verdict,
     ViewResult,
 )
-from .detection import Detection
+from .detection import MARKS, NEXT_WIDTH, NOTHING_ASKED, Detection
 from .edge_evidence import FaceEdges, MissingEdge
 
 SURE_AREA: Final = 2.5  # times the smallest area: no noise at a border grows so large
@@ -116,6 +117,7 @@ def judge(
     planned: Mapping[str, BoolArray] = NO_PLAN,
     edges: Mapping[int, FaceEdges] = NO_EDGES,
     missing_edges: Sequence[MissingEdge] = (),
+    find_mm: Mapping[str, float] = NOTHING_ASKED,
 ) -> PartVerdict:
     """Return the verdict on a part, from all its views.
 
@@ -131,6 +133,7 @@ def judge(
     planned : by view id, which samples (n,) the plan meant it to show
     edges : by face id, what its edges prove
     missing_edges : that must show, and do in no picture
+    find_mm : by kind of defect the size that the recipe asks for, where it names one
 
     Raises
     ------
@@ -145,7 +148,7 @@ def judge(
         float(samples.areas_mm2[mask].sum() / samples.areas_mm2.sum())
         for mask in (compared, in_sight)
     )
-    confirmed, unconfirmed = _confirm(evaluated, samples, limits)
+    confirmed, unconfirmed = _confirm(evaluated, samples, limits, find_mm)
     found = dict.fromkeys((i for _, f in unconfirmed for i in f.face_ids), Verdict.INDETERMINATE)
     found |= dict.fromkeys((i for _, f in confirmed for i in f.face_ids), Verdict.FAIL)
     excuses = _unjudged(samples, evaluated)
@@ -245,7 +248,10 @@ def _claim(views: Sequence[ViewResult]) -> str:
 
 
 def _confirm(
-    views: Sequence[ViewResult], samples: SurfaceSamples, limits: InspectionLimits
+    views: Sequence[ViewResult],
+    samples: SurfaceSamples,
+    limits: InspectionLimits,
+    find_mm: Mapping[str, float],
 ) -> tuple[list[tuple[str, Finding]], list[tuple[str, Finding]]]:
     """Split findings into those that decide and those that one error could explain."""
     every = [(view, f) for view in views for f in view.findings]
@@ -265,7 +271,7 @@ def _confirm(
             unconfirmed.append((view.view_id, finding))
         elif seconded:
             sure.append((view.view_id, finding))
-        elif not _is_argued_away(view, finding, views, samples):
+        elif not _is_argued_away(view, finding, views, samples, _asked_mm(limits, find_mm)):
             unconfirmed.append((view.view_id, finding))
     sure.sort(key=lambda item: -item[1].area_mm2)
     return sure, unconfirmed
@@ -292,16 +298,32 @@ def _is_on_lens(
     )
 
 
+def _asked_mm(limits: InspectionLimits, find_mm: Mapping[str, float]) -> float:
+    """Return the smallest mark that the recipe asks to be found [mm]."""
+    return min([limits.smallest_defect_mm, *(find_mm[kind] for kind in MARKS if kind in find_mm)])
+
+
 def _is_argued_away(
-    view: ViewResult, finding: Finding, views: Sequence[ViewResult], samples: SurfaceSamples
+    view: ViewResult,
+    finding: Finding,
+    views: Sequence[ViewResult],
+    samples: SurfaceSamples,
+    asked_mm: float,
 ) -> bool:
     """Return whether other looks would have shown a mark and did not: light made it, not the part.
 
     What is on the part stays where it is as the part turns. A dent may hide under one lamp, so that
-    more than one look is needed; a mark far beyond all texture is not argued away.
+    more than one look is needed; a mark far beyond all texture is not argued away. One that looks
+    smaller than what is asked for may be a larger one seen badly: looks that would have shown
+    that size with 90 % say that it is not (ADR 79).
     """
     if not finding.kind.is_mark or finding.evidence >= PLAIN:
         return False
+    kind = "scratch" if finding.is_long else "dent"
+    enough_mm = finding.size_mm
+    if not finding.is_long and finding.size_mm < asked_mm:
+        enough_mm = max(enough_mm, asked_mm / NEXT_WIDTH)
+        kind = "stain" if finding.kind is FindingKind.STAIN else kind
     nearest = int(np.argmin(np.linalg.norm(samples.points_mm - finding.p_part_mm, axis=1)))
     looks = 0
     for other in views:
@@ -309,10 +331,10 @@ def _is_argued_away(
             continue
         marks = [f for f in (*other.findings, *other.hints) if _is_same_place(finding, f)]
         for check in other.checks:
-            widths = check.smallest_mm.get("scratch" if finding.is_long else "dent")
+            widths = check.smallest_mm.get(kind)
             if widths is None or check.reason or any(f.lamp == check.name for f in marks):
                 continue
-            looks += bool(widths[nearest] <= finding.size_mm)
+            looks += bool(widths[nearest] <= enough_mm)
     return looks >= SEEN_AGAIN_COUNT
 
 

@@ -249,6 +249,7 @@ def inspect_part(
         settings.planned,
         edges.faces,
         edges.missing,
+        settings.find_mm,
     )
     ledger = with_detections(views, results, ledger, settings)
     confirmed = {id(finding) for _, finding in ledger.confirmed}

@@ -97,10 +97,12 @@ def verdict(
     coverage: float = 0.9,
     left_out: dict[int, str] | None = None,
     planned: dict[str, NDArray[np.bool_]] | None = None,
+    find_mm: dict[str, float] | None = None,
 ) -> PartVerdict:
     return judge(
-        plate(), samples(), views, unseen or {}, coverage, LIMITS, left_out or {}, planned or {}
-    )
+        plate(), samples(), views, unseen or {}, coverage, LIMITS, left_out or {}, planned or {},
+        find_mm=find_mm or {},
+    )  # fmt: skip
 
 
 def everywhere(weak: float, **more: object) -> tuple[ViewResult, ViewResult]:
@@ -603,3 +605,32 @@ def test_what_two_other_looks_would_have_shown_and_did_not_was_a_reflection(
     clear = replace(check("ring", 3.0), smallest_mm=widths)
     others = [replace(view(f"v{i}", turn_deg=40.0 * i), checks=(clear,)) for i in (1, 2)]
     assert verdict(view("v0", findings=(mark(evidence),)), *others).verdict is expected
+
+
+@pytest.mark.parametrize(
+    ("size_mm", "width_mm", "find_mm", "expected"),
+    [
+        (1.0, 1.5, {}, Verdict.PASS),  # no dent of 3 mm is there, which two looks had to show
+        (1.0, 2.5, {}, Verdict.INDETERMINATE),  # each of them would have missed one in two
+        (1.0, 1.5, {"dent": 1.2}, Verdict.INDETERMINATE),  # the recipe asks for smaller ones
+        (1.0, 1.5, {"chip": 1.2}, Verdict.PASS),
+        (3.5, 3.2, {}, Verdict.PASS),  # of what is as large as asked for, its own size counts
+        (3.5, 3.6, {}, Verdict.INDETERMINATE),
+    ],
+)
+def test_a_mark_smaller_than_asked_for_goes_where_two_looks_had_to_show_what_is_asked_for(
+    size_mm: float, width_mm: float, find_mm: dict[str, float], expected: Verdict
+) -> None:
+    assert LIMITS.smallest_defect_mm == 3.0
+    widths = {"dent": np.full(len(everything()), width_mm, dtype=np.float32)}
+    clear = replace(check("ring", 3.0), smallest_mm=widths)
+    others = [replace(view(f"v{i}", turn_deg=40.0 * i), checks=(clear,)) for i in (1, 2)]
+    small = replace(mark(1.5), size_mm=size_mm)
+    got = verdict(view("v0", findings=(small,)), *others, find_mm=find_mm)
+    assert got.verdict is expected
+    # a mark that is plain, or that one of the looks shows as well, stays
+    plain = replace(small, evidence=9.0)
+    assert verdict(view("v0", findings=(plain,)), *others).verdict is Verdict.INDETERMINATE
+    hinted = replace(others[0], hints=(replace(small, evidence=0.5, at_px=(300.0, 200.0)),))
+    again = verdict(view("v0", findings=(small,)), hinted, others[1], find_mm=find_mm)
+    assert again.verdict is Verdict.FAIL
