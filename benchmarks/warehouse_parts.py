@@ -1,8 +1,8 @@
 """Standard parts of bd_warehouse as STEP files: parts nothing here was developed with.
 
-python benchmarks/warehouse_parts.py FOLDER [--kit 2]
+python benchmarks/warehouse_parts.py FOLDER [--kit 3]
 
-There are two kits of different parts: once what a kit showed has been mended, only the other one
+There are three kits of different parts: once what a kit showed has been mended, only the next one
 still says how recognition does on parts that nobody looked at. Writes FOLDER/known and
 FOLDER/strangers, each with the package's licence (Apache 2.0). The package is no dependency of the
 project: pip install bd-warehouse==0.2.0 build123d==0.10.0 ocp_gordon==0.1.18. Threads are left out
@@ -82,7 +82,40 @@ def second_kit() -> tuple[dict[str, Make], dict[str, Make]]:
     return known, strangers
 
 
-KITS = {1: first_kit, 2: second_kit}
+def third_kit() -> tuple[dict[str, Make], dict[str, Make]]:
+    """Return how each known part and each stranger of the third kit is made."""
+    from bd_warehouse import fastener, gear, open_builds, sprocket
+
+    known: dict[str, Make] = {
+        "cheese_screw": lambda: fastener.CheeseHeadScrew("M8-1.25", 45, simple=True),
+        "pan_screw": lambda: fastener.PanHeadScrew("M10-1.5", 40, simple=True),
+        "long_hex_screw": lambda: fastener.HexHeadScrew("M12-1.75", 80, "iso4014", simple=True),
+        "long_set_screw": lambda: fastener.SetScrew("M20-2.5", 55, simple=True),
+        "thick_nut": lambda: fastener.HexNut("M24-3", "iso4032", simple=True),
+        "flange_nut_16": lambda: fastener.HexNutWithFlange("M16-2", "din1665", simple=True),
+        "chamfered_washer": lambda: fastener.ChamferedWasher("M30", "iso7090"),
+        "coupler_quarter": lambda: open_builds.FlexibleCoupler("1/4in"),
+        "spacer_40": lambda: open_builds.AluminumSpacer("40mm"),
+        "eccentric": lambda: open_builds.EccentricSpacer("1/4in"),
+        "rail_20x20": lambda: open_builds.VSlotLinearRail("20x20", 60),
+        "rail_20x80": lambda: open_builds.VSlotLinearRail("20x80", 55),
+        "c_beam_60": lambda: open_builds.CBeamLinearRail(60),
+        "gear_30": lambda: gear.SpurGear(2.0, 30, 20, thickness=10),
+        "sprocket_13": lambda: sprocket.Sprocket(13, 12.7, 7.9375, 0.0, 8.0, 28.0, 3, 4.5, 12.0),
+    }
+    strangers: dict[str, Make] = {
+        "raised_screw": lambda: fastener.RaisedCheeseHeadScrew("M10-1.5", 40, simple=True),
+        "small_cap_screw": lambda: fastener.SocketHeadCapScrew(
+            "M12-1.75", 45, "iso4762", simple=True
+        ),
+        "rail_20x40_50": lambda: open_builds.VSlotLinearRail("20x40", 50),
+        "spacer_35": lambda: open_builds.AluminumSpacer("35mm"),
+        "square_nut_20": lambda: fastener.SquareNut("M10-1.5", simple=True),
+    }
+    return known, strangers
+
+
+KITS = {1: first_kit, 2: second_kit, 3: third_kit}
 
 
 def licence() -> str:

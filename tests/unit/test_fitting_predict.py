@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import shapely
+from cad_solids import box, rod, solid_of
 from data_files import part_file
 from fitting_bodies import about_z, anywhere, area_of, model, solid
 from numpy.typing import NDArray
@@ -275,3 +276,29 @@ def test_turning_part_and_camera_together_changes_nothing() -> None:
     assert there.pixels == pytest.approx(here.pixels, abs=1e-6)
     assert there.normals == pytest.approx(here.normals, abs=1e-6)
     assert there.lift == pytest.approx(here.lift, abs=1e-6)
+
+
+def test_edges_that_are_hidden_take_no_samples_from_those_that_show() -> None:
+    plain = box(80, 60, 10)
+    holed = plain
+    for x in range(-32, 33, 8):
+        for y in range(-24, 25, 8):
+            holed -= rod(3, 4, 48).translate((x, y, -3))  # blind, from below
+    shown = []
+    for body in (plain, holed):
+        part = solid_of(body, "part")
+        T = resting(part, np.eye(3), 20.0, 10.0, 0.3)
+        shown.append(predict_edges(edge_model(part), T, CAMERA, 300))
+    few, many = (len(edges.points_mm) for edges in shown)
+    assert many > 0.6 * few
+    assert shown[1].step_mm < 1.6 * shown[0].step_mm
+
+
+def test_a_groove_narrower_than_what_is_looked_at_beside_it_shows_both_its_edges() -> None:
+    part = solid_of(box(60, 40, 12) - box(80, 0.6, 2).translate((0, 0, 6)), "grooved")
+    T = resting(part, np.eye(3), 0.0, 0.0, 0.0)
+    edges = predict_edges(edge_model(part), T, CAMERA)
+    for y in (-0.3, 0.3):
+        at = np.column_stack([np.linspace(-25, 25, 20), np.full(20, y), np.full(20, 12.0)])
+        found = cKDTree(edges.pixels).query(CAMERA.project(at))[0]
+        assert found.max() <= 0.6 * edges.step_mm / mm_per_px(T, part)

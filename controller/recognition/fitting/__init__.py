@@ -19,6 +19,7 @@ from ._fit import (
     sample_information,
     twist,
 )
+from ._highlight import are_highlights
 from ._measure import Gaps, GreyMeasure, Measure, OutlineMeasure
 from ._model import EdgeModel, EdgeShape, edge_model, edge_shape
 from ._predict import EdgePoints, predict_edges, predict_outline
@@ -38,6 +39,7 @@ __all__ = [
     "OutlineMeasure",
     "Prior",
     "Shading",
+    "are_highlights",
     "at_rest",
     "edge_jacobian",
     "edge_model",

@@ -4,7 +4,7 @@ Two questions, each asked both ways: is what the pose predicts in the picture, a
 picture shows predicted?
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -17,6 +17,8 @@ from ._fit import EdgeFit
 from ._measure import GreyMeasure, OutlineMeasure, visibility
 from ._predict import EdgePoints
 from ._shade import Shading
+
+Shine = Callable[[FloatArray, FloatArray], BoolArray]
 
 NEAR_PX = 1.3  # an edge this near its prediction is where it should be
 FAR_PX = 2.5
@@ -53,6 +55,15 @@ class ImageEdges:
     def length_mm(self, mm_per_px: float) -> float:
         """Return how long they are together, those left out among them."""
         return self.length_px * mm_per_px
+
+    def at(self, which: BoolArray) -> "ImageEdges":
+        """Return those of them that a mask (n,) names."""
+        return replace(
+            self,
+            points_px=self.points_px[which],
+            normals=self.normals[which],
+            strength=self.strength[which],
+        )
 
     @staticmethod
     def of(measure: GreyMeasure, within: BoolArray) -> "ImageEdges":
@@ -220,6 +231,7 @@ def grey_evidence(
     greys: Sequence[GreyMeasure],
     image_edges: ImageEdges,
     shading: Shading,
+    shine: Shine | None = None,
 ) -> Evidence:
     """Return the evidence of grey levels alone for a pose.
 
@@ -231,12 +243,20 @@ def grey_evidence(
     greys : the pictures edges are looked for in; one is enough for an edge
     image_edges : strong edges of the first, about the part
     shading : `shading_fits` of it; of several lamps' pictures, of all of them
+    shine : tells which edges of a picture (points, normals) may be highlights of that pose: these
+        need no explanation; None where all do
     """
     on = edges.on_outline
     off = _off_px(edges.pixels, edges, greys)
     near = off < NEAR_PX
     weight = visibility(edges)
-    explained = _explained(image_edges, edges, mm_per_px)
+    predicted = is_predicted(image_edges.points_px, edges, edges.step_mm / mm_per_px)
+    if shine is not None:
+        asked = predicted.copy()
+        left = ~predicted
+        asked[left] = ~shine(image_edges.points_px[left], image_edges.normals[left])
+        image_edges, predicted = image_edges.at(asked), predicted[asked]
+    explained = _weighted(predicted, np.sqrt(image_edges.strength))
     return Evidence(
         outline=_weighted(near[on], weight[on]),
         explained=explained,

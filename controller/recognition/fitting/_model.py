@@ -9,6 +9,8 @@ from controller.arrays import BoolArray, FloatArray, Int32Array
 from controller.cad import Solid, prepare_views
 from controller.imaging import RayCaster
 
+CURVED_PER_MM = 0.02  # of a triangle between smooth edges: a plane beside a fillet is none
+ROUND_SHARE = 0.3  # of its curvature along the surface, by which it is curved in both directions
 FLAT = 1e-4  # |n1 - n2| of triangles that lie in one plane: the edge between them never shows
 
 
@@ -49,9 +51,12 @@ class EdgeModel:
         the origin along it
     out : (e, 3) unit direction out of the material, half-way between the two normals
     is_crease : (e,) part of a CAD edge at which two surfaces meet at an angle
+    bend : (e,) |n1 - n2| of the two surfaces of a crease, else 0
     sides : (e, 2) the two triangles beside it
     middle_mm : (e, 3) of each mesh edge
     seen_by : (3, e) squared lengths of ``along_mm`` and ``middle_mm``, and their product
+    straight : (t, 3) unit direction along which a triangle's surface is straight while it is
+        curved across; 0 where it is curved in both directions, NaN where it is plane
     """
 
     centroid_mm: FloatArray
@@ -64,9 +69,11 @@ class EdgeModel:
     second: FloatArray
     out: FloatArray
     is_crease: BoolArray
+    bend: FloatArray
     sides: Int32Array
     middle_mm: FloatArray
     seen_by: FloatArray
+    straight: FloatArray
 
 
 def edge_shape(solid: Solid) -> EdgeShape:
@@ -111,10 +118,36 @@ def edge_model(shape: EdgeShape | Solid) -> EdgeModel:
         second=planes[shape.sides[:, 1]],
         out=out,
         is_crease=shape.is_crease,
+        bend=np.linalg.norm(np.diff(normals[shape.sides], axis=1)[:, 0], axis=1) * shape.is_crease,
         sides=shape.sides,
         middle_mm=middle,
         seen_by=np.stack([np.einsum("ij,ij->i", a, b) for a, b in pairs]),
+        straight=_straight(shape, normals, along),
     )
+
+
+def _straight(shape: EdgeShape, normals: FloatArray, along: FloatArray) -> FloatArray:
+    """Return in which direction triangles are straight, (t, 3): see `EdgeModel`."""
+    out = np.full(normals.shape, np.nan)
+    smooth = ~shape.is_crease
+    sides, along = shape.sides[smooth], along[smooth]
+    length = np.linalg.norm(along, axis=1)
+    bend = np.linalg.norm(normals[sides[:, 0]] - normals[sides[:, 1]], axis=1) * length
+    curvature = np.zeros((len(normals), 3, 3))
+    for side in sides.T:
+        across = np.cross(normals[side], along / np.maximum(length, 1e-12)[:, None])
+        np.add.at(curvature, side, bend[:, None, None] * across[:, :, None] * across[:, None, :])
+    corners = shape.vertices_mm[shape.triangles]
+    doubled = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = 0.5 * np.linalg.norm(doubled, axis=1)
+    curved = np.flatnonzero(np.trace(curvature, axis1=1, axis2=2) > CURVED_PER_MM * area)
+    if len(curved) == 0:
+        return out
+    sizes, directions = np.linalg.eigh(curvature[curved])
+    is_round = sizes[:, 1] > ROUND_SHARE * sizes[:, 2]
+    out[curved] = np.cross(normals[curved], directions[:, :, 2])
+    out[curved[is_round]] = 0.0
+    return out
 
 
 def _normals(vertices_mm: FloatArray, triangles: Int32Array) -> FloatArray:

@@ -20,6 +20,7 @@ OFF_SURFACE_MM = 0.06  # a sample is looked at from a hair outside, or its own f
 HIDDEN_MM = 0.25  # something this much nearer than the sample hides it
 STEP_MM = 0.5  # a step this high shows, though its two sides may be turned the same way
 MIN_STEP_MM = 0.25
+SEEN_SHARE = 0.5  # of the edges looked at, below which those that are hidden are left out
 CLOSE_MM = 0.015  # beside an edge of the outline there is nothing, however close one looks
 BESIDE_MM = 0.45  # beside an edge inside its two sides are probed: about 1.5 px
 CREASE_BEND = 0.2  # |n1 - n2| of what shows as a crease: 11 degrees
@@ -102,10 +103,7 @@ def predict_edges(
     eye = _eye(T_world_part, camera)
     is_rim, shows = _rims(model, eye)
     shows |= is_rim
-    samples, step = _sample(model, np.flatnonzero(shows), eye, most, MIN_STEP_MM)
-    looks = samples.points + OFF_SURFACE_MM * model.out[samples.edge] - eye
-    _, depth = _look(model, eye, looks)
-    samples = samples.at(depth > 1.0 - HIDDEN_MM / samples.distance)
+    samples, step = _visible(model, np.flatnonzero(shows), eye, most)
     ahead = samples.points - eye
     close, aside = CLOSE_MM * samples.across, BESIDE_MM * samples.across
     free_a, free_b = _is_free(model, eye, np.concatenate([ahead + close, ahead - close]), 2)
@@ -120,6 +118,8 @@ def predict_edges(
     far_a, far_b = np.where(np.isfinite(depth), depth, 0.0).reshape(2, -1)
     jump = np.where(no_a | no_b | on_outline, 0.0, np.abs(far_a - far_b) * samples.distance)
     shows = on_outline | is_rim[samples.edge] | (bend > CREASE_BEND) | (jump > STEP_MM)
+    # beside both sides of a groove so narrow is the same face
+    shows |= (model.bend[samples.edge] > CREASE_BEND) & ~(no_a | no_b)
     towards = -ahead / samples.distance[:, None]
     lift = np.einsum("ij,ij->i", bent, towards)
     turned = free_b & ~free_a  # there the normal runs to side b
@@ -183,6 +183,30 @@ def _sample(
     across /= np.maximum(size, 1e-12)[:, None]
     samples = _Samples(edge, points, along, across, distance)
     return samples.at(size > END_ON * distance), step
+
+
+def _visible(
+    model: EdgeModel, chosen: IntArray, eye: FloatArray, most: int
+) -> tuple[_Samples, float]:
+    """Return samples that nothing hides; of a part that hides most of its edges, on the others.
+
+    Of a hollow rail a seventh is seen, and samples on it would be farther apart than its grooves.
+    """
+    samples, step = _sample(model, chosen, eye, most, MIN_STEP_MM)
+    seen = _is_seen(model, samples.edge, samples.points, eye)
+    if step > MIN_STEP_MM and seen.mean() < SEEN_SHARE:
+        short = np.setdiff1d(chosen, samples.edge)  # without a sample: looked at in the middle
+        left = short[_is_seen(model, short, model.middle_mm[short], eye)]
+        left = np.union1d(samples.edge[seen], left)
+        samples, step = _sample(model, left, eye, most, MIN_STEP_MM)
+        seen = _is_seen(model, samples.edge, samples.points, eye)
+    return samples.at(seen), step
+
+
+def _is_seen(model: EdgeModel, edge: IntArray, points: FloatArray, eye: FloatArray) -> BoolArray:
+    looks = points + OFF_SURFACE_MM * model.out[edge] - eye
+    _, depth = _look(model, eye, looks)
+    return np.asarray(depth > 1.0 - HIDDEN_MM / np.linalg.norm(points - eye, axis=1))
 
 
 def _look(model: EdgeModel, eye: FloatArray, looks: FloatArray) -> tuple[Int32Array, FloatArray]:

@@ -7,6 +7,7 @@ all. What lies inside an outline is looked at only where the outline leaves a ch
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import islice
 
 import numpy as np
@@ -20,6 +21,7 @@ from ..fitting import (
     Evidence,
     FitOptions,
     Shading,
+    are_highlights,
     at_rest,
     first_edges,
     fit_edges,
@@ -416,6 +418,7 @@ def _refine(
             cutout.greys,
             cutout.image_edges[0],
             Shading.of_all(_shadings(fit, model, cutout, camera)),
+            partial(are_highlights, model, fit.T_world_part, camera),
         )
     return Hypothesis(
         part=candidate.part,

@@ -5,7 +5,7 @@ asked for, and what another part explains is not held against a pose.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import cv2
@@ -196,7 +196,7 @@ class LitFit:
             for other in others:
                 step_px = other.fit.edges.step_mm / self.mm_per_px
                 theirs |= is_predicted(picture_edges.points_px, other.fit.edges, step_px)
-            picture_edges = _picked(picture_edges, own | ~theirs)
+            picture_edges = picture_edges.at(own | ~theirs)
         (shading,) = shading_fits(
             self.model,
             self.fit.T_world_part,
@@ -206,7 +206,12 @@ class LitFit:
             np.asarray(inside),
         )
         return grey_evidence(
-            edges, self.fit.sigma_px, self.mm_per_px, (cluster.grey,), picture_edges, shading
+            edges,
+            self.fit.sigma_px,
+            self.mm_per_px,
+            (cluster.grey,),
+            picture_edges,
+            shading,
         )
 
     @cached_property
@@ -246,16 +251,6 @@ class LitFit:
         """Its lowest and its highest point above the table."""
         z = transform(self.fit.T_world_part, self.model.start_mm)[:, 2]
         return float(z.min()), float(z.max())
-
-
-def _picked(edges: ImageEdges, which: BoolArray) -> ImageEdges:
-    """Return those of a picture's edges that a mask (n,) names."""
-    return replace(
-        edges,
-        points_px=edges.points_px[which],
-        normals=edges.normals[which],
-        strength=edges.strength[which],
-    )
 
 
 def are_in_one_place(a: LitFit, b: LitFit) -> bool:

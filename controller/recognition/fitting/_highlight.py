@@ -1,0 +1,51 @@
+"""Which edges of a picture a curved surface makes by itself: the flanks of a highlight.
+
+A lamp is mirrored on a cylinder as a streak along it, whose flanks are as sharp as a part's own
+edges. On a surface that is straight in one direction, brightness changes across that direction
+alone, whatever the lamps are: an edge that runs along it says nothing against the pose.
+"""
+
+import numpy as np
+
+from controller.arrays import BoolArray, FloatArray
+from controller.imaging import Camera, meet_part
+
+from ._model import EdgeModel
+
+ASKEW = 0.3  # cosine between a gradient and the straight direction: 17 degrees, and noise turns it
+AHEAD_MM = 0.5  # along the straight direction, to tell its direction in the picture
+END_ON_PX = 0.2  # shorter than this there, it is seen end-on
+
+
+def are_highlights(
+    model: EdgeModel,
+    T_world_part: FloatArray,
+    camera: Camera,
+    points_px: FloatArray,
+    normals: FloatArray,
+) -> BoolArray:
+    """Return which edges of a picture may be highlights of a posed part, (n,).
+
+    Parameters
+    ----------
+    model : edges of the part, and how its surfaces are curved
+    T_world_part : (4, 4) the pose asked about
+    camera : calibrated, in the world's frame
+    points_px : (n, 2) in the picture
+    normals : (n, 2) unit, up the gradient
+    """
+    answer = np.zeros(len(points_px), dtype=np.bool_)
+    if len(points_px) == 0:
+        return answer
+    lines = camera.sight_lines(points_px)
+    triangle, depth = meet_part(model.caster, T_world_part, camera.position_mm, lines)
+    straight = np.where((triangle >= 0)[:, None], model.straight[triangle], np.nan)
+    at = np.flatnonzero(np.isfinite(straight[:, 0]))
+    points_mm = camera.position_mm + depth[at, None] * lines[at]
+    ahead_mm = points_mm + AHEAD_MM * (straight[at] @ T_world_part[:3, :3].T)
+    ahead_px = camera.project(ahead_mm) - camera.project(points_mm)
+    size = np.linalg.norm(ahead_px, axis=1)
+    off = np.abs((ahead_px * normals[at]).sum(axis=1))
+    is_round = ~straight[at].any(axis=1)
+    answer[at] = is_round | ((off < ASKEW * size) & (size > END_ON_PX))
+    return answer
