@@ -39,9 +39,9 @@ def test_a_part_goes_from_the_table_to_its_tray_in_about_the_time_forecast(tmp_p
     for step in steps:
         assert step["seconds"] == pytest.approx(step["forecast_s"], abs=1.5), step
     # the arm went on to the tray while the part was judged
-    (verdict,) = (row.seq for row in rows if row.name == "verdict")
-    last_view = max(row.seq for row in rows if row.name == "view")
-    begun = [row for row in rows if row.name == "follow_path" and last_view < row.seq < verdict]
+    (judged,) = (row.seq for row in rows if row.name == "part_inspected")
+    taken = max(row.seq for row in rows if row.name == "view_pictures")
+    begun = [row for row in rows if row.name == "follow_path" and taken < row.seq < judged]
     assert len(begun) == 1
     # what its time went into, told from the same rows
     (run,) = takts_of(tmp_path / "cell")
