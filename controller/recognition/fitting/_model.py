@@ -1,6 +1,7 @@
 """What of a part shows as an edge, prepared once so that any view of it takes a millisecond."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import trimesh
@@ -36,12 +37,13 @@ class EdgeShape:
     is_crease: BoolArray
 
 
-@dataclass(frozen=True, eq=False, slots=True)
+@dataclass(frozen=True, eq=False)
 class EdgeModel:
     """A part's mesh edges with what lies beside them, CAD frame.
 
     Attributes
     ----------
+    shape : what it is made from
     centroid_mm : (3,) centre of mass
     caster : rays against the mesh
     normals : (t, 3) unit normals of the triangles
@@ -55,10 +57,9 @@ class EdgeModel:
     sides : (e, 2) the two triangles beside it
     middle_mm : (e, 3) of each mesh edge
     seen_by : (3, e) squared lengths of ``along_mm`` and ``middle_mm``, and their product
-    straight : (t, 3) unit direction along which a triangle's surface is straight while it is
-        curved across; 0 where it is curved in both directions, NaN where it is plane
     """
 
+    shape: EdgeShape
     centroid_mm: FloatArray
     caster: RayCaster
     normals: FloatArray
@@ -73,7 +74,14 @@ class EdgeModel:
     sides: Int32Array
     middle_mm: FloatArray
     seen_by: FloatArray
-    straight: FloatArray
+
+    @cached_property
+    def straight(self) -> FloatArray:
+        """(t, 3) unit direction along which a triangle's surface is straight while curved across.
+
+        0 where it is curved in both directions, NaN where it is plane. Asked for under lamps alone.
+        """
+        return _straight(self.shape, self.normals, self.along_mm)
 
 
 def edge_shape(solid: Solid) -> EdgeShape:
@@ -108,6 +116,7 @@ def edge_model(shape: EdgeShape | Solid) -> EdgeModel:
     middle = start + 0.5 * along
     pairs = (along, along), (middle, middle), (middle, along)
     return EdgeModel(
+        shape=shape,
         centroid_mm=shape.centroid_mm,
         caster=RayCaster(trimesh.Trimesh(vertices, triangles, process=False, validate=False)),
         normals=normals,
@@ -122,7 +131,6 @@ def edge_model(shape: EdgeShape | Solid) -> EdgeModel:
         sides=shape.sides,
         middle_mm=middle,
         seen_by=np.stack([np.einsum("ij,ij->i", a, b) for a, b in pairs]),
-        straight=_straight(shape, normals, along),
     )
 
 
