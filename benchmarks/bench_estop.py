@@ -36,12 +36,13 @@ import numpy as np
 from runs_stand_ins import World
 
 from controller.cell.batch import assemble, product_of
-from controller.cell.compute import Compute, Job, context, make_pool
+from controller.cell.compute import Compute, Job, context
 from controller.cell.devices import Devices, resolve
 from controller.cell.devices.clocks import FoundClock, find_clock
 from controller.cell.devices.emulator import emulated_cell, emulator_command
 from controller.cell.journal import Journal, read_rows
 from controller.cell.services.records import Progress
+from controller.processes import make_pool
 from controller.setup.layout import build_layout
 from drivers.errors import DeviceError
 from drivers.kinds import Signal, Stop
@@ -123,7 +124,7 @@ async def press_doors(
         log.propagate = False
         log.addHandler(wires)
     found = []
-    with make_pool() as pool:
+    with make_pool("controller.cell.compute") as pool:
         async with clock.attending():
             try:
                 await devices.connect()

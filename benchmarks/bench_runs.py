@@ -36,8 +36,8 @@ from runs_cell import Bench
 from runs_record import Job, Ran, line_of, load
 from runs_whole import run_whole
 
-from controller.cell.compute import make_pool
 from controller.cell.devices.emulator import emulated_cell, emulator_command
+from controller.processes import make_pool
 
 ROOT = Path(__file__).parents[1]
 SHARED = ROOT.parent / "shared" / "parts"
@@ -81,7 +81,7 @@ def run_jobs(args: argparse.Namespace, scratch: Path) -> None:
     names = [n for n in args.parts if n in RECIPES or (SHARED / f"{n}.stl").is_file()]
     for name in set(args.parts) - set(names):
         print(f"{name}: left out, its file is not here", file=sys.stderr)
-    with make_pool() as pool:
+    with make_pool("controller.cell.compute") as pool:
         benches = {}
         for name in names:
             recipe, cell = part_file(name, scratch)

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import Any, Final
 
-from controller.cell.compute import worker_pool
 from controller.config import ConfigError
+from controller.processes import worker_pool
 
 MAX_COUNT: Final = 512
 SCHEMES: Final = ("tcp://", "tls://", "ucx://", "ws://", "wss://")  # that Dask knows
@@ -85,7 +85,7 @@ def open_pool(jobs: Jobs) -> Iterator[Pool | None]:
     elif jobs.is_alone:
         yield None
     else:
-        with worker_pool(jobs.count) as pool:
+        with worker_pool("controller.catalogue", jobs.count) as pool:
             yield Pool(pool, jobs.count)
 
 

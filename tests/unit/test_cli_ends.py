@@ -13,10 +13,10 @@ from typing import Any, cast
 import pytest
 
 from controller.cell.batch import Dispatcher
-from controller.cell.compute import worker_pool
 from controller.cell.custody import Custody
 from controller.cell.journal import Journal, read_rows
 from controller.cli.running.ends import Ends
+from controller.processes import worker_pool
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -88,7 +88,7 @@ def test_a_worker_that_works_ahead_has_less_priority() -> None:
 
 PARENT = """
 import os, signal, sys, time
-from controller.cell.compute import worker_pool
+from controller.processes import worker_pool
 if __name__ == "__main__":
     with worker_pool() as pool:
         print(pool.submit(os.getpid).result(), flush=True)

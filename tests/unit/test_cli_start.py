@@ -9,11 +9,14 @@ import subprocess
 import sys
 from importlib.metadata import version
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
+from controller import loading as loading_module
 from controller.cli import app as app_module
 from controller.cli import main
+from controller.loading import loading
 
 ROOT = Path(__file__).resolve().parents[2]
 HEAVY = ("numpy", "scipy", "cv2", "trimesh", "pybullet")
@@ -67,6 +70,38 @@ def test_the_probe_would_notice(tmp_path: Path) -> None:
     ((_, code, heavy),) = json.loads(done.stderr.splitlines()[-1])
     assert code == 2
     assert "numpy" in heavy
+
+
+def test_no_module_imports_scipys_statistics_for_all_who_import_it() -> None:
+    # a quarter of a second in each process; `scipy.special` has the same functions
+    slow = re.compile(r"^(from|import) scipy\.stats|^from scipy import .*\bstats\b", re.MULTILINE)
+    assert slow.search("from scipy.stats import norm\n")
+    found = [
+        str(path.relative_to(ROOT))
+        for package in ("controller", "drivers", "emulators")
+        for path in (ROOT / package).rglob("*.py")
+        if slow.search(path.read_text())
+    ]
+    assert found == []
+
+
+@pytest.mark.parametrize("was_enabled", [True, False])
+def test_loading_leaves_the_collector_as_it_was(
+    was_enabled: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    state = {"enabled": was_enabled, "frozen": 0}
+    stand_in = SimpleNamespace(
+        isenabled=lambda: state["enabled"],
+        disable=lambda: state.update(enabled=False),
+        enable=lambda: state.update(enabled=True),
+        get_freeze_count=lambda: state["frozen"],
+        freeze=lambda: state.update(frozen=state["frozen"] + 1),
+    )
+    monkeypatch.setattr(loading_module, "gc", stand_in)
+    for _ in range(2):
+        with loading():
+            assert not state["enabled"]
+    assert state == {"enabled": was_enabled, "frozen": 1}
 
 
 def threads_of(**chosen: str) -> tuple[dict[str, str], int, int]:

@@ -34,10 +34,10 @@ PACKAGES = ("controller", "drivers", "emulators", "simulation")
 # multiprocessing pickles what it sends to our own child over our own pipe: nothing from a disk or
 # a wire goes that way, which is why the modules that use it are named here
 PIPES = {
-    "controller/cell/compute/pool.py",
     "controller/cli/running/ends.py",
     "controller/page/records/records.py",
     "controller/page/records/work.py",
+    "controller/processes.py",
     "emulators/world/pictures/desk.py",
     "emulators/world/pictures/worker.py",
 }

@@ -1,8 +1,8 @@
 """Heavy computation in a worker process, so that it never blocks the event loop.
 
 `service.py` declares the questions and `answers.py` has the functions that answer them. `job.py`
-has what a worker keeps of a job, `pool.py` makes the worker process, and `held_search.py` finds a
-part that slipped in the jaws. `checking.py` checks a recipe in a cell from files alone.
+has what a worker keeps of a job, and `held_search.py` finds a part that slipped in the jaws.
+`checking.py` checks a recipe in a cell from files alone.
 """
 
 from .answers import Holder, Located, Pickable
@@ -16,7 +16,6 @@ from .job import (
     load_parts,
     part_files,
 )
-from .pool import make_pool, worker_pool
 from .service import Compute, PartCompute, begin
 
 __all__ = [
@@ -33,7 +32,5 @@ __all__ = [
     "glowing_mask",
     "inspection_limits",
     "load_parts",
-    "make_pool",
     "part_files",
-    "worker_pool",
 ]

@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from controller.loading import loading
+
 from ..options import JsonOption
 
 
@@ -27,6 +29,7 @@ def camera(
 
     Writes intrinsics, distortion, pose over the table, and the uncertainty of each.
     """
-    from .camera_calibration import calibrate_camera
+    with loading():
+        from .camera_calibration import calibrate_camera
 
     raise typer.Exit(calibrate_camera(images, target, output, as_json=json))

@@ -6,6 +6,8 @@ from typing import Annotated
 
 import typer
 
+from controller.loading import loading
+
 from ..options import (
     AsBuiltOption,
     ControlOption,
@@ -87,7 +89,8 @@ def print_target(
 
     Measure the glued board, then give its true length by --measured-mm.
     """
-    from .board_sheet import write_sheet
+    with loading():
+        from .board_sheet import write_sheet
 
     code = write_sheet(
         board,
@@ -150,8 +153,9 @@ def commission(
 
     What is done stays; the next start goes on with what is not.
     """
-    from ..running.entering import EmulatedOptions
-    from .guided import GuidedOptions, guide
+    with loading():
+        from ..running.entering import EmulatedOptions
+        from .guided import GuidedOptions, guide
 
     code = guide(
         GuidedOptions(
@@ -207,8 +211,9 @@ def jog(
 
     Before homing it only tries single motors and homes. Space and Esc halt it.
     """
-    from ..running.entering import EmulatedOptions
-    from .jogging import JogOptions, jog_cell
+    with loading():
+        from ..running.entering import EmulatedOptions
+        from .jogging import JogOptions, jog_cell
 
     code = jog_cell(
         JogOptions(
@@ -256,9 +261,10 @@ def teach(
 
     Nothing is written before you have seen the difference.
     """
-    from ..running.entering import EmulatedOptions
-    from .jogging import JogOptions
-    from .teaching import teach as teach_cell
+    with loading():
+        from ..running.entering import EmulatedOptions
+        from .jogging import JogOptions
+        from .teaching import teach as teach_cell
 
     code = teach_cell(
         JogOptions(

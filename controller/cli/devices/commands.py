@@ -6,6 +6,8 @@ from typing import Annotated
 
 import typer
 
+from controller.loading import loading
+
 from ..options import (
     AsBuiltOption,
     CellOption,
@@ -54,8 +56,9 @@ def doctor(
     json: JsonOption = False,
 ) -> None:
     """Check devices, versions and permissions; nothing moves."""
-    from ..inputs.part_files import cell_of_this_folder
-    from .doctor_checks import Looking, examine
+    with loading():
+        from ..inputs.part_files import cell_of_this_folder
+        from .doctor_checks import Looking, examine
 
     looking = Looking(runs, pictures, watch)
     raise typer.Exit(examine(cell or cell_of_this_folder(), looking, as_json=json))
@@ -95,8 +98,9 @@ def emulate(
 
     Prints the address of every device.
     """
-    from ..inputs.part_files import cell_of_this_folder
-    from .emulated_cell import serve
+    with loading():
+        from ..inputs.part_files import cell_of_this_folder
+        from .emulated_cell import serve
 
     code = serve(
         cell or cell_of_this_folder(),

@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from controller.loading import loading
+
 from ..options import JsonOption, RunsOption, StoreOption
 
 # Which parts are listed, and how many.
@@ -89,12 +91,14 @@ def history(
     nothing of it.
     """
     if drop_pictures_before is not None:
-        from .keeping import make_room
+        with loading():
+            from .keeping import make_room
 
         raise typer.Exit(make_room(drop_pictures_before, runs, store, is_dry=not yes, as_json=json))
     if yes:
         raise typer.BadParameter("--yes goes with --drop-pictures-before")
-    from .answering import Asked, answer
+    with loading():
+        from .answering import Asked, answer
 
     if awaiting_review and reviewed:
         raise typer.BadParameter("--awaiting-review and --reviewed exclude each other")
@@ -156,8 +160,9 @@ def review(
     The verdict becomes a row of the journal, beside the machine's, whether or not the cell runs.
     A later one stands in its place; nothing is deleted.
     """
-    from .answering import Asked
-    from .reviewing import Order, review_parts
+    with loading():
+        from .answering import Asked
+        from .reviewing import Order, review_parts
 
     asked = Asked(
         recipe=recipe,
@@ -189,7 +194,8 @@ def backup(
 
     Each file is verified by its SHA-256. A cell may run meanwhile.
     """
-    from .keeping import read_backup, write_backup
+    with loading():
+        from .keeping import read_backup, write_backup
 
     if restore:
         raise typer.Exit(read_backup(file, runs, as_json=json))

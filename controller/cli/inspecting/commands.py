@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from controller.loading import loading
+
 from ..options import JsonOption, RunsOption
 
 
@@ -31,7 +33,8 @@ def inspect(
 
     Prints each characteristic, each finding and the verdict; ends with exit code 0 for a pass only.
     """
-    from .stored_views import inspect_set
+    with loading():
+        from .stored_views import inspect_set
 
     raise typer.Exit(inspect_set(views, recipe, report, as_json=json))
 
@@ -78,12 +81,14 @@ def replay(
     if wires is not None:
         if run_name is not None:
             raise typer.BadParameter("RUN and --wires exclude each other")
-        from .replayed_wires import replay_wire_file
+        with loading():
+            from .replayed_wires import replay_wire_file
 
         raise typer.Exit(replay_wire_file(wires, recipe, cell, as_json=json))
     if cell is not None:
         raise typer.BadParameter("--cell goes with --wires")
-    from .replayed_run import replay_run
+    with loading():
+        from .replayed_run import replay_run
 
     raise typer.Exit(replay_run(runs, run_name, recipe, as_json=json))
 
@@ -98,6 +103,7 @@ def verify(
     json: JsonOption = False,
 ) -> None:
     """Check that pictures, results and journal of a run are as they were written."""
-    from .verified_run import verify_run
+    with loading():
+        from .verified_run import verify_run
 
     raise typer.Exit(verify_run(runs, run_name, head, as_json=json))

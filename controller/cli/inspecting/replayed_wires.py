@@ -5,7 +5,6 @@ from contextlib import closing
 from pathlib import Path
 from typing import Final
 
-from controller.cell.compute import worker_pool
 from controller.cell.wires import (
     Difference,
     Replayed,
@@ -15,6 +14,7 @@ from controller.cell.wires import (
     replay_wires,
 )
 from controller.config import ConfigError, find_recipe
+from controller.processes import worker_pool
 
 from ..terminal.output import emit, print_line, warn
 
@@ -48,7 +48,7 @@ def replay_wire_file(
                     warn(f"{changed}: changed since the run; the recording's own copy is used")
             # what drivers log once the recording has ended proves nothing
             logging.disable(logging.CRITICAL)
-            with worker_pool() as pool:
+            with worker_pool("controller.cell.compute") as pool:
                 found = replay_wires(
                     reader, recipe or inputs.recipe, cell_path or inputs.cell, pool
                 )

@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from controller.loading import loading
+
 from ..options import DrawingsOption, JobsOption, JsonOption, UnitOption, finite
 
 
@@ -69,9 +71,10 @@ def compile_(
 
     Stable poses, outlines, surfaces, edges; with a cell also grasps and plans.
     """
-    from ..inputs.ahead import jobs_among
-    from ..inputs.part_files import part_files
-    from .compiling import compile_parts
+    with loading():
+        from ..inputs.ahead import jobs_among
+        from ..inputs.part_files import part_files
+        from .compiling import compile_parts
 
     recipes = [recipe] if recipe is not None else []
     files, recipe_cell = part_files(list(parts or ()), recipes, unit and unit.value, cell)

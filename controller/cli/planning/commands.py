@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from controller.loading import loading
+
 from ..options import (
     DrawingsOption,
     JobsOption,
@@ -23,8 +25,9 @@ def check(
     Files, CAD, grasps, views, reach: for every likely stable pose of the recipe's part. Several
     recipes are checked as for one run with all of them.
     """
-    from ..inputs.recipes import asked_recipes
-    from .recipe_check import check_recipes
+    with loading():
+        from ..inputs.recipes import asked_recipes
+        from .recipe_check import check_recipes
 
     asked = asked_recipes(recipes or (), has_counts=False)
     raise typer.Exit(check_recipes(asked, cell, as_json=json))
@@ -91,10 +94,11 @@ def plan(
 
     Prints steps, forecast and coverage, and why the rest of the surface is not shown.
     """
-    from controller.config import ConfigError
+    with loading():
+        from controller.config import ConfigError
 
-    from ..inputs.ahead import jobs_among
-    from ..inputs.part_files import part_files
+        from ..inputs.ahead import jobs_among
+        from ..inputs.part_files import part_files
 
     files, cell_file = part_files(list(parts or ()), list(recipe or ()), unit and unit.value, cell)
     if site:
@@ -103,14 +107,16 @@ def plan(
         for name, value in given.items():
             if value is not None:
                 raise ConfigError(f"--site is about the cell: it goes without {name}")
-        from .site import site_parts
+        with loading():
+            from .site import site_parts
 
         code = site_parts(files, cell_file, use_cache=not no_cache, as_json=json)
         raise typer.Exit(code)
     if len(files) > 1:
         second = files[1].path
         raise ConfigError(f"{second}: one part is planned at a time; several only with --site")
-    from .part_plan import plan_part_file
+    with loading():
+        from .part_plan import plan_part_file
 
     code = plan_part_file(
         files[0],

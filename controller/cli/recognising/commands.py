@@ -6,6 +6,8 @@ from typing import Annotated
 
 import typer
 
+from controller.loading import loading
+
 from ..options import JobsOption, JsonOption, UnitOption
 
 
@@ -58,8 +60,9 @@ def recognise(
 
     Prints part, stable pose and pose on the table of every object, or "unknown".
     """
-    from ..inputs.ahead import jobs_among
-    from .answers import recognise_images
+    with loading():
+        from ..inputs.ahead import jobs_among
+        from .answers import recognise_images
 
     code = recognise_images(
         images,

@@ -6,6 +6,8 @@ from typing import Annotated
 
 import typer
 
+from controller.loading import loading
+
 from ..options import (
     MAX_PART_COUNT,
     AsBuiltOption,
@@ -182,13 +184,14 @@ def run(
     ] = False,
 ) -> None:
     """Inspect and sort parts: the main job. Emulated devices start beside it."""
-    from controller.cell.batch import Papers
+    with loading():
+        from controller.cell.batch import Papers
 
-    from ..inputs.parts_list import load_parts_list
-    from ..inputs.recipes import asked_recipes
-    from ..inputs.serials import SerialOptions
-    from ..terminal.output import warn
-    from .recipe_run import RunOptions, quiet_logs, run_recipe
+        from ..inputs.parts_list import load_parts_list
+        from ..inputs.recipes import asked_recipes
+        from ..inputs.serials import SerialOptions
+        from ..terminal.output import warn
+        from .recipe_run import RunOptions, quiet_logs, run_recipe
 
     quiet_logs(verbose=verbose)
     if parts_list is not None and recipes:
@@ -230,7 +233,8 @@ def run(
         as_json=json,
     )
     if dry:
-        from .dry_run import run_dry
+        with loading():
+            from .dry_run import run_dry
 
         raise typer.Exit(run_dry(options))
     raise typer.Exit(run_recipe(options))
@@ -269,11 +273,12 @@ def recover(
     json: JsonOption = False,
 ) -> None:
     """Report what the grippers may hold after a crash, and what may be done; do it, or open one."""
-    from controller.cell.custody import GripperName
+    with loading():
+        from controller.cell.custody import GripperName
 
-    from ..inputs.part_files import cell_of_this_folder
-    from .accepting import go_on_with_part
-    from .release import recover_cell
+        from ..inputs.part_files import cell_of_this_folder
+        from .accepting import go_on_with_part
+        from .release import recover_cell
 
     if accept:
         if open_ is not None:
@@ -315,6 +320,7 @@ def report(
     json: JsonOption = False,
 ) -> None:
     """Write the report of a run."""
-    from .report_file import write_report
+    with loading():
+        from .report_file import write_report
 
     raise typer.Exit(write_report(runs, run_name, "json" if json else form.value, output))

@@ -25,7 +25,7 @@ from controller.cell.batch import (
     new_run_id,
     run_batch,
 )
-from controller.cell.compute import Job, context, worker_pool
+from controller.cell.compute import Job, context
 from controller.cell.compute.checks import check_plans, check_sizes
 from controller.cell.control import socket_path
 from controller.cell.devices.clocks import FoundClock, devices_with_time, find_clock
@@ -34,6 +34,7 @@ from controller.cell.devices.lock import hold_cell, require_free_cell
 from controller.cell.operator import Operator
 from controller.cell.wires import Recorder, WireFileError, WireWriter
 from controller.config import Cell, ConfigError, load_cell
+from controller.processes import worker_pool
 from controller.results import ResultsError, load_run, write_html
 from controller.results.takt import run_takt
 from controller.setup.drivers import require_drivers, require_force
@@ -54,6 +55,7 @@ from .run_output import display, print_result
 log = logging.getLogger(__name__)
 NO_SERIALS: Final = SerialOptions()
 
+COMPUTES = "controller.cell.compute"  # answers in a worker process
 AHEAD_NICENESS = 5  # what works on the next part gives way to what the arm waits for
 
 
@@ -166,7 +168,7 @@ def run_recipe(options: RunOptions) -> int:
     with (
         Ends().heard() as ends,
         hold_cell(runs_dir, cell, run_id, socket_path(runs_dir)) as holder,
-        worker_pool() as pool,
+        worker_pool(COMPUTES) as pool,
         _ahead(options, sum(one.count for one in ordered)) as ahead,
     ):
         # the worker reads the CAD while the emulated cell comes up
@@ -219,7 +221,7 @@ def _ahead(
     """
     if part_count < 2 or options.record is not None:
         return nullcontext(None)
-    return worker_pool(niceness=AHEAD_NICENESS)
+    return worker_pool(COMPUTES, niceness=AHEAD_NICENESS)
 
 
 def _are_ready(jobs: Sequence[Job], *, as_json: bool) -> bool:

@@ -6,6 +6,8 @@ from typing import Annotated
 
 import typer
 
+from controller.loading import loading
+
 from ..options import JsonOption, RunsOption
 
 RUNS = Path("runs")
@@ -70,7 +72,8 @@ def serve(
     json: JsonOption = False,
 ) -> None:
     """Serve a page that shows the cell in a browser and acts on it; prints a link that logs in."""
-    from .server import serve_page
+    with loading():
+        from .server import serve_page
 
     raise typer.Exit(
         serve_page(
@@ -99,7 +102,8 @@ def account(
     json: JsonOption = False,
 ) -> None:
     """List, add, change or remove who may log in to the page."""
-    from .people import change_accounts
+    with loading():
+        from .people import change_accounts
 
     role_word = None if role is None else role.value
     raise typer.Exit(change_accounts(name, role_word, is_removed=remove, as_json=json))

@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from controller.loading import loading
+
 from ..options import JsonOption, RunsOption, StoreOption
 
 
@@ -71,25 +73,29 @@ def stats(
     if review:
         if takt or by or report:
             raise typer.BadParameter("--review goes without --takt, --by and --report")
-        from .agreeing import report_agreement
-        from .yields import Chosen
+        with loading():
+            from .agreeing import report_agreement
+            from .yields import Chosen
 
         chosen = Chosen(recipe or "", lot, operator, since, until)
         raise typer.Exit(report_agreement(runs, store, chosen, as_json=json))
     if takt:
-        from .takt_table import report_takt
-        from .yields import Chosen
+        with loading():
+            from .takt_table import report_takt
+            from .yields import Chosen
 
         if report or store:
             raise typer.BadParameter("--report and --store do not go with --takt")
         chosen = Chosen(recipe or "", lot, operator, since, until)
         raise typer.Exit(report_takt(runs, chosen, by or "recipe", as_json=json))
     if recipe is None or by is not None:
-        from .yields import Chosen, report_yields
+        with loading():
+            from .yields import Chosen, report_yields
 
         chosen = Chosen(recipe or "", lot, operator, since, until)
         raise typer.Exit(report_yields(runs, store, chosen, by or "recipe", report, as_json=json))
-    from .series_table import report_series
+    with loading():
+        from .series_table import report_series
 
     if lot or operator or since or until or store:
         raise typer.BadParameter("--lot, --operator, --since, --until and --store go with --by")
@@ -131,7 +137,8 @@ def gauge(
     For each characteristic: six standard deviations in one grasp, with re-grasps and from other
     start poses, the share of the tolerance, ndc, bias, Cg and Cgk. The study is kept with the runs.
     """
-    from .gauge_study import list_studies, report_gauge
+    with loading():
+        from .gauge_study import list_studies, report_gauge
 
     if list_:
         raise typer.Exit(list_studies(runs, as_json=json))

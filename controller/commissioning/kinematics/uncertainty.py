@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import gammaincinv
 
 from controller.arrays import FloatArray
 from controller.imaging import inverse_pose, transform
@@ -47,7 +47,8 @@ def radius_u(cov: FloatArray) -> float:
     if square == 0.0:
         return 0.0
     freedom = total**2 / square
-    return 0.5 * float(np.sqrt(total / freedom * chi2.ppf(_WITHIN, freedom)))
+    within = 2 * gammaincinv(freedom / 2, _WITHIN)  # of a chi-square
+    return 0.5 * float(np.sqrt(total / freedom * within))
 
 
 def tcp_poses(fit: CellFit, q: FloatArray, x: FloatArray | None = None) -> FloatArray:

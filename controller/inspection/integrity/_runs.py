@@ -12,7 +12,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from controller.arrays import BoolArray, FloatArray, IntArray
 
@@ -44,7 +44,7 @@ class RunTest:
     def limit(self, point_count: int) -> float:
         """Return how many standard deviations a window's mean may be off, of so many points."""
         windows = len(WINDOWS_PX) * max(point_count / BLUR_PX, 1.0) * max(self.view_count, 1)
-        return float(norm.isf(self.false_alarms / (2 * windows)))
+        return -float(ndtri(self.false_alarms / (2 * windows)))
 
     def sigma_px(self, count: FloatArray) -> FloatArray:
         """Return the standard deviation of means over so many points (n,)."""

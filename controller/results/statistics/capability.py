@@ -9,7 +9,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy import stats
+from scipy import special
+
+from controller.arrays import FloatArray
 
 from .charts import D2
 
@@ -76,7 +78,7 @@ def capability(values: Sequence[float], lower: float | None, upper: float | None
     if sigma == 0:
         return Capability(n, mean, sigma, note="all values are the same: no spread to compare")
     within = float(np.abs(np.diff(x)).mean()) / D2
-    p = float(stats.shapiro(x[:MAX_SHAPIRO]).pvalue)
+    p = _normality_p(x[:MAX_SHAPIRO])
     is_doubtful = p < NORMALITY_P
     return Capability(
         n,
@@ -93,6 +95,19 @@ def capability(values: Sequence[float], lower: float | None, upper: float | None
             else ""
         ),
     )
+
+
+def _normality_p(x: FloatArray) -> float:
+    """Return the probability of values so far from normal, if they are (Shapiro, Wilk)."""
+    # a quarter of a second, which no other command has to pay
+    from scipy.stats import shapiro
+
+    return float(shapiro(x).pvalue)
+
+
+def chi_square_quantile(p: float, freedom: float | FloatArray) -> FloatArray:
+    """Return what a chi-square of so many degrees of freedom stays below with probability ``p``."""
+    return np.asarray(2 * special.gammaincinv(np.asarray(freedom) / 2, p))
 
 
 def moving_range_freedom(n: int) -> float:
@@ -115,7 +130,7 @@ def _width(
         return None
     index = (upper - lower) / (6 * sigma)
     tail = (1 - CONFIDENCE) / 2
-    low, high = (np.sqrt(stats.chi2.ppf(q, freedom) / freedom) for q in (tail, 1 - tail))
+    low, high = (np.sqrt(chi_square_quantile(q, freedom) / freedom) for q in (tail, 1 - tail))
     return Interval(index, float(index * low), float(index * high))
 
 
@@ -127,7 +142,7 @@ def _nearest(
     rooms = [upper - mean] if upper is not None else []
     rooms += [mean - lower] if lower is not None else []
     index = min(rooms) / (3 * sigma)
-    half = float(stats.norm.ppf((1 + CONFIDENCE) / 2)) * float(
+    half = float(special.ndtri((1 + CONFIDENCE) / 2)) * float(
         np.sqrt(1 / (9 * n) + index**2 / (2 * freedom))
     )
     return Interval(index, index - half, index + half)

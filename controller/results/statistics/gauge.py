@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from controller.arrays import FloatArray
 
@@ -88,7 +88,7 @@ def gauge_study(values: FloatArray, tolerance: float | None = None) -> GaugeStud
     df_repeat = parts * setups * (repeats - 1)
     ms_part, ms_setup, ms_both = ss_part / df_part, ss_setup / df_setup, ss_both / df_both
     ms_repeat = ss_repeat / df_repeat
-    is_sure = ms_repeat == 0 or stats.f.sf(ms_both / ms_repeat, df_both, df_repeat) < POOL_P
+    is_sure = ms_repeat == 0 or special.fdtrc(df_both, df_repeat, ms_both / ms_repeat) < POOL_P
     if is_sure and ms_both > ms_repeat:
         repeatability, error = ms_repeat, ms_both
         interaction: float | None = (ms_both - ms_repeat) / repeats
@@ -122,5 +122,5 @@ def bias_of(values: Sequence[float], reference: float) -> Bias:
     if n < 2:
         raise ValueError("a bias needs two values or more")
     bias, sigma = float(x.mean() - reference), float(x.std(ddof=1))
-    half = float(stats.t.ppf((1 + CONFIDENCE) / 2, n - 1)) * sigma / float(np.sqrt(n))
+    half = float(special.stdtrit(n - 1, (1 + CONFIDENCE) / 2)) * sigma / float(np.sqrt(n))
     return Bias(n, bias, bias - half, bias + half, sigma)

@@ -10,11 +10,10 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy import stats
 
 from controller.arrays import FloatArray, IntArray
 
-from .capability import Interval
+from .capability import Interval, chi_square_quantile
 
 CONFIDENCE: Final = 0.95
 
@@ -158,8 +157,8 @@ def _overlap(coarse: IntArray, fine: IntArray) -> float:
 def _limits(share: FloatArray, squares: FloatArray, freedom: FloatArray) -> Interval:
     """Return a sum of shares of mean squares with its interval (modified large samples)."""
     tail = (1 - CONFIDENCE) / 2
-    below = 1 - freedom / stats.chi2.ppf(1 - tail, freedom)
-    above = freedom / stats.chi2.ppf(tail, freedom) - 1
+    below = 1 - freedom / chi_square_quantile(1 - tail, freedom)
+    above = freedom / chi_square_quantile(tail, freedom) - 1
     terms = share * squares
     down = np.where(share > 0, below, above) * terms
     up = np.where(share > 0, above, below) * terms

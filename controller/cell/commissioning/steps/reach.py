@@ -12,11 +12,11 @@ from typing import Final
 import numpy as np
 
 from controller.arrays import FloatArray
-from controller.cell.compute import worker_pool
 from controller.commissioning.reach import unreached
 from controller.config.calibration_reference import CalibrationName
 from controller.config.calibrations import Calibration
 from controller.planning.motion import Scene
+from controller.processes import worker_pool
 
 from ..bench import Bench
 from ..proof import RecipeReach, check_reach
@@ -58,7 +58,7 @@ class ReachStep:
             )
             return {}
         cell_file = bench.evidence.folder.parent.parent / "cell.yaml"
-        with worker_pool() as pool:
+        with worker_pool(check_reach.__module__) as pool:
             loop = asyncio.get_running_loop()
             for recipe in bench.recipes:
                 bench.evidence.show(f"planning {recipe.name} on the cell as calibrated")

@@ -1,4 +1,7 @@
-"""Make worker processes: fresh ones that end with their parent, however the parent ends."""
+"""Make worker processes: fresh ones that end with their parent, however the parent ends.
+
+This module imports nothing that computes, so that a process has only what its orders need.
+"""
 
 import ctypes
 import os
@@ -6,39 +9,46 @@ import signal
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
+from importlib import import_module
 from multiprocessing import active_children, get_context
+
+from .loading import loading
 
 PR_SET_PDEATHSIG = 1  # linux/prctl.h
 
 
-def make_pool(count: int = 1, niceness: int = 0) -> ProcessPoolExecutor:
+def make_pool(module: str = "", count: int = 1, niceness: int = 0) -> ProcessPoolExecutor:
     """Return the pool. Its processes are fresh ones, since a fork would copy open devices into it.
 
     A worker ends with this process, however that ends. The first use must be in the main thread.
 
     Parameters
     ----------
+    module : that a process imports when it starts, "" for what its first order needs
     count : of worker processes
     niceness : by how much they give way to others, as `nice` has it
     """
     return ProcessPoolExecutor(
         max_workers=count,
         mp_context=get_context("spawn"),
-        initializer=_belong_to,
-        initargs=(os.getpid(), niceness),
+        initializer=_begin,
+        initargs=(os.getpid(), niceness, module),
     )
 
 
 @contextmanager
-def worker_pool(count: int = 1, niceness: int = 0) -> Iterator[ProcessPoolExecutor]:
+def worker_pool(
+    module: str = "", count: int = 1, niceness: int = 0
+) -> Iterator[ProcessPoolExecutor]:
     """Yield the pool; at the end, discard whatever its processes have not finished.
 
     Parameters
     ----------
+    module : that a process imports when it starts, "" for what its first order needs
     count : of worker processes
     niceness : by how much they give way to others, as `nice` has it
     """
-    pool = make_pool(count, niceness)
+    pool = make_pool(module, count, niceness)
     try:
         yield pool
     finally:
@@ -47,7 +57,7 @@ def worker_pool(count: int = 1, niceness: int = 0) -> Iterator[ProcessPoolExecut
         pool.shutdown(cancel_futures=True)
 
 
-def _belong_to(parent: int, niceness: int) -> None:
+def _begin(parent: int, niceness: int, module: str) -> None:
     """Make a worker end with its parent, and leave the terminal's signals to the parent."""
     for number in (signal.SIGINT, signal.SIGQUIT, signal.SIGHUP, signal.SIGTSTP):
         signal.signal(number, signal.SIG_IGN)
@@ -55,3 +65,6 @@ def _belong_to(parent: int, niceness: int) -> None:
     os.nice(niceness)
     if os.getppid() != parent:  # the parent died before the line above
         os._exit(1)
+    if module:
+        with loading():
+            import_module(module)
