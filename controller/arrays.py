@@ -1,4 +1,8 @@
-"""Names for arrays by what they hold; each function says their shape, unit and frame."""
+"""Names for arrays by what they hold; each function says their shape, unit and frame.
+
+And what NumPy is slow at, the same to the last bit: sums over an axis of two or three, and medians
+of few values.
+"""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,3 +19,25 @@ IndexArray = NDArray[np.intp]
 Grey = NDArray[np.uint8]
 # A picture in colour, (height, width, 3).
 Picture = NDArray[np.uint8]
+
+
+def inner(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Return the inner products (...) of vectors (..., k), k of two or three."""
+    total = a[..., 0] * b[..., 0]
+    for k in range(1, a.shape[-1]):
+        total += a[..., k] * b[..., k]
+    return total
+
+
+def lengths(vectors: FloatArray) -> FloatArray:
+    """Return the lengths (...) of vectors (..., k), k of two or three."""
+    return np.sqrt(inner(vectors, vectors))
+
+
+def median(values: FloatArray | Float32Array) -> float:
+    """Return the median of values (n,), one at least; none is NaN."""
+    half = len(values) // 2
+    if len(values) % 2:
+        return float(np.partition(values, half)[half])
+    low, high = np.partition(values, (half - 1, half))[half - 1 : half + 1]
+    return float((low + high) / 2)

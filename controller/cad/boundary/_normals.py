@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.arrays import FloatArray
+from controller.arrays import FloatArray, inner, lengths
 
 from ._types import Face
 
@@ -14,8 +14,8 @@ TINY_MM = 1e-9  # nearer than this to an axis or a centre no direction is worth 
 
 def unit(vectors: FloatArray) -> FloatArray:
     """Return vectors (..., 3) at length 1; those without a length stay zeros."""
-    lengths = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    return np.asarray(np.divide(vectors, lengths, out=np.zeros_like(vectors), where=lengths > 0))
+    size = lengths(vectors)[..., None]
+    return np.asarray(np.divide(vectors, size, out=np.zeros_like(vectors), where=size > 0))
 
 
 def surface_normals(
@@ -40,31 +40,46 @@ def surface_normals(
     normals = np.array(facet_normals, dtype=np.float64)
     if len(face_ids) == 0:
         return normals
-    kinds = np.array([face.kind for face in faces])[face_ids]
+    plane = np.array([face.kind == "plane" for face in faces])[face_ids]
+    if plane.any():
+        normals[plane] = np.array([face.normal for face in faces])[face_ids[plane]]
+    rest = np.flatnonzero(~plane)
+    if len(rest):
+        normals[rest] = _round_normals(faces, face_ids[rest], points_mm[rest], normals[rest])
+    return normals
+
+
+def _round_normals(
+    faces: Sequence[Face],
+    face_ids: NDArray[np.integer],
+    points_mm: FloatArray,
+    normals: FloatArray,
+) -> FloatArray:
+    """Return the same of surfaces that are no planes."""
+    wall, cone, ball, ring = (
+        np.array([face.kind == kind for face in faces])[face_ids]
+        for kind in ("cylinder", "cone", "sphere", "torus")
+    )
     axes = np.array([face.axis for face in faces])[face_ids]
     centres = np.array([face.centre_mm for face in faces])[face_ids]
     signs = np.where([face.concave for face in faces], -1.0, 1.0)[face_ids][:, None]
     offsets = points_mm - centres
-    radial = offsets - (offsets * axes).sum(axis=1, keepdims=True) * axes
-    far = np.linalg.norm(radial, axis=1) > TINY_MM
-    plane = kinds == "plane"
-    if plane.any():
-        normals[plane] = np.array([face.normal for face in faces])[face_ids[plane]]
-    wall = far & (kinds == "cylinder")
+    radial = offsets - inner(offsets, axes)[:, None] * axes
+    far = lengths(radial) > TINY_MM
+    wall &= far
     normals[wall] = unit(radial[wall]) * signs[wall]
-    cone = far & (kinds == "cone")
+    cone &= far
     if cone.any():
         half = np.array([face.half_angle_rad for face in faces])[face_ids[cone]][:, None]
         slanted = unit(radial[cone]) * np.cos(half) - axes[cone] * np.sin(half)
         normals[cone] = slanted * signs[cone]
-    ball = kinds == "sphere"
-    ball &= np.linalg.norm(offsets, axis=1) > TINY_MM
+    ball &= lengths(offsets) > TINY_MM
     normals[ball] = unit(offsets[ball]) * signs[ball]
-    ring = far & (kinds == "torus")
+    ring &= far
     if ring.any():
         large = np.array([face.radius_mm for face in faces])[face_ids[ring]][:, None]
         from_tube = offsets[ring] - unit(radial[ring]) * large
-        inside = np.linalg.norm(from_tube, axis=1) > TINY_MM
+        inside = lengths(from_tube) > TINY_MM
         rows = np.nonzero(ring)[0][inside]
         normals[rows] = unit(from_tube[inside]) * signs[rows]
     return normals

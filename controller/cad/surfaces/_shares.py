@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from scipy.spatial import cKDTree
 
-from controller.arrays import BoolArray, FloatArray
+from controller.arrays import BoolArray, FloatArray, IndexArray
 
 from ._samples import SurfaceSamples, by_face
 
 NEIGHBOUR_COUNT = 6
 # cells of which one whole is missed with 5 %: what is smaller than a cell may have no point in it
 UNMET_CELLS = 3.0
+KEPT_PARTS = 4  # whose neighbours are kept, for the next part of the kind
 
 
 def share_of(samples: SurfaceSamples, chosen: BoolArray) -> float:
@@ -51,14 +54,20 @@ def face_shares(
 
 def _variances_mm4(samples: SurfaceSamples, chosen: BoolArray) -> FloatArray:
     """Return the variance of the area that each sample adds to what is chosen (m,) [mm4]."""
-    count = min(NEIGHBOUR_COUNT + 1, len(chosen))
-    if count < 2:
+    if len(chosen) < 2:
         return samples.areas_mm2**2
-    places = by_face(samples.points_mm, samples.face_ids)
-    _, around = cKDTree(places).query(places, k=count)
-    others = np.asarray(samples.face_ids[around] == samples.face_ids[:, None])
+    around, others = _around(samples)
     share = (chosen[around] & others).sum(axis=1) / others.sum(axis=1)
     return np.asarray(samples.areas_mm2**2 * share * (1.0 - share))
+
+
+@lru_cache(maxsize=KEPT_PARTS)
+def _around(samples: SurfaceSamples) -> tuple[IndexArray, BoolArray]:
+    """Return the samples around each one (m, k), itself first, and which are of its own face."""
+    places = by_face(samples.points_mm, samples.face_ids)
+    _, around = cKDTree(places).query(places, k=min(NEIGHBOUR_COUNT + 1, len(places)))
+    is_same_face = samples.face_ids[around] == samples.face_ids[:, None]
+    return np.asarray(around, np.intp), np.asarray(is_same_face)
 
 
 def _uncertain(samples: SurfaceSamples, variances_mm4: FloatArray, mine: BoolArray) -> float:
