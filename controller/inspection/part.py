@@ -23,7 +23,7 @@ from ._types import OUTLINE, InspectionLimits, Verdict, ViewPictures, ViewResult
 from .characteristics import Characteristic, Measured, standing_of, worse
 from .detection import NOTHING_ASKED, detections, in_words, stops
 from .dimensions import BACKLIT, MeasuringSettings, PosedView, measure, measure_ahead
-from .edge_evidence import EdgeEvidence, EdgeView, find_evidence
+from .edge_evidence import EdgeEvidence, EdgeView, find_evidence, look_ahead
 from .grasp_pose import (
     GraspPose,
     OutlineView,
@@ -213,6 +213,15 @@ def work_ahead(
         if (one := _posed_view(view, posed, kept)) is not None:
             measure_ahead(views.part, characteristics, one, settings.measuring, kept)
             yield
+    results = tuple(_result(views, view, posed, strictness, kept) for view in views.views)
+    yield from look_ahead(
+        views.part,
+        _edge_views(views, posed, results, kept),
+        settings.limits,
+        settings.allowances,
+        settings.measuring,
+        kept,
+    )
 
 
 def inspect_part(
@@ -417,6 +426,21 @@ def inspect_edges(
     settings : how strictly
     kept : what of it was worked out before
     """
+    return find_evidence(
+        views.part,
+        views.samples,
+        _edge_views(views, posed, results, kept),
+        settings.limits,
+        settings.allowances,
+        settings.measuring,
+        kept,
+    )
+
+
+def _edge_views(
+    views: ViewSet, posed: PosedViews, results: tuple[ViewResult, ...], kept: Kept
+) -> list[EdgeView]:
+    """Return the views whose edges count, with the pictures that passed their self-checks."""
     known = []
     for view, result in zip(views.views, results, strict=True):
         one = _posed_view(view, posed, kept)
@@ -424,15 +448,7 @@ def inspect_edges(
             continue
         lamps = (c.name for c in result.checks if not c.reason and c.name != OUTLINE)
         known.append(EdgeView(one, (BACKLIT, *lamps), view.counted))
-    return find_evidence(
-        views.part,
-        views.samples,
-        known,
-        settings.limits,
-        settings.allowances,
-        settings.measuring,
-        kept,
-    )
+    return known
 
 
 def _posed_view(view: HeldView, posed: PosedViews, kept: Kept) -> PosedView | None:

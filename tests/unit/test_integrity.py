@@ -179,6 +179,7 @@ def test_a_part_judged_in_pieces_comes_to_the_same_as_one_judged_at_once() -> No
         assert kept.count == before
     pieces, whole = inspect_part(views, (), settings, kept), inspected(chipped())
     assert seen[-1] > seen[0]
+    assert kept.count == before  # nothing that is kept was left for the end, edges neither
     assert (pieces.verdict, pieces.reasons) == (whole.verdict, whole.reasons)
     for one, other in zip(pieces.views, whole.views, strict=True):
         assert (one.T_world_part == other.T_world_part).all()

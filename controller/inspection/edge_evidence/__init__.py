@@ -3,15 +3,16 @@
 from ._damage import find_damage
 from ._depth import floor_bound_mm
 from ._displaced import Displaced, find_displaced
-from ._edges import PartEdges, find_edges
+from ._edges import KEPT_PARTS, PartEdges, find_edges
 from ._faces import FaceEdges, MissingEdge, inner_mm
 from ._floor_light import BlindBore, blind_bore, rise_by_light
 from ._looks import EdgeLook, State
 from ._other_looks import refuted
 from ._recesses import Recess, find_recesses
-from .evidence import EdgeEvidence, EdgeView, find_evidence
+from .evidence import EdgeEvidence, EdgeView, find_evidence, look_ahead
 
 __all__ = [
+    "KEPT_PARTS",
     "BlindBore",
     "Displaced",
     "EdgeEvidence",
@@ -30,6 +31,7 @@ __all__ = [
     "find_recesses",
     "floor_bound_mm",
     "inner_mm",
+    "look_ahead",
     "refuted",
     "rise_by_light",
 ]

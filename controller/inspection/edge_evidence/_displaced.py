@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from controller.arrays import BoolArray, FloatArray, IndexArray
+from controller.arrays import BoolArray, FloatArray, IndexArray, median
 
 from ..dimensions import BACKLIT, MeasuringSettings
 from ..integrity import Allowances, Run, RunTest, find_runs
@@ -120,8 +120,8 @@ def course_of(edges: PartEdges, look: EdgeLook, known: IndexArray, wave_px: floa
     wave_px : see `wave_of`
     """
     off = _off_course(edges, look, known)
-    step = float(np.median(np.linalg.norm(np.diff(look.pixels[known], axis=0), axis=1)))
-    return Course(known, off, step, 1.4826 * float(np.median(np.abs(off))), wave_px)
+    step = median(np.linalg.norm(np.diff(look.pixels[known], axis=0), axis=1))
+    return Course(known, off, step, 1.4826 * median(np.abs(off)), wave_px)
 
 
 def find_displaced(
@@ -174,7 +174,7 @@ def _runs(edges: PartEdges, look: EdgeLook, course: Course, test: RunTest) -> It
     test : how a run and chance are told apart; without the noise
     """
     known, off = course.known, course.off_px
-    typical = float(np.median(look.sigma_px[known]))
+    typical = median(look.sigma_px[known])
     test = replace(test, noise_px=max(course.scatter_px, typical))
     for run in find_runs(look.pixels[known], look.normals[known], off, course.step_px, test):
         whole = _whole_run(look, known, off, run)
@@ -258,7 +258,7 @@ def _off_course(edges: PartEdges, look: EdgeLook, known: IndexArray) -> FloatArr
     weight = np.ones(len(known))
     off = offset - np.median(offset)
     for _ in range(ROUNDS):
-        scale = max(LIMIT * 1.4826 * float(np.median(np.abs(off))), 1e-3)
+        scale = max(LIMIT * 1.4826 * median(np.abs(off)), 1e-3)
         weight = np.minimum(1.0, scale / np.maximum(np.abs(off), 1e-9))
         root = np.sqrt(weight)
         solution, *_ = np.linalg.lstsq(design * root[:, None], offset * root, rcond=None)

@@ -1,6 +1,7 @@
 """All edges of a part as points in space, with what meets in them."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -18,6 +19,7 @@ MAX_CORNER: Final = 0.3  # of an edge, so that a short one is looked at as well
 MIN_POINTS: Final = 4
 MAX_POINTS: Final = 160
 STEP: Final = 0.5  # of the spacing, back and on, for the tangent
+KEPT_PARTS: Final = 4  # whose geometry is kept, for the next part of the kind
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -155,6 +157,7 @@ def _key(one: int, other: int) -> tuple[int, int]:
     return (one, other) if one < other else (other, one)
 
 
+@lru_cache(maxsize=KEPT_PARTS)
 def _triangles_beside(solid: Solid) -> dict[tuple[int, int], dict[int, int]]:
     """Return by the two vertices of a mesh edge, and by face, the triangle that is there."""
     out: dict[tuple[int, int], dict[int, int]] = {}

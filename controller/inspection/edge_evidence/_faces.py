@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from types import MappingProxyType
 from typing import Final
 
@@ -13,7 +14,7 @@ from controller.cad import Crease, Solid
 
 from ..dimensions import MeasuringSettings
 from ._depth import floor_bound_mm
-from ._edges import PartEdges
+from ._edges import KEPT_PARTS, PartEdges
 from ._looks import EdgeLook, State
 from ._recesses import Recess, find_recesses
 
@@ -288,6 +289,7 @@ def _share(edges: PartEdges, points: IndexArray, shown: BoolArray) -> float:
     return float((length * shown).sum() / length.sum())
 
 
+@lru_cache(maxsize=KEPT_PARTS)
 def inner_mm(solid: Solid) -> FloatArray:
     """Return the radius (f,) of the largest disc on each face, off its edges; inf without any."""
     b = solid.boundary

@@ -1,6 +1,6 @@
 """What the edges of a part prove of its faces, from all pictures in which they show (ADR 34)."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Final
@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from scipy.spatial import cKDTree
 
-from controller.arrays import BoolArray, FloatArray
+from controller.arrays import BoolArray, FloatArray, IndexArray, inner, lengths
 from controller.cad import Solid, SurfaceSamples
 from controller.imaging import transform
 
@@ -89,30 +89,22 @@ def find_evidence(
     settings : what is uncertain before any picture
     kept : what of it was worked out before; None for nothing
     """
-    if not views:
-        return EdgeEvidence(None, (), {}, {})
     kept = kept or Kept()
-    pixel_mm = min(v.view.task.camera.mm_per_px(v.view.T_world_part[:3, 3]) for v in views)
-    edges = kept.once(partial(find_edges, part.solid, pixel_mm), find_edges, pixel_mm)
+    edges = _kept_edges(part, views, kept)
     if edges is None:
         return EdgeEvidence(None, (), {}, {})
-    allowed = allowed_mm(part, allowances.tolerance_class)
+    pixel_mm = _pixel_mm(views)
     looks: list[EdgeLook] = []
+    nearest: IndexArray | None = None
     for one in views:
-        found = kept.once(
-            partial(
-                look_at_edges,
-                part,
-                edges,
-                one.view,
-                one.lamps,
-                allowed,
-                limits.smallest_defect_mm,
-                settings,
-            ),
-            *(look_at_edges, edges, one.view, one.lamps, limits, allowances, settings),
-        )
-        looks += [_counted(look, edges, samples, one.counted) for look in found]
+        found = _kept_looks(part, edges, one, limits, allowances, settings, kept)
+        if one.counted is not None:
+            # points beside which the view does not count are hidden
+            if nearest is None:
+                found_at = cKDTree(samples.points_mm).query(edges.points_mm)[1]
+                nearest = np.asarray(found_at, np.intp)
+            found = [look.only(one.counted[nearest]) for look in found]
+        looks += found
     around_mm = EDGE_PLAY_MM + BLUR_PX * pixel_mm
     cosine = np.maximum(_best_cosine(part.solid, samples, views), MIN_COS)
     narrow = inner_mm(part.solid) < 0.5 * limits.smallest_defect_mm + around_mm / cosine
@@ -128,6 +120,60 @@ def find_evidence(
         find_damage(edges, runs, poses, is_refuted),
         missing_edges(part.solid, edges, looks),
     )
+
+
+def look_ahead(
+    part: PosedPart,
+    views: Sequence[EdgeView],
+    limits: InspectionLimits,
+    allowances: Allowances,
+    settings: MeasuringSettings,
+    kept: Kept,
+) -> Iterator[None]:
+    """Look at the edges of views as `find_evidence` will, if no view to come is a closer one.
+
+    Yields after each view.
+
+    Parameters
+    ----------
+    part, views, limits, allowances, settings : see `find_evidence`
+    kept : gets the looks
+    """
+    edges = _kept_edges(part, views, kept)
+    for one in views if edges is not None else ():
+        assert edges is not None
+        _kept_looks(part, edges, one, limits, allowances, settings, kept)
+        yield
+
+
+def _pixel_mm(views: Sequence[EdgeView]) -> float:
+    """Return the size of a pixel at the part in the closest view."""
+    return min(v.view.task.camera.mm_per_px(v.view.T_world_part[:3, 3]) for v in views)
+
+
+def _kept_edges(part: PosedPart, views: Sequence[EdgeView], kept: Kept) -> PartEdges | None:
+    """Return the edges of a part as densely as the closest view shows them; None without any."""
+    if not views:
+        return None
+    pixel_mm = _pixel_mm(views)
+    return kept.once(partial(find_edges, part.solid, pixel_mm), find_edges, pixel_mm)
+
+
+def _kept_looks(
+    part: PosedPart,
+    edges: PartEdges,
+    one: EdgeView,
+    limits: InspectionLimits,
+    allowances: Allowances,
+    settings: MeasuringSettings,
+    kept: Kept,
+) -> list[EdgeLook]:
+    def look() -> list[EdgeLook]:
+        allowed = allowed_mm(part, allowances.tolerance_class)
+        smallest_mm = limits.smallest_defect_mm
+        return look_at_edges(part, edges, one.view, one.lamps, allowed, smallest_mm, settings)
+
+    return kept.once(look, look_at_edges, edges, one.view, one.lamps, limits, allowances, settings)
 
 
 def _floors_by_light(
@@ -155,16 +201,6 @@ def _floors_by_light(
     return found
 
 
-def _counted(
-    look: EdgeLook, edges: PartEdges, samples: SurfaceSamples, counted: BoolArray | None
-) -> EdgeLook:
-    """Return a look without the points beside which the view does not count."""
-    if counted is None:
-        return look
-    _, nearest = cKDTree(samples.points_mm).query(edges.points_mm)
-    return look.only(counted[nearest])
-
-
 def _best_cosine(solid: Solid, samples: SurfaceSamples, views: Sequence[EdgeView]) -> FloatArray:
     """Return of each face (f,) the cosine of incidence of its middle, in the view that is best."""
     out = np.zeros(len(solid.faces))
@@ -172,7 +208,7 @@ def _best_cosine(solid: Solid, samples: SurfaceSamples, views: Sequence[EdgeView
         T = one.view.T_world_part
         towards = one.view.task.camera.position_mm - transform(T, samples.points_mm)
         normals = samples.normals @ T[:3, :3].T
-        cosine = (towards * normals).sum(axis=1) / np.linalg.norm(towards, axis=1)
+        cosine = inner(towards, normals) / lengths(towards)
         for face in np.unique(samples.face_ids[cosine > SEEN_COS]).tolist():
             mine = (samples.face_ids == face) & (cosine > SEEN_COS)
             out[face] = max(out[face], float(np.median(cosine[mine])))
