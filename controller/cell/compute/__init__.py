@@ -2,7 +2,8 @@
 
 `service.py` declares the questions and `answers.py` has the functions that answer them. `job.py`
 has what a worker keeps of a job, and `held_search.py` finds a part that slipped in the jaws.
-`checking.py` checks a recipe in a cell from files alone.
+`one_task.py` holds work that nobody need wait for. `checking.py` checks a recipe in a cell from
+files alone.
 """
 
 from .answers import Holder, Located, Pickable
@@ -16,6 +17,7 @@ from .job import (
     load_parts,
     part_files,
 )
+from .one_task import OneTask
 from .service import Compute, PartCompute, begin
 
 __all__ = [
@@ -25,6 +27,7 @@ __all__ = [
     "Holder",
     "Job",
     "Located",
+    "OneTask",
     "PartCompute",
     "Pickable",
     "begin",

@@ -5,7 +5,6 @@ table, by a worker process that nothing else waits for. Nothing moves by such a 
 look has shown each object where the plan has it; otherwise the part is planned as ever.
 """
 
-import asyncio
 import logging
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, replace
@@ -13,6 +12,7 @@ from typing import Final
 
 import numpy as np
 
+from controller.cell.compute import OneTask
 from controller.cell.custody import Around
 from controller.cell.errors import CellError
 from controller.cell.journal.rows import PlanDropped, SightingFields, StoredFields
@@ -143,7 +143,7 @@ class LookAhead:
 
     def __init__(self, record: BatchRecord) -> None:
         self._record = record
-        self._task: asyncio.Task[Foreseen | None] | None = None
+        self._next: OneTask[Foreseen | None] = OneTask()
 
     def begin(self, choose: Choose) -> None:
         """Begin, once a gripper has the part at hand; returns at once.
@@ -155,20 +155,15 @@ class LookAhead:
         self.drop()
         left, wanted = self._record.part.neighbours, self._record.wanted_next
         if left and any(product.ahead is not None for product in wanted):
-            self._task = asyncio.create_task(self._foresee(choose, left), name="look ahead")
+            self._next.begin(self._foresee(choose, left))
 
     def drop(self) -> None:
         """Forget what was foreseen."""
-        if self._task is not None:
-            self._task.cancel()
-            self._task = None
+        self._next.drop()
 
     async def aclose(self) -> None:
         """Forget it, and wait until nothing of it runs in this process."""
-        task = self._task
-        self.drop()
-        if task is not None:
-            await asyncio.gather(task, return_exceptions=True)
+        await self._next.aclose()
 
     async def take(self, seen: Seen) -> Foreseen | None:
         """Return what was foreseen, if a fresh look shows all of it unchanged; once.
@@ -179,10 +174,8 @@ class LookAhead:
         ----------
         seen : all objects on the table
         """
-        task, self._task = self._task, None
-        if task is None:
-            return None
-        foreseen = await task
+        task = self._next.take()
+        foreseen = None if task is None else await task
         if foreseen is None:
             return None
         why = foreseen.differs(seen) or self._why_void(foreseen)

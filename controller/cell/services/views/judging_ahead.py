@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from controller.cell.compute import Compute, begin
+from controller.cell.compute import Compute, OneTask
 from controller.cell.services.records import BatchRecord, PartRecord, Product, Shown
 from controller.inspection import ViewResult
 from controller.planning import Look, Present
@@ -46,27 +46,22 @@ class JudgingAhead:
     compute: Compute
     background: Background
     part_file: PartFile
-    _task: asyncio.Task[None] | None = field(default=None, init=False)
+    _work_at_hand: OneTask[None] = field(default_factory=OneTask, init=False)
 
     def begin(self) -> None:
         """Begin with all views shown so far; returns at once."""
         self.drop()
         part, product = self.record.part, self.record.product
         if part.judged or part.pending:
-            self._task = begin(self._work(part, product, self.compute.judge_ahead))
+            self._work_at_hand.begin(self._work(part, product, self.compute.judge_ahead))
 
     def drop(self) -> None:
         """Go on with it no more."""
-        if self._task is not None:
-            self._task.cancel()
-            self._task = None
+        self._work_at_hand.drop()
 
     async def aclose(self) -> None:
         """Drop it, and wait until nothing of it runs in this process."""
-        task = self._task
-        self.drop()
-        if task is not None:
-            await asyncio.gather(task, return_exceptions=True)
+        await self._work_at_hand.aclose()
 
     async def _work(self, part: PartRecord, product: Product, judge_ahead: JudgeAhead) -> None:
         try:
