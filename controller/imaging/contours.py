@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.arrays import BoolArray, Float32Array, FloatArray, Grey
+from controller.arrays import BoolArray, Float32Array, FloatArray, Grey, IntArray
 
 from .loops import evenly, loop_normals, trace_loops
 
@@ -41,14 +41,24 @@ def threshold_levels(image: NDArray[np.uint8], inside: BoolArray) -> tuple[float
     """
     values = image[inside]
     cut, _ = cv2.threshold(values.reshape(1, -1), 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)
-    dark, bright = values[values <= cut], values[values > cut]
-    high = float(np.median(bright if len(bright) else dark))
-    low = float(np.median(dark)) if len(dark) else high
+    levels, counts = np.arange(256), np.bincount(values, minlength=256)
+    is_dark = levels <= cut
+    is_bright = ~is_dark if counts[~is_dark].any() else is_dark
+    high = _median_level(np.where(is_bright, counts, 0))
+    low = _median_level(np.where(is_dark, counts, 0)) if counts[is_dark].any() else high
     if low > DARK_SHARE * high:
-        high = float(np.median(values))
-        dark = values[values <= DARK_SHARE * high]
-        low = float(np.median(dark)) if len(dark) else high
+        high = _median_level(counts)
+        is_dark = levels <= DARK_SHARE * high
+        low = _median_level(np.where(is_dark, counts, 0)) if counts[is_dark].any() else high
     return low, 0.5 * (low + high), high
+
+
+def _median_level(counts: IntArray) -> float:
+    """Return the median of grey levels by how often each occurs (256,), one at least."""
+    below = np.cumsum(counts)
+    total = int(below[-1])
+    middle = np.searchsorted(below, ((total - 1) // 2, total // 2), side="right")
+    return float(middle.mean())
 
 
 def mask_rim(mask: BoolArray) -> BoolArray:

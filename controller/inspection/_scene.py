@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import trimesh
 
-from controller.arrays import BoolArray, FloatArray, IntArray
+from controller.arrays import BoolArray, FloatArray, IntArray, inner, lengths
 from controller.cad import SurfaceSamples
 from controller.imaging import (
     Camera,
@@ -117,9 +117,8 @@ def samples_in_sight(
     points = transform(T, samples.points_mm)
     normals = samples.normals @ T[:3, :3].T
     towards = camera.position_mm - points
-    distance = np.linalg.norm(towards, axis=1)
-    unit = towards / distance[:, None]
-    seen: BoolArray = (unit * normals).sum(axis=1) > MAX_INCIDENCE_COS
+    unit = towards / lengths(towards)[:, None]
+    seen: BoolArray = inner(unit, normals) > MAX_INCIDENCE_COS
     pixels = np.round(camera.project(points)).astype(int)
     width, height = camera.size_px
     seen &= (pixels[:, 0] >= 0) & (pixels[:, 0] < width)

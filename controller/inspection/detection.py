@@ -9,6 +9,7 @@ contrasts it assumes, not a count of defects found (ADR 35).
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from types import MappingProxyType
 from typing import Final
 
@@ -19,7 +20,7 @@ from controller.arrays import BoolArray, FloatArray
 from controller.cad import Solid, SurfaceSamples
 
 from ._types import OUTLINE, Check, InspectionLimits, ViewResult
-from .edge_evidence import find_edges
+from .edge_evidence import KEPT_PARTS, find_edges
 from .integrity import BURR_PX, CHIP_PX
 from .lit import DISC, FILTER_STEP, LINE_NODES, LINE_WIDTH, MIN_WIDTH_PX, SPOT_NODES, STEP_PX
 
@@ -210,6 +211,7 @@ def _at_outline_mm(kind: str, check: Check) -> float:
     return max(check.length_mm * BURR_PX / CHIP_PX, depth)
 
 
+@lru_cache(maxsize=KEPT_PARTS)
 def _near_edges(solid: Solid, samples: SurfaceSamples, reach_mm: float) -> BoolArray:
     """Return which samples (n,) a defect of an edge would reach."""
     edges = find_edges(solid, reach_mm / 2)

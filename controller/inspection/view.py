@@ -81,7 +81,7 @@ def see_view(task: ViewTask, pictures: ViewPictures) -> SeenView:
     """Return the outline in a view's picture before the panel, or why there is none."""
     scene = make_scene(task)
     limits = task.limits
-    low, _, high = threshold_levels(pictures.backlit, scene.panel)
+    low, _, high = levels = threshold_levels(pictures.backlit, scene.panel)
     if high - low < limits.min_contrast:
         return SeenView(
             scene,
@@ -96,7 +96,7 @@ def see_view(task: ViewTask, pictures: ViewPictures) -> SeenView:
             None,
             f"{100 * burnt:.0f} % of the panel are burnt out: its edges are not true",
         )
-    return SeenView(scene, backlit_outline(pictures.backlit, scene), "")
+    return SeenView(scene, backlit_outline(pictures.backlit, scene, levels), "")
 
 
 def outline_view(

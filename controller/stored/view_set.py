@@ -1,7 +1,7 @@
 """Build the views of a part from a set's file and its pictures; find which views share a grasp."""
 
 from collections.abc import Mapping, Sequence
-from functools import partial
+from functools import lru_cache, partial
 from math import radians
 from typing import Final
 
@@ -36,6 +36,7 @@ SAME_VIEW_RAD: Final = radians(0.2)
 # axes off square by more were rounded when they were written, or are made so; below, as cell files
 # may have it, a metre is off by 3 um
 ROUNDED: Final = 3e-6
+KEPT_CAMERAS: Final = 4  # with their tables of sight lines, for the next part
 
 Pictures = Mapping[str, Mapping[str, Grey]]
 
@@ -187,8 +188,9 @@ def build_pose(rows: PoseRows) -> FloatArray:
     return T
 
 
+@lru_cache(maxsize=KEPT_CAMERAS)
 def build_camera(camera: SetCamera) -> Camera:
-    """Return the camera of a set, or of a view."""
+    """Return the camera of a set, or of a view: the same one for the next set."""
     return Camera(
         camera.size_px,
         np.array(camera.K),

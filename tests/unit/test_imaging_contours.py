@@ -7,7 +7,13 @@ import numpy as np
 import pytest
 
 from controller.arrays import FloatArray, Grey
-from controller.imaging import Contour, loop_normals, signed_area, subpixel_contour
+from controller.imaging import (
+    Contour,
+    loop_normals,
+    signed_area,
+    subpixel_contour,
+    threshold_levels,
+)
 
 SIZE_PX, FINER = 260, 8
 RING = (np.array([90.13, 84.4]), 61.3, 22.7)  # where, radius, radius of its hole
@@ -58,3 +64,20 @@ def test_normals_look_out_of_a_loop_of_positive_area() -> None:
     assert signed_area(loop) == pytest.approx(np.pi * 40.0**2, rel=1e-3)
     assert (loop_normals(loop) * loop).sum(axis=1) == pytest.approx(40.0, rel=1e-3)
     assert signed_area(loop[::-1]) == pytest.approx(-signed_area(loop))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_two_levels_are_medians_of_what_lies_on_either_side(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    share = (0.002, 0.4, 0.9)[seed % 3]  # that the dark object takes of the picture
+    grey = np.where(rng.random((60, 80)) < share, rng.normal(DARK, 6, (60, 80)), 0.0)
+    grey = np.where(grey > 0, grey, rng.normal(BRIGHT, 6, (60, 80)))
+    image = np.clip(np.round(grey), 0, 255).astype(np.uint8)
+    inside = rng.random(image.shape) < 0.8
+    low, half, high = threshold_levels(image, inside)
+    values = image[inside]
+    # by its levels nothing is near the middle, wherever between the two the cut lies
+    assert low == float(np.median(values[values < 100]))
+    if share > 0.1:  # of a few dark pixels the ground's median may be all pixels'
+        assert high == float(np.median(values[values > 100]))
+    assert half == 0.5 * (low + high)

@@ -17,9 +17,9 @@ from controller.inspection.lit.marks import (
     DISC,
     SPOT_NODES,
     Answers,
+    Tail,
     answers,
     smallest_nodes,
-    tail,
 )
 from controller.inspection.lit.spots import is_dust
 from controller.inspection.lit.surface import Surface
@@ -97,14 +97,14 @@ def test_the_tail_reaches_as_far_as_the_law_it_was_drawn_from(
     rng = np.random.default_rng(3)
     heights = (-np.log(rng.uniform(size=4000))) ** power
     truth = float(np.log(4000 / expected)) ** power
-    assert tail(heights, expected) == pytest.approx(truth, rel=0.2)
+    assert Tail(heights).height(expected) == pytest.approx(truth, rel=0.2)
 
 
 def test_a_few_marks_do_not_move_the_tail() -> None:
     rng = np.random.default_rng(4)
     heights = (-np.log(rng.uniform(size=2000))) ** 0.5
     marked = np.concatenate([heights, np.full(20, 50.0)])
-    assert tail(marked, 0.01) == pytest.approx(tail(heights, 0.01), rel=0.1)
+    assert Tail(marked).height(0.01) == pytest.approx(Tail(heights).height(0.01), rel=0.1)
 
 
 # --- texture is no mark --------------------------------------------------------------------------

@@ -5,7 +5,7 @@ from typing import Final
 
 import numpy as np
 
-from controller.arrays import BoolArray, FloatArray, IndexArray
+from controller.arrays import BoolArray, FloatArray, IndexArray, median
 from controller.imaging import EdgeFits
 
 from ._rays import Rays
@@ -56,7 +56,7 @@ def lean_px(found: EdgeFits, good: BoolArray, picture: PictureKind) -> FloatArra
         mine = good & (found.back == side)
         if picture.is_backlit or picture.sharpness is None or mine.sum() < FORM_POINTS:
             continue
-        narrow = picture.sharpness.width_px - float(np.median(found.width_px[mine]))
+        narrow = picture.sharpness.width_px - median(found.width_px[mine])
         lean[mine] = side * LEAN * max(narrow, 0.0)
     return lean
 
@@ -85,8 +85,8 @@ def form_of(
         off = answer.residuals[mine] / np.maximum(rays.px_per_mm[mine], 1e-9)
         smooth = np.convolve(off, np.full(FORM_POINTS, 1.0 / FORM_POINTS), mode="valid")
         # nearer than a pixel two rays see one noise
-        count = max(FORM_POINTS * min(float(np.median(rays.spacing_px[mine])), 1.0), 1.0)
-        u_both = float(np.median(u_mm[mine])) * float(np.sqrt(2.0 / count))
+        count = max(FORM_POINTS * min(median(rays.spacing_px[mine]), 1.0), 1.0)
+        u_both = median(u_mm[mine]) * float(np.sqrt(2.0 / count))
         most = max(most, float(np.ptp(smooth)))
         u_most = min(u_most, u_both)
     return most, u_most
@@ -131,22 +131,22 @@ def failure_of(
                 f"its edge is {width:.2f} px wide, the picture's other edges are "
                 f"{sharp.width_px:.2f} px: not one edge, or out of focus"
             )
-        contrast = float(np.median(np.abs(found.contrast[used])))
+        contrast = median(np.abs(found.contrast[used]))
         least = settings.min_contrast_share * sharp.contrast
         if picture.is_backlit and contrast < least:
             return (
                 f"its contrast is {contrast:.0f} grey levels, {least:.0f} are required: "
                 "light on its wall hides the edge"
             )
-    residual = float(np.median(found.residual[used]))
-    height = float(np.median(np.abs(found.contrast[used])))
+    residual = median(found.residual[used])
+    height = median(np.abs(found.contrast[used]))
     most = 3.0 * picture.noise + settings.max_profile * height
     if residual > most:
         return (
             f"the light across its edge is off a blurred step by {residual:.1f} grey levels, "
             f"{most:.1f} is allowed"
         )
-    scatter_limit = settings.max_form_px + 3.0 * float(np.median(found.sigma_px[used]))
+    scatter_limit = settings.max_form_px + 3.0 * median(found.sigma_px[used])
     if answer.scatter > scatter_limit:
         return (
             f"its edge scatters by {answer.scatter:.2f} px about the fitted shape, "
@@ -160,6 +160,4 @@ def sharpness_of(found: EdgeFits) -> Sharpness | None:
     sure = found.is_found & (found.sigma_px < SURE_PX)
     if sure.sum() < MIN_SURE:
         return None
-    return Sharpness(
-        float(np.median(found.width_px[sure])), float(np.median(np.abs(found.contrast[sure])))
-    )
+    return Sharpness(median(found.width_px[sure]), median(np.abs(found.contrast[sure])))

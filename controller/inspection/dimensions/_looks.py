@@ -4,6 +4,7 @@ Every source of error is carried as a covariance of the value: so what two edges
 the pose, falls out of their difference by itself, and depth becomes scale.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -116,10 +117,50 @@ def _slot_ends(rims: tuple[Rim, ...]) -> tuple[tuple[Rim, ...], ...]:
     return tuple(tuple(end) for end in ends)
 
 
-def has_halves(characteristic: Characteristic) -> bool:
-    """Return whether a value is the difference of two features, which two pictures may show."""
-    is_angle = characteristic.kind is CharacteristicKind.ANGLE
-    return not is_angle and len(features_of(characteristic)) > 1
+@dataclass(frozen=True, eq=False, slots=True)
+class Sought:
+    """A characteristic as pictures are looked at for it.
+
+    Attributes
+    ----------
+    characteristic : what is asked
+    features : to be fitted, by what is the same for features that need fitting but once
+    rows : (m, p) each, how the value follows from the unknowns of each feature
+    length_mm : over what length
+    """
+
+    characteristic: Characteristic
+    features: Mapping[tuple[object, ...], Feature]
+    rows: tuple[FloatArray, ...]
+    length_mm: float
+
+    @property
+    def is_halved(self) -> bool:
+        """Whether the value is the difference of two features, which two pictures may show."""
+        is_angle = self.characteristic.kind is CharacteristicKind.ANGLE
+        return not is_angle and len(self.features) > 1
+
+    def middle_mm(self, which: int) -> FloatArray:
+        """Return the middle (3,) of a feature, by its number, CAD frame."""
+        return tuple(self.features.values())[which].middle_mm
+
+
+def seek(characteristic: Characteristic, solid: Solid) -> Sought | None:
+    """Return what pictures are looked at for; None where no edge of the part shows it.
+
+    Parameters
+    ----------
+    characteristic : what is asked
+    solid : the part
+    """
+    features = features_of(characteristic)
+    if not features:
+        return None
+    # a value has as many rows as features, but those that no lengths follow from have none
+    is_form = characteristic.kind in (CharacteristicKind.ROUNDNESS, CharacteristicKind.STRAIGHTNESS)
+    rows, length_mm = ([], 0.0) if is_form else _rows(characteristic, features, solid)
+    by_key = {feature_key(feature): feature for feature in features}
+    return Sought(characteristic, by_key, tuple(rows), length_mm)
 
 
 def feature_key(feature: Feature) -> tuple[object, ...]:
@@ -131,11 +172,10 @@ def feature_key(feature: Feature) -> tuple[object, ...]:
 
 
 def estimate(
-    characteristic: Characteristic,
+    sought: Sought,
     fits: Sequence[FeatureFit],
     view: PosedView,
     lamp: str,
-    solid: Solid,
     settings: MeasuringSettings,
     only: int | None = None,
 ) -> Estimate:
@@ -143,18 +183,18 @@ def estimate(
 
     Parameters
     ----------
-    characteristic : what is asked
-    fits : of its features, as `features_of` has them
+    sought : what is asked
+    fits : of its features, in order
     view, lamp : the picture
-    solid : the part
     settings : what is uncertain before any picture
     only : which feature, where the other is taken from other pictures; None for all
     """
+    characteristic = sought.characteristic
     if only is not None:
         fits = fits[only : only + 1]
     T = view.T_world_part
     eye = transform(inverse_pose(T), view.task.camera.position_mm[None])[0]
-    middle = features_of(characteristic)[only or 0].middle_mm
+    middle = sought.middle_mm(only or 0)
     towards = (eye - middle) / np.linalg.norm(eye - middle)
     reason = "; ".join(dict.fromkeys(fit.reason for fit in fits if fit.reason))
     if any(len(fit.values_mm) == 0 for fit in fits):
@@ -166,7 +206,7 @@ def estimate(
         parts = {NOISE: np.array([[fits[0].form_u_mm ** 2]]), LENS: np.array([[lens]])}
         vector = np.array([fits[0].form_mm - characteristic.nominal_mm])
     else:
-        rows, length_mm = _rows(characteristic, solid)
+        rows, length_mm = sought.rows, sought.length_mm
         if only is not None:
             # what grows with the length counts once
             rows, length_mm = rows[only : only + 1], length_mm * (only == 0)
@@ -175,7 +215,7 @@ def estimate(
         parts = _parts(rows, fits, view.covariance)
         one = np.eye(len(vector))
         if is_angle:
-            arm = min(_length(line) for f in features_of(characteristic) for line in _lines(f))
+            arm = min(_length(line) for f in sought.features.values() for line in _lines(f))
             parts[LENS] = one * lens * (2.0 / arm) ** 2
         else:
             parts[LENS] = one * lens
@@ -193,9 +233,16 @@ def estimate(
             f"is {characteristic.tolerance_mm:.3f} {unit} wide"
         )
         is_part = False
-    budget = {name: float(np.sqrt(np.linalg.eigvalsh(part)[-1])) for name, part in parts.items()}
+    budget = {name: math.sqrt(largest_eigenvalue(part)) for name, part in parts.items()}
     look = _look(characteristic, view, lamp, value, u, reason, budget, fits)
     return Estimate(look, vector, parts, towards, view.grasp, is_part)
+
+
+def largest_eigenvalue(symmetric: FloatArray) -> float:
+    """Return the largest eigenvalue of a symmetric matrix (m, m); most have one entry."""
+    if len(symmetric) == 1:
+        return float(symmetric[0, 0])
+    return float(np.linalg.eigvalsh(symmetric)[-1])
 
 
 def value_of(
@@ -208,7 +255,7 @@ def value_of(
     characteristic : what is asked
     vector_mm, covariance : (m,), (m, m) deviation from nominal
     """
-    u = float(np.sqrt(max(np.linalg.eigvalsh(covariance)[-1], 0.0)))
+    u = math.sqrt(max(largest_eigenvalue(covariance), 0.0))
     if characteristic.kind is CharacteristicKind.POSITION:
         off = float(np.linalg.norm(vector_mm))
         return off, u if off > FAR_OUT * u else ROUND * u
@@ -241,9 +288,10 @@ def _parts(
     return parts
 
 
-def _rows(characteristic: Characteristic, solid: Solid) -> tuple[list[FloatArray], float]:
+def _rows(
+    characteristic: Characteristic, features: Sequence[Feature], solid: Solid
+) -> tuple[list[FloatArray], float]:
     """Return how the value follows from the features' unknowns, and over what length [mm]."""
-    features = features_of(characteristic)
     kind, geometry = characteristic.kind, characteristic.geometry
     if isinstance(geometry, RimGeometry):
         rim = geometry.rims[0]

@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from controller.arrays import BoolArray, FloatArray, Grey, IndexArray
+from controller.arrays import BoolArray, FloatArray, Grey, IndexArray, median
 from controller.imaging import EdgeFits, blur_shift_px, measure_edges, transform
 from controller.imaging.levels import pixel_noise
 
@@ -294,7 +294,7 @@ def _fit(
         if good.sum() < max(least, settings.min_rays):
             nowhere = np.zeros(len(good), dtype=np.bool_)
             return FeatureFit(little, points_px=points, accepted=nowhere)
-    width = float(np.median(found.width_px[good]))
+    width = median(found.width_px[good])
     # what blur does to a round edge, and what light on a wall seen flat does on the average
     blur = blur_shift_px(width, rays.curvature)
     lean = lean_px(found, good, picture)
@@ -309,7 +309,7 @@ def _fit(
     reason = failure_of(answer, good, rays, found, width, picture, settings)
     edge_px = settings.backlit_edge_px if picture.is_backlit else settings.lit_edge_px
     if not picture.is_backlit:
-        contrast = float(np.median(np.abs(found.contrast[used])))
+        contrast = median(np.abs(found.contrast[used]))
         # either of two edges may be the one: U covers both
         edge_px = float(np.hypot(edge_px, EITHER * beside_px(moved + answer.values, contrast)))
     form, form_u = form_of(answer, rays, curve, found)

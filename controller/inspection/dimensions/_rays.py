@@ -14,7 +14,7 @@ from typing import Final
 
 import numpy as np
 
-from controller.arrays import BoolArray, FloatArray, IndexArray, Int32Array
+from controller.arrays import BoolArray, FloatArray, IndexArray, Int32Array, inner, lengths
 from controller.imaging import Camera, inverse_pose, transform
 
 from .._pose import PosedPart
@@ -103,12 +103,12 @@ def place_rays(curves: Sequence[Curve], T_world_part: FloatArray, camera: Camera
         transform(T_world_part, np.concatenate([curve.after_mm for curve in curves]))
     )
     tangent = 0.5 * (after - before)
-    length = np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-9)
+    length = np.maximum(lengths(tangent)[:, None], 1e-9)
     jacobian = _projection(world, camera)
     R = T_world_part[:3, :3]
     normals = np.column_stack([-tangent[:, 1], tangent[:, 0]]) / length
     along = np.einsum("nij,nj->ni", jacobian, shift @ R.T)
-    sign = np.where((along * normals).sum(axis=1) < 0, -1.0, 1.0)
+    sign = np.where(inner(along, normals) < 0, -1.0, 1.0)
     normals *= sign[:, None]
     bend = after - 2 * pixels + before
     across = np.einsum("nij,ni->nj", jacobian, normals)
@@ -121,11 +121,11 @@ def place_rays(curves: Sequence[Curve], T_world_part: FloatArray, camera: Camera
         design=np.einsum("nj,npj->np", across, moves @ R.T),
         pose=np.concatenate([across, np.zeros_like(across)], axis=1),
         spacing_px=step,
-        curvature=-(bend * normals).sum(axis=1) / length[:, 0] ** 2,
+        curvature=-inner(bend, normals) / length[:, 0] ** 2,
         rising=np.zeros(len(points)),
         shows_lit=np.zeros(len(points), dtype=np.bool_),
         wall_px=np.zeros(len(points)),
-        px_per_mm=(px_per_mm := np.abs((along * normals).sum(axis=1))),
+        px_per_mm=(px_per_mm := np.abs(inner(along, normals))),
         facet_px=px_per_mm * np.repeat([curve.facet_mm for curve in curves], counts),
         outward=np.repeat([curve.outward for curve in curves], counts),
         reach_px=np.full((len(points), 2), NEAR_PX),
@@ -291,7 +291,7 @@ def _seen(
     met = triangle >= 0
     face = np.where(met, part.solid.face_of_triangle[triangle], NONE).astype(np.int32)
     normals = part.caster.normals[triangle]
-    cosine = np.abs((normals * lines).sum(axis=1)) / np.linalg.norm(lines, axis=1)
+    cosine = np.abs(inner(normals, lines)) / lengths(lines)
     return face, np.where(met, cosine, 1.0)
 
 
@@ -312,7 +312,7 @@ def _projection(world_mm: FloatArray, camera: Camera) -> FloatArray:
 
 
 def _spacing(pixels: FloatArray) -> FloatArray:
-    way = np.linalg.norm(np.diff(pixels, axis=0), axis=1)
+    way = lengths(np.diff(pixels, axis=0))
     return np.append(way, way[-1:])
 
 

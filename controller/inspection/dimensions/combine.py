@@ -5,6 +5,7 @@ looking again: scale and temperature always, the pose within a grasp, the lens w
 under the same lamp.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
@@ -14,7 +15,19 @@ import numpy as np
 from controller.arrays import FloatArray
 
 from ..characteristics import Characteristic, Look
-from ._looks import BLUR, FACETS, LENS, LIGHT, POSE, SCALE, TEMPERATURE, WALL, Estimate, value_of
+from ._looks import (
+    BLUR,
+    FACETS,
+    LENS,
+    LIGHT,
+    POSE,
+    SCALE,
+    TEMPERATURE,
+    WALL,
+    Estimate,
+    largest_eigenvalue,
+    value_of,
+)
 from ._types import BACKLIT, MeasuringSettings
 
 DISAGREES: Final = "disagrees with the other looks"
@@ -221,43 +234,41 @@ def _mean(
     weight = np.array([1.0 / e.look.u_mm**2 for e in used])
     weight /= weight.sum()
     vector = np.sum([w * e.vector_mm for w, e in zip(weight, used, strict=True)], axis=0)
+    shares: list[float] = weight.tolist()
     parts: dict[str, FloatArray] = {}
     for name in used[0].parts:
-        total = np.zeros((len(vector), len(vector)))
+        largest = [_largest(e.parts[name]) for e in used]
+        total = 0.0
         for i, one in enumerate(used):
             for j, other in enumerate(used):
-                shared = 1.0 if i == j else _shared(name, one, other, settings)
-                if shared:
-                    both = _geometric(one.parts[name], other.parts[name])
-                    total += weight[i] * weight[j] * shared * both
-        parts[name] = total
+                if i == j or _is_shared(name, one, other, settings):
+                    total += shares[i] * shares[j] * math.sqrt(largest[i] * largest[j])
+        parts[name] = np.eye(len(vector)) * total
     return vector, parts
 
 
-def _shared(name: str, one: Estimate, other: Estimate, settings: MeasuringSettings) -> float:
-    """Return whether an error is the same in two looks, 1 or 0."""
+def _is_shared(name: str, one: Estimate, other: Estimate, settings: MeasuringSettings) -> bool:
+    """Return whether an error is the same in two looks."""
     if name in (SCALE, TEMPERATURE, FACETS):
-        return 1.0
+        return True
     if name == POSE:
-        return float(one.grasp == other.grasp)
+        return one.grasp == other.grasp
     if name == LENS:
-        return float(one.look.view_id == other.look.view_id)
+        return one.look.view_id == other.look.view_id
     if name == LIGHT:
-        return float(one.look.lamp == other.look.lamp)
+        return one.look.lamp == other.look.lamp
     if name in (WALL, BLUR):
-        return float(not is_independent(one, other, settings))
-    return 0.0
+        return not is_independent(one, other, settings)
+    return False
 
 
 def _geometric(one: FloatArray, other: FloatArray) -> FloatArray:
     """Return the covariance of two vectors whose errors are the same but for their size."""
-    if one.shape == (1, 1):
-        return np.sqrt(one * other)
     return np.asarray(np.eye(len(one)) * np.sqrt(_largest(one) * _largest(other)))
 
 
 def _largest(covariance: FloatArray) -> float:
-    return max(float(np.linalg.eigvalsh(covariance)[-1]), 0.0)
+    return max(largest_eigenvalue(covariance), 0.0)
 
 
 def _worst(used: Sequence[Estimate]) -> tuple[int, float, float]:

@@ -10,7 +10,7 @@ from .._types import Verdict
 from ..characteristics import Characteristic, Measured, verdict_of
 from ..kept import Kept
 from ._features import Feature, FeatureFit
-from ._looks import Estimate, estimate, feature_key, features_of, has_halves
+from ._looks import Estimate, Sought, estimate, features_of, seek
 from ._pictures import fit_features, predict
 from ._types import BACKLIT, MeasuringSettings, PosedView
 from .combine import Combined, combine
@@ -37,9 +37,9 @@ def measure(
     kept : what of it was worked out before; None for nothing
     """
     kept = kept or Kept()
-    shown = _shown(tuple(characteristics), kept)
-    by_view = [_kept_looks(part, shown, view, settings, kept) for view in views]
-    found = iter(_put_together(shown, by_view, settings))
+    sought = _sought(part, tuple(characteristics), kept)
+    by_view = [_kept_looks(part, sought, view, settings, kept) for view in views]
+    found = iter(_put_together(sought, by_view, settings))
     return tuple(
         Measured(c, None, None, Verdict.NOT_EVALUATED, (), why)
         if (why := _why_not(c))
@@ -65,24 +65,31 @@ def measure_ahead(
     settings : see `measure`
     kept : gets it
     """
-    _kept_looks(part, _shown(characteristics, kept), view, settings, kept)
+    _kept_looks(part, _sought(part, characteristics, kept), view, settings, kept)
 
 
-def _shown(characteristics: tuple[Characteristic, ...], kept: Kept) -> tuple[Characteristic, ...]:
-    """Return the characteristics that a picture may show."""
-    return kept.once(
-        lambda: tuple(c for c in characteristics if not _why_not(c)), _why_not, characteristics
-    )
+def _sought(
+    part: PosedPart, characteristics: tuple[Characteristic, ...], kept: Kept
+) -> tuple[Sought, ...]:
+    """Return what pictures are looked at for, of the characteristics that one may show."""
+    return kept.once(partial(_all_sought, part, characteristics), _all_sought, characteristics)
+
+
+def _all_sought(part: PosedPart, characteristics: tuple[Characteristic, ...]) -> tuple[Sought, ...]:
+    asked = (seek(c, part.solid) for c in characteristics if not _why_not(c))
+    return tuple(one for one in asked if one is not None)
 
 
 def _kept_looks(
     part: PosedPart,
-    shown: tuple[Characteristic, ...],
+    sought: tuple[Sought, ...],
     view: PosedView,
     settings: MeasuringSettings,
     kept: Kept,
 ) -> "list[_Looks]":
-    return kept.once(partial(_looks, part, shown, view, settings), *(_looks, shown, view, settings))
+    return kept.once(
+        partial(_looks, part, sought, view, settings), *(_looks, sought, view, settings)
+    )
 
 
 def _why_not(characteristic: Characteristic) -> str:
@@ -95,21 +102,16 @@ def _why_not(characteristic: Characteristic) -> str:
 
 
 def _put_together(
-    characteristics: Sequence[Characteristic],
+    sought: Sequence[Sought],
     by_view: Sequence[Sequence["_Looks"]],
     settings: MeasuringSettings,
 ) -> list[Measured]:
     answers = []
-    for i, characteristic in enumerate(characteristics):
+    for i, one in enumerate(sought):
         whole = [e for view in by_view for e in view[i].whole]
         halves = [[e for view in by_view for e in view[i].halves[k]] for k in range(2)]
-        is_halved = has_halves(characteristic)
-        answers.append(
-            result_of(
-                characteristic,
-                combine(characteristic, whole, settings, halves if is_halved else ()),
-            )
-        )
+        found = combine(one.characteristic, whole, settings, halves if one.is_halved else ())
+        answers.append(result_of(one.characteristic, found))
     return answers
 
 
@@ -128,7 +130,10 @@ def look(
     view : with its pictures, and the part's pose
     settings : see `measure`
     """
-    return [found.whole for found in _looks(part, characteristics, view, settings)]
+    sought = [seek(c, part.solid) for c in characteristics]
+    known = tuple(one for one in sought if one is not None)
+    found = iter(_looks(part, known, view, settings))
+    return [[] if one is None else next(found).whole for one in sought]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -141,18 +146,14 @@ class _Looks:
 
 def _looks(
     part: PosedPart,
-    characteristics: Sequence[Characteristic],
+    sought: Sequence[Sought],
     view: PosedView,
     settings: MeasuringSettings,
 ) -> list[_Looks]:
-    keys = [
-        {feature_key(feature): feature for feature in features_of(characteristic)}
-        for characteristic in characteristics
-    ]
     features: dict[tuple[object, ...], Feature] = {}
-    for mine in keys:
-        features = mine | features
-    answers = [_Looks([], ([], [])) for _ in characteristics]
+    for one in sought:
+        features = {**one.features, **features}
+    answers = [_Looks([], ([], [])) for _ in sought]
     if not features:
         return answers
     prediction = predict(part, view, tuple(features.values()))
@@ -161,14 +162,12 @@ def _looks(
         fits, sharp = fit_features(part, prediction, lamp, sharpness, settings)
         sharpness = sharpness or sharp
         by_key: dict[tuple[object, ...], FeatureFit] = dict(zip(features, fits, strict=True))
-        for characteristic, mine, found in zip(characteristics, keys, answers, strict=True):
-            if not mine:
-                continue
-            own = [by_key[key] for key in mine]
-            found.whole.append(estimate(characteristic, own, view, lamp, part.solid, settings))
-            if has_halves(characteristic) and found.whole[-1].look.reason:
+        for one, found in zip(sought, answers, strict=True):
+            own = [by_key[key] for key in one.features]
+            found.whole.append(estimate(one, own, view, lamp, settings))
+            if one.is_halved and found.whole[-1].look.reason:
                 for k, half in enumerate(found.halves):
-                    half.append(estimate(characteristic, own, view, lamp, part.solid, settings, k))
+                    half.append(estimate(one, own, view, lamp, settings, k))
     return answers
 
 

@@ -1,11 +1,12 @@
 """Robust least squares of edge offsets, and how uncertain what follows from them is."""
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
-from controller.arrays import BoolArray, FloatArray
+from controller.arrays import BoolArray, FloatArray, median
 
 ROUNDS: Final = 25
 TRIMS: Final = 3  # rounds in which outliers are left out, and may come back
@@ -58,7 +59,7 @@ def solve(
     weight = np.where(found, 1.0 / variance, 0.0)
     trust = np.ones(count)
     values = np.zeros(unknowns)
-    floor = float(np.sqrt(np.median(variance[found])))
+    floor = math.sqrt(median(variance[found]))
     scale = np.inf
     for _ in range(ROUNDS):
         before = values
@@ -67,7 +68,7 @@ def solve(
             return None
         values = step
         off = np.abs(y - design @ values)
-        scale = max(MAD_TO_SIGMA * float(np.median(off[found])), floor)
+        scale = max(MAD_TO_SIGMA * median(off[found]), floor)
         trust = 1.0 / (1.0 + np.square(off / scale))
         if np.abs(design @ (values - before)).max() < SETTLED_PX:
             break
@@ -81,16 +82,16 @@ def solve(
         if step is None:
             return None
         last = step
-        scale = max(MAD_TO_SIGMA * float(np.median(np.abs(y - design @ last)[used])), floor)
+        scale = max(MAD_TO_SIGMA * median(np.abs(y - design @ last)[used]), floor)
     kept = weight * used
     normal = (design * kept[:, None]).T @ design
     inverse = np.linalg.inv(normal)
     gain = inverse @ (design * kept[:, None]).T
     residuals = y - design @ last
-    scatter = MAD_TO_SIGMA * float(np.median(np.abs(residuals[used])))
+    scatter = MAD_TO_SIGMA * median(np.abs(residuals[used]))
     freedom = max(int(used.sum()) - unknowns, 1)
     misfit = float((kept * residuals**2).sum()) / freedom
-    sharing = max(1.0 / min(float(np.median(spacing_px)), 1.0), _sharing(residuals, used))
+    sharing = max(1.0 / min(median(spacing_px), 1.0), _sharing(residuals, used))
     noise = inverse * max(misfit, 1.0) * sharing
     return Solution(last, gain, noise, np.where(found, residuals, np.nan), used, scatter)
 

@@ -46,7 +46,9 @@ class Backlit:
     width_px: float
 
 
-def backlit_outline(picture: Grey, scene: ViewScene) -> Backlit:
+def backlit_outline(
+    picture: Grey, scene: ViewScene, levels: tuple[float, float, float] | None = None
+) -> Backlit:
     """Return what a picture before the panel shows of the part.
 
     A panel is darker at its rim and a lens towards its corners: one level for all would shift
@@ -56,8 +58,9 @@ def backlit_outline(picture: Grey, scene: ViewScene) -> Backlit:
     ----------
     picture : (height, width)
     scene : what stands in the view
+    levels : its `threshold_levels` within the panel; None to find them
     """
-    low, level, high = threshold_levels(picture, scene.panel)
+    low, level, high = levels or threshold_levels(picture, scene.panel)
     height, width = picture.shape
     clear = scene.panel & ~grow(picture < level, BESIDE_PX)
     small = (width // REDUCED, height // REDUCED)

@@ -14,7 +14,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 from scipy.special import ndtri
 
-from controller.arrays import BoolArray, FloatArray, IntArray
+from controller.arrays import BoolArray, FloatArray, IntArray, inner
 
 WINDOWS_PX: Final = (1.5, 3.0, 6.0, 12.0, 24.0)  # half of their lengths
 BLUR_PX: Final = 3.0  # along an edge, points nearer than this are one
@@ -114,7 +114,7 @@ def crowded(at_px: FloatArray, normals: FloatArray, reach_px: float) -> BoolArra
     """
     out: BoolArray = np.zeros(len(at_px), dtype=bool)
     pairs = cKDTree(at_px).query_pairs(reach_px, output_type="ndarray")
-    facing = (normals[pairs[:, 0]] * normals[pairs[:, 1]]).sum(axis=1) < OPPOSITE
+    facing = inner(normals[pairs[:, 0]], normals[pairs[:, 1]]) < OPPOSITE
     out[pairs[facing]] = True
     return out
 
@@ -123,7 +123,7 @@ def _beside(tree: cKDTree, direction: FloatArray, half_px: float) -> sp.csr_matr
     """Return (n, n) which points are in each other's window."""
     n = len(direction)
     pairs = tree.query_pairs(half_px, output_type="ndarray")
-    alike = (direction[pairs[:, 0]] * direction[pairs[:, 1]]).sum(axis=1) > ALIKE
+    alike = inner(direction[pairs[:, 0]], direction[pairs[:, 1]]) > ALIKE
     i, j = pairs[alike].T
     rows = np.concatenate([i, j, np.arange(n)])
     columns = np.concatenate([j, i, np.arange(n)])

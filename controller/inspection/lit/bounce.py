@@ -11,7 +11,15 @@ from typing import Final
 import cv2
 import numpy as np
 
-from controller.arrays import BoolArray, Float32Array, FloatArray, Int32Array, IntArray
+from controller.arrays import (
+    BoolArray,
+    Float32Array,
+    FloatArray,
+    Int32Array,
+    IntArray,
+    inner,
+    lengths,
+)
 from controller.imaging import Camera, RayCaster, inverse_pose, transform
 
 from .surface import Surface
@@ -91,7 +99,7 @@ def find_neighbours(
     start = surface.points[rows] + SHADOW_OFFSET_MM * surface.facets[rows]
     helper = np.where(np.abs(normals[:, :1]) < 0.6, [[1.0, 0, 0]], [[0, 1.0, 0]])
     e1 = np.cross(normals, helper)
-    e1 /= np.linalg.norm(e1, axis=1)[:, None]
+    e1 /= lengths(e1)[:, None]
     e2 = np.cross(normals, e1)
     back, start_part = T_world_part[:3, :3], transform(inverse_pose(T_world_part), start)
 
@@ -114,12 +122,12 @@ def find_neighbours(
         direction = radius * (np.cos(phi) * e1 + np.sin(phi) * e2)
         around.append(meet(direction + np.sqrt(1 - radius**2) * normals))
     to_camera = camera.position_mm - start
-    to_camera /= np.linalg.norm(to_camera, axis=1)[:, None]
-    mirror = 2 * (normals * to_camera).sum(axis=1)[:, None] * normals - to_camera
+    to_camera /= lengths(to_camera)[:, None]
+    mirror = 2 * inner(normals, to_camera)[:, None] * normals - to_camera
     mirrored = []
     for a, b in MIRROR_SPREAD if len(rows) else ():
         direction = mirror + a * e1 + b * e2
-        mirrored.append(meet(direction / np.linalg.norm(direction, axis=1)[:, None]))
+        mirrored.append(meet(direction / lengths(direction)[:, None]))
     return Neighbours(coarse >= 0, surface.face, start, tuple(around), tuple(mirrored))
 
 
@@ -169,13 +177,13 @@ def _thrown(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the light (k,) that what rays met throws back if it is matt, and if it is polished."""
     towards = source - met.points
-    distance = np.linalg.norm(towards, axis=1)
+    distance = lengths(towards)
     towards /= distance[:, None]
     fall = (reference / distance) ** 2
-    cosine = (towards * met.normals).sum(axis=1)
+    cosine = inner(towards, met.normals)
     half = towards + (to[met.hit] - met.points) / met.distance_mm[:, None]
-    half /= np.maximum(np.linalg.norm(half, axis=1), 1e-9)[:, None]
-    angle = np.arccos(np.clip((half * met.normals).sum(axis=1), -1.0, 1.0))
+    half /= np.maximum(lengths(half), 1e-9)[:, None]
+    angle = np.arccos(np.clip(inner(half, met.normals), -1.0, 1.0))
     lobe = np.exp(-0.5 * (angle / LOBE_RAD) ** 2) / (8 * LOBE_RAD**2)
     return np.clip(cosine + COSINE_PLAY, 0.0, 1.0) * fall, POLISH * lobe * fall * (cosine > 0)
 

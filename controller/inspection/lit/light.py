@@ -12,7 +12,7 @@ from typing import Final
 import cv2
 import numpy as np
 
-from controller.arrays import BoolArray, Float32Array, FloatArray
+from controller.arrays import BoolArray, Float32Array, FloatArray, inner, lengths
 from controller.imaging import Camera, PointLamp, RayCaster, inverse_pose, transform
 
 from .bounce import COSINE_PLAY, SHADOW_OFFSET_MM, Neighbours, bounced_light
@@ -92,52 +92,64 @@ def bound_light(
     start = points + SHADOW_OFFSET_MM * surface.facets
     start_part = transform(T_part_world, start)
     to_camera = camera.position_mm - points
-    to_camera /= np.linalg.norm(to_camera, axis=1)[:, None]
-    least, most, bare, reached = (np.zeros(shape, dtype=np.float32) for _ in range(4))
-    glints = [
-        (np.zeros(shape, np.float32), np.zeros(shape, np.float32)) for _ in HIGHLIGHT_WIDTHS_RAD
-    ]
+    to_camera /= lengths(to_camera)[:, None]
+    # of the nodes that see the part, in order
+    least, most, bare = (np.zeros(len(points), dtype=np.float32) for _ in range(3))
+    dims, brights = (
+        np.zeros((len(HIGHLIGHT_WIDTHS_RAD), len(points)), dtype=np.float32) for _ in range(2)
+    )
     touched = np.zeros(len(points), dtype=bool)
+    reached = np.zeros(shape, dtype=np.float32)
     kernel = np.ones((BLUR_NODES, BLUR_NODES), np.uint8)
     share = np.float32(1.0 / len(sources))
     for position in sources:
         towards = position - start
-        distance = np.linalg.norm(towards, axis=1)
+        distance = lengths(towards)
         unit = towards / distance[:, None]
-        cosine = (unit * normals).sum(axis=1)
+        cosine = inner(unit, normals)
         lit = np.flatnonzero(cosine > -COSINE_PLAY)
         free = np.zeros(len(points), dtype=bool)
         free[lit] = ~caster.blocked(start_part[lit], unit[lit] @ T_world_part[:3, :3])
         # a coarse facet may turn from the lamp where the surface it stands for does not
-        free &= (unit * surface.facets).sum(axis=1) > -COSINE_PLAY
+        free &= inner(unit, surface.facets) > -COSINE_PLAY
         if others is not None:
             # what stands behind the lamp takes none of its light
             touched[lit] |= others.blocked(start[lit], unit[lit], distance[lit])
         fall = (reference / distance) ** 2
-        high, low, plain, reach, sure = (np.zeros(shape, dtype=np.float32) for _ in range(5))
-        high[seen] = fall * np.clip(cosine + COSINE_PLAY, 0.0, None)
-        low[seen] = fall * np.clip(cosine - COSINE_PLAY, 0.0, None)
-        plain[seen] = fall * np.clip(cosine, 0.0, None)
-        reach[seen], sure[seen] = free, free
-        reach = np.asarray(cv2.dilate(reach, kernel), np.float32)
-        sure[~seen] = 1.0
-        sure = np.asarray(cv2.erode(sure, kernel), np.float32)
-        most += share * high * reach
-        least += share * low * sure
-        bare += share * plain
-        reached += share * reach
-        half = unit + to_camera
-        half /= np.maximum(np.linalg.norm(half, axis=1), 1e-9)[:, None]
-        angle = np.arccos(np.clip((half * normals).sum(axis=1), -1.0, 1.0))
-        for width, (dim, bright) in zip(HIGHLIGHT_WIDTHS_RAD, glints, strict=True):
-            lobe = np.zeros(shape, dtype=np.float32)
-            lobe[seen] = fall * np.exp(-0.5 * (angle / width) ** 2) * (cosine > 0)
-            dim += share * lobe * sure
-            bright += share * lobe * reach
-    # how the light is spread over a ring is not known: where part of it shines all of it may
-    partly = (reached > 0.01) & (reached < 0.99)
-    most = np.where(partly, np.maximum(most, bare), most)
+        wide, near = np.zeros(shape, dtype=np.uint8), np.ones(shape, dtype=np.uint8)
+        wide[seen] = near[seen] = free
+        around = np.asarray(cv2.dilate(wide, kernel), np.uint8)
+        reached += share * around
+        reach, sure = around[seen], np.asarray(cv2.erode(near, kernel), np.uint8)[seen]
+        most += share * _as_float32(fall * np.clip(cosine + COSINE_PLAY, 0.0, None)) * reach
+        least += share * _as_float32(fall * np.clip(cosine - COSINE_PLAY, 0.0, None)) * sure
+        bare += share * _as_float32(fall * np.clip(cosine, 0.0, None))
+        glossy = np.flatnonzero((cosine > 0) & (reach > 0))
+        half = unit[glossy] + to_camera[glossy]
+        half /= np.maximum(lengths(half), 1e-9)[:, None]
+        angle = np.arccos(np.clip(inner(half, normals[glossy]), -1.0, 1.0))
+        for width, dim, bright in zip(HIGHLIGHT_WIDTHS_RAD, dims, brights, strict=True):
+            lobe = share * _as_float32(fall[glossy] * np.exp(-0.5 * (angle / width) ** 2))
+            dim[glossy] += lobe * sure[glossy]
+            bright[glossy] += lobe
+
+    def spread(values: Float32Array) -> Float32Array:
+        out = np.zeros(shape, dtype=np.float32)
+        out[seen] = values
+        return out
+
     shaded = np.zeros(shape, dtype=bool)
     shaded[seen] = touched
+
+    # how the light is spread over a ring is not known: where part of it shines all of it may
+    partly = (reached > 0.01) & (reached < 0.99)
+    most = np.where(partly[seen], np.maximum(most, bare), most)
     bounce, uneven, mirrored = bounced_light(about, sources.mean(axis=0), reference)
-    return Light(least, most, bare, bounce, uneven, mirrored, tuple(glints), shaded, partly)
+    return Light(
+        spread(least), spread(most), spread(bare), bounce, uneven, mirrored,
+        tuple((spread(a), spread(b)) for a, b in zip(dims, brights, strict=True)), shaded, partly,
+    )  # fmt: skip
+
+
+def _as_float32(values: FloatArray) -> Float32Array:
+    return values.astype(np.float32)

@@ -7,6 +7,7 @@ only), and near by. How far such answers go by chance follows from the tail of t
 mark is one that texture would make so many times in a picture at most, as the setting says.
 """
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from types import MappingProxyType
@@ -15,7 +16,7 @@ from typing import Final
 import cv2
 import numpy as np
 
-from controller.arrays import BoolArray, Float32Array, FloatArray, Int32Array
+from controller.arrays import BoolArray, Float32Array, FloatArray, Int32Array, median
 
 from .._scene import MAX_INCIDENCE_COS
 from .texture import Texture
@@ -47,6 +48,12 @@ FILTER_STEP: Final = 5 / 3  # from one spot filter's width to the next
 OTHER_STEPS: Final = (-3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0)
 OTHER_SHARES: Final = (0.0, 0.2, 0.55, 1.0, 0.9, 0.4, 0.35)
 LINE_WIDTH: Final = 2.5  # width of a line likewise
+REACH_NODES: Final = (
+    *(SURROUND * sigma for sigma in SPOT_NODES),
+    *[LINE_LENGTH_NODES] * DIRECTIONS,
+)
+
+Weights = Mapping[float, Float32Array]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -82,82 +89,104 @@ def answers(
     weak_rate : likewise, of marks that only confirm others
     """
     inside = (texture.region > 0).astype(np.float32)
-    raw = np.concatenate([_spots(texture.contrast, inside), _lines(texture.contrast, inside)])
-    shape = np.zeros_like(raw)
+    weights = _weights(inside)
+    excess = _filtered(texture.contrast, inside, weights)
     if texture.curved.any():
-        shape = np.concatenate([_spots(texture.shape, inside), _lines(texture.shape, inside)])
         kernel = np.ones((3, 3), np.uint8)
-        shape = np.stack([cv2.dilate(np.abs(s), kernel) for s in shape])
-    quiet = _gains()[:, None, None] * np.maximum(noise, QUIETEST)
-    excess = np.sign(raw) * np.maximum(np.abs(raw) - WRONG_SHAPE * shape, 0.0)
-    scatter = np.maximum(_scatter(excess, texture.region, inside), quiet).astype(np.float32)
-    height = np.abs(excess) / scatter
-    peaks = [_maxima(z, texture.region) for z in height]
+        for raw, by_shape in zip(excess, _filtered(texture.shape, inside, weights), strict=True):
+            explained = WRONG_SHAPE * cv2.dilate(np.abs(by_shape), kernel)
+            raw[:] = np.sign(raw) * np.maximum(np.abs(raw) - explained, 0.0)
+    quiet = np.maximum(noise, QUIETEST)
+    scatter = _scatter(excess, texture.region, inside)
+    for some, by_noise in zip(scatter, _gains(), strict=True):
+        np.maximum(some, by_noise * quiet, out=some, casting="same_kind")
+    peaks = [
+        _maxima(np.abs(signed) / some, texture.region)
+        for signed, some in zip(excess, scatter, strict=True)
+    ]
     pooled = np.concatenate(peaks)
     count = len(peaks)
-    sure, weak = (
-        np.array([tail(p if len(p) >= MIN_MAXIMA else pooled, r / count) for p in peaks])
-        for r in (rate, weak_rate)
-    )
-    gain = _cut_gains(inside)
-    lines = np.full((DIRECTIONS, *inside.shape), _line_gain(), np.float32)
-    whole = np.maximum(gain, MIN_GAIN * _spot_gain())
-    least = np.concatenate([whole, lines]) * (MIN_CONTRAST + _within_reach(bounced * inside))
-    limit = np.maximum(sure[:, None, None] * scatter, least).astype(np.float32)
-    low = np.maximum(np.minimum(weak, sure)[:, None, None] * scatter, least)
-    return Answers(excess, limit, low.astype(np.float32), gain)
+    of_all = Tail(pooled)
+    tails = [Tail(p) if len(p) >= MIN_MAXIMA else of_all for p in peaks]
+    gain = _cut_gains(inside, weights)
+    whole = [*np.maximum(gain, MIN_GAIN * _spot_gain()), *[np.float32(_line_gain())] * DIRECTIONS]
+    limit, low = np.empty_like(scatter), np.empty_like(scatter)
+    about = _within_reach(bounced * inside)
+    for i, (some, one) in enumerate(zip(scatter, tails, strict=True)):
+        sure, weak = one.height(rate / count), one.height(weak_rate / count)
+        least = whole[i] * (MIN_CONTRAST + about[REACH_NODES[i]])
+        np.maximum(np.float64(sure) * some, least, out=limit[i], casting="same_kind")
+        np.maximum(np.float64(min(weak, sure)) * some, least, out=low[i], casting="same_kind")
+    return Answers(excess, limit, low, gain)
 
 
-def _within_reach(bounced: Float32Array) -> Float32Array:
-    """Return the most bounced light that each filter's answer at a node sees, (filters, h, w)."""
-    reaches = [SURROUND * sigma for sigma in SPOT_NODES] + [LINE_LENGTH_NODES] * DIRECTIONS
+def _within_reach(bounced: Float32Array) -> dict[float, Float32Array]:
+    """Return by reach the most bounced light that a filter's answer at a node sees, (h, w)."""
     by_reach: dict[float, Float32Array] = {}
-    for reach in reaches:
-        if reach not in by_reach:
-            size = 2 * int(np.ceil(reach)) + 1
-            kernel = np.ones((size, size), np.uint8)
-            by_reach[reach] = np.asarray(cv2.dilate(bounced, kernel), np.float32)
-    return np.stack([by_reach[reach] for reach in reaches])
+    for reach in dict.fromkeys(REACH_NODES):
+        size = 2 * int(np.ceil(reach)) + 1
+        kernel = np.ones((size, size), np.uint8)
+        by_reach[reach] = np.asarray(cv2.dilate(bounced, kernel), np.float32)
+    return by_reach
 
 
-def tail(maxima: FloatArray, expected: float) -> float:
-    """Return the height that ``expected`` of the local maxima exceed, by their Weibull tail.
+class Tail:
+    """The Weibull tail of local maxima, from the half and the tenth of them that are higher.
 
-    The tail is taken from the half of them and the tenth of them that are higher: marks are few.
+    Marks are few, and do not move it.
 
     Parameters
     ----------
     maxima : (n,) heights above 0
-    expected : how many, in the mean
     """
-    if len(maxima) < MIN_MAXIMA:
-        return float("inf") if not len(maxima) else 2.0 * float(maxima.max()) + 6.0
-    half, tenth = (max(float(np.quantile(maxima, q)), 1e-6) for q in (0.5, 0.9))
-    exponent = np.log(np.log(10) / np.log(2)) / np.log(max(tenth / half, 1.01))
-    exponent = float(np.clip(exponent, HEAVIEST, LIGHTEST))
-    reach = max(np.log(len(maxima) / expected), np.log(10)) / np.log(10)
-    return float(tenth * reach ** (1 / exponent))
+
+    def __init__(self, maxima: FloatArray) -> None:
+        self._count = len(maxima)
+        self._highest = float(maxima.max()) if len(maxima) else float("inf")
+        if self._count >= MIN_MAXIMA:
+            half, self._tenth = (max(float(q), 1e-6) for q in np.quantile(maxima, [0.5, 0.9]))
+            exponent = np.log(np.log(10) / np.log(2)) / np.log(max(self._tenth / half, 1.01))
+            self._exponent = float(np.clip(exponent, HEAVIEST, LIGHTEST))
+
+    def height(self, expected: float) -> float:
+        """Return the height that ``expected`` of the maxima exceed, in the mean."""
+        if self._count < MIN_MAXIMA:
+            return 2.0 * self._highest + 6.0
+        reach = max(np.log(self._count / expected), np.log(10)) / np.log(10)
+        return float(self._tenth * reach ** (1 / self._exponent))
 
 
-def _spots(values: Float32Array, inside: Float32Array) -> Float32Array:
+def _filtered(values: Float32Array, inside: Float32Array, weights: Weights) -> Float32Array:
+    """Return what each filter answers (filters, h, w).
+
+    Parameters
+    ----------
+    values : (h, w), 0 beside regions
+    inside : (h, w) 1 on regions, else 0
+    weights : of it, by `_weights`
+    """
+    return np.concatenate([_spots(values, inside, weights), _lines(values, inside)])
+
+
+def _weights(inside: Float32Array) -> Weights:
+    """Return by width of a spot filter's middle, or of its surround, its weight on regions."""
+    widths = (width for sigma in SPOT_NODES for width in (sigma, SURROUND * sigma))
+    return {
+        width: np.asarray(cv2.GaussianBlur(inside, (0, 0), width), np.float32) for width in widths
+    }
+
+
+def _spots(values: Float32Array, inside: Float32Array, weights: Weights) -> Float32Array:
     """Return each spot filter's answer (scales, h, w): mean of a middle less its surround's."""
     out = []
     for sigma in SPOT_NODES:
-        middle, weight = _mean(values, inside, sigma)
-        around, _ = _mean(values, inside, SURROUND * sigma)
-        out.append(np.where((inside > 0) & (weight > ON_REGION), middle - around, 0.0))
-    return np.stack(out).astype(np.float32)
-
-
-def _mean(
-    values: Float32Array, inside: Float32Array, sigma: float
-) -> tuple[Float32Array, Float32Array]:
-    top = cv2.GaussianBlur(values, (0, 0), sigma)
-    weight = cv2.GaussianBlur(inside, (0, 0), sigma)
-    return (
-        np.asarray(top / np.maximum(weight, 1e-3), np.float32),
-        np.asarray(weight, np.float32),
-    )
+        middle, around = (
+            cv2.GaussianBlur(values, (0, 0), width) / np.maximum(weights[width], 1e-3)
+            for width in (sigma, SURROUND * sigma)
+        )
+        is_on = (inside > 0) & (weights[sigma] > ON_REGION)
+        out.append(np.where(is_on, middle - around, np.float32(0)))
+    return np.stack(out)
 
 
 def _lines(values: Float32Array, inside: Float32Array) -> Float32Array:
@@ -198,7 +227,7 @@ def _gains() -> FloatArray:
     rng = np.random.default_rng(1)
     white = rng.normal(size=(160, 160)).astype(np.float32)
     whole = np.ones_like(white)
-    both = np.concatenate([_spots(white, whole), _lines(white, whole)])
+    both = _filtered(white, whole, _weights(whole))
     return np.asarray(both[:, 40:-40, 40:-40].std(axis=(1, 2)))
 
 
@@ -206,17 +235,18 @@ def _scatter(raw: Float32Array, region: Int32Array, inside: Float32Array) -> Flo
     """Return the standard deviation of each filter's answers (filters, h, w), by face, near by."""
     order = np.argsort(region.ravel(), kind="stable")
     ids, begins = np.unique(region.ravel()[order], return_index=True)
-    groups = np.split(order, begins[1:])
+    some_of = {
+        i: group[:: max(1, len(group) // 2000)]
+        for i, group in zip(ids.tolist(), np.split(order, begins[1:]), strict=True)
+        if i
+    }
     out = np.empty_like(raw)
     small = cv2.resize(inside, None, fx=0.25, fy=0.25, interpolation=cv2.INTER_AREA)
     weight = np.maximum(cv2.GaussianBlur(small, (0, 0), NEAR_NODES / 4), 1e-3)
     for filtered, target in zip(raw, out, strict=True):
         level = np.zeros(int(region.max()) + 1, dtype=np.float32)
-        flat = np.abs(filtered.ravel())
-        for i, group in zip(ids.tolist(), groups, strict=True):
-            if i:
-                some = flat[group[:: max(1, len(group) // 2000)]]
-                level[i] = 1.4826 * float(np.median(some))
+        for i, some in some_of.items():
+            level[i] = 1.4826 * median(np.abs(filtered.ravel()[some]))
         face = level[region]
         bounded = np.minimum(filtered**2, (CLIPPED * face) ** 2)
         coarse = cv2.resize(bounded, small.shape[::-1], interpolation=cv2.INTER_AREA)
@@ -226,9 +256,8 @@ def _scatter(raw: Float32Array, region: Int32Array, inside: Float32Array) -> Flo
     return out
 
 
-def _maxima(z: Float32Array, region: Int32Array) -> FloatArray:
-    """Return the heights of the local maxima of an answer, either sign, on regions."""
-    height = np.abs(z)
+def _maxima(height: Float32Array, region: Int32Array) -> FloatArray:
+    """Return the heights of the local maxima of an answer (h, w) on regions."""
     top = cv2.dilate(height, np.ones((3, 3), np.uint8))
     return np.asarray(height[(height >= top) & (region > 0) & (height > 0)], np.float64)
 
@@ -247,23 +276,25 @@ def smallest_nodes(
     texture : what they answered to
     cosine : (h, w) of the angle at which the surface is seen
     """
-    inside = texture.region > 0
-    need = answer.limit
+    nodes = _Nodes(answer, texture, cosine)
     count = len(SPOT_NODES)
-    slant = np.clip(cosine, FLATTEST, 1.0).astype(np.float32)
-    out = {}
+    out = {
+        kind: np.full(texture.region.shape, np.inf, np.float32)
+        for kind in ("dent", "stain", "scratch")
+    }
+    own = [np.asarray(2 * DISC * s / np.sqrt(nodes.slant), np.float32) for s in SPOT_NODES]
+    shares = [nodes.shares(width) for width in own]
     for kind in ("dent", "stain"):
-        widths = np.full(inside.shape, np.inf, dtype=np.float32)
-        own = [np.asarray(2 * DISC * s / np.sqrt(slant), np.float32) for s in SPOT_NODES]
-        found = [finds(answer, texture, cosine, kind, width) for width in own]
+        widths = np.full(len(nodes.slant), np.inf, dtype=np.float32)
+        found = [nodes.found(kind, *of) for of in zip(own, shares, strict=True)]
         for size in reversed(range(count)):
             shows = found[size] & found[min(size + 1, count - 1)]
             widths[shows] = own[size][shows]
-        out[kind] = widths
-    line = _line_gain()
-    worst = need[count:].max(axis=0)
-    found = inside & (CONTRASTS["scratch"] * line >= worst)
-    out["scratch"] = np.where(found, LINE_WIDTH * LINE_NODES / slant, np.inf).astype(np.float32)
+        out[kind][nodes.inside] = widths
+    worst = answer.limit[count:, nodes.inside].max(axis=0)
+    is_found = CONTRASTS["scratch"] * _line_gain() >= worst
+    widths = np.where(is_found, LINE_WIDTH * LINE_NODES / nodes.slant, np.inf).astype(np.float32)
+    out["scratch"][nodes.inside] = widths
     return out
 
 
@@ -282,20 +313,60 @@ def finds(
     kind : dent or stain, which have different contrasts
     width_nodes : (h, w) of the mark, along the surface
     """
-    slant = np.clip(cosine, FLATTEST, 1.0)
-    # what is a large part of all there is to compare it with is taken for the face's own brightness
-    area = np.bincount(texture.region.ravel())[texture.region]
-    small = np.pi / 4 * width_nodes**2 * slant <= MAX_OF_REGION * area
-    contrast = (CONTRASTS[kind] * np.interp(slant, *_aslant())).astype(np.float32)
+    nodes = _Nodes(answer, texture, cosine)
+    widths = width_nodes[nodes.inside]
     out = np.zeros(texture.region.shape, dtype=bool)
-    for sigma, gain, need in zip(SPOT_NODES, answer.gain, answer.limit, strict=False):
-        steps = np.log(width_nodes * np.sqrt(slant) / (2 * DISC * sigma)) / np.log(FILTER_STEP)
-        share = np.interp(steps, OTHER_STEPS, OTHER_SHARES).astype(np.float32)
-        out |= contrast * gain * share >= need
-    return out & small & (texture.region > 0)
+    out[nodes.inside] = nodes.found(kind, widths, nodes.shares(widths))
+    return out
 
 
-def _cut_gains(inside: Float32Array) -> Float32Array:
+class _Nodes:
+    """The nodes of regions, in order (n,), as far as round marks on them go.
+
+    Parameters
+    ----------
+    answer, texture, cosine : as `finds` has them
+    """
+
+    def __init__(self, answer: Answers, texture: Texture, cosine: Float32Array) -> None:
+        self.inside: BoolArray = texture.region > 0
+        region = texture.region[self.inside]
+        self.slant = np.clip(cosine[self.inside], FLATTEST, 1.0)
+        self._area = np.bincount(region)[region]
+        self._aslant = np.interp(self.slant, *_aslant())
+        self._gain = answer.gain[:, self.inside]
+        self._need = answer.limit[: len(SPOT_NODES), self.inside]
+
+    def shares(self, width_nodes: Float32Array) -> list[Float32Array]:
+        """Return of its most answer what each spot filter gives to marks of some widths (n,)."""
+        out = []
+        for sigma in SPOT_NODES:
+            steps = np.log(width_nodes * np.sqrt(self.slant) / (2 * DISC * sigma))
+            steps = steps / np.log(FILTER_STEP)
+            out.append(np.interp(steps, OTHER_STEPS, OTHER_SHARES).astype(np.float32))
+        return out
+
+    def found(
+        self, kind: str, width_nodes: Float32Array, shares: Sequence[Float32Array]
+    ) -> BoolArray:
+        """Return where (n,) a round mark would be found by any filter.
+
+        Parameters
+        ----------
+        kind, width_nodes : as `finds` has them, (n,)
+        shares : of these widths
+        """
+        # what is a large part of all there is to compare it with is taken for the face's own
+        # brightness
+        small = np.pi / 4 * width_nodes**2 * self.slant <= MAX_OF_REGION * self._area
+        contrast = (CONTRASTS[kind] * self._aslant).astype(np.float32)
+        out = np.zeros(len(contrast), dtype=bool)
+        for gain, need, share in zip(self._gain, self._need, shares, strict=True):
+            out |= contrast * gain * share >= need
+        return out & small
+
+
+def _cut_gains(inside: Float32Array, weights: Weights) -> Float32Array:
     """Return each spot filter's answer (spots, h, w) to a disc of its best size about a node."""
     out = np.zeros((len(SPOT_NODES), *inside.shape), dtype=np.float32)
     for sigma, target in zip(SPOT_NODES, out, strict=True):
@@ -305,8 +376,7 @@ def _cut_gains(inside: Float32Array) -> Float32Array:
         for sign, width in ((1, sigma), (-1, SURROUND * sigma)):
             bell = np.exp(-0.5 * (u**2 + v**2) / width**2) / (2 * np.pi * width**2)
             in_disc = cv2.filter2D(inside, cv2.CV_32F, (bell * disc).astype(np.float32))
-            weight = cv2.GaussianBlur(inside, (0, 0), width)
-            target += sign * in_disc / np.maximum(weight, 1e-3)
+            target += sign * in_disc / np.maximum(weights[width], 1e-3)
     return out * (inside > 0)
 
 

@@ -1,7 +1,7 @@
 """The lit pictures of one view: each must lie where the pose says, and look as its light allows."""
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
 
@@ -35,11 +35,10 @@ from .compare import (
 from .light import Light, bound_light
 from .marks import Answers, answers, finds, smallest_nodes
 from .spots import local_findings
-from .surface import Surface, find_surface
+from .surface import find_surface
 from .texture import Texture, feature_edges, find_texture
 
-STEP_PX: Final = 2  # faces are compared on every second pixel
-LIGHT_STRIDE: Final = 1  # light is found on each of these nodes: shadows are as narrow as defects
+STEP_PX: Final = 2  # faces are compared on every second pixel: shadows are as narrow as defects
 LENS_PX: Final = 0.7  # about how a lens blurs
 SHARP_STACK_PX: Final = 0.7  # as `register_edges` does
 LENS_WIDTH_PX: Final = 0.56  # as `register` measures that
@@ -60,6 +59,34 @@ PARTLY_NODES: Final = 2  # lamps are a little larger than their centres say
 LIT: Final = 0.05  # of a surface square to the lamp: less light shows no texture
 VEIL_GREY: Final = 1.5  # what a lens scatters of bright places into dark ones beside them
 MIN_NOISE_GREY: Final = 0.3  # of eight bits
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _LitPicture:
+    """One lamp's picture, and what is known of its light before the picture; (h, w) of the nodes.
+
+    Attributes
+    ----------
+    name, picture : of the lamp, (height, width)
+    observed : grey, hardly smoothed
+    light : bounds of it
+    valid : on the part, off the gripper and its shadow
+    fitting : whose light is known well enough to fit a picture's brightness
+    ground : how bright the wall behind the part is
+    """
+
+    name: str
+    picture: Grey
+    observed: Float32Array
+    light: Light
+    valid: BoolArray
+    fitting: BoolArray
+    ground: float
+
+    @property
+    def is_told(self) -> bool:
+        """Whether enough of what is in sight is known to be lit."""
+        return bool(self.fitting.sum() >= FITTED_COUNT)
 
 
 class LitPictures:
@@ -90,10 +117,11 @@ class LitPictures:
         self._part, self._samples, self._task, self._scene = part, samples, task, scene
         self._fit, self._visibility, self._sharp = fit, visible, sharp
         self._pictures = pictures
-        self._lights: dict[str, Light] = {}
+        self._lit_by: dict[str, _LitPicture] = {}
         self._fits: dict[str, Brightness] = {}
-        self._fine = self._surface_at(STEP_PX)
-        self._coarse = self._surface_at(STEP_PX * LIGHT_STRIDE)
+        whole, step = fit.maps, STEP_PX
+        nodes = ViewMaps(whole.roi, whole.triangle[::step, ::step], whole.depth_mm[::step, ::step])
+        self._surface = find_surface(part.solid, nodes, fit.T_world_part, task.camera, step)
         com = transform(fit.T_world_part, part.solid.centroid_mm[None])[0]
         self._mm = task.camera.mm_per_px(com)
         # only inside the outline: beside it stands whatever stands behind the part
@@ -104,14 +132,12 @@ class LitPictures:
         cv2.drawContours(filled, contours, -1, 1, thickness=cv2.FILLED)
         self._inside: BoolArray = ~grow(filled == 0, task.limits.slack_px)
 
-    def _surface_at(self, step: int) -> Surface:
-        whole = self._fit.maps
-        maps = ViewMaps(whole.roi, whole.triangle[::step, ::step], whole.depth_mm[::step, ::step])
-        return find_surface(self._part.solid, maps, self._fit.T_world_part, self._task.camera, step)
-
-    def _unheld(self, step: int) -> BoolArray:
+    @cached_property
+    def _free(self) -> BoolArray:
+        """Nodes (h, w) on the part, off the gripper."""
         x0, y0, x1, y1 = self._fit.maps.roi
-        return np.asarray(~self._scene.holder_mask[y0:y1:step, x0:x1:step])
+        unheld = ~self._scene.holder_mask[y0:y1:STEP_PX, x0:x1:STEP_PX]
+        return np.asarray(self._inside[::STEP_PX, ::STEP_PX] & unheld)
 
     @cached_property
     def _edges(self) -> EdgePoints:
@@ -134,17 +160,16 @@ class LitPictures:
 
     @cached_property
     def _smooth_faces(self) -> BoolArray:
-        """Fine nodes on smooth faces, off edges, outline and gripper."""
-        edge = feature_edges(self._fine).astype(np.uint8)
+        """Nodes on smooth faces, off edges, outline and gripper."""
+        edge = feature_edges(self._surface).astype(np.uint8)
         away = STEP_PX * cv2.distanceTransform(1 - edge, cv2.DIST_L2, 5)
         near = away <= EDGE_PLAY_PX + EDGE_PLAY_MM / self._mm + POSE_SPREADS * self._spread_px()
-        unheld = self._unheld(STEP_PX)
-        usable: BoolArray = self._fine.seen & ~near & unheld & self._inside[::STEP_PX, ::STEP_PX]
-        return usable & (self._fine.cosine > MAX_INCIDENCE_COS)
+        usable: BoolArray = self._surface.seen & ~near & self._free
+        return usable & (self._surface.cosine > MAX_INCIDENCE_COS)
 
     def _spread_px(self) -> Float32Array:
-        """Return how far off the pose may be at the fine nodes (h, w), one standard deviation."""
-        surface = self._fine
+        """Return how far off the pose may be at the nodes (h, w), one standard deviation."""
+        surface = self._surface
         rows, columns = np.nonzero(surface.seen)
         some = np.flatnonzero((rows % SPREAD_NODES == 0) & (columns % SPREAD_NODES == 0))
         shape = tuple(-(-n // SPREAD_NODES) for n in surface.seen.shape)
@@ -163,34 +188,37 @@ class LitPictures:
         lamp_name : one of the view's lamps
         """
         task, limits = self._task, self._task.limits
-        picture, light = self._pictures[lamp_name], self._light(lamp_name)
-        observed = self._soft(picture)
-        valid = self._valid(light)
-        reason = self._misfit(picture, light)
-        fitting = fitted_nodes(self._coarse, light, valid)
-        if not reason and fitting.sum() < FITTED_COUNT:
+        lit = self._lit(lamp_name)
+        reason = self._misfit(lit)
+        if not reason and not lit.is_told:
             # nothing that this lamp is known to light is in sight: nothing is compared or found
             code = np.where(self._visibility.free, Unjudged.UNLIT.number, 0)
             return Check(lamp_name, "", self._none()), [], code.astype(np.uint8)
         brightness = None
         if not reason:
             brightness = self._brightness(lamp_name)
-            reason = self._unlike(observed, fitting, brightness) or self._other_lamp(
-                lamp_name, observed, brightness
-            )
+            reason = self._unlike(lit, brightness) or self._other_lamp(lit, brightness)
         if reason or brightness is None:
             code = np.where(self._visibility.free, Unjudged.LAMP.number, 0)
             return Check(lamp_name, reason, self._none()), [], code.astype(np.uint8)
         brightness = replace(brightness, gloss=self._gloss)
         outcome = compare(
-            observed, self._coarse, light, brightness, valid,
-            _ground_level(picture, self._fit.maps, self._scene), limits, self._flattest,
+            lit.observed, self._surface, lit.light, brightness, lit.valid, lit.ground, limits,
+            self._flattest,
         )  # fmt: skip
         found = self._wrong_light(lamp_name, outcome)
-        texture, noise, bounced = self._texture(picture, light, brightness, valid)
+        texture, noise, bounced = self._texture(lit, brightness)
         answer = answers(texture, noise, bounced, limits.false_marks, limits.weak_marks)
         found += local_findings(
-            answer, texture, picture, self._fine, self._part, self._fit, task, lamp_name, STEP_PX
+            answer,
+            texture,
+            lit.picture,
+            self._surface,
+            self._part,
+            self._fit,
+            task,
+            lamp_name,
+            STEP_PX,
         )
         compared, code = self._per_sample(outcome, answer, texture)
         check = Check(
@@ -199,32 +227,46 @@ class LitPictures:
         )  # fmt: skip
         return check, found, code
 
-    def _light(self, lamp_name: str) -> Light:
-        """Return bounds of a lamp's light on the part, found once."""
-        if lamp_name not in self._lights:
+    def _lit(self, lamp_name: str) -> "_LitPicture":
+        """Return a lamp's picture with the bounds of its light on the part, found once."""
+        if lamp_name not in self._lit_by:
             lamp = next(lamp for lamp in self._task.lamps if lamp.name == lamp_name)
-            self._lights[lamp_name] = bound_light(
-                self._coarse, self._part.caster, self._fit.T_world_part, self._task.camera, lamp,
+            light = bound_light(
+                self._surface, self._part.caster, self._fit.T_world_part, self._task.camera, lamp,
                 self._scene.holder, self._about,
             )  # fmt: skip
-        return self._lights[lamp_name]
+            picture = self._pictures[lamp_name]
+            x0, y0, x1, y1 = self._fit.maps.roi
+            soft = cv2.GaussianBlur(picture[y0:y1, x0:x1], (0, 0), 1.0)
+            valid = self._free & ~grow(light.touched, HOLDER_MARGIN_PX // STEP_PX + 1)
+            self._lit_by[lamp_name] = _LitPicture(
+                lamp_name,
+                picture,
+                np.asarray(soft[::STEP_PX, ::STEP_PX], np.float32),
+                light,
+                valid,
+                fitted_nodes(self._surface, light, valid),
+                _ground_level(picture, self._fit.maps, self._scene),
+            )
+        return self._lit_by[lamp_name]
 
     @cached_property
     def _about(self) -> Neighbours:
         """What part and gripper have standing about what is seen."""
         return find_neighbours(
-            self._coarse, self._part.caster, self._fit.T_world_part, self._task.camera,
+            self._surface, self._part.caster, self._fit.T_world_part, self._task.camera,
             self._scene.holder,
         )  # fmt: skip
 
     def _brightness(self, lamp_name: str) -> Brightness:
         """Return a lamp's light as its picture shows it, fitted once."""
         if lamp_name not in self._fits:
-            light, observed = self._light(lamp_name), self._soft(self._pictures[lamp_name])
-            fitting = fitted_nodes(self._coarse, light, self._valid(light))
-            told = fitting & (observed < BURNT_GREY)
+            lit = self._lit(lamp_name)
+            told = lit.fitting & (lit.observed < BURNT_GREY)
+            if told.sum() < FITTED_COUNT:
+                told = lit.fitting
             self._fits[lamp_name] = fit_brightness(
-                observed, light, told if told.sum() >= FITTED_COUNT else fitting, self._coarse.face
+                lit.observed, lit.light, told, self._surface.face
             )
         return self._fits[lamp_name]
 
@@ -234,59 +276,44 @@ class LitPictures:
         told = [
             self._brightness(lamp.name).gloss
             for lamp in self._task.lamps
-            if fitted_nodes(
-                self._coarse, self._light(lamp.name), self._valid(self._light(lamp.name))
-            ).sum()
-            >= FITTED_COUNT
+            if self._lit(lamp.name).is_told
         ]
         return min(told, default=1.0)
 
-    def _soft(self, picture: Grey) -> Float32Array:
-        x0, y0, x1, y1 = self._fit.maps.roi
-        step = STEP_PX * LIGHT_STRIDE
-        soft = cv2.GaussianBlur(picture[y0:y1, x0:x1], (0, 0), 1.0)
-        return np.asarray(soft[::step, ::step], np.float32)
-
-    def _valid(self, light: Light) -> BoolArray:
-        """Return the light's nodes (h, w) on the part, off the gripper and its shadow."""
-        step = STEP_PX * LIGHT_STRIDE
-        inside = self._inside[::step, ::step] & self._unheld(step)
-        return np.asarray(inside & ~grow(light.touched, HOLDER_MARGIN_PX // step + 1))
-
-    def _other_lamp(self, lamp_name: str, observed: Float32Array, brightness: Brightness) -> str:
+    def _other_lamp(self, mine: "_LitPicture", brightness: Brightness) -> str:
         """Return which other lamp of the view explains a picture far better, empty if none."""
-        mine = self._light(lamp_name)
         for lamp in self._task.lamps:
-            if lamp.name == lamp_name:
+            if lamp.name == mine.name:
                 continue
-            light = self._light(lamp.name)
-            told = observed < BURNT_GREY
-            fitting = fitted_nodes(self._coarse, light, self._valid(light)) & told
-            used = told & self._coarse.seen & ~in_penumbra(light) & ~in_penumbra(mine)
-            used &= self._valid(light) & self._valid(mine)
+            other = self._lit(lamp.name)
+            told = mine.observed < BURNT_GREY
+            fitting = other.fitting & told
+            used = told & self._surface.seen & ~in_penumbra(other.light) & ~in_penumbra(mine.light)
+            used &= other.valid & mine.valid
             if min(fitting.sum(), used.sum()) < FITTED_COUNT:
                 continue
-            own = _error(observed[used], brightness.predicted[used])
+            own = _error(mine.observed[used], brightness.predicted[used])
             if own < MIN_OTHER_ERROR:
                 continue
-            other = fit_brightness(observed, light, fitting, self._coarse.face)
-            error = _error(observed[used], other.predicted[used])
+            by_other = fit_brightness(mine.observed, other.light, fitting, self._surface.face)
+            error = _error(mine.observed[used], by_other.predicted[used])
             if error < OTHER_LAMP * own:
                 return (
                     f"it looks as lit by {lamp.name}, {100 * error:.1f} % off in the mean, not by "
-                    f"{lamp_name}, {100 * own:.1f} %: were the lamps swapped?"
+                    f"{mine.name}, {100 * own:.1f} %: were the lamps swapped?"
                 )
         return ""
 
     def _none(self) -> BoolArray:
         return np.zeros(len(self._samples.points_mm), dtype=bool)
 
-    def _unlike(self, observed: Float32Array, fitting: BoolArray, brightness: Brightness) -> str:
+    def _unlike(self, lit: "_LitPicture", brightness: Brightness) -> str:
         """Return why a picture cannot be of this lamp on this part, empty if it can."""
         limits = self._task.limits
-        if float((observed[fitting] >= BURNT_GREY).mean()) > MAX_BURNT:
+        fitted = lit.observed[lit.fitting]
+        if float((fitted >= BURNT_GREY).mean()) > MAX_BURNT:
             return "it is burnt out: a shorter exposure or a darker lamp is needed"
-        if float(np.quantile(observed[fitting], 0.9)) < limits.min_contrast / 4:
+        if float(np.quantile(fitted, 0.9)) < limits.min_contrast / 4:
             return "it gives no light: is the lamp on?"
         if brightness.typical > WORST_TYPICAL:
             return (
@@ -297,12 +324,12 @@ class LitPictures:
 
     def _wrong_light(self, lamp_name: str, outcome: Compared) -> list[Finding]:
         """Return connected places where light or shadow is not what it must be."""
-        step = STEP_PX * LIGHT_STRIDE
+        step = STEP_PX
         limits = self._task.limits
         kernel = np.ones((MIN_NODES, MIN_NODES), np.uint8)
         opened = cv2.morphologyEx(outcome.wrong.astype(np.uint8), cv2.MORPH_OPEN, kernel)
         x0, y0, x1, y1 = self._fit.maps.roi
-        area = np.where(self._coarse.seen, self._coarse.area_mm2, np.float32(self._mm**2))
+        area = np.where(self._surface.seen, self._surface.area_mm2, np.float32(self._mm**2))
         full, areas = (
             np.repeat(np.repeat(a, step, axis=0), step, axis=1)[: y1 - y0, : x1 - x0]
             for a in (opened > 0, area)
@@ -313,34 +340,34 @@ class LitPictures:
         )  # fmt: skip
 
     def _texture(
-        self, picture: Grey, light: Light, brightness: Brightness, valid: BoolArray
+        self, lit: "_LitPicture", brightness: Brightness
     ) -> tuple[Texture, Float32Array, Float32Array]:
         """Return the texture of the faces under a lamp, the camera's noise in it, and corners'."""
-        shape = self._fine.seen.shape
+        light, seen = lit.light, self._surface.seen
         x0, y0, x1, y1 = self._fit.maps.roi
-        window = picture[y0:y1, x0:x1].astype(np.float32)
+        window = lit.picture[y0:y1, x0:x1].astype(np.float32)
         even = cv2.copyMakeBorder(window, 0, -window.shape[0] % 2, 0, -window.shape[1] % 2,
                                   cv2.BORDER_REPLICATE)  # fmt: skip
-        observed = cv2.resize(even, shape[::-1], interpolation=cv2.INTER_AREA)
+        observed = cv2.resize(even, seen.shape[::-1], interpolation=cv2.INTER_AREA)
         good = ~in_penumbra(light) & ~grow(light.partly, PARTLY_NODES)
-        good &= valid & (light.least > LIT)
-        usable = self._smooth_faces & _spread_out(good, shape)
+        good &= lit.valid & (light.least > LIT)
+        sure = cv2.erode(good.astype(np.uint8), np.ones((3, 3), np.uint8), borderValue=0)
+        usable = self._smooth_faces & (sure > 0)
         usable &= observed < BURNT_GREY
-        predicted = _interpolated(brightness.direct, self._coarse.seen, shape)
-        texture = find_texture(np.asarray(observed, np.float32), self._fine, usable, predicted)
+        predicted = np.where(seen, brightness.direct, np.float32(0))
+        texture = find_texture(np.asarray(observed, np.float32), self._surface, usable, predicted)
         grey = max(picture_noise(window), MIN_NOISE_GREY) / STEP_PX
         noise = np.asarray(grey / np.maximum(texture.smooth, 1.0), np.float32)
         uneven = light.uneven + brightness.gloss * light.mirrored
         uneven = np.asarray(uneven / np.maximum(light.least, LIT), np.float32)
-        bounced = BOUNCED * _interpolated(uneven, self._coarse.seen, shape)
+        bounced = BOUNCED * np.where(seen, uneven, np.float32(0))
         veil = VEIL_GREY / np.maximum(texture.smooth, 1.0)
         return texture, noise, np.asarray(bounced + veil, np.float32)
 
-    def _misfit(self, picture: Grey, light: Light) -> str:
+    def _misfit(self, lit: "_LitPicture") -> str:
         """Return why a lit picture does not lie on the pose, or is not sharp; empty if it does."""
         limits, fit = self._task.limits, self._fit
-        expected = self._expected(picture, light)
-        steps = register(picture, fit.edge_px, fit.edge_normals, expected)
+        steps = register(lit.picture, fit.edge_px, fit.edge_normals, self._expected(lit))
         # the expected picture is blurred by a good lens; the backlit one tells how good this one is
         lens = max(self._sharp.width_px - LENS_WIDTH_PX, 0.0) if self._sharp is not None else 0.0
         refusal = "it shows too little of the part's outline and edges to verify the pose"
@@ -348,28 +375,28 @@ class LitPictures:
             refusal = _refusal(steps, steps.growth_px, lens, limits)
         if refusal:
             # the outline before a dark wall, or in a bright one's glow, is no sure measure
-            steps = register_edges(picture, self._edges.pixels, self._edges.normals)
+            steps = register_edges(lit.picture, self._edges.pixels, self._edges.normals)
             if steps is not None:
                 # it overrules the outline where it leaves no question, not at the limit
                 strict = replace(limits, max_edge_growth_px=limits.max_edge_growth_px / 2)
                 refusal = _refusal(steps, steps.width_px - SHARP_STACK_PX, lens, strict)
         return refusal
 
-    def _expected(self, picture: Grey, light: Light) -> Float32Array:
+    def _expected(self, lit: "_LitPicture") -> Float32Array:
         """Return the whole picture as predicted, to a grey level or ten, (height, width)."""
-        step = STEP_PX * LIGHT_STRIDE
+        step, light, picture = STEP_PX, lit.light, lit.picture
         whole = self._fit.maps
         x0, y0, x1, y1 = whole.roi
         matt = 0.5 * (light.least + light.most)
-        bright = self._coarse.seen & (matt > 0.3)
+        bright = self._surface.seen & (matt > 0.3)
         observed = picture[y0:y1:step, x0:x1:step].astype(np.float32)
         gain = float(np.median(observed[bright] / matt[bright])) if bright.any() else 0.0
         full = np.repeat(np.repeat(matt, step, axis=0), step, axis=1)[: y1 - y0, : x1 - x0]
-        out = np.full(picture.shape, _ground_level(picture, whole, self._scene), dtype=np.float32)
+        out = np.full(picture.shape, lit.ground, dtype=np.float32)
         # a node may be seen where the pixel beside it is not: its neighbour's light then
         wide = cv2.dilate(full, np.ones((2 * step - 1, 2 * step - 1), np.uint8))
-        lit = gain * np.where(full > 0, full, wide)
-        out[y0:y1, x0:x1] = np.where(whole.mask, lit, out[y0:y1, x0:x1])
+        shines = gain * np.where(full > 0, full, wide)
+        out[y0:y1, x0:x1] = np.where(whole.mask, shines, out[y0:y1, x0:x1])
         return np.asarray(cv2.GaussianBlur(out, (0, 0), LENS_PX), dtype=np.float32)
 
     @property
@@ -377,20 +404,21 @@ class LitPictures:
         """The cosine below which the smallest defect is too narrow in the picture."""
         return float(MIN_WIDTH_PX * self._mm / self._task.limits.smallest_defect_mm)
 
-    def _at_samples(self, step: int) -> tuple[BoolArray, NDArray[np.intp], NDArray[np.intp]]:
-        """Return which samples (n,) fall on the grid, and the rows and columns of these."""
+    @cached_property
+    def _at_samples(self) -> tuple[BoolArray, NDArray[np.intp], NDArray[np.intp]]:
+        """Which samples (n,) fall on the grid, and the rows and columns of these."""
         x0, y0, x1, y1 = self._fit.maps.roi
-        u, v = ((self._visibility.pixels - [x0, y0]) // step).T
-        height, width = -(-(y1 - y0) // step), -(-(x1 - x0) // step)
+        u, v = ((self._visibility.pixels - [x0, y0]) // STEP_PX).T
+        height, width = -(-(y1 - y0) // STEP_PX), -(-(x1 - x0) // STEP_PX)
         inside = self._visibility.free & (u >= 0) & (v >= 0) & (u < width) & (v < height)
         return inside, v[inside], u[inside]
 
     def _smallest(self, answer: Answers, texture: Texture) -> dict[str, Float32Array]:
         """Return per kind of mark the smallest width [mm] found at each sample (n,), else inf."""
-        inside, v, u = self._at_samples(STEP_PX)
-        side = np.maximum(self._fine.node_mm, 1e-6)
+        inside, v, u = self._at_samples
+        side = np.maximum(self._surface.node_mm, 1e-6)
         out = {}
-        for kind, nodes in smallest_nodes(answer, texture, self._fine.cosine).items():
+        for kind, nodes in smallest_nodes(answer, texture, self._surface.cosine).items():
             widths = np.full(len(inside), np.inf, dtype=np.float32)
             widths[inside] = (nodes * side)[v, u]
             out[kind] = widths
@@ -401,24 +429,21 @@ class LitPictures:
     ) -> tuple[BoolArray, NDArray[np.uint8]]:
         """Return which samples a picture compared (n,), and why not the others (n,)."""
         limits = self._task.limits
-        side = np.maximum(self._fine.node_mm, 1e-6)
+        side = np.maximum(self._surface.node_mm, 1e-6)
         width = np.asarray(limits.smallest_defect_mm / side, np.float32)
-        fine = finds(answer, texture, self._fine.cosine, FindingKind.DENT.name.lower(), width)
+        fine = finds(answer, texture, self._surface.cosine, FindingKind.DENT.name.lower(), width)
         size = limits.smallest_defect_mm / self._mm / STEP_PX
-        whole = near_own_face(fine, self._fine.face, size)
-        whole &= share_of_face(fine, self._fine.face, size) >= DISC_SHARE
-        step = STEP_PX * LIGHT_STRIDE
-        rough = limits.smallest_defect_mm / self._mm / step
-        light = share_of_face(outcome.compared, self._coarse.face, rough) >= DISC_SHARE
+        whole = near_own_face(fine, self._surface.face, size)
+        whole &= share_of_face(fine, self._surface.face, size) >= DISC_SHARE
+        light = share_of_face(outcome.compared, self._surface.face, size) >= DISC_SHARE
         light &= outcome.compared
-        inside, v, u = self._at_samples(STEP_PX)
-        stride = LIGHT_STRIDE
-        shown = (whole[v, u] | light[v // stride, u // stride]) & (self._flattest < 1.0)
+        inside, v, u = self._at_samples
+        shown = (whole[v, u] | light[v, u]) & (self._flattest < 1.0)
         compared = self._none()
         code = np.zeros(len(inside), dtype=np.uint8)
         compared[inside] = shown
         edge = Unjudged.EDGE.number
-        reason = outcome.reason[v // stride, u // stride]
+        reason = outcome.reason[v, u]
         code[inside] = np.where(shown, 0, np.where(reason == 0, edge, reason))
         return compared, code
 
@@ -453,23 +478,6 @@ def _refusal(
             f"{lens_px + limits.max_edge_growth_px:.1f} px is allowed: out of focus, or moved"
         )
     return ""
-
-
-def _spread_out(mask: BoolArray, shape: tuple[int, int]) -> BoolArray:
-    """Return a mask of the light's nodes on the finer nodes (h, w), where all around is set."""
-    sure = cv2.erode(mask.astype(np.uint8), np.ones((3, 3), np.uint8), borderValue=0)
-    full = np.repeat(np.repeat(sure, LIGHT_STRIDE, axis=0), LIGHT_STRIDE, axis=1)
-    return np.asarray(full[: shape[0], : shape[1]] > 0)
-
-
-def _interpolated(values: Float32Array, seen: BoolArray, shape: tuple[int, int]) -> Float32Array:
-    """Return values of the light's nodes on the finer nodes (h, w), nothing taken from beyond."""
-    v, u = np.mgrid[0 : shape[0], 0 : shape[1]].astype(np.float32) / LIGHT_STRIDE
-    border = cv2.BORDER_REPLICATE
-    top = cv2.remap(np.where(seen, values, 0).astype(np.float32), u, v, cv2.INTER_LINEAR,
-                    borderMode=border)  # fmt: skip
-    weight = cv2.remap(seen.astype(np.float32), u, v, cv2.INTER_LINEAR, borderMode=border)
-    return np.asarray(top / np.maximum(weight, 1e-3), np.float32)
 
 
 def _ground_level(picture: Grey, maps: ViewMaps, scene: ViewScene) -> float:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controller.arrays import BoolArray, Float32Array, FloatArray, Int32Array
+from controller.arrays import BoolArray, Float32Array, FloatArray, Int32Array, inner, lengths
 from controller.cad import Solid, surface_normals
 from controller.imaging import Camera, ViewMaps, inverse_pose, transform
 
@@ -59,7 +59,7 @@ def find_surface(
     smooth = surface_normals(solid.faces, faces, transform(T_part_world, points), facets)
     R = T_world_part[:3, :3].T
     normals = smooth @ R
-    cosine = -(normals * lines).sum(axis=1) / np.linalg.norm(lines, axis=1)
+    cosine = -inner(normals, lines) / lengths(lines)
     side_mm = maps.depth_mm[seen] / float(camera.K[0, 0])
 
     def spread(values: FloatArray) -> Float32Array:

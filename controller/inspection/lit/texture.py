@@ -12,7 +12,7 @@ from typing import Final
 import cv2
 import numpy as np
 
-from controller.arrays import BoolArray, Float32Array, FloatArray, Int32Array
+from controller.arrays import BoolArray, Float32Array, FloatArray, Int32Array, inner, median
 
 from .surface import Surface
 
@@ -60,7 +60,7 @@ def feature_edges(surface: Surface) -> BoolArray:
         a = (slice(None, -1), slice(None)) if axis == 0 else (slice(None), slice(None, -1))
         b = (slice(1, None), slice(None)) if axis == 0 else (slice(None), slice(1, None))
         both = seen[a] & seen[b]
-        turned = (normal[a] * normal[b]).sum(axis=2) < CREASE_COSINE
+        turned = inner(normal[a], normal[b]) < CREASE_COSINE
         far = np.abs(depth[a] - depth[b]) > DEPTH_STEP * np.maximum(side[a], side[b])
         other = (surface.face[a] != surface.face[b]) | (both & (turned | far))
         edge[a] |= other
@@ -138,7 +138,7 @@ def _smooth(
         weighed = terms * weight[:, None]
         solution = np.linalg.solve(weighed.T @ terms + ridge, weighed.T @ b)
         off = np.abs(b - terms @ solution)
-        scale = 1.4826 * float(np.median(off)) + 0.1
+        scale = 1.4826 * median(off) + 0.1
         weight = np.minimum(1.0, OUTLYING * scale / np.maximum(off, 1e-9)) ** 2
     fitted = design @ solution
     if is_curved:
@@ -160,7 +160,7 @@ def _ruled(rest: FloatArray, normals: Float32Array) -> FloatArray:
     bins = max(4, len(rest) // RULED_COUNT)
     parts = np.array_split(order, bins)
     middle = np.array([float(along[p].mean()) for p in parts])
-    typical = np.array([float(np.median(rest[p])) for p in parts])
+    typical = np.array([median(rest[p]) for p in parts])
     return np.asarray(np.interp(along, middle, typical))
 
 
@@ -176,6 +176,6 @@ def _high_pass(contrast: Float32Array, weight: Float32Array) -> Float32Array:
     some = contrast[weight > 0]
     if not len(some):
         return contrast
-    limit = 3 * 1.4826 * float(np.median(np.abs(some))) + 1e-3
+    limit = 3 * 1.4826 * median(np.abs(some)) + 1e-3
     out = contrast - _slow(np.clip(contrast, -limit, limit), weight)
     return np.asarray(out * weight, np.float32)
