@@ -2,7 +2,7 @@
 
 from collections.abc import AsyncIterator, Callable
 from contextlib import AsyncExitStack, asynccontextmanager
-from typing import Final
+from typing import Any, Final
 
 from starlette.applications import Starlette
 from starlette.middleware import Middleware
@@ -29,7 +29,27 @@ def build_screens(setting: Setting) -> tuple[Screen, ...]:
     return tuple(make(setting) for make in SCREENS)
 
 
-def build_app(frame: Frame) -> Starlette:
+class Page(Starlette):
+    """The application, with what ends its long answers.
+
+    Parameters
+    ----------
+    frame : what all screens share
+    more : of Starlette
+    """
+
+    def __init__(self, frame: Frame, **more: Any) -> None:  # noqa: ANN401 - Starlette's own
+        super().__init__(**more)
+        self._screens = frame.screens
+
+    def hang_up(self) -> None:
+        """End the answers that would go on for long."""
+        for screen in self._screens:
+            if screen.hang_up is not None:
+                screen.hang_up()
+
+
+def build_app(frame: Frame) -> Page:
     """Return the application; what runs beside a screen runs while it is served."""
 
     @asynccontextmanager
@@ -42,4 +62,4 @@ def build_app(frame: Frame) -> Starlette:
 
     guard = Middleware(Guard, site=frame.site, uploads=upload_sizes(frame.screens))
     routes = [*Entrance(frame).routes, *routes_of(frame)]
-    return Starlette(routes=routes, middleware=[guard], lifespan=beside)
+    return Page(frame, routes=routes, middleware=[guard], lifespan=beside)

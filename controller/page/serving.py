@@ -1,16 +1,17 @@
 """The server's process: uvicorn with the page's limits."""
 
 import asyncio
+import logging
+import socket
 import ssl
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
 import uvicorn
-from starlette.applications import Starlette
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from .app import build_app, build_screens
+from .app import Page, build_app, build_screens
 from .frame.screens import Setting
 from .frame.visit import Frame
 from .security import Accounts, Sessions, Site
@@ -77,9 +78,39 @@ class PatientProtocol(H11Protocol):
         self.transport.abort()
 
 
+class Server(uvicorn.Server):
+    """uvicorn's server, but what would go on for long is ended before it waits for the rest.
+
+    Parameters
+    ----------
+    app : the page
+    config : with the page in it
+    """
+
+    def __init__(self, app: Page, config: uvicorn.Config) -> None:
+        super().__init__(config)
+        self._app = app
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """End the streams, then everything."""
+        self._app.hang_up()
+        # a browser that reads nothing is left after `END_WALL_S`, which is no error of the page
+        log = logging.getLogger("uvicorn.error")
+        log.addFilter(_is_no_cancelling)
+        try:
+            await super().shutdown(sockets)
+        finally:
+            log.removeFilter(_is_no_cancelling)
+
+
+def _is_no_cancelling(record: logging.LogRecord) -> bool:
+    found = record.exc_info
+    return not (found and isinstance(found[1], asyncio.CancelledError))
+
+
 def build(
     runs_dir: Path, project_dir: Path, site: Site, accounts: Accounts, sessions: Sessions
-) -> Starlette:
+) -> Page:
     """Return the whole page of a folder of runs, with what runs beside it.
 
     Parameters
@@ -93,7 +124,7 @@ def build(
     return build_app(Frame(site, accounts, sessions, screens))
 
 
-def serve(app: Starlette, serving: Serving) -> None:
+def serve(app: Page, serving: Serving) -> None:
     """Serve the page until a signal ends it.
 
     Raises
@@ -103,7 +134,7 @@ def serve(app: Starlette, serving: Serving) -> None:
     server_of(app, serving).run()
 
 
-def server_of(app: Starlette, serving: Serving) -> uvicorn.Server:
+def server_of(app: Page, serving: Serving) -> Server:
     """Return the server, with its limits.
 
     Raises
@@ -134,4 +165,4 @@ def server_of(app: Starlette, serving: Serving) -> uvicorn.Server:
         timeout_graceful_shutdown=END_WALL_S,
         **options,
     )
-    return uvicorn.Server(config)
+    return Server(app, config)

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import http.client
 import json
+import logging
+import socket
+import threading
 from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
@@ -20,10 +24,12 @@ from controller.cell.control import DecisionReply, NoRunError, Order, RunningCel
 from controller.cell.custody import Custody
 from controller.cell.journal import JOURNAL_NAME, newest_run, read_rows, read_rows_after, rows
 from controller.config import load_cell
+from controller.page import serving
 from controller.page.now.fold import Arm, HeldPart, RunFold
 from controller.page.now.fold import Path as ArmPath
-from controller.page.now.live import Live, TooManyWatchersError, light_of
+from controller.page.now.live import APART, Live, TooManyWatchersError, light_of
 from controller.page.now.scene import CellScene
+from controller.page.security import Account, Role, Site
 from controller.planning.motion import segment_seconds, tcp_pose
 from controller.setup.layout import build_layout
 
@@ -57,7 +63,7 @@ def folded(runs: Path) -> RunFold:
 
 def plan_row() -> rows.PlanMade:
     return rows.PlanMade(
-        steps=("pick", "show", "place"),
+        steps=("pick", "show", "place in tray quarantine"),
         seconds=(9.0, 4.0, 7.0),
         forecast_s=20.0,
         covered_fraction=0.9,
@@ -74,9 +80,19 @@ def test_steps_have_their_forecast_and_what_they_took(tmp_path: Path) -> None:
     assert [(one["label"], one["forecast_s"], one["seconds"]) for one in plan["steps"]] == [
         ("pick", 9.0, 9.5),
         ("show", 4.0, None),
-        ("place", 7.0, None),
+        ("place in tray", 7.0, None),
     ]
     assert (plan["done"], plan["forecast_s"]) == (1, 20.0)
+
+
+def test_a_step_names_the_tray_that_the_part_went_to_once_it_is_there(tmp_path: Path) -> None:
+    writer = journal(tmp_path)
+    writer.write(plan_row(), 1)
+    for label in ("pick", "show", "place in tray accept"):
+        writer.write(rows.StepDone(label=label, forecast_s=4.0, seconds=4.5), 1)
+    writer.close()
+    steps = folded(tmp_path).facts()["plan"]["steps"]
+    assert [one["label"] for one in steps] == ["pick", "show", "place in tray accept"]
 
 
 def test_the_next_part_begins_with_nothing_of_the_last(tmp_path: Path) -> None:
@@ -371,12 +387,12 @@ async def test_a_row_reaches_a_browser_and_no_run_is_no_fault(
     assert json.loads(first)["runs"] is False
     writer = journal(tmp_path, with_cell=False)
     async with asyncio.timeout(30):
-        while (now := await told(stream, "now"))["run"] is None:
+        while (now := await told(stream, "now")).get("run") is None:
             pass
     assert now["run"]["run"] == RUN
     writer.write(plan_row(), 1)
     async with asyncio.timeout(30):
-        while not (await told(stream, "now"))["run"]["plan"]["steps"]:
+        while not (await told(stream, "now")).get("run.plan", {}).get("steps"):
             pass
     writer.close()
     poller.cancel()
@@ -400,6 +416,88 @@ async def test_a_browser_that_reads_nothing_costs_one_message_of_each_kind(tmp_p
     with pytest.raises(TimeoutError):
         async with asyncio.timeout(0.3):
             await anext(stream)
+
+
+async def test_only_what_has_changed_is_sent_and_a_new_browser_gets_all(tmp_path: Path) -> None:
+    writer = journal(tmp_path, with_cell=False)
+    live = Live(tmp_path)
+    live.look()
+    live.publish()
+    stream = live.watch()
+    first = json.loads((await anext(stream))[1])
+    assert {name: first[name] for name in first if name.startswith("run.")} == {
+        f"run.{name}": live.now()["run"][name] for name in APART
+    }
+    assert {**first, **{f"run.{name}": None for name in APART}}.keys() == first.keys()
+    await anext(stream)  # the coverage
+    writer.write(plan_row(), 1)
+    writer.write(rows.StepDone(label="pick", forecast_s=9.0, seconds=9.5), 1)
+    live.look()
+    live.publish()
+    kind, message = await anext(stream)
+    assert (kind, set(json.loads(message))) == ("now", {"run", "run.plan"})
+    writer.write(rows.StepDone(label="show", forecast_s=4.0, seconds=4.5), 1)
+    live.look()
+    live.publish()
+    writer.close()
+    waiting = {kind: json.loads(message) async for kind, message in _two(stream)}
+    assert set(waiting) == {"coverage", "now"}
+    assert set(waiting["now"]) == {"run.plan"}
+    new = live.watch()
+    assert set(json.loads((await anext(new))[1])) == set(first)
+    for one in (stream, new):
+        await one.aclose()
+
+
+async def _two(stream: AsyncIterator[tuple[str, str]]) -> AsyncIterator[tuple[str, str]]:
+    for _ in range(2):
+        yield await anext(stream)
+
+
+async def test_a_page_that_ends_ends_its_streams(tmp_path: Path) -> None:
+    live = Live(tmp_path)
+    live.publish()
+    stream = live.watch()
+    await anext(stream)
+    waiting = asyncio.create_task(anext(stream, None))
+    await asyncio.sleep(0)
+    live.hang_up()
+    async with asyncio.timeout(30):
+        assert await waiting is None
+        assert [found async for found in live.watch()] == []
+
+
+def test_the_server_ends_quietly_while_browsers_look(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    journal(tmp_path / "runs").close()
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port: int = free.getsockname()[1]
+    page = bench(tmp_path, Site.served("127.0.0.1", port, with_tls=False)).page
+    app = serving.build(tmp_path / "runs", tmp_path, page.site, page.accounts, page.sessions)
+    server = serving.server_of(app, serving.Serving("127.0.0.1", port))
+    thread = threading.Thread(target=server.run)
+    thread.start()
+    while not server.started:
+        thread.join(0.02)
+    lines = [http.client.HTTPConnection("127.0.0.1", port) for _ in range(3)]
+    lines[0].request("GET", f"/enter?token={page.sessions.link(Account('ada', Role.VIEWER))}")
+    entered = lines[0].getresponse()
+    entered.read()
+    cookies = entered.headers.get_all("Set-Cookie") or []
+    cookie = {"Cookie": "; ".join(one.partition(";")[0] for one in cookies)}
+    looks = []
+    for line in lines:
+        line.request("GET", "/now/events", headers=cookie)
+        looks.append(line.getresponse())
+    assert all(look.readline().startswith(b"retry") for look in looks)
+    server.should_exit = True
+    assert all(b"event: now" in look.read() for look in looks)  # up to the end of the stream
+    thread.join()
+    for line in lines:
+        line.close()
+    assert [one.getMessage() for one in caplog.records if one.levelno >= logging.WARNING] == []
 
 
 async def test_there_is_no_room_for_endless_browsers(tmp_path: Path) -> None:

@@ -21,7 +21,7 @@ from ..terminal.output import emit, print_line, warn
 from .door import OperatorDoor
 from .entering import EmulatedOptions, Entered, check_entering, entered, user_name
 from .recipe_run import RunOptions
-from .report_file import note_report
+from .report_file import note_report, warn_no_report
 
 
 def run_dry(options: RunOptions) -> int:
@@ -180,7 +180,7 @@ def _report(options: RunOptions, record: StepRecord, plan: DryPlan, run_id: str)
         report = write_html(run, path)
         note_report(options.runs_dir, run_id, report)
     except OSError as error:
-        warn(f"cellctl: {path}: {error.strerror or error}; make room, then `cellctl report`")
+        warn_no_report(error, path, run_id, options.runs_dir)
     steps = run.dry or ()
     motions, seconds = sum(one.motions for one in steps), sum(one.seconds for one in steps)
     if options.as_json:

@@ -49,7 +49,7 @@ from ..terminal.output import warn
 from .door import OperatorDoor
 from .emulated_parts import feeding, parts_on_table
 from .ends import Ends
-from .report_file import note_report
+from .report_file import note_report, warn_no_report
 from .run_output import display, print_result
 
 log = logging.getLogger(__name__)
@@ -334,10 +334,7 @@ def _report(result: RunResult, runs_dir: Path, run_id: str, *, as_json: bool) ->
         report = write_html(record, path)
     except OSError as error:
         print_result(result, run_id, None, takt, as_json=as_json)
-        warn(
-            f"cellctl: {path}: {error.strerror or error}; make room, then "
-            f"`cellctl report {run_id} --runs {runs_dir}` writes it"
-        )
+        warn_no_report(error, path, run_id, runs_dir)
         return 1
     note_report(runs_dir, run_id, report)
     return print_result(result, run_id, report, takt, as_json=as_json)

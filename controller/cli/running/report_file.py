@@ -1,7 +1,10 @@
 """`cellctl report`: what a run found, from the journal."""
 
+import errno
 import json
+import os
 from pathlib import Path
+from typing import Final
 
 from controller.cell.journal import JournalError
 from controller.config import ConfigError
@@ -19,6 +22,8 @@ from controller.results.pages import write_page
 
 from ..inputs.checks import check_writable_folder
 from ..terminal.output import emit, print_line, warn
+
+NO_ROOM: Final = (errno.ENOSPC, errno.EDQUOT)
 
 
 def write_report(runs_dir: Path, run: str | None, form: str, output: Path | None) -> int:
@@ -74,6 +79,24 @@ def note_report(runs_dir: Path, run_id: str, file: Path) -> None:
         note_results(runs_dir, run_id, [file])
     except (JournalError, OSError) as error:
         warn(f"{file}: its hash is not in the journal, and `cellctl verify` will say so: {error}")
+
+
+def warn_no_report(error: OSError, path: Path, run_id: str, runs_dir: Path) -> None:
+    """Warn that a run's report was not written, and how it is written later.
+
+    Parameters
+    ----------
+    error : why not; it names the file, which may be one that the report is made of
+    path : of the report
+    run_id, runs_dir : of the run
+    """
+    file = path if error.filename is None else Path(os.fsdecode(error.filename))
+    reason = error.strerror or str(error)
+    todo = "make room, then " if error.errno in NO_ROOM else ""
+    # a report is written beside its place first, so that its own file has another name at times
+    if file.parent != path.parent:
+        reason = f"{reason}; the report {path} needs it"
+    warn(f"cellctl: {file}: {reason}; {todo}`cellctl report {run_id} --runs {runs_dir}` writes it")
 
 
 def _check(output: Path) -> None:

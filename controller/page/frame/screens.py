@@ -126,6 +126,8 @@ class Screen:
     answers : what it answers
     role : the least role to which the navigation bar shows it
     beside : what runs while the page is served, None for nothing
+    hang_up : ends the answers that would go on for long, None where there are none; called when the
+        page ends, before it waits for its answers
     """
 
     name: str
@@ -133,6 +135,7 @@ class Screen:
     answers: tuple[Look | Act | Upload, ...]
     role: Role = Role.VIEWER
     beside: Callable[[], AbstractAsyncContextManager[None]] | None = None
+    hang_up: Callable[[], None] | None = None
 
     def address(self, path: str) -> str:
         """Return the address of something below the screen."""

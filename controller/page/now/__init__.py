@@ -16,5 +16,6 @@ __all__ = ["screen"]
 def screen(setting: Setting) -> Screen:
     """Return the screen."""
     launcher = Launcher(setting)
-    answers = NowAnswers(setting, Live(setting.runs_dir, launcher.facts), launcher)
-    return Screen("now", word("Now"), answers.every, beside=answers.polling)
+    live = Live(setting.runs_dir, launcher.facts)
+    answers = NowAnswers(setting, live, launcher)
+    return Screen("now", word("Now"), answers.every, beside=answers.polling, hang_up=live.hang_up)

@@ -121,9 +121,11 @@ class NowAnswers:
         """Return a stream of what is known, then of each change, while the session lasts."""
         stream = self._live.watch(visit.account.name)
         try:
-            first = await anext(stream)
+            first = await anext(stream, None)
         except TooManyWatchersError:
             return refused(503, word("too many browsers look already"))
+        if first is None:
+            return refused(503, word("the page ends"))
 
         async def lines() -> AsyncIterator[str]:
             yield f"retry: 1000\nevent: {first[0]}\ndata: {first[1]}\n\n"

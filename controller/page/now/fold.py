@@ -18,6 +18,9 @@ DONE_COUNT: Final = 50
 # A predicted outline is shown by as many points at most.
 OUTLINE_POINT_COUNT: Final = 240
 
+# A plan forecasts its slowest tray; the row of the step that was done has the one it was.
+PLACE: Final = "place in tray"
+
 IN_ARM: Final = (Custody.IN_ARM, Custody.IN_BOTH)
 
 
@@ -251,7 +254,7 @@ class RunFold:
                 ]
             case rows.PlanMade():
                 self._steps = [
-                    {"label": label, "forecast_s": round(seconds, 2), "seconds": None}
+                    {"label": _open(label), "forecast_s": round(seconds, 2), "seconds": None}
                     for label, seconds in zip(body.steps, body.seconds, strict=False)
                 ]
                 self._done = 0
@@ -262,7 +265,7 @@ class RunFold:
                 }
             case rows.StepDone():
                 if self._done < len(self._steps):
-                    self._steps[self._done]["seconds"] = body.seconds
+                    self._steps[self._done] |= {"label": body.label, "seconds": body.seconds}
                 self._done += 1
             case rows.HoldNoted():
                 if body.gripper == "arm":
@@ -351,6 +354,11 @@ class RunFold:
 
     def _act(self, row: Row, name: str, who: str, why: str, answer: str) -> None:
         self._acts.append({"at": row.t_utc, "act": name, "who": who, "why": why, "answer": answer})
+
+
+def _open(label: str) -> str:
+    """Return the label of a planned step without what only the verdict decides: which tray."""
+    return PLACE if label.startswith(f"{PLACE} ") else label
 
 
 def _judged(body: rows.ViewJudged) -> dict[str, Any]:

@@ -4,13 +4,16 @@ The journal's tail is read every 100 ms, and only if its file has changed. The c
 asked right after a new row, and else twice a second: while a cell is paused, its status asks the
 arm where it stands. Nothing here writes, and nobody waits for it: a page that is killed is not
 noticed.
+
+What *Now* shows goes out in pieces, each only when its text has changed; the pieces that a browser
+has not read yet are one message, so that it never shows one piece of a change without the others.
 """
 
 import asyncio
 import json
 import logging
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -36,6 +39,9 @@ STATUS_WALL_S: Final = 0.5
 BEAT_WALL_S: Final = 5.0
 WATCHER_MAX_COUNT: Final = 40
 WATCHER_OF_ONE_MAX_COUNT: Final = 10  # so that one account cannot take the room of all
+NOW: Final = "now."
+# What of a run is a piece of its own: each is longer than all the rest, and changes on its own.
+APART: Final = ("plan", "views", "table", "parts", "alarms", "acts")
 
 
 class TooManyWatchersError(Exception):
@@ -60,6 +66,16 @@ class Watcher:
         """Leave a message."""
         self.waiting[kind] = message
         self.has_more.set()
+
+    def take(self) -> Iterator[tuple[str, str]]:
+        """Yield kind and JSON of what has waited; the pieces of *Now* are one object, by name."""
+        waiting, self.waiting = self.waiting, {}
+        self.has_more.clear()
+        pieces = [kind for kind in waiting if kind.startswith(NOW)]
+        if pieces:
+            members = (f"{json.dumps(kind[len(NOW) :])}:{waiting.pop(kind)}" for kind in pieces)
+            yield "now", "{" + ",".join(members) + "}"
+        yield from waiting.items()
 
 
 class Live:
@@ -86,6 +102,8 @@ class Live:
         self._mark: tuple[object, ...] = ()
         self._watchers: set[Watcher] = set()
         self._sent: dict[str, str] = {}
+        self._shown: tuple[RunFold | None, int] = (None, -1)
+        self._is_over = False
         self._status: StatusReply | None = None
         self._why_no_status = ""
         self._why_no_journal = ""
@@ -111,6 +129,8 @@ class Live:
         ------
         TooManyWatchersError : there are as many already as the page has room for
         """
+        if self._is_over:
+            return
         own = sum(one.owner == owner for one in self._watchers)
         if len(self._watchers) >= WATCHER_MAX_COUNT or (owner and own >= WATCHER_OF_ONE_MAX_COUNT):
             raise TooManyWatchersError
@@ -123,12 +143,18 @@ class Live:
                 with suppress(TimeoutError):
                     async with asyncio.timeout(BEAT_WALL_S):
                         await watcher.has_more.wait()
-                watcher.has_more.clear()
-                waiting, watcher.waiting = watcher.waiting, {}
-                for kind, message in waiting.items() or (("beat", "{}"),):
+                if self._is_over:
+                    return
+                for kind, message in tuple(watcher.take()) or (("beat", "{}"),):
                     yield kind, message
         finally:
             self._watchers.discard(watcher)
+
+    def hang_up(self) -> None:
+        """End every stream, and begin no other: the page ends."""
+        self._is_over = True
+        for watcher in self._watchers:
+            watcher.has_more.set()
 
     def refresh(self) -> None:
         """Have the status read at once, after an order."""
@@ -191,12 +217,14 @@ class Live:
 
     def publish(self) -> None:
         """Hand on what has changed."""
-        self._put("now", self.now())
         fold, scene = self.fold, self.scene
-        if fold is None:
-            return
-        self._put("coverage", fold.coverage())
-        if scene is None:
+        for name, piece in self._cell_facts().items():
+            self._put(NOW + name, piece)
+        mark = (fold, -1 if fold is None else fold.seq)
+        if mark != self._shown or f"{NOW}run" not in self._sent:
+            self._shown = mark
+            self._publish_run(fold)
+        if fold is None or scene is None:
             return
         first = self._first_motion()
         # a paused arm was asked where it stands; the journal has only the path that it is on
@@ -205,12 +233,23 @@ class Live:
         ghost = scene.ghost(fold.part, first) if first else None
         self._put("ghost", {"motion": ghost})
 
+    def _publish_run(self, fold: RunFold | None) -> None:
+        """Hand on what has changed of the run; called after a row of it, or without one."""
+        if fold is None:
+            self._put(f"{NOW}run", None)
+            return
+        found = fold.facts()
+        for name in APART:
+            self._put(f"{NOW}run.{name}", found.pop(name))
+        self._put(f"{NOW}run", found)
+        self._put("coverage", fold.coverage())
+
     def _first_motion(self) -> Waypoints:
         """Return the joints that the arm goes through first when the pause ends; () if none."""
         first = None if self._status is None else self._status.first_motion
         return () if first is None else first.waypoints
 
-    def _put(self, kind: str, message: dict[str, Any]) -> None:
+    def _put(self, kind: str, message: object) -> None:
         text = json.dumps(message, ensure_ascii=False, separators=(",", ":"))
         if self._sent.get(kind) == text:
             return
@@ -220,9 +259,12 @@ class Live:
 
     def now(self) -> dict[str, Any]:
         """Return the state of the cell and its last run, as JSON."""
+        return {**self._cell_facts(), "run": None if self.fold is None else self.fold.facts()}
+
+    def _cell_facts(self) -> dict[str, Any]:
+        """Return what is shown of the cell itself, as JSON."""
         status = self._status
-        fold = self.fold
-        state = fold.state if fold is not None else ""
+        state = self.fold.state if self.fold is not None else ""
         if status is not None:
             state = status.state
         return {
@@ -232,7 +274,6 @@ class Live:
             "state": state,
             "light": light_of(status, self._has_run, state),
             "status": None if status is None else _status(status),
-            "run": None if fold is None else fold.facts(),
             "started": self._started(),
         }
 

@@ -37,6 +37,21 @@ function onChange(name, content, draw) {
   draw(content);
 }
 
+// The server sends the pieces that have changed; those named `run.…` are of the run.
+const pieces = {};
+
+function joined(changed) {
+  Object.assign(pieces, changed);
+  const now = {};
+  const ofRun = {};
+  for (const [name, piece] of Object.entries(pieces)) {
+    if (name.startsWith("run.")) ofRun[name.slice(4)] = piece;
+    else now[name] = piece;
+  }
+  now.run = now.run && { ...now.run, ...ofRun };
+  return now;
+}
+
 function stateWords(state) {
   const [mode, ...stage] = (state || "").split("_");
   const name = t(MODE_WORDS[mode] || (state ? state : "No run yet"));
@@ -339,7 +354,7 @@ function listen() {
     take(JSON.parse(event.data));
   });
   hear("beat", () => {});
-  hear("now", (now) => { show(now); if (now.run) wantScene(`${now.run.run} ${now.run.recipe}`); });
+  hear("now", (changed) => { const now = joined(changed); show(now); if (now.run) wantScene(`${now.run.run} ${now.run.recipe}`); });
   hear("moment", (found) => { moment = found; if (scene) scene.show(found); sceneWords(); });
   hear("ghost", ({ motion }) => { ghost = motion; if (scene) scene.preview(motion); sceneWords(); });
   hear("coverage", (found) => coverage.show(found));
