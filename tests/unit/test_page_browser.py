@@ -19,6 +19,7 @@ from page_bench import HERE, PASSWORD, RUN, bench, journal, picture
 from playwright.sync_api import sync_playwright
 from test_page_now import STATUS, plan_row
 
+from controller.cell.alarms import BY_CODE
 from controller.cell.control import (
     AnswerOrder,
     DecisionReply,
@@ -28,8 +29,10 @@ from controller.cell.control import (
     StatusReply,
 )
 from controller.cell.journal import JOURNAL_NAME, Journal, rows
+from controller.cell.operator.questions import question_for
 from controller.page import serving as serving_module
 from controller.page.frame.screens import RefusedError
+from controller.page.frame.words import teller
 from controller.page.now.starting import Launcher, StartBody
 from controller.page.security import Account, Role, Site
 
@@ -215,11 +218,11 @@ def test_the_coverage_of_the_part_fills_and_the_next_part_begins_with_none(
     until(tab, lambda: sorted(shares()) == sorted(["25 %", *["0 %"] * 5]))
     # the two largest of six faces have 1200 mm² of 3800 each
     assert "8 % of the surface" in tab.inner_text("#coverage-words")
-    assert "up to a third: 1 faces, 1,200 mm²" in tab.inner_text("#coverage-legend")
+    assert "up to a third: 1 face, 1,200 mm²" in tab.inner_text("#coverage-legend")
     writer = Journal(tmp_path / "runs" / JOURNAL_NAME, RUN)
     writer.write(rows.ViewJudged(view="V2", evaluated=True, faces=SECOND_VIEW), 1)
     until(tab, lambda: shares()[:4] == ["25 %", "63 %", "100 %", "0 %"])
-    assert "more than two thirds: 1 faces" in tab.inner_text("#coverage-legend")
+    assert "more than two thirds: 1 face," in tab.inner_text("#coverage-legend")
     writer.write(rows.TablePictures({"ring": "pictures/a.png"}), 2)
     writer.close()
     until(tab, lambda: set(shares()) == {"0 %"})
@@ -332,6 +335,41 @@ def test_a_scanner_that_types_answers_and_a_refused_number_is_replaced_by_the_ne
     expected = [("A1", 5), ("B <2>", 5), ("x" * 80, 6)]
     assert [(one["key"], one["number"]) for one in answers] == expected
     assert len(answers) == len(served.orders)
+
+
+def test_a_german_page_asks_warns_and_counts_in_german(
+    served: Served, tab: Any, tmp_path: Path
+) -> None:
+    told = teller("de")
+    question = question_for(
+        "many_parts",
+        "2 objects on the table, and none is <b>bar</b> that can be taken: bar at x 1, y 2 mm; lay "
+        "<b>bar</b> there, or start with a recipe for one of them",
+        "on the table",
+    )
+    asked = {
+        "number": 4, "code": question.code, "text": question.text,
+        "choices": [
+            {"key": one.key, "words": one.words, "first": dict(question.preview).get(one.key, "")}
+            for one in question.choices
+        ],
+    }  # fmt: skip
+    served.status |= {"question": asked, "alarms": ["411 many_parts"], "label": "planning"}
+    tab.goto(served.link())
+    tab.goto(f"{served.origin}/now?lang=de")
+    tab.wait_for_selector("[data-answer=look]:enabled")
+    assert tab.inner_text("#question-text") == told(question.text)
+    assert told(question.text).startswith("2 Gegenstände auf dem Tisch, und keiner ist <b>bar")
+    for one in question.choices:
+        assert told(one.words) in tab.inner_text(f"[data-answer={one.key}]")
+    assert told(BY_CODE["many_parts"].action) in tab.inner_text("#alarms")
+    assert "plant" in tab.inner_text("#doing")
+    writer = Journal(tmp_path / "runs" / JOURNAL_NAME, RUN)
+    for label in ("show with grasp A1", "place in tray accept"):
+        writer.write(rows.StepDone(label=label, forecast_s=1.0, seconds=1.0), 1)
+    writer.close()
+    until(tab, lambda: "in die Ablage Gut legen" in tab.inner_text("#steps"))
+    assert "zeigen mit Griff A1" in tab.inner_text("#steps")
 
 
 def test_a_viewer_logs_in_by_password_sees_all_and_has_no_button(served: Served, tab: Any) -> None:

@@ -14,7 +14,7 @@ from starlette.responses import HTMLResponse, JSONResponse, Response
 
 from ..security import Account, Accounts, Attempts, Role, Session, Sessions, Site
 from .screens import Screen
-from .words import LANGUAGES, chosen, every_word, translator
+from .words import LANGUAGES, cell_words, chosen, every_word, teller, translator
 
 LANGUAGE_COOKIE: Final = "cellctl_language"
 YEAR_S: Final = 31_536_000
@@ -134,12 +134,13 @@ class Visit:
         """Return whether the session still lasts; for answers that go on for long."""
         return self.frame.session(self.request) is not None
 
-    def html(self, template: str, **values: object) -> Response:
+    def html(self, template: str, status: int = 200, /, **values: object) -> Response:
         """Return a page of the screen; the template extends `screen.html.j2`.
 
         Parameters
         ----------
         template : its name within the screen's `templates/`, or the shared ones
+        status : of the answer
         values : what it shows, beside `who`, `role`, `may_act`, `may_edit` and what the frame needs
         """
         role = self.account.role
@@ -153,9 +154,13 @@ class Visit:
             "may_edit": role >= Role.ENGINEER,
             "csrf": self.session.csrf,
             "words": dict(every_word(self.language, self.screen.name)),
+            "cell_words": cell_words(self.language),
+            "told": teller(self.language),
         }
         name = self.screen.name
-        return self.frame.html(self.request, f"{name}/{template}", shared | values, screen=name)
+        return self.frame.html(
+            self.request, f"{name}/{template}", shared | values, screen=name, status=status
+        )
 
 
 def language_of(request: Request) -> str:

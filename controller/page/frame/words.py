@@ -3,9 +3,15 @@
 The catalogue of this package has the texts that screens share; each screen has a catalogue of its
 own for the rest. ``pybabel compile -d controller/page/SCREEN/catalogues -D page`` compiles one
 after a change (`frame` for the shared one).
+
+What the cell itself says is in a catalogue beside the shared one (``-D cell``): alarms, questions
+with their choices, steps, motions. The cell says it in English, with names and figures in place;
+in the catalogue these are blanks, as in ``place in tray {tray}``, and a text is looked up by which
+of them it fits (ADR 85).
 """
 
 import gettext
+import re
 from collections.abc import Callable, Mapping
 from functools import cache
 from importlib.resources import files
@@ -13,6 +19,9 @@ from typing import Final
 
 LANGUAGES: Final[Mapping[str, str]] = {"en": "English", "de": "Deutsch"}
 DOMAIN: Final = "page"
+CELL_DOMAIN: Final = "cell"
+BLANK: Final = re.compile(r"\{(\w+)\}")
+NESTED_MAX_COUNT: Final = 4  # what stands in a blank may itself be a text with blanks, so often
 SHARED: Final = "frame"
 
 
@@ -55,6 +64,46 @@ def every_word(language: str, screen: str = SHARED) -> Mapping[str, str]:
     found = getattr(catalogue(language, screen), "_catalog", {})
     own = {text: word for text, word in found.items() if isinstance(text, str) and text}
     return {**shared, **own}
+
+
+@cache
+def cell_words(language: str) -> Mapping[str, str]:
+    """Return all that the cell says by its English, blanks in both; nothing for English."""
+    if language == "en":
+        return {}
+    place = files(f"controller.page.{SHARED}") / "catalogues" / language / "LC_MESSAGES"
+    with (place / f"{CELL_DOMAIN}.mo").open("rb") as file:
+        found = getattr(gettext.GNUTranslations(file), "_catalog", {})
+    return {text: word for text, word in found.items() if isinstance(text, str) and text}
+
+
+@cache
+def teller(language: str) -> Callable[[str], str]:
+    """Return what puts a text of the cell into a language; unknown texts stay as they are."""
+    words = cell_words(language)
+    blanked = [(_fits(text), word) for text, word in words.items() if BLANK.search(text)]
+    # the one that says most by itself comes first
+    blanked.sort(key=lambda one: -len(BLANK.sub("", one[0].pattern)))
+
+    def told(text: str, depth: int = 0) -> str:
+        if text in words:
+            return words[text]
+        if depth == NESTED_MAX_COUNT:
+            return text
+        if text.endswith(".") and (whole := told(text[:-1], depth + 1)) != text[:-1]:
+            return f"{whole}."
+        for pattern, word in blanked:
+            if found := pattern.fullmatch(text):
+                parts = {name: told(part, depth + 1) for name, part in found.groupdict().items()}
+                return BLANK.sub(lambda blank, parts=parts: parts[blank[1]], word)  # type: ignore[misc]
+        return text
+
+    return told
+
+
+def _fits(text: str) -> re.Pattern[str]:
+    pattern = re.escape(text).replace(r"\{", "{").replace(r"\}", "}")
+    return re.compile(BLANK.sub(r"(?P<\1>.+?)", pattern), re.DOTALL)
 
 
 def chosen(wanted: str | None, accepted: str) -> str:

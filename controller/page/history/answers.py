@@ -9,6 +9,7 @@ from urllib.parse import quote
 
 from starlette.responses import Response
 
+from controller.cell.alarms import BY_NUMBER
 from controller.cell.journal import JOURNAL_NAME, JournalError
 from controller.history import (
     HistoryError,
@@ -123,6 +124,7 @@ class HistoryAnswers:
             pictures=pictures if isinstance(pictures, tuple) else (),
             no_pictures=pictures if isinstance(pictures, str) else "",
             report=None if report is None else report[0].name,
+            alarm_words=_alarm_words,
             **_SHOWN,
         )
 
@@ -232,6 +234,12 @@ _SHOWN: Final[Mapping[str, Any]] = {
     "part_key": part_key,
     "value": value,
 }
+
+
+def _alarm_words(number: int) -> str:
+    """Return what an alarm says happened; empty for one of another version."""
+    alarm = BY_NUMBER.get(number)
+    return "" if alarm is None else alarm.words
 
 
 def _rows(a: Mapping[str, Any], b: Mapping[str, Any]) -> tuple[Mapping[str, Any], ...]:

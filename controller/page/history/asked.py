@@ -49,6 +49,11 @@ class Asked:
     values: Mapping[str, str]
     wrong: tuple[str, ...] = ()
 
+    @property
+    def is_filtered(self) -> bool:
+        """Return whether any filter is set."""
+        return any(self.values.values())
+
     def address(self, **changes: object) -> str:
         """Return the query of the same list with changes; a change to None takes one out."""
         found: dict[str, object] = {name: text for name, text in self.values.items() if text}

@@ -8,7 +8,7 @@ from starlette.responses import Response
 
 from controller.history import HistoryError, NoSuchPartError
 
-from ..frame.visit import Visit, refused
+from ..frame.visit import Visit
 from ..frame.words import word
 
 CLASSES: Final[Mapping[str, str]] = {
@@ -61,7 +61,8 @@ def page_count(count: int, listed: int) -> int:
 def unread(visit: Visit, error: HistoryError) -> Response:
     """Return the answer where there is no such part, or the history cannot be read."""
     if isinstance(error, NoSuchPartError):
-        return refused(404, word("there is no such part"))
+        why = word("there is no such part")
+        return visit.html("unread.html.j2", 404, title=visit.screen.title, why=why)
     return visit.html("unread.html.j2", title=visit.screen.title, why=str(error))
 
 

@@ -14,6 +14,19 @@ const CALIBRATION_WORDS = {
   overhead: "Overhead camera", inspection: "Inspection camera", arm: "Arm",
   fixed_gripper: "Fixed gripper", trays: "Trays", lamps: "Lamps", verification: "Verification",
 };
+const STAGE_WORDS = {
+  devices: "Devices", light: "Light", arm: "Arm", grippers: "Grippers", trays: "Trays", reach: "Reach",
+  verify: "Verification",
+};
+const LAMP_WORDS = {
+  table_backlight: "table, backlight", table_ring: "table, ring light", table_side: "table, side light",
+  station_backlight: "station, backlight", station_ring: "station, ring light", station_side: "station, side light",
+};
+const WHY_WORDS = {
+  "never begun": "never begun",
+  "it stands as its file says, and nothing was measured (cellctl commission --step verify)": "it stands as its file says, and nothing was measured (cellctl commission --step verify)",
+};
+const why = (text) => t(WHY_WORDS[text] || text);
 const SIGNS = { done: "✓", stale: "⚠", failed: "✗", "not done": "○" };
 let key = "";
 let shown = "";
@@ -56,7 +69,7 @@ async function load() {
     one.said ? `${one.said}${one.was_emulated ? ` (${t("emulated then")})` : ""}` : "–",
   ])));
   $("verified").textContent = facts.why_not_verified
-    ? `⚠ ${t("The cell is not verified: {why}", { why: facts.why_not_verified })}` : `✓ ${t("The cell is verified with these calibrations.")}`;
+    ? `⚠ ${t("The cell is not verified: {why}", { why: why(facts.why_not_verified) })}` : `✓ ${t("The cell is verified with these calibrations.")}`;
   $("calibrations").replaceChildren(...(facts.calibrations.length ? facts.calibrations.map((one) => {
     const valid = one.valid_days === null ? "" : ` (${t("valid for {n} days", { n: one.valid_days })})`;
     const most = one.valid_runs === null ? "" : ` / ${number(one.valid_runs)}`;
@@ -70,7 +83,7 @@ async function load() {
       one.by || "–",
     ]);
   }) : [row([t("none: the cell stands as its file says"), "", "", "", "", ""])]));
-  $("steps").replaceChildren(...facts.steps.map((one) => el("li", `${SIGNS[one.status]} ${one.step}: ${t(STEP_WORDS[one.status])}, ${one.reason}`)));
+  $("steps").replaceChildren(...facts.steps.map((one) => el("li", `${SIGNS[one.status]} ${t(STAGE_WORDS[one.step] || one.step)}: ${t(STEP_WORDS[one.status])}, ${why(one.reason)}`)));
   $("evidence").replaceChildren(...(facts.evidence.length ? facts.evidence.map((name) => {
     const item = el("li");
     const link = el("a", name);
@@ -125,7 +138,7 @@ function figureOf(one, source) {
   const figure = el("figure");
   const image = el("img");
   image.src = source;
-  const name = `${t(DEVICE_WORDS[one.camera])}, ${one.lamp}${one.view ? `, ${one.view}` : ""}`;
+  const name = `${t(DEVICE_WORDS[one.camera])}, ${t(LAMP_WORDS[one.lamp] || one.lamp)}${one.view ? `, ${one.view}` : ""}`;
   image.alt = name;
   const caption = el("figcaption");
   caption.append(el("b", name));
@@ -196,7 +209,7 @@ async function doctor() {
       const bad = found.checks.filter((one) => !one.ok).length;
       $("doctor-said").textContent = !work ? "" : work.state === "cancelled" ? `✗ ${t("cancelled")}`
         : !found.checks.length ? `✗ ${work.messages.join(" ")}`
-          : bad ? `✗ ${t("{n} checks failed", { n: bad })}` : `✓ ${t("all well")}`;
+          : bad ? `✗ ${bad === 1 ? t("1 check failed") : t("{n} checks failed", { n: bad })}` : `✓ ${t("all well")}`;
       return;
     }
     $("doctor-said").textContent = `… ${t("examining, {s} s", { s: number(found.running.seconds) })}`;

@@ -7,6 +7,8 @@ const LEGEND_WORDS = {
   plain: "not compared yet", little: "up to a third", much: "up to two thirds", most: "more than two thirds",
 };
 const stateOf = (share) => CLASSES.find(([most]) => share <= most + 1e-9)[1];
+const sized = (count, area) => (count === 1 ? t("1 face, {area} mm²", { area: number(area) })
+  : t("{n} faces, {area} mm²", { n: number(count), area: number(area) }));
 const percent = (share) => `${number(100 * share)} %`;
 
 export class Coverage {
@@ -56,9 +58,10 @@ export class Coverage {
     const done = rows.reduce((sum, one) => sum + one.share * one.area_mm2, 0);
     const chosen = rows.find((one) => one.face === this.chosen);
     $("coverage-words").textContent = !found.part ? t("There is no part yet.")
-      : t("Part {part}: {p} of the surface compared, {n} views judged.", {
-        part: found.part, p: area ? percent(done / area) : "–", n: number(found.views),
-      });
+      : [
+        t("Part {part}: {p} of the surface compared", { part: found.part, p: area ? percent(done / area) : "–" }),
+        found.views === 1 ? t("1 view judged.") : t("{n} views judged.", { n: number(found.views) }),
+      ].join(", ");
     $("coverage-face").textContent = chosen
       ? t("{face}: {p} of {area} mm² compared", { face: chosen.label, p: percent(chosen.share), area: number(chosen.area_mm2) })
       : this.view ? t("Click a face to see its figures; arrow keys turn the part.") : "";
@@ -85,7 +88,7 @@ export class Coverage {
       sample.setAttribute("aria-hidden", "true");
       const item = el("li");
       const area = those.reduce((sum, one) => sum + one.area_mm2, 0);
-      item.append(sample, el("span", `${t(LEGEND_WORDS[state])}: ${t("{n} faces, {area} mm²", { n: those.length, area: number(area) })}`));
+      item.append(sample, el("span", `${t(LEGEND_WORDS[state])}: ${sized(those.length, area)}`));
       return item;
     }));
   }

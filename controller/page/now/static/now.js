@@ -1,6 +1,7 @@
 // Page "Now": shows what the server streams, and sends orders. All text goes in as text, never as HTML.
 import { $, el, entries, get, number, post, svg, t, time } from "/static/shared.js";
 import { Coverage } from "./coverage.js";
+import { said } from "./said.js";
 import { showStart } from "./start.js";
 
 const MODE_WORDS = {
@@ -78,14 +79,18 @@ function show(now) {
   if (now.silent) doing.push(t("The cell does not answer: {why}", { why: now.silent }));
   if (now.journal) doing.push(t("The journal cannot be read: {why}", { why: now.journal }));
   if (status) {
-    if (status.label) doing.push(status.label);
-    if (status.safe_point) doing.push(t("stands {where}", { where: status.safe_point }));
-    if (status.message) doing.push(status.message);
+    if (status.label) doing.push(said(status.label));
+    if (status.safe_point) doing.push(said(status.safe_point));
+    if (status.message) doing.push(said(status.message));
   } else if (!now.runs && run) {
-    doing.push(run.end ? t("The last run ended: {end}. {message}", run.end) : t("The last run broke off."));
+    doing.push(run.end ? t("The last run ended: {end}. {message}", { end: said(run.end.end), message: said(run.end.message) }) : t("The last run broke off."));
   } else if (!run) {
     doing.push(t("Start one here, or with `cellctl run`; it shows here by itself."));
   }
+  onChange("is drawn", Boolean(run), (is) => {
+    $("scene").hidden = !is || scene === false;
+    if (!is) $("scene-words").textContent = t("The first run draws its cell here.");
+  });
   onChange("doing", doing, () => { $("doing").textContent = doing.join(" · "); });
   onChange("facts", factsOf(now), (found) => $("facts").replaceChildren(...entries(found)));
   onChange("start", [now.runs, Boolean(status), now.started], () => showStart(now));
@@ -118,13 +123,13 @@ function drawQuestion(question) {
   $("question").hidden = !question;
   if (!question) return;
   $("question-head").textContent = t("Question {n}", { n: question.number });
-  $("question-text").textContent = question.text;
+  $("question-text").textContent = said(question.text);
   $("choices").replaceChildren(...question.choices.map((choice) => {
     const button = el("button");
     button.type = "button";
     button.dataset.answer = choice.key;
-    button.append(el("b", choice.words || choice.key));
-    button.append(el("small", choice.first ? t("moves first: {what}", { what: choice.first }) : choice.key));
+    button.append(el("b", choice.words ? said(choice.words) : choice.key));
+    button.append(el("small", choice.first ? t("moves first: {what}", { what: said(choice.first) }) : choice.key));
     button.disabled = document.querySelector("main").dataset.mayAct !== "yes";
     button.addEventListener("click", () => act("answer", { key: choice.key, number: question.number }));
     return button;
@@ -177,7 +182,7 @@ function drawActs() {
   const isPaused = isThere && state.startsWith("suspended");
   $("resume").disabled = !isPaused;
   $("resume").querySelector("small").textContent = isPaused
-    ? (first ? t("moves first: {what}", { what: first.words }) : t("what moves first is not known yet"))
+    ? (first ? t("moves first: {what}", { what: said(first.words) }) : t("what moves first is not known yet"))
     : t("the cell is not paused");
   $("stop").disabled = !isThere;
 }
@@ -186,10 +191,10 @@ function drawAlarms([standing, past]) {
   const row = (alarm, isStanding) => {
     const item = el("li", "", isStanding ? "standing" : "");
     const when = isStanding ? t("stands now") : `${time(alarm.at)}${alarm.times > 1 ? ` · ${t("{n} times", { n: alarm.times })}` : ""}`;
-    item.append(el("b", `▲ ${alarm.number} ${alarm.words}`), el("p", `${alarm.severity ? `${t(alarm.severity)} · ` : ""}${when}`, "quiet"));
-    if (alarm.message) item.append(el("p", `${t("Cause")}: ${alarm.message}`));
-    if (alarm.unknown && alarm.unknown !== "nothing") item.append(el("p", `${t("Not known since")}: ${alarm.unknown}`));
-    if (alarm.todo) item.append(el("p", `${t("What to do")}: ${alarm.todo}`));
+    item.append(el("b", `▲ ${alarm.number} ${said(alarm.words)}`), el("p", `${alarm.severity ? `${t(alarm.severity)} · ` : ""}${when}`, "quiet"));
+    if (alarm.message) item.append(el("p", `${t("Cause")}: ${said(alarm.message)}`));
+    if (alarm.unknown && alarm.unknown !== "nothing") item.append(el("p", `${t("Not known since")}: ${said(alarm.unknown)}`));
+    if (alarm.todo) item.append(el("p", `${t("What to do")}: ${said(alarm.todo)}`));
     return item;
   };
   const every = [...standing.map((a) => row(a, true)), ...past.map((a) => row(a, false))];
@@ -207,7 +212,7 @@ function drawSteps([plan, step]) {
     const item = el("li");
     if (step === k + 1) item.setAttribute("aria-current", "step");
     const mark = one.seconds !== null ? "✓" : step === k + 1 ? "▶" : "·";
-    item.append(el("span", `${mark} ${k + 1} ${one.label}`));
+    item.append(el("span", `${mark} ${k + 1} ${said(one.label)}`));
     const actual = one.seconds === null ? "" : `${number(one.seconds, 1)} s`;
     item.append(el("span", `${actual} / ${number(one.forecast_s, 1)} s`, "seconds"));
     const bars = el("span", "", "bars");
@@ -259,9 +264,9 @@ function figureOf(run, view, picture) {
   const caption = el("figcaption", `${view.view}: `);
   let words_ = t("picture taken");
   if (view.judged) {
-    words_ = !view.evaluated ? t("not evaluated: {why}", { why: view.reason })
+    words_ = !view.evaluated ? t("not evaluated: {why}", { why: said(view.reason) })
       : view.findings.length
-        ? view.findings.map((f) => `⚠ ${f.kind} ${number(f.size_mm, 1)} mm`).join(", ")
+        ? view.findings.map((f) => `⚠ ${said(f.kind)} ${number(f.size_mm, 1)} mm`).join(", ")
         : t("✓ no finding");
   }
   caption.append(words_);
@@ -283,13 +288,14 @@ function drawInterlocks([signals, runs]) {
 function drawParts([parts, counts]) {
   $("counts").textContent = counts
     ? Object.entries(counts).map(([verdict, n]) => `${VERDICTS[verdict] || verdict}: ${n}`).join(" · ") : "";
-  $("parts").replaceChildren(...[...(parts || [])].reverse().map((one) =>
-    el("li", `${[`${t("Part")} ${one.part}`, one.serial, one.recipe].filter(Boolean).join(" · ")}: ${VERDICTS[one.verdict] || one.verdict}${one.tray ? ` → ${t(one.tray)}` : ""}`)));
+  const rows = [...(parts || [])].reverse().map((one) =>
+    el("li", `${[`${t("Part")} ${one.part}`, one.serial, one.recipe].filter(Boolean).join(" · ")}: ${VERDICTS[one.verdict] || one.verdict}${one.tray ? ` → ${t(one.tray)}` : ""}`));
+  $("parts").replaceChildren(...(rows.length ? rows : [el("li", t("No part is done yet."))]));
 }
 
 function drawPeople(acts) {
   $("people").replaceChildren(...(acts.length ? acts.map((one) => el("li",
-    `${time(one.at)} ${one.who}: ${one.act.replaceAll("_", " ")}${one.why ? ` (${one.why})` : ""}${one.answer === "handled" ? "" : `: ${t(one.answer)}`}`))
+    `${time(one.at)} ${one.who}: ${said(one.act.replaceAll("_", " "))}${one.why ? ` (${one.why})` : ""}${one.answer === "handled" ? "" : `: ${t(one.answer)}`}`))
     : [el("li", t("Nobody yet."))]));
 }
 
@@ -300,12 +306,12 @@ async function act(name, body) {
   $("said").textContent = t("sent …");
   const why = $("why") ? $("why").value : "";
   try {
-    const said = await post(`/now/act/${name}`, { ...body, why });
-    if (said.error) $("said").textContent = `✗ ${t(said.error)}`;
-    else if (said.decision === "refused") $("said").textContent = `✗ ${t("refused")}: ${said.reason}`;
-    else if (said.decision === "ignored") $("said").textContent = `– ${t("nothing to do")}: ${said.reason}`;
+    const reply = await post(`/now/act/${name}`, { ...body, why });
+    if (reply.error) $("said").textContent = `✗ ${t(reply.error)}`;
+    else if (reply.decision === "refused") $("said").textContent = `✗ ${t("refused")}: ${said(reply.reason)}`;
+    else if (reply.decision === "ignored") $("said").textContent = `– ${t("nothing to do")}: ${said(reply.reason)}`;
     else {
-      $("said").textContent = `✓ ${t("taken")}: ${stateWords(said.state)}`;
+      $("said").textContent = `✓ ${t("taken")}: ${stateWords(reply.state)}`;
       if ($("why")) $("why").value = "";
       return true;
     }

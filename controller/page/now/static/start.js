@@ -1,5 +1,6 @@
 // Starts a run: which recipes, how many parts, which serial numbers. The server knows what may be named.
 import { $, el, get, post, t } from "/static/shared.js";
+import { said } from "./said.js";
 
 let choices = null;
 let isSending = false;
@@ -16,7 +17,7 @@ function row() {
   const recipe = el("label", `${t("Recipe")} `);
   const list = el("select", "", "recipe");
   for (const one of choices.recipes) {
-    const words = one.problem ? `${one.key}: ${t("cannot be used")}` : `${one.name} (${one.key})`;
+    const words = one.problem ? `${one.key}: ${t("cannot be used")}` : one.name === one.key ? one.name : `${one.name} (${one.key})`;
     list.append(option(one.key, words, !one.problem));
   }
   recipe.append(list);
@@ -41,7 +42,7 @@ function devices() {
   const recipe = first && choices.recipes.find((one) => one.key === first.value);
   const emulated = cell ? cell.emulated : recipe ? recipe.emulated : [];
   $("start-devices").textContent = emulated.length
-    ? t("Emulated: {devices}", { devices: emulated.join(", ") }) : t("All devices are real: metal moves.");
+    ? t("Emulated: {devices}", { devices: emulated.map((name) => said(name)).join(", ") }) : t("All devices are real: metal moves.");
 }
 
 async function load() {
@@ -96,7 +97,7 @@ async function start(event) {
     recipe: box.querySelector(".recipe").value, count: Number(box.querySelector(".count").value),
   }));
   try {
-    const said = await post("/now/start", {
+    const reply = await post("/now/start", {
       recipes,
       cell: $("start-cell").value,
       lot: $("start-lot").value.trim(),
@@ -109,8 +110,8 @@ async function start(event) {
       are_trays_empty: $("start-trays").checked,
       is_part_removed: $("start-removed").checked,
     });
-    $("start-said").textContent = said.error ? `✗ ${t(said.error)}` : "";
-    if (!said.error) {
+    $("start-said").textContent = reply.error ? `✗ ${t(reply.error)}` : "";
+    if (!reply.error) {
       $("start-trays").checked = false;
       $("start-removed").checked = false;
     }

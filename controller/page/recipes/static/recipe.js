@@ -64,7 +64,7 @@ async function load() {
     const left = Object.entries(facts.recipe.not_inspected);
     const list = el("ul");
     list.append(...left.map(([face, why]) => el("li", `${face}: ${why}`)));
-    const head = el("summary", t("{n} faces need not be inspected", { n: left.length }));
+    const head = el("summary", left.length === 1 ? t("1 face need not be inspected") : t("{n} faces need not be inspected", { n: left.length }));
     const box = el("details");
     box.append(head, list);
     $("not-inspected").replaceChildren(...(left.length ? [box] : []));
@@ -97,6 +97,7 @@ async function drawPart() {
   features.append(el("summary", t("Features")), el("p", found.features.map((one) => one.label).join("; ")));
   $("warnings").replaceChildren(...found.warnings.map((text) => el("li", `⚠ ${text}`)));
   $("features").replaceChildren(...(found.features.length ? [features] : []));
+  $("no-poses").hidden = true;
   $("poses").replaceChildren(...found.poses.map((pose) => {
     const item = el("li");
     const button = el("button", "", "plain");
@@ -171,7 +172,7 @@ async function legend(faces) {
     const sample = tile(state);
     sample.setAttribute("aria-hidden", "true");
     const count = faces.filter((face) => face.state === state).length;
-    item.append(sample, el("span", `${t(LEGEND_WORDS[state])}: ${t("{n} faces", { n: count })}`));
+    item.append(sample, el("span", `${t(LEGEND_WORDS[state])}: ${count === 1 ? t("1 face") : t("{n} faces", { n: count })}`));
     return item;
   }), el("li", `✕ ${t("points that no view shows")}`));
   $("legend").hidden = false;
@@ -311,7 +312,8 @@ function marks() {
   $("diff").hidden = true;
   $("draft").disabled = !count || wrong > 0;
   $("undo").disabled = !count;
-  $("changes").textContent = wrong ? t("{n} entries are no numbers", { n: wrong }) : t("{n} changes", { n: count });
+  $("changes").textContent = wrong === 1 ? t("1 entry is no number") : wrong ? t("{n} entries are no numbers", { n: wrong })
+    : count === 1 ? t("1 change") : t("{n} changes", { n: count });
 }
 
 for (const input of document.querySelectorAll("[data-setting]")) {
@@ -438,6 +440,7 @@ function drawPlan() {
       return item;
     }));
   }
+  $("time").hidden = !$("time").childElementCount;
   const rows = found ? found.certificates : [];
   const list = el("ul");
   list.append(...rows.map((one) => el("li", one.planned
