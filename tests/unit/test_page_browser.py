@@ -294,6 +294,47 @@ def test_a_run_is_started_with_what_the_person_filled_in(
     assert (first.lot, first.serials, first.are_trays_empty) == ("L 7", ("A", "B"), True)
 
 
+def test_a_list_of_parts_is_sent_seen_and_started_and_a_dry_run_needs_none(
+    served: Served, tab: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def nobody(_: RunningCell) -> StatusReply:
+        raise NoRunError("no run at this cell")
+
+    begun: list[StartBody] = []
+
+    async def start(_: Launcher, body: StartBody, who: str) -> None:
+        begun.append(body)
+
+    monkeypatch.setattr(RunningCell, "status", nobody)
+    monkeypatch.setattr(Launcher, "start", start)
+    tab.goto(served.link())
+    tab.wait_for_selector("#start-recipes select")
+    tab.select_option("#start-serials-how", "file")
+    assert not tab.is_visible("#start-recipes .count")
+    bad = {"name": "list.csv", "mimeType": "text/csv", "buffer": b"recipe\n<b>x</b>\n"}
+    tab.set_input_files("#start-list", bad)
+    until(tab, lambda: "`<b>x</b>`: there is no such file" in tab.inner_text("#start-list-said"))
+    tab.click("#start")
+    assert "Choose the list" in tab.inner_text("#start-said")
+    text = b"recipe,serial\nholder,A1\nholder,A2\n"
+    tab.set_input_files("#start-list", {**bad, "buffer": text})
+    until(tab, lambda: tab.inner_text("#start-list-said") == "✓ 2 parts: holder: 2")
+    tab.click("#start")
+    until(tab, lambda: len(begun) == 1)
+    assert (begun[0].recipes, len(begun[0].parts_list)) == ((), 16)
+    until(tab, lambda: tab.inner_text("#start-said") == "")
+    tab.click("summary")
+    tab.check("#start-dry")
+    assert not tab.is_visible("#start-serials-how")
+    assert not tab.is_visible("#start-list")
+    assert tab.is_visible("#start-recipes select")
+    tab.select_option("#start-recipes select", "holder")
+    tab.click("#start")
+    until(tab, lambda: len(begun) == 2)
+    assert begun[1].is_dry
+    assert [one.word for one in begun[1].recipes] == ["holder"]
+
+
 SCAN: dict[str, Any] = {
     "number": 5,
     "code": "scan",

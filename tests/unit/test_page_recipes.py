@@ -282,7 +282,9 @@ if "--drawings" in arguments:
     (folder / "pose-0.png").write_bytes(b"a picture")
     (folder / "mesh.json").write_text('{"vertices": [], "triangles": [], "face_of_triangle": []}')
 pose = dict(index=0, probability=1.0, R=[], picture="pose-0.png")
-print(json.dumps({"part": "<b>", "size_mm": [1, 2, 3], "warnings": [], "features": [],
+posed = [one for one in arguments if "--pose" in one]
+print(json.dumps({"pose": posed, "unit": posed, "error": "none", "certificates": [], "steps": [],
+                  "part": "<b>", "size_mm": [1, 2, 3], "warnings": [], "features": [],
                   "characteristics": [], "faces": [], "stable_poses": [pose]}))
 """
 
@@ -335,6 +337,22 @@ def test_work_is_started_by_an_operator_and_its_result_is_there_for_a_viewer(
         assert page.client.get(f"/recipes/picture/project/block/part/{name}").status_code == 404
     block.write_text(f"{TEXT}# later\n")
     assert get(page, "facts/project/block")["known"]["part"]["is_old"]
+
+
+@pytest.mark.parametrize(
+    ("kind", "pose", "posed"), [("plan", 2, ["--pose=2"]), ("plan", None, []), ("part", 2, [])]
+)
+def test_a_plan_may_begin_from_a_pose_that_a_person_chose(
+    page: Bench, kind: str, pose: int | None, posed: list[str]
+) -> None:
+    csrf = page.log_in(Role.OPERATOR)
+    body = {"of": "project/block", "kind": kind, "pose": pose}
+    assert post(page, "start", body, csrf)[0] == 200
+    until_done(page)
+    found = get(page, f"{kind}/project/block")["found"]
+    assert (found["pose"] if kind == "plan" else found["unit"]) == posed
+    assert post(page, "start", {**body, "pose": -1}, csrf)[0] == 422
+    assert post(page, "start", {**body, "pose": "--cell"}, csrf)[0] == 422
 
 
 @pytest.mark.parametrize(

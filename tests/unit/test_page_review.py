@@ -21,6 +21,7 @@ from results_bench import RunWriter, bad_run, finding, good_run, verdict, view
 from controller.cell.batch import Papers
 from controller.cell.journal import JOURNAL_NAME, read_rows, rows
 from controller.inspection import Verdict
+from controller.page.history.answers import _counted
 from controller.page.records import records as records_module
 from controller.page.security import Role
 
@@ -275,6 +276,33 @@ def test_two_parts_are_compared_value_by_value(at: Bench, tmp_path: Path) -> Non
     assert "+0.025" in text
     assert "Choose two parts" in page(at, f"/history/compare?part={run}/1")
     page(at, f"/history/compare?part={run}/1&part=nobody/1", 404)
+
+
+def test_two_parts_are_shown_side_by_side_view_by_view(at: Bench) -> None:
+    at.log_in()
+    text = page(at, f"/history/compare?part={FAILED}/1&part={OPEN}/1")
+    pairs = text.partition('class="pairs"')[2].split("<li>")[1:]
+    shown = [re.findall(r'src="/history/picture/([^/"]+)/1/', pair) for pair in pairs]
+    assert [FAILED, OPEN] in shown
+    for pair, names in zip(pairs, shown, strict=True):
+        assert len(names) == len(set(names)) >= 1
+        assert pair.count("not shown in this view") == 2 - len(names)
+    for address in re.findall(r'src="(/history/picture/[^"]+)"', text):
+        assert at.client.get(address).status_code == 200
+
+
+def test_an_alarm_that_came_again_stands_there_once_with_its_words() -> None:
+    one = {"alarm": 910, "code": "loop_late", "device": "controller"}
+    other = {"alarm": 910, "code": "loop_late", "device": "arm"}
+    assert _counted([one, other, one, one]) == [(one, 3), (other, 1)]
+
+
+def test_a_part_that_is_not_there_is_answered_with_a_page(at: Bench) -> None:
+    at.log_in()
+    for screen in ("history", "review"):
+        text = page(at, f"/{screen}/part/nobody/1", 404)
+        assert "there is no such part" in text
+        assert f'href="/{screen}"' in text
 
 
 def test_a_folder_without_runs_says_so(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import os
 import signal
@@ -25,6 +26,7 @@ from controller.cell.devices.lock import hold_cell
 from controller.config import load_cell
 from controller.page.frame import Setting
 from controller.page.frame.screens import RefusedError
+from controller.page.frame.uploads import Uploaded
 from controller.page.now.starting import LOG_FOLDER, Launcher, StartBody
 from controller.page.security import Role
 
@@ -265,3 +267,87 @@ def test_an_operator_starts_and_a_viewer_does_not(tmp_path: Path, project: Path)
     reply = at.client.post("/now/start", json=order, headers=headers)
     assert (reply.status_code, "no such file" in reply.json()["error"]) == (422, True)
     assert "holder" in [one["key"] for one in at.client.get("/now/choices").json()["recipes"]]
+
+
+def sent(folder: Path, text: str) -> Uploaded:
+    path = folder / "sent.csv"
+    path.write_text(text)
+    return Uploaded("monday.csv", path)
+
+
+async def test_a_run_is_started_from_a_list_that_names_recipes_of_the_project_alone(
+    launcher: Launcher, project: Path
+) -> None:
+    text = "Serial;Recipe;Lot\nA <1>;plate;L1\nA2;recipes/plate.yaml;\n\nB1;holder;L1\n"
+    found = await launcher.keep_list(sent(project, text))
+    assert (found["name"], found["parts"]) == ("monday.csv", 3)
+    assert found["recipes"] == [("recipes/plate.yaml", 2), ("holder", 1)]
+    await launcher.start(body(recipes=[], parts_list=found["key"]), "ada")
+    option = next(one for one in said(project)["argv"] if one.startswith("--parts-list="))
+    lines = await asyncio.to_thread(Path(option.partition("=")[2]).read_text)
+    plate = project / "recipes" / "plate.yaml"
+    assert lines.splitlines() == [
+        "recipe,serial,lot", f"{plate},A <1>,L1", f"{plate},A2,", "holder,B1,L1",
+    ]  # fmt: skip
+    facts = launcher.facts()
+    assert facts is not None
+    assert facts["recipes"] == "monday.csv"
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("recipe,serial\n../../etc/passwd,1\n", "no such file"),
+        ("recipe\n/etc/hostname\n", "no such file"),
+        ("recipe\nlost\n", "nowhere.stl"),
+        ("serial\n1\n", "columns"),
+        ("recipe,serial,--cell\nplate,1,x\n", "columns"),
+        ("recipe,serial\nplate\n", "line 2"),
+        ("recipe\n" + "x" * 300 + "\n", "line 2"),
+        ("recipe\n", "no parts"),
+        ('recipe\n"plate', "line 2"),
+    ],
+)
+async def test_a_list_that_names_anything_else_is_refused_and_not_kept(
+    launcher: Launcher, project: Path, text: str, why: str
+) -> None:
+    with pytest.raises(RefusedError, match=why):
+        await launcher.keep_list(sent(project, text))
+    assert list((project / "runs").rglob("*.csv")) == []
+
+
+async def test_a_list_that_was_not_sent_starts_nothing(launcher: Launcher) -> None:
+    with pytest.raises(RefusedError, match="send it again"):
+        await launcher.start(body(recipes=[], parts_list="0" * 16), "ada")
+    assert launcher.facts() is None
+
+
+async def test_a_dry_run_has_one_recipe_and_nothing_of_a_part(
+    launcher: Launcher, project: Path
+) -> None:
+    await launcher.start(body(is_dry=True, speed=5), "ada")
+    assert set(said(project)["argv"][1:-2]) == {
+        "--operator=ada", "--speed=5.0", "--dry", "--wait", f"--runs={project / 'runs'}",
+    }  # fmt: skip
+    plate = {"recipe": "recipes/plate.yaml"}
+    for more in (
+        {"lot": "L1"}, {"serial_from": "A1"}, {"is_read": True}, {"are_trays_empty": True},
+        {"recipes": [plate, plate]}, {"recipes": [{**plate, "count": 2}]},
+        {"recipes": [], "parts_list": "0" * 16},
+    ):  # fmt: skip
+        with pytest.raises(ValidationError):
+            body(is_dry=True, **more)
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        {"recipes": []},
+        {"parts_list": "0" * 16},
+        {"recipes": [], "parts_list": "../../x"},
+        {"recipes": [], "parts_list": "0" * 16, "is_read": True},
+    ],
+)
+def test_a_list_stands_in_place_of_recipes_and_serial_numbers(more: dict[str, object]) -> None:
+    with pytest.raises(ValidationError):
+        body(**more)

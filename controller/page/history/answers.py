@@ -1,8 +1,8 @@
 """What *History* answers: the list, one part's record, its pictures, charts, two parts compared."""
 
 import asyncio
-from collections import OrderedDict
-from collections.abc import Mapping
+from collections import Counter, OrderedDict
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 from urllib.parse import quote
@@ -124,6 +124,7 @@ class HistoryAnswers:
             pictures=pictures if isinstance(pictures, tuple) else (),
             no_pictures=pictures if isinstance(pictures, str) else "",
             report=None if report is None else report[0].name,
+            alarms=_counted(part["alarms"]),
             alarm_words=_alarm_words,
             **_SHOWN,
         )
@@ -198,8 +199,14 @@ class HistoryAnswers:
         except HistoryError as error:
             return unread(visit, error)
         both = parts if len(parts) == COMPARED else []
+        found = [await self._pictures(str(one["run"]), int(one["number"])) for one in both]
         return visit.html(
-            "compare.html.j2", parts=both, rows=_rows(*both) if both else (), **_SHOWN
+            "compare.html.j2",
+            parts=both,
+            rows=_rows(*both) if both else (),
+            pairs=_pairs(*found) if both else (),
+            no_pictures=[one for one in found if isinstance(one, str)],
+            **_SHOWN,
         )
 
     async def _pictures(self, run: str, number: int) -> tuple[Picture, ...] | str:
@@ -251,6 +258,28 @@ def _rows(a: Mapping[str, Any], b: Mapping[str, Any]) -> tuple[Mapping[str, Any]
         rows.append({"a": one, "b": other, "difference": _difference(one, other)})
     rows += [{"a": None, "b": other, "difference": None} for other in of_b.values()]
     return tuple(rows)
+
+
+def _pairs(
+    a: tuple[Picture, ...] | str, b: tuple[Picture, ...] | str
+) -> tuple[tuple[Picture | None, Picture | None], ...]:
+    """Return the pictures of two parts beside each other: of one view under one lamp."""
+    of_a, of_b = (
+        {} if isinstance(one, str) else {(picture.view, picture.lamp): picture for picture in one}
+        for one in (a, b)
+    )
+    return tuple((of_a.get(key), of_b.get(key)) for key in dict.fromkeys([*of_a, *of_b]))
+
+
+def _counted(alarms: Sequence[Mapping[str, Any]]) -> list[tuple[Mapping[str, Any], int]]:
+    """Return alarms in their order, those that came again only once, with how often they came."""
+    firsts: dict[tuple[object, ...], Mapping[str, Any]] = {}
+    counts: Counter[tuple[object, ...]] = Counter()
+    for one in alarms:
+        key = (one["alarm"], one["device"])
+        firsts.setdefault(key, one)
+        counts[key] += 1
+    return [(one, counts[key]) for key, one in firsts.items()]
 
 
 def _difference(a: Mapping[str, Any], b: Mapping[str, Any] | None) -> float | None:

@@ -51,7 +51,7 @@ class Asked:
 
     @property
     def is_filtered(self) -> bool:
-        """Return whether any filter is set."""
+        """Whether any filter is set."""
         return any(self.values.values())
 
     def address(self, **changes: object) -> str:

@@ -22,14 +22,17 @@ from controller.cell.control import (
 )
 
 from ..frame.drawn import mesh_of, packed, packed_json, run_picture
-from ..frame.screens import Act, Body, Look, Setting
+from ..frame.screens import Act, Body, Look, Setting, Upload
+from ..frame.uploads import Uploaded
 from ..frame.visit import Visit, refused
 from ..frame.words import word
 from ..security import Role
+from .listing import LIST_MAX_BYTES
 from .live import Live, TooManyWatchersError
 from .starting import Launcher, StartBody
 
 FIRST_MAX: Final = 1000
+LIST_SUFFIXES: Final = frozenset({".csv"})
 
 
 class _OrderBody(Body):
@@ -86,7 +89,7 @@ class NowAnswers:
         self._acting = asyncio.Lock()
 
     @property
-    def every(self) -> tuple[Look | Act, ...]:
+    def every(self) -> tuple[Look | Act | Upload, ...]:
         """All answers."""
         return (
             Look("", self.now),
@@ -96,6 +99,7 @@ class NowAnswers:
             Look("picture/{run:str}/{number:int}", self.picture),
             Look("choices", self.choices, Role.OPERATOR),
             Act("start", StartBody, self.start, Role.OPERATOR),
+            Upload("list", LIST_MAX_BYTES, LIST_SUFFIXES, self.list, Role.OPERATOR),
             *(
                 Act(f"act/{name}", body, self._order(name, order), Role.OPERATOR)
                 for name, body, order in ORDERS
@@ -175,6 +179,10 @@ class NowAnswers:
     async def choices(self, _: Visit) -> Response:
         """Return the recipes and cell files that a run may be started with."""
         return JSONResponse(asdict(await self._launcher.choices()))
+
+    async def list(self, _: Visit, sent: Uploaded) -> Response:
+        """Keep a list of parts that a run may be started with; return its key and what it has."""
+        return JSONResponse(await self._launcher.keep_list(sent))
 
     async def start(self, visit: Visit, body: StartBody) -> Response:
         """Start a run in the name of a person; return that it was started, or why not."""

@@ -8,8 +8,9 @@ end of that file until the run can be asked itself. Questions of the run wait fo
 import asyncio
 import contextlib
 import os
+import secrets
 import subprocess
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -20,12 +21,15 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validat
 from controller.cell.devices.lock import LOCK_NAME, Holder, read_holder
 
 from ..frame.screens import Body, RefusedError, Setting
+from ..frame.uploads import Uploaded
 from ..frame.words import word
 from ..work import CELLCTL
 from .choices import Choices, choices_of
+from .listing import write_list
 
 LOG_FOLDER: Final = "started"
 LOG_MAX_COUNT: Final = 50
+LIST_KEPT_COUNT: Final = 20
 SHOWN_MAX_BYTES: Final = 6_000
 SHOWN_LINE_COUNT: Final = 30
 PAPER_MAX: Final = 80
@@ -63,6 +67,8 @@ class StartBody(Body):
 
     Attributes
     ----------
+    parts_list : key of a list that was sent, in place of recipes and serial numbers
+    is_dry : all motions of one recipe without a part, lifted and slow
     cell : key of `Choices`; empty for that of the recipe
     serials, serial_from : serial numbers one by one, or the first of those that are counted
     goes_on : counting goes on after the last number of the earlier runs
@@ -70,7 +76,9 @@ class StartBody(Body):
     speed, seed : of the emulated cell
     """
 
-    recipes: tuple[CountedRecipe, ...] = Field(min_length=1, max_length=RECIPE_MAX_COUNT)
+    recipes: tuple[CountedRecipe, ...] = Field(default=(), max_length=RECIPE_MAX_COUNT)
+    parts_list: str = Field(default="", pattern="^([0-9a-f]{16})?$")
+    is_dry: bool = False
     cell: str = Field(default="", max_length=300)
     lot: Paper = ""
     serials: tuple[Annotated[Paper, Field(min_length=1)], ...] = Field(
@@ -87,18 +95,33 @@ class StartBody(Body):
 
     @model_validator(mode="after")
     def _one_source_of_serials(self) -> "StartBody":
-        if sum(map(bool, (self.serials, self.serial_from, self.is_read))) > 1:
+        if bool(self.recipes) == bool(self.parts_list):
+            raise ValueError("recipes, or a list of parts: one of these")
+        sources = (self.serials, self.serial_from, self.is_read, self.parts_list)
+        if sum(map(bool, sources)) > 1:
             raise ValueError("serial numbers are listed, counted or read: one of these")
         if self.goes_on and not self.serial_from:
             raise ValueError("counting goes on across runs only where numbers are counted")
         return self
 
-    def options(self, who: str) -> list[str]:
+    @model_validator(mode="after")
+    def _no_part_of_a_dry_run(self) -> "StartBody":
+        of_a_part = (
+            self.lot, self.parts_list, self.serials, self.serial_from, self.is_read,
+            self.part_temperature_c is not None, self.are_trays_empty, self.is_part_removed,
+            *(one.count for one in self.recipes),
+        )  # fmt: skip
+        if self.is_dry and (len(self.recipes) != 1 or any(of_a_part)):
+            raise ValueError("a dry run is of one recipe, and has no part")
+        return self
+
+    def options(self, who: str, parts_list: Path | None = None) -> list[str]:
         """Return the options of `cellctl run`; values stand behind `=`, so that none is an option.
 
         Parameters
         ----------
         who : the account that starts the run
+        parts_list : file of the list that was sent
         """
         valued: dict[str, object] = {
             "--operator": who,
@@ -107,10 +130,12 @@ class StartBody(Body):
             "--serial-from": self.serial_from,
             "--part-temperature": self.part_temperature_c,
             "--seed": self.seed,
+            "--parts-list": parts_list,
             "--speed": None if self.speed == 1 else self.speed,
         }
         stated = {
             "--across-runs": self.goes_on,
+            "--dry": self.is_dry,
             "--scan": self.is_read,
             "--trays-empty": self.are_trays_empty,
             "--part-removed": self.is_part_removed,
@@ -180,6 +205,41 @@ class Launcher:
         self._now = now
         self._one_at_a_time = asyncio.Lock()
         self._work: Work | None = None
+        self._lists: dict[str, tuple[str, Path]] = {}
+
+    async def keep_list(self, sent: Uploaded) -> dict[str, Any]:
+        """Keep a list of parts that a person sent; return its key and what it has, as JSON.
+
+        Parameters
+        ----------
+        sent : CSV
+
+        Raises
+        ------
+        RefusedError : it cannot be read or kept, or names a recipe that may not be started
+        """
+        key = secrets.token_hex(8)
+        folder = self._runs_dir / LOG_FOLDER
+        path = folder / f"list-{key}.csv"
+        choices = await self.choices()
+
+        def keep() -> Mapping[str, Any]:
+            folder.mkdir(parents=True, exist_ok=True)
+            try:
+                return write_list(sent.path, path, choices, self._project_dir)
+            except RefusedError:
+                path.unlink(missing_ok=True)
+                raise
+
+        try:
+            found = await asyncio.to_thread(keep)
+        except OSError as error:
+            raise RefusedError(507, f"{path}: {error.strerror}") from error
+        self._lists[key] = (sent.name, path)
+        while len(self._lists) > LIST_KEPT_COUNT:
+            _, old = self._lists.pop(next(iter(self._lists)))
+            await asyncio.to_thread(old.unlink, missing_ok=True)
+        return {"key": key, "name": sent.name, **found}
 
     async def choices(self) -> Choices:
         """Return what may be started."""
@@ -205,6 +265,10 @@ class Launcher:
             if holder is not None:
                 raise RefusedError(409, f"{holder} has the cell")
             require_known(body, await self.choices())
+            if body.parts_list and body.parts_list not in self._lists:
+                raise RefusedError(
+                    409, word("the list of parts is not there any more; send it again")
+                )
             self._work = await asyncio.to_thread(self._spawn, body, who)
 
     def facts(self) -> dict[str, Any] | None:
@@ -216,8 +280,9 @@ class Launcher:
         began = self._now()
         log = folder / f"{began:%Y%m%d-%H%M%S-%f}.log"
         recipes = [one.word for one in body.recipes]
+        name, parts_list = self._lists.get(body.parts_list, ("", None))
         # its questions wait for an answer at the page, or at another terminal
-        options = [*body.options(who), "--wait", f"--runs={self._runs_dir}"]
+        options = [*body.options(who, parts_list), "--wait", f"--runs={self._runs_dir}"]
         try:
             folder.mkdir(parents=True, exist_ok=True)
             for old in sorted(folder.glob("*.log"))[: -LOG_MAX_COUNT + 1]:
@@ -235,7 +300,7 @@ class Launcher:
                 )
         except OSError as error:
             raise RefusedError(507, f"{log}: {error.strerror}") from error
-        return Work(" ".join(recipes), who, began.isoformat(), log, process)
+        return Work(name or " ".join(recipes), who, began.isoformat(), log, process)
 
 
 def require_known(body: StartBody, choices: Choices) -> None:

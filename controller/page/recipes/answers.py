@@ -29,6 +29,7 @@ MAX_KEY: Final = 200
 UPLOAD_MAX_BYTES: Final = 200_000_000
 SUFFIXES: Final = frozenset({".stl", ".obj", ".ply", ".off", ".3mf", ".step", ".stp"})
 PICTURE: Final = re.compile(r"(?:pose-\d{1,4}|step-\d{1,4}(?:-outside)?)\.png")
+MAX_POSE: Final = 999  # index of a stable pose
 COMMANDS: Final[dict[str, Callable[[str, str], tuple[str, ...]]]] = {
     "part": lambda recipe, folder: (
         "compile", "--recipe", recipe, "--no-plans", "--json", "--drawings", folder,
@@ -44,10 +45,11 @@ SHOWN: Final[dict[str, Callable[[dict[str, Any]], dict[str, Any]]]] = {
 
 
 class WorkBody(Body):
-    """Work on a recipe."""
+    """Work on a recipe; a plan may be made from one stable pose, by its index."""
 
     of: str = Field(min_length=1, max_length=MAX_KEY)
     kind: Literal["part", "plan", "check"]
+    pose: int | None = Field(default=None, ge=0, le=MAX_POSE)
 
 
 class DraftBody(Body):
@@ -181,11 +183,13 @@ class RecipeAnswers:
         if read.recipe is None:
             return refused(409, read.problem)
         path = str(file.path.resolve())
+        is_posed = body.kind == "plan" and body.pose is not None
+        posed = (f"--pose={body.pose}",) if is_posed else ()
         return self._start(
             body.kind,
             body.of,
             visit.who,
-            lambda folder: COMMANDS[body.kind](path, str(folder)),
+            lambda folder: (*COMMANDS[body.kind](path, str(folder)), *posed),
             read.mark,
             Path(path).parent,
         )

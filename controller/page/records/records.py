@@ -22,7 +22,10 @@ P = ParamSpec("P")
 T = TypeVar("T")
 
 NEWER_S: Final = 2.0  # a store that was filled so short a time ago is not filled again
-WAIT_S: Final = 0.25  # an answer waits so long for the filling, then says that it goes on
+# nor before so many times as long as the last filling took: beside a run that takes little of the
+# machine, however many browsers ask
+REST_COUNT: Final = 20
+WAIT_S: Final = 0.1  # an answer waits so long for the filling, then says that it goes on
 CROP_MAX_COUNT: Final = 200  # that are kept, 30 kB each
 QUERIES_AT_ONCE: Final = 4  # questions of the store; the others wait
 CROPS_AT_ONCE: Final = 2
@@ -62,6 +65,7 @@ class Records:
         self._pool: Executor | None = None
         self._filling: asyncio.Task[None] | None = None
         self._filled_s = float("-inf")
+        self._took_s = 0.0
         self._mark: tuple[object, ...] | None = None
         self._querying = asyncio.Semaphore(QUERIES_AT_ONCE)
         self._drawing = asyncio.Semaphore(CROPS_AT_ONCE)
@@ -130,7 +134,8 @@ class Records:
         mark = self._marked()
         is_running = self._filling is not None and not self._filling.done()
         is_new = mark != self._mark and any(mark)
-        if not is_running and is_new and now_s - self._filled_s > NEWER_S:
+        rest_s = max(NEWER_S, REST_COUNT * self._took_s)
+        if not is_running and is_new and now_s - self._filled_s > rest_s:
             self._mark, self._filled_s = mark, now_s
             self._filling = asyncio.create_task(self._fill())
         if self._filling is None:
@@ -178,7 +183,7 @@ class Records:
     async def _fill(self) -> None:
         loop = asyncio.get_running_loop()
         try:
-            self.problems = await loop.run_in_executor(
+            self.problems, self._took_s = await loop.run_in_executor(
                 self._pooled(), fill_store, self._url, self.runs_dir
             )
         except (OSError, RuntimeError) as error:

@@ -4,13 +4,16 @@ import multiprocessing
 import os
 import signal
 import threading
+import time
 from pathlib import Path
-from typing import Protocol
+from typing import Final, Protocol
 
 from controller.cell.journal import JOURNAL_NAME, JournalError
 from controller.history import HistoryError, fill, folded, open_store
 from controller.results import ResultsError
 from controller.results.review import CROPS, Crop, PartCrops, jpeg
+
+NICENESS: Final = 10
 
 
 class ParentProcess(Protocol):
@@ -21,7 +24,11 @@ class ParentProcess(Protocol):
 
 
 def begin() -> None:
-    """End with the page, however that ends; a Ctrl-C at its terminal is not for this process."""
+    """End with the page, however that ends; a Ctrl-C at its terminal is not for this process.
+
+    A run on the same machine goes before it.
+    """
+    os.nice(NICENESS)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     page = multiprocessing.parent_process()
     if page is not None:
@@ -33,22 +40,24 @@ def _end_with(page: ParentProcess) -> None:
     os._exit(0)
 
 
-def fill_store(url: str, runs_dir: Path) -> tuple[str, ...]:
-    """Fill the store and return what did not go in, as sentences.
+def fill_store(url: str, runs_dir: Path) -> tuple[tuple[str, ...], float]:
+    """Fill the store; return what did not go in, as sentences, and the processor's time [s].
 
     Parameters
     ----------
     url : of the store
     runs_dir : folder of all runs
     """
+    began_s = time.process_time()
     try:
         store = open_store(url)
         try:
-            return tuple(fill(store, runs_dir).problems)
+            problems = tuple(fill(store, runs_dir).problems)
         finally:
             store.close()
     except HistoryError as error:
-        return (str(error),)
+        problems = (str(error),)
+    return problems, time.process_time() - began_s
 
 
 def draw_crop(runs_dir: Path, run: str, part: int, finding: int, which: str) -> bytes | str:

@@ -1,9 +1,10 @@
 // Starts a run: which recipes, how many parts, which serial numbers. The server knows what may be named.
-import { $, el, get, post, t } from "/static/shared.js";
+import { $, el, get, post, send, t } from "/static/shared.js";
 import { said } from "./said.js";
 
 let choices = null;
 let isSending = false;
+let list = null; // that was sent last, as the server has it
 
 function option(value, text, isUsable = true) {
   const made = el("option", text);
@@ -34,6 +35,7 @@ function row() {
   box.append(recipe, count);
   $("start-recipes").append(box);
   fill();
+  fields();
 }
 
 function devices() {
@@ -76,14 +78,44 @@ export function showStart(now) {
 
 const isCounted = (how) => how === "counted" || how === "across";
 
-// Shows the field of the way in which parts get their numbers.
-function numbering() {
-  const how = $("start-serials-how").value;
+// Shows the fields that belong to how parts get their numbers, and to a run with parts at all.
+function fields() {
+  const isDry = $("start-dry").checked;
+  const how = isDry ? "" : $("start-serials-how").value;
+  for (const box of document.querySelectorAll("[data-of-parts]")) box.hidden = isDry;
   for (const box of document.querySelectorAll("[data-serials]")) {
     box.hidden = !box.dataset.serials.split(" ").includes(how);
   }
+  for (const box of document.querySelectorAll("#start-recipes .count")) {
+    box.closest("label").hidden = isDry;
+    box.disabled = isDry;
+  }
+  document.querySelectorAll("#start-recipes .pair").forEach((box, k) => { box.hidden = how === "file" || (isDry && k > 0); });
+  for (const box of document.querySelectorAll("[data-not-listed]")) box.hidden = isDry || how === "file";
   $("start-serial-from").required = isCounted(how);
   $("start-serials").required = how === "listed";
+  $("start-list").required = how === "file";
+}
+
+// Sends the list when it is chosen, so that a person sees what is in it before the start.
+async function sendList() {
+  const [file] = $("start-list").files;
+  list = null;
+  $("start-list-said").textContent = "";
+  if (!file) return;
+  $("start-list-said").textContent = t("sent …");
+  try {
+    const found = await send("/now/list", file);
+    if (found.error) {
+      $("start-list-said").textContent = `✗ ${t(found.error)}`;
+      return;
+    }
+    list = found;
+    const each = found.recipes.map(([key, count]) => `${key}: ${count}`).join(", ");
+    $("start-list-said").textContent = `✓ ${found.parts === 1 ? t("1 part") : t("{n} parts", { n: found.parts })}: ${each}`;
+  } catch {
+    $("start-list-said").textContent = `✗ ${t("The list did not reach the page.")}`;
+  }
 }
 
 async function start(event) {
@@ -92,24 +124,32 @@ async function start(event) {
   isSending = true;
   $("start-said").textContent = t("sent …");
   const how = $("start-serials-how").value;
+  const isDry = $("start-dry").checked;
   const number = (id) => ($(id).value === "" ? null : Number($(id).value));
   const recipes = [...document.querySelectorAll("#start-recipes .pair")].map((box) => ({
     recipe: box.querySelector(".recipe").value, count: Number(box.querySelector(".count").value),
   }));
+  if (how === "file" && !list && !isDry) {
+    $("start-said").textContent = `✗ ${t("Choose the list of parts first.")}`;
+    isSending = false;
+    return;
+  }
+  const ofCell = { cell: $("start-cell").value, speed: number("start-speed") ?? 1 };
+  const body = isDry ? { ...ofCell, recipes: [{ recipe: recipes[0].recipe }], is_dry: true } : {
+    ...ofCell,
+    recipes: how === "file" ? [] : recipes,
+    parts_list: how === "file" ? list.key : "",
+    lot: $("start-lot").value.trim(),
+    serial_from: isCounted(how) ? $("start-serial-from").value.trim() : "",
+    goes_on: how === "across",
+    is_read: how === "scan",
+    serials: how === "listed" ? $("start-serials").value.split("\n").map((one) => one.trim()).filter(Boolean) : [],
+    part_temperature_c: number("start-temperature"),
+    are_trays_empty: $("start-trays").checked,
+    is_part_removed: $("start-removed").checked,
+  };
   try {
-    const reply = await post("/now/start", {
-      recipes,
-      cell: $("start-cell").value,
-      lot: $("start-lot").value.trim(),
-      serial_from: isCounted(how) ? $("start-serial-from").value.trim() : "",
-      goes_on: how === "across",
-      is_read: how === "scan",
-      serials: how === "listed" ? $("start-serials").value.split("\n").map((one) => one.trim()).filter(Boolean) : [],
-      part_temperature_c: number("start-temperature"),
-      speed: number("start-speed") ?? 1,
-      are_trays_empty: $("start-trays").checked,
-      is_part_removed: $("start-removed").checked,
-    });
+    const reply = await post("/now/start", body);
     $("start-said").textContent = reply.error ? `✗ ${t(reply.error)}` : "";
     if (!reply.error) {
       $("start-trays").checked = false;
@@ -126,6 +166,8 @@ if ($("start-form")) {
   $("start-form").addEventListener("submit", start);
   $("start-more").addEventListener("click", row);
   $("start-cell").addEventListener("change", devices);
-  $("start-serials-how").addEventListener("change", numbering);
-  numbering();
+  $("start-serials-how").addEventListener("change", fields);
+  $("start-dry").addEventListener("change", fields);
+  $("start-list").addEventListener("change", sendList);
+  fields();
 }

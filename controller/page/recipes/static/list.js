@@ -25,7 +25,7 @@ async function list() {
   const { recipes } = await get("/recipes/list");
   for (const [id, isOwn] of [["own", true], ["shipped", false]]) {
     const rows = recipes.filter((one) => one.is_own === isOwn).map(row);
-    $(id).replaceChildren(...(rows.length ? rows : [el("li", t("none"), "quiet")]));
+    $(id).replaceChildren(...(rows.length ? rows : [el("li", t("None yet. One is made below, of a CAD file; `cellctl init` makes a whole project."), "quiet")]));
   }
 }
 

@@ -378,7 +378,21 @@ if ($("draft")) {
   });
 }
 
+// From which stable pose the plan begins; another choice makes that plan.
+function fillPoses() {
+  const poses = part && part.found ? part.found.poses : [];
+  const shown = plan && plan.found ? plan.found.pose : null;
+  $("pose-choice").hidden = poses.length < 2;
+  $("pose").replaceChildren(...[null, ...poses].map((pose) => {
+    const option = el("option", pose === null ? t("all; the likeliest is shown") : t("Pose {n}: {p}", { n: pose.index, p: percent(pose.probability) }));
+    option.value = pose === null ? "" : String(pose.index);
+    option.selected = pose !== null && pose.index === shown;
+    return option;
+  }));
+}
+
 function drawPlan() {
+  fillPoses();
   const found = plan && plan.found;
   if (!found || !found.steps.length) {
     const why = found ? found.error : plan ? plan.work.messages.join(" ") || t(STATE_WORDS[plan.work.state]) : t("There is no plan yet.");
@@ -460,9 +474,9 @@ function drawCheck() {
   $("problems").replaceChildren(...(found ? found.problems.map((text) => el("li", text)) : []));
 }
 
-async function start(kind) {
+async function start(kind, pose = null) {
   said("said", "");
-  const reply = await post("/recipes/start", { of: key, kind });
+  const reply = await post("/recipes/start", { of: key, kind, pose });
   if (reply.error) said("said", reply.error, true);
   else follow();
 }
@@ -476,6 +490,7 @@ function follow() {
 for (const button of document.querySelectorAll("[data-work]")) {
   button.addEventListener("click", () => start(button.dataset.work));
 }
+$("pose").addEventListener("change", () => start("plan", $("pose").value === "" ? null : Number($("pose").value)));
 for (const radio of document.querySelectorAll("[name=mode]")) radio.addEventListener("change", drawMode);
 listenToCancel();
 await load();

@@ -1,0 +1,91 @@
+"""A list of parts (CSV) that a person sends: its recipes become those that the page may start.
+
+What else is wrong with a list the run itself says before anything moves. The file that the run gets
+is written here: its recipes are files of the project or names of shipped recipes, so that a list
+can name no other file.
+"""
+
+import csv
+import io
+from collections import Counter
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from ..frame.screens import RefusedError
+from .choices import Choices, RecipeChoice
+
+LIST_MAX_BYTES: Final = 2_000_000
+LIST_MAX_COUNT: Final = 20_000  # parts
+COLUMNS: Final = ("recipe", "serial", "lot")
+TEXT_MAX: Final = 200
+
+
+def write_list(sent: Path, to: Path, choices: Choices, project_dir: Path) -> Mapping[str, Any]:
+    """Write a list as `cellctl run --parts-list` takes it; return its parts by recipe, as JSON.
+
+    Parameters
+    ----------
+    sent : CSV with a line of titles, comma or semicolon between values
+    to : file to write
+    choices : what may be started
+    project_dir : folder of the project
+
+    Raises
+    ------
+    RefusedError : it cannot be read, or names a recipe that may not be started
+    """
+    parts = _parts(sent)
+    found: dict[str, RecipeChoice] = {}
+    for name in dict.fromkeys(part["recipe"] for part in parts):
+        found[name] = _recipe(name, choices)
+    with to.open("x", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(COLUMNS)
+        for part in parts:
+            key = found[part["recipe"]].key
+            own = project_dir / key
+            place = str(own) if own.is_file() else key
+            writer.writerow([place, part.get("serial", ""), part.get("lot", "")])
+    counts = Counter(found[part["recipe"]].key for part in parts)
+    return {"parts": len(parts), "recipes": list(counts.items())}
+
+
+def _parts(sent: Path) -> list[dict[str, str]]:
+    try:
+        text = sent.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise RefusedError(422, "the list is no text in UTF-8") from error
+    delimiter = ";" if ";" in text.partition("\n")[0] else ","
+    reader = csv.reader(io.StringIO(text), delimiter=delimiter, strict=True)
+    parts: list[dict[str, str]] = []
+    try:
+        titles = [title.strip().lower() for title in next(reader, [])]
+        strange = sorted(set(titles) - set(COLUMNS))
+        if "recipe" not in titles or strange or len(set(titles)) < len(titles):
+            raise RefusedError(422, "a list has the columns recipe, serial, lot; recipe is needed")
+        for values in reader:
+            if not any(value.strip() for value in values):
+                continue
+            if len(values) != len(titles) or max(map(len, values)) > TEXT_MAX:
+                raise RefusedError(422, f"line {reader.line_num} of the list does not fit")
+            if len(parts) == LIST_MAX_COUNT:
+                raise RefusedError(422, f"a list has {LIST_MAX_COUNT} parts at most")
+            parts.append(dict(zip(titles, (value.strip() for value in values), strict=True)))
+    except csv.Error as error:
+        raise RefusedError(422, f"line {reader.line_num} of the list does not fit") from error
+    if not parts:
+        raise RefusedError(422, "the list has no parts")
+    return parts
+
+
+def _recipe(name: str, choices: Choices) -> RecipeChoice:
+    """Return the recipe that a list names by its key, its file or its file without the ending."""
+    by_file = [one for one in choices.recipes if name in (Path(one.key).name, Path(one.key).stem)]
+    exact = choices.recipe(name)
+    found = exact or (by_file[0] if len(by_file) == 1 else None)
+    if found is None:
+        raise RefusedError(422, f"`{name}`: there is no such file in the project")
+    if found.problem:
+        raise RefusedError(422, found.problem)
+    return found
