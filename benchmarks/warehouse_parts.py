@@ -1,8 +1,8 @@
 """Standard parts of bd_warehouse as STEP files: parts nothing here was developed with.
 
-python benchmarks/warehouse_parts.py FOLDER [--kit 3]
+python benchmarks/warehouse_parts.py FOLDER [--kit 4]
 
-There are three kits of different parts: once what a kit showed has been mended, only the next one
+There are four kits of different parts: once what a kit showed has been mended, only the next one
 still says how recognition does on parts that nobody looked at. Writes FOLDER/known and
 FOLDER/strangers, each with the package's licence (Apache 2.0). The package is no dependency of the
 project: pip install bd-warehouse==0.2.0 build123d==0.10.0 ocp_gordon==0.1.18. Threads are left out
@@ -115,7 +115,46 @@ def third_kit() -> tuple[dict[str, Make], dict[str, Make]]:
     return known, strangers
 
 
-KITS = {1: first_kit, 2: second_kit, 3: third_kit}
+def fourth_kit() -> tuple[dict[str, Make], dict[str, Make]]:
+    """Return how each known part and each stranger of the fourth kit is made."""
+    from bd_warehouse import bearing, fastener, flange, gear, open_builds, pipe, sprocket
+    from build123d import Compound, Edge, Solid
+
+    def ring(whole: Compound, number: int) -> Solid:
+        return sorted(whole.solids(), key=lambda solid: -solid.volume)[number]
+
+    def tube(size: str, length_mm: float) -> Compound:
+        return pipe.Pipe(size, "steel", "40", Edge.make_line((0, 0, 0), (0, 0, length_mm)))
+
+    tapered = bearing.SingleRowTaperedRollerBearing
+    known: dict[str, Make] = {
+        "oval_screw": lambda: fastener.RaisedCounterSunkOvalHeadScrew("M10-1.5", 45, simple=True),
+        "long_cap_screw": lambda: fastener.SocketHeadCapScrew("M12-1.75", 60, simple=True),
+        "cup_30": lambda: ring(tapered("M30-62-25"), 0),
+        "inner_ring_25": lambda: ring(tapered("M25-62-25.25"), 1),
+        "washer_20": lambda: fastener.PlainWasher("M20", "iso7089"),
+        "washer_12": lambda: fastener.PlainWasher("M12", "iso7093"),
+        "cheese_washer": lambda: fastener.CheeseHeadWasher("M20"),
+        "square_nut_12": lambda: fastener.SquareNut("M12-1.75", simple=True),
+        "domed_nut_16": lambda: fastener.DomedCapNut("M16-2", "din1587", simple=True),
+        "socket_flange": lambda: flange.SocketWeldFlange("1/2", 300),
+        "lapped_stub": lambda: flange.LappedFlangeStub("1", "steel", "40", 50),
+        "pipe_1": lambda: tube("1", 55),
+        "gear_24": lambda: gear.SpurGear(2.5, 24, 20, thickness=18),
+        "sprocket_10": lambda: sprocket.Sprocket(10, 12.7, 7.9375, 0.0, 10.0, 0.0, 0, 0.0, 0.0),
+        "spindle_face": lambda: ring(open_builds.RouterSpindleMount(), 1),
+    }
+    strangers: dict[str, Make] = {
+        "cup_25": lambda: ring(tapered("M25-52-16.25"), 0),
+        "washer_16": lambda: fastener.PlainWasher("M16", "iso7093"),
+        "pipe_1_40": lambda: tube("1", 40),
+        "flange_screw_12": lambda: fastener.HexHeadWithFlangeScrew("M12-1.75", 50, simple=True),
+        "lapped_half": lambda: flange.LappedFlange("1/2", 300),
+    }
+    return known, strangers
+
+
+KITS = {1: first_kit, 2: second_kit, 3: third_kit, 4: fourth_kit}
 
 
 def licence() -> str:

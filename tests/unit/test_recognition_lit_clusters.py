@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
+from types import SimpleNamespace
 from typing import cast
 
 import numpy as np
@@ -17,11 +19,13 @@ from controller.cad import Solid, stable_poses
 from controller.cad.compiled import compile_solid
 from controller.imaging import PointLamp
 from controller.recognition import Library, Sighting, make_library, recognise
+from controller.recognition.fitting import EdgeFit, Gaps, edge_model, predict_edges
 from controller.recognition.identification.decide import Decision
 from controller.recognition.identification.hypotheses import Hypothesis
 from controller.recognition.identification.lit.choice import Place
-from controller.recognition.identification.lit.fits import LitFit
-from controller.recognition.identification.lit.parts import sure_beside_unknown
+from controller.recognition.identification.lit.fits import LitCluster, LitFit
+from controller.recognition.identification.lit.parts import is_detail, sure_beside_unknown
+from controller.recognition.library import Candidate
 from controller.recognition.segmentation import Region, joined, near_ones
 
 Array = NDArray[np.float64]
@@ -36,8 +40,10 @@ BODIES: dict[str, Body] = {
         - box(10, 6, 40).translate((28, 1, 0))
         - box(3, 9, 40).translate((34, -4, 0))
     ),
+    "rod": rod(5, 40, 48),
     "strange": box(38, 30, 10) - box(14, 10, 20).translate((10, 8, 0)),
 }
+LYING = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])  # what stood along z lies along x
 
 
 @cache
@@ -123,16 +129,79 @@ def test_a_stranger_by_itself_under_lamps_is_not_made_of_known_parts() -> None:
     assert (seen.part, seen.lies_on, seen.is_covered) == (None, (), False)
 
 
-def place(score: float) -> Place:
-    """What is known of a place but how sure it is does not matter here."""
-    hypothesis = cast(Hypothesis, None)
-    return Place(cast(LitFit, None), (), Decision(hypothesis, score, (), None), ())
+def reading(part: int, probability: float, x_mm: float = 0.0) -> Hypothesis:
+    """What is known of a reading but how sure it is, and of what where, does not matter here."""
+    found = {"part": part, "probability": probability, "place_mm": np.array([x_mm, 0.0])}
+    same = {"log_odds": 10.0, "evidence": SimpleNamespace(area_mm2=1.0)}
+    return cast(Hypothesis, SimpleNamespace(**found, **same))
+
+
+def place(*readings: Hypothesis) -> Place:
+    decision = Decision(readings[0], readings[0].probability / len(readings), readings[1:], None)
+    return Place(cast(LitFit, None), (), decision, readings, ())
 
 
 def test_beside_something_unknown_only_what_is_sure_by_itself_is_named() -> None:
-    sure, detail = place(0.95), place(0.74)
+    sure, detail = place(reading(0, 0.95)), place(reading(1, 0.74))
     assert sure_beside_unknown([sure, detail], is_unknown_left=True) == ([sure], [detail])
     assert sure_beside_unknown([sure, detail], is_unknown_left=False) == ([sure, detail], [])
+
+
+def test_a_part_is_sure_whose_turn_is_open_and_not_one_whose_place_or_name_is() -> None:
+    turned = place(reading(0, 0.95), reading(0, 0.94, 0.2), reading(0, 0.93, -0.2))
+    elsewhere = place(reading(0, 0.95), reading(0, 0.94, 9.0))
+    another = place(reading(0, 0.95), reading(1, 0.94))
+    named, unsure = sure_beside_unknown([turned, elsewhere, another], is_unknown_left=True)
+    assert named == [turned]
+    assert unsure == [elsewhere, another]
+
+
+def fitted(name: str, T: Array, missing: Callable[[Array], NDArray[np.bool_]]) -> LitFit:
+    """A body fitted where it is, all of its edges found but for some points (n, 3) of its own."""
+    model = edge_model(solid(name))
+    edges = predict_edges(model, T, CAMERA, 1000)
+    own = trimesh.transform_points(edges.points_mm, np.linalg.inv(T))
+    gap_px = np.where(missing(own), np.nan, 0.0)
+    fit = EdgeFit(T, edges, Gaps(gap_px, np.ones(len(gap_px))), 0.1, np.zeros((3, 3)))
+    width, height = CAMERA.size_px
+    nothing, all_of_it = np.zeros((height, width), np.uint8), np.ones((height, width), np.bool_)
+    cluster = LitCluster(nothing, (0, 0, width, height), all_of_it, CAMERA)
+    return LitFit(cast(Candidate, None), model, fit, cluster)
+
+
+def none(own: Array) -> NDArray[np.bool_]:
+    return np.zeros(len(own), np.bool_)
+
+
+def test_a_rod_is_told_from_a_longer_one_by_both_of_its_ends() -> None:
+    lying = resting(solid("rod"), LYING, 10.0, 5.0, 0.4)
+    assert fitted("rod", lying, none).has_ends(())
+    assert not fitted("rod", lying, lambda own: own[:, 2] > 19.5).has_ends(())
+    # its sides, where a streak may hide a dark limb, are not what tells it
+    assert fitted("rod", lying, lambda own: np.abs(own[:, 2]) < 15.0).has_ends(())
+
+
+def piece(*, left_of_px: float | None = None, outside: LitFit | None = None) -> NDArray[np.bool_]:
+    """An unknown piece: what is left of a column, or all round a part."""
+    width, height = CAMERA.size_px
+    if outside is not None:
+        return ~outside.shadow
+    return np.tile(np.arange(width) < left_of_px, (height, 1))
+
+
+def test_what_something_unknown_surrounds_is_a_detail_of_it() -> None:
+    plate = fitted("plate", flat("plate", 0.0, 0.0), none)
+    assert not is_detail(plate, (), ())
+    assert is_detail(plate, (), [piece(outside=plate)])
+    # 40 of its 200 mm are against what lies left of it
+    beside = piece(left_of_px=float(plate.fit.edges.pixels[:, 0].min()))
+    assert not is_detail(plate, (), [beside])
+
+
+def test_a_part_whose_outline_gives_way_to_something_unknown_is_a_detail_of_it() -> None:
+    plate = fitted("plate", flat("plate", 0.0, 0.0), lambda own: own[:, 0] < -29.5)
+    beside = piece(left_of_px=float(plate.fit.edges.pixels[:, 0].min()) + 3)
+    assert is_detail(plate, (), [beside])
 
 
 def patch(x: int, y: int, width: int, height: int) -> Region:

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ..fitting import EdgePoints
-from .hypotheses import Hypothesis
+from .hypotheses import SAME_PLACE_MM, Hypothesis
 
 SAME_OUTLINE_PX = 0.6  # two predicted outlines this near each other are one in any picture
 SAME_SHARE = 0.97  # of an outline's length; the rest is where samples end
@@ -72,6 +72,22 @@ def decide(hypotheses: Sequence[Hypothesis], *, is_backlit: bool) -> Decision:
         # what no alternative accounts for speaks against it
         return Decision(None, max(1.0 - best.probability, 0.5), (), best)
     return Decision(best, best.probability / (1 + _claims(best, hypotheses[1:])), rivals, best)
+
+
+def part_score(best: Hypothesis, hypotheses: Sequence[Hypothesis]) -> float:
+    """Return how likely an object is the best hypothesis' part there, however turned, 0..1.
+
+    Parameters
+    ----------
+    best : of the hypotheses
+    hypotheses : about one object
+    """
+    others = [
+        h
+        for h in hypotheses
+        if h.part != best.part or float(np.linalg.norm(h.place_mm - best.place_mm)) >= SAME_PLACE_MM
+    ]
+    return best.probability / (1 + _claims(best, others))
 
 
 def _claims(best: Hypothesis, others: Sequence[Hypothesis]) -> float:

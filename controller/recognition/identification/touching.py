@@ -35,7 +35,7 @@ class PartialSighting:
     decision : what it is
     hypotheses : what it may be, best first; none for what is left
     free_share : of the best one's outline
-    lies_on : numbers of the parts and pieces of this cluster that it lies on
+    lies_on : numbers of the parts of this cluster that it lies on
     is_covered : something lies on it
     """
 

@@ -40,7 +40,13 @@ class _Poses:
         return _Poses(self.view[which], self.turn_rad[which], self.shift_mm[which])
 
 
-def propose_partial(cluster: Cluster, library: Library, is_open: BoolArray) -> list[Candidate]:
+def propose_partial(
+    cluster: Cluster,
+    library: Library,
+    is_open: BoolArray,
+    most: int = MAX_CANDIDATE_COUNT,
+    per_place: int = PER_POSE,
+) -> list[Candidate]:
     """Return what stretches of a cluster's outline may be of, most outline found first.
 
     Parameters
@@ -48,6 +54,8 @@ def propose_partial(cluster: Cluster, library: Library, is_open: BoolArray) -> l
     cluster : several parts, or one that is cut
     library : of the parts that may be there
     is_open : (m,) of the cluster's outline points, those that nothing explains yet
+    most : of proposals
+    per_place : of one stable pose turned differently in one place, that come before others
     """
     poses = _from_stretches(cluster, library, is_open)
     poses = _with_turns(poses, library)
@@ -56,7 +64,7 @@ def propose_partial(cluster: Cluster, library: Library, is_open: BoolArray) -> l
     found, outside = _weighed(poses, cluster, library, is_open, SAMPLES)
     good = (found > MIN_FOUND) & (outside < MAX_OUTSIDE)
     poses, score = poses.at(good), (found - outside)[good]
-    return _best(poses, score, library)
+    return _best(poses, score, library, most, per_place)
 
 
 def _from_stretches(cluster: Cluster, library: Library, is_open: BoolArray) -> _Poses:
@@ -147,23 +155,29 @@ def _weighed(
     return found, outside
 
 
-def _best(poses: _Poses, score: FloatArray, library: Library) -> list[Candidate]:
+def _best(
+    poses: _Poses, score: FloatArray, library: Library, most: int, per_place: int
+) -> list[Candidate]:
     """Return the best poses as candidates, each place of a stable pose once."""
     index = library.index
     kept: list[int] = []
-    count: dict[tuple[int, int], int] = {}
+    more: list[int] = []
+    named: dict[tuple[int, int], list[int]] = {}
     apart = _apart_mm(poses, library)
     for k in np.argsort(-score, kind="stable").tolist():
         view = poses.view[k]
         name = (int(index.part[view]), int(index.pose[view]))
-        if count.get(name, 0) == PER_POSE:
+        alike = named.setdefault(name, [])
+        if len(alike) == PER_POSE:
             continue
-        if any(_is_same(poses, k, other, name, library) for other in kept):
+        in_place = [other for other in alike if _is_in_place(poses, k, other)]
+        if any(_is_same_turn(poses, k, other, name, library) for other in in_place):
             continue
-        count[name] = count.get(name, 0) + 1
-        kept.append(k)
-        if len(kept) == MAX_CANDIDATE_COUNT:
+        alike.append(k)
+        (kept if len(in_place) < per_place else more).append(k)
+        if len(kept) == most:
             break
+    kept += more[: most - len(kept)]
     return [
         Candidate(
             int(index.part[poses.view[k]]),
@@ -179,12 +193,11 @@ def _best(poses: _Poses, score: FloatArray, library: Library) -> list[Candidate]
     ]
 
 
-def _is_same(poses: _Poses, a: int, b: int, name: tuple[int, int], library: Library) -> bool:
-    index = library.index
-    if (int(index.part[poses.view[b]]), int(index.pose[poses.view[b]])) != name:
-        return False
-    if float(np.linalg.norm(poses.shift_mm[a] - poses.shift_mm[b])) > SAME_MM:
-        return False
+def _is_in_place(poses: _Poses, a: int, b: int) -> bool:
+    return float(np.linalg.norm(poses.shift_mm[a] - poses.shift_mm[b])) <= SAME_MM
+
+
+def _is_same_turn(poses: _Poses, a: int, b: int, name: tuple[int, int], library: Library) -> bool:
     turns = library.entries[name[0]].turns_of(name[1])
     if len(turns) == 0:
         return True

@@ -26,8 +26,9 @@ from .search import Search
 MAX_ROUNDS = 3
 RIM_PX = 5  # round a part's shadow, what is left there is its rim
 LEFT_PX = 9  # narrower pieces are shadows and rims
-NEAR_PX = 15  # twice the distance at which a part lies against a piece
 EDGED_SHARE = 0.3  # of a piece's rim, so long are its own edges
+BORDER_PX = 6.0  # outside an outline, where what a part borders on is asked
+SURROUNDED = 0.5  # of a part's outline, that something unknown may border on
 OVERLAID_PX = 2.0  # an edge this far off is not there
 OVERLAID_MM = 5.0  # of outline that is not there but a piece is: that lies on the part
 # beside something unknown a part has to be sure by itself: a stranger's details look like small
@@ -121,16 +122,22 @@ def _sightings(
     pieces = pieces_left(there, search, least_px)
     pieces = [piece for piece in pieces if _has_edges(piece, there, search)]
     masks = [within(piece, search.region) for piece in pieces]
-    places, nowhere = _standing(places, masks)
-    places, unsure = sure_beside_unknown(places, is_unknown_left=bool(pieces or nowhere))
-    nowhere += unsure
+    nowhere: list[Place] = []
+    while True:  # what is given up is unknown to those beside it, and bears none
+        places, lost = _standing(places)
+        places, details = _details_left_out(places, masks)
+        is_unknown_left = bool(pieces or nowhere or lost or details)
+        places, unsure = sure_beside_unknown(places, is_unknown_left=is_unknown_left)
+        nowhere += [*lost, *details, *unsure]
+        if not (lost or details or unsure):
+            break
     if not places:
         return ()
     fits = [place.fit for place in places]
     nothing = Decision(None, 1.0, (), None)
     left = [cut_out(place.fit.shadow, search.region, False) for place in nowhere] + pieces
     masks = [place.fit.shadow for place in nowhere] + masks
-    below = [_below(fit, fits, masks) for fit in fits]
+    below = [_below(fit, fits) for fit in fits]
     found = []
     for k, place in enumerate(places):
         others = [fit for fit in fits if fit is not place.fit]
@@ -147,11 +154,50 @@ def _sightings(
     return (*found, *(PartialSighting(piece, nothing, (), 0.0) for piece in left))
 
 
+def _details_left_out(
+    places: Sequence[Place], pieces: Sequence[BoolArray]
+) -> tuple[list[Place], list[Place]]:
+    """Return places, and those that are details of something unknown."""
+    fits = [place.fit for place in places]
+    details = [
+        place
+        for place in places
+        if is_detail(place.fit, [f for f in fits if f is not place.fit], pieces)
+    ]
+    return [p for p in places if not any(p is one for one in details)], details
+
+
+def is_detail(fit: LitFit, others: Sequence[LitFit], pieces: Sequence[BoolArray]) -> bool:
+    """Return whether what seems to be a part is a detail of an unknown piece.
+
+    A strip between two grooves has the outline of a washer that stands on its rim: beside most of
+    it is more of the same thing. A section of a long rail has that of a short one but for where it
+    goes on.
+
+    Parameters
+    ----------
+    fit : of the part
+    others : the parts beside it
+    pieces : (h, w) each of the cluster's crop, of what no part explains
+    """
+    if not pieces:
+        return False
+    if _is_overlaid(fit, others, pieces):
+        return True
+    seen = fit.seen_fit(others)
+    on = seen.edges.on_outline
+    left = np.any(pieces, axis=0).astype(np.uint8)
+    near = cv2.dilate(left, np.ones((RIM_PX, RIM_PX), np.uint8)) > 0
+    y, x, is_in = fit.cluster.index(seen.edges.pixels + BORDER_PX * seen.edges.normals)
+    beside = (near[y, x] & is_in)[on]
+    return bool(beside.sum() > SURROUNDED * on.sum())
+
+
 def sure_beside_unknown(
     places: Sequence[Place], *, is_unknown_left: bool
 ) -> tuple[list[Place], list[Place]]:
     """Return the places that are named, and those that are not sure beside something unknown."""
-    unsure = [p for p in places if is_unknown_left and p.decision.score < SURE]
+    unsure = [p for p in places if is_unknown_left and p.sureness < SURE]
     return [p for p in places if not any(p is one for one in unsure)], unsure
 
 
@@ -168,14 +214,13 @@ def _has_edges(piece: Region, there: Sequence[LitFit], search: Search) -> bool:
     return bool(own.sum() * edges.every > EDGED_SHARE * rim_px)
 
 
-def _standing(
-    places: Sequence[Place], pieces: Sequence[BoolArray]
-) -> tuple[list[Place], list[Place]]:
-    """Return places, and those that would lean on nothing: they lie flat, or are not known."""
+def _standing(places: Sequence[Place]) -> tuple[list[Place], list[Place]]:
+    """Return places, and those that would lean on nothing known: they lie flat, or are unknown."""
     fits = [place.fit for place in places]
     able, nowhere = [], []
     for place in places:
-        flat = place if _is_held(place.fit, fits, pieces) else place.flat()
+        is_held = not place.fit.leans or bool(_below(place.fit, fits))
+        flat = place if is_held else place.flat()
         if flat is None:
             nowhere.append(place)
         else:
@@ -183,20 +228,11 @@ def _standing(
     return able, nowhere
 
 
-def _is_held(fit: LitFit, fits: Sequence[LitFit], pieces: Sequence[BoolArray]) -> bool:
-    return not fit.leans or bool(_below(fit, fits, pieces))
-
-
-def _below(fit: LitFit, fits: Sequence[LitFit], pieces: Sequence[BoolArray]) -> tuple[int, ...]:
-    """Return the numbers of parts, or else of pieces after them, that a leaning part lies on."""
+def _below(fit: LitFit, fits: Sequence[LitFit]) -> tuple[int, ...]:
+    """Return the numbers of the parts that a leaning part lies on."""
     if not fit.leans:
         return ()
-    found = [j for j, other in enumerate(fits) if other is not fit and fit.is_above(other)]
-    if not found:
-        wide = np.ones((NEAR_PX, NEAR_PX), np.uint8)
-        near = cv2.dilate(fit.shadow.astype(np.uint8), wide) > 0
-        found = [len(fits) + j for j, piece in enumerate(pieces) if (piece & near).any()]
-    return tuple(found)
+    return tuple(j for j, other in enumerate(fits) if other is not fit and fit.is_above(other))
 
 
 def _is_overlaid(fit: LitFit, others: Sequence[LitFit], pieces: Sequence[BoolArray]) -> bool:

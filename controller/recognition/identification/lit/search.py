@@ -31,9 +31,10 @@ from ..scores import FRONT, log_odds, probability
 from .fits import LitCluster, LitFit, are_in_one_place
 
 MARGIN_PX = 40  # of the crop round a cluster: shaded sides are often left out of it
-MAX_BY_LINES, MAX_BY_OUTLINE = 30, 20
+MAX_BY_LINES, MAX_BY_OUTLINE, MAX_BY_STRETCHES = 30, 20, 160
+PER_PLACE = 3  # turns of a gear in one place, before those of others are tried
 FAR = 1.5  # in the index of silhouettes, as for a whole thing under lamps
-GIVE_UP = 40  # after so many candidates in turn of one kind that do not fit
+GIVE_UP = 60  # after so many candidates in turn of one kind that do not fit
 MAX_FINE = 40
 COARSE_SHARE, GOOD_SHARE = 0.45, 0.6  # of a candidate's edges that are about where they should be
 MIN_PROBABILITY = 0.05  # probability by itself, from which a pose is weighed against others
@@ -82,6 +83,7 @@ class Search:
         self._library, self._usable, self._limits = library, usable, limits
         self._alone: dict[LitFit, float] = {}
         self._tilted: set[LitFit] = set()
+        self._weighed: dict[tuple[LitFit, frozenset[LitFit], int], Hypothesis] = {}
 
     def proposed(self, pieces: Sequence[Region], *, is_first: bool) -> list[Proposed]:
         """Return what pieces of the cluster may be, those of one kind in order.
@@ -107,7 +109,7 @@ class Search:
         if len(outline.points_px) == 0:
             return []
         is_open = np.ones(len(outline.points_px), dtype=np.bool_)
-        return propose_partial(outline, self._library, is_open)
+        return propose_partial(outline, self._library, is_open, MAX_BY_STRETCHES, PER_PLACE)
 
     def _by_silhouette(self, piece: Region) -> list[Candidate]:
         plane = self.cluster.camera.on_plane
@@ -197,8 +199,13 @@ class Search:
         area : (h, w) of the crop, by which it is compared with other poses about one place
         """
         c, entry = fit.candidate, self._library.entries[fit.candidate.part]
+        # what lies elsewhere changes nothing, and of most places the neighbours stay what they are
+        others = [other for other in others if fit.is_near(other, area)]
+        key = fit, frozenset(others), hash(area.tobytes())
+        if key in self._weighed:
+            return self._weighed[key]
         evidence = fit.evidence(others)
-        return Hypothesis(
+        self._weighed[key] = Hypothesis(
             part=c.part,
             pose=c.pose,
             theta_rad=turn_of(entry.pose(c.pose).R, fit.T),
@@ -210,6 +217,7 @@ class Search:
             overlap=c.overlap,
             source="cluster",
         )
+        return self._weighed[key]
 
     def _coarse_ones(
         self, proposed: Sequence[Proposed]
