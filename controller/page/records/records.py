@@ -7,7 +7,7 @@ import time
 from collections import OrderedDict
 from collections.abc import AsyncIterator, Callable, Mapping
 from concurrent.futures import Executor, ProcessPoolExecutor
-from contextlib import asynccontextmanager, suppress
+from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any, ClassVar, Concatenate, Final, ParamSpec, TypeVar
 from weakref import WeakValueDictionary
@@ -87,10 +87,13 @@ class Records:
         if self._filling is not None:
             self._filling.cancel()
         if self._pool is not None:
-            # one that does not end by then ends with the page
-            ending = asyncio.to_thread(self._pool.shutdown, cancel_futures=True)
-            with suppress(TimeoutError):
-                await asyncio.wait_for(ending, END_S)
+            ending = asyncio.create_task(
+                asyncio.to_thread(self._pool.shutdown, cancel_futures=True)
+            )
+            if not (await asyncio.wait([ending], timeout=END_S))[0]:
+                for process in multiprocessing.active_children():
+                    process.terminate()  # half a filling is begun again
+            await ending
         if self._store is not None:
             self._store.close()
         self._filling, self._pool, self._store = None, None, None

@@ -18,8 +18,8 @@ const matrix = (T) => new Matrix4().set(...T);
 
 export class CellView extends OrbitView {
   constructor(canvas) {
-    const turn = { azimuth: -0.75, elevation: 0.5, distance: 2300 };
-    super(canvas, { target: [330, 0, 250], turn, nearest: 400, farthest: 6000 });
+    const turn = { azimuth: -0.75, elevation: 0.5, distance: 2600 };
+    super(canvas, { target: [330, 0, 330], turn, nearest: 400, farthest: 6000 });
     this.cell = null;
     this.moving = [];
     this.part = null;
