@@ -218,11 +218,13 @@ def test_the_coverage_of_the_part_fills_and_the_next_part_begins_with_none(
     until(tab, lambda: sorted(shares()) == sorted(["25 %", *["0 %"] * 5]))
     # the two largest of six faces have 1200 mm² of 3800 each
     assert "8 % of the surface" in tab.inner_text("#coverage-words")
-    assert "up to a third: 1 face, 1,200 mm²" in tab.inner_text("#coverage-legend")
+    third = "up to a third: 1 face, 1,200 mm²"
+    until(tab, lambda: third in tab.inner_text("#coverage-legend"))
     writer = Journal(tmp_path / "runs" / JOURNAL_NAME, RUN)
     writer.write(rows.ViewJudged(view="V2", evaluated=True, faces=SECOND_VIEW), 1)
     until(tab, lambda: shares()[:4] == ["25 %", "63 %", "100 %", "0 %"])
-    assert "more than two thirds: 1 face," in tab.inner_text("#coverage-legend")
+    most = "more than two thirds: 1 face,"
+    until(tab, lambda: most in tab.inner_text("#coverage-legend"))
     writer.write(rows.TablePictures({"ring": "pictures/a.png"}), 2)
     writer.close()
     until(tab, lambda: set(shares()) == {"0 %"})

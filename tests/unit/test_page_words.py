@@ -24,9 +24,11 @@ from controller.page.frame.words import (
     LANGUAGES,
     cell_words,
     chosen,
+    count_in,
     every_word,
     teller,
     translator,
+    value_in,
 )
 
 PAGE = Path(__file__).resolve().parents[2] / "controller" / "page"
@@ -212,3 +214,16 @@ def test_the_cells_catalogue_is_that_of_its_source_and_keeps_blanks(language: st
     assert {one.id: one.string for one in read_ if one.id} == dict(cell_words(language))
     for text, word in cell_words(language).items():
         assert sorted(re.findall(r"\{\w+\}", text)) == sorted(re.findall(r"\{\w+\}", word)), text
+
+
+@pytest.mark.parametrize(
+    ("language", "number", "signed", "tally"),
+    [("en", "1234.50", "+0.025", "100,000"), ("de", "1234,50", "+0,025", "100.000")],
+)
+def test_numbers_are_written_as_the_language_does(
+    language: str, number: str, signed: str, tally: str
+) -> None:
+    assert value_in(language, 1234.5, 2) == number
+    assert value_in(language, 0.025, is_signed=True) == signed
+    assert value_in(language, None) == "–"
+    assert count_in(language, 100_000) == tally

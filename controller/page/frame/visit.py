@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Final
 
 from jinja2 import ChoiceLoader, Environment, PackageLoader, PrefixLoader, StrictUndefined
@@ -14,7 +14,16 @@ from starlette.responses import HTMLResponse, JSONResponse, Response
 
 from ..security import Account, Accounts, Attempts, Role, Session, Sessions, Site
 from .screens import Screen
-from .words import LANGUAGES, cell_words, chosen, every_word, teller, translator
+from .words import (
+    LANGUAGES,
+    cell_words,
+    chosen,
+    count_in,
+    every_word,
+    teller,
+    translator,
+    value_in,
+)
 
 LANGUAGE_COOKIE: Final = "cellctl_language"
 YEAR_S: Final = 31_536_000
@@ -156,6 +165,8 @@ class Visit:
             "words": dict(every_word(self.language, self.screen.name)),
             "cell_words": cell_words(self.language),
             "told": teller(self.language),
+            "value": partial(value_in, self.language),
+            "count": partial(count_in, self.language),
         }
         name = self.screen.name
         return self.frame.html(

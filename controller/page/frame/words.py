@@ -20,6 +20,7 @@ from typing import Final
 LANGUAGES: Final[Mapping[str, str]] = {"en": "English", "de": "Deutsch"}
 DOMAIN: Final = "page"
 CELL_DOMAIN: Final = "cell"
+POINT_AND_COMMA: Final = str.maketrans(".,", ",.")
 BLANK: Final = re.compile(r"\{(\w+)\}")
 NESTED_MAX_COUNT: Final = 4  # what stands in a blank may itself be a text with blanks, so often
 SHARED: Final = "frame"
@@ -99,6 +100,32 @@ def teller(language: str) -> Callable[[str], str]:
         return text
 
     return told
+
+
+def value_in(
+    language: str, value: float | None, digits: int = 3, *, is_signed: bool = False
+) -> str:
+    """Return a number as a language writes it, or a dash for what is not known.
+
+    Parameters
+    ----------
+    language : one of `LANGUAGES`
+    value : the number
+    digits : behind the point
+    is_signed : show a plus, too
+    """
+    if value is None:
+        return "–"
+    return _written(language, f"{value:{'+' if is_signed else ''}.{digits}f}")
+
+
+def count_in(language: str, count: int) -> str:
+    """Return a tally as a language writes it, its thousands apart."""
+    return _written(language, f"{count:,}")
+
+
+def _written(language: str, number: str) -> str:
+    return number.translate(POINT_AND_COMMA) if language == "de" else number
 
 
 def _fits(text: str) -> re.Pattern[str]:

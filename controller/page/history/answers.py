@@ -26,7 +26,7 @@ from ..frame.drawn import run_picture
 from ..frame.screens import Look
 from ..frame.visit import Visit, refused
 from ..frame.words import translator, word
-from ..records import Records, page_count, part_key, report_file, unread, value, verdict_class
+from ..records import Records, page_count, part_key, report_file, unread, verdict_class
 from .asked import LISTED, REVIEW_WORDS, VERDICTS, asked
 from .charts import VALUES_MAX, drawn
 
@@ -239,7 +239,6 @@ class HistoryAnswers:
 _SHOWN: Final[Mapping[str, Any]] = {
     "verdict_class": verdict_class,
     "part_key": part_key,
-    "value": value,
 }
 
 

@@ -10,7 +10,6 @@ from .shown import (
     part_key,
     report_file,
     unread,
-    value,
     verdict_class,
 )
 
@@ -22,6 +21,5 @@ __all__ = [
     "part_key",
     "report_file",
     "unread",
-    "value",
     "verdict_class",
 ]

@@ -66,11 +66,6 @@ def unread(visit: Visit, error: HistoryError) -> Response:
     return visit.html("unread.html.j2", title=visit.screen.title, why=str(error))
 
 
-def value(number: float | None, digits: int = 3) -> str:
-    """Return a number, or a dash for what is not known."""
-    return "–" if number is None else f"{number:.{digits}f}"
-
-
 def report_file(runs_dir: Path, run: str) -> tuple[Path, str] | None:
     """Return a run's report and its type; None where there is none of sound size.
 

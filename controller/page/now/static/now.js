@@ -197,7 +197,9 @@ function drawAlarms([standing, past]) {
     if (alarm.todo) item.append(el("p", `${t("What to do")}: ${said(alarm.todo)}`));
     return item;
   };
-  const every = [...standing.map((a) => row(a, true)), ...past.map((a) => row(a, false))];
+  // one that stands is in the journal, too
+  const gone = past.filter((a) => !standing.some((b) => b.number === a.number && b.message === a.message));
+  const every = [...standing.map((a) => row(a, true)), ...gone.map((a) => row(a, false))];
   $("alarms").replaceChildren(...(every.length ? every : [el("li", t("None."), "none")]));
 }
 
