@@ -21,7 +21,7 @@ from results_bench import RunWriter, bad_run, finding, good_run, verdict, view
 from controller.cell.batch import Papers
 from controller.cell.journal import JOURNAL_NAME, read_rows, rows
 from controller.inspection import Verdict
-from controller.page.history.answers import _counted
+from controller.page.history.answers import counted_alarms
 from controller.page.records import records as records_module
 from controller.page.security import Role
 
@@ -294,7 +294,7 @@ def test_two_parts_are_shown_side_by_side_view_by_view(at: Bench) -> None:
 def test_an_alarm_that_came_again_stands_there_once_with_its_words() -> None:
     one = {"alarm": 910, "code": "loop_late", "device": "controller"}
     other = {"alarm": 910, "code": "loop_late", "device": "arm"}
-    assert _counted([one, other, one, one]) == [(one, 3), (other, 1)]
+    assert counted_alarms([one, other, one, one]) == [(one, 3), (other, 1)]
 
 
 def test_a_part_that_is_not_there_is_answered_with_a_page(at: Bench) -> None:

@@ -124,7 +124,7 @@ class HistoryAnswers:
             pictures=pictures if isinstance(pictures, tuple) else (),
             no_pictures=pictures if isinstance(pictures, str) else "",
             report=None if report is None else report[0].name,
-            alarms=_counted(part["alarms"]),
+            alarms=counted_alarms(part["alarms"]),
             alarm_words=_alarm_words,
             **_SHOWN,
         )
@@ -270,7 +270,7 @@ def _pairs(
     return tuple((of_a.get(key), of_b.get(key)) for key in dict.fromkeys([*of_a, *of_b]))
 
 
-def _counted(alarms: Sequence[Mapping[str, Any]]) -> list[tuple[Mapping[str, Any], int]]:
+def counted_alarms(alarms: Sequence[Mapping[str, Any]]) -> list[tuple[Mapping[str, Any], int]]:
     """Return alarms in their order, those that came again only once, with how often they came."""
     firsts: dict[tuple[object, ...], Mapping[str, Any]] = {}
     counts: Counter[tuple[object, ...]] = Counter()
