@@ -6,7 +6,8 @@ Parts of four recipes lie in random poses, up to five at once, strangers (3 %, a
 defective ones (5 %, at least one) among them. Once the last part of a lot is off the table, the
 next five come. Judged by the emulated world's truth alone: which part the arm had, and in which
 tray it ended. A good part has to be accepted, a defective one rejected, a stranger left where it
-is; what goes to quarantine, and what a person is called for, is not sorted. With it: seconds a part
+is; what goes to quarantine, and what a person is called for, is not sorted. A part that rolls off
+the light table as it is laid is laid again. With it: seconds a part
 against the forecast, what the arm's time went into, and how late the controller's event loop was.
 A busy machine makes the arm wait for the worker process, which itself waits for a processor: how
 long it did is measured (/proc/PID/schedstat), and what the arm's share would be without that is
@@ -30,8 +31,9 @@ from typing import Any
 
 import numpy as np
 from runs_whole import ask
-from shift_parts import RECIPES, ShiftPart, make_parts, spots_for
+from shift_parts import RECIPES, ShiftPart, is_on_table, make_parts, spots_for
 
+from controller.cell.control import AnswerOrder, ControlError, RunningCell
 from controller.cell.journal import JOURNAL_NAME, read_rows_named, rows
 from controller.results.takt import TaktGroup, Use, grouped, takt_json, takt_line, takts_of
 
@@ -39,6 +41,8 @@ ROOT = Path(__file__).parents[1]
 AT_ONCE = 5
 LIMIT_WALL_S = 4 * 3600.0
 FIRST_SERIAL = "SH001"
+ON_TABLE = ("no_part", "many_parts", "unknown_object", "part_cut_off", "wrong_part", "no_plan")
+MOST_CALLS = 20
 MOVED_MM = 3.0  # what was left alone may have been brushed by so much
 COMPUTING = (Use.RECOGNITION, Use.PLANNING, Use.EVALUATION)
 Words = dict[str, Any]
@@ -60,6 +64,10 @@ class Shift:
         self.trays: dict[int, str] = {}  # by number in `parts`
         self.held: list[int] = []  # numbers in `parts`, in the order they were taken
         self.collisions = 0
+        self.laid_again = 0  # parts that came to rest off the light table
+        self.calls: list[str] = []  # what a person was asked
+        self.taken_away: list[int] = []
+        self.is_fed = False  # something was laid since the last answer
         self.process_id = 0
         self.worker_s = (0.0, 0.0)  # on a processor, and waiting for one
         self.result: Words = {}
@@ -72,7 +80,15 @@ class Shift:
         command = [sys.executable, "-m", "controller.cli", "run"]
         command += [f"recipes/{name}.yaml={counts[name]}" for name in self.recipes if counts[name]]
         command += ["--serial-from", FIRST_SERIAL]
-        command += ["--json", "--speed", f"{self.speed:g}", "--seed", str(self.seed), "--empty"]
+        command += [
+            "--wait",
+            "--json",
+            "--speed",
+            f"{self.speed:g}",
+            "--seed",
+            str(self.seed),
+            "--empty",
+        ]
         command += ["--runs", str(self.runs), "--control", str(self.control)]
         return command
 
@@ -107,6 +123,8 @@ class Shift:
                         ask(self.control, "add", file=str(part.file))
                     self._look(truth)
                     self._feed(truth)
+                    with contextlib.suppress(ControlError):
+                        self._answer(truth)
 
     def _look(self, truth: Words) -> None:
         self.collisions = len(truth["collisions"])
@@ -124,13 +142,42 @@ class Shift:
                 if k in self.first:
                     self.moved_mm[k] = float(np.linalg.norm(at - self.first[k]))
 
-    def _feed(self, truth: Words) -> None:
-        """Lay the next lot once nothing of the last one but strangers is on the table."""
-        lying = [
+    def _answer(self, truth: Words) -> None:
+        """Answer as who brings the parts: lay the next lot, take away what was not taken."""
+        cell = RunningCell(self.runs)
+        question = cell.status().question
+        if question is None:
+            return
+        if question.code in ON_TABLE and not self.is_fed and self.waiting:
+            for k in self._lying(truth):
+                self.taken_away.append(k)
+                ask(self.control, "remove", part=k)
+            return  # the next lot is laid before the answer
+        can_go_on = self.is_fed or (question.code not in ON_TABLE and len(self.calls) < MOST_CALLS)
+        self.calls.append(question.code)
+        self.is_fed = False
+        key = "look" if can_go_on else "stop"
+        cell.order("answer", AnswerOrder(key=key, number=question.number))
+
+    def _lying(self, truth: Words) -> list[int]:
+        return [
             k
             for k, part in enumerate(truth["parts"][: len(self.parts)])
             if part["custody"] == "free" and part["tray"] is None
         ]
+
+    def _feed(self, truth: Words) -> None:
+        """Lay the next lot once nothing of the last one but strangers is on the table."""
+        for k, part in enumerate(truth["parts"][: len(self.parts)]):
+            if k in self.held or k in self.waiting or not part["at_rest"]:
+                continue
+            at = part["T_world_part"]
+            if at is not None and not is_on_table(at[0][3], at[1][3]):
+                self.waiting.append(k)  # it rolled away as it was laid
+                self.first.pop(k, None)
+                self.laid_again += 1
+                ask(self.control, "remove", part=k)
+        lying = self._lying(truth)
         if not self.waiting or any(self.parts[k].recipe for k in lying):
             return
         # the strangers of earlier lots are taken away, as whoever brings parts does
@@ -143,6 +190,7 @@ class Shift:
                 self.waiting.remove(k)
                 turn = math.degrees(self.rng.uniform(0.0, math.tau))
                 ask(self.control, "drop", part=k, x_mm=spot[0], y_mm=spot[1], theta_deg=turn)
+                self.is_fed = True
 
     def figures(self) -> Words:
         """Return what came of the shift."""
@@ -177,6 +225,9 @@ class Shift:
             "mixed_up": sum(one["is_mixed_up"] for one in each) + len(serials) - len(set(serials)),
             "serials": len(serials),
             "collisions": self.collisions,
+            "laid_again": self.laid_again,
+            "calls": self.calls,
+            "taken_away": self.taken_away,
             "takt": takt_json(group),
             "worker_on_processor_s": round(self.worker_s[0], 1),
             "worker_waited_for_one_s": round(self.worker_s[1], 1),
@@ -283,7 +334,8 @@ def main() -> int:
         )
     print(
         f"\n{found['sorted_right']} of {found['n']} right {found['interval_95']}, wrong PASS "
-        f"{found['wrong_pass']}, mixed up {found['mixed_up']}, collisions {found['collisions']}; "
+        f"{found['wrong_pass']}, mixed up {found['mixed_up']}, collisions {found['collisions']}, "
+        f"laid again {found['laid_again']}, calls {found['calls']}; "
         f"{found['end']} {found['message']}"
     )
     if found["busy_share_alone"] is not None:

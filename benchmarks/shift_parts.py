@@ -119,6 +119,11 @@ def spoil(name: str, rng: np.random.Generator, file: Path) -> tuple[Path, str]:
     return file, f"groove of {length_mm:.0f} x 3 x 1.5 mm in F{face.id}"
 
 
+def is_on_table(x_mm: float, y_mm: float) -> bool:
+    """Return whether a place is on the light table."""
+    return all(low <= v <= high for v, (low, high) in zip((x_mm, y_mm), GLOWING_MM, strict=True))
+
+
 def spots_for(parts: list[ShiftPart], rng: np.random.Generator) -> list[tuple[float, float] | None]:
     """Return where each part is dropped, apart from each other.
 
