@@ -167,7 +167,12 @@ class Shift:
         ]
 
     def _feed(self, truth: Words) -> None:
-        """Lay the next lot once nothing of the last one but strangers is on the table."""
+        """Lay the next lot once only strangers are left of the last one, and the arm is empty.
+
+        Nobody reaches into a cell that moves: the door would end the run.
+        """
+        if any(part["custody"] in ("arm", "fixture", "both") for part in truth["parts"]):
+            return
         for k, part in enumerate(truth["parts"][: len(self.parts)]):
             if k in self.held or k in self.waiting or not part["at_rest"]:
                 continue

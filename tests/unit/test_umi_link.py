@@ -5,6 +5,8 @@ Sections (§) are those of umi_rtx.md.
 
 import asyncio
 import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
 
@@ -20,6 +22,7 @@ from drivers.errors import (
     ReplyTimeoutError,
     WrongDeviceError,
 )
+from drivers.terminals import through_the_kernel
 from drivers.umi_scara import Ip, LineUncertainError, LinkConfig, WireExchange
 from drivers.umi_scara.line import Link
 from drivers.umi_scara.protocol.codec import Status, Value
@@ -178,6 +181,41 @@ async def test_one_silent_board_is_told_from_two() -> None:
         LinkError, match=r"no IP beside the one that took .* speaks.*check power, cable, boards"
     ):
         await bench.link.open()
+
+
+class HeldClock(FakeClock):
+    """The clock of an emulated cell: it can be held for a last look."""
+
+    @contextmanager
+    def held(self) -> Iterator[float]:
+        yield 0.3
+
+
+async def test_a_reply_that_the_kernel_keeps_back_longer_than_a_look_is_waited_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    bench = Bench()
+    bench.clock = bench.arm.clock = HeldClock()
+    bench.link = Link(bench.arm, bench.clock, LinkConfig(), bench.trace.append)
+    await bench.opened()
+    ways: list[float] = []
+
+    async def slow_kernel() -> None:
+        bench.clock.advance(2.0)
+        ways.append(bench.clock.now_s())
+
+    monkeypatch.setattr("drivers.umi_scara.line._wire.through_the_kernel", slow_kernel)
+    bench.arm.mishap = once(READ_ZED, lambda reply: [(4.5, reply)])
+    asked = len(bench.arm.writes)
+    await bench.value(Ip.ARM, READ_ZED)
+    assert [data for _, data in bench.arm.writes[asked:]].count(READ_ZED) == 1
+    assert len(ways) == 2  # the request's and the reply's
+
+
+def test_what_is_written_to_a_terminal_comes_through_the_kernel_and_nothing_stays_open() -> None:
+    before = set(Path("/proc/self/fd").iterdir())
+    asyncio.run(through_the_kernel())
+    assert set(Path("/proc/self/fd").iterdir()) == before
 
 
 async def test_two_boards_of_one_name_are_refused() -> None:

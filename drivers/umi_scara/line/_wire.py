@@ -22,6 +22,7 @@ from drivers.errors import (
     SilentLineError,
     WrongDeviceError,
 )
+from drivers.terminals import through_the_kernel
 
 from ..protocol import constants as c
 from ..protocol.codec import Reply, ReplyReader, encode_simple, is_go, is_query, looks_like_text
@@ -38,6 +39,8 @@ _STAY_AWAY: Final = (
 )
 _STRAY_STOP_COUNT: Final = 12  # 0.1 s
 _DRAIN_LIMIT_S: Final = 2.0  # no arm sends for longer than that
+_WAYS: Final = 2  # through the kernel: a request, its reply
+_ANSWER_WALL_S: Final = 0.1  # for who answers, or is handed the answer, after each
 # A busy host delivers bytes a little late, however fast the cell's clock runs.
 _MIN_SILENCE_WALL_S: Final = 0.02
 
@@ -272,9 +275,8 @@ class Wire:
             left_s = until_s - clock.attended_s()
             if left_s > 0:
                 data = await self._transport.read(clock.to_wall_s(left_s))
-            else:  # bytes on their way through the kernel count as in time
-                with clock.held() as look_wall_s:
-                    data = await self._transport.read(look_wall_s)
+            else:
+                data = await self._look_again()
             if data:
                 self._mute_since_s, self._heard_nothing = None, False
                 if (reply := reader.feed(data)) is not None:
@@ -295,6 +297,21 @@ class Wire:
             f"arm: {got} reply to {request.hex(' ').upper()} "
             f"within {self._config.reply_timeout_s:.3f} s"
         )
+
+    async def _look_again(self) -> bytes:
+        """Return what is still on its way through the kernel, which counts as in time.
+
+        On a clock that can be held, a request and its reply both have to get through a kernel that
+        other programs keep busy. One who answers has some time for it after the first.
+        """
+        with self._clock.held() as look_wall_s:
+            data = await self._transport.read(look_wall_s)
+            for _ in range(_WAYS if look_wall_s > 0.0 else 0):
+                if data:
+                    break
+                await through_the_kernel()
+                data = await self._transport.read(_ANSWER_WALL_S)
+        return data
 
     def _silence_limit_s(self) -> float:
         """Return how long a line may be mute [cell s]; two tries fit in on any host."""

@@ -1,0 +1,32 @@
+"""How late the kernel is with what is written to a terminal: a byte of our own tells."""
+
+import asyncio
+import contextlib
+import os
+import tty
+from typing import Final
+
+# A kernel that needs longer is not waited for: what is missing then counts as missing.
+LATEST_WALL_S: Final = 10.0
+
+
+async def through_the_kernel() -> None:
+    """Wait until a byte written now to a pseudo-terminal of our own can be read.
+
+    The kernel hands on the bytes of all pseudo-terminals from one queue of work, begun in turn:
+    what was written to another one before is then through as well, or about to be.
+    """
+    loop = asyncio.get_running_loop()
+    has_come = asyncio.Event()
+    reading, writing = os.openpty()
+    try:
+        tty.setraw(writing)
+        loop.add_reader(reading, has_come.set)
+        os.write(writing, b"\0")
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(LATEST_WALL_S):
+                await has_come.wait()
+    finally:
+        loop.remove_reader(reading)
+        os.close(reading)
+        os.close(writing)
