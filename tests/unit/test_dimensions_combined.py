@@ -39,6 +39,8 @@ def seen(
     towards: FloatArray = UP,
     grasp: int = 0,
     reason: str = "",
+    *,
+    is_part: bool = False,
     **parts: float,
 ) -> Estimate:
     """A look that is off nominal, with standard uncertainties by name."""
@@ -47,7 +49,7 @@ def seen(
     u = float(np.sqrt(sum(v**2 for v in parts.values())))
     budget = MappingProxyType(dict(parts))
     look = Look(view, lamp, 10.0 + float(vector[0]), u, reason, budget, np.ones((1, 2)))
-    return Estimate(look, vector, MappingProxyType(named), towards, grasp)
+    return Estimate(look, vector, MappingProxyType(named), towards, grasp, is_part)
 
 
 def test_noise_averages_and_temperature_does_not() -> None:
@@ -93,6 +95,26 @@ def test_a_look_under_a_lamp_that_nothing_confirms_is_less_certain() -> None:
     backlit = combine(asked(), [seen(0.0, lamp="backlit", edge_type_and_light=0.02)], SETTINGS)
     assert alone.U_mm == pytest.approx(0.08)
     assert backlit.U_mm == pytest.approx(0.04)
+
+
+def test_one_look_that_a_surer_part_of_the_edge_contradicts_decides_nothing() -> None:
+    alone = seen(-0.25, edge_noise=0.04)
+    tilted = np.array([np.sin(0.4), 0, np.cos(0.4)])
+    part = {"reason": "half of its edge", "is_part": True, "towards": tilted, "view": "v01"}
+    surer, worse, same = (
+        seen(off, edge_noise=u, **part)  # type: ignore[arg-type]
+        for off, u in ((0.0, 0.03), (0.0, 0.05), (-0.25, 0.05))
+    )
+    for looks, measured_mm in (
+        ([alone], 9.75),
+        ([alone, worse], 9.75),
+        ([alone, surer, same], 9.75),
+        ([alone, surer], 10.0 - 0.25 * 9 / 25),  # both count, by their uncertainties
+    ):
+        found = combine(asked(), looks, SETTINGS)
+        assert found.measured_mm == pytest.approx(measured_mm)
+    assert found.is_open
+    assert found.is_disputed
 
 
 def test_a_fail_needs_two_looks_or_one_before_the_panel() -> None:

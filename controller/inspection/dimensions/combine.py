@@ -179,7 +179,11 @@ def _chosen(
     vector, shares = _mean(used, settings)
     is_twice = _has_two(used, settings)
     is_sure = is_proven = is_twice or any(e.look.lamp == BACKLIT for e in used)
-    is_sure |= not parts and _is_confirmed(used, estimates, vector, settings)
+    if not parts and not is_sure:
+        confirming, against = _beside(used, estimates, vector, settings)
+        if against:
+            return None
+        is_sure = confirming
     if (not is_sure or any(e.is_part for e in used)) and LIGHT in shares:
         # nothing confirms that the edge under the lamp is the part's and not its shadow's
         shares[LIGHT] = shares[LIGHT] * settings.unconfirmed_light**2
@@ -288,27 +292,31 @@ def _worst(used: Sequence[Estimate]) -> tuple[int, float, float]:
     return index, *answers[index]
 
 
-def _is_confirmed(
+def _beside(
     used: Sequence[Estimate],
     estimates: Sequence[Estimate],
     vector_mm: FloatArray,
     settings: MeasuringSettings,
-) -> bool:
-    """Return whether an independent look that shows a part of the edge finds it at the same place.
+) -> tuple[bool, bool]:
+    """Return whether independent looks that show a part of the edge confirm others, or contradict.
+
+    One confirms where it finds the edge at the same place. They are contradicted where none
+    confirms, and one that is as sure as they are finds it elsewhere.
 
     Parameters
     ----------
     used, vector_mm : the looks that count, and their mean
     estimates, settings : all looks; which are independent
     """
-    best = min(e.look.u_mm for e in used)
-    return any(
-        e.is_part
-        and all(is_independent(e, one, settings) for one in used)
-        and float(np.linalg.norm(e.vector_mm - vector_mm))
-        <= COVERAGE * float(np.hypot(e.look.u_mm, best))
-        for e in estimates
-    )
+    best_mm = min(e.look.u_mm for e in used)
+    confirming = contradicting = False
+    for e in estimates:
+        if e.is_part and all(is_independent(e, one, settings) for one in used):
+            off_mm = float(np.linalg.norm(e.vector_mm - vector_mm))
+            agrees = off_mm <= COVERAGE * float(np.hypot(e.look.u_mm, best_mm))
+            confirming |= agrees
+            contradicting |= not agrees and e.look.u_mm <= best_mm
+    return confirming, contradicting and not confirming
 
 
 def _has_two(used: Sequence[Estimate], settings: MeasuringSettings) -> bool:
