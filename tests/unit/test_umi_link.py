@@ -204,7 +204,7 @@ async def test_a_reply_that_the_kernel_keeps_back_longer_than_a_look_is_waited_f
         bench.clock.advance(2.0)
         ways.append(bench.clock.now_s())
 
-    monkeypatch.setattr("drivers.umi_scara.line._wire.through_the_kernel", slow_kernel)
+    monkeypatch.setattr("drivers.terminals.through_the_kernel", slow_kernel)
     bench.arm.mishap = once(READ_ZED, lambda reply: [(4.5, reply)])
     asked = len(bench.arm.writes)
     await bench.value(Ip.ARM, READ_ZED)

@@ -12,6 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final, NoReturn
 
+from drivers import terminals
 from drivers.clock import CellClock
 from drivers.errors import (
     BadReplyError,
@@ -22,7 +23,6 @@ from drivers.errors import (
     SilentLineError,
     WrongDeviceError,
 )
-from drivers.terminals import through_the_kernel
 
 from ..protocol import constants as c
 from ..protocol.codec import Reply, ReplyReader, encode_simple, is_go, is_query, looks_like_text
@@ -309,7 +309,7 @@ class Wire:
             for _ in range(_WAYS if look_wall_s > 0.0 else 0):
                 if data:
                     break
-                await through_the_kernel()
+                await terminals.through_the_kernel()
                 data = await self._transport.read(_ANSWER_WALL_S)
         return data
 
