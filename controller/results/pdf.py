@@ -12,6 +12,8 @@ from .run import ResultsError
 
 # a document that embeds no font has no letters in it
 FONT_MARK: Final = b"/FontDescriptor"
+# links within the page need the page to have an address; nothing is ever read from it
+OWN_ADDRESS: Final = "page:///"
 
 
 class PdfError(ResultsError):
@@ -58,7 +60,7 @@ def pdf_bytes(
         margins = plutoprint.PAGE_MARGINS_NONE
     book = plutoprint.Book(size, margins, plutoprint.MEDIA_TYPE_PRINT)
     book.custom_resource_fetcher = OwnData()
-    book.load_html(page)
+    book.load_html(page, base_url=OWN_ADDRESS)
     date = at.isoformat(timespec="seconds")
     book.set_metadata(plutoprint.PDF_METADATA_TITLE, title)
     book.set_metadata(plutoprint.PDF_METADATA_CREATOR, "cellctl")

@@ -24,15 +24,28 @@ from tests.unit import judged_bench as bench
 AT = datetime(2026, 3, 1, 12, 1, 30, tzinfo=UTC)
 
 
-def page_count(pdf: bytes) -> int:
-    """Return how many page objects a document has, also in its packed objects."""
+def count_of(what: bytes, pdf: bytes) -> int:
+    """Return how often a pattern is in a document, also in its packed objects."""
     texts = [pdf]
     for packed in re.findall(rb"stream\r?\n(.*?)\r?\nendstream", pdf, re.S):
         try:
             texts.append(zlib.decompress(packed))
         except zlib.error:
             continue  # a picture
-    return sum(len(re.findall(rb"/Type\s*/Page\b", text)) for text in texts)
+    return sum(len(re.findall(what, text)) for text in texts)
+
+
+def page_count(pdf: bytes) -> int:
+    """Return how many page objects a document has."""
+    return count_of(rb"/Type\s*/Page\b", pdf)
+
+
+def test_links_lead_to_their_place_within_the_document(capfd: pytest.CaptureFixture[str]) -> None:
+    page = '<p><a href="#there">go</a></p><p id="there" style="break-before: page">here</p>'
+    pdf = pdf_bytes(page, "two pages", AT)
+    assert count_of(rb"/Subtype\s*/Link\b", pdf) == 1
+    assert count_of(rb"/URI\b", pdf) == 0
+    assert capfd.readouterr().err == ""
 
 
 def test_a_part_prints_on_three_pages(tmp_path: Path) -> None:
