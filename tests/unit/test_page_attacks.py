@@ -52,16 +52,18 @@ class Victim:
         return self.at.client.post(path, content=content, headers=sent).status_code
 
     def upload(self, name: str, content: bytes, **headers: str) -> int:
-        (path,) = {
-            screen.address(one.path)
+        """Send a file to every address that takes one; return the mildest answer."""
+        return min(
+            self.at.client.post(
+                screen.address(one.path),
+                params={"name": name},
+                content=content,
+                headers={**self.headers, **headers},
+            ).status_code
             for screen in self.at.page.screens
             for one in screen.answers
             if isinstance(one, Upload)
-        }
-        reply = self.at.client.post(
-            path, params={"name": name}, content=content, headers={**self.headers, **headers}
         )
-        return reply.status_code
 
     def log_out(self) -> None:
         self.at.client.cookies.clear()
@@ -284,6 +286,9 @@ ATTACKS: dict[str, Callable[[Victim], int]] = {
     "a file beside the page's own": lambda at: at.get("/static/..%2f..%2fapp.py"),
     "a file with a path": lambda at: at.upload("../../.bashrc", b"solid"),
     "a file with a zero byte": lambda at: at.upload("part.stl\x00.py", b"solid"),
+    "a list of a foreign file": lambda at: at.upload("a.csv", b"recipe\n../../../etc/passwd\n"),
+    "a list of a script": lambda at: at.upload("a.csv", b"recipe\n<script>alert(1)</script>\n"),
+    "a list of bytes": lambda at: at.upload("a.csv", bytes(range(256))),
     "a program as a part": lambda at: at.upload("part.py", b"import os"),
     "a file of 10 GB": lambda at: at.upload("a.stl", b"solid", **{"Content-Length": "10000000000"}),
     "a file of negative size": lambda at: at.upload("a.stl", b"", **{"Content-Length": "-1"}),

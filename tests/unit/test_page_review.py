@@ -25,6 +25,7 @@ from controller.page.history.answers import counted_alarms
 from controller.page.records import records as records_module
 from controller.page.security import Role
 
+NEWEST = "20260304-120000-000-featuretype"
 OPEN = "20260303-120000-000-featuretype"
 FAILED = "20260302-120000-000-featuretype"
 PASSED = "20260301-120000-000-featuretype"
@@ -103,6 +104,30 @@ def test_a_verdict_is_in_the_journal_in_the_persons_name(at: Bench, tmp_path: Pa
     text = page(at, f"/review/part/{OPEN}/1")
     assert 'data-seen="1"' in text
     assert re.search(r'value="false_alarm" checked', text)
+
+
+def test_a_part_that_waits_for_a_dimension_shows_it_the_decisive_one_first(
+    at: Bench, tmp_path: Path
+) -> None:
+    writer = RunWriter(tmp_path / "runs", NEWEST)
+    writer.look()
+    writer.plan()
+    lesser, decisive = (
+        BORE.model_copy(update={"id": key, "label": key, "verdict": "indeterminate", "reason": why})
+        for key, why in (("width 5 mm", "no edge is in sight"), ("width 7 mm", "too near"))
+    )
+    writer.write(rows.PartMeasured(characteristics=(lesser, BORE, decisive)))
+    writer.judge(verdict(Verdict.INDETERMINATE, ["width 7 mm: 7.1 mm with U = 0.3 mm, too near"]))
+    writer.place("quarantine")
+    writer.end()
+    at.log_in()
+    text = page(at, f"/review/part/{NEWEST}/1")
+    assert "Characteristics that are not proven</" in text.replace(": 2", "")
+    shown = text[text.index('id="unproven"') : text.index('id="decide"')]
+    assert re.findall(r"width \d mm(?=</td>)", shown) == ["width 7 mm", "width 5 mm"]
+    assert shown.count('class="decisive"') == 1
+    assert "bore" not in shown
+    assert "Predicted: before the backlight" not in text  # there is no picture that it explains
 
 
 def test_who_has_not_seen_the_last_verdict_is_refused(at: Bench, tmp_path: Path) -> None:

@@ -1,7 +1,7 @@
 """What *Review* answers: the list of parts, one part, its crops, and the verdict on it."""
 
 import asyncio
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
 from pydantic import Field
 from starlette.responses import JSONResponse, Response
@@ -107,6 +107,8 @@ class ReviewAnswers:
         return visit.html(
             "part.html.j2",
             part=part,
+            unproven=unproven(part),
+            is_decisive=is_decisive,
             likely={one.number: one.reviewed for one in likely if one.part == part["part"]},
             crops=CROP_TITLES,
             max_why=MAX_WHY,
@@ -154,3 +156,19 @@ class ReviewAnswers:
         except HistoryError as error:
             return refused(409, str(error))
         return JSONResponse({"review": part["review"], "part": part["part"]})
+
+
+def unproven(part: dict[str, Any]) -> list[dict[str, Any]]:
+    """Return a part's characteristics that are FAIL or INDETERMINATE, the decisive ones first.
+
+    Parameters
+    ----------
+    part : as `controller.history` has it
+    """
+    found = [c for c in part["characteristics"] if c["verdict"] in ("fail", "indeterminate")]
+    return sorted(found, key=lambda c: not is_decisive(c, part))
+
+
+def is_decisive(characteristic: dict[str, Any], part: dict[str, Any]) -> bool:
+    """Return whether the machine's reason names a characteristic."""
+    return bool(characteristic["label"]) and f"{characteristic['label']}:" in part["reason"]
