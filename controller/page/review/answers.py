@@ -1,6 +1,7 @@
 """What *Review* answers: the list of parts, one part, its crops, and the verdict on it."""
 
 import asyncio
+from collections.abc import Mapping
 from typing import Any, Final, Literal
 
 from pydantic import Field
@@ -158,7 +159,7 @@ class ReviewAnswers:
         return JSONResponse({"review": part["review"], "part": part["part"]})
 
 
-def unproven(part: dict[str, Any]) -> list[dict[str, Any]]:
+def unproven(part: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     """Return a part's characteristics that are FAIL or INDETERMINATE, the decisive ones first.
 
     Parameters
@@ -169,6 +170,6 @@ def unproven(part: dict[str, Any]) -> list[dict[str, Any]]:
     return sorted(found, key=lambda c: not is_decisive(c, part))
 
 
-def is_decisive(characteristic: dict[str, Any], part: dict[str, Any]) -> bool:
+def is_decisive(characteristic: Mapping[str, Any], part: Mapping[str, Any]) -> bool:
     """Return whether the machine's reason names a characteristic."""
     return bool(characteristic["label"]) and f"{characteristic['label']}:" in part["reason"]
