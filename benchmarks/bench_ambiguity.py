@@ -19,7 +19,6 @@ import json
 import math
 import os
 import shutil
-import subprocess
 import sys
 import tempfile
 import threading
@@ -29,7 +28,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from runs_whole import ask
+from runs_whole import ask, run_beside
 from shift_parts import GLOWING_MM
 
 from controller.cad import load_solid
@@ -142,7 +141,6 @@ class Run:
         self.result: Words = {}
         self.tray, self.was_held, self.collisions = "", False, 0
         self.was_laid = False
-        self.has_ended = threading.Event()
 
     def run(self) -> Words:
         """Make the run and return what came of it."""
@@ -151,29 +149,15 @@ class Run:
         command += ["--cell", str(ROOT / "recipes" / "cells" / "emulated.yaml"), "--empty"]
         command += ["--speed", f"{self.speed:g}", "--seed", str(self.seed)]
         command += ["--runs", str(self.runs), "--control", str(self.control)]
-        with (self.folder / "stderr.txt").open("w") as log:
-            process = subprocess.Popen(
-                command, cwd=ROOT, stdout=subprocess.PIPE, stderr=log, text=True
-            )
-        limit = threading.Timer(LIMIT_WALL_S, process.kill)
-        limit.start()
-        person = threading.Thread(target=self._lay_and_look)
-        person.start()
-        assert process.stdout is not None
-        for line in process.stdout:
-            body = json.loads(line)
-            if body["event"] == "result":
-                self.result = body
-        process.wait()
-        self.has_ended.set()
-        person.join()
-        limit.cancel()
+        self.result = run_beside(
+            command, self.folder / "stderr.txt", LIMIT_WALL_S, self._lay_and_look
+        )
         return self.words()
 
-    def _lay_and_look(self) -> None:
+    def _lay_and_look(self, _: int, has_ended: threading.Event) -> None:
         rng = np.random.default_rng(self.seed)
         file = str(self.folder / f"{self.case.truth}.stl")
-        while not self.has_ended.wait(0.3):
+        while not has_ended.wait(0.3):
             with contextlib.suppress(OSError, ValueError, KeyError):
                 truth = ask(self.control, "truth")
                 if not truth["ok"]:

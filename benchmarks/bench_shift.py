@@ -20,7 +20,6 @@ import contextlib
 import json
 import math
 import os
-import subprocess
 import sys
 import tempfile
 import threading
@@ -30,7 +29,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from runs_whole import ask
+from runs_whole import ask, run_beside
 from shift_parts import RECIPES, ShiftPart, is_on_table, make_parts, spots_for
 
 from controller.cell.control import AnswerOrder, ControlError, RunningCell
@@ -68,11 +67,9 @@ class Shift:
         self.calls: list[str] = []  # what a person was asked
         self.taken_away: list[int] = []
         self.is_fed = False  # something was laid since the last answer
-        self.process_id = 0
         self.worker_s = (0.0, 0.0)  # on a processor, and waiting for one
         self.result: Words = {}
         self.labels: dict[int, tuple[str, str]] = {}
-        self.has_ended = threading.Event()
 
     def command(self) -> list[str]:
         """Return the one command of the shift."""
@@ -94,28 +91,13 @@ class Shift:
 
     def run(self) -> None:
         """Make the run; feed the table and look at the world all the while."""
-        with (self.folder / "stderr.txt").open("w") as log:
-            process = subprocess.Popen(
-                self.command(), cwd=ROOT, stdout=subprocess.PIPE, stderr=log, text=True
-            )
-        self.process_id = process.pid
-        limit = threading.Timer(LIMIT_WALL_S, process.kill)
-        limit.start()
-        person = threading.Thread(target=self._feed_and_look)
-        person.start()
-        assert process.stdout is not None
-        for line in process.stdout:
-            body = json.loads(line)
-            if body["event"] == "result":
-                self.result = body
-        process.wait()
-        self.has_ended.set()
-        person.join()
-        limit.cancel()
+        self.result = run_beside(
+            self.command(), self.folder / "stderr.txt", LIMIT_WALL_S, self._feed_and_look
+        )
 
-    def _feed_and_look(self) -> None:
-        while not self.has_ended.wait(0.3):
-            self.worker_s = max(self.worker_s, processor_times(self.process_id))
+    def _feed_and_look(self, process_id: int, has_ended: threading.Event) -> None:
+        while not has_ended.wait(0.3):
+            self.worker_s = max(self.worker_s, processor_times(process_id))
             with contextlib.suppress(OSError, ValueError, KeyError):
                 truth = ask(self.control, "truth")
                 if truth["ok"]:

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -100,6 +101,47 @@ def _whole_fault(ran: Ran, control: Path, rng: np.random.Generator) -> None:
     along = float(rng.uniform(2.0, 8.0) * rng.choice([-1.0, 1.0]))
     ask(control, "slip", along_mm=along)
     ran.faults.append(f"slip in arm {along:+.1f} mm")
+
+
+def run_beside(
+    command: Sequence[str],
+    log: Path,
+    limit_wall_s: float,
+    person: Callable[[int, threading.Event], None],
+) -> dict[str, Any]:
+    """Make one run with `--json`, and let a person look at it and act all the while.
+
+    Parameters
+    ----------
+    command : of the run
+    log : file for what it prints as errors
+    limit_wall_s : it is killed after so long
+    person : called in a thread of its own, with the run's process id and what is set at its end
+
+    Returns
+    -------
+    the run's result; empty where it printed none
+    """
+    result: dict[str, Any] = {}
+    has_ended = threading.Event()
+    with log.open("w") as errors:
+        process = subprocess.Popen(
+            command, cwd=ROOT, stdout=subprocess.PIPE, stderr=errors, text=True
+        )
+    limit = threading.Timer(limit_wall_s, process.kill)
+    limit.start()
+    beside = threading.Thread(target=person, args=(process.pid, has_ended))
+    beside.start()
+    assert process.stdout is not None
+    for line in process.stdout:
+        body = json.loads(line)
+        if body["event"] == "result":
+            result = body
+    process.wait()
+    has_ended.set()
+    beside.join()
+    limit.cancel()
+    return result
 
 
 def ask(control: Path, do: str, **order: object) -> dict[str, Any]:

@@ -103,7 +103,7 @@ class Live:
         self._watchers: set[Watcher] = set()
         self._sent: dict[str, str] = {}
         self._shown: tuple[RunFold | None, int] = (None, -1)
-        self._stood: tuple[object, ...] = ()
+        self._drawn: tuple[object, ...] = ()
         self._is_over = False
         self._status: StatusReply | None = None
         self._why_no_status = ""
@@ -228,10 +228,10 @@ class Live:
         if fold is None or scene is None:
             return
         first = self._first_motion()
-        still = (fold, fold.seq, first, fold.arm.path is None)
-        if still == self._stood and fold.arm.path is None:
+        drawn = (fold, fold.seq, first)
+        if drawn == self._drawn and fold.arm.path is None:
             return  # what stands still looks as it did
-        self._stood = still
+        self._drawn = drawn
         # a paused arm was asked where it stands; the journal has only the path that it is on
         arm = Arm(first[0]) if first else fold.arm
         self._put("moment", scene.moment(arm, fold.part, self._clock(), fold.speed))
