@@ -11,11 +11,11 @@ from typing import Final
 from controller.cell.services.table import Label, why_no_serial
 from controller.config import ConfigError, find_recipe
 from controller.config.files import read_bytes
+from controller.config.parts_list import COLUMNS, ListReader
 
 from ..options import MAX_PART_COUNT
 from .recipes import AskedRecipe
 
-COLUMNS: Final = ("recipe", "serial", "lot")
 MAX_BYTES: Final = 20_000_000
 MAX_NAMED: Final = 10  # problems that a message lists
 
@@ -106,21 +106,16 @@ def load_parts_list(path: Path, lot: str = "") -> PartsList:
 
 def _rows(path: Path) -> Iterator[tuple[int, dict[str, str] | None]]:
     """Yield each part's line number and its values by title; None where they do not fit."""
-    text = _text(path)
-    reader = csv.reader(io.StringIO(text), delimiter=_delimiter(text), strict=True)
+    reader = ListReader(_text(path))
     try:
-        titles = [title.strip().lower() for title in next(reader, [])]
+        titles = reader.titles()
         _check_titles(path, titles)
-        for values in reader:
-            if not any(value.strip() for value in values):
-                continue
-            fits = len(values) == len(titles)
-            row = dict(zip(titles, (v.strip() for v in values), strict=True)) if fits else None
-            yield reader.line_num, row
-            if reader.line_num > MAX_PART_COUNT + 1:
+        for row in reader.rows(titles):
+            yield reader.line, row and {title: value.strip() for title, value in row.items()}
+            if reader.line > MAX_PART_COUNT + 1:
                 raise ConfigError(f"{path}: more than {MAX_PART_COUNT} parts")
     except csv.Error as error:
-        raise ConfigError(f"{path}: line {reader.line_num}: {error}") from error
+        raise ConfigError(f"{path}: line {reader.line}: {error}") from error
 
 
 def _text(path: Path) -> str:
@@ -130,11 +125,6 @@ def _text(path: Path) -> str:
         return io.StringIO(data.decode("utf-8-sig"), newline=None).getvalue()
     except UnicodeDecodeError as error:
         raise ConfigError(f"{path}: is no text in UTF-8") from error
-
-
-def _delimiter(text: str) -> str:
-    """Return what stands between the titles: a semicolon where spreadsheets write one."""
-    return ";" if ";" in text.partition("\n")[0] else ","
 
 
 def _check_titles(path: Path, titles: Sequence[str]) -> None:

@@ -6,18 +6,18 @@ can name no other file.
 """
 
 import csv
-import io
 from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
+
+from controller.config.parts_list import COLUMNS, ListReader
 
 from ..frame.screens import RefusedError
 from .choices import Choices, RecipeChoice
 
 LIST_MAX_BYTES: Final = 2_000_000
 LIST_MAX_COUNT: Final = 20_000  # parts
-COLUMNS: Final = ("recipe", "serial", "lot")
 TEXT_MAX: Final = 200
 
 
@@ -56,24 +56,21 @@ def _parts(sent: Path) -> list[dict[str, str]]:
         text = sent.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise RefusedError(422, "the list is no text in UTF-8") from error
-    delimiter = ";" if ";" in text.partition("\n")[0] else ","
-    reader = csv.reader(io.StringIO(text), delimiter=delimiter, strict=True)
+    reader = ListReader(text)
     parts: list[dict[str, str]] = []
     try:
-        titles = [title.strip().lower() for title in next(reader, [])]
+        titles = reader.titles()
         strange = sorted(set(titles) - set(COLUMNS))
         if "recipe" not in titles or strange or len(set(titles)) < len(titles):
             raise RefusedError(422, "a list has the columns recipe, serial, lot; recipe is needed")
-        for values in reader:
-            if not any(value.strip() for value in values):
-                continue
-            if len(values) != len(titles) or max(map(len, values)) > TEXT_MAX:
-                raise RefusedError(422, f"line {reader.line_num} of the list does not fit")
+        for row in reader.rows(titles):
+            if row is None or max(map(len, row.values())) > TEXT_MAX:
+                raise RefusedError(422, f"line {reader.line} of the list does not fit")
             if len(parts) == LIST_MAX_COUNT:
                 raise RefusedError(422, f"a list has {LIST_MAX_COUNT} parts at most")
-            parts.append(dict(zip(titles, (value.strip() for value in values), strict=True)))
+            parts.append({title: value.strip() for title, value in row.items()})
     except csv.Error as error:
-        raise RefusedError(422, f"line {reader.line_num} of the list does not fit") from error
+        raise RefusedError(422, f"line {reader.line} of the list does not fit") from error
     if not parts:
         raise RefusedError(422, "the list has no parts")
     return parts
