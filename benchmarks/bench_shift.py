@@ -110,6 +110,8 @@ class Shift:
 
     def _look(self, truth: Words) -> None:
         self.collisions = len(truth["collisions"])
+        # between two looks a part may be laid into a tray and taken out of it
+        self.trays |= {e["part"]: e["by"] for e in truth["events"] if e["what"] == "emptied"}
         for k, part in enumerate(truth["parts"][: len(self.parts)]):
             if part["custody"] in ("arm", "fixture", "both"):
                 if not self.held or self.held[-1] != k:

@@ -465,10 +465,11 @@ class Cell:
         """Take away what is in a tray without nests once the arm holds another part."""
         if self.world.arm_gripper.hold is None:
             return
-        kept = {None, *(tray.name for tray in self.layout.trays if tray.has_nests)}
+        kept = {tray.name for tray in self.layout.trays if tray.has_nests}
         for part in self.world.parts:
-            if part.state == RESTING and tray_of(self.world, part.index) not in kept:
-                self.world.remove(part.index)
+            tray = tray_of(self.world, part.index)
+            if part.state == RESTING and tray is not None and tray not in kept:
+                self.world.empty(part.index, tray)
 
     def tick(self) -> None:
         """Let the clock run on, up to where the world is, and not past an overdue picture."""

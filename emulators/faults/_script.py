@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 from typing import Any, Final
 
 _WORLD_EVENTS: Final = frozenset(
-    {"gripped", "missed", "released", "fell_out", "torn", "lies", "taken"}
+    {"gripped", "missed", "released", "fell_out", "torn", "lies", "taken", "emptied"}
 )
 _OCCASIONS: Final = ("at_s", "every_s", "when")
 _OPTIONS: Final = ("probability", "by", "after_s", "times")

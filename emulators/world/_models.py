@@ -40,11 +40,12 @@ class JawBody(Protocol):
 class Event:
     """Something happened to a part.
 
-    That is ``gripped``, ``missed``, ``released``, ``fell_out``, ``taken``, ``torn`` or ``lies``.
+    That is ``gripped``, ``missed``, ``released``, ``fell_out``, ``taken``, ``torn``, ``lies`` or
+    ``emptied``.
 
     Attributes
     ----------
-    by : the gripper, empty for ``lies``
+    by : the gripper, or the tray that was emptied; empty for ``lies``
     lowest_mm : of the part, above the table
     is_held : whether a gripper has the part now
     """

@@ -156,7 +156,7 @@ class World:
             if gripper.follow_jaws():
                 self._let_go(gripper, "released")
             elif gripper.hold.is_seated and not was_seated:
-                self._note("gripped", part, gripper)
+                self._note("gripped", part, gripper.name)
         elif gripper.must_open:
             if gripper.opening_mm > gripper.before_mm:
                 # what had stopped one finger stops it no more
@@ -184,7 +184,7 @@ class World:
                 continue
             if gripper.misses:
                 gripper.misses, gripper.must_open = False, True
-                self._note("missed", part, gripper)
+                self._note("missed", part, gripper.name)
                 return
             held = part.state == HELD
             if bears(felt, gripper.opening_mm, is_held=held):
@@ -221,7 +221,7 @@ class World:
         gripper.hold, gripper.limit_mm, gripper.last_hold = None, None, hold
         for body in gripper.finger_bodies:
             self.bodies.pair(body, part.carried, True)
-        self._note(what, part, gripper)
+        self._note(what, part, gripper.name)
         other = self._other(gripper)
         if other.hold is not None and other.hold.part == part.index:
             if part.holder != other.name:
@@ -341,15 +341,14 @@ class World:
             part.move(T)
             self.bodies.place_part(part.falling, part.solid, T)
         self.bodies.halt(part.falling)
-        self._note("lies", part, None)
+        self._note("lies", part)
 
-    def _note(self, what: str, part: Part, by: Gripper | None) -> None:
+    def _note(self, what: str, part: Part, by: str = "") -> None:
         is_held = any(
             one.hold is not None and one.hold.part == part.index
             for one in (self.arm_gripper, self.fixed_gripper)
         )
-        name = "" if by is None else by.name
-        self.events.append(Event(self.time_s, what, part.index, name, part.lowest_mm, is_held))
+        self.events.append(Event(self.time_s, what, part.index, by, part.lowest_mm, is_held))
 
     # --- putting parts there -------------------------------------------------------------------
 
@@ -432,7 +431,7 @@ class World:
             self.bodies.switch(body, body == part.body)
         self.bodies.place_part(part.body, part.solid, T_world_part)
         self.bodies.halt(part.body)
-        self._note("lies", part, None)
+        self._note("lies", part)
 
     def give(self, index: int, name: str, T_tcp_part: Array) -> None:
         """Let a person hold a part between open jaws until they close on it.
@@ -475,6 +474,11 @@ class World:
         self.bodies.switch(part.falling, False)
         self.bodies.switch(part.carried, False)
         part.state = AWAY
+
+    def empty(self, index: int, tray: str) -> None:
+        """Take a part out of a tray, as whoever empties it does."""
+        self._note("emptied", self.parts[index], tray)
+        self.remove(index)
 
     def _lose(self, part: Part) -> None:
         for gripper in (self.arm_gripper, self.fixed_gripper):
@@ -523,7 +527,7 @@ class World:
         self._take(part, gripper)
         self.bodies.place_part(part.carried, part.solid, part.T_world_part)
         self._block_jaws(gripper)
-        self._note("gripped", part, gripper)
+        self._note("gripped", part, gripper.name)
 
     def shift(self, index: int, by_mm: tuple[float, float], turn_rad: float) -> None:
         """Move a part that lies somewhere, by hand: it stays in its stable pose.

@@ -117,6 +117,32 @@ def test_one_look_that_a_surer_part_of_the_edge_contradicts_decides_nothing() ->
     assert found.is_disputed
 
 
+def test_the_same_light_does_not_excuse_a_look_that_a_surer_part_contradicts() -> None:
+    part = seen(0.0, edge_noise=0.03, reason="half of its edge", is_part=True, view="v01")
+    found = combine(asked(), [seen(-0.25, edge_noise=0.04), part], SETTINGS)
+    assert found.is_open
+    assert found.is_disputed
+
+
+def test_one_look_that_two_surer_ones_contradict_is_no_value_whatever_failed_of_them() -> None:
+    alone = seen(-0.25, edge_noise=0.04)
+    one, other, worse, elsewhere = (
+        seen(off, view="v01", edge_noise=u, reason="73 % of its edge lies on the fitted shape")
+        for off, u in ((0.0, 0.03), (0.02, 0.03), (0.0, 0.05), (0.3, 0.03))
+    )
+    for looks in ([alone, one], [alone, one, worse], [alone, one, elsewhere]):
+        assert combine(asked(), looks, SETTINGS).measured_mm == pytest.approx(9.75)
+    found = combine(asked(), [alone, one, other], SETTINGS)
+    assert found.measured_mm is None
+    assert "73 % of its edge" in found.reason
+    # two that count and are independent, or one before the panel, stand against any that failed
+    for lamp in ("side", "backlit"):
+        sure = seen(-0.25, lamp=lamp, edge_noise=0.04)
+        found = combine(asked(), [alone, sure, one, other], SETTINGS)
+        assert found.measured_mm == pytest.approx(9.75)
+        assert not found.is_open
+
+
 def test_a_fail_needs_two_looks_or_one_before_the_panel() -> None:
     tilted = np.array([np.sin(0.4), 0, np.cos(0.4)])
     lit = seen(-0.6, edge_noise=0.02)

@@ -85,6 +85,8 @@ def test_a_tray_without_nests_is_emptied_before_the_next_part_comes(
     world.arm_gripper.capture(1, seat, np.eye(4), 40.0)
     cell._empty_trays()
     assert tray_of(world, 0) == ("accept" if nests else None)
+    emptied = [(event.part, event.by) for event in world.events if event.what == "emptied"]
+    assert emptied == ([] if nests else [(0, "accept")])
     walls = [box.name for box in cell.layout.obstacles if box.name.endswith("of accept")]
     assert len(walls) == (4 if nests else 0)
     world.close()

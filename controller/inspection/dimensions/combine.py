@@ -184,6 +184,8 @@ def _chosen(
         if against:
             return None
         is_sure = confirming
+    if not is_sure and _is_outvoted(used, estimates, vector):
+        return None
     if (not is_sure or any(e.is_part for e in used)) and LIGHT in shares:
         # nothing confirms that the edge under the lamp is the part's and not its shadow's
         shares[LIGHT] = shares[LIGHT] * settings.unconfirmed_light**2
@@ -298,10 +300,11 @@ def _beside(
     vector_mm: FloatArray,
     settings: MeasuringSettings,
 ) -> tuple[bool, bool]:
-    """Return whether independent looks that show a part of the edge confirm others, or contradict.
+    """Return whether looks that show a part of the edge confirm others, or contradict them.
 
-    One confirms where it finds the edge at the same place. They are contradicted where none
-    confirms, and one that is as sure as they are finds it elsewhere.
+    An independent one confirms where it finds the edge at the same place. They are contradicted
+    where none confirms, and one that is as sure as they are finds it elsewhere: that needs no
+    independence, since the same light moves an edge the same way.
 
     Parameters
     ----------
@@ -311,12 +314,45 @@ def _beside(
     best_mm = min(e.look.u_mm for e in used)
     confirming = contradicting = False
     for e in estimates:
-        if e.is_part and all(is_independent(e, one, settings) for one in used):
-            off_mm = float(np.linalg.norm(e.vector_mm - vector_mm))
-            agrees = off_mm <= COVERAGE * float(np.hypot(e.look.u_mm, best_mm))
-            confirming |= agrees
+        if e.is_part:
+            agrees = not _are_apart(e.vector_mm, vector_mm, e.look.u_mm, best_mm)
+            confirming |= agrees and all(is_independent(e, one, settings) for one in used)
             contradicting |= not agrees and e.look.u_mm <= best_mm
     return confirming, contradicting and not confirming
+
+
+def _is_outvoted(
+    used: Sequence[Estimate], estimates: Sequence[Estimate], vector_mm: FloatArray
+) -> bool:
+    """Return whether two looks that do not count find an edge at one place, which is another.
+
+    Each is as sure as those that count, but failed a check, mostly since a part of its edge lies
+    elsewhere. Together they tell that those that count may be on another edge.
+
+    Parameters
+    ----------
+    used, vector_mm : the looks that count, and their mean
+    estimates : all looks
+    """
+    best_mm = min(e.look.u_mm for e in used)
+    against = [
+        e
+        for e in estimates
+        if e.look.reason
+        and all(e is not one for one in used)
+        and e.look.u_mm <= best_mm
+        and _are_apart(e.vector_mm, vector_mm, e.look.u_mm, best_mm)
+    ]
+    return any(
+        not _are_apart(one.vector_mm, other.vector_mm, one.look.u_mm, other.look.u_mm)
+        for i, one in enumerate(against)
+        for other in against[:i]
+    )
+
+
+def _are_apart(one: FloatArray, other: FloatArray, u_one: float, u_other: float) -> bool:
+    """Return whether two values are farther apart than their standard uncertainties explain."""
+    return float(np.linalg.norm(one - other)) > COVERAGE * float(np.hypot(u_one, u_other))
 
 
 def _has_two(used: Sequence[Estimate], settings: MeasuringSettings) -> bool:
