@@ -25,7 +25,9 @@ RECIPES = ("holder", "idler_riser", "featuretype", "flange_xy")
 STRANGERS = ("tee_bracket", "v_block")
 STRANGER_SHARE, DEFECT_SHARE = 0.03, 0.05
 EDGE_MM = 8.0  # a defect keeps so far from the edges of its face, where that is large enough
-GLOWING_MM = ((141.0, 579.0), (-174.0, 174.0))  # of the light table: a part lies wholly on it
+GLOWING_MM = ((180.0, 540.0), (-225.0, 225.0))  # of the light table
+# where a part is laid, wholly: there the camera above sees what is up to 70 mm high
+SEEN_MM = ((192.0, 528.0), (-211.0, 211.0))
 REACH_MM = ((250.0, 470.0), (-130.0, 130.0))  # where its centre may be
 GAP_MM = 8.0  # between the circles about two parts
 TRIES = 400
@@ -144,7 +146,7 @@ def spots_for(parts: list[ShiftPart], rng: np.random.Generator) -> list[tuple[fl
             at = np.array([rng.uniform(*low_high) for low_high in REACH_MM])
             is_inside = all(
                 low + part.radius_mm <= x <= high - part.radius_mm
-                for x, (low, high) in zip(at, GLOWING_MM, strict=True)
+                for x, (low, high) in zip(at, SEEN_MM, strict=True)
             )
             if is_inside and all(math.dist(at, c) > r + part.radius_mm + GAP_MM for c, r in there):
                 spot = (float(at[0]), float(at[1]))

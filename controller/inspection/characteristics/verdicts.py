@@ -174,14 +174,15 @@ def is_near_enough(one: Measured) -> bool:
 def _says_nothing(one: Measured) -> bool:
     """Return whether a value beyond its limits is so unsure that it would not be measured at all.
 
-    Twice its U is more than the whole tolerance, and it is not plainly beyond, see
-    `is_near_enough`.
+    Twice its U is more than the whole tolerance, and it is not plainly beyond: by no more than its
+    standard uncertainty, or than `is_near_enough` has it.
     """
     asked = one.characteristic
     if one.measured_mm is None or one.U_mm is None or not asked.is_general:
         return False
     beyond = max(asked.lower_mm - one.measured_mm, one.measured_mm - asked.upper_mm)
-    return 2.0 * one.U_mm > zone_mm(asked) and beyond <= _gross_mm(asked)
+    not_plainly_mm = max(_gross_mm(asked), 0.5 * one.U_mm)
+    return 2.0 * one.U_mm > zone_mm(asked) and beyond <= not_plainly_mm
 
 
 def _gross_mm(asked: Characteristic) -> float:
