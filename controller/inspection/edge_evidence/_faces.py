@@ -20,6 +20,7 @@ from ._recesses import Recess, find_recesses
 
 NOTHING: Final[Mapping[frozenset[int], Sequence[tuple[float, float]]]] = MappingProxyType({})
 TWO: Final = 2  # pictures, at least, that an edge has to be missing in
+THREE: Final = 3  # the same of one that is shorter than the smallest defect
 GREATER_PART: Final = 0.5  # of the edges of a face, in place
 CHANCE: Final = 0.1  # share of an edge that texture alone may show in place
 BESIDE: Final = 1.5  # times their spacing, points of two mouths are one above the other
@@ -61,16 +62,19 @@ class MissingEdge:
 
 
 def missing_edges(
-    solid: Solid, edges: PartEdges, looks: Sequence[EdgeLook]
+    solid: Solid, edges: PartEdges, looks: Sequence[EdgeLook], smallest_mm: float
 ) -> tuple[MissingEdge, ...]:
     """Return the outer edges that must show for the greater part, and are nowhere in place.
 
-    What stands between two faces of one brightness hides in one picture, not in two. An inner
-    corner may hide in all of them.
+    What stands between two faces of one brightness hides in one picture, not in two: each place
+    along an edge counts where two pictures must show it. One that is shorter than the smallest
+    defect spans a few pixels, and hides more easily: it takes three. An inner corner may hide in
+    all of them.
 
     Parameters
     ----------
     solid, edges, looks : as `prove_faces`
+    smallest_mm : the smallest defect
     """
     shown = np.stack([look.state != State.HIDDEN for look in looks])
     held = np.any([look.state == State.IN_PLACE for look in looks], axis=0)
@@ -79,13 +83,11 @@ def missing_edges(
         mine = np.flatnonzero(edges.edge == edge)
         if solid.boundary.crease[edge] != Crease.CONVEX:
             continue
-        is_shown = shown[:, mine].any(axis=0)
+        length = float(edges.length_mm[mine].sum())
+        is_shown = shown[:, mine].sum(axis=0) >= (TWO if length >= smallest_mm else THREE)
         if is_shown.mean() > GREATER_PART and held[mine].sum() < CHANCE * is_shown.sum():
             one, other = edges.faces[mine[0]].tolist()
             count = int(shown[:, mine].any(axis=1).sum())
-            if count < TWO:
-                continue
-            length = float(edges.length_mm[mine].sum())
             out.append(MissingEdge((one, other), length, count))
     return tuple(out)
 

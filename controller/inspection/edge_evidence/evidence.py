@@ -118,7 +118,7 @@ def find_evidence(
         tuple(looks),
         faces,
         find_damage(edges, runs, poses, is_refuted),
-        missing_edges(part.solid, edges, looks),
+        missing_edges(part.solid, edges, looks, limits.smallest_defect_mm),
     )
 
 
