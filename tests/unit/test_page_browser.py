@@ -32,13 +32,14 @@ from controller.cell.journal import JOURNAL_NAME, Journal, rows
 from controller.cell.operator.questions import question_for
 from controller.page import serving as serving_module
 from controller.page.frame.screens import RefusedError
-from controller.page.frame.words import teller
+from controller.page.frame.words import cell_words, teller
 from controller.page.now.starting import Launcher, StartBody
 from controller.page.security import Account, Role, Site
 
 CHROMIUM = Path("/usr/bin/chromium")
 pytestmark = pytest.mark.skipif(not CHROMIUM.is_file(), reason="no Chromium at /usr/bin/chromium")
 AXE = Path(__file__).parents[1] / "data" / "axe" / "axe.min.js"
+REASONS = Path(__file__).parents[1] / "data" / "said" / "reasons.txt"
 FLAGS = [
     "--headless",
     "--no-sandbox",
@@ -413,6 +414,13 @@ def test_a_german_page_asks_warns_and_counts_in_german(
     writer.close()
     until(tab, lambda: "in die Ablage Gut legen" in tab.inner_text("#steps"))
     assert "zeigen mit Griff A1" in tab.inner_text("#steps")
+    # whatever the cell may say, and what it said in real runs: as the server puts it into words
+    texts = [*cell_words("de"), *REASONS.read_text(encoding="utf-8").splitlines()]
+    in_browser = tab.evaluate(
+        "texts => import('/static/said.js').then(({ said }) => texts.map((one) => said(one)))",
+        texts,
+    )
+    assert in_browser == [told(one) for one in texts]
 
 
 def test_a_viewer_logs_in_by_password_sees_all_and_has_no_button(served: Served, tab: Any) -> None:

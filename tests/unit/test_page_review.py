@@ -130,6 +130,44 @@ def test_a_part_that_waits_for_a_dimension_shows_it_the_decisive_one_first(
     assert "Predicted: before the backlight" not in text  # there is no picture that it explains
 
 
+def test_a_german_page_has_reasons_names_and_trays_in_german_and_the_journal_english(
+    at: Bench, tmp_path: Path
+) -> None:
+    writer = RunWriter(tmp_path / "runs", NEWEST)
+    writer.look()
+    writer.plan()
+    why = "7.096 is too near to the lower limit 7.264, U 0.304"
+    width = BORE.model_copy(
+        update={"id": "width 7.46 mm F44 to F66", "label": "width 7.46 mm F44 to F66",
+                "verdict": "indeterminate", "reason": why}
+    )  # fmt: skip
+    writer.write(rows.PartMeasured(characteristics=(width,)))
+    reason = (
+        "width 7.46 mm F44 to F66: 7.096 mm with U = 0.304 mm, too near the limits 7.264 to "
+        "7.664 mm to decide"
+    )
+    writer.judge(verdict(Verdict.INDETERMINATE, [reason]))
+    writer.place("quarantine")
+    writer.end()
+    at.log_in()
+    listed = page(at, "/review?lang=de")
+    assert "Breite 7,46 mm F44 bis F66: 7,096 mm mit U = 0,304 mm, zu nah an den Grenzen" in listed
+    assert "Ablage Prüfablage" in listed
+    for path in (f"/review/part/{NEWEST}/1", f"/history/part/{NEWEST}/1"):
+        text = page(at, path)
+        assert ">Breite 7,46 mm F44 bis F66<" in text
+        assert "7,096 liegt zu nah an der unteren Grenze 7,264, um zu entscheiden, U 0,304" in text
+        assert "<dd>Prüfablage" in text
+        shown = re.sub(r"<[^>]*>", "", text.split("<main", 1)[1])
+        assert not re.search(r"\b(width|too near|quarantine)\b", shown)
+    assert "Breite 7,46 mm" in page(at, f"/history/compare?part={OPEN}/1&part={NEWEST}/1")
+    assert "Breite 7,46 mm" in page(at, "/history/charts?recipe=featuretype")
+    assert "missing material" not in page(at, f"/history/part/{FAILED}/1")
+    assert reason in page(at, "/review?lang=en")
+    judged = [row.body for row in read_rows(tmp_path / "runs" / JOURNAL_NAME) if row.run == NEWEST]
+    assert reason in json.dumps(judged)
+
+
 def test_who_has_not_seen_the_last_verdict_is_refused(at: Bench, tmp_path: Path) -> None:
     csrf = at.log_in()
     assert decide(at, csrf)[0] == 200

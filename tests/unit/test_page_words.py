@@ -14,10 +14,14 @@ from babel.messages.pofile import read_po
 from controller.cell.alarms import ALARMS, Severity
 from controller.cell.custody import Custody
 from controller.cell.machine.pauses import SafePoint
+from controller.cell.machine.recovery import Act, PartFault
 from controller.cell.machine.table import COMPLETING, STAGES
 from controller.cell.operator.questions import question_for
+from controller.cell.services.trays import QUARANTINE, TRAYS
 from controller.config.interlock_rules import SIGNALS
-from controller.inspection import FindingKind
+from controller.inspection import FindingKind, Unjudged
+from controller.inspection.characteristics import CharacteristicKind
+from controller.inspection.detection import WORDS as DEFECT_WORDS
 from controller.page.app import build_screens
 from controller.page.frame import Setting
 from controller.page.frame.words import (
@@ -115,6 +119,8 @@ def test_a_screen_without_a_text_has_that_of_the_frame() -> None:
 
 
 CELL = Path(__file__).resolve().parents[2] / "controller" / "cell"
+# Of the journals of shifts of four recipes: one sentence for each of the forms that they took.
+REASONS = Path(__file__).resolve().parents[1] / "data" / "said" / "reasons.txt"
 # Where the cell makes what a person reads: name of the call, place and name of the text.
 SAYING = {
     "Choice": (1, "words"),
@@ -196,7 +202,7 @@ def test_a_text_with_names_and_figures_is_put_into_words_with_them() -> None:
     assert told("place in tray accept") == "in die Ablage Gut legen"
     assert told("place in tray <b>") == "in die Ablage <b> legen"
     assert told("show with grasp A15, square to F2 plane") == (
-        "zeigen mit Griff A15, gerade vor F2 plane"
+        "zeigen mit Griff A15, gerade vor F2 Ebene"
     )
     why = "the object at x 12, y -3 mm: no such shape; take it away, or check the recipe's `part:`"
     assert told(f"{why}.") == (
@@ -205,6 +211,177 @@ def test_a_text_with_names_and_figures_is_put_into_words_with_them() -> None:
     )
     assert told("whatever nobody has written") == "whatever nobody has written"
     assert teller("en")("place in tray accept") == "place in tray accept"
+
+
+CONTROLLER = CELL.parent
+# Whose every sentence a page may show: reasons of verdicts and of what no view shows, names of
+# faces and characteristics, recoveries, refusals.
+REASONING = (
+    "inspection", "recognition/identification", "planning/planner/why.py",
+    "planning/views/visibility/_hidden.py", "cad/boundary/_types.py", "cad/surfaces/_counted.py",
+    "cad/surfaces/features.py", "cell/batch/starting.py", "cell/devices/interlocks",
+    "cell/machine/recovery.py", "cell/machine/table.py", "cell/operator/desk.py",
+    "cell/operator/latch.py", "cell/services/table/choosing.py", "cell/services/table/labels.py",
+)  # fmt: skip
+# Sentences that are put together from more than one place: what the catalogue has for each.
+COMPOSED: dict[str, tuple[str, ...]] = {
+    "left out by the recipe: {}": ("left out by the {source_id}: {own}",),
+    "slot {} x {}": ("slot {n} x {m} mm",),
+    "{}, position {}": (
+        "{feature}, position from {datum}", "{feature}, position from the outline",
+    ),
+    "from {}": ("{feature}, position from {datum}",),
+    "from the outline": ("{feature}, position from the outline",),
+    "{} mm with U = {} mm": ("{label}: {n} mm with U = {u} mm, {items}",),
+    "too near the limits {} to decide": (
+        "{label}: {n} mm with U = {u} mm, too near the limits {limits} to decide",
+    ),
+    "{}: {}, beyond {}": ("{label}: {n} mm with U = {u} mm, beyond {limits}",),
+    "{}: {}, not proven; {}": ("{label}: {n} mm with U = {u} mm, not proven; {items}",),
+    "2 U is {} of the tolerance, above {}": ("2 U is {n}% of the tolerance, above {m}%",),
+    "{} of {} mm on {} % of {}": tuple(
+        f"{{what}} of {{n}} mm on {{p}} % of the {of}{half}"
+        for of in ("edges", "surface")
+        for half in ("", " (half of that: {m} mm)")
+    ),
+    "the edges": ("{what} of {n} mm on {p} % of the edges",),
+    "the surface": ("{what} of {n} mm on {p} % of the surface",),
+    " and {} more faces": ("{k} more faces", " and "),
+    "{} of its edge to decide: {}": ("light hides too much of its edge to decide: {items}",),
+    "light hides too much": ("light hides too much of its edge to decide: {items}",),
+    "{} is {} the {} limit {}, U {}": tuple(
+        f"{{n}} is {word} the {side} limit {{m}}, U {{u}}"
+        for word in ("beyond", "too near to")
+        for side in ("upper", "lower")
+    ),
+    "too near to": ("{n} is too near to the upper limit {m}, U {u}",),
+    "F{} {} {} mm": ("F{a} bore {n} mm", "F{a} boss {n} mm"),
+    "{} {} mm {}": tuple(
+        f"{name} {{n}} mm {depth}"
+        for name in ("hole", "stepped hole")
+        for depth in ("through", "{m} mm deep")
+    ),
+    "{} mm deep{}": ("{n} mm deep", "{n} mm deep, through"),
+    "stepped hole": ("stepped hole {n} mm through",),
+    "left out: a further view would add less than {} of the surface": (
+        "left out: a further view would add less than {n}% of the surface",
+    ),
+    "hidden by the part itself: no place of the camera sees it at all{}": (
+        "hidden by the part itself: no place of the camera sees it at all",
+    ),
+    "hidden by the part itself: seen {} degrees from its normal at best, where {} count as "
+    "seen{}": (
+        "hidden by the part itself: seen {d} degrees from its normal at best, where {n} count as "
+        "seen",
+    ),
+}  # fmt: skip
+# What reads like a sentence and is shown on no page: errors of recipes, rules, events nobody sees.
+UNSEEN = {
+    "; nearest: {}",
+    "fixed_gripper_free | custody_in_fixed | custody_in_both | custody_lost",
+    "moves_arm & near_hand_off",
+    "outcome of a task that was stopped",
+    "proven safe",
+    "the start",
+}
+
+
+def unnamed(text: str) -> str:
+    """Return a text of the catalogue with blanks as a source has them."""
+    return re.sub(r"(\{\})+", "{}", re.sub(r"\{\w*\}", "{}", text))
+
+
+def sentences(path: Path) -> Iterator[str]:
+    """Yield every text of several words or with blanks; no documentation, nothing raised."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    silent: set[int] = set()
+    for node in ast.walk(tree):
+        match node:
+            case ast.Raise() | ast.Expr(value=ast.Constant()):
+                silent |= {id(one) for one in ast.walk(node)}
+            case ast.FunctionDef(returns=ast.expr() as returns):
+                silent |= {id(one) for one in ast.walk(returns)}
+            case ast.JoinedStr(values=values):
+                silent |= {id(one) for one in values if isinstance(one, ast.Constant)}
+            case ast.FormattedValue(format_spec=ast.expr() as how):
+                silent |= {id(one) for one in ast.walk(how)}
+    for node in ast.walk(tree):
+        text = "" if id(node) in silent or not isinstance(node, ast.expr) else written(node)
+        if re.search("[a-z]{2}", text) and re.search("[ {]", text):
+            yield text
+
+
+def test_every_sentence_of_a_verdict_is_in_the_catalogue() -> None:
+    found = {
+        unnamed(text).removesuffix(".")
+        for place in REASONING
+        for path in (sorted((CONTROLLER / place).rglob("*.py")) or [CONTROLLER / place])
+        for text in sentences(path)
+    }
+    assert len(found) > 200
+    for language in FOREIGN:
+        words = cell_words(language)
+        known = {unnamed(text).removesuffix(".") for text in words}
+        assert [text for texts in COMPOSED.values() for text in texts if text not in words] == []
+        # what begins or ends within a sentence is a piece of one
+        missing = {
+            text
+            for text in found - known - UNSEEN - set(map(unnamed, COMPOSED))
+            if text[0] not in " ,;" or not any(text in one for one in known)
+        }
+        assert missing == set()
+
+
+@pytest.mark.parametrize("language", FOREIGN)
+def test_names_of_kinds_faults_and_trays_are_in_the_catalogue(language: str) -> None:
+    named = {one.value for one in (*Unjudged, *FindingKind, *CharacteristicKind, *PartFault, *Act)}
+    named |= {one.name.lower() for one in FindingKind} | {"identity", "backlit"}
+    named |= {*DEFECT_WORDS.values(), *TRAYS.values(), QUARANTINE}
+    assert sorted(named - set(cell_words(language))) == []
+
+
+def test_reasons_of_real_runs_keep_no_english_in_german() -> None:
+    reasons = REASONS.read_text(encoding="utf-8").splitlines()
+    told = teller("de")
+    assert len(reasons) > 50
+    english = re.compile(
+        r"\b(the|of|is|are|not|with|to|and|from|its|or|by|which|no|at|it|be|than|plane|bore)\b"
+    )
+    assert [reason for reason in reasons if english.search(told(reason))] == []
+    assert [reason for reason in reasons if re.search(r"\d\.\d", told(reason))] == []
+
+
+@pytest.mark.parametrize(
+    ("said", "word"),
+    [
+        (
+            "width 7.46 mm F44 to F66: 7.096 mm with U = 0.304 mm, too near the limits 7.264 to "
+            "7.664 mm to decide",
+            "Breite 7,46 mm F44 bis F66: 7,096 mm mit U = 0,304 mm, zu nah an den Grenzen 7,264 "
+            "bis 7,664 mm, um zu entscheiden",
+        ),
+        (
+            "hole 3.4 mm (1) step 6.5 mm, position from boss 40 mm",
+            "Bohrung 3,4 mm (1) Stufe 6,5 mm, Lage von Zapfen 40 mm",
+        ),
+        # several clauses are put into words all together, or none of them
+        (
+            "no edge of it is in sight; no view of it",
+            "keine Kante davon ist zu sehen; keine Ansicht davon",
+        ),
+        ("no edge of it is in sight; rusty", "no edge of it is in sight; rusty"),
+        # a name that looks like a figure, or like a text of the cell, is a name
+        ("the serial number 1.50", "die Seriennummer 1.50"),
+        ("left out by the recipe: a rib 2.5 mm", "ausgelassen laut Rezept: a rib 2.5 mm"),
+        # only what is known has a diameter
+        ("its odd diameter", "its odd diameter"),
+        ("stain at F1 plane and F2 cone: 3.5 mm across, 4 mm2, view A1-V2, backlit",
+         "Fleck auf F1 Ebene und F2 Kegel: 3,5 mm groß, 4 mm², Ansicht A1-V2, Gegenlicht"),
+    ],
+)  # fmt: skip
+def test_a_reason_is_put_into_words_with_its_figures(said: str, word: str) -> None:
+    assert teller("de")(said) == word
+    assert teller("en")(said) == said
 
 
 @pytest.mark.parametrize("language", FOREIGN)

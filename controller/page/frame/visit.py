@@ -152,7 +152,7 @@ class Visit:
         status : of the answer
         values : what it shows, beside `who`, `role`, `may_act`, `may_edit` and what the frame needs
         """
-        role = self.account.role
+        role, told = self.account.role, teller(self.language)
         shared: dict[str, object] = {
             "screen": self.screen.name,
             "screens": [one for one in self.frame.screens if role >= one.role],
@@ -164,7 +164,8 @@ class Visit:
             "csrf": self.session.csrf,
             "words": dict(every_word(self.language, self.screen.name)),
             "cell_words": cell_words(self.language),
-            "told": teller(self.language),
+            "told": told,
+            "told_all": lambda texts: ", ".join(map(told, texts)),
             "value": partial(value_in, self.language),
             "count": partial(count_in, self.language),
         }

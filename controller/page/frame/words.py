@@ -5,15 +5,23 @@ own for the rest. ``pybabel compile -d controller/page/SCREEN/catalogues -D page
 after a change (`frame` for the shared one).
 
 What the cell itself says is in a catalogue beside the shared one (``-D cell``): alarms, questions
-with their choices, steps, motions. The cell says it in English, with names and figures in place;
-in the catalogue these are blanks, as in ``place in tray {tray}``, and a text is looked up by which
-of them it fits (ADR 85).
+with their choices, steps, motions (ADR 85), names of faces and characteristics, reasons of verdicts
+(ADR 87). The cell says it in English, with names and figures in place; in the catalogue these are
+blanks, as in ``place in tray {tray}``, and a text is looked up by which of them it fits. What a
+blank takes follows from its name:
+
+- a letter, or a letter and a digit: a figure alone, which is written as the language does;
+- ``..._id``: a name without blanks in it;
+- ``feature``: only what the catalogue knows;
+- one of `SEPARATED`: several texts, each looked up;
+- all else: any text, looked up again.
 """
 
 import gettext
 import re
 from collections.abc import Callable, Mapping
-from functools import cache
+from dataclasses import dataclass
+from functools import cache, lru_cache
 from importlib.resources import files
 from typing import Final
 
@@ -22,7 +30,16 @@ DOMAIN: Final = "page"
 CELL_DOMAIN: Final = "cell"
 POINT_AND_COMMA: Final = str.maketrans(".,", ",.")
 BLANK: Final = re.compile(r"\{(\w+)\}")
-NESTED_MAX_COUNT: Final = 4  # what stands in a blank may itself be a text with blanks, so often
+NESTED_MAX_COUNT: Final = 8  # what stands in a blank may itself be a text with blanks, so often
+KEPT_MAX_COUNT: Final = 4096  # texts that are remembered in a language
+FIGURE: Final = re.compile(r"[-+]?(?:\d+(?:\.\d+)?(?:e[-+]?\d+)?|inf|nan)")
+FIGURE_NAME: Final = re.compile(r"[a-z]\d?")
+ID_NAME: Final = re.compile(r"\w+_id\d?")
+KNOWN_NAMES: Final = frozenset({"feature"})
+_CLAUSES, _NAMES = re.compile("(; )"), re.compile("( and |, )")
+SEPARATED: Final[Mapping[str, re.Pattern[str]]] = {
+    "items": _CLAUSES, "where": _CLAUSES, "faces": _NAMES, "things": _NAMES,
+}  # fmt: skip
 SHARED: Final = "frame"
 
 
@@ -78,14 +95,61 @@ def cell_words(language: str) -> Mapping[str, str]:
     return {text: word for text, word in found.items() if isinstance(text, str) and text}
 
 
+@dataclass(frozen=True, slots=True)
+class _Pattern:
+    """A text of the catalogue: the words between its blanks, what it fits, its translation."""
+
+    chunks: tuple[str, ...]
+    fits: re.Pattern[str]
+    word: str
+
+    @classmethod
+    def of(cls, text: str, word: str) -> "_Pattern":
+        chunks = BLANK.split(text)
+        pattern = "".join(
+            f"(?P<{chunk}>{_taken(chunk)})" if k % 2 else re.escape(chunk)
+            for k, chunk in enumerate(chunks)
+        )
+        return cls(tuple(filter(None, chunks[::2])), re.compile(pattern, re.DOTALL), word)
+
+    @property
+    def own_length(self) -> int:
+        """How much it says by itself."""
+        return sum(map(len, self.chunks))
+
+    def found(self, text: str) -> Mapping[str, str]:
+        """Return what stands in its blanks in a text; nothing where it does not fit."""
+        at = 0
+        for chunk in self.chunks:  # spares nearly all patterns their expression
+            at = text.find(chunk, at) + len(chunk)
+            if at < len(chunk):
+                return {}
+        match = self.fits.fullmatch(text)
+        return {} if match is None else match.groupdict()
+
+
+def _filled(word: str, parts: Mapping[str, str | None]) -> str:
+    return BLANK.sub(lambda blank: parts[blank[1]] or "", word)
+
+
+def _taken(name: str) -> str:
+    """Return what stands in a blank of this name, as an expression."""
+    if FIGURE_NAME.fullmatch(name):
+        return FIGURE.pattern
+    return r"\S+?" if ID_NAME.fullmatch(name) else ".+?"
+
+
 @cache
 def teller(language: str) -> Callable[[str], str]:
     """Return what puts a text of the cell into a language; unknown texts stay as they are."""
     words = cell_words(language)
-    blanked = [(_fits(text), word) for text, word in words.items() if BLANK.search(text)]
     # the one that says most by itself comes first
-    blanked.sort(key=lambda one: -len(BLANK.sub("", one[0].pattern)))
+    patterns = sorted(
+        (_Pattern.of(text, word) for text, word in words.items() if BLANK.search(text)),
+        key=lambda one: -one.own_length,
+    )
 
+    @lru_cache(KEPT_MAX_COUNT)
     def told(text: str, depth: int = 0) -> str:
         if text in words:
             return words[text]
@@ -93,11 +157,32 @@ def teller(language: str) -> Callable[[str], str]:
             return text
         if text.endswith(".") and (whole := told(text[:-1], depth + 1)) != text[:-1]:
             return f"{whole}."
-        for pattern, word in blanked:
-            if found := pattern.fullmatch(text):
-                parts = {name: told(part, depth + 1) for name, part in found.groupdict().items()}
-                return BLANK.sub(lambda blank, parts=parts: parts[blank[1]], word)  # type: ignore[misc]
-        return text
+        for pattern in patterns:
+            parts = {
+                name: in_blank(name, part, depth + 1) for name, part in pattern.found(text).items()
+            }
+            if parts and None not in parts.values():
+                return _filled(pattern.word, parts)
+        return in_pieces(text, _CLAUSES, depth) or text
+
+    def in_pieces(text: str, separator: re.Pattern[str], depth: int) -> str:
+        """Return several texts in words; empty where one of them is not known."""
+        pieces = separator.split(text)
+        if len(pieces) == 1:
+            return ""
+        each = [told(piece, depth + 1) for piece in pieces]
+        is_known = all(a != b for a, b in zip(pieces[::2], each[::2], strict=True))
+        return "".join(each) if is_known else ""
+
+    def in_blank(name: str, part: str, depth: int) -> str | None:
+        """Return what stands in a blank in words; None where that blank cannot take it."""
+        if FIGURE_NAME.fullmatch(name):
+            return _written(language, part)
+        found = told(part, depth)
+        if name in KNOWN_NAMES:
+            return None if found == part else found
+        # "A 5; B 7" is not one B of 7 whose name is "A 5; B"
+        return (name in SEPARATED and in_pieces(part, SEPARATED[name], depth)) or found
 
     return told
 
@@ -126,11 +211,6 @@ def count_in(language: str, count: int) -> str:
 
 def _written(language: str, number: str) -> str:
     return number.translate(POINT_AND_COMMA) if language == "de" else number
-
-
-def _fits(text: str) -> re.Pattern[str]:
-    pattern = re.escape(text).replace(r"\{", "{").replace(r"\}", "}")
-    return re.compile(BLANK.sub(r"(?P<\1>.+?)", pattern), re.DOTALL)
 
 
 def chosen(wanted: str | None, accepted: str) -> str:

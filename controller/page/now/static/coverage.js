@@ -1,5 +1,6 @@
 // What the views have compared of the part at hand so far: its faces in three dimensions, figures, a table.
 import { $, el, number, t } from "/static/shared.js";
+import { said } from "/static/said.js";
 
 // Classes of the share of a face that was compared: up to it, state of the drawing.
 const CLASSES = [[0, "plain"], [1 / 3, "little"], [2 / 3, "much"], [1, "most"]];
@@ -63,7 +64,7 @@ export class Coverage {
         found.views === 1 ? t("1 view judged.") : t("{n} views judged.", { n: number(found.views) }),
       ].join(", ");
     $("coverage-face").textContent = chosen
-      ? t("{face}: {p} of {area} mm² compared", { face: chosen.label, p: percent(chosen.share), area: number(chosen.area_mm2) })
+      ? t("{face}: {p} of {area} mm² compared", { face: said(chosen.label), p: percent(chosen.share), area: number(chosen.area_mm2) })
       : this.view ? t("Click a face to see its figures; arrow keys turn the part.") : "";
     if (this.view) {
       this.view.show(new Map(rows.map((one) => [one.face, stateOf(one.share)])));
@@ -72,7 +73,7 @@ export class Coverage {
     this.legend(rows);
     $("coverage-rows").replaceChildren(...rows.map((one) => {
       const row = el("tr");
-      const head = el("th", one.label);
+      const head = el("th", said(one.label));
       head.scope = "row";
       row.append(head, el("td", percent(one.share), "n"), el("td", number(one.area_mm2), "n"));
       return row;

@@ -1,7 +1,7 @@
 // Page "Now": shows what the server streams, and sends orders. All text goes in as text, never as HTML.
 import { $, el, entries, get, number, post, svg, t, time } from "/static/shared.js";
+import { said } from "/static/said.js";
 import { Coverage } from "./coverage.js";
-import { said } from "./said.js";
 import { showStart } from "./start.js";
 
 const MODE_WORDS = {
@@ -23,7 +23,9 @@ const SIGNAL_WORDS = {
 const ENTRY_WORDS = {
   "serial number": "Serial number",
 };
-const VERDICTS = { pass: "PASS", fail: "FAIL", indeterminate: "INDETERMINATE", not_evaluated: "NOT EVALUATED" };
+const VERDICT_WORDS = {
+  pass: "PASS", fail: "FAIL", indeterminate: "INDETERMINATE", not_evaluated: "NOT EVALUATED",
+};
 
 let last = null;
 let isLost = true;
@@ -115,7 +117,7 @@ function factsOf({ status, run }) {
   found.push([t("Custody"), t(status ? status.custody : run.custody)]);
   if (status && status.step_count) found.push([t("Step"), t("{k} of {n}", { k: status.step, n: status.step_count })]);
   if (status && status.seconds_left !== null) found.push([t("Left, about"), `${number(status.seconds_left)} s`]);
-  if (run.verdict) found.push([t("Verdict"), VERDICTS[run.verdict.verdict] || run.verdict.verdict]);
+  if (run.verdict) found.push([t("Verdict"), t(VERDICT_WORDS[run.verdict.verdict] || run.verdict.verdict)]);
   return found;
 }
 
@@ -252,7 +254,7 @@ function figureOf(run, view, picture) {
   image.src = `/now/picture/${encodeURIComponent(run)}/${picture.picture}`;
   image.width = 640;
   image.height = Math.round((640 * size[1]) / size[0]);
-  image.alt = t("Picture of view {view} under {lamp}", { view: view.view, lamp: picture.lamp });
+  image.alt = t("Picture of view {view} under {lamp}", { view: view.view, lamp: said(picture.lamp) });
   box.append(image);
   if (view.outline) {
     const over = svg("svg", { viewBox: `0 0 ${size[0]} ${size[1]}`, "aria-hidden": "true" });
@@ -289,9 +291,9 @@ function drawInterlocks([signals, runs]) {
 
 function drawParts([parts, counts]) {
   $("counts").textContent = counts
-    ? Object.entries(counts).map(([verdict, n]) => `${VERDICTS[verdict] || verdict}: ${n}`).join(" · ") : "";
+    ? Object.entries(counts).map(([verdict, n]) => `${t(VERDICT_WORDS[verdict] || verdict)}: ${n}`).join(" · ") : "";
   const rows = [...(parts || [])].reverse().map((one) =>
-    el("li", `${[`${t("Part")} ${one.part}`, one.serial, one.recipe].filter(Boolean).join(" · ")}: ${VERDICTS[one.verdict] || one.verdict}${one.tray ? ` → ${t(one.tray)}` : ""}`));
+    el("li", `${[`${t("Part")} ${one.part}`, one.serial, one.recipe].filter(Boolean).join(" · ")}: ${t(VERDICT_WORDS[one.verdict] || one.verdict)}${one.tray ? ` → ${said(one.tray)}` : ""}`));
   $("parts").replaceChildren(...(rows.length ? rows : [el("li", t("No part is done yet."))]));
 }
 

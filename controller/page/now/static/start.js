@@ -1,6 +1,6 @@
 // Starts a run: which recipes, how many parts, which serial numbers. The server knows what may be named.
 import { $, el, get, post, send, t } from "/static/shared.js";
-import { said } from "./said.js";
+import { said } from "/static/said.js";
 
 let choices = null;
 let isSending = false;

@@ -1,5 +1,6 @@
 // Page "Recipes": the list, and a new recipe from a CAD file.
 import { $, el, entries, get, number, post, send, t } from "/static/shared.js";
+import { said as told } from "/static/said.js";
 import { addressOf, drawn, listenToCancel, said, STATE_WORDS, watch } from "/static/recipes/working.js";
 
 const MADE_WORDS = {
@@ -49,7 +50,7 @@ async function draw() {
     [t("Characteristics"), number(found.characteristics.length)],
   ];
   $("sent-facts").replaceChildren(...entries(facts));
-  $("warnings").replaceChildren(...found.warnings.map((text) => el("li", `⚠ ${text}`)));
+  $("warnings").replaceChildren(...found.warnings.map((text) => el("li", `⚠ ${told(text)}`)));
   if (!$("stem").value) $("stem").value = found.part.replace(/[^A-Za-z0-9_-]+/g, "_").replace(/^[^A-Za-z0-9]+/, "").slice(0, 60);
   const mesh = await get("/recipes/mesh/sent/file");
   try {

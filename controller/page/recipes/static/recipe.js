@@ -1,5 +1,6 @@
 // Page of one recipe: its part in three dimensions, tolerances in a table, plan and check.
 import { $, el, entries, get, language, number, post, t } from "/static/shared.js";
+import { said as told } from "/static/said.js";
 import { addressOf, drawn, listenToCancel, said, STATE_WORDS, watch } from "/static/recipes/working.js";
 
 const { key, own } = $("recipe").dataset;
@@ -94,8 +95,8 @@ async function drawPart() {
   ];
   $("part-facts").replaceChildren(...entries(rows));
   const features = el("details");
-  features.append(el("summary", t("Features")), el("p", found.features.map((one) => one.label).join("; ")));
-  $("warnings").replaceChildren(...found.warnings.map((text) => el("li", `⚠ ${text}`)));
+  features.append(el("summary", t("Features")), el("p", found.features.map((one) => told(one.label)).join("; ")));
+  $("warnings").replaceChildren(...found.warnings.map((text) => el("li", `⚠ ${told(text)}`)));
   $("features").replaceChildren(...(found.features.length ? [features] : []));
   $("no-poses").hidden = true;
   $("poses").replaceChildren(...found.poses.map((pose) => {
@@ -183,10 +184,10 @@ function choseFace(face) {
   const one = part.found.characteristics.find((each) => each.faces.includes(face));
   const label = part.found.faces.find((each) => each.face === face);
   if (one) choose(one.balloon, true);
-  const about = label ? label.label : `F${face}`;
+  const about = label ? told(label.label) : `F${face}`;
   const shown = plan && plan.found && plan.found.faces.find((each) => each.face === face);
   const covered = shown ? ` · ${t("{p} in sight", { p: percent(shown.covered_fraction) })}` : "";
-  $("scene-words").textContent = one ? `${about}: ${one.balloon}, ${one.id}${covered}` : `${about}: ${t("no characteristic")}${covered}`;
+  $("scene-words").textContent = one ? `${about}: ${one.balloon}, ${told(one.id)}${covered}` : `${about}: ${t("no characteristic")}${covered}`;
 }
 
 function choose(balloon, scroll = false) {
@@ -211,7 +212,7 @@ function field(one, name, value, label) {
   input.value = value === null || value === undefined ? "" : plain(value);
   input.inputMode = "decimal";
   input.disabled = !mayChange;
-  input.setAttribute("aria-label", `${label}, ${one.id}`);
+  input.setAttribute("aria-label", `${label}, ${told(one.id)}`);
   input.dataset.field = name;
   input.addEventListener("input", () => edited(one));
   return input;
@@ -237,24 +238,26 @@ function drawTable() {
     critical.checked = one.critical;
     critical.disabled = !mayChange;
     critical.dataset.field = "critical";
-    critical.setAttribute("aria-label", `${t("Critical")}, ${one.id}`);
+    critical.setAttribute("aria-label", `${t("Critical")}, ${told(one.id)}`);
     critical.addEventListener("input", () => edited(one));
     const why = el("input");
     why.value = ignored(one);
     why.maxLength = 200;
     why.disabled = !mayChange;
     why.dataset.field = "ignore";
-    why.setAttribute("aria-label", `${t("Not measured, because")}, ${one.id}`);
+    why.setAttribute("aria-label", `${t("Not measured, because")}, ${told(one.id)}`);
     why.addEventListener("input", () => edited(one));
+    const name = el("span", told(one.id));
+    name.title = one.id; // as the recipe file writes it
     const found_ = able.get(one.id);
     const verified = !found_ ? "–" : !found_.measured ? t("not measured")
       : `${found_.capable ? `✓ ${t("yes")}` : `✗ ${t("no")}`}, U ${number(1000 * found_.U_mm)} µm`;
     row.append(
-      cell(t("No."), pick), cell(t("Characteristic"), one.id),
+      cell(t("No."), pick), cell(t("Characteristic"), name),
       cell(t("Nominal"), isOneSided ? "–" : field(one, "nominal", one.nominal_mm, t("Nominal"))),
       cell(t("Lower limit"), isOneSided ? "–" : field(one, "lower", one.lower, t("Lower limit"))),
       cell(t("Upper limit"), field(one, "upper", one.upper, t("Upper limit"))),
-      cell(t("By"), one.source.replace("ISO ", "")), cell(t("Critical"), critical), cell(t("Not measured, because"), why),
+      cell(t("By"), told(one.source).replace("ISO ", "")), cell(t("Critical"), critical), cell(t("Not measured, because"), why),
       cell(t("Can be verified"), verified),
     );
     row.addEventListener("focusin", () => { if (chosen !== one.balloon) choose(one.balloon); });
@@ -395,7 +398,7 @@ function drawPlan() {
   fillPoses();
   const found = plan && plan.found;
   if (!found || !found.steps.length) {
-    const why = found ? found.error : plan ? plan.work.messages.join(" ") || t(STATE_WORDS[plan.work.state]) : t("There is no plan yet.");
+    const why = found ? told(found.error) : plan ? plan.work.messages.join(" ") || t(STATE_WORDS[plan.work.state]) : t("There is no plan yet.");
     $("plan-words").textContent = found || plan ? `✗ ${why}` : why;
     for (const id of ["film", "time", "why"]) $(id).replaceChildren();
     $("why-head").hidden = true;
@@ -408,7 +411,7 @@ function drawPlan() {
     $("time").replaceChildren(...found.steps.map((step, k) => {
       const bar = el("span", "", `bar ${step.new_fraction ? "views" : ""}`);
       bar.style.width = `${100 * step.seconds / whole}%`;
-      bar.title = `${k + 1}: ${step.label}, ${number(step.seconds, 1)} s`;
+      bar.title = `${k + 1}: ${told(step.label)}, ${number(step.seconds, 1)} s`;
       return bar;
     }));
     $("film").replaceChildren(...found.steps.map((step, k) => {
@@ -425,7 +428,7 @@ function drawPlan() {
         figure.append(image);
       }
       const caption = el("figcaption");
-      caption.append(el("b", `${k + 1}. ${step.label}`), el("span", `${number(step.seconds, 1)} s`));
+      caption.append(el("b", `${k + 1}. ${told(step.label)}`), el("span", `${number(step.seconds, 1)} s`));
       if (step.new_fraction !== undefined) {
         caption.append(el("span", t("shows {p}, {q} for the first time", { p: percent(step.seen_fraction), q: percent(step.new_fraction) })));
       }
@@ -438,8 +441,8 @@ function drawPlan() {
       const item = el("li");
       const button = el("button", "", "plain");
       button.type = "button";
-      button.append(el("b", `${piece.label}: ${percent(piece.area_fraction, 2)}`), el("span", piece.reason));
-      if (piece.remedy) button.append(el("small", `${t("What would help")}: ${piece.remedy}`));
+      button.append(el("b", `${told(piece.label)}: ${percent(piece.area_fraction, 2)}`), el("span", told(piece.reason)));
+      if (piece.remedy) button.append(el("small", `${t("What would help")}: ${told(piece.remedy)}`));
       if (piece.not_inspected) button.append(el("small", `${t("The recipe leaves it out")}: ${piece.not_inspected}`));
       button.addEventListener("click", async () => {
         document.querySelector("[name=mode][value=coverage]").checked = true;
@@ -461,7 +464,7 @@ function drawPlan() {
     ? t("✓ pose {pose} ({p}): views {views}, regrasps {regrips}, {s} s, {q} in sight", {
       pose: one.pose, p: percent(one.probability), views: one.views, regrips: one.regrips, s: number(one.forecast_s), q: percent(one.covered_fraction),
     })
-    : `✗ ${t("pose {pose} ({p})", { pose: one.pose, p: percent(one.probability) })}: ${one.reason}`)));
+    : `✗ ${t("pose {pose} ({p})", { pose: one.pose, p: percent(one.probability) })}: ${told(one.reason)}`)));
   $("certificates").replaceChildren(...(rows.length ? [el("h3", t("Every stable pose")), list] : []));
   drawMode();
 }
@@ -471,7 +474,7 @@ function drawCheck() {
   $("check-words").textContent = found
     ? (found.ok ? `✓ ${t("The recipe can be run in its cell.")}` : `✗ ${t("The recipe cannot be run yet:")}`)
     : check ? `✗ ${check.work.messages.join(" ") || t(STATE_WORDS[check.work.state])}` : t("It was not checked yet.");
-  $("problems").replaceChildren(...(found ? found.problems.map((text) => el("li", text)) : []));
+  $("problems").replaceChildren(...(found ? found.problems.map((text) => el("li", told(text))) : []));
 }
 
 async function start(kind, pose = null) {

@@ -1,5 +1,6 @@
 // Work of child processes, as this screen shows it: started, watched, cancelled.
 import { $, get, number, post, t } from "/static/shared.js";
+import { said as told } from "/static/said.js";
 
 const EVERY_MS = 1000;
 const KIND_WORDS = {
@@ -49,7 +50,7 @@ export async function watch(ended) {
     $("progress").hidden = !found;
     if (!found) break;
     last = found;
-    const stage = found.stage ? `: ${found.stage}` : "";
+    const stage = found.stage ? `: ${told(found.stage)}` : "";
     $("stage").textContent = `… ${t(KIND_WORDS[found.kind] || found.kind)} (${found.about})${stage}, ${number(found.seconds)} s`;
     await new Promise((go) => setTimeout(go, EVERY_MS));
   }
