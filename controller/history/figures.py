@@ -30,7 +30,7 @@ class Group:
     ----------
     first_count, first_pass_count : parts judged for the first time, and those of them that passed
     forecast_s, actual_s : of the steps that were done, all parts together [cell s]
-    wall_s : from the first row of a part to its last, all parts together
+    wall_s : from the first row of a part to its last, all parts that have a verdict together
     """
 
     name: str
@@ -52,6 +52,11 @@ class Group:
     def first_pass_yield(self) -> float | None:
         """Share of the parts judged for the first time that passed, 0..1."""
         return self.first_pass_count / self.first_count if self.first_count else None
+
+    @property
+    def part_s(self) -> float | None:
+        """Seconds of a part that has a verdict, by the clock; None without one."""
+        return self.wall_s / self.judged_count if self.judged_count else None
 
     @property
     def against_forecast(self) -> float | None:
@@ -198,7 +203,7 @@ def _groups(clause: ColumnElement[bool], by: str) -> Any:  # noqa: ANN401 - a qu
             count(is_first & (p.verdict == "pass")),
             func.sum(p.done_forecast_s),
             func.sum(p.done_actual_s),
-            func.sum(p.wall_s),
+            func.sum(case((is_judged, p.wall_s), else_=0.0)),
             func.sum(p.finding_count),
             func.sum(p.recovery_count),
             func.sum(cast(p.is_emulated, Integer)),

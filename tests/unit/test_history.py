@@ -6,7 +6,8 @@ import csv
 import json
 import sqlite3
 from collections.abc import Iterator
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,7 @@ from controller.history import (
     figures,
     fill,
     find_parts,
+    group_json,
     list_parts,
     open_store,
     store_url,
@@ -529,6 +531,26 @@ def test_a_password_is_in_no_message() -> None:
     with pytest.raises(HistoryError) as caught:
         open_store("postgresql+pg8000://cell:secret@127.0.0.1:9/history")
     assert "secret" not in str(caught.value)
+
+
+def test_seconds_a_part_are_those_of_parts_with_a_verdict(store: Store, runs: Path) -> None:
+    writer = RunWriter(runs, "20260301-a", count=2)
+    seconds = count()
+    noon = datetime(2026, 3, 1, 12, tzinfo=UTC)
+    writer.journal._stamps = Stamps(utc=lambda: noon + timedelta(seconds=next(seconds)))
+    part(writer)
+    writer.look()
+    for _ in range(100):  # then it was stopped
+        writer.plan()
+    writer.end()
+    fill(store, runs)
+    judged, cut_off = sorted(list_parts(store, Filters(), 10).parts, key=lambda one: one["number"])
+    assert [one["verdict"] for one in (judged, cut_off)] == ["pass", "no verdict"]
+    (found,) = figures(store, Filters()).groups
+    assert (found.part_count, found.judged_count) == (2, 1)
+    (full,) = find_parts(store, judged["part"])
+    assert 0 < full["wall_s"] < 100
+    assert found.part_s == full["wall_s"] == group_json(found)["wall_s"]
 
 
 def test_yields_on_the_command_line(runs: Path, capsys: pytest.CaptureFixture[str]) -> None:

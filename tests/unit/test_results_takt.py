@@ -194,6 +194,26 @@ def test_groups_hold_whole_parts_and_a_run_also_what_is_of_none(tmp_path: Path) 
     assert sum(shown["seconds"].values()) == pytest.approx(shown["total_s"])
 
 
+def test_seconds_a_part_are_those_of_parts_with_a_verdict(tmp_path: Path) -> None:
+    done = [entry for entry in ONE_PART if not isinstance(entry[1], rows.AtRest | rows.RunEnded)]
+    at_s, _ = done.pop()
+    assert at_s is not None
+    cut_off: list[tuple[float | None, Body]] = [
+        (at_s, moved("part_done", "completing", "execute_acquiring")),
+        (at_s + 500.0, moved("stop", "execute_acquiring", "stopping")),
+        (at_s + 501.0, rows.AtRest(state="stopped")),
+    ]
+    picture = rows.TablePictures({"ring": "pictures/a.png"})
+    cut_off.insert(1, (at_s + 1.0, picture))
+    write(tmp_path, [*done, *cut_off])
+    (group,) = grouped(takts_of(tmp_path), "run")
+    assert (group.part_count, group.unjudged_count) == (1, 1)
+    assert group.execute_s == pytest.approx(31.25 + 500.0)
+    assert group.part_s == pytest.approx(31.25)
+    assert "31 s a part (1 without a verdict left out)" in takt_line(group)
+    assert (takt_json(group)["s_a_part"], takt_json(group)["unjudged"]) == (31.25, 1)
+
+
 def test_a_run_is_read_alike_by_itself_and_among_all_runs(tmp_path: Path) -> None:
     write(tmp_path, ONE_PART)
     two_parts(tmp_path)

@@ -28,7 +28,7 @@ from ._output import print_table
 from .yields import Chosen
 
 TEXT_COLUMNS = 200
-COLUMNS = ("parts", "s a part", "of forecast", "busy", "execute")
+COLUMNS = ("parts", "none", "s a part", "of forecast", "busy", "execute")
 
 
 def report_takt(runs_dir: Path, chosen: Chosen, by: str, *, as_json: bool) -> int:
@@ -106,6 +106,7 @@ def _row(group: TaktGroup, used: Sequence[Use]) -> tuple[str, ...]:
     return (
         group.name or "(none)",
         str(group.part_count),
+        str(group.unjudged_count),
         num(group.part_s),
         "–" if ratio is None else f"{100 * ratio:.0f} %",
         "–" if share is None else f"{100 * share:.1f} %",

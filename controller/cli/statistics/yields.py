@@ -127,7 +127,7 @@ def _row(group: Group) -> tuple[str, ...]:
         str(group.indeterminate_count),
         str(group.part_count - group.judged_count),
         "–" if share is None else f"{100 * share:.1f} %",
-        num(group.wall_s / group.part_count),
+        num(group.part_s),
         "–" if ratio is None else f"{100 * ratio:.0f} %",
         str(group.finding_count),
         str(group.recovery_count),

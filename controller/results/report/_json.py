@@ -29,7 +29,7 @@ are cell seconds, `wall_s` is wall seconds. Unknown is null, never a made-up num
 | `pictures.<lamp>` | `file` (in the run's folder), `sha256` (null: the file is missing) |
 | `dry` | null, or of a dry run (motions without a part) its steps: `label`, `pose_index`, `motions`, `lifted_mm` (least, most), `left_out` (reasons), `seconds` |
 | `stages[]` | `state`, `visits`, `wall_s` |
-| `takt` | what the arm's time went into: `seconds` by use, which add up to `total_s`; `execute_s`, `busy_s`, `busy_share`, `s_a_part`, `forecast_s` and what that took, `clock` (`wall` in journals of older versions), `planned_ahead` (parts) (docs/operating.md) |
+| `takt` | what the arm's time went into: `seconds` by use, which add up to `total_s`; `execute_s`, `busy_s`, `busy_share`, `s_a_part` (of `parts`, which have a verdict; `unjudged` have none), `forecast_s` and what that took, `clock` (`wall` in journals of older versions), `planned_ahead` (parts) (docs/operating.md) |
 | `cautions[]` | what to know before trusting the rest |
 | `journal` | `first_seq`, `last_seq`, `first_broken_row` (null: the chain of hashes is whole) |
 """  # noqa: E501 - a table row is one line

@@ -26,10 +26,11 @@ class TaktGroup:
     Attributes
     ----------
     name : of the group
-    part_count : parts in their tray
+    part_count, unjudged_count : parts in their tray; parts begun that have no verdict
     planned_ahead_count : of them, whose plan was made while the arm had the part before
     seconds : by use, with what belongs to no part of these runs, such as homing, if any
     execute_s, busy_s : of Execute, and of that what the arm did by its plan
+    judged_execute_s : of Execute, what the parts in their tray took
     forecast_s : of the parts that are done and had a plan, with `forecast_took_s`, what they took
     late_wall_s : for how long the controller itself was late [wall s]
     has_cell_clock : false where seconds of some runs are the wall's
@@ -37,10 +38,12 @@ class TaktGroup:
 
     name: str
     part_count: int
+    unjudged_count: int
     planned_ahead_count: int
     seconds: Mapping[Use, float]
     execute_s: float
     busy_s: float
+    judged_execute_s: float
     forecast_s: float
     forecast_took_s: float
     late_wall_s: float
@@ -58,8 +61,8 @@ class TaktGroup:
 
     @property
     def part_s(self) -> float | None:
-        """Execute seconds a part; None without a part."""
-        return self.execute_s / self.part_count if self.part_count else None
+        """Execute seconds of a part that has a verdict; None without one."""
+        return self.judged_execute_s / self.part_count if self.part_count else None
 
 
 def grouped(runs: Iterable[RunTakt], by: str) -> tuple[TaktGroup, ...]:
@@ -98,10 +101,12 @@ def _group(name: str, members: Iterable[tuple[RunTakt, PartTakt]]) -> TaktGroup:
     return TaktGroup(
         name=name,
         part_count=sum(part.is_done for part in parts),
+        unjudged_count=sum(part.number > 0 and not part.is_done for part in parts),
         planned_ahead_count=sum(part.is_planned_ahead for part in parts),
         seconds={use: sum(part.seconds.get(use, 0.0) for part in parts) for use in Use},
         execute_s=sum(part.execute_s for part in parts),
         busy_s=sum(part.busy_s for part in parts),
+        judged_execute_s=sum(part.execute_s for part in parts if part.is_done),
         forecast_s=sum(part.forecast_s or 0.0 for part in timed),
         forecast_took_s=sum(part.execute_s for part in timed),
         late_wall_s=sum(part.late_wall_s for part in parts),
@@ -120,6 +125,7 @@ def takt_json(group: TaktGroup) -> dict[str, Any]:
     return {
         "name": group.name,
         "parts": group.part_count,
+        "unjudged": group.unjudged_count,
         "planned_ahead": group.planned_ahead_count,
         "seconds": {use.value: round(seconds, 3) for use, seconds in group.seconds.items()},
         "total_s": round(group.total_s, 3),
@@ -147,6 +153,8 @@ def takt_line(group: TaktGroup) -> str:
     waits = sorted(((s, use) for use, s in group.seconds.items() if use not in BUSY), reverse=True)
     named = [f"{use.words} {s:.0f} s" for s, use in waits if s >= MIN_NAMED_SHARE * group.total_s]
     part = "" if group.part_s is None else f", {group.part_s:.0f} s a part"
+    if group.unjudged_count:
+        part += f" ({group.unjudged_count} without a verdict left out)"
     clock = "" if group.has_cell_clock else " (by the wall clock)"
     waited = f"; it waited for {', '.join(named)}" if named else ""
     return f"arm busy {100 * share:.0f} % of {group.execute_s:.0f} s{part}{waited}{clock}"
