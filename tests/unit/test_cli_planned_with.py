@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 from pathlib import Path
 from typing import Any
@@ -13,11 +14,14 @@ from cad_solids import box, mesh_of, rod
 from controller.cache import digest_of
 from controller.cad.compiled import load_part
 from controller.cell import compute
-from controller.cell.compute import answers
-from controller.cell.compute.checks import check_job
+from controller.cell.compute import answers, context
+from controller.cell.compute.checks import Checked, check_job
+from controller.cell.control import socket_path
+from controller.cell.devices.lock import LOCK_NAME, read_holder
 from controller.cell.plans import PlanCache
 from controller.cli import main
 from controller.cli.planning.plan_json import certificate_json, plan_json
+from controller.cli.running import recipe_run
 from controller.cli.terminal import progress
 from controller.config import ConfigError, load_cell, load_recipe
 from controller.inspection import MIN_WIDTH_PX
@@ -209,6 +213,33 @@ def test_plan_check_compile_and_run_agree_to_the_byte(
     assert without_clock(anew) == without_clock(planned)
 
 
+def test_a_run_that_is_still_planned_has_the_cell_and_is_named(
+    folder: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    words = ["run", str(folder / "block.yaml"), "--cell", str(CELL), "--runs", str(tmp_path)]
+    holders = []
+
+    def looked_at(job: Any, *_: object) -> Any:
+        holders.append(read_holder(tmp_path / LOCK_NAME))
+        assert main(words) != 0  # another one meanwhile
+        return Checked(context(job).setup, (), ("no plan, for the test",))
+
+    monkeypatch.setattr(recipe_run, "check_plans", looked_at)
+    assert main(words) == 1
+    (holder,) = holders
+    assert holder is not None
+    assert (holder.pid, holder.run.endswith("-block")) == (os.getpid(), True)
+    assert holder.control == str(socket_path(tmp_path))
+    said = capsys.readouterr().err
+    assert f"the cell is busy: {holder} has it" in said
+    assert "no plan, for the test" in said
+    assert read_holder(tmp_path / LOCK_NAME) is None
+    assert not (tmp_path / holder.run).exists()
+
+
 def test_a_part_too_heavy_in_steel_is_refused_by_all_for_the_same_reason(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -233,7 +264,8 @@ def test_a_part_too_heavy_in_steel_is_refused_by_all_for_the_same_reason(
     assert "3.39 kg" in reason
     assert "friction limit" in reason
     assert reason in said
-    assert not (folder / "runs").exists()
+    # nothing but the lock, by which others saw that a run was being prepared
+    assert [path.name for path in (folder / "runs").iterdir()] == [LOCK_NAME]
     body = told(["check", str(light)], capsys, code=1)  # in foam some poses have a plan
     assert any(c["planned"] for c in body["certificates"])
 

@@ -6,6 +6,7 @@ import asyncio
 import http.client
 import json
 import logging
+import os
 import socket
 import threading
 from collections.abc import AsyncIterator
@@ -22,6 +23,7 @@ from page_bench import CELL, EYE, HERE, RUN, THERE, bench, journal, picture
 
 from controller.cell.control import DecisionReply, NoRunError, Order, RunningCell, StatusReply
 from controller.cell.custody import Custody
+from controller.cell.devices.lock import hold_cell
 from controller.cell.journal import JOURNAL_NAME, newest_run, read_rows, read_rows_after, rows
 from controller.config import load_cell
 from controller.page import serving
@@ -69,6 +71,24 @@ def plan_row() -> rows.PlanMade:
         covered_fraction=0.9,
         reachable_fraction=1.0,
     )
+
+
+def test_park_is_ticked_off_with_what_it_took(tmp_path: Path) -> None:
+    writer = journal(tmp_path)
+    clock = iter((100.0, 109.5, 120.0, 120.1, 123.6))
+    writer.cell_clock = lambda: next(clock)
+    steps = ("pick", "place in tray quarantine", "park")
+    plan = plan_row().model_copy(update={"steps": steps, "seconds": (9.0, 7.0, 3.0)})
+    writer.write(plan, 1)
+    writer.write(rows.StepDone(label="pick", forecast_s=9.0, seconds=9.5), 1)
+    writer.write(rows.StepDone(label="place in tray accept", forecast_s=7.0, seconds=10.5), 1)
+    writer.write(rows.PathBegun(waypoints=(HERE,)), 1)
+    took = [one["seconds"] for one in folded(tmp_path).facts()["plan"]["steps"]]
+    assert took == [9.5, 10.5, None]
+    writer.write(rows.PathEnded(), 1)
+    writer.close()
+    took = [one["seconds"] for one in folded(tmp_path).facts()["plan"]["steps"]]
+    assert took == [9.5, 10.5, 3.6]
 
 
 def test_steps_have_their_forecast_and_what_they_took(tmp_path: Path) -> None:
@@ -395,6 +415,31 @@ async def test_a_row_reaches_a_browser_and_no_run_is_no_fault(
         while not (await told(stream, "now")).get("run.plan", {}).get("steps"):
             pass
     writer.close()
+    poller.cancel()
+    await asyncio.gather(poller, return_exceptions=True)
+
+
+async def test_a_run_that_is_being_prepared_is_named_until_it_has_a_row_and_is_asked(
+    tmp_path: Path,
+) -> None:
+    journal(tmp_path, "20260101-000000-000-before", with_cell=False).close()
+    live = Live(tmp_path)
+    with hold_cell(tmp_path, load_cell(CELL), RUN, tmp_path / "nobody.sock") as holder:
+        poller = asyncio.create_task(live.run())
+        stream = live.watch()
+        async with asyncio.timeout(30):
+            while not (now := await told(stream, "now")).get("preparing"):
+                pass
+            assert now["preparing"] == {
+                "run": RUN, "user": holder.user, "pid": os.getpid(), "since": holder.since,
+            }  # fmt: skip
+            assert live.now()["silent"] == ""
+            assert (live.now()["light"], live.now()["runs"]) == ("resting", True)
+            journal(tmp_path, with_cell=False).close()  # it has a row, and still nobody listens
+            while "preparing" not in (now := await told(stream, "now")):
+                pass
+            assert now["preparing"] is None
+            assert "nobody listens there yet" in live.now()["silent"]
     poller.cancel()
     await asyncio.gather(poller, return_exceptions=True)
 

@@ -5,7 +5,7 @@ HTTP over a unix socket of the same user. `words.py` has what goes over it, `cli
 end. It reads and acts through the dispatcher alone.
 """
 
-from .client import NoRunError, RunningCell, facts
+from .client import NoRunError, NotServedError, RunningCell, facts
 from .place import ControlError, make_folder, socket_path
 from .words import (
     MAX_KEY,
@@ -30,6 +30,7 @@ __all__ = [
     "ControlError",
     "DecisionReply",
     "NoRunError",
+    "NotServedError",
     "Order",
     "PauseOrder",
     "QuestionReply",

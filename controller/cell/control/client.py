@@ -8,7 +8,7 @@ from typing import Any, Final, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from ..devices.lock import LOCK_NAME, read_holder
+from ..devices.lock import LOCK_NAME, Holder, read_holder
 from .peer import peer_of
 from .place import ControlError
 from .words import DecisionReply, ErrorReply, StatusReply
@@ -21,6 +21,19 @@ SomeReply = TypeVar("SomeReply", bound=BaseModel)
 
 class NoRunError(ControlError):
     """No run has this cell."""
+
+
+class NotServedError(ControlError):
+    """The run that has this cell does not serve its control socket yet, or no longer.
+
+    Attributes
+    ----------
+    holder : which run, and whose
+    """
+
+    def __init__(self, message: str, holder: Holder) -> None:
+        super().__init__(message)
+        self.holder = holder
 
 
 class _UnixConnection(http.client.HTTPConnection):
@@ -56,6 +69,7 @@ class RunningCell:
         Raises
         ------
         NoRunError : no run has this cell
+        NotServedError : one has it that is starting or ending
         ControlError : it does not answer, or not with what it must
         """
         status, body = self._ask("GET", "/status", None)
@@ -74,6 +88,7 @@ class RunningCell:
         Raises
         ------
         NoRunError : no run has this cell
+        NotServedError : one has it that is starting or ending
         ControlError : it does not answer, or not with what it must
         """
         status, reply = self._ask("POST", f"/{name}", body.model_dump_json(exclude_none=True))
@@ -82,15 +97,17 @@ class RunningCell:
         return _reply_of(DecisionReply, reply)
 
     def _ask(self, method: str, path: str, body: str | None) -> tuple[int, bytes]:
-        place = self._place()
+        holder = self._holder()
+        place = Path(holder.control)
         connection = _UnixConnection(place)
         try:
             connection.request(method, path, body, {"Content-Type": "application/json"})
             reply = connection.getresponse()
             return reply.status, reply.read(MAX_REPLY_BYTES)
         except (FileNotFoundError, ConnectionRefusedError) as error:
-            raise ControlError(
-                f"{place}: nobody listens there yet, or any more: the run is starting or ending"
+            raise NotServedError(
+                f"{place}: nobody listens there yet, or any more: the run is starting or ending",
+                holder,
             ) from error
         except (OSError, http.client.HTTPException) as error:
             raise ControlError(
@@ -100,8 +117,8 @@ class RunningCell:
         finally:
             connection.close()
 
-    def _place(self) -> Path:
-        """Return the control socket of the run that holds the cell's lock, as the lock names it."""
+    def _holder(self) -> Holder:
+        """Return the run that holds the cell's lock; the lock names its control socket, too."""
         holder = read_holder(self._runs_dir / LOCK_NAME)
         if holder is None:
             raise NoRunError(
@@ -110,7 +127,7 @@ class RunningCell:
             )
         if not holder.control:
             raise ControlError(f"{holder} has the cell; it is no run, and cannot be acted on")
-        return Path(holder.control)
+        return holder
 
 
 def _reply_of(model: type[SomeReply], body: bytes) -> SomeReply:

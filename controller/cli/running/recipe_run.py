@@ -151,65 +151,66 @@ def run_recipe(options: RunOptions) -> int:
     on_table = parts_on_table(ordered, options.lay, is_empty=options.empty)
     orientation = emulated_orientation([part for _, part in on_table], options.pose)
     jobs = jobs_of(ordered, cell_file)
-    if not _are_ready(jobs, as_json=as_json):
-        return 1
-    seed = secrets.randbelow(1_000_000) if options.seed is None else options.seed
     run_id = new_run_id(first.recipe, more=len(beside))
-    folder = runs_dir / run_id
-    emulated = cell.emulated_devices
-    _warn_of_emulation(emulated, clock, options.speed, seed)
-    parts = tuple(for_emulator(path, part, folder) for path, part in on_table if emulated)
-    fed = feeding(ordered, [path for path, _ in on_table], options.on_table) if parts else ()
-    placed = emulator_args(
-        orientation, options.at, options.control, options.as_built, options.surfaces
-    )
-    more = (*placed, *fed)
-    command = emulator_command(cell_file, parts, speed=options.speed, seed=seed, more=more)
-    with (
-        Ends().heard() as ends,
-        hold_cell(runs_dir, cell, run_id, socket_path(runs_dir)) as holder,
-        worker_pool(COMPUTES) as pool,
-        _ahead(options, sum(one.count for one in ordered)) as ahead,
-    ):
-        # the worker reads the CAD while the emulated cell comes up
-        for job in jobs:
-            pool.submit(context, job)
-        if ahead is not None:
-            ahead.submit(os.getpid)  # to start a process would hold the event loop up later
-        cell_beside: Any = (
-            emulated_cell(command, folder / "emulator.log") if emulated else nullcontext({})
+    # whoever looks at the cell meanwhile sees by its lock which run is being prepared
+    with hold_cell(runs_dir, cell, run_id, socket_path(runs_dir)) as holder:
+        if not _are_ready(jobs, as_json=as_json):
+            return 1
+        seed = secrets.randbelow(1_000_000) if options.seed is None else options.seed
+        folder = runs_dir / run_id
+        emulated = cell.emulated_devices
+        _warn_of_emulation(emulated, clock, options.speed, seed)
+        parts = tuple(for_emulator(path, part, folder) for path, part in on_table if emulated)
+        fed = feeding(ordered, [path for path, _ in on_table], options.on_table) if parts else ()
+        placed = emulator_args(
+            orientation, options.at, options.control, options.as_built, options.surfaces
         )
-        with cell_beside as ready:
-            _report_transport(ready)
-            order = RunOrder(
-                recipe_path=first.path,
-                cell_path=cell_file,
-                recipe=first.recipe,
-                cell=cell,
-                count=first.count,
-                speed=clock.speed,
-                emulated=ready,
-                clock=find_clock(cell, ready),
-                runs_dir=runs_dir,
-                run_id=run_id,
-                is_part_removed=options.is_part_removed,
-                are_trays_empty=options.are_trays_empty,
-                papers=papers,
-                recovery=_recovery_policy(options),
-                is_stepwise=options.is_stepwise,
-                beside=tuple(beside),
+        more = (*placed, *fed)
+        command = emulator_command(cell_file, parts, speed=options.speed, seed=seed, more=more)
+        with (
+            Ends().heard() as ends,
+            worker_pool(COMPUTES) as pool,
+            _ahead(options, sum(one.count for one in ordered)) as ahead,
+        ):
+            # the worker reads the CAD while the emulated cell comes up
+            for job in jobs:
+                pool.submit(context, job)
+            if ahead is not None:
+                ahead.submit(os.getpid)  # to start a process would hold the event loop up later
+            cell_beside: Any = (
+                emulated_cell(command, folder / "emulator.log") if emulated else nullcontext({})
             )
-            door = OperatorDoor(
-                runs_dir,
-                holder,
-                options.operator,
-                waits=options.waits,
-                scans=papers.is_read,
-                as_json=as_json,
-            )
-            with _recorded(options.record, order) as outfit:
-                result = _run(order, pool, ahead, ends, door, outfit, as_json=as_json)
-        return _report(result, runs_dir, run_id, as_json=as_json)
+            with cell_beside as ready:
+                _report_transport(ready)
+                order = RunOrder(
+                    recipe_path=first.path,
+                    cell_path=cell_file,
+                    recipe=first.recipe,
+                    cell=cell,
+                    count=first.count,
+                    speed=clock.speed,
+                    emulated=ready,
+                    clock=find_clock(cell, ready),
+                    runs_dir=runs_dir,
+                    run_id=run_id,
+                    is_part_removed=options.is_part_removed,
+                    are_trays_empty=options.are_trays_empty,
+                    papers=papers,
+                    recovery=_recovery_policy(options),
+                    is_stepwise=options.is_stepwise,
+                    beside=tuple(beside),
+                )
+                door = OperatorDoor(
+                    runs_dir,
+                    holder,
+                    options.operator,
+                    waits=options.waits,
+                    scans=papers.is_read,
+                    as_json=as_json,
+                )
+                with _recorded(options.record, order) as outfit:
+                    result = _run(order, pool, ahead, ends, door, outfit, as_json=as_json)
+            return _report(result, runs_dir, run_id, as_json=as_json)
 
 
 def _ahead(

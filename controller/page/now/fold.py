@@ -20,6 +20,9 @@ OUTLINE_POINT_COUNT: Final = 240
 
 # A plan forecasts its slowest tray; the row of the step that was done has the one it was.
 PLACE: Final = "place in tray"
+# The last step of a plan. It is no step of the part, which lies in its tray, and has no row: what
+# the arm drives after the step before is it.
+PARK: Final = "park"
 
 IN_ARM: Final = (Custody.IN_ARM, Custody.IN_BOTH)
 
@@ -109,6 +112,7 @@ class RunFold:
     _steps: list[dict[str, Any]] = field(default_factory=list)
     _plan: dict[str, Any] = field(default_factory=dict)
     _done: int = 0
+    _placed_s: float | None = None
     _recipe_number: int = 0
     _label: rows.PartIdentified | None = None
     _views: dict[str, dict[str, Any]] = field(default_factory=dict)
@@ -223,6 +227,7 @@ class RunFold:
                 self.arm.path = Path(self.arm.q, body.waypoints, began_s)
             case rows.PathEnded() if self.arm.path is not None:
                 self.arm.q, self.arm.path = self.arm.path.waypoints[-1], None
+                self._park(row)
             case rows.StoodFree() | rows.HomedWithPart() | rows.PositionsTakenOver():
                 self.arm.q, self.arm.path = body.q, None
             case rows.ViewPicturesTaken() if body.q:
@@ -267,6 +272,7 @@ class RunFold:
                 if self._done < len(self._steps):
                     self._steps[self._done] |= {"label": body.label, "seconds": body.seconds}
                 self._done += 1
+                self._placed_s = row.cell_s
             case rows.HoldNoted():
                 if body.gripper == "arm":
                     self.part.T_part_tcp, self.part.arm_mm = body.T_part_tcp, body.opening_mm
@@ -320,6 +326,13 @@ class RunFold:
                 self._alarm(row, body.alarm, body.reason)
             case _:
                 pass
+
+    def _park(self, row: Row) -> None:
+        """Tick off the path to park, which has ended with this row."""
+        last = len(self._steps) - 1
+        began_s, now_s = self._placed_s, row.cell_s
+        if self._done == last and self._steps[last]["label"] == PARK and began_s and now_s:
+            self._steps[last]["seconds"] = round(now_s - began_s, 2)
 
     def _shown(self, pictures: Mapping[str, str]) -> list[dict[str, Any]]:
         found = []

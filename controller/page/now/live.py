@@ -20,7 +20,15 @@ from pathlib import Path
 from typing import Any, Final
 
 from controller.cell.alarms import BY_NUMBER
-from controller.cell.control import ControlError, NoRunError, RunningCell, StatusReply, facts
+from controller.cell.control import (
+    ControlError,
+    NoRunError,
+    NotServedError,
+    RunningCell,
+    StatusReply,
+    facts,
+)
+from controller.cell.devices.lock import Holder
 from controller.cell.journal import (
     JOURNAL_NAME,
     JournalError,
@@ -107,6 +115,7 @@ class Live:
         self._is_over = False
         self._status: StatusReply | None = None
         self._why_no_status = ""
+        self._holder: Holder | None = None
         self._why_no_journal = ""
         self._has_run = False
         self._ask_again = asyncio.Event()
@@ -177,11 +186,15 @@ class Live:
     async def _follow_status(self) -> None:
         while True:
             self._ask_again.clear()
+            self._holder = None
             try:
                 self._status = await asyncio.to_thread(self._cell.status)
                 self._has_run, self._why_no_status = True, ""
             except NoRunError:
                 self._status, self._has_run, self._why_no_status = None, False, ""
+            except NotServedError as error:
+                self._status, self._has_run, self._why_no_status = None, True, str(error)
+                self._holder = error.holder
             except ControlError as error:
                 self._status, self._has_run, self._why_no_status = None, True, str(error)
             except OSError as error:
@@ -272,15 +285,24 @@ class Live:
         state = self.fold.state if self.fold is not None else ""
         if status is not None:
             state = status.state
+        preparing = self._preparing()
         return {
             "runs": self._has_run,
-            "silent": self._why_no_status,
+            "preparing": preparing,
+            "silent": "" if preparing else self._why_no_status,
             "journal": self._why_no_journal,
             "state": state,
-            "light": light_of(status, self._has_run, state),
+            "light": "resting" if preparing else light_of(status, self._has_run, state),
             "status": None if status is None else _status(status),
             "started": self._started(),
         }
+
+    def _preparing(self) -> dict[str, Any] | None:
+        """Return which run is being prepared, and whose: it has the lock, and no row yet."""
+        holder = self._holder
+        if holder is None or (self.fold is not None and self.fold.run == holder.run):
+            return None
+        return {"run": holder.run, "user": holder.user, "pid": holder.pid, "since": holder.since}
 
 
 def light_of(status: StatusReply | None, has_run: bool, state: str) -> str:

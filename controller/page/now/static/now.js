@@ -73,11 +73,15 @@ function show(now) {
     }
     $("light").textContent = t(LIGHT_WORDS[light]);
   });
-  onChange("state", [now.state, now.runs], () => {
-    $("state-name").textContent = stateWords(now.state);
-    document.title = `${stateWords(now.state)} · cellctl`;
+  onChange("state", [now.state, now.runs, Boolean(now.preparing)], () => {
+    const name = now.preparing ? t("Being prepared") : stateWords(now.state);
+    $("state-name").textContent = name;
+    document.title = `${name} · cellctl`;
   });
   const doing = [];
+  if (now.preparing) {
+    doing.push(t("Run {run} of {user} is being prepared: its recipes are checked and planned, then the cell is connected (process {pid}, since {time}).", { ...now.preparing, time: time(now.preparing.since) }));
+  }
   if (now.silent) doing.push(t("The cell does not answer: {why}", { why: now.silent }));
   if (now.journal) doing.push(t("The journal cannot be read: {why}", { why: now.journal }));
   if (status) {
@@ -86,7 +90,7 @@ function show(now) {
     if (status.message) doing.push(said(status.message));
   } else if (!now.runs && run) {
     doing.push(run.end ? t("The last run ended: {end}. {message}", { end: said(run.end.end), message: said(run.end.message) }) : t("The last run broke off."));
-  } else if (!run) {
+  } else if (!run && !now.preparing) {
     doing.push(t("Start one here, or with `cellctl run`; it shows here by itself."));
   }
   onChange("is drawn", Boolean(run), (is) => {
