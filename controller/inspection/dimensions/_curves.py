@@ -15,7 +15,45 @@ SPACING_PX: Final = 1.0  # between rays; nearer ones see the same pixels
 MAX_RAYS: Final = 120
 MIN_RAYS: Final = 16
 CORNER_PX: Final = 5.0  # rays nearer to a corner see what is round it
+SAME_RAD: Final = 1e-4  # between points that are one
+MIN_CHORDS: Final = 3  # ends of chords; fewer are no circle
+WIDEST_RAD: Final = 0.5  # half of what a chord spans
 NEIGHBOUR: Final = 0.02  # step along a curve for its tangent and bend, of its length
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Chords:
+    """What a mesh makes of a rim: chords between points on it.
+
+    Attributes
+    ----------
+    angles_rad : (n,) ascending, of the points, about the axis from the rim's start
+    height_mm : of the median chord
+    """
+
+    angles_rad: FloatArray
+    height_mm: float
+
+    def depth_mm(self, at_rad: FloatArray, radius_mm: float) -> FloatArray:
+        """Return how far the mesh's edge lies inside the circle at angles (n,).
+
+        Parameters
+        ----------
+        at_rad : (n,) about the axis from the rim's start
+        radius_mm : of the circle
+        """
+        count = len(self.angles_rad)
+        if count < MIN_CHORDS:
+            return np.zeros(len(at_rad))
+        turn = 2 * np.pi
+        at = np.mod(at_rad - self.angles_rad[0], turn) + self.angles_rad[0]
+        after = np.searchsorted(self.angles_rad, at, side="right")
+        low = self.angles_rad[after - 1]
+        high = np.where(after < count, self.angles_rad[after % count], self.angles_rad[0] + turn)
+        half = 0.5 * (high - low)
+        depth = 1.0 - np.cos(half) / np.cos(at - low - half)
+        # a wider gap is no chord: the rim ends there
+        return np.asarray(radius_mm * np.where(half < WIDEST_RAD, depth, 0.0))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -30,6 +68,7 @@ class Curve:
     design : (n, p, 3) how a point moves with each unknown of the feature [mm]
     facet_mm : how far the mesh may be from the curve
     outward : 1 where the shift leads out of the material, -1 into it
+    chord_mm : (n, 3) from a point to the mesh's own edge
     """
 
     before_mm: FloatArray
@@ -40,10 +79,11 @@ class Curve:
     design: FloatArray
     facet_mm: float
     outward: float
+    chord_mm: FloatArray
 
     def some(self, which: IndexArray) -> "Curve":
         """Return the curve with some of its points."""
-        arrays = ("before_mm", "points_mm", "after_mm", "shift", "out", "design")
+        arrays = ("before_mm", "points_mm", "after_mm", "shift", "out", "design", "chord_mm")
         return replace(self, **{name: getattr(self, name)[which] for name in arrays})
 
 
@@ -53,7 +93,7 @@ def rim_curve(
     directions: tuple[FloatArray, FloatArray],
     pixel_mm: float,
     moved_mm: FloatArray,
-    chord_mm: float,
+    chords: Chords,
 ) -> Curve:
     """Return a rim's points; unknowns are its place along two directions, and its radius.
 
@@ -64,7 +104,7 @@ def rim_curve(
     directions : (3,) each, `rim_directions`, the same for all rims of a feature
     pixel_mm : size of a pixel there
     moved_mm : (3,) how far it is from its nominal place along them, and its radius
-    chord_mm : see `facet_mm`
+    chords : of its mesh, see `chords_of`
     """
     first, second = directions
     centre = rim.centre_mm + moved_mm[0] * first + moved_mm[1] * second
@@ -97,8 +137,9 @@ def rim_curve(
         shift=out_radial,
         out=out / np.linalg.norm(out, axis=1, keepdims=True),
         design=design,
-        facet_mm=chord_mm,
+        facet_mm=chords.height_mm,
         outward=-1.0 if rim.is_hole else 1.0,
+        chord_mm=-chords.depth_mm(angle, rim.radius_mm)[:, None] * out_radial,
     )
 
 
@@ -108,7 +149,7 @@ def plane_rim_curve(
     direction: FloatArray,
     pixel_mm: float,
     moved_mm: float,
-    chord_mm: float,
+    chords: Chords,
 ) -> Curve:
     """Return the points of a rim that shows a plane; unknowns are its shift, and its radius.
 
@@ -119,9 +160,9 @@ def plane_rim_curve(
     direction : (3,) unit, square to the plane
     pixel_mm : size of a pixel there
     moved_mm : how far the plane is from its nominal place, along the direction
-    chord_mm : see `facet_mm`
+    chords : of its mesh, see `chords_of`
     """
-    curve = rim_curve(solid, rim, rim_directions(rim.axis), pixel_mm, np.zeros(3), chord_mm)
+    curve = rim_curve(solid, rim, rim_directions(rim.axis), pixel_mm, np.zeros(3), chords)
     step = moved_mm * direction
     shift = np.broadcast_to(direction, curve.points_mm.shape)
     normals = [solid.faces[face].normal for face in (rim.wall, rim.beyond)]
@@ -181,6 +222,7 @@ def line_curve(
         design=np.stack([shift, slope], axis=1),
         facet_mm=0.0,
         outward=_outward(solid, line, direction),
+        chord_mm=np.zeros_like(points),
     )
 
 
@@ -190,16 +232,18 @@ def _outward(solid: Solid, line: EdgeLine, direction: FloatArray) -> float:
     return 1.0 if max(along, key=abs) > 0 else -1.0
 
 
-def facet_mm(solid: Solid, rim: Rim) -> float:
-    """Return how far the chords of a wall's mesh lie inside the circle of its rim."""
+def chords_of(solid: Solid, rim: Rim) -> Chords:
+    """Return the chords that the mesh of a rim's wall makes of it."""
     triangles = np.asarray(solid.mesh.faces)[solid.face_of_triangle == rim.wall]
     vertices = np.asarray(solid.mesh.vertices)[np.unique(triangles)] - rim.centre_mm
     height = vertices @ rim.axis
     near = vertices[np.abs(height) < 0.05]
     side = np.cross(rim.axis, rim.start)
     angle = np.sort(np.arctan2(near @ side, near @ rim.start))
-    if len(angle) < 3:
-        return 0.0
+    if len(angle) < MIN_CHORDS:
+        return Chords(np.zeros(0), 0.0)
     gaps = np.diff(angle)
-    gap = float(np.median(gaps[gaps > 1e-4])) if (gaps > 1e-4).any() else 0.0
-    return float(rim.radius_mm * (1.0 - np.cos(0.5 * gap)))
+    is_next = gaps > SAME_RAD
+    gap = float(np.median(gaps[is_next])) if is_next.any() else 0.0
+    height_mm = float(rim.radius_mm * (1.0 - np.cos(0.5 * gap)))
+    return Chords(angle[np.concatenate([[True], is_next])], height_mm)

@@ -9,7 +9,15 @@ from controller.arrays import BoolArray, FloatArray
 from controller.cad import Solid
 
 from ..characteristics import EdgeLine, Rim
-from ._curves import Curve, facet_mm, line_curve, plane_rim_curve, rim_curve, rim_directions
+from ._curves import (
+    Chords,
+    Curve,
+    chords_of,
+    line_curve,
+    plane_rim_curve,
+    rim_curve,
+    rim_directions,
+)
 from ._rays import Rays
 
 NO_POINTS: Final = np.zeros((0, 2))
@@ -25,7 +33,7 @@ class RimFeature:
     """
 
     rims: tuple[Rim, ...]
-    _chords_mm: tuple[float, ...] = ()
+    _chords: tuple[Chords, ...] = ()
 
     @property
     def unknown_count(self) -> int:
@@ -41,12 +49,12 @@ class RimFeature:
         pixel_mm : size of a pixel there
         moved_mm : (3,) the unknowns
         """
-        if not self._chords_mm:
-            self._chords_mm = tuple(facet_mm(solid, rim) for rim in self.rims)
+        if not self._chords:
+            self._chords = tuple(chords_of(solid, rim) for rim in self.rims)
         directions = rim_directions(self.rims[0].axis)
         return [
-            rim_curve(solid, rim, directions, pixel_mm, moved_mm, chord)
-            for rim, chord in zip(self.rims, self._chords_mm, strict=True)
+            rim_curve(solid, rim, directions, pixel_mm, moved_mm, chords)
+            for rim, chords in zip(self.rims, self._chords, strict=True)
         ]
 
     def design(self, rays: Rays, curve: FloatArray) -> FloatArray:
@@ -78,7 +86,7 @@ class FaceFeature:
     lines: tuple[EdgeLine, ...]
     directions: FloatArray
     rims: tuple[Rim, ...] = ()
-    _chords_mm: tuple[float, ...] = ()
+    _chords: tuple[Chords, ...] = ()
 
     @property
     def unknown_count(self) -> int:
@@ -94,15 +102,15 @@ class FaceFeature:
         pixel_mm : size of a pixel there
         moved_mm : (p,) the unknowns; slopes and radii stay nominal
         """
-        if len(self._chords_mm) < len(self.rims):
-            self._chords_mm = tuple(facet_mm(solid, rim) for rim in self.rims)
+        if len(self._chords) < len(self.rims):
+            self._chords = tuple(chords_of(solid, rim) for rim in self.rims)
         shift = float(moved_mm[0])
         return [
             line_curve(solid, line, direction, pixel_mm, shift)
             for line, direction in zip(self.lines, self.directions, strict=False)
         ] + [
-            plane_rim_curve(solid, rim, self.directions[0], pixel_mm, shift, chord)
-            for rim, chord in zip(self.rims, self._chords_mm, strict=True)
+            plane_rim_curve(solid, rim, self.directions[0], pixel_mm, shift, chords)
+            for rim, chords in zip(self.rims, self._chords, strict=True)
         ]
 
     def design(self, rays: Rays, curve: FloatArray) -> FloatArray:
@@ -139,8 +147,8 @@ class FeatureFit:
     noise : (p, p) covariance from the scatter of the edge points [mm²]
     pose : (p, 6) how they grow with an error of the part's position and rotation
     edge : (p, k) standard uncertainties by light that moves edges, one of k ways each
-    wall, blur, facets : (p,) the same by walls seen flat, by what blur does to a round edge, and by
-        a mesh that may be meant to be round
+    wall, blur, facets : (p,) the same by walls seen flat and outlines beside an edge, by what blur
+        does to a round edge, and by a mesh that may be meant to be round
     points_px, accepted : (n, 2), (n,) edge points
     shape_px : (k, 2) fitted shape
     form_mm, form_u_mm : peak to valley of its edges about the shape, and the standard uncertainty

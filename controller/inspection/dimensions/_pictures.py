@@ -20,7 +20,7 @@ from .._pose import PosedPart
 from .._scene import make_scene
 from ._checks import SURE_PX, PictureKind, Sharpness, failure_of, form_of, lean_px, sharpness_of
 from ._features import Feature, FeatureFit
-from ._rays import Rays, place_rays, with_rotation, with_visibility
+from ._rays import Rays, place_rays, with_outline, with_rotation, with_visibility
 from ._rivals import rival_px
 from ._types import BACKLIT, MeasuringSettings, PosedView
 from .solving import Solution, solve
@@ -32,6 +32,7 @@ LEAN_KNOWN: Final = 0.3  # standard uncertainty of a lean, share of it
 FEW: Final = 32  # rays of the first look
 EITHER: Final = 1 / 3**0.5  # standard deviation of a rectangle, of half its width
 RECTANGLE: Final = 1 / 12**0.5  # standard deviation of a rectangle, of its width
+OUTLINE_KNOWN: Final = 0.5  # the same of how far the light ends from an edge of the CAD model
 BLUR_KNOWN: Final = 0.1  # share by which the blur of a lens differs from a Gaussian one
 # a polygon's mean radius is two thirds of a chord's height less; it may be meant or not
 FACET: Final = 2 / 3 / 3**0.5
@@ -88,7 +89,7 @@ def predict(part: PosedPart, view: PosedView, features: Sequence[Feature]) -> Pr
     return Prediction(
         view,
         tuple(features),
-        rays,
+        with_outline(rays, part, T, camera),
         np.concatenate(feature),
         np.concatenate(curve),
         tuple(counts),
@@ -118,7 +119,7 @@ def fit_features(
     is_backlit = lamp == BACKLIT
     picture = view.picture(lamp)
     noise = pixel_noise(picture, None, 1)
-    shows = (rays.rising != 0) if is_backlit else rays.shows_lit
+    shows = (rays.rising != 0) & np.isfinite(rays.outline_px) if is_backlit else rays.shows_lit
     index = np.flatnonzero(shows)
     owner = prediction.feature[index]
     counts = np.bincount(owner, minlength=len(prediction.features))
@@ -131,6 +132,8 @@ def fit_features(
         with_rotation(again, view.T_world_part, prediction.pivot_mm),
         rising=chosen.rising,
         wall_px=chosen.wall_px,
+        # under a lamp the edge itself shows
+        outline_px=chosen.outline_px if is_backlit else np.zeros(len(index)),
         spacing_px=chosen.spacing_px,
     )
     if sharpness is None:
@@ -295,12 +298,13 @@ def _fit(
             nowhere = np.zeros(len(good), dtype=np.bool_)
             return FeatureFit(little, points_px=points, accepted=nowhere)
     width = median(found.width_px[good])
-    # what blur does to a round edge, and what light on a wall seen flat does on the average
+    # what blur does to a round edge, what light on a wall seen flat does on the average, and what
+    # of the part ends the light a little beside the edge
     blur = blur_shift_px(width, rays.curvature)
     lean = lean_px(found, good, picture)
     offset = found.offset_px + blur + lean
-    offset = offset + rays.rising * 0.5 * rays.wall_px
-    wall = RECTANGLE * rays.wall_px
+    offset = offset + rays.rising * (0.5 * rays.wall_px - rays.outline_px)
+    wall = np.hypot(RECTANGLE * rays.wall_px, OUTLINE_KNOWN * rays.outline_px)
     variance = np.square(found.sigma_px) + np.square(wall)
     answer = _solved(feature, rays, curve, np.where(good, offset, np.nan), variance)
     if answer is None:

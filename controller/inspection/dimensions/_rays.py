@@ -9,7 +9,7 @@ wide in the picture, the edge that shows may be either of its two ends.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -28,6 +28,8 @@ PLAIN_PX: Final = 1.0  # from here on the other side must be all part
 NEAR_PX: Final = 3.0  # under a lamp, no other edge may be nearer
 FLAT_COS: Final = 0.5  # a wall seen flatter throws light back
 FREE_PX: Final = 0.5  # off the edge, out of the material, from where the camera must be in sight
+# where the light ends beside an edge; farther than the last, another edge ends it
+OUTSIDE_PX: Final = np.arange(1, 6) * 0.05
 NONE: Final = -1
 
 
@@ -50,6 +52,9 @@ class Rays:
     wall_px : (n,) width of a wall seen flat on the dark side, 0 where there is none or it is wide
     px_per_mm : (n,) along the offset
     facet_px : (n,) how far the mesh's chords are from the edge
+    chord_px : (n,) where the mesh's own edge is, along the ray
+    outline_px : (n,) how far from it, outwards, the CAD model ends the panel's light; infinite
+        where that is another edge's outline
     outward : (n,) 1 where the ray leads out of the material, else -1
     reach_px : (n, 2) to half-way to the next edge, before the panel and under a lamp
     """
@@ -67,6 +72,8 @@ class Rays:
     wall_px: FloatArray
     px_per_mm: FloatArray
     facet_px: FloatArray
+    chord_px: FloatArray
+    outline_px: FloatArray
     outward: FloatArray
     reach_px: FloatArray
 
@@ -127,6 +134,8 @@ def place_rays(curves: Sequence[Curve], T_world_part: FloatArray, camera: Camera
         wall_px=np.zeros(len(points)),
         px_per_mm=(px_per_mm := np.abs(inner(along, normals))),
         facet_px=px_per_mm * np.repeat([curve.facet_mm for curve in curves], counts),
+        chord_px=inner(across, np.concatenate([curve.chord_mm for curve in curves]) @ R.T),
+        outline_px=np.zeros(len(points)),
         outward=np.repeat([curve.outward for curve in curves], counts),
         reach_px=np.full((len(points), 2), NEAR_PX),
     )
@@ -208,6 +217,33 @@ def with_visibility(
         camera,
     )
     return Rays(**values)
+
+
+def with_outline(rays: Rays, part: PosedPart, T_world_part: FloatArray, camera: Camera) -> Rays:
+    """Return rays that know how far from their edge the CAD model ends the panel's light.
+
+    Where a wall is seen along its surface, its outline, or the wall's other rim, leaves a rim at a
+    tangent: for many pixels the light ends beside the rim by a share of one.
+
+    Parameters
+    ----------
+    rays : that know where their edges show
+    part, T_world_part, camera : as `with_visibility`
+    """
+    index = np.flatnonzero(rays.rising)
+    if len(index) == 0:
+        return rays
+    way = rays.rising[index]
+    off = rays.chord_px[index, None] + way[:, None] * OUTSIDE_PX
+    at = rays.pixels[index, None] + off[..., None] * rays.normals[index, None]
+    face, _ = _seen(part, T_world_part, camera, at.reshape(-1, 2))
+    is_part = (face != NONE).reshape(at.shape[:2])
+    # it ends between the last place that shows the part and the next
+    step = float(OUTSIDE_PX[0])
+    ends = np.where(is_part, OUTSIDE_PX + 0.5 * step, 0.0).max(axis=1)
+    outline_px = rays.outline_px.copy()
+    outline_px[index] = np.where(is_part[:, -1], np.inf, ends)
+    return replace(rays, outline_px=outline_px)
 
 
 def _reach(

@@ -73,10 +73,12 @@ def find_edges(solid: Solid, pixel_mm: float) -> PartEdges | None:
         step = STEP * SPACING_PX * pixel_mm
         on, before, after = (_along(way, at, places + d, is_closed) for d in (0.0, -step, step))
         segment = np.clip(np.searchsorted(at, places, side="right") - 1, 0, len(at) - 2)
-        facet_mm = 0.0
+        facet_mm, chord_mm = 0.0, np.zeros_like(on)
         if b.curve[edge] == CurveKind.CIRCLE:
             circle = b.centre_mm[edge], b.axis[edge], float(b.radius_mm[edge])
+            on_mesh = on
             on, before, after = (_on_circle(points, *circle) for points in (on, before, after))
+            chord_mm = on_mesh - on
             half = 0.5 * float(np.diff(at).max()) / circle[2]
             facet_mm = circle[2] * (1.0 - float(np.cos(np.arcsin(min(half, 1.0)))))
         tangent = after - before
@@ -105,6 +107,7 @@ def find_edges(solid: Solid, pixel_mm: float) -> PartEdges | None:
             design=np.zeros((len(on), 1, 3)),
             facet_mm=facet_mm,
             outward=1.0,
+            chord_mm=chord_mm,
         )
         rows.append((curve, edge, np.full(len(on), share_mm), faces, normals, into, is_closed))
     if not rows:
