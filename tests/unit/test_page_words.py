@@ -219,9 +219,10 @@ CONTROLLER = CELL.parent
 REASONING = (
     "inspection", "recognition/identification", "planning/planner/why.py",
     "planning/views/visibility/_hidden.py", "cad/boundary/_types.py", "cad/surfaces/_counted.py",
-    "cad/surfaces/features.py", "cell/batch/starting.py", "cell/devices/interlocks",
-    "cell/machine/recovery.py", "cell/machine/table.py", "cell/operator/desk.py",
-    "cell/operator/latch.py", "cell/services/table/choosing.py", "cell/services/table/labels.py",
+    "cad/surfaces/features.py", "cell/batch/starting.py", "cell/compute/checks",
+    "cell/devices/interlocks", "cell/machine/recovery.py", "cell/machine/table.py",
+    "cell/operator/desk.py", "cell/operator/latch.py", "cell/services/table/choosing.py",
+    "cell/services/table/labels.py",
 )  # fmt: skip
 # Sentences that are put together from more than one place: what the catalogue has for each.
 COMPOSED: dict[str, tuple[str, ...]] = {
@@ -265,6 +266,15 @@ COMPOSED: dict[str, tuple[str, ...]] = {
     "stepped hole": ("stepped hole {n} mm through",),
     "left out: a further view would add less than {} of the surface": (
         "left out: a further view would add less than {n}% of the surface",
+    ),
+    "{} to {} mm": ("{a} to {size}",),
+    "planning from pose {} ({})": ("planning from pose {k} ({p}%)",),
+    "{}: {} of the surface comes in sight, but the recipe requires {} to be compared "
+    "(`min_coverage`); require less, or see in `cellctl plan --recipe` what hides the rest": (
+        "in stable pose {k}: {n}% of the surface comes in sight, but the recipe requires {m}% to "
+        "be compared (`min_coverage`); require less, or see in `cellctl plan --recipe` what hides "
+        "the rest",
+        "in stable pose {k} ({p}%): {why}",
     ),
     "hidden by the part itself: no place of the camera sees it at all{}": (
         "hidden by the part itself: no place of the camera sees it at all",
