@@ -109,13 +109,15 @@ def compare(
     low = np.maximum(middle - width, 0.0) * (1 - np.minimum(play, 1.0))
     from_others = np.maximum(light.bounce, brightness.gloss * light.mirrored)
     bounced = unshaded * np.minimum(from_others, 1.0)
-    high = (middle + width) * (1 + play) + GLOSS * bounced
+    own = (middle + width) * (1 + play)
+    high = own + GLOSS * bounced
     penumbra = in_penumbra(light)
     high = np.where(penumbra, np.maximum(high, unshaded * (1 + play) + bounced), high)
     kernel = np.ones((3, 3), np.uint8)
     # the pose may be off by a node: what lies beside a pixel may lie in it
     brightest = cv2.dilate(np.where(seen, high, np.float32(ground)).astype(np.float32), kernel)
     darkest = cv2.erode(np.where(seen, low, np.float32(0)).astype(np.float32), kernel)
+    bare = cv2.dilate(np.where(seen, own, np.float32(ground)).astype(np.float32), kernel)
     floor = np.float32(limits.grey_levels / 2)
     top, bottom = brightest + floor, darkest - floor
     stands_out = (bottom >= HALF * middle) & (top <= TWICE * middle)
@@ -140,6 +142,8 @@ def compare(
         (odd | (play > HALF), Unjudged.LIGHT),
         (burnt, Unjudged.HIGHLIGHT),
         (bounced > 0.4 * middle, Unjudged.BOUNCE),
+        # what neighbours may add alone makes twice as bright possible
+        ((top > TWICE * middle) & (bare + floor <= TWICE * middle), Unjudged.BOUNCE),
         (penumbra, Unjudged.PENUMBRA),
         (~lit, Unjudged.UNLIT),
         (surface.cosine <= flattest, Unjudged.FLAT),
