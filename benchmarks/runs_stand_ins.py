@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 
 from controller.cell.compute import Job
-from controller.planning import Plan, Start
+from controller.cell.custody import ALONE, Around
+from controller.planning import Plan, ShortFace, Start
 from controller.recognition import Alternative
 from drivers.clock import CellClock
 
@@ -113,11 +114,13 @@ class TimedStandIns(StandIns):
         start: Start,
         seen: Mask | None,
         avoid: frozenset[str],
-        candidates: tuple[Alternative, ...],
+        alternatives: tuple[Alternative, ...],
+        around: Around = ALONE,
+        short: frozenset[ShortFace] = frozenset(),
     ) -> Plan:
         """Return the worker's plan, and note how long it took."""
         started = time.monotonic()
         try:
-            return await super().plan(start, seen, avoid, candidates)
+            return await super().plan(start, seen, avoid, alternatives, around, short)
         finally:
             self.plan_wall_s.append(time.monotonic() - started)

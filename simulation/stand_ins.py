@@ -25,7 +25,7 @@ from controller.cell.devices.lamps import STATION_PANEL, TABLE_PANEL
 from controller.cell.services import plain_name
 from controller.config.view_set import load_view_set, parse_view_set
 from controller.imaging import Camera, inverse_pose, transform
-from controller.planning import Look, NoPlanError, Plan, Present, Start
+from controller.planning import Look, NoPlanError, Plan, Present, ShortFace, Start
 from controller.planning.geometry import Box, segments_hit
 from controller.recognition import Alternative, Sighting
 
@@ -168,6 +168,7 @@ class StandIns(Compute):
         avoid: frozenset[str],
         alternatives: tuple[Alternative, ...],
         around: Around = ALONE,
+        short: frozenset[ShortFace] = frozenset(),
     ) -> Plan:
         """Return the planner's plan; of one start it is made once."""
         await self._take("plan")
@@ -177,11 +178,12 @@ class StandIns(Compute):
             seen,
             tuple(sorted(avoid)),
             repr(around),
+            repr(sorted((one.grasp, one.face) for one in short)),
         )
         found = _plans.pop(key, None)
         if found is None:
             try:
-                found = await super().plan(start, seen, avoid, alternatives, around)
+                found = await super().plan(start, seen, avoid, alternatives, around, short)
             except NoPlanError as error:
                 found = str(error)
             if len(_plans) >= MAX_PLANS:

@@ -86,7 +86,7 @@ class FaultsSection(Section):
     hold_not_seen : a view does not show the part in the arm gripper
     held_otherwise : it sits otherwise in the arm gripper than planned, or has slipped
     hand_off_failed, receive_failed : the receiver did not get it; the giver still has it
-    seen_too_little : views showed less than the plan promised
+    seen_too_little : views showed less than the plan promised, or too little of a face to judge it
     ambiguous : it may still be another part, or is one, by the view that was to decide
     camera, lights, gripper : a picture, a lamp or the fixed gripper's reading does not come
     times_in_all : recoveries of one part, measurements (held_otherwise, seen_too_little) and

@@ -92,6 +92,7 @@ class PartVerdict:
     confirmed : findings that decided
     claim : what was looked for on the compared surface, as a sentence without a subject
     detections : by kind of defect what would have been found, and where
+    short_faces : ids of the faces of which too little was compared, which stops a PASS
     compared_U : expanded uncertainty (k = 2) of `compared_fraction`, from how far apart samples are
     """
 
@@ -103,6 +104,7 @@ class PartVerdict:
     in_sight_fraction: float = 0.0
     claim: str = ""
     detections: tuple[Detection, ...] = ()
+    short_faces: tuple[int, ...] = ()
     compared_U: float = 0.0  # noqa: N815 (U is the symbol of the field)
 
 
@@ -175,13 +177,17 @@ def judge(
         for edge in missing_edges
     ]
     stops += [f"{view_id}: no other view made good what it was to show" for view_id in missing]
-    stops += [
-        f"{f.label}: {100 * f.compared_fraction:.0f} % compared, "
-        f"{100 * MIN_FACE_SHARE:.0f} % is required; {f.reason}"
+    short = [
+        f
         for f in faces
         if f.verdict is Verdict.NOT_EVALUATED
         and f.face_id not in not_inspected
         and f.area_mm2 >= limits.min_area_mm2
+    ]
+    stops += [
+        f"{f.label}: {100 * f.compared_fraction:.0f} % compared, "
+        f"{100 * MIN_FACE_SHARE:.0f} % is required; {f.reason}"
+        for f in short
     ]
     if confirmed:
         verdict = Verdict.FAIL
@@ -215,7 +221,7 @@ def judge(
         )
     return PartVerdict(
         verdict, tuple(reasons), faces, compared_share, tuple(confirmed), in_sight_share, claim,
-        compared_U=uncertainty_of(samples, compared),
+        short_faces=tuple(f.face_id for f in short), compared_U=uncertainty_of(samples, compared),
     )  # fmt: skip
 
 

@@ -68,7 +68,7 @@ class Service:
         return (self.turns,) * len(seen)
 
     async def plan(
-        self, start: Any, seen: Any, avoid: Any, alternatives: Any, around: Around
+        self, start: Any, seen: Any, avoid: Any, alternatives: Any, around: Around, *_: Any
     ) -> Any:
         self.asked.append(("plan", (start, avoid, around)))
         self.plans.set()

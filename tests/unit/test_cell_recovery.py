@@ -46,7 +46,7 @@ from controller.cell.services.records import Shown
 from controller.config import FaultsSection, load_cell, load_recipe
 from controller.config.view_set import load_view_set, parse_view_set
 from controller.imaging import inverse_pose
-from controller.inspection import PartInspection, PartVerdict, Verdict, ViewResult
+from controller.inspection import FaceVerdict, PartInspection, PartVerdict, Verdict, ViewResult
 from controller.planning import (
     Ambiguity,
     GiveStep,
@@ -64,6 +64,7 @@ from controller.planning import (
     Proof,
     ReceiveStep,
     SetDown,
+    ShortFace,
     Start,
     Step,
     shown_pose,
@@ -285,6 +286,8 @@ class PaperCompute:
     starts: list[Start] = field(default_factory=list)
     asked_seen: list[np.ndarray | None] = field(default_factory=list)
     avoided: list[frozenset[str]] = field(default_factory=list)
+    short: list[frozenset[ShortFace]] = field(default_factory=list)
+    short_faces: list[tuple[int, ...]] = field(default_factory=list)  # of each judging
     shown: list[str] = field(default_factory=list)
     in_field: bool = True
     parkings: list[Start] = field(default_factory=list)
@@ -314,9 +317,16 @@ class PaperCompute:
         )  # fmt: skip
 
     async def plan(
-        self, start: Start, seen: Any, avoid: frozenset[str], alternatives: Any, around: Any
+        self,
+        start: Start,
+        seen: Any,
+        avoid: frozenset[str],
+        alternatives: Any,
+        around: Any,
+        short: frozenset[ShortFace],
     ) -> Plan:
         assert around == ALONE
+        self.short.append(short)
         self.starts.append(start)
         self.asked_seen.append(None if seen is None else seen.copy())
         self.avoided.append(avoid)
@@ -375,9 +385,15 @@ class PaperCompute:
         return len(self.ahead_counts) % 2 == 1
 
     async def judge(self, set_path: Path) -> PartInspection:
-        ledger = PartVerdict(Verdict.PASS, ("fine",), (), 1.0, ())
         assert load_view_set(set_path).views  # what is judged can be read by anybody
-        return PartInspection(Verdict.PASS, ("fine",), (), (), (), ledger)
+        short = self.short_faces.pop(0) if self.short_faces else ()
+        verdict = Verdict.INDETERMINATE if short else Verdict.PASS
+        faces = tuple(
+            FaceVerdict(i, f"F{i} plane", 9.0, 0.4, Verdict.NOT_EVALUATED, (), "dark")
+            for i in short
+        )
+        ledger = PartVerdict(verdict, ("fine",), faces, 1.0, (), short_faces=short)
+        return PartInspection(verdict, ("fine",), (), (), (), ledger)
 
     async def surface_share(self, samples: np.ndarray) -> float:
         return float(samples.sum()) / SAMPLES
@@ -649,6 +665,35 @@ def test_what_could_not_be_compared_gets_one_more_plan_and_no_second(tmp_path: P
     seen = run.compute.asked_seen[1]
     assert seen is not None
     assert (seen == mask(0)).all()
+
+
+def test_a_face_of_which_too_little_was_compared_is_shown_from_another_grasp(
+    tmp_path: Path,
+) -> None:
+    first = plan(pick(), show("v1", 10, 0, 1, 2))
+    again = plan(show("v3", 12, 1))
+    run = PaperRun(tmp_path, first, again)
+    run.compute.short_faces = [(3,)]
+    run.run()
+    run.was_well()
+    assert run.troubles == ["seen_too_little"]
+    assert run.compute.shown == ["v1", "v3"]
+    assert run.compute.short == [
+        frozenset(),
+        frozenset(ShortFace(grasp.id, 3) for grasp in first.grasps),
+    ]
+    rows = list(read_rows(run.journal))
+    assert [row.body["verdict"] for row in rows if row.name == "verdict"] == ["pass"]
+
+
+def test_a_face_that_no_other_grasp_shows_stays_open(tmp_path: Path) -> None:
+    run = PaperRun(tmp_path, plan(pick(), show("v1", 10, 0, 1, 2)), plan())
+    run.compute.short_faces = [(3,), (3,)]
+    run.run()
+    assert run.problem is None
+    assert run.compute.shown == ["v1"]
+    assert run.troubles == ["seen_too_little"]
+    assert run.record.finished[0].tray == "quarantine"
 
 
 def test_a_further_plan_that_promises_next_to_nothing_is_not_driven(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from trimesh.ray.ray_triangle import RayMeshIntersector
 from controller.cad import StablePose, load_solid, make_solid, sample_surface, stable_poses
 from controller.planning import (
     GiveStep,
+    InArm,
     Look,
     NoPlanError,
     OutOfReachError,
@@ -24,6 +25,8 @@ from controller.planning import (
     PreparedPart,
     Present,
     ReceiveStep,
+    ShortFace,
+    plan_from,
     plan_part,
     prepare_part,
     resting_pose,
@@ -221,3 +224,26 @@ def test_views_follow_a_measured_grip(plan: Plan) -> None:
     moved = shown_pose(LAYOUT, view.q, slipped)
     hand_x = moved[:3, :3] @ slipped[:3, 0]
     np.testing.assert_allclose(moved[:3, 3] - view.T_world_part[:3, 3], -2.0 * hand_x, atol=1e-9)
+
+
+def test_a_face_that_came_short_from_a_grasp_is_shown_from_another_one(
+    plan: Plan, prepared: PreparedPart
+) -> None:
+    held, last = plan.grasps[-1], plan.presents[-1]
+    start = InArm(held, last.q)
+    faces = prepared.counted_samples.face_ids
+    everything = np.ones(len(faces), dtype=bool)
+    assert plan_from(prepared, LAYOUT, start, seen=everything).presents == ()
+    # of a face that another grasp shows, too; turned over, a gripper is where it was
+    base = held.id.removesuffix("'")
+    others = [g.id.removesuffix("'") != base for g in prepared.arm_grasps]
+    by_others = prepared.covered[others].any(axis=0)
+    shares = {i: by_others[prepared.samples.face_ids == i].mean() for i in np.unique(faces)}
+    face = max(shares, key=lambda i: (shares[i], (faces == i).sum()))
+    short = frozenset({ShortFace(held.id, int(face))})
+    again = plan_from(prepared, LAYOUT, start, seen=everything, short=short)
+    first = next(k for k, step in enumerate(again.steps) if isinstance(step, ReceiveStep | Pick))
+    showing = [isinstance(s, Present) and s.seen[faces == face].any() for s in again.steps]
+    assert any(showing[first:])
+    assert not any(showing[:first])
+    assert again.grasps[-1].id.removesuffix("'") != base

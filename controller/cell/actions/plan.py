@@ -84,13 +84,20 @@ class PlanAction:
             and part.recoveries
             and part.recoveries[-1].fault is PartFault.SEEN_TOO_LITTLE
         )
-        if is_more and await self.compute.surface_share(_new(plan, part.in_sight)) < WORTH_SHARE:
+        if is_more and not await self._is_worth(plan):
             return Event.PLANNED_ON  # the new plan would gain too little: finish the old one
         part.plan, part.next_step, part.above_tray = plan, 0, None
         part.plan_count += 1
         self.record.note(plan_row(plan, is_ahead=plan is part.plan_ahead))
         part.plan_ahead = None
         return Event.PLANNED if isinstance(start, OnTable) else Event.PLANNED_ON
+
+    async def _is_worth(self, plan: Plan) -> bool:
+        """Return whether a plan shows enough that is new, or faces from other grasps."""
+        part = self.record.part
+        if part.short:
+            return any(isinstance(step, Present) for step in plan.steps)
+        return await self.compute.surface_share(_new(plan, part.in_sight)) >= WORTH_SHARE
 
     async def _plan_what_can_be_taken(self, start: Start) -> tuple[Plan, Start]:
         """Return a plan and its start; of another part on the table where this one has none.
@@ -124,7 +131,7 @@ class PlanAction:
                 if part.parked is not None:
                     return await self.compute.plan_to_trays(start, avoid, around)
                 return await self.compute.plan(
-                    start, part.in_sight, avoid, part.alternatives, around
+                    start, part.in_sight, avoid, part.alternatives, around, part.short
                 )
             except NoPlanError:
                 if avoid == own:

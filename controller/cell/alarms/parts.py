@@ -61,7 +61,7 @@ PARTS: Final = (
     ),
     Alarm(
         409, "seen_too_little", _RECOVERED, "inspection camera",
-        "views showed less of the surface than the plan promised",
+        "views showed less of the surface than was promised or is required",
         "whether the surface that is left is good",
         "read in the report which views could not be evaluated, and why",
     ),

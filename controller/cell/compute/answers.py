@@ -34,6 +34,7 @@ from controller.planning import (
     OnTable,
     Plan,
     PreparedPart,
+    ShortFace,
     Start,
     TableHypothesis,
 )
@@ -100,6 +101,7 @@ def plan(
     avoid: frozenset[str],
     alternatives: tuple[recognising.Alternative, ...],
     around: Around = ALONE,
+    short: frozenset[ShortFace] = frozenset(),
 ) -> Plan:
     """Return a plan for the part, which a gripper or the table has.
 
@@ -111,6 +113,7 @@ def plan(
     avoid : ids of grasps that have failed
     alternatives : the other parts and poses that recognition has not excluded
     around : what else is in the cell
+    short : faces to show again, from other grasps
 
     Raises
     ------
@@ -122,7 +125,7 @@ def plan(
         return planning.plan_under_ambiguity(
             prepared, layout, start, hypotheses, seen=seen, avoid=avoid
         )
-    return planning.plan_from(prepared, layout, start, seen=seen, avoid=avoid)
+    return planning.plan_from(prepared, layout, start, seen=seen, avoid=avoid, short=short)
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,7 +26,7 @@ from .plan import (
     Unseen,
     lit_count,
 )
-from .prepared import HandOff, PlanOptions, PreparedPart, Rest
+from .prepared import HandOff, PlanOptions, PreparedPart, Rest, ShortFace
 from .starts import InArm, InFixedGripper, OnTable, Start
 from .visibility import Counted, Directions, HiddenEvidence, VisibilityTable
 
@@ -74,6 +74,7 @@ __all__ = [
     "ReceiveStep",
     "Rest",
     "SetDown",
+    "ShortFace",
     "Start",
     "Step",
     "TimingModel",

@@ -75,6 +75,20 @@ class PlanOptions:
         )
 
 
+@dataclass(frozen=True, slots=True)
+class ShortFace:
+    """A face of which too little could be compared from a grasp of the arm, though it was in sight.
+
+    Attributes
+    ----------
+    grasp : its id
+    face : id
+    """
+
+    grasp: str
+    face: int
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class PreparedPart:
     """Everything of one part in one cell that does not depend on its pose on the table.

@@ -28,6 +28,7 @@ from ..model import (
     PlanOptions,
     PreparedPart,
     Proof,
+    ShortFace,
     Start,
 )
 from ..regrasps import PickPath
@@ -36,7 +37,7 @@ from .beginning import Beginning, from_arm, from_fixed_gripper, from_table
 from .build import Build, Builder, RefutedError, check_trays_in_reach
 from .costs import EdgeCosts, RegraspSite, make_edge_costs, view_seconds, worthwhile
 from .coverage import count_shown, counted_as
-from .prepare import among_neighbours, prepare_part, with_grasps, with_rests
+from .prepare import among_neighbours, prepare_part, with_grasps, with_rests, without_short
 from .second_choice import SecondChoice
 from .why import nothing_shown, unseen_pieces
 
@@ -83,6 +84,7 @@ def plan_from(
     *,
     seen: BoolArray | None = None,
     avoid: frozenset[str] = frozenset(),
+    short: frozenset[ShortFace] = frozenset(),
     rng_seed: int = 0,
 ) -> Plan:
     """Return the plan that shows what is left to be shown, from wherever the part is now.
@@ -95,6 +97,8 @@ def plan_from(
     seen : (m,) of `PreparedPart.counted_samples`, inspected before: no view is spent on them again;
         none if None
     avoid : ids of grasps of either gripper that are not to be used
+    short : grasps of the arm and faces of which too little could be compared from them: these faces
+        are shown again, from other grasps
     rng_seed : of the random trees; the same one gives the same plan
 
     Raises
@@ -104,6 +108,7 @@ def plan_from(
     check_trays_in_reach(part.solid.name, layout)
     part = among_neighbours(part, layout)
     before = np.zeros(len(part.counted_samples.points_mm), dtype=bool) if seen is None else seen
+    before = before & ~np.isin(part.counted_samples.face_ids, [one.face for one in short])
     inspected = before if part.counted is None else before[part.counted.of_chosen]
     match start:
         case OnTable():
@@ -117,7 +122,7 @@ def plan_from(
             avoid -= {start.grasp.id}
     look = beginning.look
     task = _Task(
-        part=part,
+        part=without_short(part, short),
         layout=layout,
         beginning=beginning,
         before=before,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 
@@ -32,6 +32,7 @@ from ..model import (
     NotGraspableError,
     PlanOptions,
     PreparedPart,
+    ShortFace,
 )
 from ..motion import Scene, segment_seconds
 from ..regrasps import clear_hand_offs, hand_offs, rests, set_downs
@@ -194,6 +195,30 @@ def with_grasps(part: PreparedPart, layout: CellLayout, grasps: Sequence[Grasp])
             joined(old, set_downs(layout, part.shape, rest, grasps))
             for old, rest in zip(part.set_downs, part.rests, strict=True)
         ),
+    )
+
+
+def without_short(part: PreparedPart, short: Collection[ShortFace]) -> PreparedPart:
+    """Return the part as if some grasps did not show some faces; turned over, none shows more.
+
+    Parameters
+    ----------
+    part : prepared; left as it is
+    short : which grasp, which face
+    """
+    if not short:
+        return part
+    faces: dict[str, list[int]] = {}
+    for one in short:
+        faces.setdefault(one.grasp.removesuffix(TURNED), []).append(one.face)
+    hidden = [
+        np.isin(part.samples.face_ids, faces.get(g.id.removesuffix(TURNED), []))
+        for g in part.arm_grasps
+    ]
+    return replace(
+        part,
+        shown=tuple(s & ~h for s, h in zip(part.shown, hidden, strict=True)),
+        covered=part.covered & ~np.array(hidden),
     )
 
 

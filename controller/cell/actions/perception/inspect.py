@@ -27,8 +27,8 @@ from controller.cell.services.records import (
     views_posed_row,
 )
 from controller.cell.services.trays import QUARANTINE, TRAYS
-from controller.inspection import PartVerdict, Verdict
-from controller.planning import GiveStep, Present, ReceiveStep, SetDown
+from controller.inspection import PartInspection, PartVerdict, Verdict
+from controller.planning import GiveStep, Present, ReceiveStep, SetDown, ShortFace
 from controller.stored import lines_digest
 
 
@@ -127,8 +127,9 @@ class InspectAction:
         if part.parked is None:
             await self._require_enough()
         stored = await asyncio.to_thread(self.part_file.write, part, record.product)
-        record.note_file(stored.file, stored.digest)
         found = await self.compute.judge(self.part_file.folder / stored.file)
+        self._require_all_compared(found)
+        record.note_file(stored.file, stored.digest)
         reasons = (*found.reasons, *found.unproven)
         part.verdict = replace(found.ledger, verdict=found.verdict, reasons=reasons)
         # in a thread: thousands of looks take longer to describe than the event loop may be held
@@ -136,6 +137,29 @@ class InspectAction:
         record.note(findings_row(found.findings))
         record.note(views_posed_row(found.off))
         record.note(PartInspected(views=stored.file, lines_sha256=lines_digest(found)))
+
+    def _require_all_compared(self, found: PartInspection) -> None:
+        """Raise PartFaultError where a face could be compared too little and nothing has failed.
+
+        From another grasp the light on it is another, and the gripper is elsewhere.
+        """
+        part, short = self.record.part, found.ledger.short_faces
+        is_open = (
+            found.verdict is Verdict.INDETERMINATE and found.ledger.verdict is not Verdict.FAIL
+        )
+        if not short or not is_open or part.parked is not None or part.plan is None:
+            return
+        if part.custody is not Custody.IN_ARM:
+            return
+        if self.recoveries.decision(PartFault.SEEN_TOO_LITTLE) is Act.SKIP:
+            return
+        part.short |= {ShortFace(grasp.id, face) for grasp in part.plan.grasps for face in short}
+        labels = {face.face_id: face.label for face in found.ledger.faces}
+        raise PartFaultError(
+            PartFault.SEEN_TOO_LITTLE,
+            f"{', '.join(labels[face] for face in short)}: compared too little, to be shown from "
+            "another grasp",
+        )
 
     async def _go_on(self) -> None:
         """Go to above the tray of an accepted part, or of a parked one; nothing opens there.

@@ -12,7 +12,7 @@ from controller.cell.compute import Located
 from controller.cell.custody import Custody
 from controller.cell.journal.rows import SightingFields
 from controller.cell.machine import Recovery
-from controller.planning import Grasp, Look, Plan, Present
+from controller.planning import Grasp, Look, Plan, Present, ShortFace
 from controller.recognition import Alternative, Sighting
 
 from .product import Product
@@ -112,6 +112,7 @@ class PartRecord:
     planned : by view, which samples (n,) it was planned to show
     recoveries : part faults that the cell has set out to recover from
     avoid : ids of grasps that have failed
+    short : faces of which too little was compared, and from which grasps
     above_tray : the tray that the arm went on to while the part was judged
     parked : the fault for which the part goes to the quarantine tray, None while all is well
     is_said_to_be_out : a person states that they took it out; not checked yet
@@ -146,6 +147,7 @@ class PartRecord:
     planned: dict[str, BoolArray] = field(default_factory=dict)
     recoveries: list[Recovery] = field(default_factory=list)
     avoid: set[str] = field(default_factory=set)
+    short: frozenset[ShortFace] = frozenset()
     above_tray: AboveTray | None = None
     parked: Recovery | None = None
     verdict: inspecting.PartVerdict | None = None
@@ -158,6 +160,7 @@ class PartRecord:
         """Which samples (n,) were in sight of views; None before the first view.
 
         In sight, compared or not: where no check could compare, another such view could not either.
+        From another grasp one may: see `short`.
         """
         return merged([result.in_sight for result in self.results if result.evaluated])
 
