@@ -17,6 +17,7 @@ MIN_RAYS: Final = 16
 CORNER_PX: Final = 5.0  # rays nearer to a corner see what is round it
 SAME_RAD: Final = 1e-4  # between points that are one
 MIN_CHORDS: Final = 3  # ends of chords; fewer are no circle
+FULL_RAD: Final = 2 * np.pi - 1e-3  # a rim that sweeps more is closed
 WIDEST_RAD: Final = 0.5  # half of what a chord spans
 NEIGHBOUR: Final = 0.02  # step along a curve for its tangent and bend, of its length
 
@@ -109,7 +110,7 @@ def rim_curve(
     first, second = directions
     centre = rim.centre_mm + moved_mm[0] * first + moved_mm[1] * second
     radius = rim.radius_mm + float(moved_mm[2])
-    is_closed = rim.sweep_rad > 2 * np.pi - 1e-3
+    is_closed = rim.sweep_rad > FULL_RAD
     length_px = rim.radius_mm * rim.sweep_rad / pixel_mm
     count = int(np.clip(length_px / SPACING_PX, MIN_RAYS, MAX_RAYS))
     side = np.cross(rim.axis, rim.start)
@@ -184,6 +185,16 @@ def rim_directions(axis: FloatArray) -> tuple[FloatArray, FloatArray]:
     first = np.cross(axis, helper)
     first /= np.linalg.norm(first)
     return first, np.cross(axis, first)
+
+
+def turn_of(rim: Rim, points_mm: FloatArray) -> FloatArray:
+    """Return the angles (n,) of points (n, 3) about an arc's axis, from its middle."""
+    side = np.cross(rim.axis, rim.start)
+    away = points_mm - rim.centre_mm
+    half = 0.5 * rim.sweep_rad
+    middle = np.cos(half) * rim.start + np.sin(half) * side
+    beside = np.cross(rim.axis, middle)
+    return np.asarray(np.arctan2(away @ beside, away @ middle))
 
 
 def line_curve(

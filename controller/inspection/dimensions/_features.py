@@ -10,6 +10,7 @@ from controller.cad import Solid
 
 from ..characteristics import EdgeLine, Rim
 from ._curves import (
+    FULL_RAD,
     Chords,
     Curve,
     chords_of,
@@ -17,9 +18,11 @@ from ._curves import (
     plane_rim_curve,
     rim_curve,
     rim_directions,
+    turn_of,
 )
 from ._rays import Rays
 
+MIN_TURN_RAD: Final = 1e-3  # an arc that turns less is straight
 NO_POINTS: Final = np.zeros((0, 2))
 
 
@@ -60,6 +63,20 @@ class RimFeature:
     def design(self, rays: Rays, curve: FloatArray) -> FloatArray:
         """Return how offsets (n, 3) grow with the unknowns; `curve` (n,) counts from its first."""
         return rays.design[:, :3]
+
+    def light_angles(self, rays: Rays) -> FloatArray:
+        """Return the angles (n,) round which light moves its edges, more here than there.
+
+        On an arc these are the angles in space, and so many times more as it turns less than that
+        in the picture, or more: where it is seen flat, little light bends it as another radius
+        would.
+        """
+        rim = self.rims[0]
+        if rim.sweep_rad > FULL_RAD:
+            return _normal_angles(rays)
+        turn = turn_of(rim, rays.points_mm)
+        stretch = float(np.ptp(turn)) / max(_picture_turn_rad(rays), MIN_TURN_RAD)
+        return turn * min(max(stretch, 1.0 / stretch), 2 * np.pi / rim.sweep_rad)
 
     @property
     def kept(self) -> BoolArray:
@@ -120,6 +137,10 @@ class FaceFeature:
         out[np.arange(len(out)), 1 + curve.astype(np.intp)] = rays.design[:, 1]
         return out
 
+    def light_angles(self, rays: Rays) -> FloatArray:
+        """Return the angles (n,) round which light moves its edges, more here than there."""
+        return _normal_angles(rays)
+
     @property
     def kept(self) -> BoolArray:
         """Of the unknowns (p,), which a second look begins with what the first found of them."""
@@ -171,3 +192,14 @@ class FeatureFit:
     form_u_mm: float = float("inf")
     share: float = 0.0
     is_part: bool = False
+
+
+def _normal_angles(rays: Rays) -> FloatArray:
+    return np.asarray(np.arctan2(rays.normals[:, 1], rays.normals[:, 0]))
+
+
+def _picture_turn_rad(rays: Rays) -> float:
+    """Return by how much the directions across an arc differ in the picture, less than a turn."""
+    angle = _normal_angles(rays)
+    middle = np.arctan2(np.sin(angle).mean(), np.cos(angle).mean())
+    return float(np.ptp(np.arctan2(np.sin(angle - middle), np.cos(angle - middle))))

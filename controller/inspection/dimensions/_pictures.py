@@ -324,7 +324,7 @@ def _fit(
         values_mm=moved + answer.values,
         noise=answer.noise,
         pose=answer.gain @ rays.pose,
-        edge=answer.gain @ np.column_stack([edge_px * _modes(rays), LEAN_KNOWN * lean]),
+        edge=answer.gain @ np.column_stack([edge_px * _modes(feature, rays), LEAN_KNOWN * lean]),
         wall=answer.gain @ (rays.rising * wall),
         blur=answer.gain @ (BLUR_KNOWN * blur),
         facets=answer.gain @ (FACET * rays.facet_px),
@@ -337,13 +337,18 @@ def _fit(
     )
 
 
-def _modes(rays: Rays) -> FloatArray:
+def _modes(feature: Feature, rays: Rays) -> FloatArray:
     """Return shapes (n, k) in which light may move an edge: as a whole, and more here than there.
 
     Round a whole circle only the first moves a radius and the next two a place. Of an arc that
     shows, all the rest are taken for one or the other as well.
+
+    Parameters
+    ----------
+    feature : that they are taken for
+    rays : across its edges
     """
-    angle = np.arctan2(rays.normals[:, 1], rays.normals[:, 0])
+    angle = feature.light_angles(rays)
     waves = [wave(k * angle) for k in range(1, WAVES + 1) for wave in (np.cos, np.sin)]
     return np.column_stack([rays.outward, *waves])
 
