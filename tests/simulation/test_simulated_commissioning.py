@@ -6,9 +6,9 @@ import re
 from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 import pytest
+from stories import play
 
 from controller.cell.commissioning import CommissionOrder, Session, due
 from controller.cell.commissioning.person import HELPER
@@ -17,7 +17,7 @@ from controller.cell.operator import NOBODY, Answer, Operator, Question
 from controller.commissioning.procedure import Folder, Outcome, Status, StepRecord
 from controller.config import ConfigError
 from emulators.umi_scara import Axis
-from simulation.cell import BEAT_S, Scene, SimulatedCell
+from simulation.cell import BEAT_S, SimulatedCell
 from simulation.loop import SimulatedLoop, SimulatedProcess
 
 
@@ -71,23 +71,6 @@ class Story:
         return {axis: motor.position for axis, motor in self.cell.cell.arm.axes.items()}
 
 
-def tell(tmp_path: Path, story: Callable[[Story], Any]) -> None:
-    """Run a story on a loop of its own."""
-    loop = SimulatedLoop(5)
-    cell = SimulatedCell(loop, 5, Scene("holder"), tmp_path / "cell")
-
-    async def all_of_it() -> None:
-        async with cell:
-            await story(Story(loop, cell, tmp_path / "out"))
-
-    try:
-        loop.run_until_complete(all_of_it())
-    finally:
-        cell.close()
-        loop.bury()
-        loop.close()
-
-
 def test_a_step_that_passes_leaves_its_record_and_is_done(tmp_path: Path) -> None:
     async def story(one: Story) -> None:
         helper = Helper()
@@ -109,7 +92,7 @@ def test_a_step_that_passes_leaves_its_record_and_is_done(tmp_path: Path) -> Non
         assert {told.who for told in record.answers} == {HELPER}
         assert record.by == "a tester"
 
-    tell(tmp_path, story)
+    play(tmp_path, Story, story)
 
 
 def test_a_stop_half_way_halts_the_arm_and_the_next_start_goes_on(tmp_path: Path) -> None:
@@ -127,7 +110,7 @@ def test_a_stop_half_way_halts_the_arm_and_the_next_start_goes_on(tmp_path: Path
         assert (await one.run(one.session(Helper()))).outcome is Outcome.PASSED
         assert one.status() is Status.DONE
 
-    tell(tmp_path, story)
+    play(tmp_path, Story, story)
 
 
 def test_an_emergency_stop_half_way_is_latched_until_somebody_has_seen_it(tmp_path: Path) -> None:
@@ -141,7 +124,7 @@ def test_an_emergency_stop_half_way_is_latched_until_somebody_has_seen_it(tmp_pa
         assert (await one.run(one.session(again))).outcome is Outcome.PASSED
         assert any("acknowledged" in text for text in again.texts)
 
-    tell(tmp_path, story)
+    play(tmp_path, Story, story)
 
 
 @pytest.mark.parametrize(
@@ -164,7 +147,7 @@ def test_a_device_that_is_lost_half_way_is_named_and_nothing_is_lost(
         kept = one.order.folder.path / first.evidence / "record.json"
         assert StepRecord.model_validate_json(kept.read_text()) == first
 
-    tell(tmp_path, story)
+    play(tmp_path, Story, story)
 
 
 def test_where_nobody_is_there_nothing_moves(tmp_path: Path) -> None:
@@ -175,7 +158,7 @@ def test_where_nobody_is_there_nothing_moves(tmp_path: Path) -> None:
         assert "a person is required" in record.message
         assert one.counts() == before
 
-    tell(tmp_path, story)
+    play(tmp_path, Story, story)
 
 
 def test_a_step_whose_needs_are_not_done_is_refused(tmp_path: Path) -> None:
@@ -186,4 +169,4 @@ def test_a_step_whose_needs_are_not_done_is_refused(tmp_path: Path) -> None:
         with pytest.raises(ConfigError, match="there are devices, light"):
             due(standings, "lamp")
 
-    tell(tmp_path, story)
+    play(tmp_path, Story, story)

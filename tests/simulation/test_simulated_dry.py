@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
+from stories import play
 
 from controller.cell.commissioning.dry import DryOrder, DryPlan, DrySession, LiftedStep
 from controller.cell.devices.clocks import FoundClock
@@ -19,7 +18,7 @@ from controller.config import load_cell
 from controller.results import load_run, report_json, write_html
 from controller.setup.layout import build_layout
 from emulators.umi_scara import Axis
-from simulation.cell import BEAT_S, Scene, SimulatedCell
+from simulation.cell import BEAT_S, SimulatedCell
 from simulation.loop import SimulatedLoop, SimulatedProcess
 
 RUN = "20300101-000000-000-holder-dry"
@@ -76,23 +75,6 @@ class Story:
         return {axis: motor.position for axis, motor in self.cell.cell.arm.axes.items()}
 
 
-def play(tmp_path: Path, story: Callable[[Story], Awaitable[Any]]) -> None:
-    """Run a story on a loop of its own."""
-    loop = SimulatedLoop(5)
-    cell = SimulatedCell(loop, 5, Scene("holder"), tmp_path / "cell")
-
-    async def all_of_it() -> None:
-        async with cell:
-            await story(Story(loop, cell, tmp_path / "out"))
-
-    try:
-        loop.run_until_complete(all_of_it())
-    finally:
-        cell.close()
-        loop.bury()
-        loop.close()
-
-
 def test_a_dry_run_drives_its_steps_opens_both_grippers_and_has_no_verdict(tmp_path: Path) -> None:
     async def story(one: Story) -> None:
         record = await one.run(one.session(12.0, 5.0))
@@ -123,7 +105,7 @@ def test_a_dry_run_drives_its_steps_opens_both_grippers_and_has_no_verdict(tmp_p
         assert "both grippers are empty" not in page
         assert cell.name in page
 
-    play(tmp_path, story)
+    play(tmp_path, Story, story)
 
 
 @pytest.mark.parametrize("what", ["stop", pytest.param("door", marks=pytest.mark.slow)])
@@ -155,4 +137,4 @@ def test_a_dry_run_that_is_stopped_halts_above_tray_and_says_so(tmp_path: Path, 
         assert found.outcome.end == "broke_off"
         assert report_json(found)["verdict"] == "no verdict"
 
-    play(tmp_path, story)
+    play(tmp_path, Story, story)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from stories import play
 
 from controller.cell.commissioning import CommissionOrder, Errand, Session
 from controller.cell.commissioning.gauges import touching
@@ -20,7 +21,7 @@ from controller.commissioning.procedure import Folder, Outcome, StepRecord
 from controller.config import load_cell
 from controller.config.calibrations import FixedGripperCalibration, read_calibration
 from emulators.gripper_modbus import JawScale, RobotiqConfig
-from simulation.cell import BEAT_S, Scene, SimulatedCell
+from simulation.cell import BEAT_S, SimulatedCell
 from simulation.loop import SimulatedLoop, SimulatedProcess
 
 # The fixed gripper stands here in the world (recipes/cells/emulated.yaml) ...
@@ -111,19 +112,7 @@ def tell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, story: Callable[[Story
     # fewer and quicker touches than in earnest: the world is computed step by step
     monkeypatch.setattr(touching, "ALONG_MM", (80.0, 34.0))
     monkeypatch.setattr(touching, "TOUCH_SPEED", 0.6)
-    loop = SimulatedLoop(5)
-    cell = SimulatedCell(loop, 5, Scene("holder"), tmp_path / "cell")
-
-    async def all_of_it() -> None:
-        async with cell:
-            await story(Story(loop, cell, tmp_path / "out"))
-
-    try:
-        loop.run_until_complete(all_of_it())
-    finally:
-        cell.close()
-        loop.bury()
-        loop.close()
+    play(tmp_path, Story, story)
 
 
 def test_touches_find_the_jaws_plane_and_gauges_the_openings(

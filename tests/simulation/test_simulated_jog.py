@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from stories import play
 
 from controller.cell.commissioning.jogging import JogOrders, JogSession, Reading, Taken
 from controller.cell.devices.clocks import FoundClock
@@ -16,7 +18,7 @@ from controller.cell.operator import Answer, Question
 from controller.commissioning.procedure import Outcome, StepRecord
 from controller.config import load_cell
 from emulators.umi_scara import COUNTS_PER_DEG, Axis
-from simulation.cell import BEAT_S, Scene, SimulatedCell
+from simulation.cell import BEAT_S, SimulatedCell
 from simulation.loop import SimulatedLoop, SimulatedProcess
 
 HOMED = ("home", "open arm 40", "park", "z -100")
@@ -103,29 +105,13 @@ class Story:
         assert self.counts() == before
 
 
-@pytest.fixture
-def play(tmp_path: Path) -> Callable[[Callable[[Story], Awaitable[Any]]], None]:
-    """Return what runs a story on a loop of its own."""
-
-    def run(story: Callable[[Story], Awaitable[Any]]) -> None:
-        loop = SimulatedLoop(5)
-        cell = SimulatedCell(loop, 5, Scene("holder"), tmp_path / "cell")
-
-        async def all_of_it() -> None:
-            async with cell:
-                await story(Story(loop, cell, tmp_path / "out"))
-
-        try:
-            loop.run_until_complete(all_of_it())
-        finally:
-            cell.close()
-            loop.bury()
-            loop.close()
-
-    return run
-
-
 Play = Callable[[Callable[[Story], Awaitable[Any]]], None]
+
+
+@pytest.fixture(name="play")
+def play_here(tmp_path: Path) -> Play:
+    """Return what runs a story on a loop of its own."""
+    return partial(play, tmp_path, Story)
 
 
 def test_before_homing_only_motors_and_homing_are_allowed(play: Play) -> None:
