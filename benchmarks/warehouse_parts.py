@@ -2,7 +2,7 @@
 
 python benchmarks/warehouse_parts.py FOLDER [--kit 4]
 
-There are four kits of different parts: once what a kit showed has been mended, only the next one
+There are five kits of different parts: once what a kit showed has been mended, only the next one
 still says how recognition does on parts that nobody looked at. Writes FOLDER/known and
 FOLDER/strangers, each with the package's licence (Apache 2.0). The package is no dependency of the
 project: pip install bd-warehouse==0.2.0 build123d==0.10.0 ocp_gordon==0.1.18. Threads are left out
@@ -154,7 +154,48 @@ def fourth_kit() -> tuple[dict[str, Make], dict[str, Make]]:
     return known, strangers
 
 
-KITS = {1: first_kit, 2: second_kit, 3: third_kit, 4: fourth_kit}
+def fifth_kit() -> tuple[dict[str, Make], dict[str, Make]]:
+    """Return how each known part and each stranger of the fifth kit is made.
+
+    Washers, flanges and rings of one size that differ by their holes or by a step are among them.
+    """
+    from bd_warehouse import bearing, fastener, flange, gear, open_builds, pipe, sprocket
+    from build123d import Compound, Edge, Solid
+
+    def ring(whole: Compound, number: int) -> Solid:
+        return sorted(whole.solids(), key=lambda solid: -solid.volume)[number]
+
+    def tube(size: str, length_mm: float) -> Compound:
+        return pipe.Pipe(size, "steel", "40", Edge.make_line((0, 0, 0), (0, 0, length_mm)))
+
+    known: dict[str, Make] = {
+        "collar_screw_12": lambda: fastener.ButtonHeadWithCollarScrew("M12-1.75", 40, simple=True),
+        "cap_screw_10": lambda: fastener.SocketHeadCapScrew("M10-1.5", 55, simple=True),
+        "sunk_screw_12": lambda: fastener.CounterSunkScrew("M12-1.75", 50, simple=True),
+        "nut_20": lambda: fastener.HexNut("M20-2.5", "iso4032", simple=True),
+        "flange_nut_14": lambda: fastener.HexNutWithFlange("M14-2", "din1665", simple=True),
+        "washer_24": lambda: fastener.PlainWasher("M24", "iso7089"),
+        "washer_14": lambda: fastener.PlainWasher("M14", "iso7093"),
+        "cheese_washer_24": lambda: fastener.CheeseHeadWasher("M24"),
+        "slip_on_three_quarters": lambda: flange.SlipOnFlange("3/4", 300),
+        "blind_half": lambda: flange.BlindFlange("1/2", 300),
+        "outer_ring": lambda: ring(bearing.SingleRowDeepGrooveBallBearing("M10-35-11"), 0),
+        "pipe_half": lambda: tube("1/2", 50),
+        "gear_28": lambda: gear.SpurGear(2.0, 28, 20, thickness=15),
+        "sprocket_12": lambda: sprocket.Sprocket(12, 12.7, 7.9375, 0.0, 12.0, 0.0, 0, 0.0, 0.0),
+        "rail_20x20_45": lambda: open_builds.VSlotLinearRail("20x20", 45),
+    }
+    strangers: dict[str, Make] = {
+        "washer_22": lambda: fastener.PlainWasher("M22", "iso7089"),
+        "blind_three_quarters": lambda: flange.BlindFlange("3/4", 300),
+        "lapped_three_quarters": lambda: flange.LappedFlange("3/4", 300),
+        "cap_screw_8": lambda: fastener.SocketHeadCapScrew("M8-1.25", 50, simple=True),
+        "outer_ring_30": lambda: ring(bearing.SingleRowDeepGrooveBallBearing("M10-30-9"), 0),
+    }
+    return known, strangers
+
+
+KITS = {1: first_kit, 2: second_kit, 3: third_kit, 4: fourth_kit, 5: fifth_kit}
 
 
 def licence() -> str:

@@ -23,6 +23,7 @@ from controller.recognition.fitting import (
     GreyMeasure,
     ImageEdges,
     OutlineMeasure,
+    Shading,
     fit_edges,
     grey_evidence,
     outline_evidence,
@@ -246,6 +247,27 @@ def test_evidence_under_lamps_is_for_the_right_pose_and_against_others() -> None
     assert right.outline > 0.9
     assert right.misfit_px < 1.0
     assert turned.outline == pytest.approx(right.outline, abs=0.1)
+
+
+def test_an_edge_that_a_pose_does_not_have_is_as_long_as_the_rim_it_is_of() -> None:
+    # half a turn puts a pocket of 24 x 16 mm elsewhere; at its own place hardly a corner is left
+    T, image = lit("pocket", side=False)
+    shape = silhouette(solid("pocket").mesh, T, CAMERA)
+    v, u = np.mgrid[0 : SIZE[1], 0 : SIZE[0]]
+    within = shapely.contains_xy(shape.buffer(2), u.ravel(), v.ravel()).reshape(SIZE[::-1])
+
+    def longest_mm(pose: Array, others: tuple[Grey, ...]) -> float:
+        measure = GreyMeasure(image, (0, 0), is_lit=True, others=others)
+        edges = predict_edges(model("pocket"), pose, CAMERA)
+        strong = ImageEdges.of(measure, np.asarray(within))
+        told = grey_evidence(edges, 0.2, 0.28, [measure], strong, Shading(0.5, 9.0, 4.0, 100))
+        return told.unexplained_mm
+
+    assert longest_mm(T, (image,)) < 16
+    both_rims_mm = 2 * 2 * (24 + 16)
+    assert both_rims_mm / 2 < longest_mm(T @ HALF_TURN, (image,)) < both_rims_mm
+    # under one lamp it may be a shadow's border
+    assert longest_mm(T @ HALF_TURN, ()) == 0
 
 
 def roof_inside(T: Array) -> NDArray[np.bool_]:

@@ -389,6 +389,20 @@ def test_one_reading_that_is_surely_right_convinces() -> None:
     assert is_convincing([pocket(probability=0.7), pocket(probability=0.95)])
 
 
+def test_what_lacks_an_edge_that_is_seen_is_no_answer_however_well_the_rest_fits() -> None:
+    lacks = replace(PERFECT, unexplained_mm=130.0)
+    alone = pocket(evidence=lacks)
+    answer = decide([alone], is_backlit=False)
+    assert (answer.best, answer.nearest) == (None, alone)
+    assert answer.score >= 0.5
+    assert not is_convincing([alone])
+    # another that has the edge is taken, though by all else it is the less likely one
+    has_it = pocket(turn=True, log_odds=30.0, probability=0.9)
+    assert decide([alone, has_it], is_backlit=False).best is has_it
+    scratched = pocket(evidence=replace(PERFECT, unexplained_mm=10.0))
+    assert decide([scratched, has_it], is_backlit=False).best is scratched
+
+
 # --- the same hypothesis twice -------------------------------------------------------------------
 
 

@@ -7,6 +7,7 @@ from functools import cache
 from types import SimpleNamespace
 from typing import cast
 
+import cv2
 import numpy as np
 import pytest
 import trimesh
@@ -21,15 +22,17 @@ from controller.imaging import PointLamp
 from controller.recognition import Library, Sighting, make_library, recognise
 from controller.recognition.fitting import EdgeFit, Gaps, edge_model, predict_edges
 from controller.recognition.identification.decide import Decision
-from controller.recognition.identification.hypotheses import Hypothesis
+from controller.recognition.identification.hypotheses import Hypothesis, SearchLimits
 from controller.recognition.identification.lit.choice import Place
 from controller.recognition.identification.lit.fits import LitCluster, LitFit
 from controller.recognition.identification.lit.parts import is_detail, sure_beside_unknown
+from controller.recognition.identification.lit.search import Search
 from controller.recognition.library import Candidate
 from controller.recognition.segmentation import Region, joined, near_ones
 
 Array = NDArray[np.float64]
 CAMERA = overhead()
+LIMITS = SearchLimits()
 TABLE = np.array([[-150.0, -120, 0], [150, -120, 0], [150, 120, 0], [-150, 120, 0]])
 RING = PointLamp.ring("ring", np.array([0.0, 0, 690]), np.array([0.0, 0, -1]), 150.0)
 BODIES: dict[str, Body] = {
@@ -96,6 +99,17 @@ def test_two_parts_that_touch_under_lamps_are_both_named_and_lie_on_nothing() ->
         assert (one.lies_on, one.is_covered, one.touching_count) == ((), False, 1)
     # 40 of the plate's 200 mm are against the bar
     assert plate.free_share == pytest.approx(1 - 40 / (200 + 12 * np.pi), abs=0.06)
+
+
+def test_an_edge_that_one_lamp_shows_is_an_edge_of_the_cluster_but_needs_no_explanation() -> None:
+    plain = np.full((60, 80), 90, np.uint8)
+    stepped = plain.copy()
+    stepped[:, 40:] = 30  # a shadow there, or a step: it is darker, so that the brightest is plain
+    mask = np.ones(plain.shape, np.bool_)
+    cluster = LitCluster([plain, plain, stepped], (0, 0, 80, 60), mask, CAMERA)
+    assert np.abs(cluster.grey.gx[30]).argmax() in (39, 40)
+    assert len(cluster.image_edges.points_px) == 0
+    assert [one.min() for one in cluster.telling] == [90, 30]
 
 
 def test_a_part_that_leans_on_another_is_named_with_its_tilt_and_what_it_lies_on() -> None:
@@ -165,8 +179,24 @@ def fitted(name: str, T: Array, missing: Callable[[Array], NDArray[np.bool_]]) -
     fit = EdgeFit(T, edges, Gaps(gap_px, np.ones(len(gap_px))), 0.1, np.zeros((3, 3)))
     width, height = CAMERA.size_px
     nothing, all_of_it = np.zeros((height, width), np.uint8), np.ones((height, width), np.bool_)
-    cluster = LitCluster(nothing, (0, 0, width, height), all_of_it, CAMERA)
+    cluster = LitCluster([nothing], (0, 0, width, height), all_of_it, CAMERA)
     return LitFit(cast(Candidate, None), model, fit, cluster)
+
+
+def test_what_looks_like_a_part_has_its_outline_in_its_place_and_another_has_not() -> None:
+    T = flat("plate", 12.0, -7.0, 0.3)
+    fit = fitted("plate", T, none)
+    shadow = fit.shadow.astype(np.uint8)
+    loops, _ = cv2.findContours(shadow, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+    width, height = CAMERA.size_px
+    outlines = tuple(loop.reshape(-1, 2).astype(np.float64) for loop in loops)
+    whole = (0, 0, width, height)
+    seen = Region(whole, fit.shadow, outlines, False, float(fit.shadow.sum()), ())
+    search = Search(seen, [np.zeros((height, width), np.uint8)], CAMERA, library(), None, LIMITS)
+    found = [candidate for candidate, _ in search.like(seen)]
+    assert {library().entries[one.part].name for one in found} == {"plate"}
+    centre = T @ np.append(solid("plate").centroid_mm, 1.0)
+    assert np.linalg.norm(found[0].place_mm - centre[:2]) < 1.0
 
 
 def none(own: Array) -> NDArray[np.bool_]:

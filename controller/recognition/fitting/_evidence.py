@@ -12,6 +12,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from controller.arrays import BoolArray, FloatArray
+from controller.cad.graph import components
 
 from ._fit import EdgeFit
 from ._measure import GreyMeasure, OutlineMeasure, visibility
@@ -28,6 +29,8 @@ MAX_EDGES = 1200
 APART_PX = 3.0  # from the outline, within which an edge is not told from it
 ASIDE_PX = 5.0  # beside an edge, where another would be found by chance only
 MAX_POINTS = 700  # of an outline that are asked whether they were predicted
+ALONE_MM = 1.2  # from everything predicted, from which an edge is not a side of one of these
+LINK_PX = 3.5  # between pixels of one edge; it is thinner than that, and noise breaks it
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -104,6 +107,9 @@ class Evidence:
         marks, dust and grain; known where a pose is compared with others by what is inside
     image_px : length of the picture's strong edges in pixels: in few pixels, chance explains as
         much of them as in many is explained by the right pose alone
+    unexplained_mm : length of the longest connected one of the picture's strong edges that nothing
+        predicted is near: a hole, a step or a groove that the part does not have. 0 under one
+        lamp, where it may be a shadow's
     inner_explained : of the picture's strong edges inside the part that is predicted
     image_mm : length of these
     sigma_px : of the edges found
@@ -130,6 +136,7 @@ class Evidence:
     area_mm2: float
     chance: float = 0.0
     image_px: float = 0.0
+    unexplained_mm: float = 0.0
 
 
 def outline_evidence(fit: EdgeFit, outline: OutlineMeasure, mm_per_px: float) -> Evidence:
@@ -271,7 +278,24 @@ def grey_evidence(
         residual=shading.residual,
         area_mm2=shading.area_px * mm_per_px**2,
         image_px=float(image_edges.length_px),
+        unexplained_mm=(
+            _longest_mm(image_edges.at(~predicted), edges, mm_per_px) if greys[0].is_joint else 0.0
+        ),
     )
+
+
+def _longest_mm(left: ImageEdges, edges: EdgePoints, mm_per_px: float) -> float:
+    """Return how long the longest connected edge is of those that nothing predicted is near."""
+    if len(left.points_px) == 0 or len(edges.pixels) == 0:
+        return 0.0
+    far_px, _ = cKDTree(edges.pixels).query(left.points_px)
+    alone = left.at(np.asarray(far_px * mm_per_px > ALONE_MM))
+    count = len(alone.points_px)
+    if count == 0:
+        return 0.0
+    links = cKDTree(alone.points_px).query_pairs(LINK_PX * left.every, output_type="ndarray")
+    lengths = np.bincount(components(count, links[:, 0], links[:, 1]))
+    return float(lengths.max()) * left.every * mm_per_px
 
 
 def _off_px(pixels: FloatArray, edges: EdgePoints, greys: Sequence[GreyMeasure]) -> FloatArray:

@@ -156,6 +156,7 @@ class GreyMeasure:
     ----------
     gx, gy : (h, w) the strongest gradient [grey levels / px]
     own : the same of the crop alone
+    is_joint : the crop is the brightest of several lamps' pictures, and no edge in it a shadow's
     """
 
     sees_inside = True
@@ -172,6 +173,7 @@ class GreyMeasure:
         self.own = slopes[0]
         self.gx, self.gy = _strongest(slopes) if others else self.own
         self.corner = np.array(corner_px, dtype=np.float64)
+        self.is_joint = len(others) > 0
         noise = [float(np.median(np.abs(gx[::3, ::3]))) for gx, _ in slopes]
         self.noise = 1.48 * max(noise) + 0.05
         self._is_lit = is_lit

@@ -20,7 +20,7 @@ from controller.imaging import Camera
 from ..library import FEW_VIEWS, Candidate, Entry, Library, Silhouette, polar_grid
 from ..segmentation import Region, brightest_of, joined, near_ones, segment
 from .cutout import ObjectCutout
-from .decide import Decision, decide, is_convincing
+from .decide import Decision, decide, has_other_inside, is_convincing
 from .hypotheses import (
     Hypothesis,
     SearchLimits,
@@ -355,8 +355,14 @@ def _why_not(decision: Decision, library: Library) -> str:
     h = decision.nearest
     if h is None:
         return "none of the known parts has a silhouette of this size and shape"
+    name = library.entries[h.part].name
+    if has_other_inside(h):
+        return (
+            f"none of the known parts: nearest is {name}, but an edge of "
+            f"{h.evidence.unexplained_mm:.0f} mm is seen where it has none"
+        )
     return (
-        f"none of the known parts: nearest is {library.entries[h.part].name}, of whose edges "
+        f"none of the known parts: nearest is {name}, of whose edges "
         f"{100 * h.evidence.outline:.0f} % are in the picture and which explains "
         f"{100 * h.evidence.explained:.0f} % of what is seen"
     )

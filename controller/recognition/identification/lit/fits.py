@@ -21,6 +21,7 @@ from ...fitting import (
     Gaps,
     GreyMeasure,
     ImageEdges,
+    Shading,
     are_highlights,
     grey_evidence,
     is_predicted,
@@ -50,7 +51,8 @@ class LitCluster:
 
     Parameters
     ----------
-    picture : (height, width) grey
+    pictures : (height, width) grey, of the scene; of several the first is the brightest of the
+        others, which are judged together
     box_px : x0, y0, x1, y1 of the crop, wide enough for all of its parts
     mask : (h, w) of the crop, what was cut out
     camera : overhead, calibrated
@@ -58,15 +60,16 @@ class LitCluster:
 
     def __init__(
         self,
-        picture: Grey,
+        pictures: Sequence[Grey],
         box_px: tuple[int, int, int, int],
         mask: BoolArray,
         camera: Camera,
     ) -> None:
         self.box_px, self.mask, self.camera = box_px, mask, camera
         x0, y0, x1, y1 = box_px
-        self.crop = np.ascontiguousarray(picture[y0:y1, x0:x1])
-        self.grey = GreyMeasure(self.crop, (x0, y0), is_lit=True)
+        self.crop, *others = (np.ascontiguousarray(one[y0:y1, x0:x1]) for one in pictures)
+        self.telling = others or [self.crop]
+        self.grey = GreyMeasure(self.crop, (x0, y0), is_lit=True, others=others)
         self.image_edges = ImageEdges.of(self.grey, np.ones(mask.shape, dtype=np.bool_))
 
     def mm_per_px(self, x_mm: float, y_mm: float) -> float:
@@ -237,11 +240,11 @@ class LitFit:
         shine = None
         if self.is_curved and self.has_ends(others):
             shine = partial(are_highlights, self.model, self.T, cluster.camera)
-        (shading,) = shading_fits(
+        shadings = shading_fits(
             self.model,
             self.fit.T_world_part,
             cluster.camera,
-            (cluster.crop,),
+            cluster.telling,
             cluster.box_px[:2],
             np.asarray(inside),
         )
@@ -251,7 +254,7 @@ class LitFit:
             self.mm_per_px,
             (cluster.grey,),
             picture_edges,
-            shading,
+            Shading.of_all(shadings),
             shine,
         )
 

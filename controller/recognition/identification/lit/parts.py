@@ -21,7 +21,7 @@ from ..hypotheses import SearchLimits
 from ..touching import PartialSighting, cut_out, within
 from .choice import Place, chosen
 from .fits import LitFit
-from .search import Search
+from .search import Proposed, Search
 
 MAX_ROUNDS = 3
 RIM_PX = 5  # round a part's shadow, what is left there is its rim
@@ -51,14 +51,14 @@ def parts_of_lit(
     Parameters
     ----------
     region : the cluster
-    pictures : of the scene, under lamps
+    pictures : of the scene, under lamps; of several the first is the brightest of the others
     camera : overhead, calibrated
     library : of the parts that may be there
     usable : (height, width) where parts may lie; None for everywhere
     least_px : of the picture's pixels, below which what is left is no object
     limits : how much is tried
     """
-    search = Search(region, pictures[0], camera, library, usable, limits)
+    search = Search(region, pictures, camera, library, usable, limits)
     proposed = search.proposed([region], is_first=True)
     fits = search.with_flat((), proposed)
     places = chosen(fits, search, library)
@@ -79,7 +79,23 @@ def parts_of_lit(
         before, places = len(places), chosen(fits, search, library)
         if len(places) <= before:
             break
+    count, fits = len(fits), search.with_flat(fits, _looking_like(places, search))
+    if len(fits) > count:
+        places = chosen(fits, search, library)
     return _sightings(places, search, least_px)
+
+
+def _looking_like(places: Sequence[Place], search: Search) -> list[Proposed]:
+    """Return which other parts have about the outline of those that seem to be there.
+
+    Of parts that differ by what is in them alone one may have been proposed and the other not.
+    """
+    found: list[Proposed] = []
+    for fit in (place.fit for place in places if not place.fit.leans):
+        own = fit.candidate.part, fit.candidate.pose
+        piece = _with_loops(cut_out(fit.shadow, search.region, False))
+        found += [one for one in search.like(piece) if (one[0].part, one[0].pose) != own]
+    return found
 
 
 def pieces_left(there: Sequence[LitFit], search: Search, least_px: float) -> list[Region]:

@@ -33,6 +33,8 @@ from .fits import LitCluster, LitFit, are_in_one_place
 MARGIN_PX = 40  # of the crop round a cluster: shaded sides are often left out of it
 MAX_BY_LINES, MAX_BY_OUTLINE, MAX_BY_STRETCHES = 30, 20, 160
 PER_PLACE = 3  # turns of a gear in one place, before those of others are tried
+MAX_LIKE = 8  # parts that look about like one that is named
+ALIKE = 0.85  # overlap of silhouettes, from which two parts do
 FAR = 1.5  # in the index of silhouettes, as for a whole thing under lamps
 GIVE_UP = 60  # after so many candidates in turn of one kind that do not fit
 MAX_FINE = 40
@@ -62,7 +64,7 @@ class Search:
     Parameters
     ----------
     region : what was cut out, one thing or several near each other
-    picture : (height, width) under lamps
+    pictures : (height, width) under lamps; of several the first is the brightest of the others
     camera : overhead, calibrated
     library : of the parts that may be there
     usable : (height, width) where parts may lie; None for everywhere
@@ -72,14 +74,15 @@ class Search:
     def __init__(
         self,
         region: Region,
-        picture: Grey,
+        pictures: Sequence[Grey],
         camera: Camera,
         library: Library,
         usable: BoolArray | None,
         limits: SearchLimits,
     ) -> None:
-        self.region = widened(region, MARGIN_PX, (picture.shape[0], picture.shape[1]))
-        self.cluster = LitCluster(picture, self.region.box_px, self.region.mask, camera)
+        height, width = pictures[0].shape
+        self.region = widened(region, MARGIN_PX, (height, width))
+        self.cluster = LitCluster(pictures, self.region.box_px, self.region.mask, camera)
         self._library, self._usable, self._limits = library, usable, limits
         self._alone: dict[LitFit, float] = {}
         self._tilted: set[LitFit] = set()
@@ -123,6 +126,16 @@ class Search:
         )
         found = self._library.index.search(Silhouette(area, perimeter, centroid, grid), far=FAR)
         return sorted(found, key=lambda c: -c.overlap)[:MAX_BY_OUTLINE]
+
+    def like(self, piece: Region) -> list[Proposed]:
+        """Return what has about the outline of a piece, likest first.
+
+        Parameters
+        ----------
+        piece : with the outline of a whole part
+        """
+        found = self._by_silhouette(piece)
+        return [(c, "outline") for c in found if c.overlap > ALIKE][:MAX_LIKE]
 
     def with_flat(self, fits: Sequence[LitFit], proposed: Sequence[Proposed]) -> list[LitFit]:
         """Return fits with those of parts that lie flat on the table, each place once.
