@@ -222,7 +222,7 @@ REASONING = (
     "cad/surfaces/features.py", "cell/batch/starting.py", "cell/compute/checks",
     "cell/devices/interlocks", "cell/machine/recovery.py", "cell/machine/table.py",
     "cell/operator/desk.py", "cell/operator/latch.py", "cell/services/table/choosing.py",
-    "cell/services/table/labels.py",
+    "cell/services/table/labels.py", "page/frame/drawn.py", "results/judged/_cad.py",
 )  # fmt: skip
 # Sentences that are put together from more than one place: what the catalogue has for each.
 COMPOSED: dict[str, tuple[str, ...]] = {
@@ -291,6 +291,7 @@ UNSEEN = {
     "fixed_gripper_free | custody_in_fixed | custody_in_both | custody_lost",
     "moves_arm & near_hand_off",
     "outcome of a task that was stopped",
+    "private, max-age=86400, immutable",
     "proven safe",
     "the start",
 }

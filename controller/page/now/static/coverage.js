@@ -37,7 +37,7 @@ export class Coverage {
       if (this.key === key) this.view = view;
     } catch (error) {
       $("coverage").hidden = true;
-      $("coverage-why").textContent = t("The part cannot be drawn in this browser: {why}", { why: error.message });
+      $("coverage-why").textContent = t("The part cannot be drawn in this browser: {why}", { why: said(error.message) });
     }
     if (this.view) $("coverage-why").textContent = "";
     this.draw();

@@ -59,7 +59,7 @@ async function draw() {
     $("scene-words").textContent = "";
   } catch (problem) {
     $("scene").hidden = true;
-    $("scene-words").textContent = t("The part cannot be drawn in this browser: {why}", { why: problem.message });
+    $("scene-words").textContent = t("The part cannot be drawn in this browser: {why}", { why: told(problem.message) });
   }
 }
 

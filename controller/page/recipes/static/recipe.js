@@ -131,7 +131,7 @@ async function drawPart() {
     } catch (error) {
       view = null;
       $("scene").hidden = true;
-      $("scene-words").textContent = t("The part cannot be drawn in this browser: {why}", { why: error.message });
+      $("scene-words").textContent = t("The part cannot be drawn in this browser: {why}", { why: told(error.message) });
     }
   }
   await drawMode();
