@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -32,7 +33,12 @@ from controller.planning import (
     resting_pose,
     shown_pose,
 )
-from controller.planning.regrasps import is_pickable, pick_paths
+from controller.planning.regrasps import (
+    is_pickable,
+    is_steady,
+    pick_paths,
+    stands_steadily,
+)
 from drivers.umi_scara.model.kinematics import within_limits
 
 LAYOUT = emulated_layout()
@@ -247,3 +253,23 @@ def test_a_face_that_came_short_from_a_grasp_is_shown_from_another_one(
     assert any(showing[first:])
     assert not any(showing[:first])
     assert again.grasps[-1].id.removesuffix("'") != base
+
+
+@pytest.mark.parametrize("fingers", [(0.0, 0.0, -1.0), (0.0, -1.0, 0.0)])
+def test_a_tall_block_is_put_down_on_its_side_and_not_on_its_end(
+    prepared: PreparedPart, plan: Plan, fingers: tuple[float, float, float]
+) -> None:
+    size_mm = np.array([30.0, 40.0, 120.0])
+    poses = stable_poses(make_solid(trimesh.creation.box(size_mm), "tall", "5eed" * 16, "test"))
+    for pose in poses:
+        up = int(np.abs(pose.R[2]).argmax())
+        half_base = np.delete(size_mm, up).min() / 2
+        assert pose.tip_rad == pytest.approx(np.arctan2(half_base, size_mm[up] / 2), abs=1e-3)
+        assert is_steady(pose) is (up != 2)
+    # fingers along the block's length come from above only where it stands on its end
+    T = np.eye(4)
+    T[:3, 0] = fingers
+    T[:3, 1] = 1.0, 0.0, 0.0
+    T[:3, 2] = np.cross(T[:3, 0], T[:3, 1])
+    grasp = replace(plan.grasps[0], T_part_tcp=T)
+    assert stands_steadily(replace(prepared, poses=poses), grasp) is (fingers[2] == 0.0)

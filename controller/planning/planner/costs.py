@@ -15,7 +15,7 @@ from controller.arrays import BoolArray, FloatArray, IntArray
 
 from ..model import CellLayout, Grasp, HandOff, PreparedPart, lit_count
 from ..motion import move_seconds, segment_seconds
-from ..regrasps import PickPath
+from ..regrasps import PickPath, stands_steadily
 from ..search import Problem
 
 # a failed grasp is looked for, seen anew and taken again: about a minute
@@ -23,6 +23,7 @@ RECOVERY_S = 60.0
 MIN_SURE = 0.9  # of a grasp whose score is 0; a score of 1 does not fail
 TRAVEL_S = 2.0  # from one view to the next, on the average; their order is decided afterwards
 FINISH_S = 10.0  # sorting; much the same from every grasp
+UNSTEADY_S = 60.0  # what may be spent so that the part does not fall over in its tray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -210,7 +211,9 @@ def make_edge_costs(
         view_s=tuple(np.full(len(s), cost) for s in shows),
         first_s=np.where(usable, first_s, np.inf),
         regrasp_s=regrasp_s,
-        last_s=np.full(len(part.home_q), FINISH_S),
+        last_s=np.array(
+            [FINISH_S + UNSTEADY_S * (not stands_steadily(part, g)) for g in part.arm_grasps]
+        ),
         seen=np.concatenate([seen, [int(f) in squared for f in faces]]),
     )
     return EdgeCosts(problem, views, faces, sites, site_s)

@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 
 from controller.arrays import BoolArray, FloatArray
+from controller.cad import StablePose
 from controller.imaging import inverse_pose
 
 from ..model import CellLayout, Grasp, PreparedPart, Tray
@@ -21,6 +22,20 @@ TRIED_COUNT = 60
 RISEN_COUNT = 20
 BATCH_SIZE = 8
 FLAT_RAD = 1e-6
+STEADY_RAD = np.radians(20.0)  # what tips sooner may fall over as the jaws let go of it
+FROM_ABOVE_RAD = np.radians(30.0)  # below the horizontal, at least, the arm gripper comes down
+
+
+def is_steady(pose: StablePose) -> bool:
+    """Return whether a part that is let go of in a stable pose stays there."""
+    return bool(not pose.rolling and pose.tip_rad >= STEADY_RAD)
+
+
+def stands_steadily(part: PreparedPart, grasp: Grasp) -> bool:
+    """Return whether a grasp can put the part down, from above, in a pose in which it stays."""
+    fingers = grasp.T_part_tcp[:3, 0]
+    lowest = -np.sin(FROM_ABOVE_RAD)
+    return any(bool(p.R[2] @ fingers <= lowest) for p in part.poses if is_steady(p))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,6 +52,8 @@ def place_paths(
     part: PreparedPart, layout: CellLayout, grasp: Grasp, tray: Tray, count: int = 4
 ) -> list[PlacePath]:
     """Return the paths on which one grasp releases the part in a tray, the flattest first.
+
+    Of those that put it down flat, the ones in a pose that is hard to tip come first.
 
     In a nest the part is set down flat, with its outline within the nest, and turned as the nest
     has it. Paths from which the arm can rise come before those in which it may be trapped; none is
@@ -58,9 +75,11 @@ def place_paths(
     hull = part.solid.hull_mm
     T_part = np.tile(np.eye(4), (len(R_part), 1, 1))
     T_part[:, :3, :3] = R_part
-    tilts = np.arccos(
+    leans = np.arccos(
         np.clip(np.stack([T_part[:, 2, :3] @ p.R[2] for p in part.poses], axis=1), -1, 1)
-    ).min(axis=1)
+    )
+    tilts = leans.min(axis=1)
+    is_unsteady = ~np.array([is_steady(pose) for pose in part.poses])[leans.argmin(axis=1)]
     # part axes to world axes of a resting pose exactly, where the arm gripper comes nearly like
     # that
     for leaning in np.flatnonzero((tilts > 1e-6) & (tilts < np.radians(3.0))):
@@ -74,14 +93,14 @@ def place_paths(
     if nest is not None:
         fits = (high - low)[:, :2] <= np.array(nest.size_mm)
         within = fits.all(axis=1) & (tilts < FLAT_RAD)
-        T_part, tilts = T_part[within], tilts[within]
+        T_part, tilts, is_unsteady = T_part[within], tilts[within], is_unsteady[within]
         if len(T_part) == 0:
             return []
     T_hold = T_part @ grasp.T_part_tcp
     index, branch, q = inverse_rows(layout, T_hold)
     if len(index) == 0:
         return []
-    order = np.argsort(np.round(tilts[index], 2), kind="stable")
+    order = np.lexsort((is_unsteady[index], np.round(tilts[index], 2)))
     shut = Scene(layout, grasp.opening_mm, layout.fixed_open_mm, carried_mesh=part.carried(grasp))
     open_ = Scene(layout, grasp.pre_open_mm, layout.fixed_open_mm)
     good = shut.free(q[order], MARGIN_MM, table_margin_mm=1.0)
