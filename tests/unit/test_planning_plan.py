@@ -264,7 +264,7 @@ def test_a_tall_block_is_put_down_on_its_side_and_not_on_its_end(
     for pose in poses:
         up = int(np.abs(pose.R[2]).argmax())
         half_base = np.delete(size_mm, up).min() / 2
-        assert pose.tip_rad == pytest.approx(np.arctan2(half_base, size_mm[up] / 2), abs=1e-3)
+        assert pose.topple_rad == pytest.approx(np.arctan2(half_base, size_mm[up] / 2), abs=1e-3)
         assert is_steady(pose) is (up != 2)
     # fingers along the block's length come from above only where it stands on its end
     T = np.eye(4)

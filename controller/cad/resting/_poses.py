@@ -60,7 +60,7 @@ class StablePose:
     same_as: int = -1
 
     @property
-    def tip_rad(self) -> float:
+    def topple_rad(self) -> float:
         """How far it can be turned before it tips over its easiest edge."""
         lift_mm = self.tip_energy_mj_per_kg / GRAVITY_M_S2
         return float(np.arccos(self.com_height_mm / (self.com_height_mm + lift_mm)))

@@ -28,7 +28,7 @@ FROM_ABOVE_RAD = np.radians(30.0)  # below the horizontal, at least, the arm gri
 
 def is_steady(pose: StablePose) -> bool:
     """Return whether a part that is let go of in a stable pose stays there."""
-    return bool(not pose.rolling and pose.tip_rad >= STEADY_RAD)
+    return bool(not pose.rolling and pose.topple_rad >= STEADY_RAD)
 
 
 def stands_steadily(part: PreparedPart, grasp: Grasp) -> bool:
