@@ -106,6 +106,21 @@ def test_a_verdict_is_in_the_journal_in_the_persons_name(at: Bench, tmp_path: Pa
     assert re.search(r'value="false_alarm" checked', text)
 
 
+def test_while_parts_are_still_being_read_nobody_hears_that_none_awaits_them(
+    at: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def is_filling(_: records_module.Records) -> bool:
+        return True
+
+    csrf = at.log_in(Role.OPERATOR, "ada")
+    decide(at, csrf, findings={"1": "false_alarm"})
+    assert "No part awaits a person." in page(at, "/review")
+    monkeypatch.setattr(records_module.Records, "freshen", is_filling)
+    text = page(at, "/review")
+    assert "still being read" in text
+    assert "No part awaits" not in text
+
+
 def test_a_part_that_waits_for_a_dimension_shows_it_the_decisive_one_first(
     at: Bench, tmp_path: Path
 ) -> None:
