@@ -16,15 +16,12 @@ from typing import Any
 import numpy as np
 
 from controller.cell.compute import Job
-from controller.cell.custody import ALONE, Around
-from controller.planning import Plan, ShortFace, Start
-from controller.recognition import Alternative
+from controller.planning import Plan
 from drivers.clock import CellClock
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from simulation.stand_ins import (
-    Mask,
     Noise,
     StandIns,
     TruthFrame,
@@ -109,18 +106,10 @@ class TimedStandIns(StandIns):
         super().__init__(job, pool, Noise(), rng)
         self.plan_wall_s: list[float] = []
 
-    async def plan(
-        self,
-        start: Start,
-        seen: Mask | None,
-        avoid: frozenset[str],
-        alternatives: tuple[Alternative, ...],
-        around: Around = ALONE,
-        short: frozenset[ShortFace] = frozenset(),
-    ) -> Plan:
+    async def plan(self, *asked: Any, **more: Any) -> Plan:  # noqa: ANN401 - goes on as it is
         """Return the worker's plan, and note how long it took."""
         started = time.monotonic()
         try:
-            return await super().plan(start, seen, avoid, alternatives, around, short)
+            return await super().plan(*asked, **more)
         finally:
             self.plan_wall_s.append(time.monotonic() - started)

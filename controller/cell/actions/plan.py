@@ -96,7 +96,7 @@ class PlanAction:
         """Return whether a plan shows enough that is new, or faces from other grasps."""
         part = self.record.part
         if part.short:
-            return any(isinstance(step, Present) for step in plan.steps)
+            return bool(plan.presents)
         return await self.compute.surface_share(_new(plan, part.in_sight)) >= WORTH_SHARE
 
     async def _plan_what_can_be_taken(self, start: Start) -> tuple[Plan, Start]:

@@ -154,7 +154,7 @@ def with_grasps(part: PreparedPart, layout: CellLayout, grasps: Sequence[Grasp])
     view_q: list[Mapping[int, FloatArray]] = []
     by_gripper: dict[str, BoolArray] = {}
     for grasp in grasps:
-        base = grasp.id.removesuffix(TURNED)
+        base = _unturned(grasp.id)
         if base not in by_gripper:  # turned over, a gripper hides the same
             by_gripper[base] = part.visible & ~hidden_by_gripper(
                 part.solid,
@@ -210,16 +210,21 @@ def without_short(part: PreparedPart, short: Collection[ShortFace]) -> PreparedP
         return part
     faces: dict[str, list[int]] = {}
     for one in short:
-        faces.setdefault(one.grasp.removesuffix(TURNED), []).append(one.face)
+        faces.setdefault(_unturned(one.grasp), []).append(one.face)
     hidden = [
-        np.isin(part.samples.face_ids, faces.get(g.id.removesuffix(TURNED), []))
-        for g in part.arm_grasps
+        np.isin(part.samples.face_ids, faces.get(_unturned(grasp.id), []))
+        for grasp in part.arm_grasps
     ]
     return replace(
         part,
         shown=tuple(s & ~h for s, h in zip(part.shown, hidden, strict=True)),
         covered=part.covered & ~np.array(hidden),
     )
+
+
+def _unturned(grasp: str) -> str:
+    """Return the id that a grasp has without the arm gripper turned over."""
+    return grasp.removesuffix(TURNED)
 
 
 def _home_q_of(layout: CellLayout, views: Mapping[int, FloatArray]) -> FloatArray:

@@ -107,10 +107,8 @@ class InspectAction:
         """Raise PartFaultError where views showed less than promised, unless that is let be."""
         part = self.record.part
         promised, in_sight = part.promised, part.in_sight
-        if promised is None or part.custody is not Custody.IN_ARM:
+        if promised is None or not self._may_show_more():
             return
-        if self.recoveries.decision(PartFault.SEEN_TOO_LITTLE) is Act.SKIP:
-            return  # what no view showed stays INDETERMINATE
         missing = await self.compute.surface_share(
             promised if in_sight is None else promised & ~in_sight
         )
@@ -120,12 +118,20 @@ class InspectAction:
                 f"{100 * missing:.1f} % of the surface was to be shown and was not in sight",
             )
 
+    def _may_show_more(self) -> bool:
+        """Return whether the part may be shown once more; else what is open stays INDETERMINATE."""
+        part = self.record.part
+        return (
+            part.parked is None
+            and part.custody is Custody.IN_ARM
+            and self.recoveries.decision(PartFault.SEEN_TOO_LITTLE) is not Act.SKIP
+        )
+
     async def _judge(self) -> None:
         part, record = self.record.part, self.record
         assert part.plan is not None
         await self.views.take_all()
-        if part.parked is None:
-            await self._require_enough()
+        await self._require_enough()
         stored = await asyncio.to_thread(self.part_file.write, part, record.product)
         found = await self.compute.judge(self.part_file.folder / stored.file)
         self._require_all_compared(found)
@@ -144,15 +150,9 @@ class InspectAction:
         From another grasp the light on it is another, and the gripper is elsewhere.
         """
         part, short = self.record.part, found.ledger.short_faces
-        is_open = (
-            found.verdict is Verdict.INDETERMINATE and found.ledger.verdict is not Verdict.FAIL
-        )
-        if not short or not is_open or part.parked is not None or part.plan is None:
+        if not short or found.verdict is not Verdict.INDETERMINATE or not self._may_show_more():
             return
-        if part.custody is not Custody.IN_ARM:
-            return
-        if self.recoveries.decision(PartFault.SEEN_TOO_LITTLE) is Act.SKIP:
-            return
+        assert part.plan is not None
         part.short |= {ShortFace(grasp.id, face) for grasp in part.plan.grasps for face in short}
         labels = {face.face_id: face.label for face in found.ledger.faces}
         raise PartFaultError(
