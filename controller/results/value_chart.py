@@ -8,9 +8,13 @@ from typing import Final
 from markupsafe import Markup
 
 WIDTH, HEIGHT = 760, 200
-LEFT, RIGHT, TOP, BOTTOM = 62, 90, 14, 22
+LEFT, RIGHT, TOP, BOTTOM = 62, 128, 14, 22
 MARGIN_SHARE: Final = 0.06  # of the range shown, above and below
 MAX_DOTS: Final = 4000
+
+
+def _written(value: float, digits: int) -> str:
+    return f"{value:.{digits}f}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +37,7 @@ class Chart:
     marks : by index of a value, a word for it; such a value is drawn as a diamond
     groups : of each value the name of its group; a line is drawn where it changes
     half_widths : of each value its expanded uncertainty, or None
+    written : returns a number with so many digits as the reader's language writes it
     """
 
     values: Sequence[float]
@@ -40,6 +45,7 @@ class Chart:
     marks: Mapping[int, str] = field(default_factory=dict)
     groups: Sequence[str] = ()
     half_widths: Sequence[float | None] = ()
+    written: Callable[[float, int], str] = _written
 
 
 def value_chart(chart: Chart) -> Markup:
@@ -65,7 +71,7 @@ def value_chart(chart: Chart) -> Markup:
         f'<path class="axis" d="M{LEFT} {TOP}V{HEIGHT - BOTTOM}H{WIDTH - RIGHT}"/>',
     ]
     out += _groups(list(chart.groups[first:]), x)
-    out += _lines(chart.lines, y)
+    out += _lines(chart, y)
     if len(shown) > 1:
         way = "L".join(f"{x(i):.1f} {y(v):.1f}" for i, v in enumerate(shown))
         out.append(f'<path class="way" d="M{way}"/>')
@@ -76,7 +82,8 @@ def value_chart(chart: Chart) -> Markup:
                 f'<path class="u" d="M{x(i):.1f} {y(value - half):.1f}V{y(value + half):.1f}"/>'
             )
         mark = chart.marks.get(first + i)
-        title = f"<title>{first + i + 1}: {value:.4f}{escape(f', {mark}' if mark else '')}</title>"
+        said = escape(f"{chart.written(value, 4)}{f', {mark}' if mark else ''}")
+        title = f"<title>{first + i + 1}: {said}</title>"
         if mark:
             cx, cy = x(i), y(value)
             out.append(
@@ -92,16 +99,17 @@ def value_chart(chart: Chart) -> Markup:
     return Markup("".join(out))  # nosec B704: all texts were escaped above
 
 
-def _lines(lines: Sequence[Line], y: Callable[[float], float]) -> list[str]:
+def _lines(chart: Chart, y: Callable[[float], float]) -> list[str]:
     out: list[str] = []
     taken: list[float] = []
-    for line in sorted(lines, key=lambda one: one.style != "limit"):
+    for line in sorted(chart.lines, key=lambda one: one.style != "limit"):
         at = y(line.value)
         out.append(f'<path class="{line.style}" d="M{LEFT} {at:.1f}H{WIDTH - RIGHT}"/>')
         if all(abs(at - other) > 11 for other in taken):
             taken.append(at)
             out.append(f'<text x="{WIDTH - RIGHT + 5}" y="{at + 4:.1f}">{escape(line.name)}</text>')
-            out.append(f'<text class="n" x="{LEFT - 5}" y="{at + 4:.1f}">{line.value:.3f}</text>')
+            value = escape(chart.written(line.value, 3))
+            out.append(f'<text class="n" x="{LEFT - 5}" y="{at + 4:.1f}">{value}</text>')
     return out
 
 

@@ -39,7 +39,7 @@ from controller.page.security import Account, Role, Site
 CHROMIUM = Path("/usr/bin/chromium")
 pytestmark = pytest.mark.skipif(not CHROMIUM.is_file(), reason="no Chromium at /usr/bin/chromium")
 AXE = Path(__file__).parents[1] / "data" / "axe" / "axe.min.js"
-REASONS = Path(__file__).parents[1] / "data" / "said" / "reasons.txt"
+SAID = Path(__file__).parents[1] / "data" / "said"
 FLAGS = [
     "--headless",
     "--no-sandbox",
@@ -415,7 +415,10 @@ def test_a_german_page_asks_warns_and_counts_in_german(
     until(tab, lambda: "in die Ablage Gut legen" in tab.inner_text("#steps"))
     assert "zeigen mit Griff A1" in tab.inner_text("#steps")
     # whatever the cell may say, and what it said in real runs: as the server puts it into words
-    texts = [*cell_words("de"), *REASONS.read_text(encoding="utf-8").splitlines()]
+    texts = list(cell_words("de"))
+    for file in sorted(SAID.glob("*.txt")):
+        texts += file.read_text(encoding="utf-8").splitlines()
+    texts.append("\n".join(f"  - {one}" for one in texts[-9:]))
     in_browser = tab.evaluate(
         "texts => import('/static/said.js').then(({ said }) => texts.map((one) => said(one)))",
         texts,

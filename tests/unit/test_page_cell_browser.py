@@ -27,8 +27,9 @@ __all__ = ["chromium", "tab"]  # fixtures
 pytestmark = pytest.mark.skipif(not CHROMIUM.is_file(), reason="no Chromium at /usr/bin/chromium")
 DOCTOR = """
 import json
-print(json.dumps({"check": "arm", "ok": True, "found": "UMI <b>RTX</b>", "remedy": ""}))
-print(json.dumps({"check": "io", "ok": False, "found": "silent", "remedy": "plug it in"}))
+print(json.dumps({"check": "arm", "ok": True, "found": "UMI <b>RTX</b> (real)", "remedy": ""}))
+print(json.dumps({"check": "io", "ok": False, "found": "no answer within 2 s",
+                  "remedy": "see the message; then run doctor again"}))
 raise SystemExit(1)
 """
 
@@ -61,7 +62,10 @@ def test_devices_are_examined_and_axe_finds_nothing_serious(site: Served, tab: A
     tab.wait_for_selector("#pictures img")
     tab.wait_for_selector("#drift polyline", state="attached")
     tab.click("#examine")
-    until(tab, lambda: "plug it in" in tab.inner_text("#checks"))
-    assert "UMI <b>RTX</b>" in tab.inner_text("#checks")
+    until(tab, lambda: "siehe die Meldung; danach neu" in tab.inner_text("#checks"))
+    assert "UMI <b>RTX</b> (echt)" in tab.inner_text("#checks")
+    assert "keine Antwort in 2 s" in tab.inner_text("#checks")
+    assert "Inbetriebnahme" in tab.inner_text("body")
+    assert "nie begonnen" in tab.inner_text("#steps")
     until(tab, lambda: tab.inner_text("#doctor-said").startswith("✗"))
     require_sound_on_all_screens(tab)

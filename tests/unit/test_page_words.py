@@ -6,17 +6,26 @@ import ast
 import io
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from babel.messages.pofile import read_po
 
 from controller.cell.alarms import ALARMS, Severity
-from controller.cell.custody import Custody
+from controller.cell.custody import Custody, GripperName, Held, where_it_is
+from controller.cell.custody.openings import Occupancy
+from controller.cell.custody.start_check import known_words
+from controller.cell.devices.interlocks import REQUIRED_SIGNALS
+from controller.cell.journal import Once
 from controller.cell.machine.pauses import SafePoint
 from controller.cell.machine.recovery import Act, PartFault
 from controller.cell.machine.table import COMPLETING, STAGES
 from controller.cell.operator.questions import question_for
+from controller.cell.recovery.beside import back_evidence, why_not_back
+from controller.cell.recovery.classify import Leaves, Opens
+from controller.cell.recovery.homing import why_not_free
+from controller.cell.recovery.world import Jaws
 from controller.cell.services.trays import QUARANTINE, TRAYS
 from controller.config.interlock_rules import SIGNALS
 from controller.inspection import FindingKind, Unjudged
@@ -34,6 +43,7 @@ from controller.page.frame.words import (
     translator,
     value_in,
 )
+from controller.planning.motion import ProvenMove, Swept
 
 PAGE = Path(__file__).resolve().parents[2] / "controller" / "page"
 TEXT = r'"((?:[^"\\]|\\.)*)"'
@@ -121,6 +131,11 @@ def test_a_screen_without_a_text_has_that_of_the_frame() -> None:
 CELL = Path(__file__).resolve().parents[2] / "controller" / "cell"
 # Of the journals of shifts of four recipes: one sentence for each of the forms that they took.
 REASONS = Path(__file__).resolve().parents[1] / "data" / "said" / "reasons.txt"
+# Of recoveries, starts refused, devices that failed and parts without a grasp: one for each form.
+MESSAGES = REASONS.parent / "messages.txt"
+ENGLISH = re.compile(
+    r"\b(the|of|is|are|not|with|to|and|from|its|or|by|which|no|at|it|be|than|plane|bore)\b"
+)
 # Where the cell makes what a person reads: name of the call, place and name of the text.
 SAYING = {
     "Choice": (1, "words"),
@@ -223,7 +238,34 @@ REASONING = (
     "cell/devices/interlocks", "cell/machine/recovery.py", "cell/machine/table.py",
     "cell/operator/desk.py", "cell/operator/latch.py", "cell/services/table/choosing.py",
     "cell/services/table/labels.py", "page/frame/drawn.py", "results/judged/_cad.py",
+    # for and against going on after a crash
+    "cell/custody", "cell/recovery", "cell/actions/recover.py",
+    # why there is no grasp, no path, no plan
+    "planning/disambiguation/_reasons.py", "planning/grasps/_synthesis.py",
+    "planning/grasps/judge.py", "planning/motion/_paths.py", "planning/planner/beginning.py",
+    "planning/planner/build.py", "planning/regrasps",
+    # what messages of devices are put together from
+    "../drivers/gripper_modbus/_registers.py", "../drivers/modbus_link/_address.py",
+    "../drivers/umi_scara/model/limits.py", "../drivers/umi_scara/motion/_counters.py",
+    "../drivers/umi_scara/motion/_moves.py", "../drivers/umi_scara/protocol/constants.py",
+    # calibrations, steps of commissioning, the doctor
+    "cli/devices/doctor_checks.py", "commissioning/procedure/_status.py",
+    "config/calibrations/_standing.py",
 )  # fmt: skip
+# Whose errors a page may show within a sentence: as what stopped a run, as why a step failed.
+RAISING = (
+    "../drivers", "cell", "commissioning", "planning", "config/calibrations",
+)  # fmt: skip
+# Whose errors are met at a terminal alone: replayed recordings, jogging, sheets to print.
+AT_A_TERMINAL = {
+    "_models.py", "_recorded.py", "jogger.py", "lines.py", "loop.py", "orders.py", "goals.py",
+    "replaying.py", "session.py", "sheets.py", "wire_file.py",
+}  # fmt: skip
+# What is wrong in a file or with the program itself stays English.
+NOT_TOLD = {
+    "AssertionError", "ConfigError", "KeyError", "NotImplementedError", "RuntimeError",
+    "TypeError", "ValueError",
+}  # fmt: skip
 # Sentences that are put together from more than one place: what the catalogue has for each.
 COMPOSED: dict[str, tuple[str, ...]] = {
     "left out by the recipe: {}": ("left out by the {source_id}: {own}",),
@@ -284,6 +326,84 @@ COMPOSED: dict[str, tuple[str, ...]] = {
         "hidden by the part itself: seen {d} degrees from its normal at best, where {n} count as "
         "seen",
     ),
+    "do not press": ("arm gripper: its jaws stand at {n} mm and do not press",),
+    "; on the part its jaws stood at {} mm{}": (
+        "fixed gripper: its jaws stand at {n} mm and {touch}; its light barrier {sees}; on the "
+        "part its jaws stood at {m} mm; it is not ready",
+    ),
+    "the {}": (
+        "The arm gripper holds", "The fixed gripper holds",
+        "The arm gripper and the fixed gripper hold",
+    ),
+    "may hold": (
+        "The arm gripper may hold", "The fixed gripper may hold",
+        "The arm gripper and the fixed gripper may hold",
+    ),
+    "{} {} a part: {}": tuple(
+        f"{{holders}} a part: {{items}}. Nothing has moved. {on}To take the part out: {{order}} "
+        f"opens the gripper while you hold it; then start again{again}"
+        for on in ("", "{on} ")
+        for again in ("", " with --part-removed")
+    ),
+    "To go on with the part, start with --auto-recover, or use `cellctl recover --accept`. ": (
+        "To go on with the part, start with --auto-recover, or use `cellctl recover --accept`",
+    ),
+    "The cell does not go on by itself: {}. ": ("The cell does not go on by itself: {why}",),
+    **{
+        f"path {where}": (f"{{part}}: path {where}",)
+        for where in ("to the pick", "round the fixed gripper", "to the fixed gripper",
+                      "to the table")
+    },
+    "path to view {}": ("{part}: path to view {view_id}",),
+    "{}: the {} cannot hold it": (
+        "{part}: the {gripper} cannot hold it; grasps left by each requirement: {items}; fit other "
+        "fingers or pads",
+        "arm", "fixture",
+    ),
+    "grasps left by each requirement: {}": (
+        "{part}: the {gripper} cannot hold it; grasps left by each requirement: {items}; fit other "
+        "fingers or pads",
+    ),
+    "grasps round seeds": ("grasps round seeds {k}",),
+    "approach seems free": ("approach seems free {k}",),
+    "clear of the part": ("clear of the part {k}",),
+    "little enough weight": ("little enough weight {k} {how}",),
+    "enough contact off the table": ("enough contact off the table {k} {how}",),
+    "strong enough": ("strong enough {k} {how}",),
+    "{}strong enough": ("strong enough {k} {how}", "on the table: {stage}"),
+    "{}enough contact": ("enough contact {k} {how}", "measured finely: {stage}"),
+    "{}contacts opposite": ("contacts opposite {k} {how}",),
+    "{}touched by both pads": ("touched by both pads {k}",),
+    "{}sure": ("sure {k} {how}",),
+    "best {}": ("(best {n}, {m} required)",),
+    "none came so far": ("(none came so far, {m} required)",),
+    "{} {} ({}, {} required)": tuple(
+        f"({how}, {{m}}{unit} required)"
+        for how in ("best {n}", "none came so far")
+        for unit in ("", " mm2", " mm apart", " of the friction limit", " of wrong poses")
+    ),
+    "no pick in this pose: in it the part is {} mm high": (
+        "no pick in this pose: in it the part is {n} mm high, and none of its {k} grasps from "
+        "above clears the table by {m} mm{how}",
+    ),
+    " and others": ("others", " and "),
+    "{} of {}": tuple(f"F{{a}} {kind} of {{part}}" for kind in ("plane", "cone", "bore {n} mm")),
+    ", passed by {} {} ({} {} is the end)": tuple(
+        f"{{axis}}: {{n}} counts required, the limit is {{m}}, passed by {{u}} {unit} ({{e}} "
+        f"{unit} is the end)"
+        for unit in ("deg", "mm")
+    ),
+    " (no such pose)": ("{axis}: {n} counts required, the limit is {m} (no such pose)",),
+    "ioctl 0x{}: {} bytes came back, not {}": ("ioctl {code}: {n} bytes came back, not {m}",),
+    "is gone": ("the calibration `{name_id}` is gone since {when}",),
+    "is another one": ("the calibration `{name_id}` is another one since {when}",),
+    "is not there": ("{path_id}: is not there",),
+    "may be used": ("{path_id}: may be used",),
+    "may not be used": ("{path_id}: may not be used",),
+    "from files": ("{what} (from files)",),
+    "{} is {}: {}": ("{name_id} is not ok: {advice}", "{name_id} is unknown: {advice}"),
+    "{} by {}": ("{y}-{m}-{d} {h}:{i} by {who}",),
+    "{}, {}, {} mm": ("{model}, active, {n} mm", "{model}, not activated, {n} mm"),
 }  # fmt: skip
 # What reads like a sentence and is shown on no page: errors of recipes, rules, events nobody sees.
 UNSEEN = {
@@ -292,8 +412,27 @@ UNSEEN = {
     "moves_arm & near_hand_off",
     "outcome of a task that was stopped",
     "private, max-age=86400, immutable",
-    "proven safe",
-    "the start",
+    # addresses, files, and how the doctor prints
+    "Modbus RTU over TCP {}:{}",
+    "Modbus RTU {} at {} 8{}",
+    "Modbus TCP {}:{}",
+    "all well",
+    "bold red",
+    "cellctl commission --step verify",
+    "emulator {} {}",
+    "in {}",
+    "ok  ",
+    "picture: {} camera, {}: {}",
+    "pip install {}",
+    "tray {}",
+    "{} of {} checks failed",
+    "{}, {} x {} px",
+    "{}-{}-recover",
+    "{}.json",
+    # how an arm stands to its path: for the code alone
+    "each axis stands between the two ends, on a share of its own",
+    "on its line",
+    "some axes have gone their share of the way, the others have not set out",
 }
 
 
@@ -303,12 +442,14 @@ def unnamed(text: str) -> str:
 
 
 def sentences(path: Path) -> Iterator[str]:
-    """Yield every text of several words or with blanks; no documentation, nothing raised."""
+    """Yield every text of several words or with blanks; no documentation, log, or raised text."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
     silent: set[int] = set()
     for node in ast.walk(tree):
         match node:
-            case ast.Raise() | ast.Expr(value=ast.Constant()):
+            case ast.Raise() | ast.Assert() | ast.Expr(value=ast.Constant()):
+                silent |= {id(one) for one in ast.walk(node)}
+            case ast.Call(func=ast.Attribute(value=ast.Name(id="log"))):
                 silent |= {id(one) for one in ast.walk(node)}
             case ast.FunctionDef(returns=ast.expr() as returns):
                 silent |= {id(one) for one in ast.walk(returns)}
@@ -322,14 +463,56 @@ def sentences(path: Path) -> Iterator[str]:
             yield text
 
 
-def test_every_sentence_of_a_verdict_is_in_the_catalogue() -> None:
+def modules(*places: str) -> Iterator[Path]:
+    """Yield the modules of packages and modules, by their paths within the controller."""
+    for place in places:
+        path = CONTROLLER / place
+        yield from sorted(path.rglob("*.py")) or [path]
+
+
+def messages(path: Path) -> Iterator[str]:
+    """Yield every message that errors are made with, but those of `NOT_TOLD`."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if not isinstance(node, ast.Call):
+            continue
+        name = getattr(node.func, "attr", "") or getattr(node.func, "id", "")
+        if name.endswith("Error") and name not in NOT_TOLD:
+            yield from (text for one in node.args if re.search("[a-z]{2}", text := written(one)))
+
+
+def is_part_of(text: str, known: frozenset[str]) -> bool:
+    """Return whether a text, with something in its blanks, is or ends in a known one."""
+    own = [re.escape(piece) for piece in text.split("{}")]
+    if len("".join(own)) < 12:
+        return False
+    fits = re.compile(".*".join(own), re.DOTALL)
+    return any(fits.fullmatch(one) for one in known)
+
+
+@pytest.mark.parametrize("language", FOREIGN)
+def test_every_message_of_an_error_is_in_the_catalogue(language: str) -> None:
     found = {
         unnamed(text).removesuffix(".")
-        for place in REASONING
-        for path in (sorted((CONTROLLER / place).rglob("*.py")) or [CONTROLLER / place])
-        for text in sentences(path)
+        for path in modules(*RAISING)
+        if path.name not in AT_A_TERMINAL
+        for text in messages(path)
+        if re.search("[ {]", text)
     }
-    assert len(found) > 200
+    assert len(found) > 250
+    known = frozenset(unnamed(text).removesuffix(".") for text in cell_words(language))
+    missing = {
+        text
+        for text in found - known - UNSEEN - set(map(unnamed, COMPOSED))
+        if not is_part_of(text, known)
+    }
+    assert missing == set()
+
+
+def test_every_sentence_of_a_verdict_is_in_the_catalogue() -> None:
+    found = {
+        unnamed(text).removesuffix(".") for path in modules(*REASONING) for text in sentences(path)
+    }
+    assert len(found) > 400
     for language in FOREIGN:
         words = cell_words(language)
         known = {unnamed(text).removesuffix(".") for text in words}
@@ -338,7 +521,8 @@ def test_every_sentence_of_a_verdict_is_in_the_catalogue() -> None:
         missing = {
             text
             for text in found - known - UNSEEN - set(map(unnamed, COMPOSED))
-            if text[0] not in " ,;" or not any(text in one for one in known)
+            if (text[0] not in " ,;" and text[-1] != " ") or not any(text in one for one in known)
+            if not is_part_of(text, frozenset(known))
         }
         assert missing == set()
 
@@ -355,11 +539,61 @@ def test_reasons_of_real_runs_keep_no_english_in_german() -> None:
     reasons = REASONS.read_text(encoding="utf-8").splitlines()
     told = teller("de")
     assert len(reasons) > 50
-    english = re.compile(
-        r"\b(the|of|is|are|not|with|to|and|from|its|or|by|which|no|at|it|be|than|plane|bore)\b"
-    )
-    assert [reason for reason in reasons if english.search(told(reason))] == []
+    assert [reason for reason in reasons if ENGLISH.search(told(reason))] == []
     assert [reason for reason in reasons if re.search(r"\d\.\d", told(reason))] == []
+
+
+def test_messages_of_recoveries_and_devices_keep_no_english_in_german() -> None:
+    messages_ = MESSAGES.read_text(encoding="utf-8").splitlines()
+    told = teller("de")
+    assert len(messages_) > 200
+    assert [one for one in messages_ if told(one) == one or ENGLISH.search(told(one))] == []
+
+
+def everything_about_the_custody() -> Iterator[str]:
+    """Yield what is said of where a part is, from each custody and each way a start is refused."""
+    detail = "the hand-off was undone"
+    since = "2026-01-02T03:04:05+00:00"
+    for custody in Custody:
+        yield from (where_it_is(custody), where_it_is(custody, detail))
+        held = Held(GripperName.ARM, custody, "run-1", 2, since, detail)
+        yield from (known_words(held), known_words(replace(held, part=0, detail="")))
+    for jaws in Jaws:
+        yield f"the arm gripper's jaws {jaws.value}"
+    yield from (step for one in (Opens, Leaves) for step in map(str, one) if step)
+    yield why_not_free(None)
+    yield why_not_free(Swept("zed goes up to its stop", "the arm itself", (1.0, -2.0, 3.0)))
+    yield why_not_back(ProvenMove((), Swept("", "column", (1.0, -2.0, 3.0))))
+    yield back_evidence(ProvenMove((), Swept(pieces=7)))
+
+
+@pytest.mark.parametrize("language", FOREIGN)
+def test_what_is_said_of_the_custody_is_put_into_words_whole(language: str) -> None:
+    told = teller(language)
+    every = list(everything_about_the_custody())
+    assert len(every) > 40
+    assert [one for one in every if told(one) == one or ENGLISH.search(told(one))] == []
+
+
+@pytest.mark.parametrize("language", FOREIGN)
+def test_what_is_cut_off_is_named_in_each_language(language: str) -> None:
+    known = cell_words(language)
+    assert [one for one in Once if one.value.replace("_", " ") not in known] == []
+    assert [one for one in (*Occupancy, *Custody) if one.value not in known] == []
+    assert [name for name in REQUIRED_SIGNALS if name not in known] == []
+
+
+def test_lines_are_put_into_words_one_by_one() -> None:
+    question = (
+        "Run 7 has left a part. Evidence:\n  - arm: its counters read what it was last sent to, "
+        "and it has not restarted\n  - a note by hand\nThe cell would:\n  - take the arm home: the "
+        "part is in its tray"
+    )
+    assert teller("de")(question) == (
+        "Lauf 7 hat ein Teil zurückgelassen. Was dafür spricht:\n  - Arm: seine Zähler zeigen, "
+        "wohin er zuletzt geschickt wurde, und er hat nicht neu gestartet\n  - a note by hand\nDie "
+        "Zelle würde:\n  - den Arm in die Parkstellung fahren: das Teil ist in seiner Ablage"
+    )
 
 
 @pytest.mark.parametrize(
@@ -381,6 +615,19 @@ def test_reasons_of_real_runs_keep_no_english_in_german() -> None:
             "keine Kante davon ist zu sehen; keine Ansicht davon",
         ),
         ("no edge of it is in sight; rusty", "no edge of it is in sight; rusty"),
+        (
+            "light hides too much of its edge to decide: A2-V0 backlit: no edge of it is in sight",
+            "Licht verdeckt zu viel von der Kante, um zu entscheiden: A2-V0 Gegenlicht: keine "
+            "Kante davon ist zu sehen",
+        ),
+        (
+            "they differ only at F1 plane of block and F2 bore 3.5 mm of block, by up to 2.5 mm, "
+            "which the part or the gripper hides in all 12 views that can be reached; another "
+            "grasp may show it",
+            "sie unterscheiden sich nur an F1 Ebene von block und F2 Bohrung 3,5 mm von block, um "
+            "bis zu 2,5 mm, und das verdeckt das Teil oder der Greifer in allen 12 erreichbaren "
+            "Ansichten; ein anderer Griff zeigt es vielleicht",
+        ),
         # a name that looks like a figure, or like a text of the cell, is a name
         ("the serial number 1.50", "die Seriennummer 1.50"),
         ("left out by the recipe: a rib 2.5 mm", "ausgelassen laut Rezept: a rib 2.5 mm"),

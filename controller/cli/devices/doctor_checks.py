@@ -140,7 +140,9 @@ def _machine() -> list[Check]:
         try:
             checks.append(_check(package, version(package), ok=True))
         except PackageNotFoundError:
-            checks.append(_check(package, "missing", ok=False, remedy=f"pip install {package}"))
+            checks.append(
+                _check(package, "not installed", ok=False, remedy=f"pip install {package}")
+            )
     free_mb = shutil.disk_usage(Path.cwd()).free // 2**20
     checks.append(
         _check("disk", f"{free_mb} MB free", ok=free_mb > MIN_DISK_MB,

@@ -12,8 +12,8 @@ blank takes follows from its name:
 
 - a letter, or a letter and a digit: a figure alone, which is written as the language does;
 - ``..._id``: a name without blanks in it;
-- ``feature``: only what the catalogue knows;
-- one of `SEPARATED`: several texts, each looked up;
+- one of `KNOWN_NAMES`: only what the catalogue knows;
+- one of `SEPARATED`: several texts, each looked up; of lines also those that are known alone;
 - all else: any text, looked up again.
 """
 
@@ -35,10 +35,12 @@ KEPT_MAX_COUNT: Final = 4096  # texts that are remembered in a language
 FIGURE: Final = re.compile(r"[-+]?(?:\d+(?:\.\d+)?(?:e[-+]?\d+)?|inf|nan)")
 FIGURE_NAME: Final = re.compile(r"[a-z]\d?")
 ID_NAME: Final = re.compile(r"\w+_id\d?")
-KNOWN_NAMES: Final = frozenset({"feature"})
+KNOWN_NAMES: Final = frozenset({"feature", "said"})
 _CLAUSES, _NAMES = re.compile("(; )"), re.compile("( and |, )")
+_LINES = re.compile(r"(^  - |\n(?:  - )?)")
 SEPARATED: Final[Mapping[str, re.Pattern[str]]] = {
     "items": _CLAUSES, "where": _CLAUSES, "faces": _NAMES, "things": _NAMES,
+    "lines": _LINES, "more_lines": _LINES,
 }  # fmt: skip
 SHARED: Final = "frame"
 
@@ -97,9 +99,13 @@ def cell_words(language: str) -> Mapping[str, str]:
 
 @dataclass(frozen=True, slots=True)
 class _Pattern:
-    """A text of the catalogue: the words between its blanks, what it fits, its translation."""
+    """A text of the catalogue: the words between its blanks, what it fits, its translation.
+
+    Most texts lack the longest of these words, which spares nearly all patterns the rest.
+    """
 
     chunks: tuple[str, ...]
+    longest: str
     fits: re.Pattern[str]
     word: str
 
@@ -110,7 +116,9 @@ class _Pattern:
             f"(?P<{chunk}>{_taken(chunk)})" if k % 2 else re.escape(chunk)
             for k, chunk in enumerate(chunks)
         )
-        return cls(tuple(filter(None, chunks[::2])), re.compile(pattern, re.DOTALL), word)
+        own = tuple(filter(None, chunks[::2]))
+        longest = max(own, key=len, default="")
+        return cls(own, longest, re.compile(pattern, re.DOTALL), word)
 
     @property
     def own_length(self) -> int:
@@ -158,6 +166,8 @@ def teller(language: str) -> Callable[[str], str]:
         if text.endswith(".") and (whole := told(text[:-1], depth + 1)) != text[:-1]:
             return f"{whole}."
         for pattern in patterns:
+            if pattern.longest not in text:
+                continue
             parts = {
                 name: in_blank(name, part, depth + 1) for name, part in pattern.found(text).items()
             }
@@ -171,7 +181,9 @@ def teller(language: str) -> Callable[[str], str]:
         if len(pieces) == 1:
             return ""
         each = [told(piece, depth + 1) for piece in pieces]
-        is_known = all(a != b for a, b in zip(pieces[::2], each[::2], strict=True))
+        is_known = separator is _LINES or all(
+            a != b for a, b in zip(pieces[::2], each[::2], strict=True)
+        )
         return "".join(each) if is_known else ""
 
     def in_blank(name: str, part: str, depth: int) -> str | None:

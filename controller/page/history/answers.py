@@ -4,6 +4,7 @@ import asyncio
 from collections import Counter, OrderedDict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Final
 from urllib.parse import quote
 
@@ -25,7 +26,7 @@ from controller.results import ResultsError
 from ..frame.drawn import run_picture
 from ..frame.screens import Look
 from ..frame.visit import Visit, refused
-from ..frame.words import translator, word
+from ..frame.words import translator, value_in, word
 from ..records import Records, page_count, part_key, report_file, unread, verdict_class
 from .asked import LISTED, REVIEW_WORDS, VERDICTS, asked
 from .charts import VALUES_MAX, drawn
@@ -185,7 +186,12 @@ class HistoryAnswers:
             chosen=chosen,
             one=known.get(chosen),
             values=values,
-            drawn=await asyncio.to_thread(drawn, values, translator(visit.language, "history")),
+            drawn=await asyncio.to_thread(
+                drawn,
+                values,
+                translator(visit.language, "history"),
+                partial(value_in, visit.language),
+            ),
             most=VALUES_MAX,
             **_SHOWN,
         )

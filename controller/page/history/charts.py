@@ -39,13 +39,18 @@ class Drawn:
     is_changed: bool
 
 
-def drawn(values: Sequence[Mapping[str, Any]], in_words: Callable[[str], str]) -> Drawn:
+def drawn(
+    values: Sequence[Mapping[str, Any]],
+    in_words: Callable[[str], str],
+    written: Callable[[float, int], str],
+) -> Drawn:
     """Return the chart of values.
 
     Parameters
     ----------
     values : oldest first, as the store has them
     in_words : puts a text into the language of the person
+    written : returns a number with so many digits as that language writes it
     """
     measured = [one for one in values if one["measured"] is not None]
     numbers = [float(one["measured"]) for one in measured]
@@ -67,7 +72,8 @@ def drawn(values: Sequence[Mapping[str, Any]], in_words: Callable[[str], str]) -
         marks[signal.at] = (
             f"{marks[signal.at]},{signal.rule}" if signal.at in marks else (str(signal.rule))
         )
-    svg = value_chart(Chart(numbers, lines, marks, half_widths=[one["U"] for one in measured]))
+    half_widths = [one["U"] for one in measured]
+    svg = value_chart(Chart(numbers, lines, marks, half_widths=half_widths, written=written))
     limits = {(one["lower"], one["upper"]) for one in measured}
     return Drawn(
         svg,

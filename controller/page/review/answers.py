@@ -13,7 +13,7 @@ from controller.history.reviewing import Decision, agreement, decide
 
 from ..frame.screens import Act, Body, Look, Setting
 from ..frame.visit import Visit, refused
-from ..frame.words import word
+from ..frame.words import teller, word
 from ..records import Records, page_asked, page_count, part_key, unread, verdict_class
 from ..security import Role
 
@@ -128,7 +128,7 @@ class ReviewAnswers:
             str(part["run"]), int(part["number"]), at["finding"], at["which"]
         )
         if isinstance(found, str):
-            return refused(404, found)
+            return refused(404, teller(visit.language)(found))
         headers = {"Cache-Control": "private, max-age=3600"}
         return Response(found, media_type="image/jpeg", headers=headers)
 
@@ -155,7 +155,7 @@ class ReviewAnswers:
         except NoSuchPartError:
             return refused(404, word("there is no such part"))
         except HistoryError as error:
-            return refused(409, str(error))
+            return refused(409, teller(visit.language)(str(error)))
         return JSONResponse({"review": part["review"], "part": part["part"]})
 
 

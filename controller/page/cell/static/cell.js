@@ -1,4 +1,5 @@
 // Page "Cell": what is known of devices, calibrations and commissioning; pictures of the last run.
+import { said } from "/static/said.js";
 import { $, el, get, number, post, svg, t, time } from "/static/shared.js";
 
 const PICTURES_EVERY_MS = 3000;
@@ -22,11 +23,8 @@ const LAMP_WORDS = {
   table_backlight: "table, backlight", table_ring: "table, ring light", table_side: "table, side light",
   station_backlight: "station, backlight", station_ring: "station, ring light", station_side: "station, side light",
 };
-const WHY_WORDS = {
-  "never begun": "never begun",
-  "it stands as its file says, and nothing was measured (cellctl commission --step verify)": "it stands as its file says, and nothing was measured (cellctl commission --step verify)",
-};
-const why = (text) => t(WHY_WORDS[text] || text);
+// A check is named after a device, an input or a package.
+const checkWords = (name) => (DEVICE_WORDS[name] ? t(DEVICE_WORDS[name]) : said(name));
 const SIGNS = { done: "✓", stale: "⚠", failed: "✗", "not done": "○" };
 let key = "";
 let shown = "";
@@ -41,11 +39,18 @@ const row = (cells) => {
   return made;
 };
 
+// Returns a row of six columns that says why there is none.
+function none(words) {
+  const made = row([words]);
+  made.firstChild.colSpan = 6;
+  return made;
+}
+
 async function load() {
   const facts = await get(`/cell/facts?cell=${encodeURIComponent(key)}`);
   if (facts.error) {
     $("problem").hidden = false;
-    $("problem").textContent = facts.error;
+    $("problem").textContent = t(facts.error);
     return;
   }
   key = facts.key;
@@ -56,34 +61,34 @@ async function load() {
     return option;
   }));
   $("problem").hidden = !facts.problem;
-  $("problem").textContent = facts.problem;
-  $("holder").textContent = facts.holder ? t("A run has the cell: {holder}", { holder: facts.holder }) : t("No run has the cell.");
+  $("problem").textContent = said(facts.problem);
+  $("holder").textContent = facts.holder ? t("A run has the cell: {holder}", { holder: said(facts.holder) }) : t("No run has the cell.");
   if (facts.problem) return;
   $("name").textContent = `${t("Cell")} ${facts.name}`;
-  $("connected").textContent = facts.journal || (facts.connected.run
+  $("connected").textContent = facts.journal ? said(facts.journal) : (facts.connected.run
     ? t("Answers of run {run}, {at}", { run: facts.connected.run, at: facts.connected.at.replace("T", " ").slice(0, 19) })
     : t("No run has connected to devices yet."));
   $("devices").replaceChildren(...facts.devices.map((one) => row([
     t(DEVICE_WORDS[one.name] || one.name), one.driver, one.address,
     one.is_emulated ? t("emulated") : t("real"),
-    one.said ? `${one.said}${one.was_emulated ? ` (${t("emulated then")})` : ""}` : "–",
+    one.said ? `${said(one.said)}${one.was_emulated ? ` (${t("emulated then")})` : ""}` : "–",
   ])));
   $("verified").textContent = facts.why_not_verified
-    ? `⚠ ${t("The cell is not verified: {why}", { why: why(facts.why_not_verified) })}` : `✓ ${t("The cell is verified with these calibrations.")}`;
+    ? `⚠ ${t("The cell is not verified: {why}", { why: said(facts.why_not_verified) })}` : `✓ ${t("The cell is verified with these calibrations.")}`;
   $("calibrations").replaceChildren(...(facts.calibrations.length ? facts.calibrations.map((one) => {
     const valid = one.valid_days === null ? "" : ` (${t("valid for {n} days", { n: one.valid_days })})`;
     const most = one.valid_runs === null ? "" : ` / ${number(one.valid_runs)}`;
     const left = one.residual;
     return row([
       t(CALIBRATION_WORDS[one.name] || one.name),
-      one.why_stale ? `⚠ ${t("stale")}: ${one.why_stale}` : `✓ ${t("yes")}`,
+      one.why_stale ? `⚠ ${t("stale")}: ${said(one.why_stale)}` : `✓ ${t("yes")}`,
       `${t("{n} days", { n: number(one.age_days, one.age_days < 10 ? 1 : 0) })}${valid}`,
       `${number(one.run_count)}${most}`,
       left ? `${number(left.value, 3)} ${left.unit} (${t("at most {n}", { n: number(left.limit, 3) })})` : "–",
       one.by || "–",
     ]);
-  }) : [row([t("none: the cell stands as its file says"), "", "", "", "", ""])]));
-  $("steps").replaceChildren(...facts.steps.map((one) => el("li", `${SIGNS[one.status]} ${t(STAGE_WORDS[one.step] || one.step)}: ${t(STEP_WORDS[one.status])}, ${why(one.reason)}`)));
+  }) : [none(t("none: the cell stands as its file says"))]));
+  $("steps").replaceChildren(...facts.steps.map((one) => el("li", `${SIGNS[one.status]} ${t(STAGE_WORDS[one.step] || one.step)}: ${t(STEP_WORDS[one.status])}, ${said(one.reason)}`)));
   $("evidence").replaceChildren(...(facts.evidence.length ? facts.evidence.map((name) => {
     const item = el("li");
     const link = el("a", name);
@@ -127,7 +132,7 @@ async function pictures() {
   const text = JSON.stringify(found);
   if (text === shown) return;
   shown = text;
-  $("pictures-words").textContent = found.problem || (found.pictures.length ? t("Run {run}", { run: found.run }) : t("There is none yet."));
+  $("pictures-words").textContent = found.problem ? said(found.problem) : (found.pictures.length ? t("Run {run}", { run: found.run }) : t("There is none yet."));
   $("pictures").replaceChildren(...found.pictures.map((one) => figureOf(
     one, `/cell/picture/${encodeURIComponent(found.run)}/${one.number}?at=${encodeURIComponent(one.at)}`,
   )));
@@ -143,12 +148,13 @@ function figureOf(one, source) {
   const caption = el("figcaption");
   caption.append(el("b", name));
   if (one.at) caption.append(el("span", time(one.at)));
-  figure.append(image, caption);
   const { measured } = one;
-  if (!measured) {
+  if (!measured) { // nor can it be shown
+    figure.append(caption);
     caption.append(el("span", t("its file cannot be read")));
     return figure;
   }
+  figure.append(image, caption);
   const chart = svg("svg", { viewBox: "0 0 256 64", class: "histogram", role: "img", preserveAspectRatio: "none" });
   chart.setAttribute("aria-label", t("Histogram of grey levels, dark to bright"));
   const most = Math.max(...measured.histogram);
@@ -180,11 +186,11 @@ async function live() {
     if (found.pictures.every((one) => one.measured)) {
       $("live").replaceChildren(...found.pictures.map((one) => figureOf(one, `/cell/live/${one.file}`)));
     }
-    const bad = found.failed.map((one) => `${one.check}: ${one.found}`);
+    const bad = found.failed.map((one) => `${checkWords(one.check)}: ${said(one.found)}`);
     if (!work) $("live-said").textContent = "";
     else if (isOn) $("live-said").textContent = `… ${t("looking, {s} s", { s: number(work.seconds) })}`;
     else if (work.code === -9) $("live-said").textContent = `✗ ${t("It was ended by force; lamps may still be lit.")}`;
-    else if (work.state === "refused") $("live-said").textContent = `✗ ${[...bad, ...work.messages].join(" ")}`;
+    else if (work.state === "refused") $("live-said").textContent = `✗ ${[...bad, ...work.messages.map((one) => said(one))].join(" ")}`;
     else $("live-said").textContent = `✓ ${t("The cameras are free again; the lamps are dark.")}`;
     if (!isOn) return;
     await new Promise((go) => setTimeout(go, DOCTOR_EVERY_MS));
@@ -204,11 +210,11 @@ async function doctor() {
       $("cancel").disabled = !found.running;
     }
     const { work } = found;
-    $("checks").replaceChildren(...found.checks.map((one) => el("li", `${one.ok ? "✓" : "✗"} ${one.check}: ${one.found}${one.ok ? "" : ` – ${one.remedy}`}`)));
+    $("checks").replaceChildren(...found.checks.map((one) => el("li", `${one.ok ? "✓" : "✗"} ${checkWords(one.check)}: ${said(one.found)}${one.ok ? "" : ` – ${said(one.remedy)}`}`)));
     if (!found.running) {
       const bad = found.checks.filter((one) => !one.ok).length;
       $("doctor-said").textContent = !work ? "" : work.state === "cancelled" ? `✗ ${t("cancelled")}`
-        : !found.checks.length ? `✗ ${work.messages.join(" ")}`
+        : !found.checks.length ? `✗ ${work.messages.map((one) => said(one)).join(" ")}`
           : bad ? `✗ ${bad === 1 ? t("1 check failed") : t("{n} checks failed", { n: bad })}` : `✓ ${t("all well")}`;
       return;
     }
@@ -225,14 +231,14 @@ $("cells").addEventListener("change", async () => {
 if ($("examine")) {
   $("examine").addEventListener("click", async () => {
     const reply = await post("/cell/examine", { cell: key });
-    if (reply.error) $("doctor-said").textContent = `✗ ${reply.error}`;
+    if (reply.error) $("doctor-said").textContent = `✗ ${said(reply.error)}`;
     else await doctor();
     await load();
   });
   $("cancel").addEventListener("click", () => post("/cell/cancel", {}));
   $("watch").addEventListener("click", async () => {
     const reply = await post("/cell/watch", { cell: key });
-    if (reply.error) $("live-said").textContent = `✗ ${reply.error}`;
+    if (reply.error) $("live-said").textContent = `✗ ${said(reply.error)}`;
     else await live();
   });
   $("enough").addEventListener("click", () => {

@@ -4,10 +4,11 @@ import { language, t } from "/static/shared.js";
 
 const words = JSON.parse(document.getElementById("cell-words").textContent);
 const NESTED_MAX_COUNT = 8;
-const KNOWN = new Set(["feature"]);
+const KNOWN = new Set(["feature", "said"]);
 const CLAUSES = /(; )/;
 const NAMES = /( and |, )/;
-const SEPARATED = { items: CLAUSES, where: CLAUSES, faces: NAMES, things: NAMES };
+const LINES = /(^  - |\n(?:  - )?)/;
+const SEPARATED = { items: CLAUSES, where: CLAUSES, faces: NAMES, things: NAMES, lines: LINES, more_lines: LINES };
 const isFigure = (name) => /^[a-z]\d?$/.test(name);
 
 function taken(name) {
@@ -32,12 +33,12 @@ function found({ own, fits }, text) {
   return fits.exec(text);
 }
 
-// Returns several texts in words; empty where one of them is not known.
+// Returns several texts in words; empty where one of them is not known, but for lines.
 function inPieces(text, separator, depth) {
   const pieces = text.split(separator);
   if (pieces.length === 1) return "";
   const each = pieces.map((piece) => said(piece, depth + 1));
-  return pieces.some((piece, k) => k % 2 === 0 && piece === each[k]) ? "" : each.join("");
+  return separator !== LINES && pieces.some((piece, k) => k % 2 === 0 && piece === each[k]) ? "" : each.join("");
 }
 
 // Returns what stands in a blank in words; null where that blank cannot take it.

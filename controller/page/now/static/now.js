@@ -82,8 +82,8 @@ function show(now) {
   if (now.preparing) {
     doing.push(t("Run {run} of {user} is being prepared: its recipes are checked and planned, then the cell is connected (process {pid}, since {time}).", { ...now.preparing, time: time(now.preparing.since) }));
   }
-  if (now.silent) doing.push(t("The cell does not answer: {why}", { why: now.silent }));
-  if (now.journal) doing.push(t("The journal cannot be read: {why}", { why: now.journal }));
+  if (now.silent) doing.push(t("The cell does not answer: {why}", { why: said(now.silent) }));
+  if (now.journal) doing.push(t("The journal cannot be read: {why}", { why: said(now.journal) }));
   if (status) {
     if (status.label) doing.push(said(status.label));
     if (status.safe_point) doing.push(said(status.safe_point));
@@ -315,7 +315,7 @@ async function act(name, body) {
   const why = $("why") ? $("why").value : "";
   try {
     const reply = await post(`/now/act/${name}`, { ...body, why });
-    if (reply.error) $("said").textContent = `✗ ${t(reply.error)}`;
+    if (reply.error) $("said").textContent = `✗ ${said(reply.error)}`;
     else if (reply.decision === "refused") $("said").textContent = `✗ ${t("refused")}: ${said(reply.reason)}`;
     else if (reply.decision === "ignored") $("said").textContent = `– ${t("nothing to do")}: ${said(reply.reason)}`;
     else {

@@ -73,7 +73,7 @@ export function showStart(now) {
   $("started-head").textContent = isStarting
     ? t("{who} starts {what}: checks and emulated cell take a while", { who: started.who, what: started.recipes })
     : t("{what} ended with code {code}", { what: started.recipes, code: started.code });
-  $("started-lines").textContent = started.lines.join("\n");
+  $("started-lines").textContent = started.lines.map((line) => said(line)).join("\n");
 }
 
 const isCounted = (how) => how === "counted" || how === "across";
@@ -107,7 +107,7 @@ async function sendList() {
   try {
     const found = await send("/now/list", file);
     if (found.error) {
-      $("start-list-said").textContent = `✗ ${t(found.error)}`;
+      $("start-list-said").textContent = `✗ ${said(found.error)}`;
       return;
     }
     list = found;
@@ -150,7 +150,7 @@ async function start(event) {
   };
   try {
     const reply = await post("/now/start", body);
-    $("start-said").textContent = reply.error ? `✗ ${t(reply.error)}` : "";
+    $("start-said").textContent = reply.error ? `✗ ${said(reply.error)}` : "";
     if (!reply.error) {
       $("start-trays").checked = false;
       $("start-removed").checked = false;

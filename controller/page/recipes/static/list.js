@@ -12,7 +12,7 @@ function row(one) {
   const link = el("a", one.file);
   link.href = `/recipes/one/${addressOf(one.key)}`;
   item.append(link);
-  if (one.problem) item.append(el("p", `✗ ${one.problem}`, "wrong"));
+  if (one.problem) item.append(el("p", `✗ ${told(one.problem)}`, "wrong"));
   else item.append(el("p", t("{name}: part {part}, cell {cell}", one), "quiet"));
   const known = Object.entries(one.known).map(([kind, work]) => {
     const words = `${t(MADE_WORDS[kind])}: ${t(STATE_WORDS[work.state])}`;
@@ -37,7 +37,7 @@ async function draw() {
   $("sent").hidden = !found;
   $("take").disabled = work.state !== "done";
   if (!found) {
-    const why = work.messages.join("\n") || t("the file could not be read");
+    const why = work.messages.map((one) => told(one)).join("\n") || t("the file could not be read");
     said("sent-said", work.state === "cancelled" ? t("cancelled") : why, true);
     return;
   }
@@ -78,7 +78,7 @@ if ($("file")) {
       const reply = await send("/recipes/send", file);
       if (reply.error) {
         $("progress").hidden = true;
-        said("sent-said", reply.error, true);
+        said("sent-said", told(reply.error), true);
       } else watch(draw);
     } catch {
       $("progress").hidden = true;
@@ -90,12 +90,12 @@ if ($("file")) {
   for (const id of ["unit", "body"]) $(id).addEventListener("input", () => { $("take").disabled = true; });
   $("again").addEventListener("click", async () => {
     const reply = await post("/recipes/read-again", choice());
-    if (reply.error) said("sent-said", reply.error, true);
+    if (reply.error) said("sent-said", told(reply.error), true);
     else watch(draw);
   });
   $("take").addEventListener("click", async () => {
     const reply = await post("/recipes/take", { ...choice(), name: $("stem").value });
-    if (reply.error) said("sent-said", reply.error, true);
+    if (reply.error) said("sent-said", told(reply.error), true);
     else location.assign(`/recipes/one/${addressOf(reply.key)}`);
   });
 }

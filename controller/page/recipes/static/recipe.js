@@ -25,7 +25,7 @@ const changes = new Map(); // by id of a characteristic: what is changed of it
 const settings = {};
 let seen = "";
 
-const percent = (share, digits = 1) => `${number(100 * share, digits)} %`;
+const percent = (share, digits = 1) => `${number(100 * share, digits)}\u00a0%`;
 // A number as a person writes it in a field.
 const plain = (value) => value.toLocaleString(language, { useGrouping: false, maximumFractionDigits: 6 });
 const parsed = (text) => {
@@ -52,7 +52,7 @@ async function load() {
   const words = facts.problem ? facts.file : t("{name}: part {part}, cell {cell}", facts);
   $("facts").textContent = words;
   $("problem").hidden = !facts.problem;
-  $("problem").textContent = facts.problem;
+  $("problem").textContent = told(facts.problem);
   for (const kind of ["part", "plan", "check"]) {
     const work = facts.known[kind];
     const button = document.querySelector(`[data-work=${kind}]`);
@@ -84,7 +84,7 @@ async function load() {
 async function drawPart() {
   const found = part && part.found;
   if (!found) {
-    if (part) $("scene-words").textContent = part.work.messages.join(" ") || t(STATE_WORDS[part.work.state]);
+    if (part) $("scene-words").textContent = part.work.messages.map((one) => told(one)).join(" ") || t(STATE_WORDS[part.work.state]);
     return;
   }
   const rows = [
@@ -347,7 +347,7 @@ if ($("draft")) {
   $("draft").addEventListener("click", async () => {
     const reply = await post("/recipes/draft", { of: key, changes: allChanges() });
     if (reply.error) {
-      said("save-said", reply.error, true);
+      said("save-said", told(reply.error), true);
       return;
     }
     seen = reply.seen;
@@ -364,7 +364,7 @@ if ($("draft")) {
     $("save").disabled = true;
     const reply = await post("/recipes/save", { of: key, changes: allChanges(), seen });
     if (reply.error) {
-      said("save-said", reply.error, true);
+      said("save-said", told(reply.error), true);
       return;
     }
     forget();
@@ -398,7 +398,7 @@ function drawPlan() {
   fillPoses();
   const found = plan && plan.found;
   if (!found || !found.steps.length) {
-    const why = found ? told(found.error) : plan ? plan.work.messages.join(" ") || t(STATE_WORDS[plan.work.state]) : t("There is no plan yet.");
+    const why = found ? told(found.error) : plan ? plan.work.messages.map((one) => told(one)).join(" ") || t(STATE_WORDS[plan.work.state]) : t("There is no plan yet.");
     $("plan-words").textContent = found || plan ? `✗ ${why}` : why;
     for (const id of ["film", "time", "why"]) $(id).replaceChildren();
     $("why-head").hidden = true;
@@ -473,14 +473,14 @@ function drawCheck() {
   const found = check && check.found;
   $("check-words").textContent = found
     ? (found.ok ? `✓ ${t("The recipe can be run in its cell.")}` : `✗ ${t("The recipe cannot be run yet:")}`)
-    : check ? `✗ ${check.work.messages.join(" ") || t(STATE_WORDS[check.work.state])}` : t("It was not checked yet.");
+    : check ? `✗ ${check.work.messages.map((one) => told(one)).join(" ") || t(STATE_WORDS[check.work.state])}` : t("It was not checked yet.");
   $("problems").replaceChildren(...(found ? found.problems.map((text) => el("li", told(text))) : []));
 }
 
 async function start(kind, pose = null) {
   said("said", "");
   const reply = await post("/recipes/start", { of: key, kind, pose });
-  if (reply.error) said("said", reply.error, true);
+  if (reply.error) said("said", told(reply.error), true);
   else follow();
 }
 

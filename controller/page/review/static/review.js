@@ -41,7 +41,7 @@ form.addEventListener("submit", async (event) => {
     verdict: button.value, why: why.value, findings: named(),
   }).catch(() => ({ error: t("The page does not answer; nothing is certain. Load it again.") }));
   if (answer.error) {
-    said.textContent = `✕ ${answer.error}`;
+    said.textContent = `✕ ${t(answer.error)}`;
     for (const one of buttons) one.disabled = false;
     return;
   }
