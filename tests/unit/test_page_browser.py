@@ -408,6 +408,9 @@ def test_a_german_page_asks_warns_and_counts_in_german(
         assert told(one.words) in tab.inner_text(f"[data-answer={one.key}]")
     assert told(BY_CODE["many_parts"].action) in tab.inner_text("#alarms")
     assert "plant" in tab.inner_text("#doing")
+    lines = "Run 7 has left a part. Evidence:\n  - arm: not connected\nThe cell would:\n  - nothing"
+    served.status |= {"question": asked | {"number": 5, "text": lines}}
+    until(tab, lambda: "Arm: nicht verbunden\n" in tab.inner_text("#question-text"))
     writer = Journal(tmp_path / "runs" / JOURNAL_NAME, RUN)
     for label in ("show with grasp A1", "place in tray accept"):
         writer.write(rows.StepDone(label=label, forecast_s=1.0, seconds=1.0), 1)
