@@ -8,16 +8,21 @@ import gc
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+_is_frozen = False  # whether somebody has frozen: to count what is frozen, Python visits it all
+
 
 @contextmanager
 def loading() -> Iterator[None]:
     """Import without collection. What is there after the first time is never looked at again."""
+    global _is_frozen
     was_enabled = gc.isenabled()
     gc.disable()
     try:
         yield
     finally:
-        if not gc.get_freeze_count():
-            gc.freeze()
+        if not _is_frozen:
+            _is_frozen = True
+            if not gc.get_freeze_count():
+                gc.freeze()
         if was_enabled:
             gc.enable()

@@ -85,23 +85,31 @@ def test_no_module_imports_scipys_statistics_for_all_who_import_it() -> None:
     assert found == []
 
 
+@pytest.mark.parametrize("before", [0, 7])
 @pytest.mark.parametrize("was_enabled", [True, False])
 def test_loading_leaves_the_collector_as_it_was(
-    was_enabled: bool, monkeypatch: pytest.MonkeyPatch
+    was_enabled: bool, before: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    state = {"enabled": was_enabled, "frozen": 0}
+    state = {"enabled": was_enabled, "frozen": before, "counted": 0}
+
+    def count() -> int:
+        state["counted"] += 1
+        return state["frozen"]
+
     stand_in = SimpleNamespace(
         isenabled=lambda: state["enabled"],
         disable=lambda: state.update(enabled=False),
         enable=lambda: state.update(enabled=True),
-        get_freeze_count=lambda: state["frozen"],
+        get_freeze_count=count,
         freeze=lambda: state.update(frozen=state["frozen"] + 1),
     )
     monkeypatch.setattr(loading_module, "gc", stand_in)
-    for _ in range(2):
+    monkeypatch.setattr(loading_module, "_is_frozen", False)
+    for _ in range(3):
         with loading():
             assert not state["enabled"]
-    assert state == {"enabled": was_enabled, "frozen": 1}
+    # Python counts by visiting each frozen object: once is enough
+    assert state == {"enabled": was_enabled, "frozen": before or 1, "counted": 1}
 
 
 def threads_of(**chosen: str) -> tuple[dict[str, str], int, int]:
