@@ -2,7 +2,7 @@
 
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from pathlib import Path
 
@@ -83,6 +83,13 @@ def checkout(tmp_path: Path) -> Path:
 @lru_cache(maxsize=1)
 def all_ours() -> tuple[house.Source, ...]:
     return tuple(house.read_sources(ROOT, (*house.PRODUCTION, *house.READERS)))
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _let_go() -> Iterator[None]:
+    """Leave the syntax trees of the whole house to no later test: collecting would visit them."""
+    yield
+    all_ours.cache_clear()
 
 
 def ours(packages: Sequence[str]) -> list[house.Source]:
