@@ -5,6 +5,8 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from math import pi
 from pathlib import Path
@@ -15,6 +17,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 from step_assemblies import HANDLE, write_assemblies
 from step_files import needs_kernel, write_all
 
@@ -29,9 +32,11 @@ from controller.cad import (
 from controller.cad.compiled import CompileOptions, cache_key, part_name
 from controller.cad.reading import files_of
 from controller.cad.reading.step import bodies as reading
+from controller.cad.reading.step import files
 from controller.cad.reading.step.bodies import Bodies
 from controller.cad.reading.step.congruent import Marks, placing
 from controller.cad.reading.step.files import list_bodies, read_step_part
+from controller.cad.reading.step.kernel import KernelLimits, KernelRun
 from controller.cad.reading.step.references import collect, decoded, referred
 from controller.cell.batch import RunOrder, input_files
 from controller.cell.journal import rows
@@ -40,6 +45,8 @@ from controller.cli import main
 from controller.cli.running.accepting import recipe_of
 from controller.config import ConfigError, Recipe, load_recipe, split_cad
 from controller.config.cad_files import body_name, body_path, cad_identity
+
+Answer = Mapping[str, NDArray[np.generic]]
 
 PIN_MM3 = pi * 9 * 20
 
@@ -52,6 +59,34 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def rack(made: Path) -> Bodies:
     return list_bodies(made / "rack.step")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _kernel_once() -> Iterator[None]:
+    """Have the STEP kernel answer once what several tests ask of the same file or body.
+
+    Its start is most of the time; what it is started on, and what is made of its answer, stays as
+    it is.
+    """
+    answers: dict[tuple[str, bytes, tuple[str, ...]], Answer] = {}
+
+    @contextmanager
+    def run(
+        program: str,
+        source: Path,
+        out: Path,
+        arguments: Sequence[str] = (),
+        limits: KernelLimits | None = None,
+    ) -> Iterator[SimpleNamespace]:
+        key = (program, source.read_bytes(), tuple(arguments))
+        if key not in answers:
+            with KernelRun(program, source, out, arguments, limits) as real:
+                answers[key] = real.result("the file")
+        yield SimpleNamespace(result=lambda where: {k: a.copy() for k, a in answers[key].items()})
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(files, "KernelRun", run)
+        yield
 
 
 @pytest.fixture(autouse=True)
