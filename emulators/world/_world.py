@@ -602,8 +602,7 @@ class World:
             T, opening_mm, is_between = self._felt_before
             if part.T_world_part is not T or gripper.opening_mm != opening_mm:
                 T_tcp_part = relative(gripper.T_world_tcp, part.T_world_part)
-                felt = gripper.pads.feel(part.scene, T_tcp_part, gripper.opening_mm)
-                is_between = bool(np.isfinite(felt.upper_mm).any())
+                is_between = gripper.pads.is_seen(part.scene, T_tcp_part, gripper.opening_mm)
                 self._felt_before = part.T_world_part, gripper.opening_mm, is_between
             if is_between:
                 return True

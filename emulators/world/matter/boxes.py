@@ -237,9 +237,5 @@ def _shrunk(box: Box, by_mm: float) -> Box:
 
 def _overlap(low: Array, high: Array, other_low: Array, other_high: Array) -> Mask:
     """Return which boxes' bounds overlap, (n, m) bool."""
-    overlaps = low[:, None, 0] < other_high[:, 0]
-    overlaps &= high[:, None, 0] > other_low[:, 0]
-    for axis in (1, 2):
-        overlaps &= low[:, None, axis] < other_high[:, axis]
-        overlaps &= high[:, None, axis] > other_low[:, axis]
-    return overlaps
+    overlaps = (low[:, None] < other_high) & (high[:, None] > other_low)
+    return overlaps[:, :, 0] & overlaps[:, :, 1] & overlaps[:, :, 2]

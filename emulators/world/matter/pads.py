@@ -95,6 +95,16 @@ class Pads:
         upper = self._heights(scene, T_part_tcp, start_mm)
         return Felt(upper, self._heights(scene, T_part_tcp, -start_mm))
 
+    def is_seen(self, scene: Any, T_tcp_part: Array, opening_mm: float) -> bool:  # noqa: ANN401
+        """Return whether any of a part is in front of the pad on +y: what `feel` sees from there.
+
+        Parameters
+        ----------
+        scene, T_tcp_part, opening_mm : as of `feel`
+        """
+        start_mm = opening_mm / 2.0 + _BACK_MM
+        return bool(np.isfinite(self._heights(scene, invert(T_tcp_part), start_mm)).any())
+
     def push(self, felt: Felt, opening_mm: float) -> tuple[Array, float] | None:
         """Return where (3,) and how far along y [mm] the deeper finger pushes; None if neither.
 
