@@ -19,7 +19,11 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 from controller.recognition.fitting import Evidence  # noqa: E402
-from controller.recognition.identification.scores import INNER_HALF_MM, Weights  # noqa: E402  (path set above)
+from controller.recognition.identification.scores import (  # noqa: E402  (path set above)
+    INNER_HALF_MM,
+    Weights,
+    beyond_chance,
+)
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -85,8 +89,9 @@ class Seen:
 def terms(evidence: Evidence) -> Array:
     """Return what the weights after the bias multiply, in the order of `SIGNS`, (7,)."""
     share = evidence.inner_mm / (evidence.inner_mm + INNER_HALF_MM)
-    inner = share * evidence.inner + (1 - share) * evidence.outline
-    values = (evidence.outline, evidence.explained, inner, evidence.misfit_px, evidence.sigma_px)
+    outline = beyond_chance(evidence.outline, evidence.chance)
+    inner = share * beyond_chance(evidence.inner, evidence.chance) + (1 - share) * outline
+    values = (outline, evidence.explained, inner, evidence.misfit_px, evidence.sigma_px)
     return np.array([*values, evidence.shading, np.log1p(evidence.image_px)])
 
 

@@ -143,6 +143,75 @@ def test_under_lamps_an_edge_is_looked_for_with_its_brighter_side(is_lit: bool) 
         assert gaps == pytest.approx(expected, abs=0.1)
 
 
+def step_at(column: int, bright: int) -> Grey:
+    image = np.full((60, 90), 60, np.uint8)
+    image[:, column:] = bright
+    return image
+
+
+def down_column(column: float) -> EdgePoints:
+    rows = np.arange(10.0, 50.0)
+    pixels = np.column_stack([np.full(len(rows), column), rows])
+    return edges_at(pixels, np.tile([1.0, 0.0], (len(rows), 1)))
+
+
+def test_an_edge_of_one_lamp_is_found_beside_a_stronger_one_of_another() -> None:
+    weak, strong = step_at(40, 80), step_at(43, 200)
+    joint = GreyMeasure(np.maximum(weak, strong), (0, 0), is_lit=True, others=(weak, strong))
+    edges = down_column(39.5)
+    together = joint.gaps(edges.pixels, edges.normals, edges, 5.0).gap_px
+    assert together == pytest.approx(3.0, abs=0.2)
+    gap, beside = joint.shown_by_any(edges, 5.0, 20)
+    assert gap == pytest.approx(0.0, abs=0.1)
+    # 20 px to the left and to the right there is nothing
+    assert np.isnan(beside).all()
+    left, right = joint.shown_by_any(down_column(59.5), 5.0, 20)[1]
+    assert left == pytest.approx(0.0, abs=0.1)
+    assert np.isnan(right).all()
+
+
+def test_an_edge_is_sharp_where_brightness_changes_within_some_pixels() -> None:
+    columns = np.arange(90.0)
+    sharp = cv2.GaussianBlur(step_at(40, 180), (0, 0), 1.0)
+    row = 60 + 120 * np.clip((columns - 34) / 12, 0, 1)
+    half_shadow = np.tile(np.rint(row).astype(np.uint8), (60, 1))
+    at = down_column(39.5)
+    for image, is_sharp in ((sharp, True), (half_shadow, False)):
+        measure = GreyMeasure(image, (0, 0), is_lit=True)
+        assert (measure.are_sharp(at.pixels, at.normals) == is_sharp).all()
+    assert len(measure.are_sharp(np.zeros((0, 2)), np.zeros((0, 2)))) == 0
+
+
+def under_lamps(lamps: tuple[Grey, ...], edges: EdgePoints) -> Evidence:
+    brightest = np.max(lamps, axis=0)
+    measure = GreyMeasure(brightest, (0, 0), is_lit=True, others=lamps)
+    strong = ImageEdges.of(measure, np.ones(brightest.shape, dtype=np.bool_))
+    shading = Shading(0.5, 9.0, 4.0, 100)
+    return grey_evidence(edges, 0.2, 0.28, [measure], strong, shading, by_lamp=True)
+
+
+def test_what_is_found_anywhere_is_told_as_chance() -> None:
+    edges = down_column(39.5)
+    plain = (step_at(40, 90), step_at(40, 120), step_at(40, 160))
+    told = under_lamps(plain, edges)
+    assert (told.outline, told.chance) == (1.0, 0.0)
+    # stripes of 4 px about it: 5 px to the left and to the right there is one 1 px away
+    columns = np.arange(90)
+    dark = (columns >= 28) & (columns < 52) & (columns // 4 % 2 == 1)
+    lamps = [np.where(dark, 60, level) * np.ones((60, 1)) for level in (90, 120, 160)]
+    told = under_lamps(tuple(lamp.astype(np.uint8) for lamp in lamps), edges)
+    assert told.outline == 1.0
+    assert told.chance == 1.0
+
+
+def test_where_no_strong_edge_is_nothing_is_left_unexplained() -> None:
+    even = np.full((60, 90), 60, np.uint8)
+    told = under_lamps((even, even, even), down_column(39.5))
+    assert (told.outline, told.explained, told.image_px) == (0.0, 1.0, 0.0)
+    told = under_lamps((step_at(70, 200),) * 3, down_column(39.5))
+    assert told.explained == 0.0
+
+
 def test_an_edge_counts_by_how_surely_it_shows_under_lamps() -> None:
     measure = GreyMeasure(two_edges(160), (0, 0), is_lit=True)
     pixels = np.array([[40.0, 20.0]])

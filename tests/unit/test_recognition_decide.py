@@ -127,6 +127,17 @@ def test_half_an_outline_is_not_enough_whatever_else_is_right() -> None:
     assert probability(replace(PERFECT, explained=0.5), SILHOUETTE) < 0.5
 
 
+def test_edges_that_are_found_by_chance_speak_for_nothing() -> None:
+    # two thirds of the edges are there, but so are two thirds of any others; or of hardly any
+    found = replace(PERFECT, outline=0.67, inner=0.67, misfit_px=1.0, shading=0.5)
+    everywhere = probability(replace(found, chance=0.67), FRONT)
+    nothing_found = replace(found, outline=0.0, inner=0.0)
+    assert everywhere == pytest.approx(probability(nothing_found, FRONT))
+    assert everywhere < probability(replace(found, chance=0.3), FRONT) < probability(found, FRONT)
+    # what is found whole is there, whatever else there is
+    assert probability(replace(PERFECT, chance=0.6), FRONT) == probability(PERFECT, FRONT)
+
+
 def test_half_an_outline_is_not_enough_under_lamps_either() -> None:
     # an L-shaped plate taken for its mirror image: one leg and a post on it agree, the other leg
     # is predicted where the table is and seen where nothing is predicted

@@ -27,7 +27,7 @@ STRONG_NOISES = 8.0
 STRONG_SHARE = 0.12  # of the picture's own strong edges, for pictures without noise
 MAX_EDGES = 1200
 APART_PX = 3.0  # from the outline, within which an edge is not told from it
-ASIDE_PX = 5.0  # beside an edge, where another would be found by chance only
+ASIDE_PX = 5  # beside an edge, where another would be found by chance only
 MAX_POINTS = 700  # of an outline that are asked whether they were predicted
 ALONE_MM = 1.2  # from everything predicted, from which an edge is not a side of one of these
 LINK_PX = 3.5  # between pixels of one edge; it is thinner than that, and noise breaks it
@@ -104,12 +104,13 @@ class Evidence:
     inner : of the predicted edges inside, by how well they should show, that are there
     inner_mm : length of these, by how well they should show
     chance : of such edges placed beside where they are predicted, that are found all the same:
-        marks, dust and grain; known where a pose is compared with others by what is inside
+        marks, dust and grain; known where a pose is compared with others by what is inside, and
+        of a part by itself under several lamps
     image_px : length of the picture's strong edges in pixels: in few pixels, chance explains as
         much of them as in many is explained by the right pose alone
-    unexplained_mm : length of the longest connected one of the picture's strong edges that nothing
-        predicted is near: a hole, a step or a groove that the part does not have. 0 under one
-        lamp, where it may be a shadow's
+    unexplained_mm : length of the longest connected one of the picture's strong and sharp edges
+        that nothing predicted is near: a hole, a step or a groove that the part does not have. 0
+        under one lamp, where it may be a shadow's
     inner_explained : of the picture's strong edges inside the part that is predicted
     image_mm : length of these
     sigma_px : of the edges found
@@ -239,6 +240,8 @@ def grey_evidence(
     image_edges: ImageEdges,
     shading: Shading,
     shine: Shine | None = None,
+    *,
+    by_lamp: bool = False,
 ) -> Evidence:
     """Return the evidence of grey levels alone for a pose.
 
@@ -252,9 +255,15 @@ def grey_evidence(
     shading : `shading_fits` of it; of several lamps' pictures, of all of them
     shine : tells which edges of a picture (points, normals) may be highlights of that pose: these
         need no explanation; None where all do
+    by_lamp : of a measure of several lamps each lamp's picture is looked in by itself, and how
+        often an edge is found by chance is measured; a neighbour's edges would count as chance
     """
     on = edges.on_outline
-    off = _off_px(edges.pixels, edges, greys)
+    chance = 0.0
+    if by_lamp and greys[0].is_joint:
+        off, chance = _shown(edges, greys[0])
+    else:
+        off = _off_px(edges.pixels, edges, greys)
     near = off < NEAR_PX
     weight = visibility(edges)
     predicted = is_predicted(image_edges.points_px, edges, edges.step_mm / mm_per_px)
@@ -263,7 +272,8 @@ def grey_evidence(
         left = ~predicted
         asked[left] = ~shine(image_edges.points_px[left], image_edges.normals[left])
         image_edges, predicted = image_edges.at(asked), predicted[asked]
-    explained = _weighted(predicted, np.sqrt(image_edges.strength))
+    # where the picture shows no strong edge, none is left to explain
+    explained = _weighted(predicted, np.sqrt(image_edges.strength)) if len(predicted) else 1.0
     return Evidence(
         outline=_weighted(near[on], weight[on]),
         explained=explained,
@@ -277,25 +287,42 @@ def grey_evidence(
         shading=shading.explained,
         residual=shading.residual,
         area_mm2=shading.area_px * mm_per_px**2,
+        chance=chance,
         image_px=float(image_edges.length_px),
         unexplained_mm=(
-            _longest_mm(image_edges.at(~predicted), edges, mm_per_px) if greys[0].is_joint else 0.0
+            _longest_mm(image_edges.at(~predicted), edges, mm_per_px, greys[0])
+            if greys[0].is_joint
+            else 0.0
         ),
     )
 
 
-def _longest_mm(left: ImageEdges, edges: EdgePoints, mm_per_px: float) -> float:
-    """Return how long the longest connected edge is of those that nothing predicted is near."""
+def _longest_mm(left: ImageEdges, edges: EdgePoints, mm_per_px: float, grey: GreyMeasure) -> float:
+    """Return how long the longest sharp edge is of those that nothing predicted is near."""
     if len(left.points_px) == 0 or len(edges.pixels) == 0:
         return 0.0
     far_px, _ = cKDTree(edges.pixels).query(left.points_px)
     alone = left.at(np.asarray(far_px * mm_per_px > ALONE_MM))
+    alone = alone.at(grey.are_sharp(alone.points_px, alone.normals))
     count = len(alone.points_px)
     if count == 0:
         return 0.0
     links = cKDTree(alone.points_px).query_pairs(LINK_PX * left.every, output_type="ndarray")
     lengths = np.bincount(components(count, links[:, 0], links[:, 1]))
     return float(lengths.max()) * left.every * mm_per_px
+
+
+def _shown(edges: EdgePoints, grey: GreyMeasure) -> tuple[FloatArray, float]:
+    """Return how far off the nearest edge of any lamp is (n,), and how often one is by chance."""
+    gap, beside = grey.shown_by_any(edges, FAR_PX, ASIDE_PX)
+    off = np.fmin(np.abs(gap), FAR_PX)
+    every = cKDTree(edges.pixels, balanced_tree=False, compact_nodes=False)
+    found: list[BoolArray] = []
+    for side, there in zip((-ASIDE_PX, ASIDE_PX), beside, strict=True):
+        far, _ = every.query(edges.pixels + side * edges.normals, distance_upper_bound=APART_PX)
+        found.append(np.asarray(np.abs(there) < NEAR_PX)[~np.isfinite(far)])
+    together = np.concatenate(found)
+    return off, float(together.mean()) if len(together) else 0.0
 
 
 def _off_px(pixels: FloatArray, edges: EdgePoints, greys: Sequence[GreyMeasure]) -> FloatArray:

@@ -25,6 +25,8 @@ CLEAR_LIFT = 0.4  # from which it is clear which side is the brighter one
 SHARED_PX = 4.5  # once edges are looked for so near, each belongs to the nearest prediction
 OWN_PX = 0.8  # by so much another prediction must be nearer
 WRONG_SIGN = 0.3  # worth of an edge that is bright on the other side
+BLURRED_PX = 2.5  # beside a part's own edge, blurred as the camera blurs it, little slope is left
+SOFT = 0.5  # share of the slope that is left there on both sides where a half-shadow begins or ends
 SIDE_PX = 1.0  # profiles are sampled at whole pixels, peaks between them by a parabola
 
 
@@ -174,8 +176,9 @@ class GreyMeasure:
         self.gx, self.gy = _strongest(slopes) if others else self.own
         self.corner = np.array(corner_px, dtype=np.float64)
         self.is_joint = len(others) > 0
-        noise = [float(np.median(np.abs(gx[::3, ::3]))) for gx, _ in slopes]
-        self.noise = 1.48 * max(noise) + 0.05
+        noises = [1.48 * float(np.median(np.abs(gx[::3, ::3]))) + 0.05 for gx, _ in slopes]
+        self.noise = max(noises)
+        self._lamps = tuple(zip(slopes, noises, strict=True))[1:]
         self._is_lit = is_lit
 
     def gaps(
@@ -190,18 +193,84 @@ class GreyMeasure:
         reach_px : about which edges count less and less; with a short one, no edge is taken by two
             points
         """
-        # a row for each step, so that rows are compared whole
         steps = np.arange(-np.ceil(reach_px) - 1, np.ceil(reach_px) + 2) * SIDE_PX
+        slope = self._profiles((self.gx, self.gy), pixels, normals, steps)
+        gap = self._peaks(slope, steps, edges, reach_px, self.noise)
+        if reach_px <= SHARED_PX:
+            gap[_is_anothers(pixels, normals, gap)] = np.nan
+        weight = visibility(edges) if self._is_lit else np.ones(len(pixels))
+        return Gaps(gap, weight)
+
+    def shown_by_any(
+        self, edges: EdgePoints, reach_px: float, aside_px: int
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the nearest edges that any of several lamps shows, at predictions and beside them.
+
+        The strongest gradient of all lamps may be the border of one lamp's shadow, a pixel or two
+        from an edge that another lamp shows well.
+
+        Parameters
+        ----------
+        edges : as they were predicted
+        reach_px : how far along the normal is looked, to both sides
+        aside_px : how far beside the predictions is looked too
+
+        Returns
+        -------
+        how far along the normal the edge is, (n,), and the same from places on both sides, (2, n);
+        NaN where none is found
+        """
+        wide, half = int(np.ceil(reach_px)) + 1, aside_px
+        steps = np.arange(-wide - half, wide + half + 1, dtype=np.float64) * SIDE_PX
+        about = steps[half:-half]
+        near = np.full((3, len(edges.pixels)), np.nan)
+        for slopes, noise in self._lamps:
+            slope = self._profiles(slopes, edges.pixels, edges.normals, steps)
+            for row, begin in enumerate((half, 0, 2 * half)):
+                beside = slope[begin : begin + len(about)]
+                gap = self._peaks(beside, about, edges, reach_px, noise)
+                is_nearer = ~(np.abs(gap) >= np.abs(near[row])) & np.isfinite(gap)
+                near[row] = np.where(is_nearer, gap, near[row])
+        near[0, _is_anothers(edges.pixels, edges.normals, near[0])] = np.nan
+        return near[0], near[1:]
+
+    def _profiles(
+        self,
+        slopes: tuple[Float32Array, Float32Array],
+        pixels: FloatArray,
+        normals: FloatArray,
+        steps: FloatArray,
+    ) -> Float32Array:
+        """Return gradients along normals: a row for each step, so that rows are compared whole."""
         at_x, at_y = np.ascontiguousarray((pixels - self.corner).T)
         normal_x, normal_y = np.ascontiguousarray(normals.T)
         x = (at_x + steps[:, None] * normal_x).astype(np.float32)
         y = (at_y + steps[:, None] * normal_y).astype(np.float32)
-        slope = _sampled(self.gx, x, y) * normal_x.astype(np.float32)
-        slope += _sampled(self.gy, x, y) * normal_y.astype(np.float32)
+        slope = _sampled(slopes[0], x, y) * normal_x.astype(np.float32)
+        slope += _sampled(slopes[1], x, y) * normal_y.astype(np.float32)
+        return np.asarray(slope, np.float32)
+
+    def _peaks(
+        self,
+        slope: Float32Array,
+        steps: FloatArray,
+        edges: EdgePoints,
+        reach_px: float,
+        noise: float,
+    ) -> FloatArray:
+        """Return where (n,) each profile's strongest peak is, nearer ones preferred; NaN if none.
+
+        Parameters
+        ----------
+        slope : (k, n) profiles
+        steps : (k,) where their rows are, about 0
+        edges, reach_px : as `gaps`
+        noise : of the picture
+        """
         size = np.abs(slope)
         nearness = np.exp(-0.5 * (steps / max(reach_px, 1.0)) ** 2).astype(np.float32)
         inner = size[1:-1]
-        is_peak = (inner >= size[:-2]) & (inner >= size[2:]) & (inner > 3 * self.noise)
+        is_peak = (inner >= size[:-2]) & (inner >= size[2:]) & (inner > 3 * noise)
         worth = np.where(is_peak, inner * nearness[1:-1, None], np.float32(-1.0))
         if self._is_lit:
             is_clear = ~edges.on_outline & (np.abs(edges.lift) > CLEAR_LIFT)
@@ -209,17 +278,35 @@ class GreyMeasure:
             wrong_sign = slope[1:-1] * brighter < 0
             worth = np.where(wrong_sign, worth * np.float32(WRONG_SIGN), worth)
         best = worth.argmax(axis=0)
-        columns = np.arange(len(pixels))
+        columns = np.arange(slope.shape[1])
         found = worth[best, columns] > 0
         before, at, after = (size[best + k, columns].astype(np.float64) for k in range(3))
         bow = before - 2 * at + after
         offset = np.where(bow < -1e-9, 0.5 * (before - after) / np.minimum(bow, -1e-9), 0.0)
         gap = steps[1:-1][best] + np.clip(offset, -0.5, 0.5) * SIDE_PX
         gap[~found] = np.nan
-        if reach_px <= SHARED_PX:
-            gap[_is_anothers(pixels, normals, gap)] = np.nan
-        weight = visibility(edges) if self._is_lit else np.ones(len(pixels))
-        return Gaps(gap, weight)
+        return np.asarray(gap)
+
+    def are_sharp(self, points_px: FloatArray, normals: FloatArray) -> BoolArray:
+        """Return which edges of the crop (n,) are as sharp as a part's own, on one side at least.
+
+        Where a lamp's half-shadow begins or ends, brightness changes slowly on both sides.
+
+        Parameters
+        ----------
+        points_px : (n, 2) x before y, in the whole picture
+        normals : (n, 2) unit, up the gradient
+        """
+        if len(points_px) == 0:
+            return np.zeros(0, dtype=np.bool_)
+        steps = np.array([0.0, -BLURRED_PX, BLURRED_PX])
+        at_x, at_y = (points_px - self.corner).T
+        normal_x, normal_y = normals.T
+        x = (at_x + steps[:, None] * normal_x).astype(np.float32)
+        y = (at_y + steps[:, None] * normal_y).astype(np.float32)
+        gx, gy = self.own
+        slope = np.abs(_sampled(gx, x, y) * normal_x + _sampled(gy, x, y) * normal_y)
+        return np.asarray(slope[1:].min(axis=0) < SOFT * slope[0])
 
     def best_shift(self, edges: EdgePoints, reach_px: int) -> FloatArray:
         """Return by how many pixels (2,) predicted edges should move to lie on the most contrast.

@@ -419,6 +419,7 @@ def _refine(
             cutout.image_edges[0],
             Shading.of_all(_shadings(fit, model, cutout, camera)),
             partial(are_highlights, model, fit.T_world_part, camera),
+            by_lamp=True,
         )
     return Hypothesis(
         part=candidate.part,

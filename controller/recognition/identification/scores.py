@@ -21,6 +21,7 @@ ABSENT_LIT = -1.0  # and for one that is not, under lamps
 ABSENT_DARK = -0.1  # in the dark inside of a backlit part an edge that does not show means little
 SHOWS = 0.85  # of an edge that is there, under one of the lamps
 CHANCE_MIN = 0.05  # no picture is so clean that an edge cannot be found by chance
+MAX_CHANCE = 0.9  # where edges are everywhere, hardly any can be told from chance
 MAX_LOG_ODDS = 12.0  # from any one kind of evidence
 
 
@@ -56,10 +57,12 @@ INNER_HALF_MM = 20.0  # of inner edges, that count half beside the outline
 def probability(evidence: Evidence, weights: Weights) -> float:
     """Return how likely a hypothesis with this evidence is right, 0..1."""
     share = evidence.inner_mm / (evidence.inner_mm + INNER_HALF_MM)
-    inner = share * evidence.inner + (1 - share) * evidence.outline
+    # several lamps show more edges by chance than the one that the curve is of
+    outline = beyond_chance(evidence.outline, evidence.chance)
+    inner = share * beyond_chance(evidence.inner, evidence.chance) + (1 - share) * outline
     logit = (
         weights.bias
-        + weights.outline * evidence.outline
+        + weights.outline * outline
         + weights.explained * evidence.explained
         + weights.inner * inner
         + weights.misfit * evidence.misfit_px
@@ -68,6 +71,18 @@ def probability(evidence: Evidence, weights: Weights) -> float:
         + weights.length * np.log1p(evidence.image_px)
     )
     return float(1.0 / (1.0 + np.exp(-np.clip(logit, -40, 40))))
+
+
+def beyond_chance(share: float, chance: float) -> float:
+    """Return the share of edges that are found because they are there: 0 if none is, 1 if all.
+
+    Parameters
+    ----------
+    share : of the edges predicted, that is found, 0..1
+    chance : of edges placed anywhere, that would be found, 0..1
+    """
+    chance = min(chance, MAX_CHANCE)
+    return max(share - chance, 0.0) / (1.0 - chance)
 
 
 def log_odds(evidence: Evidence, *, is_lit: bool) -> float:
