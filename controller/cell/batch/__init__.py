@@ -1,16 +1,17 @@
 """One batch: what the cell does from connecting its devices to rest.
 
-`order.py` is what to run, `run.py` runs it, `starting.py` decides whether it may begin,
-`assembly.py` puts it together, `dispatcher.py` takes events and runs effects, `watchers.py` reports
-what no action reports. Each effect is run by an action (`controller.cell.actions`), with services
-(`controller.cell.services`).
+`order.py` is what to run, `run.py` runs it, `beginning.py` notes what it finds before anything
+moves, `starting.py` decides whether it may begin, `assembly.py` puts it together, `dispatcher.py`
+takes events and runs effects, `watchers.py` reports what no action reports. Each effect is run by
+an action (`controller.cell.actions`), with services (`controller.cell.services`).
 """
 
 from ..services.records import PartRecord, Progress
 from .assembly import Batch, assemble, product_of
+from .beginning import input_files, who_and_what
 from .dispatcher import WORKER_GONE, Dispatcher, Outcome
 from .order import OrderedRecipe, Papers, RecoveryPolicy, RunOrder, jobs_of
-from .run import HOST, Outfit, RunResult, input_files, new_run_id, run_batch, who_and_what
+from .run import HOST, Outfit, RunResult, new_run_id, run_batch
 from .starting import GO_ON, find_proposal
 from .status import CellStatus
 from .supervision import ArmWatcher, ModbusWatcher

@@ -12,9 +12,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
+from controller.arrays import FloatArray
+from controller.cad.compiled import CompiledPart
 from controller.cell.batch import (
     HOST,
     Dispatcher,
+    OrderedRecipe,
     Outfit,
     Papers,
     Progress,
@@ -121,6 +124,35 @@ class RunOptions:
     listed: PartsList | None = None
 
 
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class _Asked:
+    """What a command line asks for, read and checked; nothing has started.
+
+    Attributes
+    ----------
+    ordered : the recipes
+    cell_file, cell, clock : the cell, and the clock it will run by
+    papers : who runs it
+    on_table : CAD files of the parts on the emulated table, each with its part
+    orientation : rotation CAD -> upright (3, 3) of the first of them; None to draw it
+    run_id : of the run
+    """
+
+    ordered: tuple[OrderedRecipe, ...]
+    cell_file: Path
+    cell: Cell
+    clock: FoundClock
+    papers: Papers
+    on_table: Sequence[tuple[Path, CompiledPart]]
+    orientation: FloatArray | None
+    run_id: str
+
+    @property
+    def jobs(self) -> tuple[Job, ...]:
+        """What the compute service of each recipe works on."""
+        return jobs_of(self.ordered, self.cell_file)
+
+
 def run_recipe(options: RunOptions) -> int:
     """Run one recipe or several; return the exit code: 0 if all parts passed, else 1.
 
@@ -130,12 +162,40 @@ def run_recipe(options: RunOptions) -> int:
     KeyboardInterrupt : the operator pressed Ctrl-C twice; the report is written first
     """
     runs_dir, as_json = options.runs_dir, options.as_json
+    asked = _asked(options)
+    # whoever looks at the cell meanwhile sees by its lock which run is being prepared
+    with hold_cell(runs_dir, asked.cell, asked.run_id, socket_path(runs_dir)) as holder:
+        if not _are_ready(asked.jobs, as_json=as_json):
+            return 1
+        command = _emulator_command(options, asked)
+        with Ends().heard() as ends, _workers(options, asked) as (pool, ahead):
+            with _cell_beside(options, asked, command) as ready:
+                _report_transport(ready)
+                order = _order(options, asked, ready)
+                door = OperatorDoor(
+                    runs_dir,
+                    holder,
+                    options.operator,
+                    waits=options.waits,
+                    scans=asked.papers.is_read,
+                    as_json=as_json,
+                )
+                with _recorded(options.record, order) as outfit:
+                    result = _run(order, pool, ahead, ends, door, outfit, as_json=as_json)
+            return _report(result, runs_dir, asked.run_id, as_json=as_json)
+
+
+def _asked(options: RunOptions) -> _Asked:
+    """Read and check what a command line asks for, what is quick to check first.
+
+    Raises
+    ------
+    ConfigError : as `run_recipe`
+    """
     ordered = ordered_recipes(options.recipes, options.count)
-    first, *beside = ordered
     cell_file = cell_of(ordered, options.cell_path)
     cell = load_cell(cell_file)
     require_drivers(cell_file, cell)
-    # all checks come before anything starts, the quick ones first
     clock = _check_options(options, cell)
     for one in ordered:
         check_sizes(one.path, one.recipe, cell)
@@ -146,83 +206,87 @@ def run_recipe(options: RunOptions) -> int:
         options.listed,
         len(ordered),
         sum(one.count for one in ordered),
-        runs_dir,
+        options.runs_dir,
     )
     on_table = parts_on_table(ordered, options.lay, is_empty=options.empty)
-    orientation = emulated_orientation([part for _, part in on_table], options.pose)
-    jobs = jobs_of(ordered, cell_file)
-    run_id = new_run_id(first.recipe, more=len(beside))
-    # whoever looks at the cell meanwhile sees by its lock which run is being prepared
-    with hold_cell(runs_dir, cell, run_id, socket_path(runs_dir)) as holder:
-        if not _are_ready(jobs, as_json=as_json):
-            return 1
-        seed = secrets.randbelow(1_000_000) if options.seed is None else options.seed
-        folder = runs_dir / run_id
-        emulated = cell.emulated_devices
-        _warn_of_emulation(emulated, clock, options.speed, seed)
-        parts = tuple(for_emulator(path, part, folder) for path, part in on_table if emulated)
-        fed = feeding(ordered, [path for path, _ in on_table], options.on_table) if parts else ()
-        placed = emulator_args(
-            orientation, options.at, options.control, options.as_built, options.surfaces
-        )
-        more = (*placed, *fed)
-        command = emulator_command(cell_file, parts, speed=options.speed, seed=seed, more=more)
-        with (
-            Ends().heard() as ends,
-            worker_pool(COMPUTES) as pool,
-            _ahead(options, sum(one.count for one in ordered)) as ahead,
-        ):
-            # the worker reads the CAD while the emulated cell comes up
-            for job in jobs:
-                pool.submit(context, job)
-            if ahead is not None:
-                ahead.submit(os.getpid)  # to start a process would hold the event loop up later
-            cell_beside: Any = (
-                emulated_cell(command, folder / "emulator.log") if emulated else nullcontext({})
-            )
-            with cell_beside as ready:
-                _report_transport(ready)
-                order = RunOrder(
-                    recipe_path=first.path,
-                    cell_path=cell_file,
-                    recipe=first.recipe,
-                    cell=cell,
-                    count=first.count,
-                    speed=clock.speed,
-                    emulated=ready,
-                    clock=find_clock(cell, ready),
-                    runs_dir=runs_dir,
-                    run_id=run_id,
-                    is_part_removed=options.is_part_removed,
-                    are_trays_empty=options.are_trays_empty,
-                    papers=papers,
-                    recovery=_recovery_policy(options),
-                    is_stepwise=options.is_stepwise,
-                    beside=tuple(beside),
-                )
-                door = OperatorDoor(
-                    runs_dir,
-                    holder,
-                    options.operator,
-                    waits=options.waits,
-                    scans=papers.is_read,
-                    as_json=as_json,
-                )
-                with _recorded(options.record, order) as outfit:
-                    result = _run(order, pool, ahead, ends, door, outfit, as_json=as_json)
-            return _report(result, runs_dir, run_id, as_json=as_json)
+    return _Asked(
+        ordered=tuple(ordered),
+        cell_file=cell_file,
+        cell=cell,
+        clock=clock,
+        papers=papers,
+        on_table=on_table,
+        orientation=emulated_orientation([part for _, part in on_table], options.pose),
+        run_id=new_run_id(ordered[0].recipe, more=len(ordered) - 1),
+    )
 
 
-def _ahead(
-    options: RunOptions, part_count: int
-) -> AbstractContextManager[ProcessPoolExecutor | None]:
-    """Return a worker process for the next part; None where there is none, or wires are kept.
+def _emulator_command(options: RunOptions, asked: _Asked) -> list[str]:
+    """Return the command that emulates the cell's devices, after saying which of them are."""
+    emulated = asked.cell.emulated_devices
+    seed = secrets.randbelow(1_000_000) if options.seed is None else options.seed
+    _warn_of_emulation(emulated, asked.clock, options.speed, seed)
+    folder = options.runs_dir / asked.run_id
+    parts = tuple(for_emulator(path, part, folder) for path, part in asked.on_table if emulated)
+    files = [path for path, _ in asked.on_table]
+    fed = feeding(asked.ordered, files, options.on_table) if parts else ()
+    placed = emulator_args(
+        asked.orientation, options.at, options.control, options.as_built, options.surfaces
+    )
+    return emulator_command(
+        asked.cell_file, parts, speed=options.speed, seed=seed, more=(*placed, *fed)
+    )
 
-    A recording is played back with the answers of one worker, in their order.
+
+@contextmanager
+def _workers(
+    options: RunOptions, asked: _Asked
+) -> Iterator[tuple[ProcessPoolExecutor, ProcessPoolExecutor | None]]:
+    """Yield the worker process, which reads the CAD already, and the one for the next part.
+
+    There is none for the next part where there is no such part, or wires are kept: a recording is
+    played back with the answers of one worker, in their order.
     """
-    if part_count < 2 or options.record is not None:
-        return nullcontext(None)
-    return worker_pool(COMPUTES, niceness=AHEAD_NICENESS)
+    has_next = sum(one.count for one in asked.ordered) > 1 and options.record is None
+    next_part = worker_pool(COMPUTES, niceness=AHEAD_NICENESS) if has_next else nullcontext(None)
+    with worker_pool(COMPUTES) as pool, next_part as ahead:
+        for job in asked.jobs:
+            pool.submit(context, job)
+        if ahead is not None:
+            ahead.submit(os.getpid)  # to start a process would hold the event loop up later
+        yield pool, ahead
+
+
+def _cell_beside(
+    options: RunOptions, asked: _Asked, command: Sequence[str]
+) -> AbstractContextManager[Any]:
+    """Return the emulated cell, if any of the devices is; yields what it reports of itself."""
+    if not asked.cell.emulated_devices:
+        return nullcontext({})
+    return emulated_cell(command, options.runs_dir / asked.run_id / "emulator.log")
+
+
+def _order(options: RunOptions, asked: _Asked, ready: dict[str, Any]) -> RunOrder:
+    """Return what to run; `ready` is what the emulated cell reports of itself."""
+    first, *beside = asked.ordered
+    return RunOrder(
+        recipe_path=first.path,
+        cell_path=asked.cell_file,
+        recipe=first.recipe,
+        cell=asked.cell,
+        count=first.count,
+        speed=asked.clock.speed,
+        emulated=ready,
+        clock=find_clock(asked.cell, ready),
+        runs_dir=options.runs_dir,
+        run_id=asked.run_id,
+        is_part_removed=options.is_part_removed,
+        are_trays_empty=options.are_trays_empty,
+        papers=asked.papers,
+        recovery=_recovery_policy(options),
+        is_stepwise=options.is_stepwise,
+        beside=tuple(beside),
+    )
 
 
 def _are_ready(jobs: Sequence[Job], *, as_json: bool) -> bool:
