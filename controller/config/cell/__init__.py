@@ -1,0 +1,27 @@
+"""cell.yaml: where the devices are and how the cell stands in the world. mm, degrees, seconds."""
+
+from .arm import ArmSection, OtherArmSection, UmiSection
+from .cell import Cell
+from .devices import EMULATED, Parity
+from .sight import MAX_SIZE_PX, AccuracySection, CameraSection, LampSection, LightSection
+from .surroundings import ChuteSection, TraySection
+from .values import MAX_HEIGHT_MM, MIN_HEIGHT_MM, Box
+
+__all__ = [
+    "EMULATED",
+    "MAX_HEIGHT_MM",
+    "MAX_SIZE_PX",
+    "MIN_HEIGHT_MM",
+    "AccuracySection",
+    "ArmSection",
+    "Box",
+    "CameraSection",
+    "Cell",
+    "ChuteSection",
+    "LampSection",
+    "LightSection",
+    "OtherArmSection",
+    "Parity",
+    "TraySection",
+    "UmiSection",
+]

@@ -1,0 +1,165 @@
+"""Where the devices are, what the inputs mean, and how long the controller waits for them."""
+
+from typing import Annotated, Any, Literal
+
+from pydantic import AliasChoices, Field, model_validator
+
+from ..yaml_models import Section, WrongKeyError
+from .values import require_all_different
+
+EMULATED = "emulated"
+Parity = Literal["N", "E", "O"]  # of a serial line: none, even, odd
+DriverName = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_.-]*$", max_length=80)]
+
+
+class DeviceSection(Section):
+    """A device: its address and its driver.
+
+    Attributes
+    ----------
+    address : device node, `host:port`, or whatever the driver takes
+    driver : name of an installed driver of this kind of device (docs/drivers.md)
+    settings : further settings of that driver
+    """
+
+    address: str
+    driver: DriverName
+    settings: dict[str, Any] = Field(default_factory=dict)
+
+
+class ArmDevice(DeviceSection):
+    """The arm, on a line of its own."""
+
+    driver: DriverName = "umi_rtx"
+
+
+class CameraDevice(DeviceSection):
+    """A camera node."""
+
+    driver: DriverName = "v4l2"
+
+
+class ModbusSection(DeviceSection):
+    """A Modbus device: `host:port` for tcp and rtu-tcp, a serial device for rtu."""
+
+    transport: Literal["tcp", "rtu", "rtu-tcp"] = "tcp"
+    unit: int = Field(1, ge=1, le=247)
+    baudrate: int = Field(115200, ge=1200, le=1_000_000)
+    parity: Parity = "N"
+
+
+class GripperDevice(ModbusSection):
+    """The fixed gripper."""
+
+    driver: DriverName = "robotiq_2f"
+
+
+class IoDevice(ModbusSection):
+    """The I/O block."""
+
+    driver: DriverName = "moxa_e1214"
+
+
+class LightsSection(DeviceSection):
+    """The two light modules on one line."""
+
+    driver: DriverName = "waveshare"
+    transport: Literal["tcp", "rtu", "rtu-tcp"] = "tcp"
+    analog_unit: int = Field(1, ge=1, le=247)
+    relay_unit: int = Field(2, ge=1, le=247)
+    baudrate: int = Field(9600, ge=1200, le=1_000_000)
+    parity: Parity = "N"
+
+    @model_validator(mode="after")
+    def _units_differ(self) -> "LightsSection":
+        if self.analog_unit == self.relay_unit:
+            raise ValueError(f"both modules on one line have unit {self.analog_unit}; change one")
+        return self
+
+
+class DevicesSection(Section):
+    """The address of each device; `emulated` takes the emulator started beside the run."""
+
+    arm: ArmDevice
+    gripper: GripperDevice
+    lights: LightsSection
+    io: IoDevice
+    overhead: CameraDevice
+    inspection: CameraDevice
+
+
+class InterlocksSection(Section):
+    """Inputs of the I/O block, counted from 0."""
+
+    emergency_stop: Annotated[int, Field(ge=0, le=5)] = 0
+    door: Annotated[int, Field(ge=0, le=5)] = 1
+    part_in_nest: Annotated[int, Field(ge=0, le=5)] = 2
+    part_in_fixed_gripper: int = Field(
+        3,
+        ge=0,
+        le=5,
+        validation_alias=AliasChoices("part_in_fixed_gripper", "part_in_fixture"),
+        serialization_alias="part_in_fixture",
+    )
+    supply: Annotated[int, Field(ge=0, le=5)] = 4
+    acknowledge: Annotated[int, Field(ge=0, le=5)] = 5
+
+    @model_validator(mode="after")
+    def _inputs_differ(self) -> "InterlocksSection":
+        require_all_different("input", self.model_dump())
+        return self
+
+
+class TimingSection(Section):
+    """How long the controller waits for the devices, in seconds of cell time.
+
+    Attributes
+    ----------
+    io_poll_s : from one reading of the inputs to the next
+    io_stale_s : an input read longer ago is unknown, and unknown is not healthy
+    modbus_reply_s : a Modbus device that takes longer to answer counts as silent
+    frame_late_s : a frame may come this much later than rate and exposure explain
+    """
+
+    io_poll_s: float = Field(0.04, ge=0.02, le=1)
+    io_stale_s: float = Field(0.2, ge=0.05, le=5)
+    modbus_reply_s: float = Field(0.3, ge=0.05, le=5)
+    frame_late_s: float = Field(5.0, ge=0.1, le=60)
+
+    @model_validator(mode="after")
+    def _polls_before_it_is_stale(self) -> "TimingSection":
+        if self.io_stale_s < 2 * self.io_poll_s:
+            raise ValueError(
+                f"io_stale_s must be at least twice io_poll_s ({self.io_poll_s:g} s), "
+                f"not {self.io_stale_s:g} s: one late reading would stop the cell"
+            )
+        return self
+
+
+class DetectionSection(Section):
+    """Within what time a loss is known, in seconds of cell time.
+
+    Attributes
+    ----------
+    arm_silent_s : a silent line of the arm, at rest and in motion
+    arm_beat_s : at rest the arm is asked so often; part of `arm_silent_s`
+    device_beat_s : the fixed gripper and the lamps are asked so often
+    stop_confirm_s : a device that has not confirmed a stop by then is reported
+    loop_late_s : a delay of the controller above this is recorded, in seconds of the wall
+    """
+
+    arm_silent_s: float = Field(0.5, ge=0.3, le=10)
+    arm_beat_s: float = Field(0.1, ge=0.05, le=5)
+    device_beat_s: float = Field(2.0, ge=0.2, le=60)
+    stop_confirm_s: float = Field(1.0, ge=0.2, le=30)
+    loop_late_s: float = Field(0.05, ge=0.01, le=10)
+
+    @model_validator(mode="after")
+    def _beat_leaves_time_for_an_answer(self) -> "DetectionSection":
+        if self.arm_beat_s > self.arm_silent_s / 2:
+            raise WrongKeyError(
+                ("arm_beat_s",),
+                f"{self.arm_beat_s:g} s leave too little of arm_silent_s "
+                f"({self.arm_silent_s:g} s) for an answer; give half of it at most",
+            )
+        return self
