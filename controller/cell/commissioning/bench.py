@@ -1,6 +1,7 @@
 """What a step works with: devices, services, the person, its evidence, and what may move."""
 
 from collections.abc import Awaitable, Callable, Mapping
+from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -15,7 +16,7 @@ from controller.planning.model import CellLayout
 from controller.planning.motion import Scene, connect
 from controller.setup.software import software_versions
 from drivers.clock import CellClock
-from drivers.kinds import Arm
+from drivers.kinds import Arm, FirstContact
 
 from ..custody import Custody
 from ..devices import Devices
@@ -130,13 +131,44 @@ class Bench:
         ------
         InterlockError, NoPermitError, DeviceError : it may not, or does not
         """
+        self.interlocks.admit_jaws()
+        async with self.moving(what, is_arm=False):
+            await verb()
+
+    def moving(self, what: str, *, is_arm: bool) -> AbstractAsyncContextManager[None]:
+        """Return the gate's block that a motion has to be in.
+
+        Parameters
+        ----------
+        what : for whoever decides
+        is_arm : the arm moves, not jaws alone
+        """
 
         async def preview() -> NextMotion:
             return NextMotion(what)
 
-        self.interlocks.admit_jaws()
-        async with self.gate.moving(preview, is_arm=False):
-            await verb()
+        return self.gate.moving(preview, is_arm=is_arm)
+
+    async def home_in_turn(self) -> None:
+        """Home axis by axis, where the arm offers it; a person confirms each.
+
+        Raises
+        ------
+        DeclinedError : they do not
+        InterlockError, NoPermitError, DeviceError : it may not move, or does not
+        """
+        arm = self.devices.arm
+
+        async def confirm(what: str) -> None:
+            await self.person.confirm("home_axis", f"Homing: {what}. Ready?")
+
+        async with self.moving("the arm homes, axis by axis", is_arm=True):
+            await self.arm.enable_power()
+            if isinstance(arm, FirstContact):
+                await arm.home_in_turn(confirm)
+            else:
+                await confirm("the arm sweeps its whole reach")
+                await self.arm.home()
 
     async def go(self, q: FloatArray, what: str, *, speed: float = SLOW) -> None:
         """Move the arm to a configuration (6,) by a path proven free with the extra clearance.

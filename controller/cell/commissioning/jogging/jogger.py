@@ -19,7 +19,6 @@ from drivers.errors import DeviceError
 from drivers.kinds import Encoders, FirstContact, Stop
 
 from ...devices.stopping import stop_side_by_side
-from ...services import NextMotion
 from ..bench import Bench
 from .goals import (
     RefusedMotionError,
@@ -193,20 +192,8 @@ class Jogger:
 
     # ---- before homing ---------------------------------------------------------------------------
     async def _home(self, order: JogOrder) -> str:
-        """Home axis by axis, where the arm offers it; a person confirms each."""
-        bench, arm = self._bench, self._bench.devices.arm
         self._goal = None
-
-        async def confirm(what: str) -> None:
-            await bench.person.confirm("home_axis", f"Homing: {what}. Ready?")
-
-        async with bench.gate.moving(_preview("the arm homes, axis by axis"), is_arm=True):
-            await bench.arm.enable_power()
-            if isinstance(arm, FirstContact):
-                await arm.home_in_turn(confirm)
-            else:
-                await confirm("the arm sweeps its whole reach")
-                await bench.arm.home()
+        await self._bench.home_in_turn()
         return "homed"
 
     async def _try_motor(self, order: JogOrder) -> str:
@@ -221,7 +208,7 @@ class Jogger:
             "try_motor", f"The motor {order.what} moves next, a little. Ready?"
         )
         what = f"the motor {order.what} moves a little and back"
-        async with bench.gate.moving(_preview(what), is_arm=True):
+        async with bench.moving(what, is_arm=True):
             await bench.arm.enable_power()
             tried = await arm.try_motor(order.what)
         return (
@@ -389,13 +376,6 @@ def _opening(wanted_mm: float | None, most_mm: float) -> float:
     if wanted_mm is not None and wanted_mm > most_mm:
         raise RefusedMotionError(f"it opens to {most_mm:.1f} mm, not to {wanted_mm:g}")
     return most_mm if wanted_mm is None else wanted_mm
-
-
-def _preview(what: str) -> Callable[[], Awaitable[NextMotion]]:
-    async def preview() -> NextMotion:
-        return NextMotion(what)
-
-    return preview
 
 
 async def _nothing(order: JogOrder) -> str:

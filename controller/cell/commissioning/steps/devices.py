@@ -16,7 +16,7 @@ from drivers.kinds import Camera, FirstContact, Frame, Signal, Stop, TimedFrame
 
 from ...devices.interlocks import REQUIRED_SIGNALS, settled_signal
 from ...devices.lamps import STATION_PANEL, TABLE_PANEL
-from ...services import CameraName, NextMotion
+from ...services import CameraName
 from ..bench import SLOW, Bench
 from ..errors import StepFailedError
 
@@ -190,9 +190,7 @@ async def _try_motors(bench: Bench) -> None:
     )
     for motor in arm.motors:
         await bench.person.confirm("try_motor", f"The motor {motor} moves next, a little. Ready?")
-        async with bench.gate.moving(
-            _preview(f"the motor {motor} moves by 50 counts"), is_arm=True
-        ):
+        async with bench.moving(f"the motor {motor} moves by 50 counts", is_arm=True):
             await bench.arm.enable_power()
             tried = await arm.try_motor(motor)
         if abs(tried.went_counts) < TRY_COUNTS:
@@ -215,18 +213,7 @@ async def _try_motors(bench: Bench) -> None:
 
 
 async def _home(bench: Bench) -> None:
-    arm = bench.devices.arm
-
-    async def confirm(what: str) -> None:
-        await bench.person.confirm("home_axis", f"Homing: {what}. Ready?")
-
-    async with bench.gate.moving(_preview("the arm homes, axis by axis"), is_arm=True):
-        await bench.arm.enable_power()
-        if isinstance(arm, FirstContact):
-            await arm.home_in_turn(confirm)
-        else:
-            await confirm("the arm sweeps its whole reach")
-            await bench.arm.home()
+    await bench.home_in_turn()
     bench.evidence.find("the arm is homed")
     await bench.park()
 
@@ -300,10 +287,3 @@ async def _move_grippers(bench: Bench) -> None:
             low=opening_mm - 2,
             high=opening_mm + 2,
         )
-
-
-def _preview(what: str) -> Callable[[], Awaitable[NextMotion]]:
-    async def preview() -> NextMotion:
-        return NextMotion(what)
-
-    return preview
