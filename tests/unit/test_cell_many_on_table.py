@@ -362,6 +362,45 @@ def test_a_part_that_was_left_and_lies_as_before_is_named_with_its_reason() -> N
     assert batch.take(PLATE, BLOCK, stranger) is PLATE
 
 
+@pytest.mark.parametrize(
+    "order", [LabelOrder(), LabelOrder(counted_from="S1"), LabelOrder(in_order=("S1", "S2"))]
+)
+def test_after_a_person_was_at_the_table_another_part_may_come_first(order: LabelOrder) -> None:
+    batch = Batch(order)
+    batch.take(PLATE)
+    batch.taking.begin_anew()  # it had no plan; they laid others, or moved it
+    far = seen("block", x_mm=200.0)
+    assert batch.take(seen(None, x_mm=150.0), far) is far
+    number = "" if order == LabelOrder() else "S1"
+    assert batch.identified == [("the plate", number, ""), ("the block", number, "")]
+
+
+def test_a_number_that_was_read_stays_that_of_the_part_a_person_moved() -> None:
+    batch = Batch(LabelOrder(is_read=True), plate=1)
+    batch.record.part.scanned = "X7"
+    batch.take(PLATE)
+    batch.taking.begin_anew()
+    moved = seen(x_mm=200.0)
+    assert batch.take(moved) is moved
+    batch.taking.begin_anew()
+    with pytest.raises(PartProblemError, match="which of them has the serial number X7"):
+        batch.take(moved, BLOCK)
+    assert set(batch.identified) == {("the plate", "X7", "")}
+
+
+@pytest.mark.parametrize(
+    "change", [{"hold_count": 1}, {"plan_count": 1}, {"interrupted": "run"}], ids=str
+)
+def test_a_part_that_was_begun_is_sought_again_after_a_person_was_there(change: Any) -> None:
+    batch = Batch()
+    batch.take(PLATE)
+    for name, value in change.items():
+        setattr(batch.record.part, name, value)
+    batch.taking.begin_anew()
+    with pytest.raises(PartProblemError, match="that was lost"):
+        batch.take(seen(x_mm=90.0), seen(x_mm=200.0))
+
+
 def test_a_part_that_was_held_or_read_is_never_left_for_another() -> None:
     for change in ({"hold_count": 1}, {"scanned": "A1"}, {"interrupted": "run"}):
         batch = Batch()

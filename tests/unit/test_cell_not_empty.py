@@ -63,7 +63,9 @@ class Cell:
         self._actions = {
             Effect.HOME: home.run,
             Effect.HOLD: self._ends(Event.HOLD_DONE),
-            Effect.CONSULT: ConsultAction(operator, record, ANY(forget=lambda: None)).run,
+            Effect.CONSULT: ConsultAction(
+                operator, record, ANY(forget=lambda: None, begin_anew=lambda: None)
+            ).run,
             Effect.ACQUIRE: self._no_part,
             Effect.STOP_MOTION: self._ends(Event.STOP_DONE),
             Effect.ABORT_MOTION: self._ends(Event.ABORT_DONE),

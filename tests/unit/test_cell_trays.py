@@ -92,7 +92,7 @@ def test_a_tray_counts_as_empty_once_a_person_has_said_so(key: str, event: Event
             assert [one.key for one in question.choices] == [LOOK, STOP]
             return SimpleNamespace(key=key)
 
-    taking = SimpleNamespace(forget=lambda: None)
+    taking = SimpleNamespace(forget=lambda: None, begin_anew=lambda: None)
     consult = ConsultAction(Person(), record, taking)  # type: ignore[arg-type]
     assert asyncio.run(consult.run()) is event
     emptied = [row.tray for row in lines.rows if isinstance(row, rows.TrayEmptied)]

@@ -41,6 +41,8 @@ class ConsultAction:
         if answer is None:
             return Event.UNATTENDED
         self.taking.forget()
+        if answer.key == LOOK:
+            self.taking.begin_anew()
         # nobody believes a statement about a gripper: it is checked before anything opens
         self.record.part.is_said_to_be_out = answer.key == OUT
         if code == TRAY_FULL and answer.key == LOOK:

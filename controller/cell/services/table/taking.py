@@ -88,9 +88,7 @@ class Taking:
         reason : why it cannot be taken
         """
         part = self.record.part
-        is_fresh = part.custody is Custody.ON_TABLE and part.hold_count == 0
-        is_fresh &= not (part.recoveries or part.interrupted or part.scanned)
-        if not is_fresh or len(part.seen) < 2:
+        if not self._is_untouched or part.scanned or len(part.seen) < 2:
             return False
         assert part.sighting is not None, "a part that was seen"
         one = next(
@@ -117,14 +115,35 @@ class Taking:
                 reason=reason,
             )
         )
-        part.sighting, part.neighbours, part.product = None, (), None
-        self.labels.give_back(part)
+        self._let_go()
         return await self.take(part.seen)
 
     def forget(self) -> None:
         """Try every part again: a person has been at the table."""
         self.left.clear()
         self.ahead.drop()
+
+    def begin_anew(self) -> None:
+        """Let the next look begin with whatever comes first, unless the part at hand has begun.
+
+        A part without a plan may have been moved, or taken away for others. One that was held, or
+        shown, is sought again instead: what is known of it is of no other part.
+        """
+        if self._is_untouched and self.record.part.plan_count == 0:
+            self._let_go()
+
+    @property
+    def _is_untouched(self) -> bool:
+        """Whether nothing has touched the part at hand in any run."""
+        part = self.record.part
+        is_fresh = part.custody is Custody.ON_TABLE and part.hold_count == 0
+        return is_fresh and not (part.recoveries or part.interrupted)
+
+    def _let_go(self) -> None:
+        """Have the part at hand be none of those seen yet."""
+        part = self.record.part
+        part.sighting, part.neighbours, part.product = None, (), None
+        self.labels.give_back(part)
 
     def look_ahead(self) -> None:
         """Begin to choose and plan the next part, now that a gripper has the one at hand."""
