@@ -11,7 +11,12 @@ from numpy.typing import NDArray
 from shown_part import CAMERA, FRONT
 
 from controller.imaging import Camera, PointLamp, RayCaster, ViewMaps, render_maps, view_roi
-from controller.inspection.lit.bounce import ALBEDO, UNEVEN_MM, find_neighbours
+from controller.inspection.lit.bounce import (
+    ALBEDO,
+    POLISHED_SPREAD_RAD,
+    UNEVEN_MM,
+    find_neighbours,
+)
 from controller.inspection.lit.light import HIGHLIGHT_WIDTHS_RAD, Light, bound_light
 from controller.inspection.lit.surface import Surface, find_surface
 
@@ -60,7 +65,7 @@ def test_in_the_open_the_bounds_are_tight_and_nothing_bounces() -> None:
     light, here = floor_between("side", 18, 26)
     assert (light.most - light.least)[here].max() < 0.06
     assert light.least[here].min() > 0.4
-    assert light.bounce[here].max() < 0.05
+    assert light.bounced.matt[here].max() < 0.05
 
 
 def test_behind_a_wall_it_is_dark_and_at_the_border_of_its_shadow_unknown() -> None:
@@ -76,9 +81,9 @@ def test_behind_a_wall_it_is_dark_and_at_the_border_of_its_shadow_unknown() -> N
 def test_beside_a_wall_light_may_bounce_the_more_the_nearer() -> None:
     light, near = floor_between("ring", -21, -18)
     _, far = floor_between("ring", 5, 10)
-    assert light.bounce[near].mean() > 2 * light.bounce[far].mean()
+    assert light.bounced.matt[near].mean() > 2 * light.bounced.matt[far].mean()
     # half the sky is wall at most, and no wall throws back more than it gets
-    assert light.bounce.max() < 0.5 * ALBEDO * 1.2
+    assert light.bounced.matt.max() < 0.5 * ALBEDO * 1.2
 
 
 def test_light_from_a_wall_is_uneven_beside_it_and_even_farther_off() -> None:
@@ -86,7 +91,7 @@ def test_light_from_a_wall_is_uneven_beside_it_and_even_farther_off() -> None:
     shares = []
     for x0, x1 in ((-21.5, -20), (-8, -4)):
         light, here = floor_between("ring", x0, x1)
-        shares.append(float(light.uneven[here].sum() / light.bounce[here].sum()))
+        shares.append(float(light.bounced.uneven[here].sum() / light.bounced.matt[here].sum()))
     near, far = shares
     assert far < 1 / (1 + (13 / UNEVEN_MM) ** 2) < near / 5
 
@@ -94,11 +99,36 @@ def test_light_from_a_wall_is_uneven_beside_it_and_even_farther_off() -> None:
 def test_a_polished_wall_mirrors_the_lamp_where_the_lamp_shines_on_both() -> None:
     # the side lamp stands to the left, 37 degrees up: the step's other side is in its own shadow
     light, surface, _ = corner("side")
-    assert light.mirrored[surface.seen].max() == 0.0
+    assert light.bounced.mirrored[surface.seen].max() == 0.0
     # the ring stands above the floor, and grazes the wall: its image lies deep in the wall
     light, near = floor_between("ring", -21.5, -20)
     _, far = floor_between("ring", 18, 26)
-    assert light.mirrored[near].mean() > 10 * light.mirrored[far].mean()
+    assert light.bounced.mirrored[near].mean() > 10 * light.bounced.mirrored[far].mean()
+
+
+def test_what_a_polished_surface_mirrors_is_blurred_by_its_narrowest_lobe() -> None:
+    # facets turned by a normal deviate mirror a ray from square above to a screen 10 mm away
+    rng = np.random.default_rng(5)
+    slopes = np.tan(rng.normal(0.0, min(HIGHLIGHT_WIDTHS_RAD), (20_000, 2)))
+    normals = np.column_stack([slopes, np.ones(len(slopes))])
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    mirrored = 2 * normals[:, 2:] * normals - [0, 0, 1]
+    landed_mm = 10.0 * mirrored[:, :2] / mirrored[:, 2:]
+    spread_mm = 1.4826 * float(np.median(np.abs(landed_mm)))
+    assert spread_mm == pytest.approx(10.0 * POLISHED_SPREAD_RAD, rel=0.06)
+
+
+def test_a_mirror_image_is_uneven_beside_a_wall_and_even_farther_off() -> None:
+    shares = []
+    for x0, x1 in ((-21.5, -20), (2, 10)):
+        light, here = floor_between("ring", x0, x1)
+        bounced = light.bounced
+        assert (bounced.mirrored_uneven <= bounced.mirrored + 1e-6).all()
+        shares.append(bounced.mirrored_uneven[here].sum() / bounced.mirrored[here].sum())
+    near, far = shares
+    # 1 mm of a wall 20 mm high is seen from so near; from 24 to 32 mm away none of it is
+    assert near > 0.5
+    assert far < 1 / (1 + (24 * POLISHED_SPREAD_RAD / UNEVEN_MM) ** 2) < near
 
 
 def test_what_falls_on_a_step_does_not_fall_on_the_face_around_it() -> None:
@@ -107,7 +137,7 @@ def test_what_falls_on_a_step_does_not_fall_on_the_face_around_it() -> None:
     top[surface.seen] = (np.abs(points[:, 2] - 25) < 0.1) & (np.abs(points[:, 1]) < 20)
     # nothing stands above the wall's top, though the floor beside it is lit by the wall
     assert top.sum() > 20
-    assert light.bounce[top].max() == 0.0
+    assert light.bounced.matt[top].max() == 0.0
 
 
 def test_a_surface_square_to_camera_and_ring_lies_in_its_highlight() -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from controller.inspection.lit.bounce import Bounced
 from controller.inspection.lit.brightness import fit_brightness
 from controller.inspection.lit.claims import share_of_face
 from controller.inspection.lit.light import HIGHLIGHT_WIDTHS_RAD, Light
@@ -274,7 +275,8 @@ def light_on(matt: Array, glint: Array) -> Light:
     glints = [(zero, zero) for _ in HIGHLIGHT_WIDTHS_RAD]
     glints[1] = (glint, glint)
     nowhere = np.zeros(SHAPE, dtype=bool)
-    return Light(matt, matt, matt, zero, zero, zero, tuple(glints), nowhere, nowhere)
+    none = Bounced(zero, zero, zero, zero)
+    return Light(matt, matt, matt, none, tuple(glints), nowhere, nowhere)
 
 
 def test_the_shares_of_a_picture_are_found_and_what_none_explains_is_its_error() -> None:

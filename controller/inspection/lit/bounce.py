@@ -2,7 +2,7 @@
 
 How much comes from a neighbouring surface is known to a bound at best. Where it changes slowly it
 is the face's own brightness; what matters to a mark is what changes within a mark's width: light
-from near by, and what a polished surface mirrors.
+from near by, and what a polished surface mirrors, blurred by how the finish spreads it (ADR 30).
 """
 
 from dataclasses import dataclass
@@ -32,6 +32,10 @@ BOUNCE_RAYS: Final = 40
 LOBE_RAD: Final = 0.2  # of a polished neighbour's highlight: rays are half of it apart
 POLISH: Final = 3.0  # times as bright a narrower one is in one place
 UNEVEN_MM: Final = 2.0  # light from so near by changes by half within a defect's width
+# A polished surface spreads a ray by twice the angle that its facets are turned by: twice the
+# narrowest of `HIGHLIGHT_WIDTHS_RAD`. A matt one spreads it over the hemisphere.
+POLISHED_SPREAD_RAD: Final = 0.17
+MATT_SPREAD_RAD: Final = 1.0
 # what a polished surface shows beside a mirror's direction: about its lobe's width
 MIRROR_SPREAD: Final = ((0.0, 0.0), (0.15, 0.0), (-0.15, 0.0), (0.0, 0.15), (0.0, -0.15))
 EVEN_NORMALS: Final = 0.999  # length of the mean of unit normals that differ by some degrees
@@ -131,45 +135,68 @@ def find_neighbours(
     return Neighbours(coarse >= 0, surface.face, start, tuple(around), tuple(mirrored))
 
 
-def bounced_light(
-    about: Neighbours, source: FloatArray, reference: float
-) -> tuple[Float32Array, Float32Array, Float32Array]:
+@dataclass(frozen=True, eq=False, slots=True)
+class Bounced:
+    """Upper bounds of light bounced once, (h, w), in units of a matt surface square to the lamp.
+
+    Attributes
+    ----------
+    matt : thrown on the surface by matt neighbours
+    uneven : of that, what may change within a defect's width
+    mirrored : by a polished neighbour that mirrors the lamp, or a polished surface that mirrors its
+        neighbours
+    mirrored_uneven : of that, what may change within a defect's width
+    """
+
+    matt: Float32Array
+    uneven: Float32Array
+    mirrored: Float32Array
+    mirrored_uneven: Float32Array
+
+
+def bounced_light(about: Neighbours, source: FloatArray, reference: float) -> Bounced:
     """Return an upper bound of the light that part and gripper throw on each other, once.
 
     What a ray meets is taken to lie in the open before the lamp, and to throw back `ALBEDO` of what
-    falls there. The second is what of that is uneven, as it comes from near by; the third what is
-    uneven because a polished neighbour mirrors the lamp, or a polished surface its neighbours.
+    falls there.
 
     Parameters
     ----------
     about : what stands about the surface
     source : (3,) middle of the lamp, world
     reference : distance [mm] at which the lamp's light counts as 1
-
-    Returns
-    -------
-    whole, uneven, mirrored : (h, w) each, in units of a matt surface square to the lamp
     """
     count = len(about.points)
-    total = np.zeros((3, count))
+    total = np.zeros((4, count))
     for met in about.around:
         matt, glossy = _thrown(met, about.points, source, reference)
-        even = 1.0 / (1.0 + (met.distance_mm / UNEVEN_MM) ** 2)
-        thrown = np.stack([ALBEDO * matt, ALBEDO * matt * even, glossy])
+        diffuse = ALBEDO * matt
+        near = _unevenness(met.distance_mm, MATT_SPREAD_RAD)
+        sharp = _unevenness(met.distance_mm, POLISHED_SPREAD_RAD)
+        thrown = np.stack([diffuse, near * diffuse, glossy, sharp * glossy])
         total[:, met.hit] += thrown / BOUNCE_RAYS
     lights, facing = (np.zeros((len(about.mirrored), count, k)) for k in (1, 3))
+    nearest_mm = np.full(count, np.inf)
     for met, light, normal in zip(about.mirrored, lights, facing, strict=True):
         matt, _ = _thrown(met, about.points, source, reference)
         light[met.hit, 0], normal[met.hit] = ALBEDO * matt, met.normals
+        nearest_mm[met.hit] = np.minimum(nearest_mm[met.hit], met.distance_mm)
     if count:
         # a plane in a mirror is as even as the light on it; anything else has borders, or glints
         same = np.linalg.norm(facing.mean(axis=0), axis=1) > EVEN_NORMALS
         most, least = lights.max(axis=0)[:, 0], lights.min(axis=0)[:, 0]
-        total[2] = np.maximum(total[2], np.where(same, most - least, most))
-    out = np.zeros((3, *about.coarse.shape), dtype=np.float32)
+        image = np.where(same, most - least, most)
+        sharp = _unevenness(nearest_mm, POLISHED_SPREAD_RAD)
+        total[2:] = np.maximum(total[2:], np.stack([image, sharp * image]))
+    out = np.zeros((4, *about.coarse.shape), dtype=np.float32)
     out[:, about.coarse] = total
-    whole = _most_about(out[0], about.face)
-    return whole, _between(out[1], about.face), _between(out[2], about.face)
+    matt, *others = out
+    return Bounced(_most_about(matt, about.face), *(_between(one, about.face) for one in others))
+
+
+def _unevenness(distance_mm: FloatArray, spread_rad: float) -> FloatArray:
+    """Return what share (k,) of light from a distance may change within a defect's width."""
+    return 1.0 / (1.0 + (spread_rad * distance_mm / UNEVEN_MM) ** 2)
 
 
 def _thrown(

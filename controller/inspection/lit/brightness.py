@@ -74,7 +74,7 @@ def fit_brightness(
     """
     matt = 0.5 * (light.least + light.most)
     glints = [0.5 * (dim + bright) for dim, bright in light.glints]
-    columns = np.stack([matt, *glints, light.bounce, np.ones_like(matt)], axis=-1)
+    columns = np.stack([matt, *glints, light.bounced.matt, np.ones_like(matt)], axis=-1)
     index = np.flatnonzero(fitting)
     chosen = index[:: max(1, len(index) // FIT_SAMPLE)]
     count = min(PIECES * len(np.unique(face[fitting])), len(chosen))

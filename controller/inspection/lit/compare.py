@@ -68,7 +68,7 @@ def fitted_nodes(surface: Surface, light: Light, valid: BoolArray) -> BoolArray:
     light : of the lamp
     valid : inside the outline, and not beside the gripper
     """
-    out: BoolArray = surface.seen & valid & ~in_penumbra(light) & (light.bounce < BOUNCE)
+    out: BoolArray = surface.seen & valid & ~in_penumbra(light) & (light.bounced.matt < BOUNCE)
     return out & (light.least > FITTED_LIGHT) & (surface.cosine > STEEPEST)
 
 
@@ -107,7 +107,7 @@ def compare(
     half_width = 0.5 * (light.most - light.least)
     width = np.where(light.most > 0.02, scale * half_width, 0.0)
     low = np.maximum(middle - width, 0.0) * (1 - np.minimum(play, 1.0))
-    from_others = np.maximum(light.bounce, brightness.gloss * light.mirrored)
+    from_others = np.maximum(light.bounced.matt, brightness.gloss * light.bounced.mirrored)
     bounced = unshaded * np.minimum(from_others, 1.0)
     own = (middle + width) * (1 + play)
     high = own + GLOSS * bounced

@@ -15,7 +15,7 @@ import numpy as np
 from controller.arrays import BoolArray, Float32Array, FloatArray, inner, lengths
 from controller.imaging import Camera, PointLamp, RayCaster, inverse_pose, transform
 
-from .bounce import COSINE_PLAY, SHADOW_OFFSET_MM, Neighbours, bounced_light
+from .bounce import COSINE_PLAY, SHADOW_OFFSET_MM, Bounced, Neighbours, bounced_light
 from .surface import Surface
 
 SPOT_RADIUS_MM: Final = 25.0  # a lamp given as one point is taken to be as large as this
@@ -32,9 +32,7 @@ class Light:
     ----------
     least, most : without highlight and bounce
     open : as if nothing threw a shadow
-    bounce : at most, from part and gripper, on top
-    uneven : of that, what may change within a defect's width: what comes from near by
-    mirrored : what polished surfaces make uneven besides
+    bounced : at most, on top
     glints : by width of the highlight (`HIGHLIGHT_WIDTHS_RAD`), its least and its most
     touched : the gripper keeps light away
     partly : part of the lamp may be hidden
@@ -43,9 +41,7 @@ class Light:
     least: Float32Array
     most: Float32Array
     open: Float32Array
-    bounce: Float32Array
-    uneven: Float32Array
-    mirrored: Float32Array
+    bounced: Bounced
     glints: tuple[tuple[Float32Array, Float32Array], ...]
     touched: BoolArray
     partly: BoolArray
@@ -144,9 +140,9 @@ def bound_light(
     # how the light is spread over a ring is not known: where part of it shines all of it may
     partly = (reached > 0.01) & (reached < 0.99)
     most = np.where(partly[seen], np.maximum(most, bare), most)
-    bounce, uneven, mirrored = bounced_light(about, sources.mean(axis=0), reference)
     return Light(
-        spread(least), spread(most), spread(bare), bounce, uneven, mirrored,
+        spread(least), spread(most), spread(bare),
+        bounced_light(about, sources.mean(axis=0), reference),
         tuple((spread(a), spread(b)) for a, b in zip(dims, brights, strict=True)), shaded, partly,
     )  # fmt: skip
 

@@ -358,7 +358,7 @@ class LitPictures:
         texture = find_texture(np.asarray(observed, np.float32), self._surface, usable, predicted)
         grey = max(picture_noise(window), MIN_NOISE_GREY) / STEP_PX
         noise = np.asarray(grey / np.maximum(texture.smooth, 1.0), np.float32)
-        uneven = light.uneven + brightness.gloss * light.mirrored
+        uneven = light.bounced.uneven + brightness.gloss * light.bounced.mirrored_uneven
         uneven = np.asarray(uneven / np.maximum(light.least, LIT), np.float32)
         bounced = BOUNCED * np.where(seen, uneven, np.float32(0))
         veil = VEIL_GREY / np.maximum(texture.smooth, 1.0)
