@@ -5,7 +5,7 @@ inspected as a recipe says, `lines.py` turns what came out into JSON. Nothing he
 """
 
 from .judging import Judging, compiled_part, judge_ahead, judge_views, read_pictures
-from .lines import in_unit, json_lines, lines_digest
+from .lines import face_lines, in_unit, json_lines, lines_digest
 from .view_set import build_pose, build_view_set, grasp_numbers, repeated_sets
 
 __all__ = [
@@ -13,6 +13,7 @@ __all__ = [
     "build_pose",
     "build_view_set",
     "compiled_part",
+    "face_lines",
     "grasp_numbers",
     "in_unit",
     "json_lines",

@@ -1,4 +1,4 @@
-"""A part's inspection as JSON lines: characteristics, findings, the verdict (docs/inspect.md)."""
+"""A part's inspection as JSON lines: characteristics, findings, faces, verdict (docs/inspect.md)."""
 
 import hashlib
 import json
@@ -7,7 +7,7 @@ from math import degrees
 from typing import Any
 
 from controller.arrays import FloatArray
-from controller.inspection import Detection, PartFinding, PartInspection
+from controller.inspection import Detection, FaceVerdict, PartFinding, PartInspection
 from controller.inspection.characteristics import (
     CharacteristicKind,
     Measured,
@@ -29,6 +29,12 @@ def json_lines(part: PartInspection) -> Iterator[dict[str, Any]]:
         "unproven": list(part.unproven),
         "found": [_detection(one) for one in part.ledger.detections],
     }
+
+
+def face_lines(part: PartInspection) -> Iterator[dict[str, Any]]:
+    """Yield a line for each face: how much of it was compared, by which check, and why no more."""
+    for face in part.ledger.faces:
+        yield _face(face)
 
 
 def lines_digest(part: PartInspection) -> str:
@@ -78,6 +84,21 @@ def _finding(finding: PartFinding) -> dict[str, Any]:
         "size_mm": float(finding.size_mm),
         "faces": [int(face) for face in finding.faces],
         "verdict": finding.verdict.value,
+    }
+
+
+def _face(face: FaceVerdict) -> dict[str, Any]:
+    return {
+        "event": "face",
+        "face": face.face_id,
+        "label": face.label,
+        "area_mm2": face.area_mm2,
+        "compared_fraction": face.compared_fraction,
+        "by_check": dict(face.by_check),
+        "rest": dict(face.rest),
+        "verdict": face.verdict.value,
+        "views": list(face.views),
+        "reason": face.reason,
     }
 
 

@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 import pytest
 import view_sets
+from shown_part import perfect
 
 from controller.cli import main
 
@@ -48,6 +49,21 @@ def test_the_last_line_is_the_verdict(folder: Path, capsys: pytest.CaptureFixtur
     assert end["verdict"] == "indeterminate"
     assert code == 1
     assert 0 < end["covered_fraction"] < 0.9
+
+
+def test_every_face_is_accounted_for(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    main(["inspect", str(folder / "SET.json"), "--json"])
+    lines = lines_of(capsys.readouterr().out)
+    faces = [line for line in lines if line["event"] == "face"]
+    assert [face["face"] for face in faces] == list(range(len(faces)))
+    area_mm2 = sum(face["area_mm2"] for face in faces)
+    # of the block, as the tool that cut it has it
+    assert area_mm2 == pytest.approx(float(perfect().surface_area()), rel=0.01)
+    for face in faces:
+        assert face["compared_fraction"] + sum(face["rest"].values()) == pytest.approx(1.0)
+        assert face["reason"] or face["verdict"] == "pass"
+    compared = sum(face["area_mm2"] * face["compared_fraction"] for face in faces) / area_mm2
+    assert compared == pytest.approx(lines[-1]["covered_fraction"], abs=0.02)
 
 
 def test_a_missing_bore_is_a_finding_where_it_should_be(

@@ -12,7 +12,14 @@ from controller.config.view_set import ViewSetFile, load_view_set
 from controller.inspection import Verdict
 from controller.results import SUFFIXES, Header, judged_part, write_report
 from controller.setup.software import software_versions
-from controller.stored import Judging, compiled_part, json_lines, judge_views, read_pictures
+from controller.stored import (
+    Judging,
+    compiled_part,
+    face_lines,
+    json_lines,
+    judge_views,
+    read_pictures,
+)
 
 from ..inputs.checks import check_writable_folder
 from ..inputs.judging import MAX_CAD_BYTES, judging_of
@@ -45,6 +52,7 @@ def inspect_set(
     part = compiled_part(set_path, file)
     found = judge_views(file, part, pictures, judging)
     *lines, end = json_lines(found)
+    lines += face_lines(found)
     lines.append(end | {"seconds": round(time.monotonic() - started, 3)})
     if as_json:
         for line in lines:
