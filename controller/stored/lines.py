@@ -1,4 +1,4 @@
-"""A part's inspection as JSON lines: characteristics, findings, faces, verdict (docs/inspect.md)."""
+"""A part's inspection as lines of JSON: characteristics, findings, faces, verdict (inspect.md)."""
 
 import hashlib
 import json

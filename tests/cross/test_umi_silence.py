@@ -7,7 +7,7 @@ import pytest
 from umi_bench import EMULATED
 from umi_line_faults import PARK, Session, quiet
 
-from controller.cell.batch.supervision import ArmWatcher
+from controller.cell.batch.watching import ArmWatcher
 from controller.cell.devices.in_use import counted
 from controller.cell.machine import Event
 from drivers.errors import SilentLineError

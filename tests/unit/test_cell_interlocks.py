@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from controller.cell.alarms import BY_CODE
-from controller.cell.batch.watchers import InterlockWatcher
+from controller.cell.batch.watching import InterlockWatcher
 from controller.cell.custody import Custody
 from controller.cell.devices.interlocks import (
     BUILT_IN_RULES,

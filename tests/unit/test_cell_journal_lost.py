@@ -9,7 +9,7 @@ from typing import Any, cast
 import pytest
 
 from controller.cell.batch import Dispatcher
-from controller.cell.batch.watchers import DiskWatcher
+from controller.cell.batch.watching import DiskWatcher
 from controller.cell.custody import Custody
 from controller.cell.journal import Journal, rows
 from controller.cell.machine import Effect, Event

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from config_text import CELL_TEXT
 
-from controller.cell.batch.supervision import ArmWatcher, LoopWatcher, ModbusWatcher
+from controller.cell.batch.watching import ArmWatcher, LoopWatcher, ModbusWatcher
 from controller.cell.devices.in_use import InUse, counted
 from controller.cell.devices.stopping import Stopping
 from controller.cell.journal import Journal, read_rows

@@ -2,7 +2,7 @@
 
 `order.py` is what to run, `run.py` runs it, `beginning.py` notes what it finds before anything
 moves, `starting.py` decides whether it may begin, `assembly.py` puts it together, `dispatcher.py`
-takes events and runs effects, `watchers.py` reports what no action reports. Each effect is run by
+takes events and runs effects, `watching/` reports what no action reports. Each effect is run by
 an action (`controller.cell.actions`), with services (`controller.cell.services`).
 """
 
@@ -14,8 +14,7 @@ from .order import OrderedRecipe, Papers, RecoveryPolicy, RunOrder, jobs_of
 from .run import HOST, Outfit, RunResult, new_run_id, run_batch
 from .starting import GO_ON, find_proposal
 from .status import CellStatus
-from .supervision import ArmWatcher, ModbusWatcher
-from .watchers import DiskWatcher, InterlockWatcher
+from .watching import ArmWatcher, DiskWatcher, InterlockWatcher, ModbusWatcher
 
 __all__ = [
     "GO_ON",

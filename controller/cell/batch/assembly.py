@@ -75,8 +75,14 @@ from ..services import (
 from ..services.records import BatchRecord, Product, Progress
 from ..services.table import NO_NUMBERS, LabelOrder, Labels, Taking
 from .dispatcher import Dispatcher
-from .supervision import ArmWatcher, LoopWatcher, ModbusWatcher
-from .watchers import DiskWatcher, FixedGripperWatcher, InterlockWatcher
+from .watching import (
+    ArmWatcher,
+    DiskWatcher,
+    FixedGripperWatcher,
+    InterlockWatcher,
+    LoopWatcher,
+    ModbusWatcher,
+)
 
 CAMERAS: tuple[CameraName, ...] = ("overhead", "inspection")
 

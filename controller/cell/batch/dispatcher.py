@@ -36,7 +36,7 @@ from ..machine import (
 from ..services import Gate
 from ..services.records import BatchRecord
 from .status import CellStatus
-from .watchers import Watcher
+from .watching import Watcher
 
 log = logging.getLogger(__name__)
 

@@ -3,7 +3,7 @@
 from .arm import ArmSection, OtherArmSection, UmiSection
 from .cell import Cell
 from .devices import EMULATED, Parity
-from .sight import MAX_SIZE_PX, AccuracySection, CameraSection, LampSection, LightSection
+from .optics import MAX_SIZE_PX, AccuracySection, CameraSection, LampSection, LightSection
 from .surroundings import ChuteSection, TraySection
 from .values import MAX_HEIGHT_MM, MIN_HEIGHT_MM, Box
 

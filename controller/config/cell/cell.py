@@ -13,7 +13,7 @@ from ..interlock_rules import InterlockRules
 from ..yaml_models import Section, WrongKeyError
 from .arm import OtherArmSection, UmiSection, arm_section
 from .devices import EMULATED, DetectionSection, DevicesSection, InterlocksSection, TimingSection
-from .sight import AccuracySection, CamerasSection, LampSection, StationSection
+from .optics import AccuracySection, CamerasSection, LampSection, StationSection
 from .surroundings import ChuteSection, FixedGripperSection, TableSection, TraysSection
 from .values import IN_MM, Box, require_all_different
 

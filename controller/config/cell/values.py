@@ -22,7 +22,16 @@ MAX_ZERO_DEG, MAX_OFF_MM = 5.0, 20.0  # an arm that is farther off wants mending
 
 
 def rising(bounds: tuple[float, ...]) -> tuple[float, ...]:
-    """Return (low, high) pairs; raise ValueError unless they are in this order."""
+    """Return (low, high) pairs that are in this order.
+
+    Parameters
+    ----------
+    bounds : low, high, low, high, ...
+
+    Raises
+    ------
+    ValueError : one pair is not
+    """
     for low, high in zip(bounds[::2], bounds[1::2], strict=True):
         if low >= high:
             raise ValueError(f"bounds must go from low to high, not from {low:g} to {high:g}")
@@ -30,14 +39,33 @@ def rising(bounds: tuple[float, ...]) -> tuple[float, ...]:
 
 
 def positive(size: tuple[float, ...]) -> tuple[float, ...]:
-    """Return sizes; raise ValueError unless all are more than 0."""
+    """Return sizes that are all more than 0.
+
+    Parameters
+    ----------
+    size : lengths
+
+    Raises
+    ------
+    ValueError : one is not
+    """
     if min(size) <= 0:
         raise ValueError(f"sizes must be more than 0, not {min(size):g}")
     return size
 
 
 def require_all_different(what: str, values: Mapping[str, int]) -> None:
-    """Raise ValueError if two names have the same number."""
+    """Require that no two names have the same number.
+
+    Parameters
+    ----------
+    what : the numbers are, for the message
+    values : by name
+
+    Raises
+    ------
+    ValueError : two have
+    """
     owner: dict[int, str] = {}
     for name, value in values.items():
         if value in owner:

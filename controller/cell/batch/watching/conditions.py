@@ -10,12 +10,12 @@ from drivers.clock import CellClock
 from drivers.errors import DeviceError
 from drivers.kinds import FixedGripper, Hold, IoBlock
 
-from ..custody import Custody
-from ..devices.interlocks import Truth
-from ..errors import PartProblemError, PolicyAbortError
-from ..machine import Event
-from ..services import Grippers, Interlocks, Recoveries
-from ..services.records import BatchRecord
+from ...custody import Custody
+from ...devices.interlocks import Truth
+from ...errors import PartProblemError, PolicyAbortError
+from ...machine import Event
+from ...services import Grippers, Interlocks, Recoveries
+from ...services.records import BatchRecord
 
 LOSS_POLL_S = 0.5
 DISK_POLL_S = 10.0

@@ -15,13 +15,13 @@ from drivers.clock import CellClock
 from drivers.errors import DeviceError, LinkError, PositionLostError
 from drivers.kinds import Arm, FixedGripper, LampUnit
 
-from ..alarms import alarm_of, code_of
-from ..devices.in_use import InUse
-from ..journal.rows import LoopLate
-from ..machine import Event
-from ..services import Retries
-from ..services.records import BatchRecord
-from .watchers import Report
+from ...alarms import alarm_of, code_of
+from ...devices.in_use import InUse
+from ...journal.rows import LoopLate
+from ...machine import Event
+from ...services import Retries
+from ...services.records import BatchRecord
+from .conditions import Report
 
 log = logging.getLogger(__name__)
 

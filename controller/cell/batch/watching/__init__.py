@@ -1,0 +1,19 @@
+"""Watches what no action reports.
+
+`links.py` watches the devices' lines and the event loop; `conditions.py` interlocks, a part that
+leaves the fixed gripper, the disk.
+"""
+
+from .conditions import DiskWatcher, FixedGripperWatcher, InterlockWatcher, Report, Watcher
+from .links import ArmWatcher, LoopWatcher, ModbusWatcher
+
+__all__ = [
+    "ArmWatcher",
+    "DiskWatcher",
+    "FixedGripperWatcher",
+    "InterlockWatcher",
+    "LoopWatcher",
+    "ModbusWatcher",
+    "Report",
+    "Watcher",
+]
