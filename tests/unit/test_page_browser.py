@@ -97,10 +97,9 @@ class Served:
 
     def __init__(self, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         self.status: dict[str, Any] = dict(STATUS)
+        self.has_run = True
         self.orders: list[tuple[str, Order]] = []
-        monkeypatch.setattr(
-            RunningCell, "status", lambda _: StatusReply.model_validate(self.status)
-        )
+        monkeypatch.setattr(RunningCell, "status", lambda _: self._ask())
         monkeypatch.setattr(RunningCell, "order", lambda _, name, body: self._take(name, body))
         with socket.socket() as free:
             free.bind(("127.0.0.1", 0))
@@ -115,6 +114,11 @@ class Served:
         self._thread.start()
         while not self._server.started:
             time.sleep(0.02)
+
+    def _ask(self) -> StatusReply:
+        if not self.has_run:
+            raise NoRunError("no run")
+        return StatusReply.model_validate(self.status)
 
     def _take(self, name: str, body: Order) -> DecisionReply:
         self.orders.append((name, body))
@@ -458,6 +462,20 @@ def test_what_is_shown_is_there_after_a_reload_and_a_lost_page_says_so(
     served.end()
     tab.wait_for_selector("#lost", state="visible")
     assert tab.is_disabled("#stop")
+
+
+def test_a_run_that_broke_off_is_not_taken_for_one_that_runs(
+    served: Served, tab: Any, tmp_path: Path
+) -> None:
+    served.has_run = False
+    tab.goto(served.link())
+    until(tab, lambda: tab.inner_text("#state-name") == "Broken off")
+    assert "cellctl recover" in tab.inner_text("#doing")
+    writer = Journal(tmp_path / "runs" / JOURNAL_NAME, RUN)
+    writer.write(rows.AtRest(state="complete", message="", code="", custody="NONE"))
+    writer.write(rows.RunEnded(end="complete", message="all parts are done", parts=1))
+    writer.close()
+    until(tab, lambda: tab.inner_text("#state-name") == "Complete")
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])

@@ -82,7 +82,12 @@ export class Coverage {
   }
 
   async legend(rows) {
-    const { tile } = await import("/static/part.js");
+    let tile;
+    try {
+      ({ tile } = await import("/static/part.js"));
+    } catch {
+      return; // the server is lost, which the page says; what was drawn stays
+    }
     $("coverage-legend").replaceChildren(...(rows.length ? CLASSES : []).map(([, state]) => {
       const those = rows.filter((one) => stateOf(one.share) === state);
       const sample = tile(state);

@@ -73,8 +73,10 @@ function show(now) {
     }
     $("light").textContent = t(LIGHT_WORDS[light]);
   });
-  onChange("state", [now.state, now.runs, Boolean(now.preparing)], () => {
-    const name = now.preparing ? t("Being prepared") : stateWords(now.state);
+  const hasBrokenOff = Boolean(run && !run.end && !now.runs && !now.preparing);
+  onChange("state", [now.state, hasBrokenOff, Boolean(now.preparing)], () => {
+    let name = hasBrokenOff ? t("Broken off") : stateWords(now.state);
+    if (now.preparing) name = t("Being prepared");
     $("state-name").textContent = name;
     document.title = `${name} · cellctl`;
   });
@@ -89,7 +91,7 @@ function show(now) {
     if (status.safe_point) doing.push(said(status.safe_point));
     if (status.message) doing.push(said(status.message));
   } else if (!now.runs && run) {
-    doing.push(run.end ? t("The last run ended: {end}. {message}", { end: said(run.end.end), message: said(run.end.message) }) : t("The last run broke off."));
+    doing.push(run.end ? t("The last run ended: {end}. {message}", { end: said(run.end.end), message: said(run.end.message) }) : t("The last run broke off: `cellctl recover` says what the grippers may hold."));
   } else if (!run && !now.preparing) {
     doing.push(t("Start one here, or with `cellctl run`; it shows here by itself."));
   }
