@@ -78,6 +78,17 @@ def test_a_missing_bore_is_a_finding_where_it_should_be(
     assert min(np.linalg.norm(np.array(line["p_part_mm"]) - mouth) for line in extra) < 5.0
 
 
+def test_pictures_of_a_lamp_that_was_off_are_not_evaluated(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for path in folder.glob("*_side.png"):
+        cv2.imwrite(str(path), np.zeros((512, 640), np.uint8))
+    assert main(["inspect", str(folder / "SET.json"), "--json"]) == 1
+    lines = lines_of(capsys.readouterr().out)
+    assert lines[-1]["verdict"] == "indeterminate"
+    assert not any("side" in face["by_check"] for face in lines if face["event"] == "face")
+
+
 def test_a_person_gets_words(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["inspect", str(folder / "SET.json")]) == 1
     out = capsys.readouterr().out

@@ -279,6 +279,18 @@ def light_on(matt: Array, glint: Array) -> Light:
     return Light(matt, matt, matt, none, tuple(glints), nowhere, nowhere)
 
 
+def test_a_picture_that_is_black_where_a_lamp_would_light_it_has_no_light_of_that_lamp() -> None:
+    u, _ = grid()
+    matt = (0.5 + 0.4 * u / SHAPE[1]).astype(np.float32)
+    black = np.zeros(SHAPE, dtype=np.float32)
+    black[50:60, 70:80] = 90.0  # something else shines there
+    light = light_on(matt, np.zeros(SHAPE, dtype=np.float32))
+    everywhere = np.ones(SHAPE, dtype=bool)
+    found = fit_brightness(black, light, everywhere, np.zeros(SHAPE, dtype=np.int32))
+    assert np.isfinite(found.predicted).all()
+    assert np.median(found.predicted) < 1.0
+
+
 def test_the_shares_of_a_picture_are_found_and_what_none_explains_is_its_error() -> None:
     u, v = grid()
     matt = (0.5 + 0.4 * u / SHAPE[1]).astype(np.float32)

@@ -29,6 +29,7 @@ UNKNOWN_SPREAD: Final = 0.35  # where too few nodes show one
 UNSEEN_SPREAD: Final = 0.15  # of a face none of whose nodes shows its tone: other directions
 FACE_COUNT: Final = 60  # nodes that show a face's own tone
 FAINT_GREY: Final = 6.0
+MIN_GAIN: Final = 1.0  # grey of a matt surface square to the lamp: a black picture has some, too
 POLISHED: Final = 4.0  # times as bright as the matt share: highlights of a polished finish
 TINY: Final = 1e-9  # keeps a lamp that shows nowhere from making a matrix singular
 
@@ -115,7 +116,7 @@ def _shares(lights: FloatArray, b: FloatArray, count: int) -> tuple[FloatArray, 
     count : nodes that err independently
     """
     scale = np.maximum(b, FAINT_GREY)
-    gain = float(np.median(b / np.maximum(lights[:, 0], 1e-3)))
+    gain = max(float(np.median(b / np.maximum(lights[:, 0], 1e-3))), MIN_GAIN)
     prior = np.full(lights.shape[1], 1.0 / gain)
     prior[0], prior[-1] = 0.0, 1.0 / STRAY_GREY
     weight = 1.0 / scale
