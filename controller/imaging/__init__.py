@@ -12,6 +12,7 @@ from .levels import Ground, Levels, fit_ground
 from .loops import evenly, loop_normals, signed_area, trace_loops
 from .maps import Roi, ViewMaps, meet_part, render_maps, view_roi
 from .rays import RayCaster
+from .sampling import sample_picture
 
 __all__ = [
     "Camera",
@@ -34,6 +35,7 @@ __all__ = [
     "meet_part",
     "render_maps",
     "rotation_angle",
+    "sample_picture",
     "signed_area",
     "step_heights",
     "subpixel_contour",

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 
 from controller.arrays import BoolArray, Float32Array, FloatArray, Grey
+from controller.imaging import sample_picture
 
 REACH_PX: Final = 9.0  # to either side: a picture may lie some pixels off
 STEP_PX: Final = 0.5
@@ -98,8 +99,8 @@ def _steps(
 ) -> tuple[BoolArray, FloatArray, FloatArray]:
     """Return which profiles show one step, where on the normal it is, and how wide; (n,) each."""
     offsets = np.arange(-REACH_PX, REACH_PX + STEP_PX / 2, STEP_PX)
-    where = (edge_px[:, None, :] + offsets[None, :, None] * normals[:, None, :]).astype(np.float32)
-    profile = cv2.remap(picture, where[..., 0], where[..., 1], cv2.INTER_LINEAR).astype(np.float64)
+    where = edge_px[:, None, :] + offsets[None, :, None] * normals[:, None, :]
+    profile = sample_picture(picture, where[..., 0], where[..., 1]).astype(np.float64)
     rise = np.diff(profile, axis=1)
     slope = np.abs(rise)
     middles = offsets[:-1] + STEP_PX / 2
@@ -162,11 +163,10 @@ def register_edges(picture: Grey, edge_px: FloatArray, normals: FloatArray) -> R
     dy = cv2.Sobel(soft, cv2.CV_32F, 0, 1, ksize=3) / 8
     shifts = np.arange(-SEARCHED_PX, SEARCHED_PX + SHIFT_STEP_PX / 2, SHIFT_STEP_PX)
     sx, sy = (s.ravel() for s in np.meshgrid(shifts, shifts))
-    u = (edge_px[:, :1] - x0 + sx).astype(np.float32)
-    v = (edge_px[:, 1:] - y0 + sy).astype(np.float32)
+    u, v = edge_px[:, :1] - x0 + sx, edge_px[:, 1:] - y0 + sy
     slope = np.abs(
-        cv2.remap(dx, u, v, cv2.INTER_LINEAR) * normals[:, :1].astype(np.float32)
-        + cv2.remap(dy, u, v, cv2.INTER_LINEAR) * normals[:, 1:].astype(np.float32)
+        sample_picture(dx, u, v) * normals[:, :1].astype(np.float32)
+        + sample_picture(dy, u, v) * normals[:, 1:].astype(np.float32)
     )
     noise = max(float(np.median(slope)) / 0.6745, 0.05)
     capped = np.minimum(slope / noise, CAPPED)
@@ -205,8 +205,8 @@ def _stacked_width(picture: Grey, edge_px: FloatArray, normals: FloatArray) -> f
     Faint steps are wider by noise alone; their mean, each turned to rise, is not.
     """
     offsets = np.arange(-REACH_PX, REACH_PX + STEP_PX / 2, STEP_PX)
-    where = (edge_px[:, None, :] + offsets[None, :, None] * normals[:, None, :]).astype(np.float32)
-    profile = cv2.remap(picture, where[..., 0], where[..., 1], cv2.INTER_LINEAR).astype(np.float64)
+    where = edge_px[:, None, :] + offsets[None, :, None] * normals[:, None, :]
+    profile = sample_picture(picture, where[..., 0], where[..., 1]).astype(np.float64)
     beyond = (offsets > NEAR_PX / 2) & (offsets < WIDE_PX)
     before = (offsets < -NEAR_PX / 2) & (offsets > -WIDE_PX)
     rise = profile[:, beyond].mean(axis=1) - profile[:, before].mean(axis=1)

@@ -8,7 +8,13 @@ import numpy as np
 from scipy.special import ndtr
 
 from controller.arrays import BoolArray, Float32Array, Grey
-from controller.imaging import Contour, fit_ground, subpixel_contour, threshold_levels
+from controller.imaging import (
+    Contour,
+    fit_ground,
+    sample_picture,
+    subpixel_contour,
+    threshold_levels,
+)
 from controller.imaging.levels import pixel_noise
 from controller.recognition.fitting import OutlineMeasure
 
@@ -107,11 +113,10 @@ def _steepness(share: Float32Array, outline: OutlineMeasure) -> float:
     if len(outline.points) == 0:
         return 1.0
     ahead, behind = (
-        cv2.remap(
+        sample_picture(
             share,
-            (outline.points[:, :1] + side * outline.normals[:, :1]).astype(np.float32),
-            (outline.points[:, 1:] + side * outline.normals[:, 1:]).astype(np.float32),
-            cv2.INTER_LINEAR,
+            outline.points[:, :1] + side * outline.normals[:, :1],
+            outline.points[:, 1:] + side * outline.normals[:, 1:],
         )
         for side in (0.5, -0.5)
     )

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from controller.arrays import FloatArray
-from controller.imaging import Camera, inverse_pose, transform
+from controller.imaging import Camera, inverse_pose, sample_picture, transform
 
 from .._pose import PosedPart
 
@@ -47,9 +47,8 @@ def blur_rounds_px(
     mask = (triangle >= 0).reshape(height, width).astype(np.float32)
     soft = cv2.GaussianBlur(mask, (0, 0), FINE * sigma_px, borderType=cv2.BORDER_REPLICATE)
     along = at_px[:, None] + ALONG_PX[None, :, None] * normals[:, None]
-    grid = (FINE * (along - [x0, y0])).astype(np.float32)
-    share = cv2.remap(soft, grid[..., 0], grid[..., 1], cv2.INTER_LINEAR,
-                      borderMode=cv2.BORDER_REPLICATE)  # fmt: skip
+    grid = FINE * (along - [x0, y0])
+    share = sample_picture(soft, grid[..., 0], grid[..., 1], cv2.BORDER_REPLICATE)
     inside = share >= HALF
     leaves = inside[:, :-1] & ~inside[:, 1:]
     middle = 0.5 * (ALONG_PX[:-1] + ALONG_PX[1:])

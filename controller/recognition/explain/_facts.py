@@ -12,7 +12,7 @@ import numpy as np
 
 from controller.arrays import BoolArray, FloatArray, Grey, IntArray
 from controller.cad import ViewModel, outline, prepare_views
-from controller.imaging import Camera
+from controller.imaging import Camera, sample_picture
 
 from ..binary import (
     BinaryTolerances,
@@ -293,9 +293,8 @@ def _shows(edges: EdgePoints, picture: Grey) -> BoolArray:
         return np.zeros(len(edges.pixels), dtype=np.bool_)
     offsets = np.arange(-LOOK_PX, LOOK_PX + 1)
     at = edges.pixels[:, None] - [x0, y0] + offsets[:, None] * edges.normals[:, None]
-    at = at.astype(np.float32)
     slopes = [
-        cv2.remap(cv2.Scharr(smooth, cv2.CV_32F, *way), at[..., 0], at[..., 1], cv2.INTER_LINEAR)
+        sample_picture(cv2.Scharr(smooth, cv2.CV_32F, *way), at[..., 0], at[..., 1])
         for way in ((1, 0), (0, 1))
     ]
     normals = edges.normals[:, None]

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from controller.arrays import BoolArray, Float32Array, FloatArray, Grey
-from controller.imaging import Contour, loop_normals, signed_area
+from controller.imaging import Contour, loop_normals, sample_picture, signed_area
 
 from ._predict import EdgePoints
 
@@ -246,8 +246,8 @@ class GreyMeasure:
         normal_x, normal_y = np.ascontiguousarray(normals.T)
         x = (at_x + steps[:, None] * normal_x).astype(np.float32)
         y = (at_y + steps[:, None] * normal_y).astype(np.float32)
-        slope = _sampled(slopes[0], x, y) * normal_x.astype(np.float32)
-        slope += _sampled(slopes[1], x, y) * normal_y.astype(np.float32)
+        slope = sample_picture(slopes[0], x, y) * normal_x.astype(np.float32)
+        slope += sample_picture(slopes[1], x, y) * normal_y.astype(np.float32)
         return np.asarray(slope, np.float32)
 
     def _peaks(
@@ -305,7 +305,7 @@ class GreyMeasure:
         x = (at_x + steps[:, None] * normal_x).astype(np.float32)
         y = (at_y + steps[:, None] * normal_y).astype(np.float32)
         gx, gy = self.own
-        slope = np.abs(_sampled(gx, x, y) * normal_x + _sampled(gy, x, y) * normal_y)
+        slope = np.abs(sample_picture(gx, x, y) * normal_x + sample_picture(gy, x, y) * normal_y)
         return np.asarray(slope[1:].min(axis=0) < SOFT * slope[0])
 
     def best_shift(self, edges: EdgePoints, reach_px: int) -> FloatArray:
@@ -317,8 +317,8 @@ class GreyMeasure:
         shift = np.stack(np.meshgrid(offsets, offsets), axis=-1).reshape(-1, 2)
         at = (edges.pixels - self.corner).astype(np.float32) + shift[:, None]
         x, y = np.ascontiguousarray(at[..., 0]), np.ascontiguousarray(at[..., 1])
-        slope = _sampled(self.gx, x, y) * edges.normals[:, 0].astype(np.float32)
-        slope += _sampled(self.gy, x, y) * edges.normals[:, 1].astype(np.float32)
+        slope = sample_picture(self.gx, x, y) * edges.normals[:, 0].astype(np.float32)
+        slope += sample_picture(self.gy, x, y) * edges.normals[:, 1].astype(np.float32)
         is_clear = ~edges.on_outline & (np.abs(edges.lift) > CLEAR_LIFT) & self._is_lit
         slope = np.where(is_clear & (slope * edges.lift < 0), 0.0, np.abs(slope))
         # roots, so that a few bright rims do not outvote the rest
@@ -348,11 +348,6 @@ def _strongest(
         for kept, new in ((gx, other_x), (gy, other_y), (size, other)):
             np.copyto(kept, new, where=leads)
     return gx, gy
-
-
-def _sampled(slope: Float32Array, x: Float32Array, y: Float32Array) -> Float32Array:
-    """Return a picture's values between its pixels, as ``x`` and ``y`` in shape."""
-    return np.asarray(cv2.remap(slope, x, y, cv2.INTER_LINEAR), np.float32)
 
 
 def _tree(points: FloatArray) -> cKDTree:
