@@ -135,6 +135,12 @@ def test_one_look_that_two_surer_ones_contradict_is_no_value_whatever_failed_of_
     found = combine(asked(), [alone, one, other], SETTINGS)
     assert found.measured_mm is None
     assert "73 % of its edge" in found.reason
+    # a look at a part of the edge that happens to agree confirms nothing against two
+    tilted = np.array([np.sin(0.4), 0, np.cos(0.4)])
+    part = seen(-0.2, edge_noise=0.05, reason="half of its edge", is_part=True, towards=tilted)
+    assert combine(asked(), [alone, part], SETTINGS).measured_mm == pytest.approx(9.75)
+    found = combine(asked(), [alone, part, one, other], SETTINGS)
+    assert found.is_open
     # two that count and are independent, or one before the panel, stand against any that failed
     for lamp in ("side", "backlit"):
         sure = seen(-0.25, lamp=lamp, edge_noise=0.04)
