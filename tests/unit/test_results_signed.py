@@ -180,6 +180,18 @@ def test_paper_leaves_out_what_opens_on_demand(tmp_path: Path) -> None:
     assert "Reviewed by" in paper.text
 
 
+def test_of_many_parts_only_those_that_did_not_pass_are_shown_look_by_look(tmp_path: Path) -> None:
+    passed = bench.judged(tmp_path)
+    failed = bench.judged(tmp_path, bench.inspection(verdict=Verdict.FAIL, reasons=("a chip",)))
+    few = render_parts([*[passed] * 9, failed])
+    many = render_parts([*[passed] * 10, failed])
+    assert Page(few).text.count("Characteristics, look by look") == 10
+    assert Page(many).text.count("Characteristics, look by look") == 1
+    assert "are not shown look by look here, since there are many parts" in Page(many).text
+    assert Page(many).text.count("Ledger of all surfaces") == 11
+    assert len(many) < 0.75 * len(few)
+
+
 def decoded(uri: str) -> np.ndarray:
     data = base64.b64decode(uri.split(",", 1)[1])
     image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)

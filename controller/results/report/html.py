@@ -23,6 +23,7 @@ from .pictures import QUALITIES, Pictures, Quality
 from .signed import MAX_LOOKS, PartSheets, make_sheets
 
 # A page must pass mail gateways; pictures may take this much of it.
+MANY_PARTS: Final = 10  # more make a page too long for every look at what has passed
 MAX_BYTES = 10_000_000
 PICTURE_BYTES = 8_000_000
 LOG_ROWS = 3000
@@ -123,7 +124,9 @@ def _page(
     qif_sha256: str = "",
 ) -> str:
     pages: list[tuple[JudgedPart, PartPage, PartSheets]] = []
+    is_long = len(parts) > MANY_PARTS
     for judged in parts:
+        is_brief = on_paper or (is_long and _has_passed(judged))
         pictures = Pictures(judged.folder, quality)
         optics = Optics.of(judged.header.cell_settings)
         reason = why_in_run(record, judged.part) if record else why(judged.part)
@@ -131,7 +134,7 @@ def _page(
             (
                 judged,
                 make_part_page(judged.part, reason, pictures, optics),
-                make_sheets(judged, solid(judged), pictures, lamp_words, on_paper=on_paper),
+                make_sheets(judged, solid(judged), pictures, lamp_words, all_looks=not is_brief),
             )
         )
     if record is not None:
@@ -153,6 +156,12 @@ def _page(
         log=record.log[left_out:] if record else (),
         log_left_out=left_out,
         is_reduced=quality is not QUALITIES[0],
+        is_long=is_long,
         qif_sha256=qif_sha256,
         on_paper=on_paper,
     )
+
+
+def _has_passed(judged: JudgedPart) -> bool:
+    verdict = judged.part.verdict
+    return verdict is not None and verdict.verdict == "pass"

@@ -44,7 +44,8 @@ class PartSheets:
     ----------
     facts : names and values of the header
     drawing, sides : None and empty where the CAD file is not at hand; `no_drawing` says why
-    looks : every look that can be drawn, by balloon; `crops` the best of each
+    looks : every look that can be drawn, by balloon, where all are asked for; `crops` the best of
+        each
     left_out : characteristics and views that the contact sheet has no room for
     """
 
@@ -68,7 +69,7 @@ def make_sheets(
     pictures: Pictures,
     lamp_words: Callable[[str], str],
     *,
-    on_paper: bool = False,
+    all_looks: bool = True,
 ) -> PartSheets:
     """Return what the pages of a part show.
 
@@ -78,7 +79,7 @@ def make_sheets(
     solid : its CAD model, or why there is none
     pictures : of the part
     lamp_words : a lamp's everyday name
-    on_paper : one look of a characteristic is enough
+    all_looks : not only the best of each characteristic
     """
     part = judged.part
     rows = rows_of(part.characteristics)
@@ -86,7 +87,7 @@ def make_sheets(
     panels = [
         panel
         for row in rows
-        for look in looks_to_draw(row.c, 1 if on_paper else MAX_LOOKS)
+        for look in looks_to_draw(row.c, MAX_LOOKS if all_looks else 1)
         if (panel := look_panel(row.c, look, views, pictures, lamp_words(look.lamp)))
     ]
     best: dict[int, LookPanel] = {}
@@ -112,7 +113,7 @@ def make_sheets(
         drawing=drawing,
         no_drawing=solid if isinstance(solid, str) else "",
         sides=sides,
-        looks=tuple(panels),
+        looks=tuple(panels) if all_looks else (),
         crops=tuple(crops[:MAX_CROPS]),
         thumbnails=tuple(thumbnails[:view_count]),
         left_out=(max(0, len(crops) - MAX_CROPS), max(0, len(thumbnails) - view_count)),
