@@ -300,12 +300,7 @@ class GreyMeasure:
         if len(points_px) == 0:
             return np.zeros(0, dtype=np.bool_)
         steps = np.array([0.0, -BLURRED_PX, BLURRED_PX])
-        at_x, at_y = (points_px - self.corner).T
-        normal_x, normal_y = normals.T
-        x = (at_x + steps[:, None] * normal_x).astype(np.float32)
-        y = (at_y + steps[:, None] * normal_y).astype(np.float32)
-        gx, gy = self.own
-        slope = np.abs(sample_picture(gx, x, y) * normal_x + sample_picture(gy, x, y) * normal_y)
+        slope = np.abs(self._profiles(self.own, points_px, normals, steps))
         return np.asarray(slope[1:].min(axis=0) < SOFT * slope[0])
 
     def best_shift(self, edges: EdgePoints, reach_px: int) -> FloatArray:
