@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 
 from controller.arrays import BoolArray, FloatArray, Grey
+from controller.imaging import sample_picture
 
 from ._corners import refine_corners
 from ._types import Charuco, Chessboard, FoundBoard, Target
@@ -110,14 +111,8 @@ def _right_way_up(grey: Grey, grid: FloatArray, target: Chessboard) -> FloatArra
     centres = (wide[:-1, :-1] + wide[1:, :-1] + wide[:-1, 1:] + wide[1:, 1:]) / 4
     row, column = np.mgrid[0 : rows + 3, 0 : columns + 3]
     sign = np.where((row + column) % 2 == 0, -1.0, 1.0)  # black where the board's first square is
-    sampled = cv2.remap(  # type: ignore[call-overload]  # one map of pairs is not in the stubs
-        grey,
-        centres.reshape(-1, 1, 2).astype(np.float32),
-        None,
-        cv2.INTER_LINEAR,
-        borderMode=cv2.BORDER_REPLICATE,
-    )
-    brightness = np.asarray(sampled, dtype=np.float64).reshape(row.shape)
+    sampled = sample_picture(grey, centres[..., 0], centres[..., 1], cv2.BORDER_REPLICATE)
+    brightness = sampled.astype(np.float64)
     height, width = grey.shape
     seen = np.all((centres > 0) & (centres < (width - 1, height - 1)), axis=2)
 
