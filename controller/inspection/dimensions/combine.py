@@ -179,13 +179,13 @@ def _chosen(
     vector, shares = _mean(used, settings)
     is_twice = _has_two(used, settings)
     is_sure = is_proven = is_twice or any(e.look.lamp == BACKLIT for e in used)
-    if not is_proven and _is_outvoted(used, estimates, vector):
-        return None
-    if not parts and not is_proven:
-        confirming, against = _beside(used, estimates, vector, settings)
-        if against:
+    if not is_proven:
+        if _is_outvoted(used, estimates, vector):
             return None
-        is_sure = confirming
+        if not parts:
+            is_sure, is_contradicted = _beside(used, estimates, vector, settings)
+            if is_contradicted:
+                return None
     if (not is_sure or any(e.is_part for e in used)) and LIGHT in shares:
         # nothing confirms that the edge under the lamp is the part's and not its shadow's
         shares[LIGHT] = shares[LIGHT] * settings.unconfirmed_light**2
