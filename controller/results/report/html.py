@@ -23,9 +23,9 @@ from .pictures import QUALITIES, Pictures, Quality
 from .signed import MAX_LOOKS, PartSheets, make_sheets
 
 # A page must pass mail gateways; pictures may take this much of it.
-MANY_PARTS: Final = 10  # more make a page too long for every look at what has passed
 MAX_BYTES = 10_000_000
 PICTURE_BYTES = 8_000_000
+MANY_PARTS: Final = 10  # more make a page too long for every look at what has passed
 LOG_ROWS = 3000
 NO_CAD: Final = "no CAD model was given to this report"
 TEMPLATES = ("report.html.j2", "part.html.j2", "signed.html.j2", "report.css")
