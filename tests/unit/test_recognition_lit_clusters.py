@@ -26,7 +26,7 @@ from controller.recognition.identification.hypotheses import Hypothesis, SearchL
 from controller.recognition.identification.lit.choice import Place
 from controller.recognition.identification.lit.fits import LitCluster, LitFit
 from controller.recognition.identification.lit.parts import is_detail, sure_beside_unknown
-from controller.recognition.identification.lit.search import Search
+from controller.recognition.identification.lit.search import Search, tipped
 from controller.recognition.library import Candidate
 from controller.recognition.segmentation import Region, joined, near_ones
 
@@ -126,6 +126,41 @@ def test_a_part_that_leans_on_another_is_named_with_its_tilt_and_what_it_lies_on
     assert tilt < 1.0
     assert_placed(bar, "bar", T_bar)
     assert (bar.lies_on, bar.is_covered) == ((), True)
+
+
+def test_before_a_light_table_a_lamp_tells_what_leans_on_a_part() -> None:
+    on_side = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # 16 mm high, 8 mm wide
+    T_bar = resting(solid("bar"), on_side, 15.0, 0.0, np.pi / 2)
+    T_plate = leaning("plate", -11.0, 11.0, 16.0)  # by 17 degrees
+    scene = trimesh.util.concatenate(
+        [placed(solid(name).mesh, T) for name, T in (("bar", T_bar), ("plate", T_plate))]
+    )
+    renderer = Renderer(Scene(scene, None, TABLE), CAMERA)
+    panel, ring = renderer.backlit(), renderer.lit(RING)
+
+    by_panel = recognise(panel, CAMERA, library(), "backlit").sightings
+    assert sorted(str(one.part) for one in by_panel) == ["None", "bar"]
+
+    seen = recognise(panel, CAMERA, library(), "backlit", lit=[ring]).sightings
+    numbers = {one.part: k for k, one in enumerate(seen)}
+    plate, bar = seen[numbers["plate"]], seen[numbers["bar"]]
+    assert_placed(plate, "plate", T_plate)
+    assert_placed(bar, "bar", T_bar)
+    assert (plate.lies_on, plate.is_covered) == ((numbers["bar"],), False)
+    assert (bar.lies_on, bar.is_covered) == ((), True)
+
+
+def test_a_pose_is_tipped_where_the_camera_sees_it_with_its_lowest_point_on_the_table() -> None:
+    T_flat, tilt = flat("plate", -60.0, 30.0), np.radians(10.0)
+    model = edge_model(solid("plate"))
+    T = tipped(model, T_flat, np.array([1.0, 0.0]), tilt, CAMERA)
+    corners = np.array([[x, y, z] for x in (-30.0, 30) for y in (-20.0, 20) for z in (-5.0, 5)])
+    before, after = (trimesh.transform_points(corners, one) for one in (T_flat, T))
+    assert after[:, 2].min() == pytest.approx(0.0, abs=1e-6)
+    assert np.ptp(after[:, 2]) == pytest.approx(60 * np.sin(tilt) + 10 * np.cos(tilt), abs=1e-6)
+    assert after[after[:, 0].argmax(), 2] > after[after[:, 0].argmin(), 2]
+    seen = [CAMERA.project(points.mean(axis=0)[None])[0] for points in (before, after)]
+    assert seen[0] == pytest.approx(seen[1], abs=1.0)
 
 
 def test_what_touches_a_known_part_under_lamps_and_is_none_stays_unknown() -> None:

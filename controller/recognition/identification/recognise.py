@@ -39,6 +39,7 @@ LEFT_OVER = "touches known parts, but is none of them as far as it is seen; move
 WHOLE = 0.95  # of an outline's length, that the part itself explains
 BESIDE_MM = 3.0  # from the outline of a part that is named, farther off is something else's,
 ANOTHER_MM = 12.0  # if so much of the cluster's outer outline is
+LARGER = 1.1  # than any known silhouette: it is several parts, or something unknown
 CROWD = 0.15  # in the index: of silhouettes seen, the view they are of was within 0.13
 CROWDED_VIEWS = 400  # compared turn by turn in a crowd: 10 to 16 ms
 FAR_BACKLIT = 0.6  # in the index: a whole silhouette finds its like nearby
@@ -81,7 +82,8 @@ def recognise(
     lighting : a light table, lamps above a matt one, or "auto" to tell from the picture
     usable : (height, width) where parts may lie (the backlit area); elsewhere nothing is seen
     lit : pictures of the same scene under other lamps. Before a light table they decide what
-        silhouettes cannot; under lamps all pictures are judged as one
+        silhouettes cannot, parts that lie on others among it; under lamps all pictures are judged
+        as one
     limits : how much is tried and how much has to agree; None for the defaults
 
     Raises
@@ -111,6 +113,11 @@ def recognise(
             parts = parts_of(region, inner, camera, library, usable, least_px, limits.search)
             if answers[0][0].part is None or len(parts) > 1:
                 answers = _of_parts(parts, camera, library, pixel_mm2) or answers
+            is_too_large = region.area_px * pixel_mm2 > LARGER * library.index.area_mm2.max()
+            if lit and _named(answers) < len(answers) and (_named(answers) or is_too_large):
+                answers = _seen_under_lamps(
+                    region, answers, lit, camera, library, usable, pixel_mm2, limits
+                )
         every.append((region, answers))
     if not is_backlit:
         every = _taken_apart(every, inner, camera, library, usable, pixel_mm2, limits)
@@ -185,6 +192,39 @@ def _may_be_several(sighting: Sighting, trace: Trace, mm_per_px: float) -> bool:
     # the loop has a point each pixel
     is_beside = np.asarray(far * mm_per_px > BESIDE_MM)
     return float(is_beside.sum()) * mm_per_px > ANOTHER_MM
+
+
+def _named(answers: Sequence[tuple[Sighting, Trace]]) -> int:
+    """Return how many parts are named."""
+    return sum(seen.part is not None for seen, _ in answers)
+
+
+def _seen_under_lamps(
+    region: Region,
+    answers: list[tuple[Sighting, Trace]],
+    lit: Sequence[Grey],
+    camera: Camera,
+    library: Library,
+    usable: BoolArray | None,
+    pixel_mm2: float,
+    limits: RecognitionLimits,
+) -> list[tuple[Sighting, Trace]]:
+    """Return a backlit cluster as lamps show it, where that names more: what leans on a part.
+
+    A silhouette cannot tell which of two parts is above the other, and one that leans has not the
+    outline of any stable pose.
+    """
+    pictures = (brightest_of(lit), *lit)
+    least_px = limits.min_area_mm2 / pixel_mm2
+    known = [_best_of(seen, trace) for seen, trace in answers if seen.part is not None]
+    parts = parts_of_lit(region, pictures, camera, library, usable, least_px, limits.search, known)
+    under_lamps = _of_parts(parts, camera, library, pixel_mm2)
+    return under_lamps if _named(under_lamps) > len(known) else answers
+
+
+def _best_of(sighting: Sighting, trace: Trace) -> Hypothesis:
+    """Return the hypothesis that a sighting was named by."""
+    return next(h for h in trace.hypotheses if h.fit.T_world_part is sighting.T_world_part)
 
 
 def _taken_apart(

@@ -15,13 +15,14 @@ from controller.imaging import Camera
 
 from ...fitting import ImageEdges, is_predicted
 from ...library import Library
+from ...partial import are_one_place
 from ...segmentation import Region
 from ..decide import Decision
-from ..hypotheses import SearchLimits
+from ..hypotheses import Hypothesis, SearchLimits
 from ..touching import PartialSighting, cut_out, within
 from .choice import Place, chosen
 from .fits import LitFit
-from .search import Proposed, Search
+from .search import SAME_SHADOW, Proposed, Search
 
 MAX_ROUNDS = 3
 RIM_PX = 5  # round a part's shadow, what is left there is its rim
@@ -45,6 +46,7 @@ def parts_of_lit(
     usable: BoolArray | None,
     least_px: float,
     limits: SearchLimits,
+    known: Sequence[Hypothesis] = (),
 ) -> tuple[PartialSighting, ...]:
     """Return the parts of a cluster under lamps, and what they leave; nothing if none is sure.
 
@@ -57,23 +59,27 @@ def parts_of_lit(
     usable : (height, width) where parts may lie; None for everywhere
     least_px : of the picture's pixels, below which what is left is no object
     limits : how much is tried
+    known : parts of it that lie flat on the table, as a look before a light table names them
     """
     search = Search(region, pictures, camera, library, usable, limits)
     proposed = search.proposed([region], is_first=True)
-    fits = search.with_flat((), proposed)
+    named = search.fitted(known)
+    fits = search.with_flat(named, proposed)
     places = chosen(fits, search, library)
-    if not places:
+    there = _with(places, named)
+    if not there:
         return ()
-    count, fits = len(fits), search.with_leaning(fits, (), [place.fit for place in places])
+    count, fits = len(fits), search.with_leaning(fits, (), there)
     if len(fits) > count:
         places = chosen(fits, search, library)
     for _ in range(1, MAX_ROUNDS):
-        pieces = pieces_left([place.fit for place in places], search, least_px)
+        there = _with(places, named)
+        pieces = pieces_left(there, search, least_px)
         if not pieces:
             break
         proposed = search.proposed(pieces, is_first=False)
         count, fits = len(fits), search.with_flat(fits, proposed)
-        fits = search.with_leaning(fits, proposed, [place.fit for place in places])
+        fits = search.with_leaning(fits, proposed, there)
         if len(fits) == count:  # of the same fits the same places are chosen
             break
         before, places = len(places), chosen(fits, search, library)
@@ -83,6 +89,12 @@ def parts_of_lit(
     if len(fits) > count:
         places = chosen(fits, search, library)
     return _sightings(places, search, least_px)
+
+
+def _with(places: Sequence[Place], named: Sequence[LitFit]) -> list[LitFit]:
+    """Return what seems to be there, and what is named where nothing seems to be."""
+    there = [place.fit for place in places]
+    return there + [f for f in named if not any(are_one_place(f, o, SAME_SHADOW) for o in there)]
 
 
 def _looking_like(places: Sequence[Place], search: Search) -> list[Proposed]:

@@ -8,12 +8,13 @@ fitted with any tilt, from those that lie flat.
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
+import cv2
 import numpy as np
 
 from controller.arrays import BoolArray, FloatArray, Grey
-from controller.imaging import Camera
+from controller.imaging import Camera, transform
 
-from ...fitting import EdgeFit, FitOptions, Prior, at_rest, fit_edges
+from ...fitting import EdgeFit, EdgeModel, FitOptions, Prior, at_rest, fit_edges
 from ...library import (
     Candidate,
     Library,
@@ -47,6 +48,7 @@ SAME_PLACE_MM = 2.0
 IN_REGION = 0.35  # of a part's shadow, on what was cut out
 LEANS = Prior((np.inf, np.inf, 6.0), (0.15, 0.15, np.inf))  # of each round of a fit
 ON_TABLE = Prior((np.inf, np.inf, 0.3), (0.1, 0.1, np.inf))  # its lowest point is there
+TIPPED_RAD = np.radians((6.0, 12.0, 18.0))  # towards what bears it, where such a fit begins
 LEANING_STEPS = 4  # of a fit: as a part tilts, another point of it becomes the lowest
 SETTLED_MM = 0.15  # off the table, from which the lowest point is on it
 MIN_TILT_RAD, MAX_TILT_RAD = np.radians(2.5), np.radians(30.0)
@@ -161,6 +163,23 @@ class Search:
                 out.append(fit)
         return out
 
+    def fitted(self, known: Sequence[Hypothesis]) -> list[LitFit]:
+        """Return parts that a look before a light table names, fitted here, as likely as there.
+
+        Parameters
+        ----------
+        known : flat on the table; something may lie on them
+        """
+        found = []
+        for h in known:
+            x_mm, y_mm = h.place_mm
+            c = Candidate(h.part, h.pose, h.theta_rad, float(x_mm), float(y_mm), h.overlap, 0.0)
+            fit = self._fine(c, h.fit.T_world_part)
+            if fit is not None:
+                self._alone[fit] = h.probability
+                found.append(fit)
+        return found
+
     def with_leaning(
         self, fits: Sequence[LitFit], proposed: Sequence[Proposed], there: Sequence[LitFit]
     ) -> list[LitFit]:
@@ -182,7 +201,7 @@ class Search:
         starts += [(c, None, list(there)) for c, _ in proposed[:MAX_LEANING]]
         out = list(fits)
         for c, T, others in starts:
-            fit = self._leaning(c, T)
+            fit = self._leaning(c, T, others)
             if fit is None or not self._is_likely(fit):
                 continue
             leaning = (o for o in out if o.leans)
@@ -273,16 +292,21 @@ class Search:
             return None
         return LitFit(c, model, fit, self.cluster, leans=leaning is not None)
 
-    def _leaning(self, c: Candidate, T: FloatArray | None) -> LitFit | None:
+    def _leaning(
+        self, c: Candidate, T: FloatArray | None, there: Sequence[LitFit]
+    ) -> LitFit | None:
         """Return a candidate fitted as it leans on another part, from a pose or as it lies flat."""
         model = self._library.model(c.part)
         reach_px = tuple(self._reach_px(c, mm) for mm in LEANS_FAR_MM)
         options = FitOptions(reach_px, steps=4, prior=LEANS, most=COARSE_SAMPLES)
-        start = self._flat(c) if T is None else T
-        coarse = fit_edges(model, start, self.cluster.camera, self.cluster.grey, options)
-        if coarse is None or coarse_score(coarse) < COARSE_SHARE:
+        found, best = None, COARSE_SHARE
+        for start in self._leaning_starts(model, self._flat(c) if T is None else T, there):
+            coarse = fit_edges(model, start, self.cluster.camera, self.cluster.grey, options)
+            if coarse is not None and coarse_score(coarse) >= best:
+                found = LitFit(c, model, coarse, self.cluster, leans=True)
+                best = coarse_score(coarse)
+        if found is None:
             return None
-        found = LitFit(c, model, coarse, self.cluster, leans=True)
         for _ in range(LEANING_STEPS):
             on_table = found.T.copy()
             on_table[2, 3] -= found.span_mm[0]
@@ -296,6 +320,20 @@ class Search:
         tilt = float(np.arccos(np.clip((found.T[:3, :3] @ R.T)[2, 2], -1.0, 1.0)))
         is_leaning = MIN_TILT_RAD < tilt < MAX_TILT_RAD and abs(found.span_mm[0]) < MAX_LOW_MM
         return found if is_leaning else None
+
+    def _leaning_starts(
+        self, model: EdgeModel, flat: FloatArray, there: Sequence[LitFit]
+    ) -> Iterator[FloatArray]:
+        """Yield where a leaning pose is sought from: flat, and tipped towards each part near it."""
+        yield flat
+        middle, reach_mm = _middle_and_reach(model, flat)
+        for other in there:
+            theirs, their_reach_mm = _middle_and_reach(other.model, other.T)
+            towards = theirs[:2] - middle[:2]
+            away_mm = float(np.linalg.norm(towards))
+            if 0.0 < away_mm < reach_mm + their_reach_mm:
+                for tilt_rad in TIPPED_RAD:
+                    yield tipped(model, flat, towards / away_mm, tilt_rad, self.cluster.camera)
 
     def _flat(self, c: Candidate) -> FloatArray:
         pose = self._library.entries[c.part].pose(c.pose)
@@ -318,6 +356,40 @@ class Search:
             return False
         R = entry.pose(a.pose).R
         return is_same_turn(turn_of(R, T_a), turn_of(R, T_b), entry.turns_of(a.pose))
+
+
+def _middle_and_reach(model: EdgeModel, T: FloatArray) -> tuple[FloatArray, float]:
+    """Return the middle (3,) of a posed part, and how far from it the part reaches on the table."""
+    points = transform(T, model.start_mm)
+    middle = (points.min(axis=0) + points.max(axis=0)) / 2
+    return middle, float(np.linalg.norm((points - middle)[:, :2], axis=1).max())
+
+
+def tipped(
+    model: EdgeModel, T: FloatArray, towards: FloatArray, tilt_rad: float, camera: Camera
+) -> FloatArray:
+    """Return a pose (4, 4) tipped up on one side, its lowest point on the table.
+
+    The middle of the part stays where the camera sees it.
+
+    Parameters
+    ----------
+    model : of the part
+    T : T_world_part before
+    towards : (2,) unit direction on the table, of the side that is lifted
+    tilt_rad : by which the part is turned
+    camera : overhead
+    """
+    before, _ = _middle_and_reach(model, T)
+    axis = tilt_rad * np.array([towards[1], -towards[0], 0.0])
+    out = np.eye(4)
+    out[:3, :3] = cv2.Rodrigues(axis)[0] @ T[:3, :3]
+    out[2, 3] = -float(transform(out, model.start_mm)[:, 2].min())
+    after, _ = _middle_and_reach(model, out)
+    eye = camera.position_mm
+    nearer = (eye[2] - after[2]) / (eye[2] - before[2])
+    out[:2, 3] += eye[:2] + nearer * (before[:2] - eye[:2]) - after[:2]
+    return out
 
 
 def widened(region: Region, margin_px: int, shape: tuple[int, int]) -> Region:
