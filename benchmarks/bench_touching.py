@@ -1,13 +1,15 @@
 """How right and how exact recognition is where parts touch each other or leave the picture.
 
-python benchmarks/bench_touching.py --set FOLDER... --parts PATH... [--json] [--keep FOLDER]
+python benchmarks/bench_touching.py --set FOLDER... --parts PATH... [--lamps 3] [--checkout FOLDER]
+    [--json] [--keep FOLDER]
 
 A set is a folder of pictures that `trace_pictures.py --scene touching`, `--scene overlapping` or
 `--scene leaving` made, backlit or under lamps: its truth.json has the `free_share` of each object,
 what of its outline nothing covers. A part that lies on others is right if it leans as answered.
 Drives `cellctl recognise` as its users do; what counts as right: `recognition_judge`, alternatives
 included. Objects of which less than 70 % is free are counted apart. A false name is a known
-part's name for another part, for a stranger or for nothing.
+part's name for another part, for a stranger or for nothing. With `--lamps N` the pictures of a
+scene that `trace_pictures.py --lamps N` made are judged N together.
 """
 
 from __future__ import annotations
@@ -112,7 +114,7 @@ def _part(known: Sequence[Verdict], exact_mm: float) -> dict[str, Any]:
 def measure(folder: Path, args: argparse.Namespace, scratch: Path) -> dict[str, Any]:
     """Return the figures of one set, by light."""
     pictures = read_set(folder, args, scratch)
-    bench = Bench(pictures, args, ROOT)
+    bench = Bench(pictures, args, (args.checkout or ROOT).resolve())
     shares = free_shares(pictures.truth)
     result: dict[str, Any] = {}
     for light in LIGHT.values():
@@ -121,17 +123,18 @@ def measure(folder: Path, args: argparse.Namespace, scratch: Path) -> dict[str, 
             continue
         told = bench.answers(OURS, light, images)
         bench.keep(OURS, light, told)
+        scenes = images[:: bench.lamps(light)]
         lying, exact_mm = lying_ones(pictures.truth), EXACT_MM[light]
-        result[light] = described(bench.judge(told, images), shares, lying, exact_mm) | {
-            "pictures": len(images),
-            "costs": bench.costs(told, images),
+        result[light] = described(bench.judge(told, scenes), shares, lying, exact_mm) | {
+            "scenes": len(scenes),
+            "costs": bench.costs(told, scenes),
         }
     return result
 
 
 def print_set(name: str, light: str, body: dict[str, Any]) -> None:
     """Print what a set came to."""
-    print(f"{name}, {light}: {body['pictures']} pictures")
+    print(f"{name}, {light}: {body['scenes']} scenes")
     groups = {
         "free": "70 % free and more",
         "free_on_table": "of these on the table",
@@ -152,7 +155,7 @@ def print_set(name: str, light: str, body: dict[str, Any]) -> None:
         f"{body['strangers_named']}); wrong poses: {body['wrong_poses']}"
     )
     picture = body["costs"]["picture_ms"]
-    print(f"  a picture: median {picture['median']:.0f} ms, 95 % {picture['p95']:.0f} ms")
+    print(f"  a scene: median {picture['median']:.0f} ms, 95 % {picture['p95']:.0f} ms")
     for row in body["failures"]:
         free = row["free_share"]
         print(
@@ -171,7 +174,8 @@ def main() -> int:
     parser.add_argument("--keep", type=Path, help="folder for the answers themselves")
     parser.add_argument("--calibration", type=Path, help="camera; by the set's boards otherwise")
     parser.add_argument("--lo-calibration", type=Path, default=None, help=argparse.SUPPRESS)
-    parser.set_defaults(lamps=1)  # one picture of each scene
+    parser.add_argument("--lamps", type=int, default=1, help="pictures of one scene, under lamps")
+    parser.add_argument("--checkout", type=Path, help="whose cellctl is run; this one otherwise")
     parser.add_argument("--all-cores", action="store_true", help="instead of one")
     args = parser.parse_args()
     result = {}
