@@ -100,3 +100,26 @@ def test_leaves_leave_out_no_pair_that_is_alike() -> None:
     # single precision may decide otherwise between two that are as near
     assert len(expected) > 100
     assert len(expected ^ found) <= 0.01 * len(expected)
+
+
+def test_of_very_many_pairs_the_most_alike_are_returned() -> None:
+    rng = np.random.default_rng(11)
+    turns = np.linspace(0, 2 * np.pi, 192, endpoint=False)
+    harmonics = np.arange(2, 9)
+    phases, sizes = rng.uniform(0, 6.3, (300, 7, 1)), rng.normal(0.0, 2.0, (300, 7)) / harmonics
+    ripples = np.cos(harmonics[None, :, None] * turns + phases)
+    radius = 25.0 + np.einsum("vh,vht->vt", sizes, ripples)
+    views = radius[..., None] * np.column_stack([np.cos(turns), np.sin(turns)])
+    leaves = stretch_index(views.astype(np.float16)).by_length[0]
+    every = [np.ones(192, dtype=np.bool_)]
+    observed = observed_stretches([views[7]], every, every, LENGTH_MM, 1.0)
+    a, b = observed.shape.astype(np.float64), leaves.stretches.shape.astype(np.float64)
+    far = np.sqrt(((a[:, None] - b[None]) ** 2).sum(axis=2))
+    padded = np.pad(far, ((1, 1), (0, 0)), constant_values=np.inf)
+    best = np.where((far <= padded[:-2]) & (far <= padded[2:]), far, np.inf)
+    most = 60
+    mine, theirs = like(observed, leaves, 1.5, most)
+    assert (best < 1.5).sum() > 20 * most  # or there was nothing to choose among
+    assert len(mine) == most
+    # single precision may decide otherwise between two that are as near
+    assert far[mine, theirs].max() < np.sort(best, axis=None)[most] + 1e-3

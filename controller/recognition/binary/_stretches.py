@@ -27,6 +27,10 @@ LEAVES_AT_ONCE = 512
 SAMPLED = 8  # one leaf in so many shows how alike the most alike pairs are
 LIKELY = 8  # times as many pairs as are wanted: of neighbours only the best one counts
 MAX_FOR_BASIS = 20000
+SLACK = 1.0 + 1e-3  # of bounds, for what single precision leaves out
+
+# a leaf, the observed stretches that may have one alike there, their squared distance from it
+NearLeaf = tuple[int, IntArray, Float32Array]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -263,7 +267,8 @@ def like(observed: Stretches, views: Leaves, near_mm: float, most: int) -> tuple
     likely = 2 * LIKELY * most // SAMPLED
     if len(some) > likely:  # what is less alike than so many is among the most only by chance
         level = float(np.partition(some, -likely // 2)[-likely // 2])
-        key, found = _best_of_neighbours(*_levels(observed, views, near, level))
+        nearer = list(_nearer(near, float(np.sqrt(-2.0 * level))))
+        key, found = _best_of_neighbours(*_levels(observed, views, nearer, level))
     if len(some) <= likely or len(found) < most:
         key, found = _best_of_neighbours(*_levels(observed, views, near, least))
     if len(found) > most:
@@ -274,7 +279,7 @@ def like(observed: Stretches, views: Leaves, near_mm: float, most: int) -> tuple
 
 
 def _levels(
-    observed: Stretches, views: Leaves, near: Sequence[tuple[int, IntArray]], least: float
+    observed: Stretches, views: Leaves, near: Sequence[NearLeaf], least: float
 ) -> tuple[IntArray, Float32Array]:
     """Return the pairs of stretches above a level, and theirs: half the squared distance, below 0.
 
@@ -285,7 +290,7 @@ def _levels(
     rows = np.column_stack([a, -0.5 * (a**2).sum(axis=1), np.ones(len(a), np.float32)])
     keys: list[NDArray[np.int64]] = [np.zeros(0, np.int64)]
     levels: list[Float32Array] = [np.zeros(0, np.float32)]
-    for number, asked in near:
+    for number, asked, _ in near:
         begin, end = views.ends[number : number + 2]
         level = (views.columns[begin:end] @ rows[asked].T).ravel()
         at = np.flatnonzero(level > least)
@@ -304,20 +309,26 @@ def _best_of_neighbours(key: IntArray, level: Float32Array) -> tuple[IntArray, F
     return key[best], level[best]
 
 
-def _near_leaves(
-    observed: Stretches, views: Leaves, near_mm: float
-) -> Iterator[tuple[int, IntArray]]:
+def _near_leaves(observed: Stretches, views: Leaves, near_mm: float) -> Iterator[NearLeaf]:
     """Yield leaves in order, each with the observed stretches that may have one alike there."""
     if len(observed.shape) == 0:
         return
     places = (observed.shape - views.mean) @ views.basis
-    slack = 1.0 + 1e-3  # for what single precision leaves out
     for begin in range(0, len(views.low), LEAVES_AT_ONCE):
         low, high = (b[begin : begin + LEAVES_AT_ONCE] for b in (views.low, views.high))
         away2 = np.zeros((len(low), len(places)), np.float32)
         for k in range(DIMENSIONS):
             away = np.maximum(low[:, k, None] - places[:, k], places[:, k] - high[:, k, None])
             away2 += np.maximum(away, 0.0) ** 2
-        near = away2 < (slack * near_mm) ** 2
+        near = away2 < (SLACK * near_mm) ** 2
         for row in np.flatnonzero(near.any(axis=1)).tolist():
-            yield begin + row, np.flatnonzero(near[row])
+            asked = np.flatnonzero(near[row])
+            yield begin + row, asked, away2[row, asked]
+
+
+def _nearer(near: Sequence[NearLeaf], near_mm: float) -> Iterator[NearLeaf]:
+    """Yield those of `_near_leaves` that are nearer, with the stretches that they are nearer to."""
+    for number, asked, away2 in near:
+        is_near = away2 < (SLACK * near_mm) ** 2
+        if is_near.any():
+            yield number, asked[is_near], away2[is_near]

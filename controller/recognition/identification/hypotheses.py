@@ -32,6 +32,7 @@ from ..fitting import (
     with_inside,
 )
 from ..library import Candidate, Library, place_of, pose_on_table, turn_of
+from ..partial import Cluster, predicted_shares, shares_met
 from .cutout import ObjectCutout
 from .scores import (
     FRONT,
@@ -55,6 +56,11 @@ class SearchLimits:
     ----------
     max_coarse, max_lit : candidates fitted coarsely: to an outline, which is soon done; under
         lamps, where lines propose others
+    least_met, least_predicted : share of its outline by which a view has to meet a backlit one,
+        and its part predicted there, to be fitted: of 47 that fit the least were 0.90 and 0.98
+    far_mm : by which a view's place may be off, that its outline is still asked at all
+    least_coarse : coarse score below which a backlit outline's candidate is fitted in full only
+        to say what came nearest: those of right answers had 0.87 and more
     sure_coarse : coarse score from which a candidate is fitted in full at once
     max_crowded : of a backlit outline that many views are like, and none of the first ones fits
     max_fine : of the others, the best ones, if none fits perfectly
@@ -75,6 +81,10 @@ class SearchLimits:
     max_coarse: int = 14
     max_lit: int = 9
     max_crowded: int = 40
+    least_met: float = 0.8
+    least_predicted: float = 0.88
+    far_mm: float = 4.0
+    least_coarse: float = 0.7
     sure_coarse: float = 0.8
     max_fine: int = 4
     coarse_samples: int = 300
@@ -144,7 +154,10 @@ def weigh(
     held: list[tuple[float, Candidate, EdgeFit]] = []
     bound, lead = -np.inf, 0.0
     most = limits.max_coarse if cutout.is_backlit else limits.max_lit
-    for candidate in islice(_distinct_ones(candidates, library), most):
+    likely: Iterator[Candidate] = islice(_distinct_ones(candidates, library), most)
+    if cutout.is_backlit:
+        likely = _that_may_fit(likely, cutout, camera, library, limits)
+    for candidate in likely:
         if candidate.overlap < bound:
             break  # one fits perfectly, and this one's outline is another
         worth = limits.coarse_share * lead if lead >= limits.sure_coarse else 0.0
@@ -166,6 +179,8 @@ def weigh(
         for score, candidate, coarse in held[: limits.max_fine]:
             if score < limits.coarse_share * held[0][0]:
                 break
+            if cutout.is_backlit and fine and score < limits.least_coarse:
+                break  # it cannot be the answer, and another one says what came nearest
             refined = _refine(candidate, coarse, cutout, camera, library, limits, source)
             if refined is not None:
                 fine.append(refined)
@@ -227,6 +242,35 @@ def _distinct_ones(candidates: Sequence[Candidate], library: Library) -> Iterato
         if not any(is_same_reading(k, c, library, 4 * SAME_PLACE_MM) for k in kept):
             kept.append(c)
             yield c
+
+
+def _that_may_fit(
+    candidates: Iterator[Candidate],
+    cutout: ObjectCutout,
+    camera: Camera,
+    library: Library,
+    limits: SearchLimits,
+) -> Iterator[Candidate]:
+    """Yield the first candidate, which mostly is the right one, and the others that may fit.
+
+    If none of these may, then the one that comes nearest, for the reason why nothing does.
+    """
+    yield from islice(candidates, 1)
+    others = list(candidates)
+    if not others:
+        return
+    outline = Cluster(cutout.region, camera)
+    if len(outline.points_px) == 0:
+        yield from others
+        return
+    met = shares_met(others, outline, library, limits.first_reach_mm)
+    # far from its place a tall part's view is another one
+    met[[c.slack_mm > limits.far_mm for c in others]] = 1.0
+    least = min(limits.least_met, float(met.max()))
+    likely = [c for c, share in zip(others, met.tolist(), strict=True) if share >= least]
+    found, _ = predicted_shares(likely, outline, library, limits.first_reach_mm)
+    least = min(limits.least_predicted, float(found.max()))
+    yield from (c for c, share in zip(likely, found.tolist(), strict=True) if share >= least)
 
 
 def is_tried(

@@ -6,6 +6,7 @@ its turn. Both are coordinates of one space in which a k-d tree finds the neares
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,8 @@ SIZE_WEIGHT = 1.0  # of a relative difference in area, beside that of the outlin
 PERIMETER_WEIGHT = 0.3  # it trembles with pixels and dirt, so it counts for less
 MAX_FOR_BASIS = 4000
 FEW_VIEWS = 48  # compared turn by turn: 1 to 2 ms
+ROUND_SHARE = 0.02  # of its radius, by which a round outline's radius varies
+ROUND_AT_ONCE = 2000
 OTHER_SHAPE = 0.12  # of overlap: what falls so far short of the best view is not looked into
 
 
@@ -55,6 +58,7 @@ class Candidate:
     distance : in the index
     slack_mm : how far off its place may be because the view was made for another one
     silhouette : which of the object's it was found by, where it may have several
+    view : which of the index' it is; -1 where it was not found by one
     """
 
     part: int
@@ -66,6 +70,7 @@ class Candidate:
     distance: float
     slack_mm: float = 0.0
     silhouette: int = 0
+    view: int = -1
 
     @property
     def place_mm(self) -> FloatArray:
@@ -100,6 +105,18 @@ class ViewIndex:
         self._mean, self._basis = self._principal(views)
         shapes = np.concatenate([self._project(v.shapes) for v in views])
         self._tree = cKDTree(self._point(shapes, self.area_mm2, self._perimeter_mm))
+
+    @cached_property
+    def is_round(self) -> BoolArray:
+        """(n,) whose outer outline is a circle's, as far as its samples tell."""
+        out = np.zeros(self.view_count, dtype=np.bool_)
+        for begin in range(0, self.view_count, ROUND_AT_ONCE):
+            outer = self.outer_mm[begin : begin + ROUND_AT_ONCE].astype(np.float64)
+            radius = np.linalg.norm(outer - outer.mean(axis=1, keepdims=True), axis=2)
+            out[begin : begin + ROUND_AT_ONCE] = np.ptp(radius, axis=1) < ROUND_SHARE * radius.mean(
+                axis=1
+            )
+        return out
 
     @property
     def view_count(self) -> int:
@@ -270,10 +287,11 @@ class ViewIndex:
             overlap[near],
             distance[row[near]],
             apart[near] * self.lean[view],
+            view,
         )
         return [
-            Candidate(part, pose, turned, x, y, score, far, slack, silhouette)
-            for part, pose, turned, x, y, score, far, slack in zip(
+            Candidate(part, pose, turned, x, y, score, far, slack, silhouette, which)
+            for part, pose, turned, x, y, score, far, slack, which in zip(
                 *(column.tolist() for column in columns), strict=True
             )
         ]

@@ -4,6 +4,7 @@ from .candidates import propose_partial
 from .cluster import CELL_PX, Cluster
 from .fits import PartialFit, fit_partial
 from .parts import Explained, PartialLimits, Place, explain_cluster
+from .planar import predicted_shares, shares_met
 from .together import are_one_place, best_set, by_place
 
 __all__ = [
@@ -18,5 +19,7 @@ __all__ = [
     "by_place",
     "explain_cluster",
     "fit_partial",
+    "predicted_shares",
     "propose_partial",
+    "shares_met",
 ]

@@ -8,20 +8,21 @@ from controller.arrays import BoolArray, FloatArray, IntArray
 
 from ..binary import STRETCHES_MM, like, observed_stretches
 from ..library import Candidate, Library
-from .cluster import BEYOND, OUTSIDE, Cluster
+from .cluster import Cluster
 
 STEP_MM = 1.0  # between the anchors that are tried
 NEAR_MM = (0.6, 1.0)  # of stretches, by their length
 MAX_PAIR_COUNT = 40000  # of one length
+BLOCK = 1000  # poses weighed at a time: their samples stay in the processor's cache
 LOOK_SAMPLES, SAMPLES = 24, 96  # of a view's outline: many poses, then few
 LOOK_SHARE = 0.25  # of the first samples that have to be found
+MAX_WEIGHED = 1500  # by the first samples, of which some 70 are wanted by all of them
 SAME_NORMAL = 0.6  # cosine
 FOUND_MM = 1.1  # from the outline: a view's raster, and what perspective leaves of it
 SLACK_SHARE = 0.6  # of how far off its place may be, so much may be an outline's point
 MAX_SLACK_MM = 6.0
 MIN_FOUND = 0.4  # of a view's outline
 MAX_OUTSIDE = 0.15
-ROUND_SHARE = 0.02  # of its radius, by which a round outline's radius varies
 ROUND_TURNS = 120
 SAME_MM, SAME_RAD = 6.0, np.radians(8.0)
 PER_POSE = 8  # places of one pose
@@ -59,8 +60,12 @@ def propose_partial(
     """
     poses = _from_stretches(cluster, library, is_open)
     poses = _with_turns(poses, library)
-    found, _ = _weighed(poses, cluster, library, is_open, LOOK_SAMPLES)
-    poses = poses.at(found > LOOK_SHARE)
+    found, outside = _weighed(poses, cluster, library, is_open, LOOK_SAMPLES)
+    likely = np.flatnonzero(found > LOOK_SHARE)
+    if len(likely) > MAX_WEIGHED:
+        score = (found - outside)[likely]
+        likely = likely[np.sort(np.argpartition(-score, MAX_WEIGHED)[:MAX_WEIGHED])]
+    poses = poses.at(likely)
     found, outside = _weighed(poses, cluster, library, is_open, SAMPLES)
     good = (found > MIN_FOUND) & (outside < MAX_OUTSIDE)
     poses, score = poses.at(good), (found - outside)[good]
@@ -99,14 +104,11 @@ def _apart_mm(poses: _Poses, library: Library) -> FloatArray:
 
 def _with_turns(poses: _Poses, library: Library) -> _Poses:
     """Return poses, those of round outlines with holes at all turns: only these show the turn."""
-    views, at = np.unique(poses.view, return_inverse=True)
-    outer = library.index.outer_mm[views].astype(np.float64)
-    middle = outer.mean(axis=1)
-    radius = np.linalg.norm(outer - middle[:, None], axis=2)
-    is_round = (np.ptp(radius, axis=1) < ROUND_SHARE * radius.mean(axis=1))[at]
+    is_round = library.index.is_round[poses.view]
     if not is_round.any():
         return poses
-    round_ones, middle = poses.at(is_round), middle[at][is_round]
+    round_ones = poses.at(is_round)
+    middle = library.index.outer_mm[round_ones.view].astype(np.float64).mean(axis=1)
     # one of each place is enough
     at = np.exp(1j * round_ones.turn_rad) * (middle[:, 0] + 1j * middle[:, 1])
     centre = round_ones.shift_mm + np.column_stack([at.real, at.imag])
@@ -129,29 +131,30 @@ def _weighed(
 ) -> tuple[FloatArray, FloatArray]:
     """Return which shares (n,) of views' outlines are found, and lie where nothing is."""
     found, outside = np.zeros(len(poses.view)), np.zeros(len(poses.view))
+    if len(found) == 0:
+        return found, outside
     slack = _apart_mm(poses, library) * library.index.lean[poses.view]
-    near = FOUND_MM + SLACK_SHARE * np.minimum(slack, MAX_SLACK_MM)
-    for begin in range(0, len(poses.view), 4000):
-        some = slice(begin, begin + 4000)
+    near = (FOUND_MM + SLACK_SHARE * np.minimum(slack, MAX_SLACK_MM)).astype(np.float32)
+    turn = np.exp(1j * poses.turn_rad).astype(np.complex64)[:, None]
+    shift = (poses.shift_mm @ np.array([1.0, 1.0j])).astype(np.complex64)[:, None]
+    own = cluster.map.own(is_open)
+    for begin in range(0, len(poses.view), BLOCK):
+        some = slice(begin, begin + BLOCK)
         views, of = np.unique(poses.view[some], return_inverse=True)
         if count <= LOOK_SAMPLES:
             samples = library.index.looks(views, count)
         else:
             samples = library.index.outline_samples(views, count)
-        points, normals, weight = (kept[of] for kept in samples)
-        c, s = np.cos(poses.turn_rad[some])[:, None], np.sin(poses.turn_rad[some])[:, None]
-        shift_x, shift_y = poses.shift_mm[some].T
-        x, y = points[..., 0], points[..., 1]
-        moved_x, moved_y = c * x - s * y + shift_x[:, None], s * x + c * y + shift_y[:, None]
-        far, nearest, state = cluster.map.look(moved_x, moved_y)
-        close = far < near[some, None]
-        x, y = normals[..., 0], normals[..., 1]
-        their_x, their_y = cluster.map.normals.T
-        agree = their_x[nearest] * (c * x - s * y) + their_y[nearest] * (s * x + c * y)
-        agrees = close & (agree > SAME_NORMAL) & (state != BEYOND) & is_open[nearest]
-        total = np.maximum(weight.sum(axis=1), 1e-9)
-        found[some] = (agrees * weight).sum(axis=1) / total
-        outside[some] = ((~close & (state == OUTSIDE)) * weight).sum(axis=1) / total
+        points, normals = (kept.view(np.complex64)[..., 0][of] for kept in samples[:2])
+        weights = samples[2] / np.maximum(samples[2].sum(axis=1, keepdims=True), np.float32(1e-9))
+        weight = weights[of]
+        points *= turn[some]
+        points += shift[some]
+        normals *= turn[some]
+        away, agree, is_outside = cluster.map.look_along(points, normals, own)
+        close = away < near[some, None]
+        found[some] = np.einsum("ij,ij->i", close & (agree > SAME_NORMAL), weight)
+        outside[some] = np.einsum("ij,ij->i", is_outside & ~close, weight)
     return found, outside
 
 
@@ -188,6 +191,7 @@ def _best(
             float(score[k]),
             0.0,
             float(apart[k] * index.lean[poses.view[k]]),
+            view=int(poses.view[k]),
         )
         for k in kept
     ]

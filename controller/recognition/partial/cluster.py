@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.arrays import BoolArray, FloatArray, IntArray
+from controller.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from controller.imaging import Camera, Contour, signed_area
 
 from ..binary import BinaryTolerances, NoOutlineError, boundary_string
@@ -195,6 +195,52 @@ class NearestMap:
         away_x, away_y = x_mm - x[nearest], y_mm - y[nearest]
         far = np.sqrt(away_x * away_x + away_y * away_y)
         return far, nearest, self._state.ravel()[at]
+
+    def own(self, is_open: BoolArray) -> NDArray[np.complex64]:
+        """Return of each cell the normal of its nearest point as a complex number.
+
+        0 where that is not of the points asked for, and where nothing is known.
+
+        Parameters
+        ----------
+        is_open : (m,) of the outline's points
+        """
+        normals = np.where(is_open, self.normals @ np.array([1.0, 1.0j]), 0.0)
+        of_cells = np.asarray(normals.astype(np.complex64)[self._nearest].ravel())
+        of_cells[self._state.ravel() == BEYOND] = 0.0
+        return of_cells
+
+    @cached_property
+    def _places(self) -> NDArray[np.complex64]:
+        """Of each cell the nearest point as a complex number."""
+        points = (self.points @ np.array([1.0, 1.0j])).astype(np.complex64)
+        return np.asarray(points[self._nearest].ravel())
+
+    def look_along(
+        self,
+        points: NDArray[np.complex64],
+        normals: NDArray[np.complex64],
+        own: NDArray[np.complex64],
+    ) -> tuple[Float32Array, Float32Array, BoolArray]:
+        """Return as `look`, of very many places: distances, cosines of normals, where nothing is.
+
+        Parameters
+        ----------
+        points, normals : (...) on the table, as complex numbers
+        own : of `own`: the normals that are compared with
+        """
+        rows, columns = self._state.shape
+        low = np.complex64(self._low[0] + 1j * self._low[1])
+        cells = ((points - low) * np.float32(1 / CELL_MM)).view(np.float32)
+        cells = np.rint(cells).reshape(*points.shape, 2)
+        column = np.clip(cells[..., 0], 0, columns - 1).astype(np.int32)
+        row = np.clip(cells[..., 1], 0, rows - 1).astype(np.int32)
+        row *= columns
+        row += column
+        away = np.abs(points - self._places.take(row))
+        theirs = own.take(row)
+        agree = theirs.real * normals.real + theirs.imag * normals.imag
+        return away, agree, (self._state.ravel() == OUTSIDE).take(row)
 
 
 def _directed(loop: FloatArray, is_outer: bool) -> FloatArray:

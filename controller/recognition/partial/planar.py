@@ -1,0 +1,191 @@
+"""How much of their outlines parts can have in common with what is seen, many at once.
+
+Outlines are moved in the table plane until they lie on the one that is seen. That lacks what
+perspective makes of another place, but takes a fraction of a fit's time, and what falls far short
+here is not worth one. An outline is that of a view, which asks for no part's mesh, or is predicted
+where the part may lie.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controller.arrays import FloatArray
+
+from ..fitting import predict_outline
+from ..library import Candidate, Library, pose_on_table
+from .cluster import BEYOND, INSIDE, OUTSIDE, Cluster
+
+SAMPLES = 72  # of a view's outline
+PREDICTED = 120  # of one that is predicted
+STEPS = 4
+MIN_REACH_MM = 1.5  # of the last steps
+SAME_NORMAL = 0.5  # cosine; as a fit to an outline has it
+HUBER_MM = 0.3
+NEAR_MM = 0.5  # off by so much counts 0.6
+VIEW_MM = 0.2  # by so much a view's raster may be off,
+SLACK_SHARE = 0.3  # and by this share of how far off its place may be
+MOVED_MM, MOVED_SHARE = 0.1, 0.05  # likewise of one that is predicted
+SURE_MM = 3.0  # off its place by less, a part looks nearly the same
+HOPEFUL = 0.2  # what meets less at first is another part, or lies elsewhere
+COVERED_MM = 0.5  # so far outside an outline the cluster goes on where something covers it
+HELD_MM2 = 1e-6  # so that a motion of which nothing is known is none
+
+
+class _Outlines:
+    """Outlines in the table plane: points, normals away from the part (n, k), what each counts.
+
+    Parameters
+    ----------
+    points, normals : (n, k, 2)
+    weights : (n, k)
+    pivots_mm : (n, 2) what a turn leaves where it is
+    """
+
+    def __init__(
+        self, points: FloatArray, normals: FloatArray, weights: FloatArray, pivots_mm: FloatArray
+    ) -> None:
+        arm = points - pivots_mm[:, None]
+        self.x, self.y = np.ascontiguousarray(np.moveaxis(arm, 2, 0), dtype=np.float64)
+        self.nx, self.ny = np.ascontiguousarray(np.moveaxis(normals, 2, 0), dtype=np.float64)
+        self.weights = weights
+        self.pivots_mm = pivots_mm
+
+
+def shares_met(
+    candidates: Sequence[Candidate], cluster: Cluster, library: Library, reach_mm: float
+) -> FloatArray:
+    """Return which share (n,) of each view's outline can be made to lie on the one seen.
+
+    Parameters
+    ----------
+    candidates : views, each about where it may lie
+    cluster : what is seen
+    library : whose views these are
+    reach_mm : how far off they may lie, what their place adds to it aside
+    """
+    slack = np.array([c.slack_mm for c in candidates])
+    views, of = np.unique([c.view for c in candidates], return_inverse=True)
+    points, normals, weights = (
+        kept[of].astype(np.float64) for kept in library.index.looks(views, SAMPLES)
+    )
+    turn = np.exp(1j * np.array([c.theta_rad for c in candidates]))[:, None]
+    places = np.array([c.place_mm for c in candidates])
+    outlines = _Outlines(
+        places[:, None] + _turned(points, turn), _turned(normals, turn), weights, places
+    )
+    loose = VIEW_MM + SLACK_SHARE * slack
+    return _met(outlines, cluster, reach_mm + 0.5 * slack, loose)[0]
+
+
+def predicted_shares(
+    candidates: Sequence[Candidate], cluster: Cluster, library: Library, reach_mm: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return what `shares_met` does of outlines predicted where parts may lie.
+
+    Where a part's place is uncertain its outline is predicted once more where the first one came
+    to lie, since a tall part looks another there.
+
+    Parameters
+    ----------
+    candidates, cluster, library, reach_mm : as `shares_met`
+
+    Returns
+    -------
+    the share (n,) of each outline that lies on the one seen, and the share that is covered
+    """
+    poses = np.array([[c.x_mm, c.y_mm, c.theta_rad] for c in candidates])
+    slack = np.array([c.slack_mm for c in candidates])
+    found, covered = np.zeros((2, len(poses)))
+    which = np.arange(len(poses))
+    for is_last in (False, True):
+        own = [candidates[k] for k in which.tolist()]
+        outlines = _predicted(own, poses[which], cluster, library)
+        loose = MOVED_MM + MOVED_SHARE * slack[which]
+        met, hidden, moved = _met(outlines, cluster, reach_mm + slack[which], loose)
+        is_better = met >= found[which]
+        found[which] = np.where(is_better, met, found[which])
+        covered[which] = np.where(is_better, hidden, covered[which])
+        poses[which] = poses[which] + moved
+        which = np.flatnonzero((slack > SURE_MM) & (found > HOPEFUL))
+        if is_last or len(which) == 0:
+            break
+    return found, covered
+
+
+def _predicted(
+    candidates: Sequence[Candidate], poses: FloatArray, cluster: Cluster, library: Library
+) -> _Outlines:
+    """Return the outlines of parts in poses (n, 3): x, y [mm] and turn, as shadows on the table."""
+    camera = cluster.camera
+    eye = camera.position_mm
+    found = []
+    for c, (x_mm, y_mm, theta_rad) in zip(candidates, poses.tolist(), strict=True):
+        model, pose = library.model(c.part), library.entries[c.part].pose(c.pose)
+        T = pose_on_table(model, pose, x_mm, y_mm, theta_rad)
+        edges = predict_outline(model, T, camera, PREDICTED)
+        away = edges.points_mm - eye
+        shadow = eye[:2] - away[:, :2] * (eye[2] / away[:, 2:])
+        found.append((shadow, edges.normals @ camera.T_world_cam[:2, :2].T))
+    most = max(1, *(len(shadow) for shadow, _ in found))
+    points, normals = np.zeros((2, len(found), most, 2))
+    points += poses[:, None, :2]
+    weights = np.zeros((len(found), most))
+    for k, (shadow, outward) in enumerate(found):
+        points[k, : len(shadow)], normals[k, : len(shadow)] = shadow, outward
+        weights[k, : len(shadow)] = 1.0
+    return _Outlines(points, normals, weights, poses[:, :2])
+
+
+def _turned(points: FloatArray, turn: NDArray[np.complex128]) -> FloatArray:
+    z = (points[..., 0] + 1j * points[..., 1]) * turn
+    return np.stack([z.real, z.imag], axis=-1)
+
+
+def _met(
+    outlines: _Outlines, cluster: Cluster, reach_mm: FloatArray, loose_mm: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return shares (n,) of outlines that lie on the one seen or are covered, how they moved.
+
+    Parameters
+    ----------
+    outlines : where they are looked for
+    cluster : what is seen
+    reach_mm : (n,) how far off they may lie
+    loose_mm : (n,) by how much an outline may be another one
+    """
+    seen = cluster.map
+    seen_x, seen_y = seen.points.T
+    seen_nx, seen_ny = seen.normals.T
+    weights = outlines.weights
+    whole = np.maximum(weights.sum(axis=1), 1e-9)
+    moved = np.zeros((len(weights), 3))
+    for step in range(STEPS + 1):
+        cos, sin = np.cos(moved[:, 2:]), np.sin(moved[:, 2:])
+        arm_x = cos * outlines.x - sin * outlines.y
+        arm_y = sin * outlines.x + cos * outlines.y
+        x = arm_x + (outlines.pivots_mm[:, 0] + moved[:, 0])[:, None]
+        y = arm_y + (outlines.pivots_mm[:, 1] + moved[:, 1])[:, None]
+        _, nearest, here = seen.look(x, y)
+        nx, ny = seen_nx[nearest], seen_ny[nearest]
+        gap = (seen_x[nearest] - x) * nx + (seen_y[nearest] - y) * ny
+        size = np.abs(gap)
+        out_x = cos * outlines.nx - sin * outlines.ny
+        out_y = sin * outlines.nx + cos * outlines.ny
+        counts = weights * (out_x * nx + out_y * ny > SAME_NORMAL)
+        if step == STEPS:
+            break
+        reach = np.maximum(reach_mm / (1 + step), MIN_REACH_MM)[:, None]
+        pull = counts * (size < reach) / np.maximum(1.0, size / HUBER_MM)
+        slopes = np.stack([nx, ny, arm_x * ny - arm_y * nx], axis=1)
+        weighted = slopes * pull[:, None]
+        known = weighted @ slopes.transpose(0, 2, 1) + HELD_MM2 * np.eye(3)
+        moved = moved + np.linalg.solve(known, weighted @ gap[..., None])[..., 0]
+    off = np.maximum(size - loose_mm[:, None], 0.0)
+    near = np.exp(-0.5 * (off / NEAR_MM) ** 2)
+    far_out = COVERED_MM + loose_mm[:, None]
+    _, _, beside = seen.look(x + far_out * out_x, y + far_out * out_y)
+    is_covered = (here == BEYOND) | ((here != OUTSIDE) & (beside == INSIDE))
+    covered = weights * (is_covered & (counts * near < 0.5 * weights))
+    return (counts * near).sum(axis=1) / whole, covered.sum(axis=1) / whole, moved
