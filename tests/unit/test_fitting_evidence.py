@@ -332,11 +332,27 @@ def test_an_edge_that_a_pose_does_not_have_is_as_long_as_the_rim_it_is_of() -> N
         told = grey_evidence(edges, 0.2, 0.28, [measure], strong, Shading(0.5, 9.0, 4.0, 100))
         return told.unexplained_mm
 
-    assert longest_mm(T, (image,)) < 16
+    assert longest_mm(T, (image, image)) < 16
     both_rims_mm = 2 * 2 * (24 + 16)
-    assert both_rims_mm / 2 < longest_mm(T @ HALF_TURN, (image,)) < both_rims_mm
-    # under one lamp it may be a shadow's border
-    assert longest_mm(T @ HALF_TURN, ()) == 0
+    assert both_rims_mm / 2 < longest_mm(T @ HALF_TURN, (image, image)) < both_rims_mm
+    # what one lamp alone shows may be a shadow's border
+    plain = np.full_like(image, 120)
+    for others in ((), (image,), (image, plain)):
+        assert longest_mm(T @ HALF_TURN, others) == 0
+
+
+def test_an_edge_that_one_lamp_alone_shows_may_be_a_shadows() -> None:
+    at, plain = down_column(39.5), np.full((60, 90), 90, np.uint8)
+    shadow, beside = step_at(40, 180), step_at(50, 180)
+    for lamps, is_seen in (
+        ((shadow, shadow, plain), True),
+        ((shadow, plain, plain), False),
+        ((shadow, beside, beside), False),
+        ((shadow, step_at(40, 70), plain), False),  # a tenth as strong
+    ):
+        measure = GreyMeasure(shadow, (0, 0), is_lit=True, others=lamps)
+        assert (measure.are_seen_twice(at.pixels, at.normals) == is_seen).all()
+    assert len(measure.are_seen_twice(np.zeros((0, 2)), np.zeros((0, 2)))) == 0
 
 
 def roof_inside(T: Array) -> NDArray[np.bool_]:

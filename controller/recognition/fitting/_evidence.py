@@ -304,6 +304,7 @@ def _longest_mm(left: ImageEdges, edges: EdgePoints, mm_per_px: float, grey: Gre
     far_px, _ = cKDTree(edges.pixels).query(left.points_px)
     alone = left.at(np.asarray(far_px * mm_per_px > ALONE_MM))
     alone = alone.at(grey.are_sharp(alone.points_px, alone.normals))
+    alone = alone.at(grey.are_seen_twice(alone.points_px, alone.normals))
     count = len(alone.points_px)
     if count == 0:
         return 0.0

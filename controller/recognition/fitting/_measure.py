@@ -27,6 +27,8 @@ OWN_PX = 0.8  # by so much another prediction must be nearer
 WRONG_SIGN = 0.3  # worth of an edge that is bright on the other side
 BLURRED_PX = 2.5  # beside a part's own edge, blurred as the camera blurs it, little slope is left
 SOFT = 0.5  # share of the slope that is left there on both sides where a half-shadow begins or ends
+SEEN_PX = 1  # about an edge of one lamp's picture, where another lamp shows it too, if it is not
+SEEN_SHARE = 0.2  # times as weak
 SIDE_PX = 1.0  # profiles are sampled at whole pixels, peaks between them by a parabola
 
 
@@ -302,6 +304,23 @@ class GreyMeasure:
         steps = np.array([0.0, -BLURRED_PX, BLURRED_PX])
         slope = np.abs(self._profiles(self.own, points_px, normals, steps))
         return np.asarray(slope[1:].min(axis=0) < SOFT * slope[0])
+
+    def are_seen_twice(self, points_px: FloatArray, normals: FloatArray) -> BoolArray:
+        """Return which edges of the crop (n,) more than one lamp shows: no shadow's border is.
+
+        Parameters
+        ----------
+        points_px : (n, 2) x before y, in the whole picture
+        normals : (n, 2) unit, up the gradient
+        """
+        if len(points_px) == 0:
+            return np.zeros(0, dtype=np.bool_)
+        steps = np.arange(-SEEN_PX, SEEN_PX + 1, dtype=np.float64)
+        slopes = [self._profiles(slopes, points_px, normals, steps) for slopes, _ in self._lamps]
+        size = np.abs(slopes).max(axis=1)
+        noises = 3 * np.array([noise for _, noise in self._lamps])
+        is_seen = (size > noises[:, None]) & (size > SEEN_SHARE * size.max(axis=0))
+        return np.asarray(is_seen.sum(axis=0) > 1)
 
     def best_shift(self, edges: EdgePoints, reach_px: int) -> FloatArray:
         """Return by how many pixels (2,) predicted edges should move to lie on the most contrast.

@@ -87,6 +87,7 @@ class Search:
         self.cluster = LitCluster(pictures, self.region.box_px, self.region.mask, camera)
         self._library, self._usable, self._limits = library, usable, limits
         self._alone: dict[LitFit, float] = {}
+        self._named: dict[LitFit, float] = {}
         self._tilted: set[LitFit] = set()
         self._weighed: dict[tuple[LitFit, frozenset[LitFit], int], Hypothesis] = {}
 
@@ -168,7 +169,7 @@ class Search:
 
         Parameters
         ----------
-        known : flat on the table; something may lie on them
+        known : flat on the table, and not to be tried tilted; something may lie on them
         """
         found = []
         for h in known:
@@ -176,7 +177,8 @@ class Search:
             c = Candidate(h.part, h.pose, h.theta_rad, float(x_mm), float(y_mm), h.overlap, 0.0)
             fit = self._fine(c, h.fit.T_world_part)
             if fit is not None:
-                self._alone[fit] = h.probability
+                self._alone[fit] = self._named[fit] = h.probability
+                self._tilted.add(fit)
                 found.append(fit)
         return found
 
@@ -244,7 +246,7 @@ class Search:
             place_mm=place_of(entry, fit.T),
             fit=fit.fit,
             evidence=evidence,
-            probability=probability(evidence, FRONT),
+            probability=max(probability(evidence, FRONT), self._named.get(fit, 0.0)),
             log_odds=log_odds(fit.evidence(others, area), is_lit=True),
             overlap=c.overlap,
             source="cluster",
