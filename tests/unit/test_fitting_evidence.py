@@ -24,11 +24,13 @@ from controller.recognition.fitting import (
     ImageEdges,
     OutlineMeasure,
     Shading,
+    asked_of_each_lamp,
     fit_edges,
     grey_evidence,
     outline_evidence,
     predict_edges,
     shading_fits,
+    shown_edges,
 )
 
 Array = NDArray[np.float64]
@@ -202,6 +204,33 @@ def test_what_is_found_anywhere_is_told_as_chance() -> None:
     told = under_lamps(tuple(lamp.astype(np.uint8) for lamp in lamps), edges)
     assert told.outline == 1.0
     assert told.chance == 1.0
+
+
+def test_what_a_part_beside_it_predicts_is_not_found_by_chance() -> None:
+    edges, others = down_column(39.5), down_column(44.5)
+    lamp = step_at(40, 90)
+    lamp[:, 45:] = 180
+    measure = GreyMeasure(lamp, (0, 0), is_lit=True, others=(lamp, lamp))
+    off, chance = shown_edges(edges, measure, 0.28)
+    assert off.max() < 0.5
+    assert chance == pytest.approx(0.5)  # there is one on one side of it
+    assert shown_edges(edges, measure, 0.28, [others])[1] == 0.0
+    shading = Shading(0.5, 9.0, 4.0, 100)
+    strong = ImageEdges.of(measure, np.ones(lamp.shape, dtype=np.bool_))
+    known = grey_evidence(edges, 0.2, 0.28, [measure], strong, shading)
+    told = asked_of_each_lamp(known, edges, (np.full(len(off), 2.0), 0.25))
+    assert (told.outline, told.misfit_px, told.chance) == (0.0, 2.0, 0.25)
+    assert told.explained == known.explained
+
+
+def test_a_slow_slope_that_is_rounded_to_grey_levels_has_no_edges() -> None:
+    slow = np.tile((np.arange(120) / 12).astype(np.uint8) + 8, (60, 1))
+    everywhere = np.ones(slow.shape, dtype=np.bool_)
+    assert len(ImageEdges.of(GreyMeasure(slow, (0, 0), is_lit=True), everywhere).points_px) == 0
+    slow[:, 60:] += 6
+    found = ImageEdges.of(GreyMeasure(slow, (0, 0), is_lit=True), everywhere).points_px
+    assert set(found[:, 0]) <= {59.0, 60.0}
+    assert len(found) > 50
 
 
 def test_where_no_strong_edge_is_nothing_is_left_unexplained() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
 from typing import cast
@@ -23,9 +24,14 @@ from controller.recognition import Library, Sighting, make_library, recognise
 from controller.recognition.fitting import EdgeFit, Gaps, edge_model, predict_edges
 from controller.recognition.identification.decide import Decision
 from controller.recognition.identification.hypotheses import Hypothesis, SearchLimits
-from controller.recognition.identification.lit.choice import Place
+from controller.recognition.identification.lit.choice import Place, chosen
 from controller.recognition.identification.lit.fits import LitCluster, LitFit
-from controller.recognition.identification.lit.parts import is_detail, sure_beside_unknown
+from controller.recognition.identification.lit.parts import (
+    held,
+    is_detail,
+    outlines_of,
+    sure_beside_unknown,
+)
 from controller.recognition.identification.lit.search import Search, tipped
 from controller.recognition.library import Candidate
 from controller.recognition.segmentation import Region, joined, near_ones
@@ -44,6 +50,7 @@ BODIES: dict[str, Body] = {
         - box(3, 9, 40).translate((34, -4, 0))
     ),
     "rod": rod(5, 40, 48),
+    "ring": rod(20, 10, 96) - rod(15, 40, 96),
     "strange": box(38, 30, 10) - box(14, 10, 20).translate((10, 8, 0)),
 }
 LYING = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])  # what stood along z lies along x
@@ -187,7 +194,7 @@ def reading(part: int, probability: float, x_mm: float = 0.0) -> Hypothesis:
 
 def place(*readings: Hypothesis) -> Place:
     decision = Decision(readings[0], readings[0].probability / len(readings), readings[1:], None)
-    return Place(cast(LitFit, None), (), decision, readings, ())
+    return Place(cast(LitFit, None), (), decision, readings)
 
 
 def test_beside_something_unknown_only_what_is_sure_by_itself_is_named() -> None:
@@ -213,9 +220,13 @@ def fitted(name: str, T: Array, missing: Callable[[Array], NDArray[np.bool_]]) -
     gap_px = np.where(missing(own), np.nan, 0.0)
     fit = EdgeFit(T, edges, Gaps(gap_px, np.ones(len(gap_px))), 0.1, np.zeros((3, 3)))
     width, height = CAMERA.size_px
-    nothing, all_of_it = np.zeros((height, width), np.uint8), np.ones((height, width), np.bool_)
-    cluster = LitCluster([nothing], (0, 0, width, height), all_of_it, CAMERA)
-    return LitFit(cast(Candidate, None), model, fit, cluster)
+    return LitFit(cast(Candidate, None), model, fit, whole(np.zeros((height, width), np.uint8)))
+
+
+def whole(picture: NDArray[np.uint8]) -> LitCluster:
+    """All of a picture as one cluster."""
+    height, width = picture.shape
+    return LitCluster([picture], (0, 0, width, height), np.ones(picture.shape, np.bool_), CAMERA)
 
 
 def test_what_looks_like_a_part_has_its_outline_in_its_place_and_another_has_not() -> None:
@@ -269,6 +280,53 @@ def test_a_part_whose_outline_gives_way_to_something_unknown_is_a_detail_of_it()
     assert is_detail(plate, (), [beside])
 
 
+def test_what_has_been_given_up_is_unknown_to_what_borders_on_it() -> None:
+    plate = fitted("plate", flat("plate", 0.0, 0.0), none)
+    assert is_detail(plate, (), (), [piece(outside=plate)])
+    # more than a third of its outline, as of a strip that is the edge of something
+    x_px = plate.fit.edges.pixels[:, 0]
+    around = ~plate.shadow & piece(left_of_px=float(x_px.mean()))
+    assert is_detail(plate, (), [around])
+
+
+def test_what_is_seen_through_a_part_is_not_what_it_is_a_detail_of() -> None:
+    ring = fitted("ring", flat("ring", 4.0, 9.0), none)
+    rim, _ = cv2.findContours(ring.shadow.astype(np.uint8), cv2.RETR_EXTERNAL, 1)
+    within = cv2.drawContours(np.zeros(ring.shadow.shape, np.uint8), rim, -1, 1, cv2.FILLED) > 0
+    bore = within & ~ring.shadow
+    seen = ring.fit.edges.on_outline
+    assert np.mean(~ring.is_outside(ring.fit.edges.pixels + 6 * ring.fit.edges.normals)[seen]) > 0.4
+    assert not is_detail(ring, (), [bore])
+    assert is_detail(ring, (), [~within])
+
+
+def test_where_a_part_would_lean_on_nothing_what_explains_it_next_best_is_taken() -> None:
+    T = flat("plate", 12.0, -7.0, 0.3)
+    level = fitted("plate", T, none)
+    cluster = whole(np.where(level.shadow, 150, 20).astype(np.uint8))
+    level = replace(level, cluster=cluster)
+    tilted = replace(level, fit=replace(level.fit, T_world_part=T.copy()), leans=True)
+
+    def hypothesis(fit: LitFit, others: object, area: object) -> Hypothesis:
+        lead = 50.0 if fit.leans else 0.0
+        centre = np.array([12.0, -7.0])
+        evidence = fit.evidence(())
+        return Hypothesis(0, 0, 0.0, centre, fit.fit, evidence, 0.95, lead, 1.0, "cluster")
+
+    stub = SimpleNamespace(
+        cluster=cluster,
+        alone=lambda fit: 0.95,
+        worth=lambda fit: 2.0 if fit.leans else 1.0,
+        hypothesis=hypothesis,
+    )
+    search = cast(Search, stub)
+    places = chosen([level, tilted], search, library())
+    assert [one.fit for one in places] == [tilted]
+    fits, places = held([level, tilted], places, search, library())
+    assert list(fits) == [level]
+    assert [one.fit for one in places] == [level]
+
+
 def patch(x: int, y: int, width: int, height: int) -> Region:
     mask = np.zeros((height + 8, width + 8), dtype=np.bool_)
     mask[4:-4, 4:-4] = True
@@ -286,8 +344,32 @@ def test_things_a_shaded_side_apart_are_one_group_and_others_are_not() -> None:
 
 def test_joined_things_keep_their_masks_where_they_were() -> None:
     first, beside = patch(100, 100, 50, 40), patch(158, 110, 30, 30)
-    whole = joined([first, beside])
-    assert whole.box_px == (96, 96, 192, 144)
-    assert whole.mask.sum() == first.mask.sum() + beside.mask.sum()
-    assert whole.mask[110 + 10 - 96, 160 + 10 - 96]
-    assert whole.area_px == first.area_px + beside.area_px
+    together = joined([first, beside])
+    assert together.box_px == (96, 96, 192, 144)
+    assert together.mask.sum() == first.mask.sum() + beside.mask.sum()
+    assert together.mask[110 + 10 - 96, 160 + 10 - 96]
+    assert together.area_px == first.area_px + beside.area_px
+
+
+def test_joined_things_keep_the_silhouettes_that_each_of_them_may_have() -> None:
+    first, beside = patch(100, 100, 50, 40), patch(158, 110, 30, 30)
+    bright = np.zeros_like(first.mask)
+    bright[10:20, 10:30] = True
+    together = joined([replace(first, alternatives=(bright,)), beside])
+    (other,) = together.alternatives
+    assert other.sum() == bright.sum() + beside.mask.sum()
+    assert other[110 - 100, 110 - 96]
+    assert not other[105 - 100, 110 - 96]
+    assert [int(one.area_px) for one in outlines_of(together, 50.0)] == [2000, 900, 200]
+
+
+def test_a_cluster_has_the_outlines_of_all_its_silhouettes_each_piece_once() -> None:
+    # one thing, of which the bright silhouette shows two parts, and a speck
+    dark = patch(100, 100, 60, 40)
+    bright = np.zeros_like(dark.mask)
+    bright[10:40, 8:28], bright[10:40, 34:60], bright[6, 6] = True, True, True
+    pieces = outlines_of(replace(dark, alternatives=(bright, dark.mask.copy())), 50.0)
+    assert sorted(int(one.area_px) for one in pieces) == [600, 780, 2400]
+    assert all(len(one.loops_px) == 1 for one in pieces)
+    left, top = pieces[1].loops_px[0].min(axis=0)
+    assert (left, top) in {(96 + 8, 96 + 10), (96 + 34, 96 + 10)}

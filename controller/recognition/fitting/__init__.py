@@ -3,9 +3,11 @@
 from ._evidence import (
     Evidence,
     ImageEdges,
+    asked_of_each_lamp,
     grey_evidence,
     is_predicted,
     outline_evidence,
+    shown_edges,
     with_inside,
 )
 from ._fit import (
@@ -40,6 +42,7 @@ __all__ = [
     "Prior",
     "Shading",
     "are_highlights",
+    "asked_of_each_lamp",
     "at_rest",
     "edge_jacobian",
     "edge_model",
@@ -53,6 +56,7 @@ __all__ = [
     "predict_outline",
     "sample_information",
     "shading_fits",
+    "shown_edges",
     "twist",
     "with_inside",
 ]

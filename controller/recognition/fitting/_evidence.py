@@ -25,6 +25,7 @@ NEAR_PX = 1.3  # an edge this near its prediction is where it should be
 FAR_PX = 2.5
 STRONG_NOISES = 8.0
 STRONG_SHARE = 0.12  # of the picture's own strong edges, for pictures without noise
+ROUNDED = 1.0  # grey levels / px: less may be where a slow slope is rounded to whole levels
 MAX_EDGES = 1200
 APART_PX = 3.0  # from the outline, within which an edge is not told from it
 ASIDE_PX = 5  # beside an edge, where another would be found by chance only
@@ -77,7 +78,7 @@ class ImageEdges:
         if inside.size == 0:
             return ImageEdges(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0))
         top = float(np.quantile(inside[:: max(1, inside.size // 5000)], 0.98))
-        level = max(STRONG_NOISES * measure.noise, STRONG_SHARE * top)
+        level = max(STRONG_NOISES * measure.noise, STRONG_SHARE * top, ROUNDED)
         v, u = np.nonzero((size > level) & within)
         inner = (v > 0) & (u > 0) & (v < size.shape[0] - 1) & (u < size.shape[1] - 1)
         v, u = v[inner], u[inner]
@@ -256,14 +257,13 @@ def grey_evidence(
     shine : tells which edges of a picture (points, normals) may be highlights of that pose: these
         need no explanation; None where all do
     by_lamp : of a measure of several lamps each lamp's picture is looked in by itself, and how
-        often an edge is found by chance is measured; a neighbour's edges would count as chance
+        often an edge is found by chance is measured
     """
     on = edges.on_outline
-    chance = 0.0
     if by_lamp and greys[0].is_joint:
-        off, chance = _shown(edges, greys[0])
+        off, chance = shown_edges(edges, greys[0], mm_per_px)
     else:
-        off = _off_px(edges.pixels, edges, greys)
+        off, chance = _off_px(edges.pixels, edges, greys), 0.0
     near = off < NEAR_PX
     weight = visibility(edges)
     predicted = is_predicted(image_edges.points_px, edges, edges.step_mm / mm_per_px)
@@ -297,6 +297,28 @@ def grey_evidence(
     )
 
 
+def asked_of_each_lamp(
+    known: Evidence, edges: EdgePoints, shown: tuple[FloatArray, float]
+) -> Evidence:
+    """Return the evidence where an edge is there if one of several lamps shows it.
+
+    Parameters
+    ----------
+    known : by the strongest gradient of all lamps
+    edges : all visible edges at that pose
+    shown : `shown_edges` of them
+    """
+    off, chance = shown
+    on, near, weight = edges.on_outline, off < NEAR_PX, visibility(edges)
+    return replace(
+        known,
+        outline=_weighted(near[on], weight[on]),
+        inner=_weighted(near[~on], weight[~on]),
+        misfit_px=float(np.sqrt(_weighted(off[on] ** 2, weight[on]))) if on.any() else FAR_PX,
+        chance=chance,
+    )
+
+
 def _longest_mm(left: ImageEdges, edges: EdgePoints, mm_per_px: float, grey: GreyMeasure) -> float:
     """Return how long the longest sharp edge is of those that nothing predicted is near."""
     if len(left.points_px) == 0 or len(edges.pixels) == 0:
@@ -313,15 +335,30 @@ def _longest_mm(left: ImageEdges, edges: EdgePoints, mm_per_px: float, grey: Gre
     return float(lengths.max()) * left.every * mm_per_px
 
 
-def _shown(edges: EdgePoints, grey: GreyMeasure) -> tuple[FloatArray, float]:
-    """Return how far off the nearest edge of any lamp is (n,), and how often one is by chance."""
+def shown_edges(
+    edges: EdgePoints, grey: GreyMeasure, mm_per_px: float, others: Sequence[EdgePoints] = ()
+) -> tuple[FloatArray, float]:
+    """Return how far off the nearest edge of any lamp is (n,), and how often one is by chance.
+
+    Parameters
+    ----------
+    edges : all visible edges at a pose
+    grey : of a scene under several lamps
+    mm_per_px : at the object
+    others : edges of the parts beside it: what these predict is not found by chance
+    """
     gap, beside = grey.shown_by_any(edges, FAR_PX, ASIDE_PX)
     off = np.fmin(np.abs(gap), FAR_PX)
     every = cKDTree(edges.pixels, balanced_tree=False, compact_nodes=False)
     found: list[BoolArray] = []
     for side, there in zip((-ASIDE_PX, ASIDE_PX), beside, strict=True):
         far, _ = every.query(edges.pixels + side * edges.normals, distance_upper_bound=APART_PX)
-        found.append(np.asarray(np.abs(there) < NEAR_PX)[~np.isfinite(far)])
+        asked, is_there = ~np.isfinite(far), np.asarray(np.abs(there) < NEAR_PX)
+        at = np.flatnonzero(asked & is_there)
+        points = edges.pixels[at] + (side + there[at])[:, None] * edges.normals[at]
+        for other in others:
+            asked[at] &= ~is_predicted(points, other, other.step_mm / mm_per_px)
+        found.append(is_there[asked])
     together = np.concatenate(found)
     return off, float(together.mean()) if len(together) else 0.0
 

@@ -248,8 +248,8 @@ def _taken_apart(
         parts = parts_of_lit(region, pictures, camera, library, usable, least_px, limits.search)
         named_singly = sum(answers[0][0].part is not None for _, answers in whole)
         named = sum(part.decision.best is not None for part in parts)
-        # a part with nothing beside it is judged as a whole
-        if len(parts) > 1 and (
+        # one thing with nothing beside it is judged as a whole, pieces of one thing are not
+        if max(len(parts), len(whole)) > 1 and (
             named > named_singly or (0 < named == named_singly and len(parts) > len(whole))
         ):
             for k in numbers[1:]:

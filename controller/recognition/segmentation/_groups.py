@@ -39,18 +39,20 @@ def joined(regions: Sequence[Region]) -> Region:
     boxes = np.array([region.box_px for region in regions])
     x0, y0 = boxes[:, :2].min(axis=0).tolist()
     x1, y1 = boxes[:, 2:].max(axis=0).tolist()
-    mask = np.zeros((y1 - y0, x1 - x0), dtype=np.bool_)
+    shapes = np.zeros((1 + max(len(r.alternatives) for r in regions), y1 - y0, x1 - x0), np.bool_)
     for region in regions:
         left, top, right, bottom = region.box_px
-        mask[top - y0 : bottom - y0, left - x0 : right - x0] |= region.mask
+        own = (region.mask, *region.alternatives)
+        for k, shape in enumerate(shapes):
+            shape[top - y0 : bottom - y0, left - x0 : right - x0] |= own[k if k < len(own) else 0]
     loops = sorted((loop for region in regions for loop in region.loops_px), key=len, reverse=True)
     return Region(
         box_px=(x0, y0, x1, y1),
-        mask=mask,
+        mask=shapes[0],
         loops_px=tuple(loops),
         touches_edge=any(region.touches_edge for region in regions),
         area_px=sum(region.area_px for region in regions),
-        alternatives=(),
+        alternatives=tuple(shapes[1:]),
     )
 
 

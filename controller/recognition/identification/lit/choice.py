@@ -32,29 +32,18 @@ class Place:
     fits : what it may be
     decision : what it is, its neighbours being what they are
     hypotheses : what it may be, best first
-    flat_ones : the same if nothing leans there, best first
     """
 
     fit: LitFit
     fits: tuple[LitFit, ...]
     decision: Decision
     hypotheses: tuple[Hypothesis, ...]
-    flat_ones: tuple[Hypothesis, ...]
 
     @property
     def sureness(self) -> float:
         """How likely it is this part, in whatever pose or turn, 0..1."""
         best = self.decision.best
         return 0.0 if best is None else part_score(best, self.hypotheses)
-
-    def flat(self) -> "Place | None":
-        """Return it as what lies flat on the table; None if it is nothing known then."""
-        flat = {id(f.T): f for f in self.fits if not f.leans}
-        decision = decide(self.flat_ones, is_backlit=False)
-        if decision.best is None:
-            return None
-        fit = flat[id(decision.best.fit.T_world_part)]
-        return Place(fit, tuple(flat.values()), decision, self.flat_ones, self.flat_ones)
 
 
 def chosen(fits: Sequence[LitFit], search: Search, library: Library) -> list[Place]:
@@ -90,18 +79,14 @@ def _decided(
     others = [f for f in firsts if f is not place[0]]
     able = [f for f in place if f is place[0] or not any(are_in_one_place(f, o) for o in others)]
     area = np.any([f.shadow for f in able if f is place[0] or search.alone(f) > LIKELY], axis=0)
-    flat, leaning = [], []
+    found = []
     for f in able:
         h = search.hypothesis(f, others, area)
-        if f.leans:
-            leaning.append(replace(h, log_odds=h.log_odds - LEANS_LESS))
-        else:
-            flat.append(h)
-    hypotheses = tuple(without_repeats([*flat, *leaning], library))
+        found.append(replace(h, log_odds=h.log_odds - LEANS_LESS * f.leans))
+    hypotheses = tuple(without_repeats(found, library))
     decision = decide(hypotheses, is_backlit=False)
     if decision.best is None:
         return None
     T = decision.best.fit.T_world_part
     fit = next(f for f in able if f.T is T)
-    flat_ones = tuple(without_repeats(flat, library))
-    return Place(fit, tuple(able), decision, hypotheses, flat_ones)
+    return Place(fit, tuple(able), decision, hypotheses)

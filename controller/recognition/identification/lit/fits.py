@@ -23,11 +23,14 @@ from ...fitting import (
     ImageEdges,
     Shading,
     are_highlights,
+    asked_of_each_lamp,
     grey_evidence,
     is_predicted,
     shading_fits,
+    shown_edges,
 )
 from ...library import Candidate
+from ..scores import FRONT, beyond_chance, probability
 
 HIDDEN_MM = 0.4  # something this much nearer the eye hides an edge
 BESIDE_PX = 1  # outside its mask strong edges still are the part's
@@ -138,6 +141,15 @@ class LitFit:
         """(h, w) where the part is seen, if nothing hides it."""
         return np.asarray(np.isfinite(self.depth_mm))
 
+    def is_outside(self, pixels: FloatArray) -> BoolArray:
+        """Return which points (n, 2) of the picture are beside the part, not in a hole of it."""
+        rims, _ = cv2.findContours(
+            self.shadow.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE
+        )
+        filled = cv2.drawContours(np.zeros(self.shadow.shape, np.uint8), rims, -1, 1, cv2.FILLED)
+        y, x, is_in = self.cluster.index(pixels)
+        return np.asarray(~is_in | (filled[y, x] == 0))
+
     @cached_property
     def extent(self) -> tuple[int, int, int, int]:
         """First and last column, first and last row of the crop where the part is seen."""
@@ -196,11 +208,18 @@ class LitFit:
         gaps = Gaps(fit.gaps.gap_px[seen], fit.gaps.weight[seen])
         return EdgeFit(fit.T_world_part, fit.edges.at(seen), gaps, fit.sigma_px, fit.covariance)
 
-    def has_ends(self, others: Sequence["LitFit"]) -> bool:
+    def has_ends(
+        self, others: Sequence["LitFit"], shown: tuple[FloatArray, float] | None = None
+    ) -> bool:
         """Return whether its edges are there that do not run along a curved surface.
 
         What runs along a cylinder is there for a shorter or longer one as well, wherever along it
         that is, and so are the streaks on it: its ends and steps are what tells it.
+
+        Parameters
+        ----------
+        others : the parts beside it
+        shown : `shown` with them; None where the strongest gradient alone is asked
         """
         fit = self.seen_fit(others)
         edges, camera = fit.edges, self.cluster.camera
@@ -208,7 +227,12 @@ class LitFit:
         along = are_highlights(self.model, self.T, camera, beside, edges.normals)
         weight = np.where(along, 0.0, fit.gaps.weight)
         is_there = np.abs(np.nan_to_num(fit.gaps.gap_px, nan=99.0)) < NEAR_PX
-        return bool((weight * is_there).sum() > ENDS * weight.sum())
+        total = float(weight.sum())
+        share = float((weight * is_there).sum()) / max(total, 1e-9)
+        if shown is not None:
+            by_lamp = float((weight * (shown[0] < NEAR_PX)).sum()) / max(total, 1e-9)
+            share = max(share, beyond_chance(by_lamp, shown[1]))
+        return share > ENDS
 
     def evidence(self, others: Sequence["LitFit"], area: BoolArray | None = None) -> Evidence:
         """Return what the picture says of it, where others are what they are.
@@ -237,8 +261,8 @@ class LitFit:
                 step_px = other.fit.edges.step_mm / self.mm_per_px
                 theirs |= is_predicted(picture_edges.points_px, other.fit.edges, step_px)
             picture_edges = picture_edges.at(own | ~theirs)
-        shine = None
-        if self.is_curved and self.has_ends(others):
+        shine, shown = None, self.shown(others)
+        if self.is_curved and self.has_ends(others, shown):
             shine = partial(are_highlights, self.model, self.T, cluster.camera)
         shadings = shading_fits(
             self.model,
@@ -248,7 +272,7 @@ class LitFit:
             cluster.box_px[:2],
             np.asarray(inside),
         )
-        return grey_evidence(
+        found = grey_evidence(
             edges,
             self.fit.sigma_px,
             self.mm_per_px,
@@ -257,6 +281,18 @@ class LitFit:
             Shading.of_all(shadings),
             shine,
         )
+        if shown is None:
+            return found
+        # each of the two names a part by itself
+        each = asked_of_each_lamp(found, edges, shown)
+        return max((found, each), key=lambda one: probability(one, FRONT))
+
+    def shown(self, others: Sequence["LitFit"]) -> tuple[FloatArray, float] | None:
+        """Return `shown_edges` of those that no other part hides; None under one lamp."""
+        if not self.cluster.grey.is_joint:
+            return None
+        theirs = [other.fit.edges for other in others]
+        return shown_edges(self.seen_fit(others).edges, self.cluster.grey, self.mm_per_px, theirs)
 
     @cached_property
     def explains(self) -> BoolArray:

@@ -10,7 +10,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from controller.arrays import BoolArray, Grey
+from controller.arrays import BoolArray, ByteArray, Grey
 from controller.imaging import Camera
 
 from ...fitting import ImageEdges, is_predicted
@@ -25,17 +25,20 @@ from .fits import LitFit
 from .search import SAME_SHADOW, Proposed, Search
 
 MAX_ROUNDS = 3
+SAME_OUTLINE = 0.97  # of two silhouettes together, from which one proposes what the other does
 RIM_PX = 5  # round a part's shadow, what is left there is its rim
 LEFT_PX = 9  # narrower pieces are shadows and rims
 EDGED_SHARE = 0.3  # of a piece's rim, so long are its own edges
 BORDER_PX = 6.0  # outside an outline, where what a part borders on is asked
-SURROUNDED = 0.5  # of a part's outline, that something unknown may border on
+# of a part's outline, that something unknown may border on: a strip along the edge of a thing has
+# more of it beside one long side, and that is more than a third
+SURROUNDED = 0.33
 OVERLAID_PX = 2.0  # an edge this far off is not there
 OVERLAID_MM = 5.0  # of outline that is not there but a piece is: that lies on the part
 # beside something unknown a part has to be sure by itself: a stranger's details look like small
-# parts, and the rest of it stays unknown. Of 25 right ones one scored less; of a stranger's
-# details the best has 0.74 (docs/adr/0070-clusters-under-lamps.md)
-SURE = 0.85
+# parts, and the rest of it stays unknown. Of 70 right ones in clusters developed with one has 0.85
+# to 0.9, of details of what is not known the best has 0.88 (docs/adr/0092)
+SURE = 0.9
 
 
 def parts_of_lit(
@@ -62,15 +65,15 @@ def parts_of_lit(
     known : parts of it that lie flat on the table, as a look before a light table names them
     """
     search = Search(region, pictures, camera, library, usable, limits)
-    proposed = search.proposed([region], is_first=True)
+    proposed = search.proposed(outlines_of(search.region, least_px), is_first=True)
     named = search.fitted(known)
     fits = search.with_flat(named, proposed)
     places = chosen(fits, search, library)
     there = _with(places, named)
     if not there:
         return ()
-    count, fits = len(fits), search.with_leaning(fits, (), there)
-    if len(fits) > count:
+    before, fits = fits, search.with_leaning(fits, (), there)
+    if fits != before:
         places = chosen(fits, search, library)
     for _ in range(1, MAX_ROUNDS):
         there = _with(places, named)
@@ -78,17 +81,17 @@ def parts_of_lit(
         if not pieces:
             break
         proposed = search.proposed(pieces, is_first=False)
-        count, fits = len(fits), search.with_flat(fits, proposed)
+        before, fits = fits, search.with_flat(fits, proposed)
         fits = search.with_leaning(fits, proposed, there)
-        if len(fits) == count:  # of the same fits the same places are chosen
+        if fits == before:  # of the same fits the same places are chosen
             break
-        before, places = len(places), chosen(fits, search, library)
-        if len(places) <= before:
+        count, places = len(places), chosen(fits, search, library)
+        if len(places) <= count:
             break
-    count, fits = len(fits), search.with_flat(fits, _looking_like(places, search))
-    if len(fits) > count:
+    before, fits = fits, search.with_flat(fits, _looking_like(places, search))
+    if fits != before:
         places = chosen(fits, search, library)
-    return _sightings(places, search, least_px)
+    return _sightings(fits, places, search, library, least_px)
 
 
 def _with(places: Sequence[Place], named: Sequence[LitFit]) -> list[LitFit]:
@@ -110,6 +113,29 @@ def _looking_like(places: Sequence[Place], search: Search) -> list[Proposed]:
     return found
 
 
+def outlines_of(region: Region, least_px: float) -> list[Region]:
+    """Return the connected pieces of all silhouettes that a cluster may have, each once.
+
+    Parts that touch differ in brightness, and none of the silhouettes has all of their outlines.
+
+    Parameters
+    ----------
+    region : the cluster
+    least_px : pixels below which a piece is none
+    """
+    found: list[tuple[Region, BoolArray]] = []
+    for mask in (region.mask, *region.alternatives):
+        for piece in _connected(mask.astype(np.uint8), region, least_px):
+            own = within(piece, region)
+            if not any(_are_alike(own, other) for _, other in found):
+                found.append((piece, own))
+    return [piece for piece, _ in found]
+
+
+def _are_alike(a: BoolArray, b: BoolArray) -> bool:
+    return int((a & b).sum()) > SAME_OUTLINE * int((a | b).sum())
+
+
 def pieces_left(there: Sequence[LitFit], search: Search, least_px: float) -> list[Region]:
     """Return the connected pieces of what no part is seen at, with outlines of their own.
 
@@ -125,9 +151,14 @@ def pieces_left(there: Sequence[LitFit], search: Search, least_px: float) -> lis
         left[cv2.dilate(fit.shadow.astype(np.uint8), rim) > 0] = 0
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (LEFT_PX, LEFT_PX))
     left = np.asarray(cv2.morphologyEx(left, cv2.MORPH_OPEN, disc), np.uint8)
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(left, connectivity=8)
+    return _connected(left, search.region, least_px)
+
+
+def _connected(mask: ByteArray, region: Region, least_px: float) -> list[Region]:
+    """Return the connected pieces of a mask (h, w) of a region's box, with their outlines."""
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
     return [
-        _with_loops(cut_out(labels == k, search.region, False))
+        _with_loops(cut_out(labels == k, region, False))
         for k in range(1, len(stats))
         if stats[k, cv2.CC_STAT_AREA] >= least_px
     ]
@@ -143,22 +174,36 @@ def _with_loops(region: Region) -> Region:
 
 
 def _sightings(
-    places: Sequence[Place], search: Search, least_px: float
+    fits: Sequence[LitFit],
+    places: Sequence[Place],
+    search: Search,
+    library: Library,
+    least_px: float,
 ) -> tuple[PartialSighting, ...]:
-    """Return the named parts, then what is left; parts that lie on others say on which."""
-    there = [place.fit for place in places]
-    pieces = pieces_left(there, search, least_px)
-    pieces = [piece for piece in pieces if _has_edges(piece, there, search)]
-    masks = [within(piece, search.region) for piece in pieces]
+    """Return the named parts, then what is left; parts that lie on others say on which.
+
+    Parameters
+    ----------
+    fits : all that may be there
+    places : `chosen` of them
+    search : of the cluster
+    library : whose parts and stable poses the fits count
+    least_px : pixels below which what is left is no object
+    """
     nowhere: list[Place] = []
     while True:  # what is given up is unknown to those beside it, and bears none
-        places, lost = _standing(places)
-        places, details = _details_left_out(places, masks)
-        is_unknown_left = bool(pieces or nowhere or lost or details)
+        fits, places = held(fits, places, search, library)
+        there = [place.fit for place in (*places, *nowhere)]
+        pieces = pieces_left(there, search, least_px)
+        pieces = [piece for piece in pieces if _has_edges(piece, there, search)]
+        masks = [within(piece, search.region) for piece in pieces]
+        places, details = _details_left_out(places, masks, [one.fit.shadow for one in nowhere])
+        is_unknown_left = bool(pieces or nowhere or details)
         places, unsure = sure_beside_unknown(places, is_unknown_left=is_unknown_left)
-        nowhere += [*lost, *details, *unsure]
-        if not (lost or details or unsure):
+        if not (details or unsure):
             break
+        nowhere += [*details, *unsure]
+        fits = [f for f in fits if not any(f is q for one in nowhere for q in one.fits)]
     if not places:
         return ()
     fits = [place.fit for place in places]
@@ -183,19 +228,24 @@ def _sightings(
 
 
 def _details_left_out(
-    places: Sequence[Place], pieces: Sequence[BoolArray]
+    places: Sequence[Place], pieces: Sequence[BoolArray], given_up: Sequence[BoolArray]
 ) -> tuple[list[Place], list[Place]]:
     """Return places, and those that are details of something unknown."""
     fits = [place.fit for place in places]
     details = [
         place
         for place in places
-        if is_detail(place.fit, [f for f in fits if f is not place.fit], pieces)
+        if is_detail(place.fit, [f for f in fits if f is not place.fit], pieces, given_up)
     ]
     return [p for p in places if not any(p is one for one in details)], details
 
 
-def is_detail(fit: LitFit, others: Sequence[LitFit], pieces: Sequence[BoolArray]) -> bool:
+def is_detail(
+    fit: LitFit,
+    others: Sequence[LitFit],
+    pieces: Sequence[BoolArray],
+    given_up: Sequence[BoolArray] = (),
+) -> bool:
     """Return whether what seems to be a part is a detail of an unknown piece.
 
     A strip between two grooves has the outline of a washer that stands on its rim: beside most of
@@ -207,17 +257,19 @@ def is_detail(fit: LitFit, others: Sequence[LitFit], pieces: Sequence[BoolArray]
     fit : of the part
     others : the parts beside it
     pieces : (h, w) each of the cluster's crop, of what no part explains
+    given_up : (h, w) each of what seemed to be a part and is none that is known
     """
-    if not pieces:
+    if not (pieces or given_up):
         return False
     if _is_overlaid(fit, others, pieces):
         return True
     seen = fit.seen_fit(others)
+    at = seen.edges.pixels + BORDER_PX * seen.edges.normals
     on = seen.edges.on_outline
-    left = np.any(pieces, axis=0).astype(np.uint8)
+    left = np.any([*pieces, *given_up], axis=0).astype(np.uint8)
     near = cv2.dilate(left, np.ones((RIM_PX, RIM_PX), np.uint8)) > 0
-    y, x, is_in = fit.cluster.index(seen.edges.pixels + BORDER_PX * seen.edges.normals)
-    beside = (near[y, x] & is_in)[on]
+    y, x, is_in = fit.cluster.index(at)
+    beside = (near[y, x] & is_in & fit.is_outside(at))[on]
     return bool(beside.sum() > SURROUNDED * on.sum())
 
 
@@ -242,18 +294,27 @@ def _has_edges(piece: Region, there: Sequence[LitFit], search: Search) -> bool:
     return bool(own.sum() * edges.every > EDGED_SHARE * rim_px)
 
 
-def _standing(places: Sequence[Place]) -> tuple[list[Place], list[Place]]:
-    """Return places, and those that would lean on nothing known: they lie flat, or are unknown."""
-    fits = [place.fit for place in places]
-    able, nowhere = [], []
-    for place in places:
-        is_held = not place.fit.leans or bool(_below(place.fit, fits))
-        flat = place if is_held else place.flat()
-        if flat is None:
-            nowhere.append(place)
-        else:
-            able.append(flat)
-    return able, nowhere
+def held(
+    fits: Sequence[LitFit], places: Sequence[Place], search: Search, library: Library
+) -> tuple[Sequence[LitFit], Sequence[Place]]:
+    """Return fits and places without those that would lean on nothing known.
+
+    What explains such a place next best, or its neighbours', gets its turn.
+
+    Parameters
+    ----------
+    fits : all that may be there
+    places : `chosen` of them
+    search : of the cluster
+    library : whose parts and stable poses the fits count
+    """
+    while True:
+        there = [place.fit for place in places]
+        lost = [fit for fit in there if fit.leans and not _below(fit, there)]
+        if not lost:
+            return fits, places
+        fits = [f for f in fits if not any(f is one for one in lost)]
+        places = chosen(fits, search, library)
 
 
 def _below(fit: LitFit, fits: Sequence[LitFit]) -> tuple[int, ...]:

@@ -7,6 +7,7 @@ fitted with any tilt, from those that lie flat.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import zip_longest
 
 import cv2
 import numpy as np
@@ -14,7 +15,15 @@ import numpy as np
 from controller.arrays import BoolArray, FloatArray, Grey
 from controller.imaging import Camera, transform
 
-from ...fitting import EdgeFit, EdgeModel, FitOptions, Prior, at_rest, fit_edges
+from ...fitting import (
+    EdgeFit,
+    EdgeModel,
+    FitOptions,
+    Prior,
+    at_rest,
+    first_edges,
+    fit_edges,
+)
 from ...library import (
     Candidate,
     Library,
@@ -26,7 +35,8 @@ from ...library import (
 )
 from ...partial import Cluster, are_one_place, propose_partial
 from ...segmentation import Region
-from ..hypotheses import Hypothesis, SearchLimits, coarse_score, is_same_turn
+from ..decide import CONVINCING, CONVINCING_PX
+from ..hypotheses import Hypothesis, SearchLimits, coarse_score, is_same_turn, is_tried
 from ..lines import by_lines
 from ..scores import FRONT, log_odds, probability
 from .fits import LitCluster, LitFit, are_in_one_place
@@ -37,7 +47,8 @@ PER_PLACE = 3  # turns of a gear in one place, before those of others are tried
 MAX_LIKE = 8  # parts that look about like one that is named
 ALIKE = 0.85  # overlap of silhouettes, from which two parts do
 FAR = 1.5  # in the index of silhouettes, as for a whole thing under lamps
-GIVE_UP = 60  # after so many candidates in turn of one kind that do not fit
+GIVE_UP = 60  # after so many candidates in turn that lines propose and that do not fit
+GIVE_UP_PIECE = 30  # and that one piece's outline does
 MAX_FINE = 40
 COARSE_SHARE, GOOD_SHARE = 0.45, 0.6  # of a candidate's edges that are about where they should be
 MIN_PROBABILITY = 0.05  # probability by itself, from which a pose is weighed against others
@@ -85,6 +96,7 @@ class Search:
         height, width = pictures[0].shape
         self.region = widened(region, MARGIN_PX, (height, width))
         self.cluster = LitCluster(pictures, self.region.box_px, self.region.mask, camera)
+        self._about = np.any((self.region.mask, *self.region.alternatives), axis=0)
         self._library, self._usable, self._limits = library, usable, limits
         self._alone: dict[LitFit, float] = {}
         self._named: dict[LitFit, float] = {}
@@ -100,10 +112,17 @@ class Search:
         is_first : lines of the whole cluster are asked once; afterwards pieces may be whole parts
         """
         found: list[Proposed] = []
-        for piece in pieces:
-            if not is_first:
-                found += [(c, "outline") for c in self._by_silhouette(piece)]
-            found += [(c, "stretches") for c in self._by_stretches(piece)]
+        if not is_first:
+            found += [(c, "outline") for piece in pieces for c in self._by_silhouette(piece)]
+        stretches: list[Proposed] = []
+        tried: list[Candidate] = []
+        # the best of each piece before the second best of any
+        for row in zip_longest(*map(self._by_stretches, pieces)):
+            for k, c in enumerate(row):
+                if c is not None and not is_tried(c, tried, self._library):
+                    stretches.append((c, f"stretches of {k}"))
+                    tried.append(c)
+        found += stretches[:MAX_BY_STRETCHES]
         if is_first:
             crop, corner_px = self.cluster.crop, self.cluster.box_px[:2]
             lines = by_lines(crop, corner_px, self.cluster.camera, self._library, MAX_BY_LINES)
@@ -158,10 +177,14 @@ class Search:
                 break
             tried.append((c, T))
             fit = self._fine(c, T)
-            if fit is None or any(self._is_one(c, fit.T, o.candidate, o.T) for o in out):
+            if fit is None or not self._is_likely(fit):
                 continue
-            if self._is_likely(fit):
+            flat = (o for o in out if not o.leans)
+            same = next((o for o in flat if self._is_one(c, fit.T, o.candidate, o.T)), None)
+            if same is None:
                 out.append(fit)
+            elif self.alone(fit) > self.alone(same):  # from another start, a fit may come nearer
+                out[out.index(same)] = fit
         return out
 
     def fitted(self, known: Sequence[Hypothesis]) -> list[LitFit]:
@@ -195,7 +218,7 @@ class Search:
         """
         starts: list[tuple[Candidate, FloatArray | None, list[LitFit]]] = []
         for flat in sorted(fits, key=lambda f: -self.worth(f)):
-            if flat.leans or flat in self._tilted or self.alone(flat) < TILTED:
+            if flat.leans or flat in self._tilted or not self._may_lean(flat):
                 continue
             self._tilted.add(flat)
             others = [f for f in there if not are_one_place(f, flat, SAME_SHADOW)]
@@ -218,6 +241,12 @@ class Search:
         if fit not in self._alone:
             self._alone[fit] = probability(fit.evidence(()), FRONT)
         return self._alone[fit]
+
+    def _may_lean(self, flat: LitFit) -> bool:
+        """Return whether what fits as if it lay flat may lean all the same."""
+        if self.alone(flat) > CONVINCING:
+            return flat.evidence(()).misfit_px >= CONVINCING_PX
+        return self.alone(flat) >= TILTED
 
     def worth(self, fit: LitFit) -> float:
         """Return how many pixels of the cluster's edges a fit explains, by how likely it is."""
@@ -259,7 +288,7 @@ class Search:
         """Yield score, candidate and pose of what about fits, until others of its kind do not."""
         failed: dict[str, int] = {}
         for c, source in proposed:
-            if failed.get(source, 0) == GIVE_UP:
+            if failed.get(source, 0) == (GIVE_UP if source == "lines" else GIVE_UP_PIECE):
                 continue
             fit, score = self._coarse(c)
             failed[source] = 0 if score >= GOOD_SHARE else failed.get(source, 0) + 1
@@ -268,10 +297,12 @@ class Search:
 
     def _coarse(self, c: Candidate) -> tuple[EdgeFit | None, float]:
         model, T = self._library.model(c.part), self._flat(c)
-        best, best_score = None, 0.0
+        best, best_score, first = None, 0.0, None
+        camera, grey = self.cluster.camera, self.cluster.grey
         for reach_mm in (NEAR_MM, FAR_MM + 0.5 * c.slack_mm):
             options = FitOptions((self._reach_px(c, reach_mm),), steps=3, most=COARSE_SAMPLES)
-            fit = fit_edges(model, T, self.cluster.camera, self.cluster.grey, options)
+            first = first or first_edges(model, T, camera, grey, options)
+            fit = fit_edges(model, T, camera, grey, options, first)
             score = 0.0 if fit is None else coarse_score(fit)
             if score > best_score:
                 best, best_score = fit, score
@@ -346,7 +377,7 @@ class Search:
 
     def _is_likely(self, fit: LitFit) -> bool:
         shadow = fit.shadow
-        is_in = (shadow & self.cluster.mask).sum() >= IN_REGION * max(int(shadow.sum()), 1)
+        is_in = (shadow & self._about).sum() >= IN_REGION * max(int(shadow.sum()), 1)
         return bool(is_in) and self.alone(fit) >= MIN_PROBABILITY
 
     def _is_one(self, a: Candidate, T_a: FloatArray, b: Candidate, T_b: FloatArray) -> bool:
@@ -406,6 +437,7 @@ def widened(region: Region, margin_px: int, shape: tuple[int, int]) -> Region:
     x0, y0, x1, y1 = region.box_px
     left, top = max(x0 - margin_px, 0), max(y0 - margin_px, 0)
     right, bottom = min(x1 + margin_px, shape[1]), min(y1 + margin_px, shape[0])
-    mask = np.zeros((bottom - top, right - left), dtype=np.bool_)
-    mask[y0 - top : y1 - top, x0 - left : x1 - left] = region.mask
-    return replace(region, box_px=(left, top, right, bottom), mask=mask)
+    masks = np.zeros((1 + len(region.alternatives), bottom - top, right - left), dtype=np.bool_)
+    masks[:, y0 - top : y1 - top, x0 - left : x1 - left] = (region.mask, *region.alternatives)
+    box_px = (left, top, right, bottom)
+    return replace(region, box_px=box_px, mask=masks[0], alternatives=tuple(masks[1:]))
