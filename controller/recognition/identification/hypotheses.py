@@ -5,10 +5,10 @@ coarse fit with few samples weeds out most, and what cannot come near the best i
 all. What lies inside an outline is looked at only where the outline leaves a choice.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import islice
+from itertools import islice, takewhile
 
 import numpy as np
 
@@ -45,6 +45,7 @@ from .scores import (
 
 SAME_TURN_RAD = np.radians(4.0)
 SAME_PLACE_MM = 2.0
+FEW_OTHERS = 3  # candidates that are fitted sooner than looked at: an outline's map takes 4 ms
 OUTLINE_DECIDES = 15.0  # log-odds between fits of one outline, which what lies inside cannot turn
 
 
@@ -156,7 +157,7 @@ def weigh(
     most = limits.max_coarse if cutout.is_backlit else limits.max_lit
     likely: Iterator[Candidate] = islice(_distinct_ones(candidates, library), most)
     if cutout.is_backlit:
-        likely = _that_may_fit(likely, cutout, camera, library, limits)
+        likely = _that_may_fit(likely, lambda: bound, cutout, camera, library, limits)
     for candidate in likely:
         if candidate.overlap < bound:
             break  # one fits perfectly, and this one's outline is another
@@ -246,6 +247,7 @@ def _distinct_ones(candidates: Sequence[Candidate], library: Library) -> Iterato
 
 def _that_may_fit(
     candidates: Iterator[Candidate],
+    bound: Callable[[], float],
     cutout: ObjectCutout,
     camera: Camera,
     library: Library,
@@ -254,13 +256,17 @@ def _that_may_fit(
     """Yield the first candidate, which mostly is the right one, and the others that may fit.
 
     If none of these may, then the one that comes nearest, for the reason why nothing does.
+
+    Parameters
+    ----------
+    candidates : by their overlap
+    bound : the overlap that they need now that the first one is fitted
+    cutout, camera, library, limits : of `weigh`
     """
     yield from islice(candidates, 1)
-    others = list(candidates)
-    if not others:
-        return
-    outline = Cluster(cutout.region, camera)
-    if len(outline.points_px) == 0:
+    others = list(takewhile(lambda c: c.overlap >= bound(), candidates))
+    outline = Cluster(cutout.region, camera) if len(others) > FEW_OTHERS else None
+    if outline is None or len(outline.points_px) == 0:
         yield from others
         return
     met = shares_met(others, outline, library, limits.first_reach_mm)
