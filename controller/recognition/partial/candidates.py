@@ -47,6 +47,7 @@ def propose_partial(
     is_open: BoolArray,
     most: int = MAX_CANDIDATE_COUNT,
     per_place: int = PER_POSE,
+    most_weighed: int | None = MAX_WEIGHED,
 ) -> list[Candidate]:
     """Return what stretches of a cluster's outline may be of, most outline found first.
 
@@ -57,14 +58,16 @@ def propose_partial(
     is_open : (m,) of the cluster's outline points, those that nothing explains yet
     most : of proposals
     per_place : of one stable pose turned differently in one place, that come before others
+    most_weighed : of poses by all samples; None for all that the first samples leave, where an
+        outline is known so badly that others' turns come before the right ones
     """
     poses = _from_stretches(cluster, library, is_open)
     poses = _with_turns(poses, library)
     found, outside = _weighed(poses, cluster, library, is_open, LOOK_SAMPLES)
     likely = np.flatnonzero(found > LOOK_SHARE)
-    if len(likely) > MAX_WEIGHED:
+    if most_weighed is not None and len(likely) > most_weighed:
         score = (found - outside)[likely]
-        likely = likely[np.sort(np.argpartition(-score, MAX_WEIGHED)[:MAX_WEIGHED])]
+        likely = likely[np.sort(np.argpartition(-score, most_weighed)[:most_weighed])]
     poses = poses.at(likely)
     found, outside = _weighed(poses, cluster, library, is_open, SAMPLES)
     good = (found > MIN_FOUND) & (outside < MAX_OUTSIDE)

@@ -134,7 +134,7 @@ class Search:
         if len(outline.points_px) == 0:
             return []
         is_open = np.ones(len(outline.points_px), dtype=np.bool_)
-        return propose_partial(outline, self._library, is_open, MAX_BY_STRETCHES, PER_PLACE)
+        return propose_partial(outline, self._library, is_open, MAX_BY_STRETCHES, PER_PLACE, None)
 
     def _by_silhouette(self, piece: Region) -> list[Candidate]:
         plane = self.cluster.camera.on_plane
