@@ -1,4 +1,4 @@
-"""Which edges of a picture may be flanks of a highlight, on surfaces known on paper."""
+"""Which edges of a picture a part makes by itself, on surfaces known on paper."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from table_pictures import overhead, resting
 
 from controller.cad import Solid
-from controller.recognition.fitting import are_highlights, edge_model
+from controller.recognition.fitting import are_highlights, are_shaded, edge_model
 
 Array = NDArray[np.float64]
 CAMERA = overhead()
@@ -61,3 +61,26 @@ def test_no_edges_have_no_answer(name: str) -> None:
     part = solid_of({"rod": rod(10, 40, 96), "block": box(40, 30, 12)}[name], name)
     none = np.zeros((0, 2))
     assert are_highlights(edge_model(part), np.eye(4), CAMERA, none, none).tolist() == []
+
+
+def shaded(part: Solid, points_mm: Array) -> list[bool]:
+    """The answers for points of the world on a part that lies at the origin as it is drawn."""
+    T = resting(part, np.eye(3), 0.0, 0.0, 0.0)
+    return are_shaded(edge_model(part), T, CAMERA, CAMERA.project(points_mm)).tolist()
+
+
+def test_a_part_shades_the_floor_of_its_grooves_and_no_face_that_lies_open() -> None:
+    # a groove 8 mm wide and 14 deep, seen from straight above
+    rail = solid_of(box(60, 40, 20) - box(80, 8, 14).translate((0, 0, 3)), "rail")
+    along = np.linspace(-12, 12, 5)
+    floor = np.column_stack([along, 0 * along, 0 * along + 6])
+    face = np.column_stack([along, 0 * along + 12, 0 * along + 20])
+    assert shaded(rail, floor) == [True] * 5
+    assert shaded(rail, face) == [False] * 5
+
+
+def test_one_wall_beside_a_plane_does_not_shade_it() -> None:
+    step = solid_of(box(60, 40, 6) + box(60, 10, 30).translate((0, 15, 12)), "step")
+    along = np.linspace(-12, 12, 5)
+    assert shaded(step, np.column_stack([along, 0 * along + 8, 0 * along + 6])) == [False] * 5
+    assert shaded(step, np.column_stack([along, 0 * along - 60, 0 * along])) == [False] * 5

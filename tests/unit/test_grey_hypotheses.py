@@ -14,6 +14,7 @@ from controller.recognition.grey import (
     model_features,
     propose,
     rate,
+    swept,
 )
 from controller.recognition.grey.matching.index import near_keys
 from controller.recognition.grey.matching.keys import Frames
@@ -220,3 +221,30 @@ def test_a_rim_in_pieces_is_one_circle_and_smooth_joins_weigh_less() -> None:
     assert whole.circles_mm[:, 2].tolist() == pytest.approx([4.0, 3.0], abs=0.02)
     assert len(whole.lines_mm) == len(L_PLATE.corners)
     assert whole.corners.angles_rad == pytest.approx(np.pi / 2, abs=1e-9)
+
+
+@pytest.mark.parametrize("part", [0, 2, 6])
+def test_a_part_of_which_each_lamp_shows_a_half_is_placed_from_a_piece_of_it(part: int) -> None:
+    turn, shift = 1.2, np.array([4.0, -3.0])
+    cover = covered(PARTS[part].placed(turn, shift), SIZE, PITCH)
+    halves = [cover.copy(), cover.copy()]
+    middle = SIZE[0] // 2
+    halves[0][:, middle:] = 0.0
+    halves[1][:, :middle] = 0.0
+    lamps = [
+        image_features(shown(half, table=45, part=170, noise=1.0, seed=1), PLANE).edgelets
+        for half in halves
+    ]
+    v, u = np.nonzero(halves[0] > 0.5)
+    piece = PLANE(np.array([[u.min(), v.min()], [u.max(), v.max()]], dtype=np.float64))
+    best, *_ = swept(
+        lamps,
+        image_features(shown(cover, table=45, part=170, noise=1.0, seed=2), PLANE).edgelets,
+        INDEX,
+        np.full(len(PARTS), 2 * np.pi),
+        np.sort(np.asarray(piece)[:, :2], axis=0),
+        foot_mm=(0.0, 0.0),
+        most=5,
+    )
+    assert best.model_index == part
+    assert np.linalg.norm(best.shift_mm - shift) < 0.5

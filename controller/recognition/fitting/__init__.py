@@ -6,6 +6,7 @@ from ._evidence import (
     asked_of_each_lamp,
     grey_evidence,
     is_predicted,
+    longest_alone_mm,
     outline_evidence,
     shown_edges,
     with_inside,
@@ -21,7 +22,7 @@ from ._fit import (
     sample_information,
     twist,
 )
-from ._highlight import are_highlights
+from ._highlight import are_highlights, are_shaded
 from ._measure import Gaps, GreyMeasure, Measure, OutlineMeasure
 from ._model import EdgeModel, EdgeShape, edge_model, edge_shape
 from ._predict import EdgePoints, predict_edges, predict_outline
@@ -42,6 +43,7 @@ __all__ = [
     "Prior",
     "Shading",
     "are_highlights",
+    "are_shaded",
     "asked_of_each_lamp",
     "at_rest",
     "edge_jacobian",
@@ -51,6 +53,7 @@ __all__ = [
     "fit_edges",
     "grey_evidence",
     "is_predicted",
+    "longest_alone_mm",
     "outline_evidence",
     "predict_edges",
     "predict_outline",

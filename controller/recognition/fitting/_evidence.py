@@ -20,6 +20,7 @@ from ._predict import EdgePoints
 from ._shade import Shading
 
 Shine = Callable[[FloatArray, FloatArray], BoolArray]
+Shade = Callable[[FloatArray], BoolArray]
 
 NEAR_PX = 1.3  # an edge this near its prediction is where it should be
 FAR_PX = 2.5
@@ -31,6 +32,7 @@ APART_PX = 3.0  # from the outline, within which an edge is not told from it
 ASIDE_PX = 5  # beside an edge, where another would be found by chance only
 MAX_POINTS = 700  # of an outline that are asked whether they were predicted
 ALONE_MM = 1.2  # from everything predicted, from which an edge is not a side of one of these
+SHADED_MM = 20.0  # of an edge, from which it is asked whether a part's own shade makes it
 LINK_PX = 3.5  # between pixels of one edge; it is thinner than that, and noise breaks it
 
 
@@ -241,6 +243,7 @@ def grey_evidence(
     image_edges: ImageEdges,
     shading: Shading,
     shine: Shine | None = None,
+    shade: Shade | None = None,
     *,
     by_lamp: bool = False,
 ) -> Evidence:
@@ -256,6 +259,8 @@ def grey_evidence(
     shading : `shading_fits` of it; of several lamps' pictures, of all of them
     shine : tells which edges of a picture (points, normals) may be highlights of that pose: these
         need no explanation; None where all do
+    shade : tells which points of a picture lie where the part shades itself: an edge there may be
+        a shadow's under all lamps, and none of the part; None for no such place
     by_lamp : of a measure of several lamps each lamp's picture is looked in by itself, and how
         often an edge is found by chance is measured
     """
@@ -290,7 +295,7 @@ def grey_evidence(
         chance=chance,
         image_px=float(image_edges.length_px),
         unexplained_mm=(
-            _longest_mm(image_edges.at(~predicted), edges, mm_per_px, greys[0])
+            longest_alone_mm(image_edges.at(~predicted), edges, mm_per_px, greys[0], shade)
             if greys[0].is_joint
             else 0.0
         ),
@@ -319,20 +324,43 @@ def asked_of_each_lamp(
     )
 
 
-def _longest_mm(left: ImageEdges, edges: EdgePoints, mm_per_px: float, grey: GreyMeasure) -> float:
-    """Return how long the longest sharp edge is of those that nothing predicted is near."""
+def longest_alone_mm(
+    left: ImageEdges,
+    edges: EdgePoints,
+    mm_per_px: float,
+    grey: GreyMeasure,
+    shade: Shade | None,
+) -> float:
+    """Return how long the longest sharp edge is of those that nothing predicted is near.
+
+    Parameters
+    ----------
+    left : edges of the picture that are to be accounted for
+    edges : all visible edges at a pose
+    mm_per_px : at the object
+    grey : the pictures that edges are sharp in or not
+    shade : as `grey_evidence`
+    """
     if len(left.points_px) == 0 or len(edges.pixels) == 0:
         return 0.0
     far_px, _ = cKDTree(edges.pixels).query(left.points_px)
     alone = left.at(np.asarray(far_px * mm_per_px > ALONE_MM))
     alone = alone.at(grey.are_sharp(alone.points_px, alone.normals))
     alone = alone.at(grey.are_seen_twice(alone.points_px, alone.normals))
-    count = len(alone.points_px)
+    longest_mm = _connected_mm(alone, mm_per_px)
+    if shade is None or longest_mm < SHADED_MM:
+        return longest_mm
+    return _connected_mm(alone.at(~shade(alone.points_px)), mm_per_px)
+
+
+def _connected_mm(edges: ImageEdges, mm_per_px: float) -> float:
+    """Return how long the longest edge is that hangs together."""
+    count = len(edges.points_px)
     if count == 0:
         return 0.0
-    links = cKDTree(alone.points_px).query_pairs(LINK_PX * left.every, output_type="ndarray")
+    links = cKDTree(edges.points_px).query_pairs(LINK_PX * edges.every, output_type="ndarray")
     lengths = np.bincount(components(count, links[:, 0], links[:, 1]))
-    return float(lengths.max()) * left.every * mm_per_px
+    return float(lengths.max()) * edges.every * mm_per_px
 
 
 def shown_edges(

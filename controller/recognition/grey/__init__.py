@@ -12,6 +12,7 @@ from .matching.hypotheses import ViewHypothesis, propose, rate
 from .matching.index import FeatureIndex, feature_index
 from .matching.matches import Matches, matches
 from .matching.model import ModelFeatures, model_features
+from .matching.sweep import swept
 
 __all__ = [
     "Circles",
@@ -30,4 +31,5 @@ __all__ = [
     "model_features",
     "propose",
     "rate",
+    "swept",
 ]

@@ -20,12 +20,15 @@ from ..fitting import (
     EdgeModel,
     Evidence,
     FitOptions,
+    ImageEdges,
     Shading,
     are_highlights,
+    are_shaded,
     at_rest,
     first_edges,
     fit_edges,
     grey_evidence,
+    longest_alone_mm,
     outline_evidence,
     predict_edges,
     shading_fits,
@@ -73,7 +76,7 @@ class SearchLimits:
     coarse_share : of the best one's coarse score that others need for a full fit
     overlap_gap : of silhouettes, by which a candidate may fall short of one that fits perfectly
     perfect, perfect_px : probability from which, and misfit up to which a fit is perfect
-    shift_mm : how far round a coarse fit under lamps the edges are tried again
+    shift_mm : how far round a coarse fit under lamps the edges are tried again; 0 for not at all
     tilt_rad : standard deviation of the table's tilt, and of what a chip under a part makes
     rocking_rad, rocking_lit_rad : of a part that rests on a curve, which friction holds beside
         its lowest place; under lamps
@@ -280,13 +283,15 @@ def _that_may_fit(
 
 
 def is_tried(
-    candidate: Candidate, hypotheses: Sequence[Candidate | Hypothesis], library: Library
+    candidate: Candidate | Hypothesis,
+    hypotheses: Sequence[Candidate | Hypothesis],
+    library: Library,
 ) -> bool:
     """Return whether a candidate is one of some others, or has led to one of the hypotheses.
 
     Parameters
     ----------
-    candidate : a view not fitted yet
+    candidate : a view, fitted or not
     hypotheses : of the same object, fitted or not
     library : knows which turns leave a pose as it is
     """
@@ -447,7 +452,7 @@ def _refine(
     rocking = limits.rocking_rad if cutout.is_backlit else limits.rocking_lit_rad
     tilt = rocking if pose.rocking or pose.rolling else limits.tilt_rad
     options = FitOptions(
-        reach_px=(_reach_px(1.5, cutout), _reach_px(0.8, cutout)),
+        reach_px=tuple(_reach_px(min(mm, limits.first_reach_mm), cutout) for mm in (1.5, 0.8)),
         steps=3,
         prior=at_rest(tilt),
         most=limits.fine_outline if cutout.is_backlit else limits.fine_samples,
@@ -461,16 +466,7 @@ def _refine(
     if cutout.is_backlit:
         evidence = outline_evidence(fit, cutout.outline, cutout.mm_per_px)
     else:
-        evidence = grey_evidence(
-            fit.edges,
-            fit.sigma_px,
-            cutout.mm_per_px,
-            cutout.greys,
-            cutout.image_edges[0],
-            Shading.of_all(_shadings(fit, model, cutout, camera)),
-            partial(are_highlights, model, fit.T_world_part, camera),
-            by_lamp=True,
-        )
+        evidence = _under_lamps(fit, model, cutout, camera)
     return Hypothesis(
         part=candidate.part,
         pose=candidate.pose,
@@ -485,10 +481,65 @@ def _refine(
     )
 
 
+def _under_lamps(fit: EdgeFit, model: EdgeModel, cutout: ObjectCutout, camera: Camera) -> Evidence:
+    """Return the evidence of all lamps' pictures for a fit."""
+    return grey_evidence(
+        fit.edges,
+        fit.sigma_px,
+        cutout.mm_per_px,
+        cutout.greys,
+        cutout.image_edges[0],
+        Shading.of_all(_shadings(fit, model, cutout, camera)),
+        partial(are_highlights, model, fit.T_world_part, camera),
+        partial(are_shaded, model, fit.T_world_part, camera),
+        by_lamp=True,
+    )
+
+
+def judged_within(
+    hypotheses: Sequence[Hypothesis], cutout: ObjectCutout, camera: Camera, library: Library
+) -> list[Hypothesis]:
+    """Return fitted hypotheses about a thing under lamps by what another cutout of it shows.
+
+    Parameters
+    ----------
+    hypotheses : of the thing; their fits stay as they are
+    cutout : of the same pictures, of which it says what belongs to the thing
+    camera : calibrated, in the world's frame
+    library : whose parts the hypotheses count
+    """
+    judged = []
+    for h in hypotheses:
+        evidence = _under_lamps(h.fit, library.model(h.part), cutout, camera)
+        judged.append(replace(h, evidence=evidence, probability=probability(evidence, FRONT)))
+    return ranked_under_lamps(judged, library)
+
+
+def alone_in(
+    h: Hypothesis, about: ImageEdges, cutout: ObjectCutout, camera: Camera, library: Library
+) -> Hypothesis:
+    """Return a hypothesis with the longest edge that it does not account for in its surroundings.
+
+    Parameters
+    ----------
+    h : under lamps, judged by the thing alone
+    about : strong edges round the thing
+    cutout : of the thing
+    camera : calibrated, in the world's frame
+    library : whose parts the hypothesis counts
+    """
+    shade = partial(are_shaded, library.model(h.part), h.fit.T_world_part, camera)
+    mm = longest_alone_mm(about, h.fit.edges, cutout.mm_per_px, cutout.greys[0], shade)
+    longest_mm = max(mm, h.evidence.unexplained_mm)
+    return replace(h, evidence=replace(h.evidence, unexplained_mm=longest_mm))
+
+
 def _shifted(
     model: EdgeModel, T: FloatArray, cutout: ObjectCutout, camera: Camera, limits: SearchLimits
 ) -> FloatArray:
     """Return a pose moved over the table to where its edges meet the most contrast."""
+    if limits.shift_mm == 0:
+        return T
     edges = predict_edges(model, T, camera, limits.coarse_samples)
     if len(edges.pixels) == 0:
         return T

@@ -33,6 +33,7 @@ from .lines import by_lines
 from .lit import parts_of_lit
 from .sighting import Alternative, Recognition, Sighting, Trace
 from .touching import PartialSighting, parts_of
+from .wider import look_wider
 
 Answers = tuple[Region, list[tuple[Sighting, Trace]]]  # of a region, and what is in it
 LEFT_OVER = "touches known parts, but is none of them as far as it is seen; move it apart"
@@ -44,6 +45,7 @@ CROWD = 0.15  # in the index: of silhouettes seen, the view they are of was with
 CROWDED_VIEWS = 400  # compared turn by turn in a crowd: 10 to 16 ms
 FAR_BACKLIT = 0.6  # in the index: a whole silhouette finds its like nearby
 MAX_BY_LINES = 8
+LARGEST = 1.3  # times the longest part, that a thing with its shadow may be
 FAR_FRONT = 1.5  # one with shaded sides missing may be farther off
 
 
@@ -120,7 +122,12 @@ def recognise(
                 )
         every.append((region, answers))
     if not is_backlit:
+        alone: list[Answers] = []
+        if len(inner) > 1:
+            every, alone = _looked_wider(every, inner, camera, library, usable, limits)
         every = _taken_apart(every, inner, camera, library, usable, pixel_mm2, limits)
+        if alone:
+            every = sorted([*every, *alone], key=lambda one: -one[0].area_px)
     for _, answers in every:
         first = len(sightings)
         for sighting, trace in answers:
@@ -256,6 +263,90 @@ def _taken_apart(
                 del out[k]
             out[numbers[0]] = region, _of_parts(parts, camera, library, pixel_mm2)
     return list(out.values())
+
+
+def _looked_wider(
+    every: Sequence[Answers],
+    pictures: Sequence[Grey],
+    camera: Camera,
+    library: Library,
+    usable: BoolArray | None,
+    limits: RecognitionLimits,
+) -> tuple[list[Answers], list[Answers]]:
+    """Return the answers that stay, and those about things known by all edges about them.
+
+    Parameters
+    ----------
+    every : what was cut out, each by itself
+    pictures : under several lamps, the brightest of all first
+    camera, library, usable, limits : of `recognise`
+    """
+    left, found = dict(enumerate(every)), []
+    known = [region for region, answers in every if answers[0][0].part is not None]
+    for group in near_ones([region for region, _ in every]):
+        near = [every[k] for k in group if k in left]
+        if not near or any(answers[0][0].part is not None for _, answers in near):
+            continue
+        if usable is not None and any(region.touches_edge for region, _ in near):
+            continue
+        alone = _by_edges_about(near, known, pictures, camera, library, limits)
+        if alone is None:
+            continue
+        region = alone[1].region
+        found.append((region, [alone]))
+        known.append(region)
+        for k in list(left):
+            # pieces farther off that are the part's, too
+            if k in group or (left[k][0] not in known and _is_in(left[k][0], region)):
+                del left[k]
+    return list(left.values()), found
+
+
+def _is_in(piece: Region, region: Region) -> bool:
+    """Return whether most of a piece is part of a region."""
+    x0, y0, x1, y1 = region.box_px
+    left, top, right, bottom = piece.box_px
+    u0, v0, u1, v1 = max(left, x0), max(top, y0), min(right, x1), min(bottom, y1)
+    if u0 >= u1 or v0 >= v1:
+        return False
+    both = piece.mask[v0 - top : v1 - top, u0 - left : u1 - left]
+    both = both & region.mask[v0 - y0 : v1 - y0, u0 - x0 : u1 - x0]
+    return 2 * int(both.sum()) > int(piece.mask.sum())
+
+
+def _by_edges_about(
+    near: Sequence[Answers],
+    known: Sequence[Region],
+    pictures: Sequence[Grey],
+    camera: Camera,
+    library: Library,
+    limits: RecognitionLimits,
+) -> tuple[Sighting, Trace] | None:
+    """Return what one thing is whose pieces are known as nothing; None if it stays unknown.
+
+    Parameters
+    ----------
+    near : the pieces, and what was tried on them
+    known : the picture's things that are known
+    pictures, camera, library, limits : of `recognise`
+    """
+    region = joined([region for region, _ in near])
+    x0, y0, x1, y1 = region.box_px
+    ends_mm = camera.on_plane(np.array([[x0, y0], [x1, y1]], dtype=np.float64))[:, :2]
+    longest_mm = max(entry.extent_mm for entry in library.entries)
+    if np.abs(ends_mm[1] - ends_mm[0]).max() > LARGEST * longest_mm:
+        return None  # no part is so large: these are several
+    before = [h for _, answers in near for h in answers[0][1].hypotheses]
+    wide, candidates, hypotheses = look_wider(
+        region, known, before, pictures, camera, library, limits.search
+    )
+    decision = decide(hypotheses, is_backlit=False)
+    if decision.best is None:
+        return None
+    area_mm2 = sum(answers[0][0].area_mm2 for _, answers in near)
+    wide = replace(wide, touches_edge=False)
+    sighting = _known(decision, decision.best, wide, area_mm2, library)
+    return sighting, Trace(wide, tuple(candidates), tuple(hypotheses))
 
 
 def _of_parts(

@@ -106,6 +106,12 @@ class Library:
             for pose in entry.poses
         )
 
+    @cached_property
+    def grey_turns_rad(self) -> FloatArray:
+        """Of each of ``grey_views``, the smallest turn that leaves it as it is; 0 if any does."""
+        turns = [self.entries[part].turns_of(pose) for part, pose in self.grey_views]
+        return np.array([2 * np.pi / len(kept) if len(kept) else 0.0 for kept in turns])
+
     def model(self, part: int) -> EdgeModel:
         """Return the edges of a part, from memory if it was asked for lately."""
         found = self._models.pop(part, None) or edge_model(self._load(part))

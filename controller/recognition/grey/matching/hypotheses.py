@@ -129,8 +129,8 @@ def _best(
     coarse = coarse[quick_scores(seen, index, coarse, MAX_FITTED)]
     poses = fitted(seen, index, coarse, tol)
     scores = rated(seen, index, poses, tol)
-    order = _distinct(poses, scores[:, 0], most)
-    return tuple(_hypothesis(poses[i], scores[i], foot) for i in order.tolist())
+    order = distinct_poses(poses, scores[:, 0], most)
+    return tuple(hypothesis_of(poses[i], scores[i], foot) for i in order.tolist())
 
 
 def _of_hull(
@@ -236,8 +236,15 @@ def _clusters(votes: FloatArray) -> FloatArray:
     return np.stack([model[first], turn_mean, *mean], axis=1)[order]
 
 
-def _distinct(poses: FloatArray, scores: FloatArray, most: int) -> IntArray:
-    """Return the ``most`` best, without those a better one all but equals."""
+def distinct_poses(poses: FloatArray, scores: FloatArray, most: int) -> IntArray:
+    """Return the ``most`` best, without those a better one all but equals.
+
+    Parameters
+    ----------
+    poses : (n, 4) view, turn [rad] and shift [mm]
+    scores : (n,)
+    most : returned at most, best first
+    """
     order = np.argsort(-scores, kind="stable")
     p = poses[order]
     turn = np.abs((p[:, None, 1] - p[None, :, 1] + np.pi) % (2 * np.pi) - np.pi)
@@ -255,7 +262,15 @@ def _distinct(poses: FloatArray, scores: FloatArray, most: int) -> IntArray:
     return order[kept]
 
 
-def _hypothesis(pose: FloatArray, score: FloatArray, foot: FloatArray) -> ViewHypothesis:
+def hypothesis_of(pose: FloatArray, score: FloatArray, foot: FloatArray) -> ViewHypothesis:
+    """Return a placed view with its scores.
+
+    Parameters
+    ----------
+    pose : (4,) view, turn [rad] and shift [mm] about the camera's foot
+    score : (3,) of `rated`
+    foot : (2,) point of the table below the camera
+    """
     return ViewHypothesis(
         int(pose[0]),
         float((pose[1] + np.pi) % (2 * np.pi) - np.pi),

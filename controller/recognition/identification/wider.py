@@ -1,0 +1,154 @@
+"""A lone thing of which a piece was cut out, or that with a shadow: by the edges about it.
+
+What a part shows under one lamp or another is there, though no outline of it is whole. Edges
+propose poses, which are fitted as others are. What a likely pose covers belongs to the thing then:
+it has to be explained as well as what was cut out.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import cv2
+import numpy as np
+
+from controller.arrays import BoolArray, Grey
+from controller.imaging import Camera, render_maps
+
+from ..fitting import ImageEdges
+from ..library import Candidate, Library
+from ..segmentation import Region
+from .cutout import ObjectCutout
+from .decide import has_other_inside
+from .hypotheses import Hypothesis, SearchLimits, alone_in, is_tried, judged_within, weigh
+from .lines import by_sweep
+from .lit import widened
+
+WIDER = 0.5  # of a piece's longer side, by which its part may reach beyond it
+WIDER_MM = 10.0
+MAX_BY_SWEEP = 12
+REACH_MM = 1.0  # how far off they may lie: they are fitted to edges already
+MAY_BE = 0.1  # probability by itself, from which a pose counts and what it covers is the thing's
+BESIDE_PX = 4  # round another thing, edges still are its own
+# round a lone part there is table: an edge so near is of a thing that the part is a detail of
+BAND_MM = 6.0
+# of what is seen, that a pose has to explain: a thin part lies along any long edge
+MIN_EXPLAINED = 0.55
+AS_STRONG = 0.8  # as the thing's own edges: fainter ones are grain and half-shadows
+
+
+def look_wider(
+    region: Region,
+    others: Sequence[Region],
+    before: Sequence[Hypothesis],
+    pictures: Sequence[Grey],
+    camera: Camera,
+    library: Library,
+    limits: SearchLimits,
+) -> tuple[Region, list[Candidate], list[Hypothesis]]:
+    """Return a thing as it may be, what its edges propose, and what is likely then, best first.
+
+    Parameters
+    ----------
+    region : what was cut out
+    others : the picture's other things that are known
+    before : hypotheses about it that did not convince
+    pictures : of the scene under several lamps, the brightest of all first
+    camera : overhead, calibrated
+    library : of the parts that may be there
+    limits : how much is tried
+    """
+    x0, y0, x1, y1 = region.box_px
+    middle_px = np.array([[(x0 + x1) / 2, (y0 + y1) / 2]])
+    mm = camera.mm_per_px(camera.on_plane(middle_px)[0])
+    margin_px = round(max(WIDER * max(x1 - x0, y1 - y0), WIDER_MM / mm))
+    wide = widened(region, margin_px, pictures[0].shape)
+    free = _free(wide, others)
+    cutout = ObjectCutout(wide, pictures, mm, [wide.loops_px], is_backlit=False)
+    candidates = by_sweep(
+        cutout.crops, cutout.corner_px, wide.mask, free, camera, library, MAX_BY_SWEEP
+    )
+    narrow = replace(
+        limits,
+        max_lit=MAX_BY_SWEEP,
+        max_fine=MAX_BY_SWEEP,
+        first_reach_mm=REACH_MM,
+        shift_mm=0.0,
+    )
+    found = weigh(candidates, cutout, camera, library, narrow, source="lines")
+    likely = [h for h in (*before, *found) if h.probability >= MAY_BE and _is_whole(h, pictures[0])]
+    if not free.all():
+        likely = [h for h in likely if not _is_taken(h, wide, free, camera, library)]
+    if not likely:
+        return wide, candidates, []
+    best = max(likely, key=lambda h: (not has_other_inside(h), h.probability))
+    mask = wide.mask | (_covered(best, wide, camera, library) & free)
+    wide = replace(wide, mask=mask)
+    cutout = ObjectCutout(wide, pictures, mm, [], is_backlit=False)
+    judged = judged_within(likely, cutout, camera, library)
+    about = _edges_about(cutout, free, round(BAND_MM / mm))
+    # one that leaves most of the thing open says nothing against another
+    judged = [
+        alone_in(h, about, cutout, camera, library) for h in judged if h.probability >= MAY_BE
+    ]
+    able = [h for h in judged if not has_other_inside(h)]
+    # what a piece's own outline or lines propose, and the edges about it do not, is no answer
+    is_answer = (
+        bool(able)
+        and able[0].evidence.explained >= MIN_EXPLAINED
+        and is_tried(able[0], found, library)
+    )
+    return wide, candidates, judged if is_answer else []
+
+
+def _edges_about(cutout: ObjectCutout, free: BoolArray, band_px: int) -> ImageEdges:
+    """Return edges in a band round a thing that are about as strong as its own."""
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * band_px + 1,) * 2)
+    mask = cutout.region.mask.astype(np.uint8)
+    band = (cv2.dilate(mask, disc) > 0) & free & (cv2.dilate(mask, np.ones((7, 7))) == 0)
+    found = ImageEdges.of(cutout.greys[0], np.asarray(band))
+    own = cutout.image_edges[0].strength
+    return found.at(found.strength > (AS_STRONG * np.median(own) if len(own) else np.inf))
+
+
+def _is_taken(
+    h: Hypothesis, wide: Region, free: BoolArray, camera: Camera, library: Library
+) -> bool:
+    """Return whether a hypothesis has the part where another thing is, for the most part."""
+    covered = _covered(h, wide, camera, library)
+    return 2 * int((covered & ~free).sum()) > int(covered.sum())
+
+
+def _is_whole(h: Hypothesis, picture: Grey) -> bool:
+    """Return whether all of a part is in the picture, if a hypothesis is right."""
+    height, width = picture.shape
+    low, high = h.fit.edges.pixels.min(axis=0), h.fit.edges.pixels.max(axis=0)
+    return bool((low >= 1).all() and (high < np.array([width, height]) - 2).all())
+
+
+def _free(wide: Region, others: Sequence[Region]) -> BoolArray:
+    """Return where in a region's box no other thing is, (h, w)."""
+    x0, y0, x1, y1 = wide.box_px
+    taken = np.zeros(wide.mask.shape, dtype=np.uint8)
+    for other in others:
+        left, top, right, bottom = other.box_px
+        u0, v0, u1, v1 = max(left, x0), max(top, y0), min(right, x1), min(bottom, y1)
+        if u0 < u1 and v0 < v1:
+            own = other.mask[v0 - top : v1 - top, u0 - left : u1 - left]
+            taken[v0 - y0 : v1 - y0, u0 - x0 : u1 - x0] |= own
+    beside = np.ones((2 * BESIDE_PX + 1,) * 2, np.uint8)
+    return np.asarray(cv2.dilate(taken, beside) == 0)
+
+
+def _covered(h: Hypothesis, wide: Region, camera: Camera, library: Library) -> BoolArray:
+    """Return where in a region's box a hypothesis has the part, (h, w)."""
+    x0, y0, x1, y1 = wide.box_px
+    seen = h.fit.edges.pixels
+    low = np.maximum(np.floor(seen.min(axis=0)).astype(int) - 1, [x0, y0])
+    high = np.minimum(np.ceil(seen.max(axis=0)).astype(int) + 2, [x1, y1])
+    out = np.zeros(wide.mask.shape, dtype=np.bool_)
+    if (low >= high).any():
+        return out
+    roi = (int(low[0]), int(low[1]), int(high[0]), int(high[1]))
+    depth = render_maps(library.model(h.part).caster, h.fit.T_world_part, camera, roi).depth_mm
+    out[low[1] - y0 : high[1] - y0, low[0] - x0 : high[0] - x0] = np.isfinite(depth)
+    return out
