@@ -33,6 +33,7 @@ from controller.recognition.identification.lit.parts import (
     sure_beside_unknown,
 )
 from controller.recognition.identification.lit.search import Search, tipped
+from controller.recognition.identification.recognise import Answers, each_once
 from controller.recognition.library import Candidate
 from controller.recognition.segmentation import Region, joined, near_ones
 
@@ -187,7 +188,8 @@ def test_a_stranger_by_itself_under_lamps_is_not_made_of_known_parts() -> None:
 
 def reading(part: int, probability: float, x_mm: float = 0.0) -> Hypothesis:
     """What is known of a reading but how sure it is, and of what where, does not matter here."""
-    found = {"part": part, "probability": probability, "place_mm": np.array([x_mm, 0.0])}
+    found = {"part": part, "pose": part, "probability": probability}
+    found["place_mm"] = np.array([x_mm, 0.0])
     same = {"log_odds": 10.0, "evidence": SimpleNamespace(area_mm2=1.0)}
     return cast(Hypothesis, SimpleNamespace(**found, **same))
 
@@ -197,17 +199,51 @@ def place(*readings: Hypothesis) -> Place:
     return Place(cast(LitFit, None), (), decision, readings)
 
 
+def with_rare(*numbers: int) -> Library:
+    """A library of three parts; those of these numbers hardly ever come to lie so."""
+    poses = [SimpleNamespace(drop_probability=0.001 if k in numbers else 0.3) for k in range(3)]
+    entry = SimpleNamespace(pose=lambda index: poses[index])
+    return cast(Library, SimpleNamespace(entries=[entry] * 3))
+
+
 def test_beside_something_unknown_only_what_is_sure_by_itself_is_named() -> None:
-    sure, detail = place(reading(0, 0.95)), place(reading(1, 0.74))
-    assert sure_beside_unknown([sure, detail], is_unknown_left=True) == ([sure], [detail])
-    assert sure_beside_unknown([sure, detail], is_unknown_left=False) == ([sure, detail], [])
+    sure, detail, none = place(reading(0, 0.95)), place(reading(1, 0.74)), with_rare()
+    assert sure_beside_unknown([sure, detail], none, is_unknown_left=True) == ([sure], [detail])
+    assert sure_beside_unknown([sure, detail], none, is_unknown_left=False) == ([sure, detail], [])
+
+
+def test_what_stands_on_its_rim_in_a_cluster_is_sure_and_beside_nothing_unknown() -> None:
+    sure, unsure, flat_one = (
+        place(reading(0, 0.99)),
+        place(reading(1, 0.74)),
+        place(reading(2, 0.7)),
+    )
+    rims = with_rare(0, 1)
+    every = [sure, unsure, flat_one]
+    assert sure_beside_unknown(every, rims, is_unknown_left=False) == ([sure, flat_one], [unsure])
+    assert sure_beside_unknown([sure], rims, is_unknown_left=True) == ([], [sure])
+
+
+def test_a_piece_of_a_part_is_not_named_as_that_part_once_more() -> None:
+    def answer(part: str | None, x_mm: float, score: float = 0.9) -> Answers:
+        seen = SimpleNamespace(part=part, x_mm=x_mm, y_mm=0.0, score=score)
+        return cast(Answers, (None, [(seen, None)]))
+
+    part, piece, again, other = (
+        answer("a", *at) for at in ((0, 0.99), (1.5, 0.98), (1, 0.99), (40,))
+    )
+    unknown, another = answer(None, 0.0), answer("b", 0.5)
+    every = [piece, part, unknown, again, other, another]
+    assert each_once(every) == [part, unknown, other, another]
 
 
 def test_a_part_is_sure_whose_turn_is_open_and_not_one_whose_place_or_name_is() -> None:
     turned = place(reading(0, 0.95), reading(0, 0.94, 0.2), reading(0, 0.93, -0.2))
     elsewhere = place(reading(0, 0.95), reading(0, 0.94, 9.0))
     another = place(reading(0, 0.95), reading(1, 0.94))
-    named, unsure = sure_beside_unknown([turned, elsewhere, another], is_unknown_left=True)
+    named, unsure = sure_beside_unknown(
+        [turned, elsewhere, another], with_rare(), is_unknown_left=True
+    )
     assert named == [turned]
     assert unsure == [elsewhere, another]
 

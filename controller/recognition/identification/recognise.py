@@ -41,6 +41,7 @@ WHOLE = 0.95  # of an outline's length, that the part itself explains
 BESIDE_MM = 3.0  # from the outline of a part that is named, farther off is something else's,
 ANOTHER_MM = 12.0  # if so much of the cluster's outer outline is
 LARGER = 1.1  # than any known silhouette: it is several parts, or something unknown
+SAME_PLACE_MM = 2.0  # between two of one kind there is one
 CROWD = 0.15  # in the index: of silhouettes seen, the view they are of was within 0.13
 CROWDED_VIEWS = 400  # compared turn by turn in a crowd: 10 to 16 ms
 FAR_BACKLIT = 0.6  # in the index: a whole silhouette finds its like nearby
@@ -128,6 +129,7 @@ def recognise(
         every = _taken_apart(every, inner, camera, library, usable, pixel_mm2, limits)
         if alone:
             every = sorted([*every, *alone], key=lambda one: -one[0].area_px)
+        every = each_once(every)
     for _, answers in every:
         first = len(sightings)
         for sighting, trace in answers:
@@ -300,6 +302,34 @@ def _looked_wider(
             if k in group or (left[k][0] not in known and _is_in(left[k][0], region)):
                 del left[k]
     return list(left.values()), found
+
+
+def each_once(every: Sequence[Answers]) -> list[Answers]:
+    """Return answers without pieces of a part that are named as that part once more.
+
+    Parameters
+    ----------
+    every : of regions, what is in each
+    """
+    named = [seen for _, answers in every for seen, _ in answers if seen.part is not None]
+    named.sort(key=lambda seen: -seen.score)
+    first = [
+        seen
+        for k, seen in enumerate(named)
+        if not any(_are_one(seen, other) for other in named[:k])
+    ]
+    return [
+        (region, answers)
+        for region, answers in every
+        if len(answers) > 1
+        or answers[0][0].part is None
+        or any(answers[0][0] is seen for seen in first)
+    ]
+
+
+def _are_one(a: Sighting, b: Sighting) -> bool:
+    """Return whether two sightings have one kind of part in one place."""
+    return a.part == b.part and bool(np.hypot(a.x_mm - b.x_mm, a.y_mm - b.y_mm) < SAME_PLACE_MM)
 
 
 def _is_in(piece: Region, region: Region) -> bool:

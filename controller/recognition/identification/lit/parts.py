@@ -39,6 +39,7 @@ OVERLAID_MM = 5.0  # of outline that is not there but a piece is: that lies on t
 # parts, and the rest of it stays unknown. Of 70 right ones in clusters developed with one has 0.85
 # to 0.9, of details of what is not known the best has 0.88 (docs/adr/0092)
 SURE = 0.9
+RARE = 0.02  # of parts that are dropped, by which a stable pose is one that needs more to be named
 
 
 def parts_of_lit(
@@ -199,7 +200,7 @@ def _sightings(
         masks = [within(piece, search.region) for piece in pieces]
         places, details = _details_left_out(places, masks, [one.fit.shadow for one in nowhere])
         is_unknown_left = bool(pieces or nowhere or details)
-        places, unsure = sure_beside_unknown(places, is_unknown_left=is_unknown_left)
+        places, unsure = sure_beside_unknown(places, library, is_unknown_left=is_unknown_left)
         if not (details or unsure):
             break
         nowhere += [*details, *unsure]
@@ -274,10 +275,27 @@ def is_detail(
 
 
 def sure_beside_unknown(
-    places: Sequence[Place], *, is_unknown_left: bool
+    places: Sequence[Place], library: Library, *, is_unknown_left: bool
 ) -> tuple[list[Place], list[Place]]:
-    """Return the places that are named, and those that are not sure beside something unknown."""
-    unsure = [p for p in places if is_unknown_left and p.sureness < SURE]
+    """Return the places that are named, and those that are not sure beside something unknown.
+
+    A washer that stands on its rim looks like a strip of anything, and hardly ever comes to stand
+    so: in a cluster such a pose has to be sure, and beside something unknown it is not named.
+
+    Parameters
+    ----------
+    places : what seems to be there
+    library : whose stable poses they are of
+    is_unknown_left : something else is there that no part explains
+    """
+    unsure = []
+    for place in places:
+        best = place.decision.best
+        assert best is not None
+        is_rare = library.entries[best.part].pose(best.pose).drop_probability < RARE
+        is_sure = place.sureness >= SURE and not (is_rare and is_unknown_left)
+        if (is_unknown_left or is_rare) and not is_sure:
+            unsure.append(place)
     return [p for p in places if not any(p is one for one in unsure)], unsure
 
 

@@ -120,7 +120,7 @@ class Search:
         for row in zip_longest(*map(self._by_stretches, pieces)):
             for k, c in enumerate(row):
                 if c is not None and not is_tried(c, tried, self._library):
-                    stretches.append((c, f"stretches of {k}"))
+                    stretches.append((c, "stretches" + str(k)))
                     tried.append(c)
         found += stretches[:MAX_BY_STRETCHES]
         if is_first:
