@@ -30,6 +30,8 @@ def sample_picture(
     values : (n, k)
     """
     u, v = np.asarray(x, np.float32), np.asarray(y, np.float32)
+    if u.size == 0:
+        return np.zeros(u.shape, np.float32)
     if max(u.shape) <= MAX_SIDE:
         return _sampled(picture, u, v, border)
     flat_u, flat_v = u.reshape(-1, 1), v.reshape(-1, 1)

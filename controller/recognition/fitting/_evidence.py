@@ -269,8 +269,8 @@ def grey_evidence(
         off, chance = shown_edges(edges, greys[0], mm_per_px)
     else:
         off, chance = _off_px(edges.pixels, edges, greys), 0.0
-    near = off < NEAR_PX
     weight = visibility(edges)
+    outline, inner, misfit_px = _found(off, on, weight)
     predicted = is_predicted(image_edges.points_px, edges, edges.step_mm / mm_per_px)
     if shine is not None:
         asked = predicted.copy()
@@ -280,14 +280,14 @@ def grey_evidence(
     # where the picture shows no strong edge, none is left to explain
     explained = _weighted(predicted, np.sqrt(image_edges.strength)) if len(predicted) else 1.0
     return Evidence(
-        outline=_weighted(near[on], weight[on]),
+        outline=outline,
         explained=explained,
-        inner=_weighted(near[~on], weight[~on]),
+        inner=inner,
         inner_mm=float(weight[~on].sum()) * edges.step_mm,
         inner_explained=explained,
         image_mm=image_edges.length_mm(mm_per_px),
         sigma_px=sigma_px,
-        misfit_px=float(np.sqrt(_weighted(off[on] ** 2, weight[on]))) if on.any() else FAR_PX,
+        misfit_px=misfit_px,
         outline_mm=float(on.sum()) * edges.step_mm,
         shading=shading.explained,
         residual=shading.residual,
@@ -314,14 +314,22 @@ def asked_of_each_lamp(
     shown : `shown_edges` of them
     """
     off, chance = shown
-    on, near, weight = edges.on_outline, off < NEAR_PX, visibility(edges)
-    return replace(
-        known,
-        outline=_weighted(near[on], weight[on]),
-        inner=_weighted(near[~on], weight[~on]),
-        misfit_px=float(np.sqrt(_weighted(off[on] ** 2, weight[on]))) if on.any() else FAR_PX,
-        chance=chance,
-    )
+    outline, inner, misfit_px = _found(off, edges.on_outline, visibility(edges))
+    return replace(known, outline=outline, inner=inner, misfit_px=misfit_px, chance=chance)
+
+
+def _found(off: FloatArray, on: BoolArray, weight: FloatArray) -> tuple[float, float, float]:
+    """Return the shares of outline and inside that are there, and the outline's misfit [px].
+
+    Parameters
+    ----------
+    off : (n,) how far from each predicted edge the nearest one is [px]
+    on : (n,) which are of the outline
+    weight : (n,) how surely they show
+    """
+    near = off < NEAR_PX
+    misfit_px = float(np.sqrt(_weighted(off[on] ** 2, weight[on]))) if on.any() else FAR_PX
+    return _weighted(near[on], weight[on]), _weighted(near[~on], weight[~on]), misfit_px
 
 
 def longest_alone_mm(

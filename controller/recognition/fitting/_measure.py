@@ -299,8 +299,6 @@ class GreyMeasure:
         points_px : (n, 2) x before y, in the whole picture
         normals : (n, 2) unit, up the gradient
         """
-        if len(points_px) == 0:
-            return np.zeros(0, dtype=np.bool_)
         steps = np.array([0.0, -BLURRED_PX, BLURRED_PX])
         slope = np.abs(self._profiles(self.own, points_px, normals, steps))
         return np.asarray(slope[1:].min(axis=0) < SOFT * slope[0])
@@ -313,8 +311,6 @@ class GreyMeasure:
         points_px : (n, 2) x before y, in the whole picture
         normals : (n, 2) unit, up the gradient
         """
-        if len(points_px) == 0:
-            return np.zeros(0, dtype=np.bool_)
         steps = np.arange(-SEEN_PX, SEEN_PX + 1, dtype=np.float64)
         slopes = [self._profiles(slopes, points_px, normals, steps) for slopes, _ in self._lamps]
         size = np.abs(slopes).max(axis=1)

@@ -22,6 +22,7 @@ from ..segmentation import Region, brightest_of, joined, near_ones, segment
 from .cutout import ObjectCutout
 from .decide import Decision, decide, has_other_inside, is_convincing
 from .hypotheses import (
+    SAME_PLACE_MM,
     Hypothesis,
     SearchLimits,
     distinct,
@@ -32,7 +33,7 @@ from .hypotheses import (
 from .lines import by_lines
 from .lit import parts_of_lit
 from .sighting import Alternative, Recognition, Sighting, Trace
-from .touching import PartialSighting, parts_of
+from .touching import PartialSighting, parts_of, within
 from .wider import look_wider
 
 Answers = tuple[Region, list[tuple[Sighting, Trace]]]  # of a region, and what is in it
@@ -41,7 +42,6 @@ WHOLE = 0.95  # of an outline's length, that the part itself explains
 BESIDE_MM = 3.0  # from the outline of a part that is named, farther off is something else's,
 ANOTHER_MM = 12.0  # if so much of the cluster's outer outline is
 LARGER = 1.1  # than any known silhouette: it is several parts, or something unknown
-SAME_PLACE_MM = 2.0  # between two of one kind there is one
 CROWD = 0.15  # in the index: of silhouettes seen, the view they are of was within 0.13
 CROWDED_VIEWS = 400  # compared turn by turn in a crowd: 10 to 16 ms
 FAR_BACKLIT = 0.6  # in the index: a whole silhouette finds its like nearby
@@ -116,8 +116,7 @@ def recognise(
             parts = parts_of(region, inner, camera, library, usable, least_px, limits.search)
             if answers[0][0].part is None or len(parts) > 1:
                 answers = _of_parts(parts, camera, library, pixel_mm2) or answers
-            is_too_large = region.area_px * pixel_mm2 > LARGER * library.index.area_mm2.max()
-            if lit and _named(answers) < len(answers) and (_named(answers) or is_too_large):
+            if lit and _may_lean(region, answers, library, pixel_mm2):
                 answers = _seen_under_lamps(
                     region, answers, lit, camera, library, usable, pixel_mm2, limits
                 )
@@ -206,6 +205,19 @@ def _may_be_several(sighting: Sighting, trace: Trace, mm_per_px: float) -> bool:
 def _named(answers: Sequence[tuple[Sighting, Trace]]) -> int:
     """Return how many parts are named."""
     return sum(seen.part is not None for seen, _ in answers)
+
+
+def _may_lean(
+    region: Region,
+    answers: Sequence[tuple[Sighting, Trace]],
+    library: Library,
+    pixel_mm2: float,
+) -> bool:
+    """Return whether what is unknown of a backlit thing may lean on a part, or be several."""
+    named = _named(answers)
+    if named == len(answers):
+        return False
+    return named > 0 or bool(region.area_px * pixel_mm2 > LARGER * library.index.area_mm2.max())
 
 
 def _seen_under_lamps(
@@ -334,14 +346,7 @@ def _are_one(a: Sighting, b: Sighting) -> bool:
 
 def _is_in(piece: Region, region: Region) -> bool:
     """Return whether most of a piece is part of a region."""
-    x0, y0, x1, y1 = region.box_px
-    left, top, right, bottom = piece.box_px
-    u0, v0, u1, v1 = max(left, x0), max(top, y0), min(right, x1), min(bottom, y1)
-    if u0 >= u1 or v0 >= v1:
-        return False
-    both = piece.mask[v0 - top : v1 - top, u0 - left : u1 - left]
-    both = both & region.mask[v0 - y0 : v1 - y0, u0 - x0 : u1 - x0]
-    return 2 * int(both.sum()) > int(piece.mask.sum())
+    return 2 * int((within(piece, region) & region.mask).sum()) > int(piece.mask.sum())
 
 
 def _by_edges_about(

@@ -170,20 +170,37 @@ def cut_out(mask: BoolArray, whole: Region, is_cut: bool) -> Region:
 
 
 def within(own: Region, whole: Region) -> BoolArray:
-    """Return a region's mask in the box of the cluster that it is of."""
+    """Return a region's mask in the box of another one, as far as it is in there."""
     out = np.zeros_like(whole.mask)
-    x, y = own.box_px[0] - whole.box_px[0], own.box_px[1] - whole.box_px[1]
-    height, width = own.mask.shape
-    out[y : y + height, x : x + width] = own.mask
+    x0, y0, x1, y1 = whole.box_px
+    left, top, right, bottom = own.box_px
+    u0, v0, u1, v1 = max(left, x0), max(top, y0), min(right, x1), min(bottom, y1)
+    if u0 < u1 and v0 < v1:
+        piece = own.mask[v0 - top : v1 - top, u0 - left : u1 - left]
+        out[v0 - y0 : v1 - y0, u0 - x0 : u1 - x0] = piece
     return out
+
+
+def connected(mask: BoolArray, whole: Region, least_px: float, is_cut: bool) -> list[Region]:
+    """Return the connected pieces of a mask of a region's box.
+
+    Parameters
+    ----------
+    mask : (h, w)
+    whole : the region
+    least_px : pixels below which a piece is none
+    is_cut : they reach the picture's edge if the region does
+    """
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
+    return [
+        cut_out(labels == k, whole, is_cut)
+        for k in range(1, len(stats))
+        if stats[k, cv2.CC_STAT_AREA] >= least_px
+    ]
 
 
 def _what_is_left(left: BoolArray, whole: Region, least_px: float) -> list[PartialSighting]:
     """Return the connected pieces of what no part covers, as unknown objects."""
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(left.astype(np.uint8), connectivity=8)
     nothing = Decision(None, 1.0, (), None)
-    return [
-        PartialSighting(cut_out(labels == k, whole, True), nothing, (), 0.0)
-        for k in range(1, len(stats))
-        if stats[k, cv2.CC_STAT_AREA] >= least_px
-    ]
+    pieces = connected(left, whole, least_px, True)
+    return [PartialSighting(piece, nothing, (), 0.0) for piece in pieces]

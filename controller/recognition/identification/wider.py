@@ -22,6 +22,7 @@ from .decide import has_other_inside
 from .hypotheses import Hypothesis, SearchLimits, alone_in, is_tried, judged_within, weigh
 from .lines import by_sweep
 from .lit import widened
+from .touching import within
 
 WIDER = 0.5  # of a piece's longer side, by which its part may reach beyond it
 WIDER_MM = 10.0
@@ -127,14 +128,9 @@ def _is_whole(h: Hypothesis, picture: Grey) -> bool:
 
 def _free(wide: Region, others: Sequence[Region]) -> BoolArray:
     """Return where in a region's box no other thing is, (h, w)."""
-    x0, y0, x1, y1 = wide.box_px
     taken = np.zeros(wide.mask.shape, dtype=np.uint8)
     for other in others:
-        left, top, right, bottom = other.box_px
-        u0, v0, u1, v1 = max(left, x0), max(top, y0), min(right, x1), min(bottom, y1)
-        if u0 < u1 and v0 < v1:
-            own = other.mask[v0 - top : v1 - top, u0 - left : u1 - left]
-            taken[v0 - y0 : v1 - y0, u0 - x0 : u1 - x0] |= own
+        taken |= within(other, wide)
     beside = np.ones((2 * BESIDE_PX + 1,) * 2, np.uint8)
     return np.asarray(cv2.dilate(taken, beside) == 0)
 

@@ -208,9 +208,7 @@ class LitFit:
         gaps = Gaps(fit.gaps.gap_px[seen], fit.gaps.weight[seen])
         return EdgeFit(fit.T_world_part, fit.edges.at(seen), gaps, fit.sigma_px, fit.covariance)
 
-    def has_ends(
-        self, others: Sequence["LitFit"], shown: tuple[FloatArray, float] | None = None
-    ) -> bool:
+    def has_ends(self, seen: EdgeFit, shown: tuple[FloatArray, float] | None = None) -> bool:
         """Return whether its edges are there that do not run along a curved surface.
 
         What runs along a cylinder is there for a shorter or longer one as well, wherever along it
@@ -218,15 +216,14 @@ class LitFit:
 
         Parameters
         ----------
-        others : the parts beside it
-        shown : `shown` with them; None where the strongest gradient alone is asked
+        seen : `seen_fit` beside other parts
+        shown : `shown_edges` of it; None where the strongest gradient alone is asked
         """
-        fit = self.seen_fit(others)
-        edges, camera = fit.edges, self.cluster.camera
+        edges, camera = seen.edges, self.cluster.camera
         beside = edges.pixels - np.where(edges.on_outline, WITHIN_PX, 0.0)[:, None] * edges.normals
         along = are_highlights(self.model, self.T, camera, beside, edges.normals)
-        weight = np.where(along, 0.0, fit.gaps.weight)
-        is_there = np.abs(np.nan_to_num(fit.gaps.gap_px, nan=99.0)) < NEAR_PX
+        weight = np.where(along, 0.0, seen.gaps.weight)
+        is_there = np.abs(np.nan_to_num(seen.gaps.gap_px, nan=99.0)) < NEAR_PX
         total = float(weight.sum())
         share = float((weight * is_there).sum()) / max(total, 1e-9)
         if shown is not None:
@@ -244,7 +241,8 @@ class LitFit:
             part itself is seen
         """
         cluster = self.cluster
-        edges = self.seen_fit(others).edges
+        free = self.seen_fit(others)
+        edges = free.edges
         seen = self.visible_mask(others)
         if area is not None:
             seen = seen | area
@@ -261,8 +259,11 @@ class LitFit:
                 step_px = other.fit.edges.step_mm / self.mm_per_px
                 theirs |= is_predicted(picture_edges.points_px, other.fit.edges, step_px)
             picture_edges = picture_edges.at(own | ~theirs)
-        shine, shown = None, self.shown(others)
-        if self.is_curved and self.has_ends(others, shown):
+        shine, shown = None, None
+        if cluster.grey.is_joint:
+            beside = [other.fit.edges for other in others]
+            shown = shown_edges(edges, cluster.grey, self.mm_per_px, beside)
+        if self.is_curved and self.has_ends(free, shown):
             shine = partial(are_highlights, self.model, self.T, cluster.camera)
         shadings = shading_fits(
             self.model,
@@ -287,12 +288,10 @@ class LitFit:
         each = asked_of_each_lamp(found, edges, shown)
         return max((found, each), key=lambda one: probability(one, FRONT))
 
-    def shown(self, others: Sequence["LitFit"]) -> tuple[FloatArray, float] | None:
-        """Return `shown_edges` of those that no other part hides; None under one lamp."""
-        if not self.cluster.grey.is_joint:
-            return None
-        theirs = [other.fit.edges for other in others]
-        return shown_edges(self.seen_fit(others).edges, self.cluster.grey, self.mm_per_px, theirs)
+    @cached_property
+    def evidence_alone(self) -> Evidence:
+        """What the picture says of it, with nothing known beside it."""
+        return self.evidence(())
 
     @cached_property
     def explains(self) -> BoolArray:

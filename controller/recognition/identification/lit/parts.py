@@ -10,7 +10,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from controller.arrays import BoolArray, ByteArray, Grey
+from controller.arrays import BoolArray, Grey
 from controller.imaging import Camera
 
 from ...fitting import ImageEdges, is_predicted
@@ -19,7 +19,7 @@ from ...partial import are_one_place
 from ...segmentation import Region
 from ..decide import Decision
 from ..hypotheses import Hypothesis, SearchLimits
-from ..touching import PartialSighting, cut_out, within
+from ..touching import PartialSighting, connected, cut_out, within
 from .choice import Place, chosen
 from .fits import LitFit
 from .search import SAME_SHADOW, Proposed, Search
@@ -126,7 +126,7 @@ def outlines_of(region: Region, least_px: float) -> list[Region]:
     """
     found: list[tuple[Region, BoolArray]] = []
     for mask in (region.mask, *region.alternatives):
-        for piece in _connected(mask.astype(np.uint8), region, least_px):
+        for piece in map(_with_loops, connected(mask, region, least_px, False)):
             own = within(piece, region)
             if not any(_are_alike(own, other) for _, other in found):
                 found.append((piece, own))
@@ -152,17 +152,7 @@ def pieces_left(there: Sequence[LitFit], search: Search, least_px: float) -> lis
         left[cv2.dilate(fit.shadow.astype(np.uint8), rim) > 0] = 0
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (LEFT_PX, LEFT_PX))
     left = np.asarray(cv2.morphologyEx(left, cv2.MORPH_OPEN, disc), np.uint8)
-    return _connected(left, search.region, least_px)
-
-
-def _connected(mask: ByteArray, region: Region, least_px: float) -> list[Region]:
-    """Return the connected pieces of a mask (h, w) of a region's box, with their outlines."""
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
-    return [
-        _with_loops(cut_out(labels == k, region, False))
-        for k in range(1, len(stats))
-        if stats[k, cv2.CC_STAT_AREA] >= least_px
-    ]
+    return [_with_loops(piece) for piece in connected(left > 0, search.region, least_px, False)]
 
 
 def _with_loops(region: Region) -> Region:
@@ -185,10 +175,7 @@ def _sightings(
 
     Parameters
     ----------
-    fits : all that may be there
-    places : `chosen` of them
-    search : of the cluster
-    library : whose parts and stable poses the fits count
+    fits, places, search, library : as `held`
     least_px : pixels below which what is left is no object
     """
     nowhere: list[Place] = []

@@ -36,7 +36,14 @@ from ...library import (
 from ...partial import Cluster, are_one_place, propose_partial
 from ...segmentation import Region
 from ..decide import CONVINCING, CONVINCING_PX
-from ..hypotheses import Hypothesis, SearchLimits, coarse_score, is_same_turn, is_tried
+from ..hypotheses import (
+    SAME_PLACE_MM,
+    Hypothesis,
+    SearchLimits,
+    coarse_score,
+    is_same_turn,
+    is_tried,
+)
 from ..lines import by_lines
 from ..scores import FRONT, log_odds, probability
 from .fits import LitCluster, LitFit, are_in_one_place
@@ -55,7 +62,6 @@ MIN_PROBABILITY = 0.05  # probability by itself, from which a pose is weighed ag
 NEAR_MM, FAR_MM = 2.0, 5.0  # how far off a candidate may lie
 LEANS_FAR_MM = (6.0, 3.0)  # and one that leans, round by round
 COARSE_SAMPLES, SAMPLES = 300, 1000
-SAME_PLACE_MM = 2.0
 IN_REGION = 0.35  # of a part's shadow, on what was cut out
 LEANS = Prior((np.inf, np.inf, 6.0), (0.15, 0.15, np.inf))  # of each round of a fit
 ON_TABLE = Prior((np.inf, np.inf, 0.3), (0.1, 0.1, np.inf))  # its lowest point is there
@@ -239,13 +245,13 @@ class Search:
     def alone(self, fit: LitFit) -> float:
         """Return how likely a fit is right, with nothing known beside it."""
         if fit not in self._alone:
-            self._alone[fit] = probability(fit.evidence(()), FRONT)
+            self._alone[fit] = probability(fit.evidence_alone, FRONT)
         return self._alone[fit]
 
     def _may_lean(self, flat: LitFit) -> bool:
         """Return whether what fits as if it lay flat may lean all the same."""
         if self.alone(flat) > CONVINCING:
-            return flat.evidence(()).misfit_px >= CONVINCING_PX
+            return flat.evidence_alone.misfit_px >= CONVINCING_PX
         return self.alone(flat) >= TILTED
 
     def worth(self, fit: LitFit) -> float:
@@ -267,7 +273,7 @@ class Search:
         key = fit, frozenset(others), hash(area.tobytes())
         if key in self._weighed:
             return self._weighed[key]
-        evidence = fit.evidence(others)
+        evidence = fit.evidence(others) if others else fit.evidence_alone
         self._weighed[key] = Hypothesis(
             part=c.part,
             pose=c.pose,
@@ -335,9 +341,9 @@ class Search:
         found, best = None, COARSE_SHARE
         for start in self._leaning_starts(model, self._flat(c) if T is None else T, there):
             coarse = fit_edges(model, start, self.cluster.camera, self.cluster.grey, options)
-            if coarse is not None and coarse_score(coarse) >= best:
-                found = LitFit(c, model, coarse, self.cluster, leans=True)
-                best = coarse_score(coarse)
+            score = 0.0 if coarse is None else coarse_score(coarse)
+            if coarse is not None and score >= best:
+                found, best = LitFit(c, model, coarse, self.cluster, leans=True), score
         if found is None:
             return None
         for _ in range(LEANING_STEPS):
