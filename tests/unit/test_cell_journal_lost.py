@@ -1,7 +1,9 @@
 """A journal that can no longer be written stops every device; a disk nearly full stops the run."""
 
 import asyncio
+import shutil
 import sqlite3
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -34,15 +36,17 @@ class Metal:
 class Homing:
     """An action that moves until it is stopped, and loses the journal on its way."""
 
-    def __init__(self, path: Path, journal: Journal) -> None:
-        self.path, self.journal = path, journal
+    def __init__(
+        self, path: Path, journal: Journal, harm: Callable[[Path], None] | None = None
+    ) -> None:
+        self.path, self.journal, self.harm = path, journal, harm or spoil
         self.was_cancelled = False
         self.has_sent = False
         self.is_moving = asyncio.Event()
 
     async def perform(self, effect: Effect) -> Event:
         assert effect is Effect.HOME
-        spoil(self.path)
+        self.harm(self.path)
         self.is_moving.set()
         try:
             await asyncio.Event().wait()
@@ -74,6 +78,11 @@ def spoil(path: Path) -> None:
     db.close()
 
 
+def take_away(path: Path) -> None:
+    """Remove the folder of runs, as a tool that tidies up does."""
+    shutil.rmtree(path.parent)
+
+
 def built(journal: Journal, actions: object, metal: Metal) -> Dispatcher:
     part = SimpleNamespace(custody=Custody.IN_ARM, tray=None)
     record = SimpleNamespace(part=part, parts_left=0, show_state=lambda *_, **__: None)
@@ -81,10 +90,13 @@ def built(journal: Journal, actions: object, metal: Metal) -> Dispatcher:
     return Dispatcher(cast(Any, actions), cast(Any, record), cast(Any, metal), (), journal, gate)
 
 
-async def test_a_journal_lost_in_a_motion_stops_every_device(tmp_path: Path) -> None:
-    path = tmp_path / "journal.sqlite"
+@pytest.mark.parametrize("harm", [spoil, take_away])
+async def test_a_journal_lost_in_a_motion_stops_every_device(
+    tmp_path: Path, harm: Callable[[Path], None]
+) -> None:
+    path = tmp_path / "runs" / "journal.sqlite"
     journal, metal = Journal(path, "run"), Metal()
-    homing = Homing(path, journal)
+    homing = Homing(path, journal, harm)
     dispatcher = built(journal, homing, metal)
     running = asyncio.create_task(dispatcher.run())
     await homing.is_moving.wait()

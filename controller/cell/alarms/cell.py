@@ -43,7 +43,8 @@ CELL: Final = (
         901, "journal", _ABORT, _HOST,
         "the journal cannot be written, and nothing may move without it",
         "what was done after its last row",
-        "make room on the disk, check the folder's permissions, start again",
+        "put the file back in its place, make room on the disk, check the folder's permissions, "
+        "start again",
     ),
     Alarm(
         902, "file", _ABORT, _HOST,

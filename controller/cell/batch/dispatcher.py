@@ -294,7 +294,8 @@ class Dispatcher:
         where = where_it_is(self._record.part.custody, self._record.part.tray or "")
         message = (
             f"{error}; nothing can be recorded any more, so every device was stopped. "
-            "Make room on the disk, or make the file writable, then start again"
+            "See that the file is in its place, can be written and has room on its disk, then "
+            "start again"
         )
         return Outcome("aborted", message, "journal", where)
 

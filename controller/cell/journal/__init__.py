@@ -11,6 +11,7 @@ from ._care import CellJournal, first_flaw, open_cell_journal
 from ._form import CELL_TIME, GENESIS, JOURNAL_NAME, JournalError, Row, RowKind
 from ._head import Head
 from ._migrations import SCHEMA_VERSION
+from ._place import why_not_there
 from ._writer import Journal
 from .reading import (
     BrokenRow,
@@ -66,4 +67,5 @@ __all__ = [
     "row_at",
     "rows_of_parts",
     "whole_up_to",
+    "why_not_there",
 ]

@@ -7,15 +7,13 @@ the file is put on the disk after it was given back.
 
 import os
 from pathlib import Path
-from typing import Final
 
 from ._form import JournalError
-from ._head import HeadError, HeadFile, read_head
+from ._head import HeadError, HeadFile, head_path, read_head
+from ._place import LOG_SUFFIX
 from ._writer import Journal
 from .reading import row_at
 from .rows import Body
-
-LOG_SUFFIX: Final = "-wal"
 
 
 def append_beside(path: Path, run: str, row: Body, part: int | None = None) -> int:
@@ -61,7 +59,7 @@ def _raise_head(path: Path, seq: int) -> None:
     ours, there = row_at(path, seq), read_head(path)
     if ours is None or (there is not None and there.seq >= seq):
         return
-    head = HeadFile(path)
+    head = HeadFile(head_path(path))
     try:
         head.write(ours)
     finally:

@@ -13,6 +13,7 @@ from typing import Final
 from ._form import JournalError
 from ._head import SUFFIX, Head, HeadError, read_head
 from ._migrations import MIGRATIONS
+from ._place import INDEX_SUFFIX, LOG_SUFFIX, why_not_there
 from ._writer import Journal, last_row, require_known_version
 from .reading import first_broken_row, read_rows_of_kinds
 from .rows import JournalSetAside, PathBegun, is_once
@@ -22,7 +23,7 @@ _COLUMNS: Final = (
     "seq", "t_utc", "t_mono", "run", "part", "kind", "name", "body", "prev_hash", "hash",
 )  # fmt: skip
 _DAMAGE: Final = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB)
-_PARTS: Final = ("", "-wal", "-shm", SUFFIX)
+_PARTS: Final = ("", LOG_SUFFIX, INDEX_SUFFIX, SUFFIX)
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,8 +50,11 @@ def open_cell_journal(path: Path, run: str, stamps: Stamps = HOST_STAMPS) -> Cel
 
     Raises
     ------
-    JournalError : it cannot be written, or is of another version; nothing may move without it
+    JournalError : it cannot be written, is of another version, or stands on a network file system;
+        nothing may move without it
     """
+    if why := why_not_there(path):
+        raise JournalError(f"journal {path}: {why}. Nothing has moved")
     try:
         flaw = first_flaw(path)
         if flaw is None:

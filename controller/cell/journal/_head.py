@@ -41,7 +41,17 @@ def read_head(journal: Path) -> Head | None:
     HeadError : the file is not a head
     OSError : the file cannot be read
     """
-    path = head_path(journal)
+    return read_head_file(head_path(journal))
+
+
+def read_head_file(path: Path) -> Head | None:
+    """Return what a file says that is a head; None if there is no file.
+
+    Raises
+    ------
+    HeadError : the file is not a head
+    OSError : the file cannot be read
+    """
     try:
         with path.open("rb") as file:
             text = file.read(LENGTH + 1)
@@ -58,10 +68,15 @@ def read_head(journal: Path) -> Head | None:
 
 
 class HeadFile:
-    """Writer of one journal's head; the file is made with the first row and kept open."""
+    """Writer of one head of a journal; the file is made with the first row and kept open.
 
-    def __init__(self, journal: Path) -> None:
-        self._path = head_path(journal)
+    Parameters
+    ----------
+    path : of the file
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
         self._fd: int | None = None
 
     def write(self, head: Head) -> None:

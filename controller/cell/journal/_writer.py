@@ -16,8 +16,9 @@ from pathlib import Path
 from typing import Any, Final
 
 from ._form import CELL_TIME, GENESIS, JournalError, RowKind, digest_of
-from ._head import Head, HeadFile
+from ._head import Head, HeadFile, head_path
 from ._migrations import SCHEMA_VERSION, migrate
+from ._place import OpenFiles
 from .rows import Body, TextByName, name_of
 from .stamps import HOST_STAMPS, Stamps
 
@@ -52,13 +53,14 @@ class Journal:
         self._lock = threading.Lock()
         self.on_row: Callable[[int, str, str], None] | None = None
         self.cell_clock: Callable[[], float] | None = None
-        self._head = HeadFile(path)
+        self._heads = [HeadFile(head_path(path))]
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             self._db = sqlite3.connect(
                 path, isolation_level=None, check_same_thread=False, timeout=BUSY_WALL_S
             )
             self._begin()
+            self._files = OpenFiles(path)
         except (sqlite3.Error, OSError) as error:
             raise JournalError(f"journal {path}: {error}; nothing moves without it") from error
 
@@ -145,6 +147,7 @@ class Journal:
         text = text.encode("utf-8", "backslashreplace").decode("utf-8")
         with self._lock:
             try:
+                self._files.require_same()
                 if full:
                     self._db.execute("PRAGMA synchronous = FULL")
                 # Another run may share the cell's journal. IMMEDIATE makes one lock cover both
@@ -159,7 +162,7 @@ class Journal:
                     raise
                 if full:
                     self._db.execute("PRAGMA synchronous = NORMAL")
-                    self._head.write(head)
+                    self._note_head(head)
             except (sqlite3.Error, OSError) as error:
                 raise JournalError(f"journal {self.path}: {error}") from error
         if self.on_row is not None:
@@ -178,11 +181,36 @@ class Journal:
         )
         return Head(int(seq), digest)
 
+    def keep_head(self, path: Path) -> None:
+        """Have another file name the last secured row from now on, as the head beside it does.
+
+        Parameters
+        ----------
+        path : of that file
+
+        Raises
+        ------
+        OSError : it cannot be written
+        """
+        with self._lock:
+            last, file = last_row(self._db), HeadFile(path)
+            if last is not None:
+                file.write(last)
+            self._heads.append(file)
+
+    def _note_head(self, head: Head) -> None:
+        for one in self._heads:
+            one.write(head)
+
     def leave(self) -> None:
         """Close the file as it is, beside another writer, which is not made to wait."""
         with self._lock:
-            self._head.close()
-            self._db.close()
+            self._close()
+
+    def _close(self) -> None:
+        for one in self._heads:
+            one.close()
+        self._db.close()
 
     def close(self) -> None:
         """Put everything on the disk, move the head to the last row, close the file."""
@@ -191,9 +219,8 @@ class Journal:
                 is_busy, *_ = self._db.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
                 last = last_row(self._db)
                 if last is not None and not is_busy:
-                    self._head.write(last)
-            self._head.close()
-            self._db.close()
+                    self._note_head(last)
+            self._close()
 
 
 def last_row(db: sqlite3.Connection) -> Head | None:

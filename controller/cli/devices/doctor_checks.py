@@ -17,6 +17,7 @@ from controller.cell.devices.clocks import devices_with_time, find_clock
 from controller.cell.devices.emulator import emulated_cell, emulator_command
 from controller.cell.devices.interlocks import REQUIRED_SIGNALS, settled_signal
 from controller.cell.devices.lock import hold_cell
+from controller.cell.journal import JOURNAL_NAME, why_not_there
 from controller.config import Cell, ConfigError, load_cell
 from controller.setup.drivers import require_drivers
 from drivers.errors import DeviceError
@@ -30,6 +31,7 @@ Check = dict[str, Any]
 
 PACKAGES = ("pymodbus", "pyserial", "opencv-python-headless", "numpy", "trimesh", "pybullet")
 MIN_DISK_MB = 500
+RUNS = "runs"  # where runs keep their journal unless they are given another folder
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +86,7 @@ def examine(cell_path: Path, looking: Looking, *, as_json: bool) -> int:
     looking.check()
     cell = load_cell(cell_path)
     require_drivers(cell_path, cell)
-    checks = machine_checks(cell)
+    checks = machine_checks(cell, looking.runs_dir or Path(RUNS))
     emulator: Any = (
         emulated_cell(emulator_command(cell_path, (), speed=1.0, seed=1))
         if cell.emulated_devices
@@ -126,9 +128,25 @@ def _check(name: str, found: str, *, ok: bool, remedy: str = "") -> Check:
     return {"check": name, "ok": ok, "found": found, "remedy": remedy}
 
 
-def machine_checks(cell: Cell) -> list[Check]:
-    """Return what was found of this computer: versions, room, permissions. Opens no device."""
-    return [*_machine(), *_permissions(cell)]
+def machine_checks(cell: Cell, runs_dir: Path) -> list[Check]:
+    """Return what was found of this computer: versions, room, permissions. Opens no device.
+
+    Parameters
+    ----------
+    cell : its devices' files are looked at
+    runs_dir : folder of the journal
+    """
+    return [*_machine(), _journal(runs_dir), *_permissions(cell)]
+
+
+def _journal(runs_dir: Path) -> Check:
+    why = why_not_there(runs_dir / JOURNAL_NAME)
+    return _check(
+        "journal",
+        why or f"{runs_dir}: on a disk of this computer",
+        ok=not why,
+        remedy="keep the runs in a folder on a disk of this computer (--runs)",
+    )
 
 
 def _machine() -> list[Check]:

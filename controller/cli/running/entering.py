@@ -110,7 +110,7 @@ def check_entering(options: EmulatedOptions, cell: Cell, folder: Path, folder_op
                 raise ConfigError(
                     f"{option}: none of this cell's devices is `emulated`; leave it out"
                 )
-    for check in machine_checks(cell):
+    for check in machine_checks(cell, folder):
         if not check["ok"]:
             raise ConfigError(f"{check['check']}: {check['found']}: {check['remedy']}")
 
