@@ -19,7 +19,7 @@ from typing import Final
 from .errors import LinkError
 
 # places of the file in words of 8 bytes, §1
-_MAGIC, _SPEED, _START, _LIMIT, _LAG, _WINDOW, _STALL_COUNT = range(7)
+_MAGIC, _SPEED, _START, _LIMIT, _LAG, _WINDOW, _STALL_COUNT, _WAITS_FOR_NOBODY = range(8)
 _SLOTS: Final = 8
 _SLOT_COUNT: Final = 16
 _STALLS: Final = 64
@@ -86,6 +86,11 @@ class SharedTime:
         return self._words[_SPEED] / _SPEED_UNIT
 
     @property
+    def waits(self) -> bool:
+        """Whether the clock waits for processes that take part."""
+        return not self._words[_WAITS_FOR_NOBODY]
+
+    @property
     def window_s(self) -> float:
         """How far the clock may be ahead of what somebody has dealt with [cell s]."""
         return self._words[_WINDOW] * _NS
@@ -148,12 +153,16 @@ class SharedTime:
     # --- taking part ----------------------------------------------------------------------------
 
     def speed_reached(self) -> float | None:
-        """Return cell seconds per second since this process takes part; None before."""
+        """Return cell seconds per second since `measure_speed`; None before."""
         if self._begun is None:
             return None
         wall_ns, cell_ns = self._begun
         passed_ns = time.monotonic_ns() - wall_ns
         return (self._now_ns() - cell_ns) / passed_ns if passed_ns > 0 else None
+
+    def measure_speed(self) -> None:
+        """Measure from now on how fast the clock runs."""
+        self._begun = (time.monotonic_ns(), self._now_ns())
 
     @asynccontextmanager
     async def taking_part(self) -> AsyncIterator[None]:
@@ -164,7 +173,7 @@ class SharedTime:
         LinkError : too many processes take part already
         """
         slot = self._take_slot()
-        self._begun = (time.monotonic_ns(), self._now_ns())
+        self.measure_speed()
         task = asyncio.create_task(self._beat(slot), name="cell clock")
         try:
             yield

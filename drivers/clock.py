@@ -71,6 +71,11 @@ class CellClock:
         shared = SharedTime(path)
         return cls(speed=shared.speed, shared=shared)
 
+    @property
+    def waits(self) -> bool:
+        """Whether cell time waits for this process once it attends."""
+        return self.shared is not None and self.shared.waits
+
     # --- instants -----------------------------------------------------------------------------
 
     def now_s(self) -> float:
@@ -88,8 +93,8 @@ class CellClock:
     def attended_s(self) -> float:
         """Return the present instant [cell s] on a scale that omits what this process missed.
 
-        The scale is good for differences alone. It is that of `now_s` on a shared clock, which
-        waits for this process, and where nobody attends (see `attending`).
+        The scale is good for differences alone. It is that of `now_s` on a shared clock that waits
+        for this process, and where nobody attends (see `attending`).
         """
         return self.now_s() - self._attendance.lost_s() * self.speed
 
@@ -132,7 +137,7 @@ class CellClock:
 
         It is `asyncio.timeout` in attended time; what has arrived by then is taken in first.
         """
-        return Patience(self.attended_s, self.speed, self.patience_s(duration_s), self.shared)
+        return Patience(self.attended_s, self.speed, self.patience_s(duration_s), self._holdable)
 
     async def wait(
         self,
@@ -157,9 +162,13 @@ class CellClock:
             await asyncio.wait(futures, return_when=return_when)
             return
         with suppress(TimeoutError):
-            holding = self.shared if looks_again else None
+            holding = self._holdable if looks_again else None
             async with Patience(self.attended_s, self.speed, duration_s, holding):
                 await asyncio.wait(futures, return_when=return_when)
+
+    @property
+    def _holdable(self) -> SharedTime | None:
+        return self.shared if self.waits else None
 
     @contextmanager
     def held(self) -> Iterator[float]:
@@ -167,14 +176,15 @@ class CellClock:
 
         `timeout` does so by itself before it fires.
         """
-        if self.shared is None:
+        holdable = self._holdable
+        if holdable is None:
             yield 0.0
             return
-        self.shared.hold()
+        holdable.hold()
         try:
             yield IN_TRANSIT_WALL_S
         finally:
-            self.shared.release()
+            holdable.release()
 
     # --- attending ----------------------------------------------------------------------------
 
@@ -182,12 +192,14 @@ class CellClock:
     async def attending(self) -> AsyncIterator[None]:
         """Attend to the clock while the block runs: once per process, round all that waits.
 
-        On a shared clock this process takes part, and the cell's time waits for it. On the wall
-        clock the delay of the event loop is measured.
+        On a shared clock that waits this process takes part. On any other the delay of the event
+        loop is measured.
         """
-        beat: AbstractAsyncContextManager[None] = (
-            self._attendance.beating() if self.shared is None else self.shared.taking_part()
-        )
+        beat: AbstractAsyncContextManager[None] = self._attendance.beating()
+        if self.shared is not None and self.shared.waits:
+            beat = self.shared.taking_part()
+        elif self.shared is not None:
+            self.shared.measure_speed()
         async with beat:
             yield
 

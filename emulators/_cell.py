@@ -79,6 +79,7 @@ class CellOptions:
     on_table : parts on the table at a time, the others wait; None for all
     as_built : seed of how the cell differs from its file; None for not at all
     surfaces : of parts in pictures; None for machined where the cell is as built, else plain
+    is_on_wall_clock : time waits neither for clients nor for pictures, as in a real cell
     """
 
     cell: Path
@@ -95,6 +96,7 @@ class CellOptions:
     on_table: int | None = None
     as_built: int | None = None
     surfaces: Literal["plain", "machined"] | None = None
+    is_on_wall_clock: bool = False
 
     @property
     def finish_seed(self) -> int | None:
@@ -205,7 +207,9 @@ class Cell:
         scene = build_scene(self.layout, self.solids, options.finish_seed)
         self.desk = PictureDesk(scene, self, seed, reap)
         self.added = AddedParts(self.world, self.desk)
-        self._shared_clock = SharedClock(options.speed) if clock is None else None
+        self._shared_clock: SharedClock | None = None
+        if clock is None:
+            self._shared_clock = SharedClock(options.speed, waits=not options.is_on_wall_clock)
         self.clock: WorldClock = self._shared_clock or clock or WorldClock()
         self.cameras: dict[str, V4l2Device] = {}
         self._folder = folder
@@ -391,6 +395,7 @@ class Cell:
         return {
             "event": "ready",
             "speed": self.options.speed,
+            "wall_clock": self.options.is_on_wall_clock,
             "seed": self.options.seed,
             "as_drawn": self.options.as_built is None,
             "devices": {

@@ -69,6 +69,11 @@ def build_parser() -> argparse.ArgumentParser:
     parser.add_argument("--seed", type=int, default=0, help="seed of everything random")
     parser.add_argument("--speed", type=float, default=1.0, help="world seconds per second")
     parser.add_argument(
+        "--wall-clock",
+        action="store_true",
+        help="let time run on while clients or pictures are late, as in a real cell (at speed 1)",
+    )
+    parser.add_argument(
         "--as-built",
         type=int,
         metavar="SEED",
@@ -117,6 +122,8 @@ def options_of(args: argparse.Namespace) -> CellOptions:
     """
     if not (math.isfinite(args.speed) and args.speed > 0.0):
         raise LayoutError(f"--speed {args.speed}: a factor above 0")
+    if args.wall_clock and args.speed != 1.0:
+        raise LayoutError(f"--speed {args.speed:g}: --wall-clock keeps real time; leave one out")
     if args.as_built is not None and args.as_built < 0:
         raise LayoutError(f"--as-built {args.as_built}: a seed of 0 or more")
     if args.on_table is not None and args.on_table < 1:
@@ -144,6 +151,7 @@ def options_of(args: argparse.Namespace) -> CellOptions:
         on_table=args.on_table,
         as_built=args.as_built,
         surfaces=args.surfaces,
+        is_on_wall_clock=args.wall_clock,
     )
 
 
@@ -243,9 +251,9 @@ async def _stdin_closed() -> None:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run ``python -m emulators``; return 0, 1 (it broke) or 2 (command line or files).
 
-    The line on stdout: ``{"event": "ready", "speed", "seed", "devices": {"arm", "gripper",
-    "lights", "io", <camera>...}, "camera_transport", "why_not_fuse", "pid", "started_wall_s",
-    "clock"}``; the clock is docs/shared-clock.md's.
+    The line on stdout: ``{"event": "ready", "speed", "wall_clock", "seed", "devices": {"arm",
+    "gripper", "lights", "io", <camera>...}, "camera_transport", "why_not_fuse", "pid",
+    "started_wall_s", "clock"}``; the clock is docs/shared-clock.md's.
     """
     args = build_parser().parse_args(argv)
     logging.basicConfig(

@@ -85,10 +85,14 @@ class SharedClock(WorldClock):
     ----------
     speed : world seconds asked for in one second of the wall clock
     folder : where the file goes; by default one in memory
+    waits : for processes that take part and for pictures; without, only for the world itself
     """
 
-    def __init__(self, speed: float = 1.0, folder: Path | None = None) -> None:
+    def __init__(
+        self, speed: float = 1.0, folder: Path | None = None, *, waits: bool = True
+    ) -> None:
         super().__init__(speed)
+        self.waits = waits
         prefix = f"{CLOCK_PREFIX}{os.getpid()}-"
         self._fd, name = tempfile.mkstemp(prefix=prefix, dir=folder or clock_folder())
         self.path = Path(name)
@@ -107,7 +111,7 @@ class SharedClock(WorldClock):
         words = self._words
         self._start_ns = words[2] = time.monotonic_ns()
         self.started_wall_s = self._start_ns * 1e-9
-        words[3], words[4], words[6] = self._window_ns, 0, 0
+        words[3], words[4], words[6], words[7] = self._window_ns, 0, 0, int(not self.waits)
 
     def close(self) -> None:
         """Take the file away; a second call does nothing."""
@@ -148,6 +152,8 @@ class SharedClock(WorldClock):
         ----------
         done_s : up to here the world has been stepped and the wires served [world s]
         not_beyond_s : time waits here for something that is due, None for nothing [world s]
+
+        Where the clock waits for nobody, both participants and ``not_beyond_s`` count for nothing.
         """
         words = self._words
         self._look_for_the_dead()
@@ -155,9 +161,11 @@ class SharedClock(WorldClock):
         too_far_ns = self._linear_ns() - words[4] - limit_ns
         if too_far_ns > 0:
             self._note_stall(limit_ns, words[4] + too_far_ns)
-        reached = [words[slot + 1] for slot in self._slots() if words[slot]]
-        fresh_ns = min([round(done_s * 1e9), *reached]) + self._window_ns
-        if not_beyond_s is not None:
+        fresh_ns = round(done_s * 1e9) + self._window_ns
+        if self.waits:
+            reached = [words[slot + 1] for slot in self._slots() if words[slot]]
+            fresh_ns = min([fresh_ns, *(ns + self._window_ns for ns in reached)])
+        if self.waits and not_beyond_s is not None:
             fresh_ns = min(fresh_ns, round(not_beyond_s * 1e9))
         words[3] = max(limit_ns, fresh_ns)  # after the lag: readers take them the other way round
 

@@ -103,6 +103,13 @@ SpeedOption = Annotated[
         help="speed of the emulated cell in times real time",
     ),
 ]
+WallClockOption = Annotated[
+    bool,
+    typer.Option(
+        "--wall-clock",
+        help="let the emulated cell's time run on while this computer is late, as in a real cell",
+    ),
+]
 SeedOption = Annotated[
     int | None,
     typer.Option(

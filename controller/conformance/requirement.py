@@ -91,7 +91,7 @@ class Stopwatch:
 
     def __init__(self, clock: CellClock) -> None:
         self._clock = clock
-        shared = clock.shared
+        shared = clock.shared if clock.waits else None
         if shared is None:  # `CellClock.attending` measures it there, and finds more than this
             own = Attendance(clock.unheld_s, BEAT_WALL_S, clock.speed, JITTER_WALL_S * clock.speed)
         else:

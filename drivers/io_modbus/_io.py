@@ -249,7 +249,7 @@ class CellIo:
 
     def _is_stale(self) -> bool:
         poller = self._poller
-        if self._clock.shared is not None and poller is not None and not poller.done():
+        if self._clock.waits and poller is not None and not poller.done():
             # That clock stands for this process and creeps for the last look: the poller, which
             # has asked anew by then, alone tells a late reader from a silent block, and forgets.
             return self._read_at_s == -math.inf

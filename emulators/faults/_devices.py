@@ -2,7 +2,7 @@
 
 import random
 from collections.abc import Callable, Mapping
-from dataclasses import fields, replace
+from dataclasses import asdict, fields, replace
 from typing import Any
 
 from emulators.byte_faults import ByteFault, Harm, LineNoise
@@ -26,6 +26,7 @@ class DevicesAndWires:
             "arm_jam": self._arm_jam,
             "arm_jump": self._arm_jump,
             "arm_push": self._arm_push,
+            "arm_stops": self._arm_stops,
             "byte": self._byte,
             "noise": self._noise,
             "line": self._line,
@@ -56,6 +57,10 @@ class DevicesAndWires:
 
     def _arm_push(self, axis: str, counts: float) -> None:
         self._plant.arm.push(Axis(axis), counts)
+
+    def _arm_stops(self) -> Answer:
+        """Return the stops that its boards have heard."""
+        return {"stops": [asdict(stop) for stop in self._plant.arm_wire.stops]}
 
     # --- bytes and lines --------------------------------------------------------------------------
 

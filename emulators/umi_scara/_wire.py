@@ -6,6 +6,7 @@ the peripheral's business.
 
 import logging
 from collections import deque
+from dataclasses import dataclass
 from typing import Final
 
 from emulators.byte_faults import LineNoise
@@ -25,6 +26,24 @@ FRAME_TIMEOUT: Final = b"\x0b"
 OVERRUN: Final = b"\x0c"
 VALUE_WRITES: Final = range(0x58, 0x60), range(0x78, 0x80)  # requests that carry a 16-bit value
 VALUE_REPLIES: Final = (0x80, 0xD0)
+STOPS: Final = {0x24: "dead", 0x25: "ramp", 0x26: "free"}  # umi_rtx.md 2.3
+STOPS_KEPT: Final = 1000
+
+
+@dataclass(frozen=True, slots=True)
+class StopHeard:
+    """A stop that a board has heard.
+
+    Attributes
+    ----------
+    at_s : its last bit was on the line [world s]
+    ip : the board
+    kind : ``dead``, ``ramp`` or ``free``
+    """
+
+    at_s: float
+    ip: int
+    kind: str
 
 
 class ArmWire:
@@ -40,6 +59,7 @@ class ArmWire:
     Attributes
     ----------
     to_arm, from_arm : what the line does to bytes in each direction
+    stops : the last ones that a board has heard
     """
 
     def __init__(
@@ -63,6 +83,7 @@ class ArmWire:
         self._replies: deque[tuple[float, int]] = deque()
         self._banner_sent = False
         self._is_powered = True
+        self.stops: deque[StopHeard] = deque(maxlen=STOPS_KEPT)
         self.to_arm, self.from_arm = LineNoise(), LineNoise()
 
     # --- the line -----------------------------------------------------------------------------
@@ -193,6 +214,8 @@ class ArmWire:
         if self.faults.corrupt_next_write and any(request[0] in ops for ops in VALUE_WRITES):
             self.faults.corrupt_next_write = False
             request = bytes((request[0], request[1] ^ 0x04, request[2]))
+        if request[0] in STOPS:
+            self.stops.append(StopHeard(arrival_s, ip.number, STOPS[request[0]]))
         reply, hands_over = ip.execute(request)
         log.debug("IP%d: %s -> %s", ip.number, request.hex(" "), reply.hex(" "))
         if hands_over:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from emu_faults_bench import AT_REST_MM, ROOT, StillCell
+from emu_faults_bench import AT_REST_MM, BYTE_S, ROOT, StillCell
 from numpy.typing import NDArray
 
 from emulators.umi_scara import Axis
@@ -425,6 +425,7 @@ def still_corner(cell: StillCell) -> Array:
 
 
 OTHERWISE = {  # with a test of their own below
+    "arm_stops",
     *("truth", "time", "as_built", "script", "script_log", "gripper_fault", "arm_jump"),
     *("add", "board", "give", "misprint"),  # test_emu_boards.py
     *("knock", "gear_play", "pads", "swap_lamps"),
@@ -449,6 +450,15 @@ def test_a_verb_acts(cell: StillCell, acts: Acts) -> None:
 def test_without_the_verb_all_is_as_before(cell: StillCell, verb: str) -> None:
     acts = next(one for one in ACTS if one.verb == verb)
     assert acts.seen(cell) == acts.before
+
+
+def test_the_stops_that_the_arm_has_heard_are_asked_for(cell: StillCell) -> None:
+    cell.arm_wire.run_warm()
+    assert cell.verbs.do("arm_stops") == {"stops": []}
+    cell.arm_wire.feed(b"\x24", 5.0)
+    (stop,) = cell.verbs.do("arm_stops")["stops"]
+    assert (stop["ip"], stop["kind"]) == (0, "dead")
+    assert stop["at_s"] == pytest.approx(5.0 + BYTE_S)
 
 
 def test_every_verb_has_a_test_and_a_row_in_the_table(cell: StillCell) -> None:

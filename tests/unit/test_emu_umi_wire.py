@@ -216,3 +216,14 @@ def test_no_bytes_break_the_wire_and_every_reply_is_one_the_manual_knows(data: b
     reply = wire.due(3.0)
     assert reply[:1] in (b"\x17", b"\x0f")
     assert len(reply) == (3 if reply[0] == 0x17 else 1)
+
+
+def test_the_wire_notes_each_stop_that_a_board_has_heard() -> None:
+    wire = ArmWire(ArmModel())
+    wire.run_warm()
+    wire.feed(bytes.fromhex("24"), 1.0)
+    wire.feed(bytes.fromhex("29"), 1.02)  # the other board listens from here on, 2.3
+    wire.feed(bytes.fromhex("25"), 1.04)
+    assert [(stop.ip, stop.kind) for stop in wire.stops] == [(0, "dead"), (1, "ramp")]
+    # ten bits at 9600 baud after it was handed over
+    assert wire.stops[0].at_s == pytest.approx(1.0 + 10 / 9600)

@@ -95,6 +95,63 @@ async def test_time_waits_for_a_controller_that_is_late(
     assert cell.now_s() == pytest.approx(WINDOW_S + 1.0, abs=0.02)  # a tick to notice it
 
 
+@pytest.fixture
+def unwaiting(wall: Wall, tmp_path: Path) -> Iterator[SharedClock]:
+    clock = SharedClock(folder=tmp_path, waits=False)
+    yield clock
+    clock.close()
+
+
+async def test_a_clock_on_wall_time_runs_on_while_a_controller_is_stopped(
+    unwaiting: SharedClock, wall: Wall
+) -> None:
+    cell = CellClock.of_emulator(unwaiting.path)
+    assert not cell.waits
+    async with cell.attending():
+        for _ in range(600):  # the controller's loop gets no turn, and no picture is ready
+            wall.pass_s(0.01)
+            unwaiting.tick(unwaiting.now_s(), 0.0)
+        assert cell.now_s() == pytest.approx(6.0)
+    cell.close()
+
+
+async def test_a_clock_on_wall_time_cannot_be_held_for_a_last_look(
+    unwaiting: SharedClock, wall: Wall
+) -> None:
+    cell = CellClock.of_emulator(unwaiting.path)
+    async with cell.attending():
+        with cell.held() as look_wall_s:
+            assert look_wall_s == 0.0
+            for _ in range(100):
+                wall.pass_s(0.01)
+                unwaiting.tick(unwaiting.now_s())
+        assert cell.now_s() == pytest.approx(1.0)
+        assert cell.unheld_s() == pytest.approx(cell.attended_s())
+    cell.close()
+
+
+def test_a_clock_on_wall_time_still_waits_for_the_world_itself(
+    unwaiting: SharedClock, wall: Wall
+) -> None:
+    wall.pass_s(60.0)
+    unwaiting.tick(0.0)
+    assert unwaiting.now_s() == pytest.approx(WINDOW_S)
+
+
+async def test_a_controller_on_wall_time_measures_what_it_missed(
+    tmp_path: Path,
+) -> None:
+    world = SharedClock(folder=tmp_path, waits=False)
+    cell = CellClock.of_emulator(world.path)
+    async with cell.attending():
+        await asyncio.sleep(0)  # the beat begins
+        time.sleep(0.2)  # noqa: ASYNC251  (a loop that something blocks)
+        world.tick(world.now_s() + 1.0)
+        assert cell.missed_wall_s > 0.1
+    cell.close()
+    world.close()
+
+
 async def test_held_time_creeps_so_that_what_was_long_above_tray_is_still_answered(
     world: SharedClock, cell: CellClock, wall: Wall
 ) -> None:

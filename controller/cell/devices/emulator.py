@@ -64,6 +64,8 @@ def emulator_args(
     control: Path | None,
     as_built: int | None = None,
     surfaces: str | None = None,
+    *,
+    is_on_wall_clock: bool = False,
 ) -> tuple[str, ...]:
     """Return the emulator's options for the first part's pose, for faults, and for the cell.
 
@@ -75,8 +77,11 @@ def emulator_args(
     control : unix socket on which tests inject faults, None for none
     as_built : seed of how the emulated cell differs from its file, None for not at all
     surfaces : of the parts in pictures, "plain" or "machined"; None: as `as_built` has it
+    is_on_wall_clock : its time runs on while clients or pictures are late
     """
     more: list[str] = [] if as_built is None else ["--as-built", str(as_built)]
+    if is_on_wall_clock:
+        more += ["--wall-clock"]
     if surfaces is not None:
         more += ["--surfaces", surfaces]
     if orientation is not None:

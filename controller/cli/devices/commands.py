@@ -18,6 +18,7 @@ from ..options import (
     SeedOption,
     SpeedOption,
     SurfacesOption,
+    WallClockOption,
     finite,
 )
 
@@ -83,6 +84,7 @@ def emulate(
         ),
     ] = None,
     speed: SpeedOption = 1.0,
+    wall_clock: WallClockOption = False,
     seed: SeedOption = None,
     as_built: AsBuiltOption = None,
     surfaces: SurfacesOption = None,
@@ -106,6 +108,7 @@ def emulate(
         cell or cell_of_this_folder(),
         tuple(part or ()),
         speed=speed,
+        is_on_wall_clock=wall_clock,
         seed=seed,
         as_built=as_built,
         surfaces=surfaces and surfaces.value,

@@ -20,6 +20,7 @@ def serve(
     parts: tuple[Path, ...],
     *,
     speed: float,
+    is_on_wall_clock: bool,
     seed: int | None,
     as_built: int | None,
     surfaces: str | None,
@@ -36,6 +37,7 @@ def serve(
     cell_path : cell file
     parts : CAD files of the parts on the emulated table
     speed : times real time
+    is_on_wall_clock : its time runs on while clients or pictures are late
     seed : seed of the emulated world, None to draw one
     as_built : seed of how the emulated cell differs from its file, None for not at all
     surfaces : of the parts, "plain" or "machined"; None: as `as_built` has it
@@ -58,7 +60,9 @@ def serve(
     ended = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda *_: ended.set())
-    more = emulator_args(orientation, at, control, as_built, surfaces)
+    more = emulator_args(
+        orientation, at, control, as_built, surfaces, is_on_wall_clock=is_on_wall_clock
+    )
     if lines is not None:
         more = (*more, "--lines", lines)
     with TemporaryDirectory(prefix="cellctl-emulate-") as folder, ExitStack() as stack:

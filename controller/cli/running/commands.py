@@ -22,6 +22,7 @@ from ..options import (
     SeedOption,
     SpeedOption,
     SurfacesOption,
+    WallClockOption,
 )
 
 
@@ -39,6 +40,7 @@ def run(
         ),
     ] = None,
     speed: SpeedOption = 1.0,
+    wall_clock: WallClockOption = False,
     seed: SeedOption = None,
     as_built: AsBuiltOption = None,
     surfaces: SurfacesOption = None,
@@ -205,6 +207,7 @@ def run(
         cell_path=cell,
         count=count,
         speed=speed,
+        is_on_wall_clock=wall_clock,
         seed=seed,
         as_built=as_built,
         surfaces=surfaces and surfaces.value,

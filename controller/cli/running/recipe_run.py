@@ -72,6 +72,7 @@ class RunOptions:
     cell_path : cell file, None for the recipes'
     count : parts to inspect of each recipe without a number, None for the recipe's own
     speed : of the emulated cell, times real time
+    is_on_wall_clock : the emulated cell's time runs on while this computer is late
     seed : seed of the emulated cell, None to draw one
     as_built : seed of how the emulated cell differs from its file, None for not at all
     surfaces : of emulated parts, "plain" or "machined"; None: as `as_built` has it
@@ -120,6 +121,7 @@ class RunOptions:
     is_dry: bool = False
     record: Path | None = None
     on_table: int | None = None
+    is_on_wall_clock: bool = False
     serials: SerialOptions = NO_SERIALS
     listed: PartsList | None = None
 
@@ -231,7 +233,12 @@ def _emulator_command(options: RunOptions, asked: _Asked) -> list[str]:
     files = [path for path, _ in asked.on_table]
     fed = feeding(asked.ordered, files, options.on_table) if parts else ()
     placed = emulator_args(
-        asked.orientation, options.at, options.control, options.as_built, options.surfaces
+        asked.orientation,
+        options.at,
+        options.control,
+        options.as_built,
+        options.surfaces,
+        is_on_wall_clock=options.is_on_wall_clock,
     )
     return emulator_command(
         asked.cell_file, parts, speed=options.speed, seed=seed, more=(*placed, *fed)
