@@ -3,6 +3,7 @@
 A name that somebody else has written leads to no file outside its folder.
 """
 
+import codecs
 import os
 import stat
 import tempfile
@@ -12,6 +13,14 @@ from .errors import ConfigError
 
 MAX_TEXT_BYTES = 128 * 1024  # recipes and cell files have a tenth of it
 CHUNK_BYTES = 1 << 20
+FIRST_BYTES = 32  # that tell UTF-16 without a mark
+# UTF-32's mark begins as UTF-16's does
+MARKS = (
+    (codecs.BOM_UTF32_LE, "utf-32"),
+    (codecs.BOM_UTF32_BE, "utf-32"),
+    (codecs.BOM_UTF16_LE, "utf-16"),
+    (codecs.BOM_UTF16_BE, "utf-16"),
+)
 
 
 def read_bytes(path: Path, max_bytes: int, what: str) -> bytes:
@@ -74,6 +83,27 @@ def read_text(path: Path, what: str, max_bytes: int = MAX_TEXT_BYTES) -> str:
         return read_bytes(path, max_bytes, what).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise ConfigError(f"{path}: is not a text file (UTF-8); is it the right file?") from error
+
+
+def encoding_of(data: bytes) -> str:
+    """Return the encoding of a text by its byte order mark, UTF-8 without one.
+
+    UTF-16 without a mark is known by the zero byte in each letter of the first words.
+
+    Parameters
+    ----------
+    data : of the file, its beginning at least
+    """
+    for mark, encoding in MARKS:
+        if data.startswith(mark):
+            return encoding
+    for encoding, empty, letters in (
+        ("utf-16-le", data[1:FIRST_BYTES:2], data[:FIRST_BYTES:2]),
+        ("utf-16-be", data[:FIRST_BYTES:2], data[1:FIRST_BYTES:2]),
+    ):
+        if len(empty) > 1 and not any(empty) and all(letters):
+            return encoding
+    return "utf-8-sig"
 
 
 def file_within(folder: Path, name: str) -> Path | None:

@@ -316,6 +316,13 @@ def bombs() -> dict[str, tuple[str, bytes]]:
     }
     found = {f"CSG {kind}": (".csg.yaml", text.encode()) for kind, text in texts.items()}
     found["3MF of zeros"] = (".3mf", _package(b"\0" * 401_000_000))
+    found["3MF of blanks"] = (".3mf", _package(b"<model>" + b" " * 390_000_000 + b"</model>"))
+    found["3MF of one tag"] = (".3mf", _package(b'<model a="' + b" " * 390_000_000 + b'"/>'))
+    found["3MF of empty tags"] = (".3mf", _package(b"<model>" + b"<a/>" * 60_000_000 + b"</model>"))
+    found["3MF nested"] = (".3mf", _package(b"<a>" * 30_000_000))
+    corner = b'<vertex x="0" y="0" z="0"/>'
+    corners = b"<model><object id='1'><mesh><vertices>" + corner * 14_000_000
+    found["3MF of corners"] = (".3mf", _package(corners))
     found["3MF entities"] = (".3mf", _package(entities))
     found["3MF components"] = (".3mf", _package(model.encode()))
     found["3MF without model"] = (".3mf", _package(b"", "readme.txt"))

@@ -1,37 +1,22 @@
-"""CAD files of the usual kinds, read whole or refused; what they promise is checked first.
-
-Triangle files go through trimesh, which reads much that is broken without a word: so lengths,
-counts and text are checked before, and `make_solid` proves the rest.
-"""
+"""CAD files of the usual kinds, read whole or refused: `make_solid` proves what was read."""
 
 import hashlib
-import io
-import logging
-import warnings
 from pathlib import Path
-from typing import Final, cast
+from typing import Final
 
 import numpy as np
-import trimesh
 
-from controller.arrays import FloatArray, IntArray
 from controller.config import CAD_FORMATS, split_cad
 from controller.config.cad_files import MARK, STEP_FORMATS
 
 from ..errors import UnreadableCadError
 from ..solid import Merged, Solid, merge_corners, solid_of
 from ..stages import OnStage, no_stage
-from ._ahead import STL_HEADER_BYTES, STL_TRIANGLE_BYTES, check_ahead, read_file, size_of
-from ._threemf import check_3mf
+from ._ahead import check_ahead, read_file, size_of
 from .csg import read_csg
+from .meshes import TRIANGLE_READERS, read_3mf
 from .units import check_unit, read_unit
 
-# what trimesh stumbles over is told once, by our errors, and not on the terminal besides
-logging.getLogger("trimesh").addHandler(logging.NullHandler())
-
-STL_TRIANGLE: Final = np.dtype(
-    [("normal", "<f4", (3,)), ("corners", "<f4", (3, 3)), ("attribute", "<u2")]
-)
 FORMAT_NAMES: Final = "STL, OBJ, PLY, OFF, 3MF, STEP, CSG text (.csg.yaml)"
 
 
@@ -94,10 +79,11 @@ def _read_merged(path: Path, ending: str, unit: str | None) -> tuple[Merged, str
     data, stated = read_file(path), None
     _, mm_per_unit = read_unit(unit or "mm", path)
     if ending == ".3mf":
-        named = check_3mf(data, path)
-        check_unit(unit, named, path)
-        stated, mm_per_unit = read_unit(named, path)
-    vertices, triangles = _read_mesh(data, path, ending)
+        vertices, triangles, spelling = read_3mf(data, path)
+        stated, mm_per_unit = read_unit(spelling, path)
+        check_unit(unit, stated, path)
+    else:
+        vertices, triangles = TRIANGLE_READERS[ending](data, path)
     content_hash = hashlib.sha256(data).hexdigest()
     del data
     if mm_per_unit != 1.0:
@@ -106,43 +92,3 @@ def _read_merged(path: Path, ending: str, unit: str | None) -> tuple[Merged, str
     is_declared = unit is not None or stated is not None
     merged = merge_corners(vertices, triangles, str(path), unit_is_declared=is_declared)
     return merged, content_hash, stated
-
-
-def _read_mesh(data: bytes, path: Path, ending: str) -> tuple[FloatArray, IntArray]:
-    """Return corners (v, 3) in the file's unit and triangles (n, 3).
-
-    A stream has no folder, so that no file beside it (a texture, a material) is read unasked.
-    """
-    if ending == ".stl":
-        count = int.from_bytes(data[STL_HEADER_BYTES - 4 : STL_HEADER_BYTES], "little")
-        if len(data) == STL_HEADER_BYTES + STL_TRIANGLE_BYTES * count:
-            # binary; trimesh reads it as well, in three times the memory
-            rows = np.frombuffer(data, STL_TRIANGLE, count, STL_HEADER_BYTES)
-            corners = rows["corners"].astype(np.float64).reshape(-1, 3)
-            return corners, np.arange(3 * count, dtype=np.int64).reshape(-1, 3)
-    try:
-        with np.errstate(all="ignore"), warnings.catch_warnings():
-            warnings.simplefilter("error")  # numpy warns where a text breaks off, and goes on
-            # unprocessed: trimesh would drop triangles with broken coordinates without a word
-            loaded = trimesh.load(
-                io.BytesIO(data), file_type=ending[1:], force="mesh", process=False
-            )
-        mesh = cast("trimesh.Trimesh", loaded)  # forced to be one
-        faces = np.asarray(mesh.faces, dtype=np.int64)
-        vertices = np.asarray(mesh.vertices, dtype=np.float64)
-    except Exception as error:
-        reason = " ".join(str(error).split())
-        raise UnreadableCadError(
-            f"{path}: cannot be read as {ending[1:].upper()} "
-            f"({type(error).__name__}: {reason:.200}); export it again"
-        ) from error
-    if len(faces) and (faces.shape[1:] != (3,) or vertices.shape[1:] != (3,)):
-        raise UnreadableCadError(
-            f"{path}: its corners have other than three coordinates each; export it again"
-        )
-    if len(faces) and not 0 <= faces.min() <= faces.max() < len(vertices):
-        raise UnreadableCadError(
-            f"{path}: a triangle names corner {int(faces.max())} of {len(vertices)}; "
-            "export it again"
-        )
-    return vertices, faces

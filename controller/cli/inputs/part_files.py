@@ -7,6 +7,7 @@ from pathlib import Path
 from controller.arrays import FloatArray
 from controller.cad import StablePose
 from controller.cad.compiled import CompiledPart, CompileOptions, options_among
+from controller.cad.reading import is_binary_stl
 from controller.config import (
     EMULATED_CELL,
     ConfigError,
@@ -14,11 +15,8 @@ from controller.config import (
     find_recipe,
     load_recipe,
     project_recipe,
-    split_cad,
 )
 from controller.setup.samples import sampled_for
-
-EMULATOR_READS = (".stl", ".obj", ".ply", ".off")
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,14 +118,14 @@ def emulated_orientation(parts: Sequence[CompiledPart], pose: int | None) -> Flo
 
 
 def for_emulator(path: Path, part: CompiledPart, folder: Path) -> Path:
-    """Return a CAD file that the emulated cell can read: triangles in millimetres.
+    """Return a CAD file that the emulated cell reads as we do: binary STL in millimetres.
 
     Parameters
     ----------
     path, part : CAD file, and what it holds
     folder : where a copy is written, if the file is not such a one
     """
-    if split_cad(path).ending in EMULATOR_READS and part.solid.unit == "mm":
+    if part.solid.unit == "mm" and is_binary_stl(path):
         return path
     folder.mkdir(parents=True, exist_ok=True)
     copy = folder / f"{part.solid.name}.stl"

@@ -1,0 +1,30 @@
+"""What the header of a mesh file promises, held against the file's size before it is read."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from ..errors import UnreadableCadError
+from ..solid import check_count
+
+
+def check_promises(promised: Mapping[str, int], size: int, path: Path) -> None:
+    """Refuse a header that promises more than the file has bytes for, or more than is read.
+
+    Parameters
+    ----------
+    promised : how many of what; ``triangles`` are counted
+    size : of the file [bytes]
+    path : of the file, for messages
+
+    Raises
+    ------
+    UnreadableCadError : more than the bytes can hold
+    LargeCadError : more triangles than a part is worth
+    """
+    for kind, count in promised.items():
+        if 3 * count > size:  # three coordinates or corners at a byte each, and no reader reserves
+            raise UnreadableCadError(
+                f"{path}: promises {count:,} {kind} and is {size:,} bytes long; "
+                "copy or export it again"
+            )
+    check_count(promised.get("triangles", 0), str(path))
