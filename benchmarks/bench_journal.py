@@ -61,7 +61,7 @@ def fill(path: Path, row_count: int) -> None:
             kind, name, body = "observation", "view", {"outline_px": OUTLINE}
         elif place < 2 + PATHS + VIEWS + 8:
             kind, name, body = "custody", "in_arm", {"detail": "jaws at 20.0 mm"}
-        journal._append(kind, name, json.dumps(body), 1)
+        journal._insert(journal._entry(kind, name, body, 1, full=False))
     db.execute("COMMIT")
     asyncio.run(journal.secure("custody", "placed", {}, 1))
     journal.close()

@@ -321,7 +321,12 @@ class Controller:
         """Start it; return the batch."""
         # notes of journals are the cell's: a simulated cell is nobody else's
         os.environ[STATE_HOME] = str(self.cell.folder / "state")
-        outfit = Outfit(compute=self._compute, devices=self._devices, stamps=self._stamps)
+        outfit = Outfit(
+            compute=self._compute,
+            devices=self._devices,
+            stamps=self._stamps,
+            writes_behind=False,
+        )
         work = run_batch(
             self._order,
             cast(Executor, None),  # the loop does all work here

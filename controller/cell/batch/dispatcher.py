@@ -1,8 +1,9 @@
 """The one task that owns the state: takes events, decides by the table, runs effects as tasks.
 
-A stop takes the permit to move away, halts the arm, and cancels the task afterwards. The table
-ignores what a task reports that a stop or a fault has overtaken. A pause leaves the task alive,
-waiting at the gate; what begins or ends the pause runs beside it.
+A stop takes the permit to move away and halts the arm before anything is written or shown, and
+cancels the task afterwards. The table ignores what a task reports that a stop or a fault has
+overtaken. A pause leaves the task alive, waiting at the gate; what begins or ends the pause runs
+beside it.
 """
 
 import asyncio
@@ -78,6 +79,7 @@ class _Note:
     of : the effect that ended in it
     who, why : the person who sent it, and the reason given
     answer : gets what the machine decided
+    lost : why nothing can be recorded any more
     """
 
     event: Event
@@ -87,6 +89,7 @@ class _Note:
     who: str = ""
     why: str = ""
     answer: asyncio.Future[Decision] | None = None
+    lost: JournalError | None = None
 
 
 _KIND_OF: Final = {event: kind for kind, event in PAUSE_EVENTS.items()} | {
@@ -138,6 +141,7 @@ class Dispatcher:
         self._work: _Running | None = None
         self._pause: _Running | None = None
         self._tasks: set[asyncio.Task[None]] = set()  # all of them, also those overtaken
+        self._others: asyncio.Future[None] | None = None  # their stop, once it has begun
         self._message = ""
         self._code = ""
         self._step = ""
@@ -237,6 +241,7 @@ class Dispatcher:
             asyncio.create_task(watcher.run(self._report), name=type(watcher).__name__)
             for watcher in self._watchers
         ]
+        self._journal.on_failure = self._hear_of_the_journal(asyncio.get_running_loop())
         try:
             self._inbox.put_nowait(_Note(Event.RESET))
             while True:
@@ -256,6 +261,7 @@ class Dispatcher:
                         return self._outcome("stopped")
         finally:
             self._has_ended = True
+            self._journal.on_failure = None
             self._refuse_the_rest()
             for watcher in watchers:
                 watcher.cancel()
@@ -265,6 +271,19 @@ class Dispatcher:
             await self._end(self._pause)
             await self._end(self._work)
             await self._end_the_rest()
+
+    def _hear_of_the_journal(
+        self, loop: asyncio.AbstractEventLoop
+    ) -> Callable[[JournalError], None]:
+        """Return what takes the failure of a row from the thread that was to write it."""
+
+        def hear(error: JournalError) -> None:
+            with suppress(RuntimeError):  # the loop has ended meanwhile
+                loop.call_soon_threadsafe(
+                    self._inbox.put_nowait, _Note(Event.FAULT, lost=error, code="journal")
+                )
+
+        return hear
 
     async def _end_the_rest(self) -> None:
         """End the tasks that were overtaken and are not at their end."""
@@ -289,7 +308,9 @@ class Dispatcher:
         with suppress(JournalError):
             self._gate.permits.withdraw("journal")
         await asyncio.gather(
-            self._end(self._work), self._end(self._pause), self._stopping.stop_others()
+            self._end(self._work),
+            self._end(self._pause),
+            self._others or self._stopping.stop_others(),
         )
         where = where_it_is(self._record.part.custody, self._record.part.tray or "")
         message = (
@@ -314,16 +335,21 @@ class Dispatcher:
         return Outcome(end, self._message, self._code, where, self._step)
 
     async def _take(self, note: _Note) -> None:
+        if note.lost is not None:
+            raise note.lost
         decision = self._machine.dispatch(note.event)
         step = self._step_of(note)
         row = _event_row(note, decision, step)
-        self._journal.write(row)
-        if decision.answer == "handled":
-            if decision.permits:
-                self._gate.permits.issue(note.event.value)
-            elif decision.forbids:
-                self._gate.permits.withdraw(note.event.value)
-            self._set_gate(note.event, decision)
+        ends: list[asyncio.Future[None]] = []
+        with self._journal.held_back():
+            self._journal.write(row)
+            if decision.answer == "handled":
+                if decision.permits:
+                    self._gate.permits.issue(note.event.value)
+                elif decision.forbids:
+                    self._gate.permits.withdraw(note.event.value)
+                self._set_gate(note.event, decision)
+                ends = await self._halt_overtaken(note, decision)
         if note.answer is not None and not note.answer.done():
             note.answer.set_result(decision)
         if decision.answer != "handled":
@@ -344,7 +370,7 @@ class Dispatcher:
             is_at_work=work is not None,
             is_same_work=work is not None and work == work_of(decision.source),
         )
-        await self._end_overtaken(note, decision)
+        await asyncio.gather(*ends)
         for effect in decision.effects:
             task = asyncio.create_task(self._act(effect), name=f"effect {effect.value}")
             self._tasks.add(task)
@@ -373,35 +399,44 @@ class Dispatcher:
             case mode if mode is Mode.EXECUTE or decision.permits:
                 self._gate.open()
 
-    async def _end_overtaken(self, note: _Note, decision: Decision) -> None:
-        """End what the new state has no use for: the work that was changed, a pause that is over.
+    async def _halt_overtaken(self, note: _Note, decision: Decision) -> list[asyncio.Future[None]]:
+        """Halt what the new state has no use for: changed work, a pause that is over.
 
-        The arm halts first, since cancelling a task stops no motor.
+        Returns
+        -------
+        what is to be awaited then: the ends of the tasks, since cancelling one stops no motor, and
+        the stops of the other devices, which have begun
         """
-        ends = []
+        overtaken = []
         source, target = decision.source, decision.target
         if self._pause is not None and mode_of(source) is not mode_of(target):
-            ends += [self._end(self._pause)] if self._pause[0] is not note.of else []
+            overtaken += [self._pause] if self._pause[0] is not note.of else []
             self._pause = None
         is_kept = work_of(source) is not None and work_of(source) == work_of(target)
         if self._work is not None and not is_kept and source != target:
-            ends += [self._end(self._work)] if self._work[0] is not note.of else []
+            overtaken += [self._work] if self._work[0] is not note.of else []
             self._work = None
-        if ends and {Effect.STOP_MOTION, Effect.ABORT_MOTION} & set(decision.effects):
-            ends.append(self._stopping.stop_others())
-        await asyncio.gather(*ends)
+        ends = []
+        if overtaken and {Effect.STOP_MOTION, Effect.ABORT_MOTION} & set(decision.effects):
+            self._others = asyncio.ensure_future(self._stopping.stop_others())
+            ends.append(self._others)
+        await self._halt(*overtaken)
+        return [*ends, *(asyncio.ensure_future(_cancelled(one)) for one in overtaken)]
+
+    async def _halt(self, *running: _Running) -> None:
+        """Halt the arm, unless the tasks only wait for a pause; nobody waits for a confirmation.
+
+        The effect of the new state stops every device and journals it; this only keeps the arm from
+        moving on while the tasks unwind.
+        """
+        if any(effect is not Effect.SUSPEND and not task.done() for effect, task in running):
+            await self._stopping.halt_arm()
 
     async def _end(self, running: _Running | None) -> None:
-        """End a task; halt the arm first, unless the task only waits for a pause."""
-        if running is None or running[1].done():
-            return
-        effect, task = running
-        if effect is not Effect.SUSPEND:
-            # the effect of the new state stops every device and journals it; this only keeps the
-            # arm from moving on while the task unwinds
-            await self._stopping.halt_arm()
-        task.cancel()
-        await asyncio.gather(task, return_exceptions=True)
+        """End a task; halt the arm first."""
+        if running is not None:
+            await self._halt(running)
+            await _cancelled(running)
 
     async def _act(self, effect: Effect) -> None:
         note = await self._outcome_of(effect)
@@ -437,6 +472,12 @@ class Dispatcher:
             return _Note(
                 Event.FAULT, effect, f"internal error in {effect.value}: {error!r}", "internal"
             )
+
+
+async def _cancelled(running: _Running) -> None:
+    """Cancel a task and wait until it has ended."""
+    running[1].cancel()
+    await asyncio.gather(running[1], return_exceptions=True)
 
 
 def _event_row(note: _Note, decision: Decision, step: str) -> rows.CellEvent:

@@ -47,12 +47,14 @@ class Outfit:
     devices : returns the drivers, given cell file, addresses and clock
     stamps : the clocks that the journal's rows are stamped by
     on_row : called with number, kind and name of each row of the journal, from any thread
+    writes_behind : a thread of its own writes the journal; not on a loop with a time of its own
     """
 
     compute: Callable[[Job, Executor], Compute] = Compute
     devices: Callable[[Cell, Mapping[str, dict[str, Any]], CellClock], Devices] = Devices.build
     stamps: Stamps = HOST_STAMPS
     on_row: Callable[[int, str, str], None] | None = None
+    writes_behind: bool = True
 
 
 HOST: Final = Outfit()
@@ -124,6 +126,8 @@ async def run_batch(
     opened = await asyncio.to_thread(open_cell_journal, place, order.run_id, outfit.stamps)
     journal = opened.journal
     journal.on_row = outfit.on_row
+    if outfit.writes_behind:
+        journal.write_behind()
     if opened.notice:
         on_notice(opened.notice)
     try:
@@ -170,7 +174,11 @@ async def run_batch(
                 raise
         return _result(order, found, outcome, batch.record.parts, speed, journal)
     finally:
-        await asyncio.to_thread(journal.close)
+        if unwritten := await asyncio.to_thread(journal.close):
+            on_notice(
+                f"{unwritten} rows of the run could not be written to {place}: the journal ends "
+                "before the run did. Look at the cell before you start again"
+            )
 
 
 def _products(

@@ -203,6 +203,13 @@ class Visit:
             open_cell_journal, order.folder / JOURNAL_NAME, order.run_id
         )
         journal = opened.journal
+        loop = asyncio.get_running_loop()
+
+        def stop(error: JournalError) -> None:
+            loop.call_soon_threadsafe(self.stop, str(error), "journal")
+
+        journal.on_failure = stop
+        journal.write_behind()
         if opened.notice:
             self._evidence.find(opened.notice)
         try:
@@ -222,7 +229,9 @@ class Visit:
             journal.write(rows.RunEnded(end="complete"))
             return made
         finally:
-            await asyncio.to_thread(journal.close)
+            journal.on_failure = None
+            if unwritten := await asyncio.to_thread(journal.close):
+                self._evidence.find(f"{unwritten} rows could not be written to {journal.path}")
 
     def _began(self, where: Mapping[str, dict[str, Any]]) -> rows.RunBegan:
         order = self._order

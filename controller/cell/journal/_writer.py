@@ -3,6 +3,9 @@
 Actions that may never be repeated without looking (grasp, release, hand-off, sort) and every change
 of custody are on the disk before any byte goes to a device (``synchronous = FULL``). All other rows
 survive the death of the process, but the last of them may be lost when the power fails.
+
+A row is written where it is handed in, or by a thread of the journal's own (`write_behind`) for an
+event loop that must not wait, since it also stops an arm.
 """
 
 import asyncio
@@ -10,11 +13,12 @@ import json
 import sqlite3
 import threading
 import time
-from collections.abc import Callable, Mapping
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Final
 
+from ._behind import BUSY_WALL_S, Entry, WriterThread
 from ._form import CELL_TIME, GENESIS, JournalError, RowKind, digest_of
 from ._head import Head, HeadFile, head_path
 from ._migrations import SCHEMA_VERSION, migrate
@@ -22,7 +26,6 @@ from ._place import OpenFiles
 from .rows import Body, TextByName, name_of
 from .stamps import HOST_STAMPS, Stamps
 
-BUSY_WALL_S: Final = 10.0  # how long to wait for another writer
 CELL_DECIMALS: Final = 3
 
 
@@ -40,6 +43,8 @@ class Journal:
     on_row : called with number, kind and name of each row once it is in the file
     cell_clock : reads the cell's clock [cell s], once there is one: the wall shows only roughly how
         long something took in an emulated cell, whose time stands still where the machine is slow
+    on_failure : called from any thread, once, where a row handed to the writer thread cannot be
+        written; from then on every row raises
 
     Raises
     ------
@@ -53,6 +58,9 @@ class Journal:
         self._lock = threading.Lock()
         self.on_row: Callable[[int, str, str], None] | None = None
         self.cell_clock: Callable[[], float] | None = None
+        self.on_failure: Callable[[JournalError], None] | None = None
+        self._behind: WriterThread | None = None
+        self._held: list[Entry] | None = None
         self._heads = [HeadFile(head_path(path))]
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -83,8 +91,44 @@ class Journal:
             else:
                 return
 
+    def write_behind(self) -> None:
+        """Have rows written by a thread of the journal's own from now on.
+
+        Then `write` waits for nothing and returns 0, and `write_secured` waits for a row for
+        `PATIENCE_WALL_S` at most. What cannot be written is reported to `on_failure`.
+        """
+        if self._behind is None:
+            self._behind = WriterThread(self.path, self._append, self._close_file, self._fail)
+
+    def _fail(self, error: JournalError) -> None:
+        if self.on_failure is not None:
+            self.on_failure(error)
+
+    @contextmanager
+    def held_back(self) -> Iterator[None]:
+        """Keep the rows of the block, in order, until the block is over: metal comes first.
+
+        Raises
+        ------
+        JournalError : one of them cannot be written
+        """
+        behind, self._held = self._behind, [] if self._behind is None else None
+        if behind is not None:
+            behind.hold()
+        try:
+            yield
+        finally:
+            if behind is not None:
+                behind.go_on()
+            self._let_go()
+
+    def _let_go(self) -> None:
+        held, self._held = self._held, None
+        for entry in held or ():
+            self._append(entry)
+
     def write(self, row: Body, part: int | None = None) -> int:
-        """Append a row that survives the death of the process; return its number."""
+        """Append a row that survives the death of the process; return its number, 0 if not yet."""
         return self.record(row.kind, name_of(row), self._body(row), part)
 
     async def write_secured(self, row: Body, part: int | None = None) -> int:
@@ -96,7 +140,7 @@ class Journal:
 
         Not for the event loop, which it holds until the row is on the disk.
         """
-        return self._write(row.kind, name_of(row), self._body(row), None, full=True)
+        return self._hand_in(self._entry(row.kind, name_of(row), self._body(row), None, full=True))
 
     def _body(self, row: Body) -> dict[str, Any]:
         """Return the body of a row with the instant on the cell's clock, where it has room."""
@@ -112,7 +156,7 @@ class Journal:
         body: Mapping[str, Any] | None = None,
         part: int | None = None,
     ) -> int:
-        """Append any body as `write` does, content unchecked; return the row's number.
+        """Append any body as `write` does, content unchecked; return its number, 0 if not yet.
 
         Parameters
         ----------
@@ -120,7 +164,7 @@ class Journal:
         body : plain JSON values
         part : number of the part it is about
         """
-        return self._write(kind, name, body or {}, part, full=False)
+        return self._hand_in(self._entry(kind, name, body or {}, part, full=False))
 
     async def secure(
         self,
@@ -137,49 +181,79 @@ class Journal:
         body : plain JSON values
         part : number of the part it is about
         """
-        return await asyncio.to_thread(self._write, kind, name, body or {}, part, full=True)
+        entry = self._entry(kind, name, body or {}, part, full=True)
+        if self._behind is None:
+            return await asyncio.to_thread(self._append, entry)
+        self._behind.hand_in(entry)
+        return await asyncio.to_thread(self._behind.wait, entry)
 
-    def _write(
+    def _entry(
         self, kind: RowKind, name: str, body: Mapping[str, Any], part: int | None, *, full: bool
-    ) -> int:
+    ) -> Entry:
         text = json.dumps(body, separators=(",", ":"), ensure_ascii=False)
         # File names may have bytes that are not text; the row matters more than their spelling.
         text = text.encode("utf-8", "backslashreplace").decode("utf-8")
+        is_at_once = self._behind is None and self._held is None
+        return Entry(kind, name, text, part, full, None if is_at_once else self._stamp())
+
+    def _stamp(self) -> tuple[str, float]:
+        utc = self._stamps.utc().isoformat(timespec="microseconds")
+        return utc, self._stamps.monotonic_s()
+
+    def _hand_in(self, entry: Entry) -> int:
+        if self._behind is not None:
+            self._behind.hand_in(entry)
+            return self._behind.wait(entry) if entry.full else 0
+        if self._held is not None and not entry.full:
+            self._held.append(entry)
+            return 0
+        return self._append(entry)
+
+    def _append(self, entry: Entry) -> int:
+        if self._held:
+            self._let_go()
         with self._lock:
             try:
                 self._files.require_same()
-                if full:
+                if entry.full:
                     self._db.execute("PRAGMA synchronous = FULL")
                 # Another run may share the cell's journal. IMMEDIATE makes one lock cover both
                 # reading and writing of number, time and chain.
                 self._db.execute("BEGIN IMMEDIATE")
                 try:
-                    head = self._append(kind, name, text, part)
+                    head = self._insert(entry)
                     self._db.execute("COMMIT")
                 except BaseException:
                     if self._db.in_transaction:
                         self._db.execute("ROLLBACK")
                     raise
-                if full:
+                if entry.full:
                     self._db.execute("PRAGMA synchronous = NORMAL")
                     self._note_head(head)
             except (sqlite3.Error, OSError) as error:
                 raise JournalError(f"journal {self.path}: {error}") from error
         if self.on_row is not None:
-            self.on_row(head.seq, kind, name)
+            self.on_row(head.seq, entry.kind, entry.name)
         return head.seq
 
-    def _append(self, kind: RowKind, name: str, text: str, part: int | None) -> Head:
-        t_utc = self._stamps.utc().isoformat(timespec="microseconds")
-        t_mono = self._stamps.monotonic_s()
+    def _insert(self, entry: Entry) -> Head:
+        t_utc, t_mono = entry.stamp or self._stamp()
         last = last_row(self._db)
+        if entry.was_tried and last is not None and self._has(last.seq, t_utc, t_mono):
+            return last
         seq, prev = (last.seq + 1, last.hash) if last else (1, GENESIS)
-        digest = digest_of(prev, seq, t_utc, t_mono, self.run, part, kind, name, text)
+        fields = (self.run, entry.part, entry.kind, entry.name, entry.text)
+        digest = digest_of(prev, seq, t_utc, t_mono, *fields)
         self._db.execute(
             "INSERT INTO journal VALUES (?,?,?,?,?,?,?,?,?,?)",
-            (seq, t_utc, t_mono, self.run, part, kind, name, text, prev, digest),
+            (seq, t_utc, t_mono, *fields, prev, digest),
         )
         return Head(int(seq), digest)
+
+    def _has(self, seq: int, t_utc: str, t_mono: float) -> bool:
+        """Return whether a row of this run, stamped so, is already there."""
+        query = "SELECT 1 FROM journal WHERE seq = ? AND run = ? AND t_utc = ? AND t_mono = ?"
+        return self._db.execute(query, (seq, self.run, t_utc, t_mono)).fetchone() is not None
 
     def keep_head(self, path: Path) -> None:
         """Have another file name the last secured row from now on, as the head beside it does.
@@ -212,8 +286,19 @@ class Journal:
             one.close()
         self._db.close()
 
-    def close(self) -> None:
-        """Put everything on the disk, move the head to the last row, close the file."""
+    def close(self) -> int:
+        """Put everything on the disk, move the head to the last row, close the file.
+
+        Returns
+        -------
+        rows that could not be written; those of the writer thread are tried once more before
+        """
+        if self._behind is not None:
+            return self._behind.finish()
+        self._close_file()
+        return 0
+
+    def _close_file(self) -> None:
         with self._lock:
             with suppress(sqlite3.Error, OSError):  # every secured row is on the disk already
                 is_busy, *_ = self._db.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
