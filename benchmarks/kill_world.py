@@ -7,7 +7,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,11 +26,13 @@ class KillWorld:
     Attributes
     ----------
     cell : cell file with its addresses
+    clock : of its time
     pid : of the emulator's process
     """
 
     cell: Path
     control: Path
+    clock: Path
     pid: int
 
     def ask(self, do: str, **order: object) -> dict[str, Any]:
@@ -70,7 +72,9 @@ def let_go_count(truth: dict[str, Any]) -> int:
 
 
 @contextmanager
-def kill_world(folder: Path, *parts: str, seed: int, speed: float) -> Iterator[KillWorld]:
+def kill_world(
+    folder: Path, *parts: str, seed: int, speed: float, more: Sequence[str] = ()
+) -> Iterator[KillWorld]:
     """Bring up the emulated cell by itself, with a cell file that names its addresses."""
     control = folder / "control.sock"
     process = subprocess.Popen(
@@ -78,6 +82,7 @@ def kill_world(folder: Path, *parts: str, seed: int, speed: float) -> Iterator[K
             sys.executable, "-m", "controller.cli", "emulate", "--json",
             *(word for part in parts for word in ("--part", part)),
             "--seed", str(seed), "--speed", f"{speed:g}", "--control", str(control),
+            *more,
         ],
         cwd=ROOT,
         env=os.environ | {"PYTHONPATH": str(ROOT)},
@@ -89,7 +94,7 @@ def kill_world(folder: Path, *parts: str, seed: int, speed: float) -> Iterator[K
         ready = json.loads(process.stdout.readline())
         cell = folder / "cell.yaml"
         cell.write_text(with_addresses(ready["devices"]))
-        yield KillWorld(cell, control, int(ready["pid"]))
+        yield KillWorld(cell, control, Path(ready["clock"]), int(ready["pid"]))
     finally:
         process.terminate()
         process.wait()
