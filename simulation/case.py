@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from controller.cell.journal import Row, is_of, read_rows, rows
+from controller.cell.machine import Event
 from controller.cell.operator import Answer, Question
 from controller.virtual_time import NothingLeftError
 
@@ -184,6 +185,36 @@ class Accepting:
         return Answer(question.choices[0].key, "a person", "it is as it says")
 
 
+class Attending:
+    """A person who closes an open door, looks, acknowledges, and has the cell go on."""
+
+    def __init__(self, cell: SimulatedCell) -> None:
+        self._cell = cell
+
+    async def decide(self, question: Question) -> Answer | None:
+        """Acknowledge what held a homing cell; answer nothing else."""
+        if question.code != "guard_closed":
+            return None
+        await self._close()
+        return Answer("ack", "a person", "the cell is clear")
+
+    async def attend(self, controller: Controller) -> None:
+        """Have a controller go on as often as it is held."""
+        while True:
+            await asyncio.sleep(LOOK_S)
+            dispatcher = controller.dispatcher
+            if dispatcher is None or not dispatcher.state.startswith("suspended_"):
+                continue
+            await self._close()
+            for event in (Event.ACKNOWLEDGE, Event.RESUME):
+                await dispatcher.command(event, "a person", "the cell is clear")
+
+    async def _close(self) -> None:
+        await asyncio.sleep(LOOK_S)
+        self._cell.befall("door", closed=True)
+        await asyncio.sleep(LOOK_S)  # until the I/O block was read
+
+
 class Stepping:
     """A person who lets each motion begin after a look at it."""
 
@@ -270,6 +301,9 @@ class _Run:
         controller = self.cell.controller(**options)
         self.watch.permitted()
         self._arm_faults(controller)
+        if self.case.fault is not None and self.case.fault[0] == "door":
+            self.cell.operator = person = Attending(self.cell)
+            self.cause.spawn(person.attend(controller))
         killed = asyncio.Event()
         due = None if kill is None or kill.row else kill.steps
 

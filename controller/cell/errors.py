@@ -13,11 +13,17 @@ class InterlockError(CellError):
     Attributes
     ----------
     code : of the rule's alarm
+    holds : it holds the run, which can go on once the rule holds again
     """
 
-    def __init__(self, message: str, code: str = "interlock") -> None:
+    def __init__(self, message: str, code: str = "interlock", *, holds: bool = False) -> None:
         super().__init__(message)
         self.code = code
+        self.holds = holds
+
+
+class NotProvenError(CellError):
+    """After an open door the cell does not stand as it was left, so it cannot go on from there."""
 
 
 class NoPermitError(CellError):

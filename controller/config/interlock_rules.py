@@ -38,6 +38,7 @@ class InterlockRuleSection(Section):
     when, require : conditions over the facts
     check : before a motion, during it, before a person's gripper is opened
     on_unknown : what a requirement does that is neither known to be true nor to be false
+    then : what a violation during a motion does to the run: ends it, or holds it as an open door
     words : what happened, and what to do
     """
 
@@ -45,6 +46,7 @@ class InterlockRuleSection(Section):
     require: ConditionText
     check: tuple[Literal["admit", "during", "recover"], ...] = ("admit", "during")
     on_unknown: Literal["refuse", "admit"] = "refuse"
+    then: Literal["end", "hold"] = "end"
     words: str = Field(min_length=4, max_length=200)
 
     @model_validator(mode="after")

@@ -15,6 +15,7 @@ from ..errors import (
     BadReplyError,
     DeviceError,
     FaultError,
+    MotionStoppedError,
     PositionLostError,
     RefusedError,
     ReplyTimeoutError,
@@ -51,7 +52,7 @@ MOVE_MARGIN_S: Final = 1.0
 NOT_KNOWN_TO_BE_DONE: Final = (ReplyTimeoutError, UnpluggedError)  # errors after which one looks
 
 
-class StoppedError(DeviceError):
+class StoppedError(MotionStoppedError):
     """A move was ended by `Gripper.stop`, or by another master, before it arrived."""
 
 

@@ -120,11 +120,37 @@ def test_after_a_lost_position_the_arm_homes_with_the_part_and_brings_it_to_its_
     assert "Look before you accept" in decided["shown"]
 
 
-# Seeds with a stop while the fixed gripper alone has the part.
-STOPPED_IN_FIXED = (
-    Case(990011, PART, recovery="auto", fault=("door", IN_FIXED), again=True),
-    Case(990012, PART, recovery="auto", fault=("estop", IN_FIXED), again=True),
+# Seeds with a door that opens, by the stage in which it does.
+DOOR = (
+    Case(991001, PART, fault=("door", "resetting")),
+    Case(991002, PART, fault=("door", "acquiring")),
+    Case(991003, PART, fault=("door", "grasping")),
+    Case(991004, PART, fault=("door", "presenting")),
+    Case(991005, PART, fault=("door", "handing")),
+    Case(991006, PART, fault=("door", IN_FIXED)),
+    Case(991007, PART, fault=("door", "placing")),
 )
+
+
+@pytest.mark.parametrize("case", one_now(DOOR))
+def test_after_an_open_door_the_run_goes_on_with_its_part_to_the_tray(
+    case: Case, tmp_path: Path
+) -> None:
+    ended = run_case(case, tmp_path / "cell")
+    assert ended.ends == ["complete"], ended.messages
+    assert ended.caused, "the door has never opened"
+    assert ended.violations == []
+    assert ended.truth["tray"] == "accept"
+    found = list(read_rows(tmp_path / "cell" / JOURNAL_NAME))
+    names = [row.name for row in found]
+    assert names.count(rows.Acknowledged.row_name) == 1
+    opened = next(row for row in found if row.name == "guard_opened")
+    shown = [row.seq for row in found if row.name == rows.FirstMotion.row_name]
+    assert all(seq > opened.seq for seq in shown)
+
+
+# Seeds with a stop while the fixed gripper alone has the part.
+STOPPED_IN_FIXED = (Case(990012, PART, recovery="auto", fault=("estop", IN_FIXED), again=True),)
 
 
 @pytest.mark.parametrize("case", one_now(STOPPED_IN_FIXED))

@@ -389,7 +389,8 @@ async def test_errors_of_an_arm_of_another_make_read_like_those_of_ours(
 
     nobody: Any = None
     actions: Any = SimpleNamespace(perform=fail)
-    dispatcher = Dispatcher(actions, nobody, nobody, (), nobody, nobody)
+    gate: Any = SimpleNamespace()
+    dispatcher = Dispatcher(actions, nobody, nobody, (), nobody, gate, nobody, nobody)
     note = await dispatcher._outcome_of(Effect.HOME)
     assert (note.message, note.code) == (message, code)
 

@@ -87,7 +87,11 @@ def built(journal: Journal, actions: object, metal: Metal) -> Dispatcher:
     part = SimpleNamespace(custody=Custody.IN_ARM, tray=None)
     record = SimpleNamespace(part=part, parts_left=0, show_state=lambda *_, **__: None)
     gate = Gate(Permits(journal), CellClock())
-    return Dispatcher(cast(Any, actions), cast(Any, record), cast(Any, metal), (), journal, gate)
+    closed = SimpleNamespace(holding=lambda: None)
+    return Dispatcher(
+        cast(Any, actions), cast(Any, record), cast(Any, metal), (), journal, gate,
+        cast(Any, closed), cast(Any, None),
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize("harm", [spoil, take_away])

@@ -43,6 +43,7 @@ held: reset>resetting stop>stopping fault>aborting unattended>held look_again>ex
     part_taken_out>execute_withdrawing
 aborted: clear>clearing
 resetting: reset_done>idle part_dropped>holding part_problem>holding stop>stopping fault>aborting
+    guard_opened>holding
 completing: part_done>execute_acquiring batch_done>complete part_dropped>holding
     part_problem>holding stop>stopping fault>aborting
 holding: hold_done>held stop>stopping fault>aborting
@@ -76,11 +77,11 @@ execute_placing: placed>completing
 # the same of pauses; a line holds for every piece of work, and the work stays the same
 PAUSES = """
 execute: pause_after_step>suspending pause_at_safe_point>suspending pause_now>suspending
-    step>suspending
-suspending: paused>suspended
+    step>suspending guard_opened>suspending
+suspending: guard_opened>suspending paused>suspended
     pause_after_step>suspending pause_at_safe_point>suspending pause_now>suspending
-suspended: resume>unsuspending step>unsuspending
-unsuspending: resumed>execute step_begun>suspending
+suspended: resume>unsuspending step>unsuspending acknowledge>suspended
+unsuspending: guard_opened>suspended not_proven>suspended resumed>execute step_begun>suspending
     pause_after_step>suspended pause_at_safe_point>suspended pause_now>suspended
 """
 # the mode in which the next work is entered, where work ends in a mode
@@ -102,7 +103,10 @@ EFFECTS = {
 MODE_EFFECTS = {"suspending": "suspend", "unsuspending": "unsuspend"}
 # by people and interlocks, not by effects
 PAUSE_NAMES = {"pause_after_step", "pause_at_safe_point", "pause_now"}
-SENT = {"reset", "start", "recover", "stop", "clear", "fault", "resume", "step"} | PAUSE_NAMES
+SENT = {
+    "reset", "start", "recover", "stop", "clear", "fault", "resume", "step", "guard_opened",
+    "acknowledge", *PAUSE_NAMES,
+}  # fmt: skip
 # after these a permit is new; a person, or the order that a person gave, sends them
 PERMIT = {"reset", "start", "recover", "resume", "step", "look_again", "part_taken_out"}
 # nothing may move in these, whatever was permitted before
@@ -162,6 +166,8 @@ def listed() -> dict[tuple[str, Event], str]:
     ) in LOOKED_FOR:  # the check before a resume may find a part gone that nobody should have
         work = split(state)[1]
         add(joined("unsuspending", work), "part_dropped", joined("suspended", work))
+    for work in dict.fromkeys(works):  # after an open door, where no gripper has the part
+        add(joined("unsuspending", work), "look_again", "execute_withdrawing")
     return found
 
 
@@ -187,13 +193,15 @@ def why_ignored(state: str, event: str) -> str:
         return "nothing moves any more"
     if event in PAUSE_NAMES and mode == "suspended":
         return "already paused"
+    if event == "guard_opened" and (mode == "suspended" or not mode):
+        return "nothing moves: what comes next waits until it is closed"
     if event == "resume" and mode == "execute":
         return "nothing is paused"
     if event == "step" and mode == "suspending":
         return "already pausing after this step or sooner"
     if event in ("resume", "step") and mode == "unsuspending":
         return "already going on"
-    if event in ("paused", "resumed", "step_begun") and mode:
+    if event in ("paused", "resumed", "step_begun", "not_proven", "look_again") and mode:
         return "this pause is over"
     if event == "part_dropped" and mode and joined("execute", work) in LOOKED_FOR:
         return "nobody holds the part: it is being looked for already"
@@ -207,6 +215,8 @@ def why_refused(state: str, event: str) -> str:
     mode, _ = split(state)
     if state in ("resetting", "idle") and event in PAUSE_NAMES | {"step"}:
         return "homing finds its references in one go: pause once it is done, or stop"
+    if event == "acknowledge":
+        return "nothing waits to be acknowledged"
     if event == "resume" and mode == "suspending":
         return "the cell is still coming to its pause: resume once it stands"
     if event in ("resume", "step") and state in NOTHING_MOVES - {"complete"}:
@@ -585,7 +595,7 @@ OUTCOMES = {
     "place": "placed", "complete": "part_done batch_done", "hold": "hold_done",
     "consult": "unattended look_again part_taken_out reset stop", "stop_motion": "stop_done",
     "abort_motion": "abort_done", "clear_fault": "clear_done", "suspend": "paused",
-    "unsuspend": "resumed step_begun",
+    "unsuspend": "resumed step_begun look_again not_proven guard_opened",
 }  # fmt: skip
 
 

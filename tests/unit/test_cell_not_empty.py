@@ -72,7 +72,11 @@ class Cell:
         }
         actions: Any = ANY(perform=lambda effect: self._actions[effect]())
         stopping: Any = ANY(halt_arm=self._nothing, stop_others=self._nothing)
-        self.dispatcher = Dispatcher(actions, record, stopping, (), self.journal, gate)
+        interlocks.holding = lambda: None
+        nobody: Any = None
+        self.dispatcher = Dispatcher(
+            actions, record, stopping, (), self.journal, gate, interlocks, nobody
+        )
 
     def _signal(self, name: str) -> Signal:
         if name == "part_in_gripper":

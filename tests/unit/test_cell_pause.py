@@ -14,12 +14,13 @@ import pytest
 from controller.cell.actions import SuspendAction, UnsuspendAction
 from controller.cell.batch import Dispatcher, Outcome
 from controller.cell.custody import Custody
+from controller.cell.devices.interlocks import BUILT_IN_RULES, Truth, Violation
 from controller.cell.errors import InterlockError, NoPermitError, PartFaultError
 from controller.cell.journal import Journal, read_rows
 from controller.cell.machine import Effect, Event, PartFault, PauseKind, SafePoint
 from controller.cell.operator import Answer, Desk, Journaled
-from controller.cell.services import Approval, Gate, Motion, NextMotion, Permits
-from controller.cell.services.gate import JAWS_S, STOP_RAMP_S
+from controller.cell.services import Approval, Gate, Motion, NextMotion, Permits, Standstill
+from controller.cell.services.gate import JAWS_S, STOP_RAMP_S, Mover
 from controller.cell.services.records import BatchRecord, Progress
 from controller.config import load_cell
 from controller.setup.layout import build_layout
@@ -30,6 +31,7 @@ from drivers.kinds import Signal, Stop
 ROOT = Path(__file__).parents[2]
 LAYOUT = build_layout(load_cell(ROOT / "recipes/cells/emulated.yaml"))
 ANY: Any = SimpleNamespace
+(DOOR,) = (rule for rule in BUILT_IN_RULES if rule.code == "guard_closed")
 
 
 def at(number: int) -> np.ndarray:
@@ -89,17 +91,21 @@ class Bench:
 
         async def admit(path: object) -> None: ...
 
-        interlocks: Any = ANY(admit_path=admit)
+        interlocks: Any = ANY(admit_path=admit, holding=self._open_door)
         self.motion = Motion(self.arm, interlocks, clock, self.gate, LAYOUT)  # type: ignore[arg-type]
         self.record = BatchRecord(self.journal, Progress(), lambda: None)
         self.checks: list[str] = []
+        self.stopped: list[tuple[str, ...]] = []
         self.is_held = True
         stopping: Any = ANY(
-            stop_arm=self.arm.stop, halt_arm=lambda: self.arm.stop(Stop.DEAD), stop_others=settle
-        )
-        grippers: Any = ANY(require_held=self._require_held)
-        self.suspend = SuspendAction(self.gate, stopping)
-        self.unsuspend = UnsuspendAction(self.gate, io, grippers, self.record)
+            stop_arm=self.arm.stop, halt_arm=lambda: self.arm.stop(Stop.DEAD), stop_others=settle,
+            stop_moving=self._stop_moving,
+        )  # fmt: skip
+        self.jaws_mm = (40.0, 85.0)
+        grippers: Any = ANY(require_held=self._require_held, openings_mm=self._openings_mm)
+        self.standstill = Standstill(self.gate, self.motion, grippers, self.record, LAYOUT)
+        self.suspend = SuspendAction(self.gate, stopping, self.standstill)
+        self.unsuspend = UnsuspendAction(self.gate, io, grippers, self.record, self.standstill)
         self.works: dict[Effect, Callable[[], Awaitable[Event]]] = {
             Effect.HOME: self._end(Event.RESET_DONE),
             Effect.ACQUIRE: self._end(Event.PICTURE_TAKEN),
@@ -112,7 +118,8 @@ class Bench:
         }
         actions: Any = ANY(perform=lambda effect: self.works[effect]())
         self.dispatcher = Dispatcher(
-            actions, self.record, stopping, (), self.journal, self.gate
+            actions, self.record, stopping, (), self.journal, self.gate, interlocks,
+            self.standstill,
         )  # fmt: skip
         self.running: asyncio.Task[Outcome] | None = None
 
@@ -131,6 +138,24 @@ class Bench:
         self.checks.append("held?")
         if not self.is_held:
             raise PartFaultError(PartFault.DROPPED, "gone")
+
+    async def _openings_mm(self) -> tuple[float, float]:
+        return self.jaws_mm
+
+    async def _stop_moving(self, *, is_arm: bool, is_fixed: bool) -> None:
+        self.stopped.append(("arm",) * is_arm + ("fixed",) * is_fixed)
+        if is_arm:
+            await self.arm.stop(Stop.DEAD)
+
+    def _open_door(self) -> Violation | None:
+        return None if self.signal is Signal.OK else Violation(DOOR, Truth.FALSE, ())
+
+    async def open_door(self) -> None:
+        """The door opens, and the watcher says so."""
+        self.signal = Signal.NOT_OK
+        message = Violation(DOOR, Truth.FALSE, ()).message
+        self.dispatcher._report(Event.GUARD_OPENED, message, DOOR.code)
+        await settle()
 
     async def start(self, grasp: Callable[[], Awaitable[Event]]) -> None:
         self.works[Effect.GRASP] = grasp
@@ -249,7 +274,7 @@ async def test_jaws_finish_what_they_have_begun_before_a_pause_begins(bench: Ben
         return NextMotion("jaws close")
 
     async def close() -> Event:
-        async with bench.gate.moving(preview, is_arm=False):
+        async with bench.gate.moving(preview, Mover.ARM_JAWS):
             await closed.wait()
         return Event.GRASPED
 
@@ -312,16 +337,139 @@ async def test_what_moves_first_shows_as_soon_as_it_is_known(bench: Bench) -> No
     assert bench.arm.orders == []
 
 
-async def test_an_open_door_before_a_resume_moves_nothing(bench: Bench) -> None:
+async def test_an_open_door_before_a_resume_moves_nothing_and_ends_nothing(bench: Bench) -> None:
     await bench.start(lambda: walk(bench))
     await bench.send(Event.PAUSE_NOW)
-    bench.signal = Signal.NOT_OK
-    await bench.send(Event.RESUME)
-    assert bench.running is not None
-    outcome = await bench.running
-    assert outcome.end == "aborted"
+    await bench.open_door()
+    assert bench.dispatcher.state == "suspended_grasping"
+    assert (await bench.dispatcher.status()).barred == "guard_closed: the door is open; close it"
+    assert await bench.send(Event.RESUME) == "refused"
     assert bench.arm.orders == [1]
     assert bench.checks == []
+    # a person paused, so that the door needs no acknowledgement
+    bench.signal = Signal.OK
+    bench.record.part.custody = Custody.IN_ARM
+    assert await bench.send(Event.RESUME) == "handled"
+    assert bench.arm.orders == [1, 1]
+
+
+# ---- an open door ------------------------------------------------------------------------------
+async def test_an_open_door_stops_the_arm_at_once_and_holds_the_run(bench: Bench) -> None:
+    bench.record.part.custody = Custody.IN_ARM
+    await bench.start(lambda: walk(bench))
+    await bench.open_door()
+    assert bench.stopped == [("arm",)]
+    status = await bench.dispatcher.status()
+    assert (status.state, status.alarm) == ("suspended_grasping", "202 the door is open")
+    assert status.message == "guard_closed: the door is open; close it"
+    assert bench.arm.orders == [1]
+    bench.signal = Signal.OK
+    assert await bench.send(Event.RESUME) == "refused"
+    assert await bench.send(Event.ACKNOWLEDGE) == "handled"
+    assert (await bench.dispatcher.status()).barred == ""
+    assert bench.arm.orders == [1]
+    assert await bench.send(Event.RESUME) == "handled"
+    assert bench.dispatcher.state == "execute_grasping"
+    assert bench.checks == ["held?"]
+    assert bench.arm.orders == [1, 1]
+    (row,) = [row for row in read_rows(bench.path) if row.name == "acknowledged"]
+    assert (row.body["code"], row.body["who"], row.body["why"]) == (
+        "guard_closed", "uid 1000", "to look",
+    )  # fmt: skip
+
+
+async def test_an_open_door_cannot_be_acknowledged(bench: Bench) -> None:
+    await bench.start(lambda: walk(bench))
+    await bench.open_door()
+    assert await bench.send(Event.ACKNOWLEDGE) == "refused"
+    bench.signal = Signal.OK
+    assert await bench.send(Event.ACKNOWLEDGE) == "handled"
+    assert await bench.send(Event.ACKNOWLEDGE) == "refused"  # once is enough
+
+
+async def test_the_acknowledge_button_counts_as_a_persons_word(bench: Bench) -> None:
+    await bench.start(lambda: walk(bench))
+    await bench.open_door()
+    bench.signal = Signal.OK
+    bench.dispatcher._report(Event.ACKNOWLEDGE)
+    await settle()
+    (row,) = [row for row in read_rows(bench.path) if row.name == "acknowledged"]
+    assert row.body["who"] == "the acknowledge button"
+
+
+async def test_what_comes_to_the_gate_while_the_door_is_open_waits_there(bench: Bench) -> None:
+    """The watcher may be later than the next motion: the gate reads the door itself."""
+    bench.record.part.custody = Custody.IN_ARM
+    await bench.start(lambda: walk(bench))
+    bench.signal = Signal.NOT_OK
+    await bench.arrive()
+    assert bench.arm.orders == [1]
+    assert bench.dispatcher.state == "suspended_grasping"
+
+
+async def test_a_part_that_no_gripper_has_is_looked_for_after_an_open_door(bench: Bench) -> None:
+    async def withdraw() -> Event:
+        await bench.motion.follow((at(9),))
+        return Event.WITHDRAWN
+
+    bench.works[Effect.WITHDRAW] = withdraw
+    await bench.start(lambda: walk(bench))
+    await bench.open_door()
+    bench.signal = Signal.OK
+    await bench.send(Event.ACKNOWLEDGE)
+    first = (await bench.dispatcher.status()).first
+    assert first is not None
+    assert "parks" in first.words
+    assert await bench.send(Event.STEP) == "refused"
+    await bench.send(Event.RESUME)
+    assert bench.dispatcher.state == "execute_withdrawing"
+    assert bench.arm.orders == [1, 9]
+
+
+@pytest.mark.parametrize("what", ["arm", "jaws"])
+async def test_what_was_moved_by_hand_behind_an_open_door_does_not_go_on(
+    bench: Bench, what: str
+) -> None:
+    bench.record.part.custody = Custody.IN_ARM
+    await bench.start(lambda: walk(bench))
+    await bench.open_door()
+    bench.signal = Signal.OK
+    left_q, left_mm = bench.arm.q, bench.jaws_mm
+    if what == "arm":
+        bench.arm.q = at(40)
+    else:
+        bench.jaws_mm = (44.0, 85.0)
+    await bench.send(Event.ACKNOWLEDGE)
+    await bench.send(Event.RESUME)
+    status = await bench.dispatcher.status()
+    assert status.state == "suspended_grasping"
+    assert "put that back and resume" in status.message
+    assert bench.arm.orders == [1]
+    bench.arm.q, bench.jaws_mm = left_q, left_mm
+    await bench.send(Event.RESUME)
+    assert bench.dispatcher.state == "execute_grasping"
+    assert bench.arm.orders == [1, 1]
+
+
+async def test_a_door_that_opens_during_a_resume_stops_it(bench: Bench) -> None:
+    bench.record.part.custody = Custody.IN_ARM
+    pressed = asyncio.Event()
+
+    async def press() -> None:
+        await pressed.wait()
+
+    await bench.start(lambda: walk(bench))
+    await bench.open_door()
+    bench.signal = Signal.OK
+    await bench.send(Event.ACKNOWLEDGE)
+    bench.unsuspend.grippers.require_held = press  # type: ignore[method-assign]
+    await bench.send(Event.RESUME)
+    assert bench.dispatcher.state == "unsuspending_grasping"
+    await bench.open_door()
+    assert bench.dispatcher.state == "suspended_grasping"
+    bench.signal = Signal.OK
+    assert await bench.send(Event.RESUME) == "refused"
+    assert bench.arm.orders == [1]
 
 
 async def test_a_part_that_is_gone_after_a_pause_is_looked_for_and_not_carried_on(

@@ -52,7 +52,8 @@ async def test_a_stop_before_the_first_motion_keeps_the_cell_from_moving(
     part = SimpleNamespace(custody=Custody.ON_TABLE, tray=None)
     record = cast(Any, SimpleNamespace(part=part))
     nobody = cast(Any, None)  # no action to take, nothing to stop: any call would fail
-    dispatcher = Dispatcher(nobody, record, nobody, (), journal, nobody)
+    gate = cast(Any, SimpleNamespace())
+    dispatcher = Dispatcher(nobody, record, nobody, (), journal, gate, nobody, nobody)
     getattr(dispatcher, asking)("because", code)
     outcome = await dispatcher.run()
     journal.close()

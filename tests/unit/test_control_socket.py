@@ -218,6 +218,12 @@ async def test_what_is_wrong_is_named_and_reaches_no_cell(
     assert dispatcher.taken == []
 
 
+async def test_an_acknowledgement_that_no_question_waits_for_goes_to_the_run() -> None:
+    dispatcher = Dispatching()
+    await ask(control_of(dispatcher), "POST", "/ack", {"why": "looked"})
+    assert dispatcher.taken == [(Event.ACKNOWLEDGE, ME.name, "looked")]
+
+
 async def test_the_first_answer_counts_and_the_second_is_told_so() -> None:
     desk = Desk(is_attended=True)
     control = control_of(Dispatching(), desk)
@@ -230,7 +236,6 @@ async def test_the_first_answer_counts_and_the_second_is_told_so() -> None:
     assert (status, "look, stop" in reply["reason"]) == (409, True)
     status, reply = await ask(control, "POST", "/answer", {"key": "look", "number": 7})
     assert status == 409
-    assert (await ask(control, "POST", "/ack", {"why": "x"}))[0] == 409
     assert (await ask(control, "POST", "/recover", {"key": "look"}))[0] == 409
     status, _ = await ask(control, "POST", "/answer", {"key": "look", "why": "laid it back"})
     assert status == 200

@@ -144,7 +144,7 @@ SAYING = {
     "PartProblemError": (1, "message"),
     "PartFaultError": (1, "message"),
     "show": (0, "label"),
-    "_moving": (0, "words"),
+    "_move": (1, "words"),
 }
 
 

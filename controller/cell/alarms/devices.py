@@ -4,7 +4,8 @@ from typing import Final
 
 from .alarm import Alarm, Severity
 
-_ABORT, _WARNING, _REFUSED = Severity.ABORT, Severity.WARNING, Severity.REFUSED
+_ABORT, _HOLD = Severity.ABORT, Severity.HOLD
+_WARNING, _REFUSED = Severity.WARNING, Severity.REFUSED
 _IO, _ARM, _FIXED = "I/O block", "arm", "fixed gripper"
 _WHERE_ARM_IS = "where the arm is until it answers; it may finish the motion it was sent"
 
@@ -16,10 +17,10 @@ DEVICES: Final = (
         "make the cell safe, release, reset, start again",
     ),
     Alarm(
-        202, "guard_closed", _ABORT, _IO,
+        202, "guard_closed", _HOLD, _IO,
         "the door is open",
-        "whether somebody has moved the part",
-        "close it, start again",
+        "whether somebody has moved the part: the cell looks",
+        "close it, look at the cell, acknowledge, resume",
     ),
     Alarm(
         203, "supply", _ABORT, _IO,
@@ -32,6 +33,12 @@ DEVICES: Final = (
         "an interlock is not healthy, or its reading is too old",
         "whether the interlock named is healthy",
         "do what the message names; check cable and power of the I/O block",
+    ),
+    Alarm(
+        206, "not_proven", _HOLD, "cell",
+        "after an open door the arm or a jaw stands elsewhere",
+        "whether somebody has moved the part",
+        "put it back and resume, or stop and start again",
     ),
     Alarm(
         205, "hand_off_blocked", _ABORT, _FIXED,

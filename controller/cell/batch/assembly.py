@@ -67,6 +67,7 @@ from ..services import (
     Recoveries,
     Resumption,
     Retries,
+    Standstill,
     StoredViews,
     Views,
     fault_policy,
@@ -202,6 +203,7 @@ def assemble(
         retries,
         cell.arm.jaws.setting_per_n,
     )
+    standstill = Standstill(gate, motion, grippers, record, layout)
     imaging = Imaging(lights, cameras, quick, folder, record.note_file, retries)
     recoveries = Recoveries(record, lambda: record.product.policy, clock)
     background = Background()
@@ -251,8 +253,8 @@ def assemble(
         Effect.COMPLETE: CompleteAction(record, imaging),
         Effect.HOLD: HoldAction(stopping, views),
         Effect.CONSULT: ConsultAction(operator, record, taking),
-        Effect.SUSPEND: SuspendAction(gate, stopping),
-        Effect.UNSUSPEND: UnsuspendAction(gate, io, grippers, record),
+        Effect.SUSPEND: SuspendAction(gate, stopping, standstill),
+        Effect.UNSUSPEND: UnsuspendAction(gate, io, grippers, record, standstill),
         Effect.STOP_MOTION: StopMotionAction(stopping, views),
         Effect.ABORT_MOTION: AbortMotionAction(stopping, views, journal),
         Effect.CLEAR_FAULT: ClearFaultAction(io),
@@ -273,6 +275,8 @@ def assemble(
         watchers,
         journal,
         gate,
+        interlocks,
+        standstill,
         resumption.first,
         on_alarm,
         lambda: {name: _is_ok(io.signal(name)) for name in SIGNALS},

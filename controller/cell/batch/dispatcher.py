@@ -20,11 +20,12 @@ from ..actions import Actions
 from ..alarms import Alarm, alarm_of, code_of, device_named
 from ..custody import where_it_is
 from ..devices.stopping import Stopping
-from ..errors import CellError, PartProblemError, PolicyAbortError
+from ..errors import CellError, InterlockError, NotProvenError, PartProblemError, PolicyAbortError
 from ..journal import Journal, JournalError, rows
 from ..machine import (
     PAUSE_EFFECTS,
     PAUSE_EVENTS,
+    WORK,
     CellMachine,
     Decision,
     Effect,
@@ -34,13 +35,14 @@ from ..machine import (
     mode_of,
     work_of,
 )
-from ..services import Gate
+from ..services import Gate, Interlocks, Standstill
 from ..services.records import BatchRecord
 from .status import CellStatus
 from .watching import Watcher
 
 log = logging.getLogger(__name__)
 
+BUTTON = "the acknowledge button"  # who acknowledges at the I/O block
 WORKER_GONE = "the worker process has died: it was killed, or memory ran out"
 End = Literal["complete", "held", "stopped", "aborted", "refused"]
 
@@ -109,6 +111,8 @@ class Dispatcher:
     watchers : report what no action reports
     journal : of the run
     gate : opened and closed, and given its permit, as the machine decides
+    interlocks : say whether a door is open
+    standstill : knows what moves first when a pause ends
     first : returns what the ready cell begins with
     on_alarm : called with each event that raises an alarm; must return at once
     signals : returns which inputs of the I/O block are OK, None where nobody knows; for the status
@@ -122,6 +126,8 @@ class Dispatcher:
         watchers: Sequence[Watcher],
         journal: Journal,
         gate: Gate,
+        interlocks: Interlocks,
+        standstill: Standstill,
         first: Callable[[], Event] = lambda: Event.START,
         on_alarm: Callable[[rows.CellEvent], None] = lambda _: None,
         signals: Callable[[], Mapping[str, bool | None]] = dict,
@@ -135,6 +141,11 @@ class Dispatcher:
         self._watchers = watchers
         self._journal = journal
         self._gate = gate
+        self._gate.guard = self._report_open
+        self._interlocks = interlocks
+        self._standstill = standstill
+        # what held the run, until a person acknowledges it
+        self._held_by: _Note | None = None
         self._machine = CellMachine()
         self._inbox: asyncio.Queue[_Note] = asyncio.Queue()
         # the work at hand, and beside it what begins or ends its pause
@@ -179,7 +190,8 @@ class Dispatcher:
             point=self._gate.point,
             wanted=self._gate.wanted,
             pause_s={kind: self._gate.seconds_to(kind) for kind in PauseKind if can_pause},
-            first=await self._gate.next_motion() if is_paused else None,
+            first=await self._standstill.next_motion() if is_paused else None,
+            barred=self._why_barred(Event.RESUME) if is_paused else "",
             signals=self._signals(),
             recipe="" if part.product is None else part.product.recipe.name,
             serial=part.serial,
@@ -337,7 +349,7 @@ class Dispatcher:
     async def _take(self, note: _Note) -> None:
         if note.lost is not None:
             raise note.lost
-        decision = self._machine.dispatch(note.event)
+        decision = self._refusal(note.event) or self._machine.dispatch(note.event)
         step = self._step_of(note)
         row = _event_row(note, decision, step)
         ends: list[asyncio.Future[None]] = []
@@ -348,20 +360,27 @@ class Dispatcher:
                     self._gate.permits.issue(note.event.value)
                 elif decision.forbids:
                     self._gate.permits.withdraw(note.event.value)
-                self._set_gate(note.event, decision)
+                if not _lets_through(decision):
+                    self._set_gate(note.event, decision)
                 ends = await self._halt_overtaken(note, decision)
+        if note.event is Event.GUARD_OPENED and mode_of(decision.source) is not None:
+            self._standstill.note_open()
         if note.answer is not None and not note.answer.done():
             note.answer.set_result(decision)
         if decision.answer != "handled":
             log.debug("%s in %s: %s", note.event.value, decision.source, decision.reason)
             return
+        if note.event is Event.ACKNOWLEDGE:
+            self._take_acknowledgement(note)
         if decision.permits:  # what there was is over
             self._message = self._code = self._step = ""
         if note.message:
             self._message, self._code = note.message, note.code
             self._step = step
             self._on_alarm(row)
-        if note.event is Event.PART_PROBLEM:
+        if note.event is Event.GUARD_OPENED and mode_of(decision.target) is not None:
+            self._held_by = note
+        if decision.target == "holding":
             self._record.problem = (note.code, note.message)
         state = decision.target.removeprefix("execute_")
         work = work_of(decision.target)
@@ -371,6 +390,9 @@ class Dispatcher:
             is_same_work=work is not None and work == work_of(decision.source),
         )
         await asyncio.gather(*ends)
+        if _lets_through(decision):
+            # not before: what was overtaken waits at the gate until it is ended
+            self._set_gate(note.event, decision)
         for effect in decision.effects:
             task = asyncio.create_task(self._act(effect), name=f"effect {effect.value}")
             self._tasks.add(task)
@@ -379,6 +401,52 @@ class Dispatcher:
                 self._pause = (effect, task)
             else:
                 self._work = (effect, task)
+
+    def _report_open(self) -> bool:
+        """Return whether a door is open, and have it hold the run."""
+        violation = self._interlocks.holding()
+        if violation is None:
+            return False
+        self._report(Event.GUARD_OPENED, violation.message, violation.rule.code)
+        return True
+
+    def _refusal(self, event: Event) -> Decision | None:
+        """Return why an event is not taken for now, for reasons that are no state of the cell."""
+        state = self._machine.state
+        mode = mode_of(state)
+        if event is Event.GUARD_OPENED and mode is Mode.SUSPENDING and self._held_by is not None:
+            return Decision("ignored", state, state, reason="this holds the run already")
+        if mode is not Mode.SUSPENDED:
+            return None
+        reason = self._why_barred(event)
+        return Decision("refused", state, state, reason=reason) if reason else None
+
+    def _why_barred(self, event: Event) -> str:
+        """Return what a paused cell needs before a command is taken; empty if nothing."""
+        if event not in (Event.RESUME, Event.STEP, Event.ACKNOWLEDGE):
+            return ""
+        violation = self._interlocks.holding()
+        if violation is not None:
+            return violation.message
+        if event is Event.ACKNOWLEDGE:
+            return "" if self._held_by is not None else "nothing waits to be acknowledged"
+        if self._held_by is not None:
+            return (
+                f"the run was held ({self._held_by.message}): look at the cell and acknowledge "
+                'that, `cellctl ack --why "..."`, then resume'
+            )
+        if event is Event.STEP and self._standstill.looks_again:
+            return "the door was open, so that the part is looked for first: resume"
+        return ""
+
+    def _take_acknowledgement(self, note: _Note) -> None:
+        held_by, self._held_by = self._held_by, None
+        assert held_by is not None, "nothing else is acknowledged"
+        self._journal.write(
+            rows.Acknowledged(
+                run=self._journal.run, code=held_by.code, who=note.who or BUTTON, why=note.why
+            )
+        )
 
     def _step_of(self, note: _Note) -> str:
         """Return the action that a note is of, or in which a watcher reported it."""
@@ -392,11 +460,13 @@ class Dispatcher:
                 self._gate.close()
             case Mode.UNSUSPENDING:
                 self._gate.prepare(is_single_step=event is Event.STEP)
+            case Mode.SUSPENDING if event is Event.GUARD_OPENED:
+                self._gate.halt()
             case Mode.SUSPENDING if event is Event.STEP_BEGUN:
                 self._gate.open_for_step()
             case Mode.SUSPENDING if event in _KIND_OF:
                 self._gate.want(_KIND_OF[event])
-            case mode if mode is Mode.EXECUTE or decision.permits:
+            case _ if _lets_through(decision):
                 self._gate.open()
 
     async def _halt_overtaken(self, note: _Note, decision: Decision) -> list[asyncio.Future[None]]:
@@ -458,6 +528,13 @@ class Dispatcher:
             return _Note(Event.FAULT, effect, str(error), error.code)
         except SilentLineError as error:
             return _Note(Event.FAULT, effect, f"in step {effect.value}: {error}", code_of(error))
+        except NotProvenError as error:
+            return _Note(Event.NOT_PROVEN, effect, str(error), code_of(error))
+        except InterlockError as error:
+            # work that waits for a door is held at the gate, and goes on with it
+            is_held = error.holds and effect not in WORK.values()
+            event = Event.GUARD_OPENED if is_held else Event.FAULT
+            return _Note(event, effect, str(error), error.code)
         except (DeviceError, CellError, JournalError, OSError) as error:
             return _Note(Event.FAULT, effect, str(error), code_of(error))
         except BrokenExecutor:
@@ -478,6 +555,12 @@ async def _cancelled(running: _Running) -> None:
     """Cancel a task and wait until it has ended."""
     running[1].cancel()
     await asyncio.gather(running[1], return_exceptions=True)
+
+
+def _lets_through(decision: Decision) -> bool:
+    """Return whether the gate opens in the new state."""
+    mode = mode_of(decision.target)
+    return mode is Mode.EXECUTE or (mode is None and decision.permits)
 
 
 def _event_row(note: _Note, decision: Decision, step: str) -> rows.CellEvent:

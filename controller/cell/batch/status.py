@@ -26,6 +26,7 @@ class CellStatus:
     wanted : the pause that is wanted and not reached yet
     pause_s : how long each kind of pause takes to begin, at most [cell s]
     first : what moves first when the pause ends; None where nothing is paused
+    barred : what has to be done before a resume is taken; empty if nothing
     recipe, serial : of the part at hand; empty before it was recognised, or where it has none
     done : by recipe, parts done and parts ordered
     signals : inputs of the I/O block by name: whether each is OK, None where nobody knows
@@ -44,6 +45,7 @@ class CellStatus:
     wanted: PauseKind | None
     pause_s: Mapping[PauseKind, float | None]
     first: NextMotion | None
+    barred: str = ""
     signals: Mapping[str, bool | None] = field(default_factory=dict)
     recipe: str = ""
     serial: str = ""

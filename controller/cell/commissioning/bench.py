@@ -22,7 +22,7 @@ from ..custody import Custody
 from ..devices import Devices
 from ..devices.interlocks import check_interlocks
 from ..journal import Body
-from ..services import Gate, Imaging, Interlocks, Motion, NextMotion
+from ..services import Gate, Imaging, Interlocks, Motion, Mover, NextMotion
 from .errors import StepFailedError
 from .evidence import Evidence
 from .person import Person
@@ -147,7 +147,7 @@ class Bench:
         async def preview() -> NextMotion:
             return NextMotion(what)
 
-        return self.gate.moving(preview, is_arm=is_arm)
+        return self.gate.moving(preview, Mover.ARM if is_arm else Mover.ARM_JAWS)
 
     async def home_in_turn(self) -> None:
         """Home axis by axis, where the arm offers it; a person confirms each.

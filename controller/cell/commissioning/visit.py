@@ -297,7 +297,8 @@ class Visit:
         )
 
         def report(event: Event, message: str = "", code: str = "") -> None:
-            self.stop(message, code)
+            if event is not Event.ACKNOWLEDGE:  # a visit that ended does not go on
+                self.stop(message, code)
 
         step = asyncio.create_task(order.step.run(bench), name=order.step.name)
         beside = [asyncio.create_task(one.run(report)) for one in watchers]

@@ -106,9 +106,10 @@ class StatusReply(_Body):
     """How the cell stands; durations are cell seconds, null where nobody knows.
 
     `at_s` is the cell's clock; only differences of it mean something. `signals` are the inputs of
-    the I/O block by name: whether each is OK, null where nobody knows. `recipe` and `serial` are of
-    the part at hand, empty before it was recognised or where it has none; `done` is how many parts
-    of each recipe are done, and how many were ordered.
+    the I/O block by name: whether each is OK, null where nobody knows. `barred` is what has to be
+    done before a resume is taken, such as to close a door; empty if nothing. `recipe` and `serial`
+    are of the part at hand, empty before it was recognised or where it has none; `done` is how many
+    parts of each recipe are done, and how many were ordered.
     """
 
     run: str
@@ -127,6 +128,7 @@ class StatusReply(_Body):
     question: QuestionReply | None
     alarms: tuple[str, ...]
     holder: HolderReply
+    barred: str = ""
     signals: dict[str, bool | None] = {}
     recipe: str = ""
     serial: str = ""

@@ -79,6 +79,27 @@ class Stopping:
         """
         await self._arm.stop(kind)
 
+    async def stop_moving(self, *, is_arm: bool, is_fixed: bool) -> None:
+        """Stop what moves, at once; a fixed gripper that only holds would forget its hold.
+
+        Parameters
+        ----------
+        is_arm : the arm moves, or its jaws
+        is_fixed : the jaws of the fixed gripper move
+
+        Raises
+        ------
+        Exception : of the first device that does not confirm
+        """
+        stops: dict[str, Callable[[], Awaitable[object]]] = {}
+        if is_arm:
+            stops["arm"] = lambda: self._arm.stop(Stop.DEAD)
+        if is_fixed:
+            stops["gripper"] = lambda: self._gripper.stop()
+        found = await stop_side_by_side(stops, self._clock, self._confirm_s)
+        for error in found.values():
+            raise error
+
     async def stop_all(self, kind: Stop) -> dict[str, Exception]:
         """Stop all devices in parallel; return by name the error of each that did not confirm."""
         return await stop_side_by_side(

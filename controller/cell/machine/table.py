@@ -51,6 +51,9 @@ class Event(StrEnum):
     RESUMED = "resumed"
     STEP = "step"
     STEP_BEGUN = "step_begun"
+    GUARD_OPENED = "guard_opened"
+    ACKNOWLEDGE = "acknowledge"
+    NOT_PROVEN = "not_proven"
     STOP = "stop"
     STOP_DONE = "stop_done"
     FAULT = "fault"
@@ -283,6 +286,25 @@ TABLE: Final[tuple[tuple[Event, tuple[str, ...], str], ...]] = (
         )
         for work in WORK
     ),
+    # An open door holds the run and does not end it (ADR 101). Homing cannot go on half-way.
+    *(
+        (Event.GUARD_OPENED, (state_of(work, source),), state_of(work, target))
+        for source, target in (
+            (Mode.EXECUTE, Mode.SUSPENDING),
+            (Mode.SUSPENDING, Mode.SUSPENDING),
+            (Mode.UNSUSPENDING, Mode.SUSPENDED),
+        )
+        for work in WORK
+    ),
+    (Event.GUARD_OPENED, ("resetting",), "holding"),
+    *((Event.ACKNOWLEDGE, (state,), state) for state in _SUSPENDED),
+    # After an open door: the arm or a jaw was moved by hand, so that it cannot go on from here.
+    *(
+        (Event.NOT_PROVEN, (state_of(work, Mode.UNSUSPENDING),), state_of(work, Mode.SUSPENDED))
+        for work in WORK
+    ),
+    # After an open door, with the part in no gripper: somebody may have moved it.
+    (Event.LOOK_AGAIN, _UNSUSPENDING, state_of("withdrawing")),
     (Event.STOP, _STOPPABLE, "stopping"),
     (Event.STOP_DONE, ("stopping",), "stopped"),
     (Event.FAULT, (*_FAULTABLE, "stopped", "complete"), "aborting"),
@@ -295,7 +317,7 @@ PAUSES: Final = (Event.PAUSE_AFTER_STEP, Event.PAUSE_AT_SAFE_POINT, Event.PAUSE_
 # Sent by people and interlocks; all other events are outcomes of effects.
 COMMANDS: Final = (
     Event.RESET, Event.START, Event.RECOVER, Event.STOP, Event.CLEAR, Event.FAULT, *PAUSES,
-    Event.RESUME, Event.STEP,
+    Event.RESUME, Event.STEP, Event.GUARD_OPENED, Event.ACKNOWLEDGE,
 )  # fmt: skip
 # With these a person, or the order that a person gave, permits motion.
 PERMITTING: Final = frozenset(
@@ -336,6 +358,22 @@ IGNORED: Final[tuple[tuple[tuple[Event, ...], tuple[str, ...], str], ...]] = (
         "nothing moves any more",
     ),
     (PAUSES, _SUSPENDED, "already paused"),
+    (
+        (Event.GUARD_OPENED,),
+        (
+            "stopped",
+            "idle",
+            "stopping",
+            "aborting",
+            "aborted",
+            "complete",
+            "clearing",
+            "holding",
+            "held",
+            *_SUSPENDED,
+        ),
+        "nothing moves: what comes next waits until it is closed",
+    ),
     ((Event.RESUME,), _WORKING, "nothing is paused"),
     ((Event.STEP,), _SUSPENDING, "already pausing after this step or sooner"),
     ((Event.RESUME, Event.STEP), _UNSUSPENDING, "already going on"),
@@ -353,10 +391,11 @@ IGNORED: Final[tuple[tuple[tuple[Event, ...], tuple[str, ...], str], ...]] = (
     # A pause may end in the same moment in which its work does, or be overtaken by the next order.
     ((Event.PAUSED,), (*_SUSPENDED, *_UNSUSPENDING, *_WORKING), "this pause is over"),
     (
-        (Event.RESUMED, Event.STEP_BEGUN),
+        (Event.RESUMED, Event.STEP_BEGUN, Event.NOT_PROVEN),
         (*_SUSPENDED, *_SUSPENDING, *_WORKING),
         "this pause is over",
     ),
+    ((Event.LOOK_AGAIN,), (*_SUSPENDED, *_SUSPENDING, *_WORKING), "this pause is over"),
     *(
         (
             tuple(event for event in _OUTCOMES if event not in awaited),
@@ -383,6 +422,11 @@ REFUSED: Final[tuple[tuple[tuple[Event, ...], tuple[str, ...], str], ...]] = (
         (Event.RESUME, Event.STEP),
         ("stopping", "stopped", "aborting", "aborted", "clearing"),
         "a stop ends the run, and so does a fault: nothing is paused. Start again",
+    ),
+    (
+        (Event.ACKNOWLEDGE,),
+        tuple(state for state in STATES if state not in _SUSPENDED),
+        "nothing waits to be acknowledged",
     ),
     (
         (Event.RESUME, Event.STEP),

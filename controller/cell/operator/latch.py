@@ -4,18 +4,20 @@ The latch is no state of a process. It follows from the journal, so that it outl
 """
 
 import asyncio
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from ..journal import Journal, is_of, read_rows_of_kinds
 from ..journal.rows import Acknowledged, RunBegan
-from .question import Choice, Operator, Question
+from .question import ACK, Choice, Operator, Question
 
 # Codes of the faults that a person has to acknowledge.
 LATCHING: Final = frozenset({"estop", "guard_closed"})
-ACK: Final = "ack"  # what is typed to acknowledge
-FAULT: Final = "fault"  # the event, as the journal names it
+# The events, as the journal names them.
+FAULT: Final = "fault"
+OPENED: Final = "guard_opened"
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +64,9 @@ def fold_latch(path: Path, cell_name: str) -> Latch | None:
         return None
     latch: Latch | None = None
     others: set[str] = set()
-    for row in read_rows_of_kinds(path, (), (RunBegan.row_name, FAULT, Acknowledged.row_name)):
+    for row in read_rows_of_kinds(
+        path, (), (RunBegan.row_name, FAULT, OPENED, Acknowledged.row_name)
+    ):
         if is_of(row, RunBegan):
             is_gone = "io" in row.body.get("emulated_devices", ()) and "pid" in row.body.get(
                 "emulator", {}
@@ -71,10 +75,15 @@ def fold_latch(path: Path, cell_name: str) -> Latch | None:
                 others.add(row.run)
         elif is_of(row, Acknowledged):
             latch = None if latch is not None and row.body.get("run") == latch.run else latch
-        elif row.run not in others and row.body.get("code") in LATCHING:
+        elif row.run not in others and _is_latching(row.body):
             message = str(row.body.get("message", ""))
             latch = Latch(row.run, str(row.body["code"]), message, row.t_utc)
     return latch
+
+
+def _is_latching(body: Mapping[str, Any]) -> bool:
+    """Return whether a row is of a fault, or of an open door that held the run."""
+    return body.get("code") in LATCHING and body.get("answer") != "ignored"
 
 
 async def require_acknowledged(

@@ -4,6 +4,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final, Protocol
 
+ACK: Final = "ack"  # what is typed to acknowledge
+
 
 @dataclass(frozen=True, slots=True)
 class Choice:

@@ -5,13 +5,14 @@ what comes next; actions and the table do.
 """
 
 from .faults import Recoveries, Retries, fault_policy, faults_section
-from .gate import Approval, Gate, NextMotion, Permit, Permits
+from .gate import Approval, Gate, Mover, NextMotion, Permit, Permits
 from .grippers import Grippers
 from .imaging import CameraName, Imaging
 from .interlocks import Interlocks
 from .leases import Leases
 from .motion import Motion
 from .resuming import Resumption, hold_of, park_interrupted, verdict_of
+from .standstill import Standstill
 from .steps import PlanSteps
 from .table import Preparation
 from .views import (
@@ -38,6 +39,7 @@ __all__ = [
     "JudgingAhead",
     "Leases",
     "Motion",
+    "Mover",
     "NextMotion",
     "PartFile",
     "Permit",
@@ -47,6 +49,7 @@ __all__ = [
     "Recoveries",
     "Resumption",
     "Retries",
+    "Standstill",
     "StoredViews",
     "Views",
     "fault_policy",

@@ -4,8 +4,9 @@ Whatever moves jaws passes the gate before its intent is written: a pause begins
 release, never within one.
 """
 
-from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import AsyncExitStack, asynccontextmanager
+from typing import TypeVar
 
 from controller.cell.custody import Custody
 from controller.cell.custody.openings import Opening, judge_fixed
@@ -15,13 +16,16 @@ from controller.cell.journal.rows import HoldPressed, Intent, Once
 from controller.cell.machine import GRASP, PartFault
 from controller.config.recipe import GraspSection
 from controller.planning import JointPath
+from drivers.errors import MotionStoppedError
 from drivers.kinds import Arm, FixedGripper, GraspReading, Hold, IoBlock, Signal
 
 from .faults import Retries
-from .gate import Gate, NextMotion
+from .gate import Gate, Mover, NextMotion
 from .interlocks import Interlocks
 from .motion import rounded
 from .records import BatchRecord
+
+Found = TypeVar("Found")
 
 
 class Grippers:
@@ -81,8 +85,11 @@ class Grippers:
         ------
         ReleaseRefusedError : no other gripper is known to hold what it holds
         """
-        async with self._moving(f"the arm gripper opens to {opening_mm:.0f} mm"):
-            await self._guard.open_arm(opening_mm, self._record.part.custody)
+        await self._move(
+            Mover.ARM_JAWS,
+            f"the arm gripper opens to {opening_mm:.0f} mm",
+            lambda: self._guard.open_arm(opening_mm, self._record.part.custody),
+        )
 
     async def release_to_fixed(self, opening_mm: float, retreat: JointPath) -> None:
         """Open the arm gripper once the fixed gripper has the part too.
@@ -98,8 +105,12 @@ class Grippers:
         """
         intent = Intent(name=Once.RELEASE_ARM, open_mm=opening_mm, retreat=rounded(retreat))
         words = f"the arm gripper leaves the part to the fixed gripper: {opening_mm:.0f} mm"
-        async with self._once(intent, words):
-            await self._guard.open_arm(opening_mm, self._record.part.custody)
+        await self._once(
+            Mover.ARM_JAWS,
+            intent,
+            words,
+            lambda: self._guard.open_arm(opening_mm, self._record.part.custody),
+        )
         self._end_hold()
 
     async def let_go(self, intent: Intent, opening_mm: float, retreat: JointPath) -> None:
@@ -113,8 +124,12 @@ class Grippers:
         """
         more = {"open_mm": opening_mm, "retreat": rounded(retreat)}
         words = "the arm gripper lets go of the part, where it is to stay"
-        async with self._once(intent.model_copy(update=more), words):
-            await self._guard.open_arm(opening_mm, self._record.part.custody, lets_go=True)
+        await self._once(
+            Mover.ARM_JAWS,
+            intent.model_copy(update=more),
+            words,
+            lambda: self._guard.open_arm(opening_mm, self._record.part.custody, lets_go=True),
+        )
         self._end_hold()
 
     def _end_hold(self) -> None:
@@ -130,10 +145,12 @@ class Grippers:
         ------
         ReleaseRefusedError : no other gripper is known to hold what it holds
         """
-        if opening_mm is None:
-            opening_mm = self._fixed.max_opening_mm
-        async with self._moving(f"the fixed gripper opens to {opening_mm:.0f} mm"):
-            await self._open_fixed(opening_mm)
+        width_mm = self._fixed.max_opening_mm if opening_mm is None else opening_mm
+        await self._move(
+            Mover.FIXED_JAWS,
+            f"the fixed gripper opens to {width_mm:.0f} mm",
+            lambda: self._open_fixed(width_mm),
+        )
 
     async def _open_fixed(self, opening_mm: float) -> None:
         part = self._record.part
@@ -154,8 +171,7 @@ class Grippers:
         """
         intent = Intent(name=Once.RELEASE_FIXED, open_mm=opening_mm, retreat=rounded(retreat))
         words = f"the fixed gripper leaves the part to the arm gripper: {opening_mm:.0f} mm"
-        async with self._once(intent, words):
-            await self._open_fixed(opening_mm)
+        await self._once(Mover.FIXED_JAWS, intent, words, lambda: self._open_fixed(opening_mm))
         if self._record.part.fixed_grasp is not None:
             self._record.budgets.succeed(GRASP + self._record.part.fixed_grasp.id)
         self._record.part.fixed_grasp = None
@@ -171,8 +187,9 @@ class Grippers:
         """
         intent = Intent(name=action, expected_mm=expected_mm, retreat=rounded(retreat))
         words = f"the arm gripper closes on the part: {expected_mm:.0f} mm expected"
-        async with self._once(intent, words):
-            return await self._arm.grasp(self._arm_force)
+        return await self._once(
+            Mover.ARM_JAWS, intent, words, lambda: self._arm.grasp(self._arm_force)
+        )
 
     async def close_fixed(self, expected_mm: float, pre_open_mm: float) -> GraspReading:
         """Close the fixed gripper on the part in the arm gripper; return its reading.
@@ -184,8 +201,12 @@ class Grippers:
         """
         words = f"the fixed gripper closes on the part: {expected_mm:.0f} mm expected"
         intent = Intent(name=Once.HAND_OFF, expected_mm=expected_mm, open_mm=pre_open_mm)
-        async with self._once(intent, words):
-            return await self._fixed.close_on(expected_mm, force_n=self._force_n)
+        return await self._once(
+            Mover.FIXED_JAWS,
+            intent,
+            words,
+            lambda: self._fixed.close_on(expected_mm, force_n=self._force_n),
+        )
 
     async def press_and_require_hold(self) -> None:
         """Check that the arm gripper holds the part: press once more, and read the opening.
@@ -198,8 +219,11 @@ class Grippers:
         PartFaultError : the part is gone; custody has where it may be
         """
         hold = self._record.held()
-        async with self._moving("the arm gripper presses on the part, to check that it is held"):
-            opening_mm = await self._arm.grasp(self._arm_force)
+        opening_mm = await self._move(
+            Mover.ARM_JAWS,
+            "the arm gripper presses on the part, to check that it is held",
+            lambda: self._arm.grasp(self._arm_force),
+        )
         self._record.note(
             HoldPressed(opening_mm=round(opening_mm, 3), held_mm=round(hold.opening_mm, 3))
         )
@@ -233,11 +257,18 @@ class Grippers:
         PartFaultError : nothing is between its jaws, and it alone had the part, which is LOST
         PartProblemError : the part is not held as it was; its custody is UNKNOWN
         """
-        async with self._moving("the fixed gripper presses on the part, to check that it is held"):
+
+        async def press() -> GraspReading:
             status = await self._retries.run("gripper", "fixed gripper", self._fixed.status)
             # from where the jaws stand, so that they cannot be sent wider
             expected_mm = min(held_mm, status.opening_mm)
-            found = await self._fixed.close_on(expected_mm, force_n=self._force_n)
+            return await self._fixed.close_on(expected_mm, force_n=self._force_n)
+
+        found = await self._move(
+            Mover.FIXED_JAWS,
+            "the fixed gripper presses on the part, to check that it is held",
+            press,
+        )
         is_there = found.opening_mm >= max(held_mm - LOST_MM, NOTHING_MM)
         if found.object_detected and is_there and await self.does_fixed_hold():
             return
@@ -270,8 +301,11 @@ class Grippers:
         ------
         PartProblemError : one of them does
         """
-        async with self._moving("the arm gripper presses, to check that it is empty"):
-            opening_mm = await self._arm.grasp(self._arm_force)
+        opening_mm = await self._move(
+            Mover.ARM_JAWS,
+            "the arm gripper presses, to check that it is empty",
+            lambda: self._arm.grasp(self._arm_force),
+        )
         found = []
         if opening_mm >= NOTHING_MM:
             found.append(f"the arm gripper's jaws stop at {opening_mm:.1f} mm")
@@ -284,8 +318,11 @@ class Grippers:
 
     async def activate_fixed(self) -> None:
         """Make the fixed gripper ready to move, which may move its jaws."""
-        async with self._moving("the fixed gripper activates: its jaws may move"):
-            await self._fixed.activate()
+        await self._move(
+            Mover.FIXED_JAWS,
+            "the fixed gripper activates: its jaws may move",
+            lambda: self._fixed.activate(),
+        )
 
     async def does_fixed_hold(self) -> bool:
         """Return whether the fixed gripper itself confirms that it holds something."""
@@ -331,17 +368,42 @@ class Grippers:
         """Whether the light barrier of the fixed gripper sees something between its jaws."""
         return self._guard.is_something_in_fixed
 
+    async def _move(self, mover: Mover, words: str, move: Callable[[], Awaitable[Found]]) -> Found:
+        """Do a motion of jaws; after an open door has stopped it, go on to where it was to end."""
+        while True:
+            async with self._at_the_gate(mover, words):
+                try:
+                    return await move()
+                except MotionStoppedError:
+                    if not self._gate.halts_jaws:
+                        raise
+
+    async def _once(
+        self, mover: Mover, intent: Intent, words: str, move: Callable[[], Awaitable[Found]]
+    ) -> Found:
+        """Do a motion of jaws that must never be repeated blindly.
+
+        An open door stops it half-way. It goes on within the same intent, once a person has looked
+        and both openings are as they were left.
+        """
+        async with AsyncExitStack() as stack:
+            is_new = True
+            while True:
+                async with self._at_the_gate(mover, words):
+                    if is_new:
+                        await stack.enter_async_context(self._record.once(intent))
+                        is_new = False
+                    try:
+                        return await move()
+                    except MotionStoppedError:
+                        if not self._gate.halts_jaws:
+                            raise
+
     @asynccontextmanager
-    async def _moving(self, words: str) -> AsyncIterator[None]:
+    async def _at_the_gate(self, mover: Mover, words: str) -> AsyncIterator[None]:
         async def preview() -> NextMotion:
             return NextMotion(words)
 
-        async with self._gate.moving(preview, is_arm=False):
+        async with self._gate.moving(preview, mover):
             self._interlocks.admit_jaws()
-            yield
-
-    @asynccontextmanager
-    async def _once(self, intent: Intent, words: str) -> AsyncIterator[None]:
-        """Enter a motion of jaws that must never be repeated blindly."""
-        async with self._moving(words), self._record.once(intent):
             yield

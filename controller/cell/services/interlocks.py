@@ -67,6 +67,7 @@ class Interlocks:
         self._custody = custody
         self._retries = retries
         self._rules = rules
+        self._holding_rules = tuple(rule for rule in rules if rule.holds)
         self._moving: dict[str, Truth] = {}
 
     async def admit_path(self, path: JointPath) -> None:
@@ -113,10 +114,14 @@ class Interlocks:
         ]
         return first_violation(rules, Check.DURING, {**self._facts(), **changed})
 
+    def holding(self) -> Violation | None:
+        """Return the first rule that holds the run before its next motion; None if none does."""
+        return first_violation(self._holding_rules, Check.ADMIT, self._facts())
+
     def _require(self, check: Check) -> None:
         violation = first_violation(self._rules, check, self._facts())
         if violation is not None:
-            raise InterlockError(violation.message, violation.rule.code)
+            raise InterlockError(violation.message, violation.rule.code, holds=violation.rule.holds)
 
     def _facts(self) -> dict[str, Truth]:
         custody = self._custody()

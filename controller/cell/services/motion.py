@@ -13,6 +13,7 @@ from math import ceil
 import numpy as np
 
 from controller.arrays import FloatArray
+from controller.cell.errors import InterlockError
 from controller.cell.journal import Body
 from controller.cell.journal.rows import (
     EffectClass,
@@ -33,7 +34,7 @@ from drivers.clock import CellClock
 from drivers.errors import ArmStalledError, MotionStoppedError
 from drivers.kinds import Arm
 
-from .gate import Gate, NextMotion
+from .gate import Gate, Mover, NextMotion
 from .interlocks import Interlocks
 
 # A part that met the tray so far above its place has slipped in the jaws; one that met something
@@ -95,7 +96,7 @@ class Motion:
         NoPermitError : nothing may move
         DeviceError : the arm finds no reference
         """
-        async with self._gate.moving(_homing, is_arm=True):
+        async with self._gate.moving(_homing, Mover.ARM):
             await self._arm.enable_power()
             if not self._arm.is_homed:
                 await self._arm.home()
@@ -113,10 +114,20 @@ class Motion:
         NoPermitError : nothing may move
         DeviceError : the arm finds no reference, or its jaws were moved
         """
-        async with self._gate.moving(_homing_with_part, is_arm=True):
+        async with self._gate.moving(_homing_with_part, Mover.ARM):
             await self._keep(row)
             await self._arm.enable_power()
-            opening_mm = await self._arm.home_keeping_jaws(q_estimate, row.opening_mm)
+            try:
+                opening_mm = await self._arm.home_keeping_jaws(q_estimate, row.opening_mm)
+            except MotionStoppedError as error:
+                if not self._gate.was_interrupted:
+                    raise
+                # half-way nobody knows where the arm stands; a new start bounds that anew
+                raise InterlockError(
+                    "the door was opened while the arm homed with a part, which cannot go on from "
+                    "there; close it and start again",
+                    "guard_closed",
+                ) from error
         at = await self._arm.read_q()
         (q,) = rounded([at])
         self._note(HomedWithPart(q=q, opening_mm=round(opening_mm, 3)))
@@ -173,7 +184,7 @@ class Motion:
         NoPermitError : nothing may move
         DeviceError : the arm does not get there
         """
-        await self._interlocks.admit_path(path)
+        await self._admit(path)
         await self._begin(path)
         self._forecast(path)
         for number, q in enumerate(path):
@@ -202,6 +213,18 @@ class Motion:
             self._trail[-1] = q
             left_mm = round(float(np.linalg.norm(left)), 1)
             self._note(TouchedDown(left_mm=left_mm, error=str(error)))
+
+    async def _admit(self, path: JointPath) -> None:
+        """Have the interlocks admit a path; wait at the gate while what they require may come."""
+        while True:
+            try:
+                await self._interlocks.admit_path(path)
+            except InterlockError as error:
+                if not error.holds or not self._gate.guard():
+                    raise
+                await self._gate.wait(partial(self._preview, path[0]))
+            else:
+                return
 
     async def _begin(self, path: Iterable[FloatArray], *, is_back: bool = False) -> None:
         """Journal a path before its first byte: a start after a power cut finds the arm on it."""
@@ -243,7 +266,7 @@ class Motion:
         """
         path = [self._trail[-2 - i] for i in range(count)]
         del self._trail[-count:]
-        await self._interlocks.admit_path(tuple(path))
+        await self._admit(tuple(path))
         await self._begin(path, is_back=True)
         self._forecast(tuple(path))
         for number, q in enumerate(path):
@@ -275,7 +298,7 @@ class Motion:
     async def _move(self, q: FloatArray, speed: float = 1.0) -> None:
         share = {} if speed == 1.0 else {"speed_share": speed}
         while True:
-            async with self._gate.moving(partial(self._preview, q), is_arm=True):
+            async with self._gate.moving(partial(self._preview, q), Mover.ARM):
                 try:
                     await self._arm.move_joints(q, **share)
                 except MotionStoppedError:

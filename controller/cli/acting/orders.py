@@ -71,6 +71,8 @@ def status_lines(found: StatusReply) -> list[str]:
         lines.append(f"  pausing  {words}, {_within(found.pause_seconds.get(found.pausing))}")
     elif found.state.startswith("suspended"):
         first = found.first_motion
+        if found.barred:
+            lines.append(f"  not yet  {found.barred}")
         lines.append(f"  resume   {NOT_KNOWN_YET if first is None else first.words}")
     elif found.question is None:
         lines += [

@@ -12,6 +12,7 @@ from starlette.responses import JSONResponse, Response, StreamingResponse
 from controller.cell.control import (
     MAX_KEY,
     MAX_WHO,
+    AckOrder,
     AnswerOrder,
     ControlError,
     Order,
@@ -51,6 +52,12 @@ class ResumeBody(_OrderBody):
     first: str | None = Field(max_length=FIRST_MAX)
 
 
+class AckBody(_OrderBody):
+    """An acknowledgement, which needs a reason."""
+
+    why: str = Field(min_length=1, max_length=MAX_WHO)
+
+
 class StopBody(_OrderBody):
     """A stop."""
 
@@ -65,6 +72,7 @@ class AnswerBody(_OrderBody):
 ORDERS: Final[tuple[tuple[str, type[_OrderBody], type[Order]], ...]] = (
     ("pause", PauseBody, PauseOrder),
     ("resume", ResumeBody, ResumeOrder),
+    ("ack", AckBody, AckOrder),
     ("stop", StopBody, Order),
     ("answer", AnswerBody, AnswerOrder),
 )

@@ -17,6 +17,7 @@ from ...machine import Event
 from ...services import Grippers, Interlocks, Recoveries
 from ...services.records import BatchRecord
 
+ACKNOWLEDGE = "acknowledge"  # the input of the button
 LOSS_POLL_S = 0.5
 DISK_POLL_S = 10.0
 # Below this a run is stopped while its journal can still say so; a row takes some kilobytes, the
@@ -41,7 +42,9 @@ class Watcher(Protocol):
 
 
 class InterlockWatcher:
-    """Turns an interlock rule that holds no more into a fault, at once.
+    """Reports an interlock rule that holds no more, at once: a fault, or what holds the run.
+
+    The acknowledge button of the I/O block counts as a person's word, as `cellctl ack` does.
 
     Parameters
     ----------
@@ -57,12 +60,15 @@ class InterlockWatcher:
         """Watch until cancelled."""
         with self._io.watch() as changes:
             async for change in changes:
+                if change.name == ACKNOWLEDGE and change.signal.is_ok:
+                    report(Event.ACKNOWLEDGE)
                 # a change may be over again by now, and stops the cell all the same
                 violation = self._interlocks.violation(
                     {change.name: Truth.of_signal(change.signal)}
                 )
                 if violation is not None:
-                    report(Event.FAULT, violation.message, violation.rule.code)
+                    event = Event.GUARD_OPENED if violation.rule.holds else Event.FAULT
+                    report(event, violation.message, violation.rule.code)
 
 
 class DiskWatcher:

@@ -115,6 +115,7 @@ class Control:
             question=_question(self._desk),
             alarms=(found.alarm,) if found.alarm else (),
             holder=_holder(self._holder),
+            barred=found.barred,
             signals=dict(found.signals),
             recipe=found.recipe,
             serial=found.serial,
@@ -165,11 +166,11 @@ class Control:
         )
 
     async def ack(self, peer: Peer, body: BaseModel) -> Reply:
-        """Acknowledge the emergency stop or open door that bars this start; return the decision."""
+        """Acknowledge what bars a start or a resume, as an open door; return the decision."""
         assert isinstance(body, words.AckOrder)
         open_ = self._desk.open
         if open_ is None or "ack" not in {choice.key for choice in open_.question.choices}:
-            return _refused(self._state, "nothing waits to be acknowledged")
+            return await self._order(Event.ACKNOWLEDGE, peer, body)
         return self._answer(peer, "ack", open_.number, body)
 
     async def answer(self, peer: Peer, body: BaseModel) -> Reply:

@@ -35,6 +35,7 @@ class Rule:
     when, require : conditions over the facts
     checks : when it is checked
     admits_unknown : a requirement that is neither known to be true nor false is let pass
+    holds : a violation holds the run until a person acknowledges it; it does not end the run
     words : what happened, and what to do
     code : of its alarm
     """
@@ -46,6 +47,7 @@ class Rule:
     words: str
     code: str
     admits_unknown: bool = False
+    holds: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +79,13 @@ class Violation:
 
 
 def _rule(
-    name: str, require: str, words: str, *, when: str = "always", checks: Iterable[Check] = Check
+    name: str,
+    require: str,
+    words: str,
+    *,
+    when: str = "always",
+    checks: Iterable[Check] = Check,
+    holds: bool = False,
 ) -> Rule:
     return Rule(
         name=name,
@@ -86,6 +94,7 @@ def _rule(
         checks=frozenset(checks),
         words=words,
         code=name,
+        holds=holds,
     )
 
 
@@ -95,7 +104,7 @@ BUILT_IN_RULES: Final = (
         "estop_ok",
         "the emergency stop is pressed, or its chain is open; release and reset it",
     ),
-    _rule("guard_closed", GUARD, "the door is open; close it", when="!person_inside"),
+    _rule("guard_closed", GUARD, "the door is open; close it", when="!person_inside", holds=True),
     _rule("supply", "supply_ok", "the 24 V supply is missing; check the fuse"),
     _rule(
         "hand_off_blocked",
@@ -125,6 +134,7 @@ def rules_of(sections: Mapping[str, InterlockRuleSection]) -> tuple[Rule, ...]:
             words=section.words,
             code="interlock",
             admits_unknown=section.on_unknown == "admit",
+            holds=section.then == "hold",
         )
         for name, section in sections.items()
     )

@@ -50,6 +50,7 @@ from ._decisions import (
     RecoveryProposed,
     SourceDemoted,
     StartRefused,
+    StoodStill,
     UnseenFields,
     label_of,
 )
@@ -213,6 +214,7 @@ __all__ = [
     "StartRefused",
     "StepDone",
     "StoodFree",
+    "StoodStill",
     "StopNotConfirmed",
     "Stopped",
     "StoredFields",

@@ -21,6 +21,16 @@ class FirstMotion(Body):
     seconds: float = 0.0
 
 
+class StoodStill(Body):
+    """How the cell stands in a pause: joints [rad, mm] and openings of both grippers [mm]."""
+
+    kind = "decision"
+    row_name = "stood_still"
+    q: tuple[float, ...]
+    arm_mm: float
+    fixed_mm: float
+
+
 class UnseenFields(Fields):
     """What the plan cannot show of a surface: its share of all surface, and the reason."""
 

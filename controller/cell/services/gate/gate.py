@@ -2,14 +2,17 @@
 
 A paused effect is not ended. Its task waits at the gate with its next motion in hand, and goes on
 with the same waypoint. A pause is reached as soon as nothing moves and nothing can begin to: that
-is *now*, or at a safe point, or where a step has ended.
+is *now*, or at a safe point, or where a step has ended. Whatever comes to the gate while the door
+is open waits there, too, and has the door reported.
 """
 
 import asyncio
+from collections import Counter
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from contextlib import asynccontextmanager, contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
+from enum import Enum
 from typing import Final
 
 from controller.cell.machine import PauseKind, SafePoint
@@ -43,9 +46,19 @@ class NextMotion:
     seconds: float = 0.0
 
 
+class Mover(Enum):
+    """What moves behind the gate."""
+
+    ARM = "arm"
+    ARM_JAWS = "jaws of the arm gripper"
+    FIXED_JAWS = "jaws of the fixed gripper"
+
+
 Preview = Callable[[], Awaitable[NextMotion]]
 # returns once a motion may begin, as far as people are concerned
 Approve = Callable[[NextMotion], Awaitable[None]]
+# reports an open door, and returns whether there is one
+Guard = Callable[[], bool]
 
 
 class Gate:
@@ -56,18 +69,23 @@ class Gate:
     permits : required of whatever passes
     clock : of the cell
     approve : awaited before each motion; None where motions need nobody's word
+
+    Attributes
+    ----------
+    guard : called before anything passes
     """
 
     def __init__(self, permits: Permits, clock: CellClock, approve: Approve | None = None) -> None:
         self.permits = permits
+        self.guard: Guard = lambda: False
         self._approve = approve
         self._clock = clock
         self._wanted: PauseKind | None = None
         self._is_closed = False
+        self._halts_jaws = False
         self._point: SafePoint | None = SafePoint.PARKED
         self._ends_step = True
-        self._arm_count = 0
-        self._jaws_count = 0
+        self._moving: Counter[Mover] = Counter()
         self._bound_s: float | None = None
         self._is_in_step = False
         self._is_single_step = False
@@ -77,13 +95,13 @@ class Gate:
 
     # ---- for what moves --------------------------------------------------------------------------
     @asynccontextmanager
-    async def moving(self, preview: Preview, *, is_arm: bool) -> AsyncIterator[None]:
+    async def moving(self, preview: Preview, mover: Mover) -> AsyncIterator[None]:
         """Wait until a motion may begin, then note that it is under way.
 
         Parameters
         ----------
         preview : describes the motion, for whoever decides when it begins
-        is_arm : a pause *now* stops it on its way; jaws finish what they have begun
+        mover : a pause *now* stops the arm on its way; jaws finish what they have begun
 
         Raises
         ------
@@ -93,18 +111,12 @@ class Gate:
         self.permits.require()
         if not self._is_check.get():
             self._point, self._ends_step = None, False
-        if is_arm:
-            self._arm_count += 1
-        else:
-            self._jaws_count += 1
+        self._moving[mover] += 1
         self._change()
         try:
             yield
         finally:
-            if is_arm:
-                self._arm_count -= 1
-            else:
-                self._jaws_count -= 1
+            self._moving[mover] -= 1
             self._change()
 
     async def _until_approved(self, preview: Preview) -> None:
@@ -118,7 +130,7 @@ class Gate:
                 await self._approve(await preview())
             finally:
                 self._waiting.remove(preview)
-            if not self._blocks():
+            if not self._holds_back():
                 return
 
     async def wait(self, preview: Preview) -> None:
@@ -128,11 +140,11 @@ class Gate:
         ----------
         preview : describes what follows
         """
-        if self._is_check.get() or not self._blocks():
+        if self._is_check.get() or not self._holds_back():
             return
         self._waiting.append(preview)
         try:
-            while self._blocks():
+            while self._holds_back():
                 await self._next_change()
         finally:
             self._waiting.remove(preview)
@@ -158,12 +170,22 @@ class Gate:
         """Whether a pause *now* has stopped the arm on its way: its motion is to be repeated."""
         return self._wanted is PauseKind.NOW
 
+    @property
+    def halts_jaws(self) -> bool:
+        """Whether the pause stops jaws on their way, too: their motion is to be repeated."""
+        return self._halts_jaws and self.was_interrupted
+
     # ---- for who pauses --------------------------------------------------------------------------
     def want(self, kind: PauseKind) -> None:
         """Have a pause begin; one that is wanted already may become more urgent, never less."""
         if self._wanted is None or kind.urgency > self._wanted.urgency:
             self._wanted = kind
         self._change()
+
+    def halt(self) -> None:
+        """Have a pause begin that stops jaws on their way, too: somebody may be among them."""
+        self._halts_jaws = True
+        self.want(PauseKind.NOW)
 
     def close(self) -> None:
         """Let nothing through, wherever the cell stands."""
@@ -172,7 +194,7 @@ class Gate:
 
     def open(self) -> None:
         """Let everything through that has a permit."""
-        self._is_closed, self._wanted = False, None
+        self._is_closed, self._wanted, self._halts_jaws = False, None, False
         self._change()
 
     def prepare(self, *, is_single_step: bool) -> None:
@@ -186,7 +208,7 @@ class Gate:
 
     def open_for_step(self) -> None:
         """Let one step through."""
-        self._is_closed, self._wanted = False, PauseKind.AFTER_STEP
+        self._is_closed, self._wanted, self._halts_jaws = False, PauseKind.AFTER_STEP, False
         # where the cell stands now ended the step before this one
         self._point, self._ends_step = None, False
         self._change()
@@ -197,14 +219,14 @@ class Gate:
         return self._wanted
 
     @property
-    def is_arm_moving(self) -> bool:
-        """Whether an arm motion is under way."""
-        return self._arm_count > 0
+    def movers(self) -> frozenset[Mover]:
+        """What moves at present."""
+        return frozenset(+self._moving)
 
     @property
     def is_settled(self) -> bool:
         """Whether nothing moves, and nothing will before the gate is opened."""
-        return self._blocks() and not self._arm_count and not self._jaws_count
+        return self._blocks() and not self.movers
 
     @property
     def point(self) -> SafePoint | None:
@@ -240,7 +262,8 @@ class Gate:
         ----------
         kind : of the pause
         """
-        now_s = JAWS_S if self._jaws_count else STOP_RAMP_S if self._arm_count else 0.0
+        movers = self.movers
+        now_s = JAWS_S if movers - {Mover.ARM} else STOP_RAMP_S if movers else 0.0
         if kind is PauseKind.NOW or self._is_closed:
             return now_s
         if not now_s and self._is_met(kind):
@@ -257,6 +280,9 @@ class Gate:
 
     def _blocks(self) -> bool:
         return self._is_closed or (self._wanted is not None and self._is_met(self._wanted))
+
+    def _holds_back(self) -> bool:
+        return self._blocks() or self.guard()
 
     def _change(self) -> None:
         self._changed.set()

@@ -49,6 +49,7 @@ class BatchRecord:
         self._progress = progress
         self._on_progress = on_progress
         self._finished: list[PartRecord] = []
+        self._once_count = 0
         self.part = PartRecord(number=0)
         # what the cell holds for: its code, and the sentence for the operator
         self.problem: tuple[str, str] = ("", "")
@@ -290,6 +291,10 @@ class BatchRecord:
         """Write a row on the part at hand; on the disk when this returns."""
         await self._journal.write_secured(row, self.part.number)
 
+    def note_acknowledged(self, code: str, who: str, why: str) -> None:
+        """Write that a person has looked at what held the run, by its code."""
+        self.note(rows.Acknowledged(run=self._journal.run, code=code, who=who, why=why))
+
     def note_file(self, file: str, digest: str) -> None:
         """Write a row on a file of the run's folder, with the SHA-256 of what was written."""
         self.note(rows.FilesStored({file: digest}))
@@ -310,5 +315,14 @@ class BatchRecord:
     async def once(self, intent: rows.Intent) -> AsyncIterator[None]:
         """Enter a block that must never be repeated blindly, once its intent is on the disk."""
         await self._journal.write_secured(intent, self.part.number)
-        yield
+        self._once_count += 1
+        try:
+            yield
+        finally:
+            self._once_count -= 1
         self._journal.write(rows.OnceDone(name=intent.name), self.part.number)
+
+    @property
+    def is_once_open(self) -> bool:
+        """Whether a grasp or release has begun and is not confirmed: only its end tells what is."""
+        return self._once_count > 0

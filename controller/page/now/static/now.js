@@ -188,8 +188,11 @@ function drawActs() {
   }
   const first = status && status.first_motion;
   const isPaused = isThere && state.startsWith("suspended");
-  $("resume").disabled = !isPaused;
-  $("resume").querySelector("small").textContent = isPaused
+  const barred = isPaused ? status.barred : "";
+  $("ack").hidden = !barred;
+  $("ack").querySelector("small").textContent = t("with a reason, above; then resume");
+  $("resume").disabled = !isPaused || Boolean(barred);
+  $("resume").querySelector("small").textContent = barred ? said(barred) : isPaused
     ? (first ? t("moves first: {what}", { what: said(first.words) }) : t("what moves first is not known yet"))
     : t("the cell is not paused");
   $("stop").disabled = !isThere;
@@ -342,6 +345,7 @@ if ($("resume")) {
     const first = last && last.status && last.status.first_motion;
     act("resume", { first: first ? first.words : null });
   });
+  $("ack").addEventListener("click", () => act("ack", {}));
   $("stop").addEventListener("click", () => act("stop", {}));
 }
 // The stream. The server sends a beat every 5 s; without one the connection counts as lost.
