@@ -92,6 +92,7 @@ class Gripper:
         self._monitor = GripperMonitor(self._unit, self.config)
         self._verb = asyncio.Lock()
         self._stopping: set[asyncio.Future[None]] = set()
+        self._stop_count = 0  # a move ends once it counts on
 
     async def __aenter__(self) -> Self:
         await self.connect()
@@ -258,6 +259,7 @@ class Gripper:
         ------
         StalledError : the jaws still move after `STOP_TRIES` stop commands
         """
+        self._stop_count += 1
         status = self._monitor.latest
         if status is None or not status.is_activated:
             status = await self.status()
@@ -304,9 +306,11 @@ class Gripper:
             config.speed_to_byte(speed_mm_s),
             config.force_to_byte(config.default_force_n if force_n is None else force_n),
         )
+        stop_count = self._stop_count
         async with self._verb:
             before = await self.status()
             self._require_ready(before)
+            self._require_not_stopped(stop_count, before)
             self._forget_grasp()
             distance_mm = abs(before.opening_mm - config.counts_to_opening_mm(target))
             limit_s = MOVE_MARGIN * distance_mm / speed_mm_s + MOVE_MARGIN_S
@@ -316,17 +320,22 @@ class Gripper:
                     outputs,
                     lambda now: now.is_going and now.requested_counts == target and not was_asked,
                 )
-                return await self._arrival(target, limit_s)
+                return await self._arrival(target, limit_s, stop_count)
             except asyncio.CancelledError:
                 await self._on_the_way_out(self.stop)
                 raise
 
-    async def _arrival(self, target: Counts, limit_s: float) -> GripperStatus:
+    def _require_not_stopped(self, stop_count: int, status: GripperStatus) -> None:
+        if self._stop_count != stop_count:
+            raise StoppedError(f"{self.name}: stopped at {status.opening_mm:.1f} mm")
+
+    async def _arrival(self, target: Counts, limit_s: float, stop_count: int) -> GripperStatus:
         deadline_s = self._monitor.deadline_s(limit_s)
         is_under_way = False
         while True:
             status = await self.status()
             self._require_ready(status)
+            self._require_not_stopped(stop_count, status)
             if status.is_going and status.requested_counts == target:
                 is_under_way = True
                 if status.object is not ObjectState.MOVING:

@@ -298,13 +298,16 @@ class RgGripper:
 
     async def _move(self, opening_mm: float, force_n: float) -> RgReading:
         """Go to an opening; return the reading that ended the move."""
+        stop_count = self._stop_count
         async with self._verb:
             before = await self.status()
             if before.has_fault:
                 raise self._fault(before)
             if before.is_moving:  # after a loss, say: busy, it would not take the command
                 await self.stop()
-            stop_count = self._stop_count
+                stop_count += 1
+            if self._stop_count != stop_count:  # before it has begun
+                raise MotionStoppedError(f"gripper: stopped at {before.opening_mm:.1f} mm")
             self._grasped_mm, self._is_lost = None, False
             try:
                 await self._unit.write_registers(

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from conftest import ROOT, Ran, Run, once_in
 
+from controller.cell.control import AckOrder, ResumeOrder, RunningCell
 from controller.cell.journal import first_broken_row, read_rows
 
 
@@ -83,11 +84,33 @@ def test_ctrl_c_stops_the_arm_and_releases_nothing(start: Callable[..., Run]) ->
 
 
 @pytest.mark.slow
-def test_a_door_that_opens_in_motion_aborts(start: Callable[..., Run]) -> None:
-    ran = start("recipes/holder.yaml", "--seed", "9").follow(
-        once_in("grasping", lambda run: run.control("door", closed=False))
-    )
-    has_ended_well(ran, "guard_closed", "door is open")
+@pytest.mark.parametrize("state", ["grasping", "handing"])
+def test_a_door_that_opens_in_motion_holds_the_run_until_it_is_closed_and_acknowledged(
+    start: Callable[..., Run], state: str
+) -> None:
+    opened = once_in(state, lambda run: run.control("door", closed=False))
+
+    def go_on(run: Run) -> None:
+        cell, why = RunningCell(run.runs), "the cell is clear"
+        assert cell.order("resume", ResumeOrder()).decision == "refused"
+        run.control("door", closed=True)
+        while cell.order("ack", AckOrder(why=why)).decision == "refused":
+            pass  # until the I/O block has been read
+        assert cell.order("resume", ResumeOrder()).decision == "handled"
+
+    closed = once_in(f"suspended_{state}", go_on)
+
+    def watch(body: dict[str, Any], run: Run) -> None:
+        opened(body, run)
+        closed(body, run)
+
+    ran = start("recipes/holder.yaml", "--seed", "9").follow(watch)
+    assert ran.code == 0, ran.stderr
+    assert (ran.result["end"], ran.result["code"]) == ("complete", "")
+    names = [row.name for row in read_rows(ran.journal, ran.result["run"])]
+    held = names[names.index("guard_opened") : names.index("first_motion")]
+    assert {"paused", "stood_still", "acknowledged", "resume"} <= set(held)
+    assert first_broken_row(ran.journal) is None
 
 
 @pytest.mark.slow

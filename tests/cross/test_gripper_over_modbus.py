@@ -220,6 +220,18 @@ async def test_a_stop_stops_the_jaws_and_says_so_to_the_move(bench: Bench) -> No
     assert bench.jaws.opening_mm == stopped_mm > 1.0
 
 
+async def test_a_stop_that_comes_before_the_jaws_have_begun_ends_the_move(bench: Bench) -> None:
+    await bench.active()
+    began_mm = bench.jaws.opening_mm
+    move = asyncio.create_task(bench.gripper.open_to(0.0, speed_mm_s=20.0))
+    await asyncio.sleep(0)  # its first reading is under way
+    await bench.gripper.stop()
+    with pytest.raises(StoppedError):
+        await move
+    await bench.line.pass_time(1.0)
+    assert bench.jaws.opening_mm == pytest.approx(began_mm, abs=1.0)
+
+
 async def test_a_cancelled_move_stops_the_jaws_before_it_ends(bench: Bench) -> None:
     await bench.active()
     move = asyncio.create_task(bench.gripper.open_to(0.0, speed_mm_s=20.0))
