@@ -21,7 +21,7 @@ from controller.cell.services import Gate, Permits
 from controller.cell.services.records import BatchRecord, Progress
 from drivers.clock import CellClock
 
-PATIENCE = "controller.cell.journal._behind.PATIENCE_WALL_S"
+PATIENCE = "controller.cell.journal.writing.thread.PATIENCE_WALL_S"
 LONG_S = 600.0  # of a test that hangs
 
 
@@ -55,7 +55,11 @@ def built(journal: Journal, actions: object, metal: Metal) -> Dispatcher:
     part = SimpleNamespace(custody=Custody.ON_TABLE, tray=None)
     record = SimpleNamespace(part=part, parts_left=0, show_state=lambda *_, **__: None)
     gate = Gate(Permits(journal), CellClock())
-    return Dispatcher(cast(Any, actions), cast(Any, record), cast(Any, metal), (), journal, gate)
+    closed = SimpleNamespace(holding=lambda: None)
+    return Dispatcher(
+        cast(Any, actions), cast(Any, record), cast(Any, metal), (), journal, gate,
+        cast(Any, closed), cast(Any, None),
+    )  # fmt: skip
 
 
 @contextmanager

@@ -4,8 +4,8 @@ Actions that may never be repeated without looking (grasp, release, hand-off, so
 of custody are on the disk before any byte goes to a device (``synchronous = FULL``). All other rows
 survive the death of the process, but the last of them may be lost when the power fails.
 
-A row is written where it is handed in, or by a thread of the journal's own (`write_behind`) for an
-event loop that must not wait, since it also stops an arm.
+A row is written at once, or by a thread of the journal's own (`write_behind`), for an event loop
+that must not wait since it also stops an arm.
 """
 
 import asyncio
@@ -18,13 +18,13 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Final
 
-from ._behind import BUSY_WALL_S, Entry, WriterThread
 from ._form import CELL_TIME, GENESIS, JournalError, RowKind, digest_of
 from ._head import Head, HeadFile, head_path
 from ._migrations import SCHEMA_VERSION, migrate
 from ._place import OpenFiles
 from .rows import Body, TextByName, name_of
 from .stamps import HOST_STAMPS, Stamps
+from .writing import BUSY_WALL_S, Entry, WriterThread
 
 CELL_DECIMALS: Final = 3
 
@@ -43,7 +43,7 @@ class Journal:
     on_row : called with number, kind and name of each row once it is in the file
     cell_clock : reads the cell's clock [cell s], once there is one: the wall shows only roughly how
         long something took in an emulated cell, whose time stands still where the machine is slow
-    on_failure : called from any thread, once, where a row handed to the writer thread cannot be
+    on_failure : called from any thread, once, where a row of the writer thread cannot be
         written; from then on every row raises
 
     Raises
@@ -140,7 +140,7 @@ class Journal:
 
         Not for the event loop, which it holds until the row is on the disk.
         """
-        return self._hand_in(self._entry(row.kind, name_of(row), self._body(row), None, full=True))
+        return self._put(self._entry(row.kind, name_of(row), self._body(row), None, full=True))
 
     def _body(self, row: Body) -> dict[str, Any]:
         """Return the body of a row with the instant on the cell's clock, where it has room."""
@@ -164,7 +164,7 @@ class Journal:
         body : plain JSON values
         part : number of the part it is about
         """
-        return self._hand_in(self._entry(kind, name, body or {}, part, full=False))
+        return self._put(self._entry(kind, name, body or {}, part, full=False))
 
     async def secure(
         self,
@@ -184,7 +184,7 @@ class Journal:
         entry = self._entry(kind, name, body or {}, part, full=True)
         if self._behind is None:
             return await asyncio.to_thread(self._append, entry)
-        self._behind.hand_in(entry)
+        self._behind.put(entry)
         return await asyncio.to_thread(self._behind.wait, entry)
 
     def _entry(
@@ -200,9 +200,9 @@ class Journal:
         utc = self._stamps.utc().isoformat(timespec="microseconds")
         return utc, self._stamps.monotonic_s()
 
-    def _hand_in(self, entry: Entry) -> int:
+    def _put(self, entry: Entry) -> int:
         if self._behind is not None:
-            self._behind.hand_in(entry)
+            self._behind.put(entry)
             return self._behind.wait(entry) if entry.full else 0
         if self._held is not None and not entry.full:
             self._held.append(entry)

@@ -16,7 +16,7 @@ from typing import Final, Protocol
 
 from controller.cell.batch import WORKER_GONE
 
-from ..terminal.output import is_output_gone, warn
+from ..terminal.output import is_output_gone, relayed, warn
 
 LOOK_WALL_S: Final = 0.2
 ENDS: Final = {
@@ -59,7 +59,10 @@ class Ends:
 
     @contextmanager
     def heard(self) -> Iterator["Ends"]:
-        """Catch signals and yield these ends; restore the former handlers afterwards."""
+        """Catch signals and yield these ends; restore the former handlers afterwards.
+
+        Output is relayed meanwhile: while it is blocked, no end could be heard.
+        """
         before = {number: signal.getsignal(number) for number in (*ENDS, *UNHEARD)}
         for number in ENDS:
             if number is not signal.SIGHUP or not self._is_detached:
@@ -67,7 +70,8 @@ class Ends:
         for number in UNHEARD:
             signal.signal(number, signal.SIG_IGN)
         try:
-            yield self
+            with relayed():
+                yield self
         finally:
             for number, handler in before.items():
                 signal.signal(number, handler)

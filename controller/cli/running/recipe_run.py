@@ -48,7 +48,7 @@ from ..inputs.parts_list import PartsList
 from ..inputs.recipes import AskedRecipe, cell_of, ordered_recipes
 from ..inputs.serials import SerialOptions, papers_of
 from ..planning.recipe_check import warn_of
-from ..terminal.output import warn
+from ..terminal.output import log_stream, warn
 from .door import OperatorDoor
 from .emulated_parts import feeding, parts_on_table
 from .ends import Ends
@@ -466,6 +466,6 @@ def quiet_logs(*, verbose: bool) -> None:
     """Send logs to stderr: errors alone, or with ``verbose`` all but debugging."""
     logging.basicConfig(
         level=logging.INFO if verbose else logging.ERROR,
-        stream=sys.stderr,
+        stream=log_stream,
         format="%(asctime)s %(name)s %(levelname)s %(message)s",
     )

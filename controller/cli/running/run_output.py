@@ -14,11 +14,35 @@ from controller.cell.alarms import device_named
 from controller.cell.batch import PartRecord, Progress, RunResult
 from controller.results.takt import TaktGroup, takt_json, takt_line
 
-from ..terminal.output import emit, print_line, stderr, warn
+from ..terminal.output import (
+    emit,
+    is_output_behind,
+    lost_line_count,
+    print_line,
+    stderr,
+    warn,
+    write_error_line,
+)
 
 # alarms (docs/alarms.md) that a wrong calibration raises: stalls, and what is not where it should
 # be
 MAY_BE_CALIBRATION: Final = frozenset({310, 320, *range(401, 417)})
+
+
+class _PatientLive(Live):
+    """A live table that waits for its reader: what it shows is the newest then.
+
+    Streams are left as they are. Rich would write around what keeps a terminal that was stopped
+    from holding up the run.
+    """
+
+    def __init__(self, **options: Any) -> None:  # noqa: ANN401  (rich's own)
+        super().__init__(**options, redirect_stdout=False, redirect_stderr=False)
+
+    def refresh(self) -> None:
+        """Draw the table, unless the last one has not been taken yet."""
+        if not is_output_behind():
+            super().refresh()
 
 
 @contextmanager
@@ -27,7 +51,7 @@ def display(*, as_json: bool) -> Iterator[Callable[[Progress], None]]:
     if as_json:
         yield _json_progress
     elif stderr.is_terminal:
-        with Live(console=stderr, refresh_per_second=4, transient=True) as live:
+        with _PatientLive(console=stderr, refresh_per_second=4, transient=True) as live:
             started = time.monotonic()
             yield lambda progress: live.update(_table(progress, time.monotonic() - started))
     else:
@@ -37,7 +61,7 @@ def display(*, as_json: bool) -> Iterator[Callable[[Progress], None]]:
             line = progress_line(progress)
             if line != last[0]:
                 last[0] = line
-                warn(line)
+                write_error_line(line, is_live=True)
 
         yield plain
 
@@ -54,7 +78,8 @@ def _json_progress(progress: Progress) -> None:
             "remaining_s": progress.remaining_s,
             "custody": progress.custody.key,
             "speed": None if progress.speed is None else progress.speed.as_json(),
-        }
+        },
+        is_live=True,
     )
 
 
@@ -118,6 +143,7 @@ def print_result(
                 "speed": result.speed.as_json(),
                 "takt": None if takt is None else takt_json(takt),
                 "report": None if report is None else str(report),
+                "lost_lines": lost_line_count(),
             }
         )
         return 0 if good else 1

@@ -1,7 +1,7 @@
-"""The writer thread: rows reach the file in the order in which they were handed in.
+"""The writer thread: rows reach the file in the order in which they were put in.
 
 Nobody waits for it but whoever secures a row, and they wait for `PATIENCE_WALL_S` at most. So an
-event loop that hands rows in is not held up by a disk that stalls or by another program that has
+event loop that puts rows in is not held up by a disk that stalls or by another program that has
 the file locked.
 """
 
@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
-from ._form import JournalError
+from .._form import JournalError
 
 BUSY_WALL_S: Final = 10.0  # how long to wait for another writer
 # A row that is not in the file by then fails the run: whatever the cell did meanwhile is known to
@@ -34,7 +34,7 @@ class Entry:
     kind, name, text, part : of the row; its body as JSON
     full : it is on the disk before it counts as written
     stamp : date (UTC, ISO) and instant of the monotonic clock [s]; None: when it is written
-    since_s : when it was handed in, by this computer's monotonic clock [s]
+    since_s : when it was put in, by this computer's monotonic clock [s]
     was_tried : it may be in the file although writing it has failed
     done : gets its number
     """
@@ -81,7 +81,7 @@ class WriterThread:
         self._close = close
         self._on_failure = on_failure
         self._lock = threading.Lock()
-        self._left: deque[Entry] = deque()  # handed in and not in the file, in their order
+        self._left: deque[Entry] = deque()  # put in and not in the file, in their order
         self._queue: queue.SimpleQueue[Entry | None] = queue.SimpleQueue()
         self._may_write = threading.Event()
         self._may_write.set()
@@ -91,7 +91,7 @@ class WriterThread:
         self._thread = threading.Thread(target=self._run, daemon=True, name="journal")
         self._thread.start()
 
-    def hand_in(self, entry: Entry) -> None:
+    def put(self, entry: Entry) -> None:
         """Have an entry written after those before it.
 
         Raises
