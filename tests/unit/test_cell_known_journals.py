@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+import shutil
+from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
 
 from controller.cell.custody import CellIdentity, GripperName, fold_custody
-from controller.cell.custody.known_journals import note_journal, rows_of_all_journals
-from controller.cell.journal import Journal
+from controller.cell.custody.known_journals import (
+    JournalLostError,
+    after_known,
+    note_journal,
+    open_noted_journal,
+    rows_of_all_journals,
+    why_lost,
+)
+from controller.cell.journal import HOST_STAMPS, Journal, JournalError, Stamps
 from controller.cell.journal.rows import CustodyChanged, RunBegan
 
 
@@ -19,12 +28,12 @@ def state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return folder
 
 
-def began(clock: str | None = None, *, emulated: bool = False) -> RunBegan:
+def began(clock: str | None = None, *, emulated: bool = False, name: str = "north") -> RunBegan:
     return RunBegan(
-        cell={"name": "north"},
+        cell={"name": name},
         devices={
-            "arm": {"address": "/dev/arm"},
-            "gripper": {"address": "10.0.0.5:502", "unit": 9},
+            "arm": {"address": f"/dev/arm-{name}"},
+            "gripper": {"address": f"{name}:502", "unit": 9},
         },
         emulated_devices=("arm", "gripper") if emulated else (),
         emulator={"pid": 7, "started_wall_s": 1.0} if emulated else {},
@@ -32,17 +41,60 @@ def began(clock: str | None = None, *, emulated: bool = False) -> RunBegan:
     )
 
 
-def run(folder: Path, name: str, body: RunBegan, *custody: str) -> Path:
-    """Write the journal of one run that ended after some rows on custody."""
-    folder.mkdir(exist_ok=True)
+def run(
+    folder: Path,
+    name: str,
+    body: RunBegan,
+    *custody: str,
+    stamps: Stamps = HOST_STAMPS,
+    is_killed: bool = False,
+    is_part_removed: bool = False,
+) -> Path:
+    """Write the journal of one run that ended, or was killed, after some rows on custody."""
     path = folder / "journal.sqlite"
-    journal = Journal(path, name)
-    journal.write(body)
-    note_journal(path, body)
+    body = after_known(body)
+    opened = open_noted_journal(path, name, body, stamps, may_begin_anew=is_part_removed)
+    journal = opened.journal
+    journal.write_synced(body)
+    note_journal(journal, body)
     for one in custody:
-        journal.write(CustodyChanged(name=one), 1)
-    journal.close()
+        journal.write_synced(CustodyChanged(name=one))
+    if is_killed:
+        journal.leave()
+    else:
+        journal.close()
     return path
+
+
+def lose(path: Path, harm: str, older: Path) -> None:
+    """Take a journal away from where it is, or put something else there.
+
+    Parameters
+    ----------
+    path : of the journal
+    harm : what is done
+    older : a copy of the folder from before
+    """
+    folder = path.parent
+    if harm == "empty":
+        for one in folder.iterdir():
+            one.unlink()
+        path.touch()
+        return
+    if harm in ("file deleted", "new journal"):
+        for one in folder.iterdir():
+            one.unlink()
+    else:
+        shutil.rmtree(folder)
+    if harm == "new journal":
+        Journal(path, "other").close()
+    if harm == "older copy":
+        shutil.copytree(older, folder)
+    if harm == "another cell's":
+        run(folder, "elsewhere", began(name="south"), "placed", is_part_removed=True)
+
+
+LOSSES = ("folder deleted", "file deleted", "empty", "new journal", "older copy", "another cell's")
 
 
 def held(path: Path, body: RunBegan) -> dict[GripperName, str]:
@@ -106,9 +158,108 @@ def test_an_emulator_at_given_addresses_is_known_as_long_as_it_lives(tmp_path: P
     assert held(real, began()) == {}
 
 
-def test_a_note_that_makes_no_sense_is_passed_over(tmp_path: Path, state: Path) -> None:
-    run(tmp_path / "a", "first", began(), "in_arm")
-    for name, text in (("x", "{"), ("y", "[]"), ("z", '{"journal": 3, "began": {}}')):
-        (state / "cellctl" / "journals" / f"{name}.json").write_text(text)
+@pytest.mark.parametrize("text", ["", "{", "[]", '{"journal": 3, "began": {}}'])
+def test_a_note_that_cannot_be_read_may_have_been_of_a_part_in_a_gripper(
+    tmp_path: Path, state: Path, text: str
+) -> None:
+    run(tmp_path / "a", "first", began(), "placed")
+    (state / "cellctl" / "journals" / "x.json").write_text(text)
     here = run(tmp_path / "b", "second", began())
-    assert held(here, began()) == {GripperName.ARM: "first"}
+    assert set(held(here, began())) == set(GripperName)
+    run(tmp_path / "b", "third", began(), "removed")
+    assert held(here, began()) == {}
+
+
+def test_notes_that_cannot_be_listed_bar_a_start(tmp_path: Path, state: Path) -> None:
+    run(tmp_path / "a", "first", began(), "in_arm")
+    shutil.rmtree(state / "cellctl" / "journals")
+    (state / "cellctl" / "journals").write_text("a file in the place of the folder")
+    with pytest.raises(JournalError, match="which journals know of this cell"):
+        run(tmp_path / "a", "second", began())
+
+
+@pytest.mark.parametrize("harm", LOSSES)
+@pytest.mark.parametrize("is_killed", [False, True])
+def test_no_journal_is_made_where_the_noted_one_is_lost(
+    tmp_path: Path, harm: str, *, is_killed: bool
+) -> None:
+    runs, older = tmp_path / "runs", tmp_path / "older"
+    run(runs, "first", began(), "in_arm", "placed")
+    shutil.copytree(runs, older)
+    path = run(runs, "second", began(), "in_arm", is_killed=is_killed)
+    lose(path, harm, older)
+    before = path.read_bytes() if path.exists() else None
+    assert why_lost(path, began())
+    with pytest.raises(JournalLostError, match="What the grippers hold is unknown") as caught:
+        run(runs, "third", began())
+    assert "--part-removed" in str(caught.value)
+    assert (path.read_bytes() if path.exists() else None) == before
+    # a person vouches for the grippers: until their word is written, what they hold is unknown
+    run(runs, "fourth", began(), is_part_removed=True)
+    assert set(held(path, began())) == set(GripperName)
+    run(runs, "fifth", began(), "removed")
+    assert held(path, began()) == {}
+
+
+@pytest.mark.parametrize("harm", LOSSES)
+def test_a_journal_lost_in_another_folder_leaves_custody_unknown(tmp_path: Path, harm: str) -> None:
+    runs, older = tmp_path / "runs", tmp_path / "older"
+    run(runs, "first", began(), "placed")
+    shutil.copytree(runs, older)
+    lose(run(runs, "second", began(), "in_arm"), harm, older)
+    here = run(tmp_path / "b", "third", began())
+    assert set(held(here, began())) == set(GripperName)
+
+
+def test_a_word_that_is_never_written_leaves_the_journal_lost(tmp_path: Path) -> None:
+    path = run(tmp_path / "runs", "first", began(), "in_arm")
+    shutil.rmtree(path.parent)
+    opened = open_noted_journal(path, "second", began(), may_begin_anew=True)
+    opened.journal.leave()  # killed before it noted the new journal
+    assert why_lost(path, began())
+
+
+def test_a_journal_that_was_moved_with_all_its_rows_is_the_same(tmp_path: Path) -> None:
+    path = run(tmp_path / "runs", "first", began(), "in_arm", is_killed=True)
+    shutil.copytree(path.parent, tmp_path / "copy")
+    shutil.rmtree(path.parent)
+    shutil.copytree(tmp_path / "copy", path.parent)
+    assert not why_lost(path, began())
+    assert held(path, began()) == {GripperName.ARM: "first"}
+
+
+def test_two_cells_that_share_a_folder_are_both_known_elsewhere(tmp_path: Path) -> None:
+    north, south = began(), began(name="south")
+    run(tmp_path / "runs", "first", north, "in_arm")
+    path = run(tmp_path / "runs", "second", south, "placed")
+    here = run(tmp_path / "b", "third", north)
+    assert held(here, north) == {GripperName.ARM: "first"}
+    shutil.rmtree(path.parent)
+    run(tmp_path / "runs", "fourth", north, "removed", is_part_removed=True)
+    # what the south cell has in its grippers nobody has said
+    with pytest.raises(JournalLostError):
+        run(tmp_path / "runs", "fifth", south)
+
+
+def at(hour: int) -> Stamps:
+    """Return a wall clock that stands at an hour of a day."""
+    return Stamps(utc=lambda: datetime(2026, 3, 1, hour, tzinfo=UTC))
+
+
+def test_of_runs_in_several_folders_the_later_counts_though_the_clock_was_set_back(
+    tmp_path: Path,
+) -> None:
+    first = run(tmp_path / "a", "first", began(), "placed", stamps=at(12))
+    run(tmp_path / "b", "second", began(), "in_arm", stamps=at(10))
+    assert held(first, began()) == {GripperName.ARM: "second"}
+    run(tmp_path / "a", "third", began(), "removed", stamps=at(9))
+    assert held(first, began()) == {}
+    run(tmp_path / "c", "fourth", began(), "in_fixture", stamps=at(8))
+    assert held(first, began()) == {GripperName.FIXED: "fourth"}
+
+
+def test_a_journal_that_is_lost_is_older_than_what_came_after_its_last_run(tmp_path: Path) -> None:
+    lost = run(tmp_path / "a", "first", began(), "in_arm", stamps=at(12))
+    here = run(tmp_path / "b", "second", began(), "removed", stamps=at(10))
+    shutil.rmtree(lost.parent)
+    assert held(here, began()) == {}

@@ -43,7 +43,7 @@ class Beginning:
 
 async def begin(
     order: RunOrder,
-    where: Mapping[str, dict[str, Any]],
+    began: rows.RunBegan,
     journal: Journal,
     stamps: Stamps,
     on_notice: Callable[[str], None],
@@ -53,7 +53,7 @@ async def begin(
     Parameters
     ----------
     order : what to run
-    where : the devices' settings
+    began : the first row
     journal : of the cell
     stamps : the clock that calibrations age by
     on_notice : called with sentences that the operator should read
@@ -63,7 +63,6 @@ async def begin(
     ConfigError : a calibration was changed since the cell file was read
     JournalError : the journal cannot be written
     """
-    began = who_and_what(order, where)
     # on the disk, so that a power cut leaves a journal with a beginning and a head
     await journal.write_secured(began)
     journal.write(rows.FilesStored(await asyncio.to_thread(_keep_inputs, order)))
@@ -207,7 +206,7 @@ def _note_standing(journal: Journal, cell_path: Path, cell: Cell, now: datetime)
 
 def _left_by_runs(journal: Journal, began: rows.RunBegan) -> tuple[tuple[Held, ...], list[str]]:
     """Return which grippers may hold a part, and notices of parts gone with an emulated cell."""
-    note_journal(journal.path, began)
+    note_journal(journal, began)
     here = CellIdentity.of(began)
     found = rows_of_all_journals(journal.path, began)
     return fold_custody(found, here), _gone_with_its_emulator(found, here, journal.run)

@@ -15,15 +15,16 @@ from drivers.clock import CellClock
 
 from ..compute import Compute, Job
 from ..custody import where_it_is
+from ..custody.known_journals import after_known, open_noted_journal
 from ..devices import Devices, resolve
 from ..devices.clocks import Speed
 from ..journal import (
     HOST_STAMPS,
     JOURNAL_NAME,
+    CellJournal,
     Journal,
     JournalError,
     Stamps,
-    open_cell_journal,
     rows,
 )
 from ..operator import NOBODY, Journaled, Operator, require_acknowledged
@@ -31,7 +32,7 @@ from ..operator.notices import Notices
 from ..recovery import Beside, Bounds, Interrupted
 from ..services.records import PartRecord, Product, Progress
 from .assembly import Batch, assemble, product_of
-from .beginning import Beginning, begin
+from .beginning import Beginning, begin, who_and_what
 from .dispatcher import Dispatcher, Outcome
 from .order import RunOrder
 from .starting import recipe_for, refuse, start
@@ -118,12 +119,13 @@ async def run_batch(
     Raises
     ------
     JournalError : the journal cannot be written, and nothing may move without it
+    JournalLostError : the journal that is noted there is lost, so that custody is unknown
     DeviceError : a device does not answer; nothing has moved
     """
-    order.folder.mkdir(parents=True, exist_ok=True)
+    where = resolve(order.cell, order.emulated.get("devices", {}))
     # in a thread, since a long journal takes a second to check
-    place = order.runs_dir / JOURNAL_NAME
-    opened = await asyncio.to_thread(open_cell_journal, place, order.run_id, outfit.stamps)
+    opened, began = await asyncio.to_thread(_open_journal, order, where, outfit.stamps)
+    order.folder.mkdir(parents=True, exist_ok=True)
     journal = opened.journal
     journal.on_row = outfit.on_row
     if outfit.writes_behind:
@@ -132,8 +134,7 @@ async def run_batch(
         on_notice(opened.notice)
     try:
         decider = Journaled(operator, journal)
-        where = resolve(order.cell, order.emulated.get("devices", {}))
-        found = await begin(order, where, journal, outfit.stamps, on_notice)
+        found = await begin(order, began, journal, outfit.stamps, on_notice)
         products = _products(order, outfit, pool, ahead)
         progress = Progress()
         async with _cell_time(order, journal) as clock, _notices(order) as notices:
@@ -179,6 +180,17 @@ async def run_batch(
                 f"{unwritten} rows of the run could not be written to {place}: the journal ends "
                 "before the run did. Look at the cell before you start again"
             )
+
+
+def _open_journal(
+    order: RunOrder, where: Mapping[str, dict[str, Any]], stamps: Stamps
+) -> tuple[CellJournal, rows.RunBegan]:
+    """Return the cell's journal, and the first row of this run."""
+    began = after_known(who_and_what(order, where))
+    place = order.runs_dir / JOURNAL_NAME
+    is_vouched_for = order.is_part_removed
+    opened = open_noted_journal(place, order.run_id, began, stamps, may_begin_anew=is_vouched_for)
+    return opened, began
 
 
 def _products(

@@ -26,7 +26,12 @@ from drivers.kinds import Arm, Camera, Stop
 
 from ..batch import ArmWatcher, DiskWatcher, InterlockWatcher, ModbusWatcher
 from ..custody import CellIdentity, fold_custody
-from ..custody.known_journals import note_journal, rows_of_all_journals
+from ..custody.known_journals import (
+    after_known,
+    note_journal,
+    open_noted_journal,
+    rows_of_all_journals,
+)
 from ..custody.openings import presses_on_something, read_openings
 from ..custody.start_check import require_empty_grippers
 from ..devices import Devices, resolve
@@ -35,7 +40,7 @@ from ..devices.in_use import counted
 from ..devices.interlocks import rules_of
 from ..devices.stopping import Stopping
 from ..errors import CellError, InterlockError
-from ..journal import JOURNAL_NAME, Journal, JournalError, open_cell_journal, rows
+from ..journal import JOURNAL_NAME, Journal, JournalError, rows
 from ..machine import Event
 from ..operator import Journaled, Operator, require_acknowledged
 from ..services import (
@@ -199,8 +204,10 @@ class Visit:
     # ---- in the cell -----------------------------------------------------------------------------
     async def _in_the_cell(self) -> Mapping[CalibrationName, Calibration]:
         order = self._order
+        where = resolve(order.cell, order.emulated.get("devices", {}))
+        began = await asyncio.to_thread(after_known, self._began(where))
         opened = await asyncio.to_thread(
-            open_cell_journal, order.folder / JOURNAL_NAME, order.run_id
+            open_noted_journal, order.folder / JOURNAL_NAME, order.run_id, began
         )
         journal = opened.journal
         loop = asyncio.get_running_loop()
@@ -213,10 +220,8 @@ class Visit:
         if opened.notice:
             self._evidence.find(opened.notice)
         try:
-            where = resolve(order.cell, order.emulated.get("devices", {}))
-            began = self._began(where)
             await journal.write_secured(began)
-            note_journal(journal.path, began)
+            note_journal(journal, began)
             try:
                 made = await self._connected(journal, began, where)
             except BaseException as error:

@@ -72,7 +72,11 @@ TOUCHED: Final[Mapping[str, frozenset[GripperName]]] = {
 # custody and are most of a journal, and the events.
 FOLDED_KINDS: Final[tuple[RowKind, ...]] = ("custody", "intent")
 NOT_FOLDED: Final = (rows.PathBegun.row_name,)
-FOLDED_EVENTS: Final = (rows.RunBegan.row_name, rows.JournalSetAside.row_name)
+FOLDED_EVENTS: Final = (
+    rows.RunBegan.row_name,
+    rows.JournalSetAside.row_name,
+    rows.JournalNotReadable.row_name,
+)
 _UNTRUSTED: Final = "the journal before this one cannot be trusted"
 
 

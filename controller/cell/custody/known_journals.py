@@ -1,54 +1,231 @@
-"""Find all journals that record a cell's grippers, whatever folder each run wrote to.
+"""Find all journals that record a cell's grippers, and prove that each is the one it was.
 
 With another `--runs`, or from another working directory, a run writes another journal, but the part
 in a gripper is the same. So the journal of every cell whose grippers outlive the run is noted,
-together with the cell's identity, in the user's folder for state. A start reads them all.
+together with the cell's identity, in the user's folder for state. Beside each note stands a second
+head of that journal, which names its last secured row, and so the last change of custody. A journal
+without that row is not the one that was noted: its folder was deleted, its disk is not mounted, an
+older copy or another file is in its place. What it knew of the grippers is then unknown, and that
+is asked before any journal is made, the one of this run first.
 """
 
 import json
 import logging
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from hashlib import sha256
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from ..devices.lock import state_dir
-from ..journal import JournalError, Row, first_flaw
+from ..errors import CellError
+from ..journal import (
+    HOST_STAMPS,
+    CellJournal,
+    Head,
+    HeadError,
+    Journal,
+    JournalError,
+    Row,
+    Stamps,
+    first_flaw,
+    is_of,
+    open_cell_journal,
+    read_head_file,
+    read_rows,
+    row_at,
+)
 from ..journal.rows import JournalNotReadable, RunBegan
 from .fold import CellIdentity, read_folded
 
 FOLDER: Final = "journals"
+EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
+# What of a run's first row says which cell it was in.
+_IDENTITY: Final = {"devices", "emulated_devices", "emulator", "clock"}
 
 log = logging.getLogger(__name__)
 
 
+class JournalLostError(CellError):
+    """The journal that is noted at a path is not there; nothing has moved, none was made."""
+
+
 @dataclass(frozen=True, slots=True)
-class _Entry:
-    """A journal that records a cell; `began` is the body of the first row of its latest run."""
+class _Note:
+    """That a journal records a cell.
+
+    Attributes
+    ----------
+    path : of the note
+    journal : the file
+    began : what the first row of its latest run says of the cell; None if the note is unreadable
+    order_us : of that run
+    head : its last secured row; None where that is not known
+    flaw : why the note cannot be read; empty if it can
+    """
 
     path: Path
     journal: Path
-    began: RunBegan
-    noted_utc: str
+    began: RunBegan | None
+    order_us: int
+    head: Head | None
+    flaw: str = ""
+
+    def concerns(self, here: CellIdentity, clock: str | None) -> bool:
+        """Return whether it is, or may be, about a cell."""
+        if self.began is None:
+            return clock is None
+        cell = CellIdentity.of(self.began)
+        return self.began.clock == clock and any(here.shares(one, cell) for one in here.grippers)
 
     @property
-    def clock(self) -> str | None:
-        """The clock of the emulator that the cell belongs to, None for real devices."""
-        return self.began.clock
+    def why_gone(self) -> str:
+        """Why there is no journal; empty if there is one."""
+        if not self.journal.exists():
+            return "it is gone: it was deleted or moved, or its disk is not mounted"
+        is_empty = self.journal.is_file() and self.journal.stat().st_size == 0
+        return "its file is empty" if is_empty else ""
+
+    @property
+    def why_lost(self) -> str:
+        """Why the file there is not the journal that was noted; empty if it is."""
+        if self.began is None:
+            return self.flaw
+        if self.head is None or self.why_gone:
+            return self.why_gone
+        found = row_at(self.journal, self.head.seq)
+        if found is None:
+            return (
+                f"it lacks row {self.head.seq}, which this cell has secured: it is an older copy, "
+                "or another file"
+            )
+        if found.hash != self.head.hash:
+            return f"its row {self.head.seq} is not the one that this cell has secured"
+        return ""
 
 
-def note_journal(journal: Path, began: RunBegan) -> None:
-    """Note that a journal records a cell; done before anything moves.
-
-    A cell whose grippers end with the run is not noted.
+def open_noted_journal(
+    path: Path,
+    run: str,
+    began: RunBegan | None = None,
+    stamps: Stamps = HOST_STAMPS,
+    *,
+    may_begin_anew: bool = False,
+) -> CellJournal:
+    """Return a cell's journal, checked, unless the one that is noted at its path is lost.
 
     Parameters
     ----------
-    journal : its file
-    began : the body of the run's first row
+    path : of the file
+    run : that is to write
+    began : the body of its first row; None for a command that has none
+    stamps : the clocks that rows are stamped by
+    may_begin_anew : a person vouches for the grippers. The journal then says first that what the
+        lost one knew is unknown
+
+    Raises
+    ------
+    JournalLostError : the noted journal is lost; none was made
+    JournalError : it cannot be written; nothing may move without it
+    """
+    lost = why_lost(path, began)
+    if lost and not may_begin_anew:
+        raise JournalLostError(lost_words(path, lost))
+    opened = open_cell_journal(path, run, stamps)
+    if not lost:
+        return opened
+    opened.journal.write_synced(JournalNotReadable(why=lost))
+    notice = f"The journal {path} is not the one that was noted there: {lost}. A new one begins."
+    return CellJournal(opened.journal, f"{opened.notice} {notice}".strip())
+
+
+def why_lost(path: Path, began: RunBegan | None = None) -> str:
+    """Return why the journal that is noted at a path is not there; empty if it is, or none is.
+
+    Parameters
+    ----------
+    path : of the file
+    began : the body of a run's first row; None to ask only whether there is a file
+
+    Raises
+    ------
+    JournalError : the notes cannot be read
+    """
+    for note in _notes_of_living():
+        if note.journal != path.resolve():
+            continue
+        if note.why_gone:
+            return note.why_gone
+        if began is not None and note.concerns(CellIdentity.of(began), began.clock):
+            with suppress(JournalError):  # a damaged one is set aside by whoever opens it
+                if note.why_lost:
+                    return note.why_lost
+    return ""
+
+
+def lost_words(path: Path, why: str) -> str:
+    """Return what follows from a lost journal, and what to do, as sentences.
+
+    Parameters
+    ----------
+    path : of the file
+    why : it is lost
+    """
+    return (
+        f"{path}: a journal of this cell is noted there, but {why}. What the grippers hold is "
+        "unknown. Nothing has moved, and no other journal was begun. Mount its disk, or put the "
+        "folder back, then start again. If it is lost for good, look at both grippers. To take a "
+        "part out: `cellctl recover --cell CELL --open arm`, or `--open fixed`, opens that "
+        "gripper while you hold the part. Then start with --part-removed, which begins a new "
+        "journal"
+    )
+
+
+def lost_rows(path: Path, why: str) -> list[Row]:
+    """Return what stands for a journal that is lost, before any is made.
+
+    Parameters
+    ----------
+    path : of the file
+    why : it is lost
+    """
+    return [_unknown(f"in {path}", datetime.now(UTC), why)]
+
+
+def after_known(began: RunBegan) -> RunBegan:
+    """Return the body of a run's first row, ordered after all starts that are noted.
+
+    Clocks of computers are set back, and journals of several folders have to be told apart by what
+    came first all the same: each start notes a time later than all that it knows of (a hybrid
+    logical clock; docs/references.md [L31]).
+
+    Parameters
+    ----------
+    began : as it is without
+
+    Raises
+    ------
+    JournalError : the notes cannot be read
+    """
+    if not _outlives_the_run(began):
+        return began
+    known = [note.order_us for note in _notes()]
+    return began.model_copy(update={"after_us": max(known) + 1}) if known else began
+
+
+def note_journal(journal: Journal, began: RunBegan) -> None:
+    """Note that a journal records a cell; done before anything moves.
+
+    From then on its last secured row is kept beside the note. A cell whose grippers end with the
+    run is not noted.
+
+    Parameters
+    ----------
+    journal : of the run, with the run's first row on the disk
+    began : the body of that row
 
     Raises
     ------
@@ -56,19 +233,22 @@ def note_journal(journal: Path, began: RunBegan) -> None:
     """
     if not _outlives_the_run(began):
         return
-    path = state_dir() / FOLDER / f"{sha256(bytes(journal.resolve())).hexdigest()[:24]}.json"
-    kept = began.model_dump(
-        mode="json", include={"devices", "emulated_devices", "emulator", "clock"}
-    )
+    file = journal.path.resolve()
+    kept = began.model_dump(mode="json", include=_IDENTITY)
     kept["cell"] = {"name": began.cell.get("name")}
+    path = _note_path(file, CellIdentity.of(began), began.clock)
+    first = next(row for row in read_rows(journal.path, journal.run) if is_of(row, RunBegan))
+    body = {"journal": str(file), "began": kept, "order_us": _order_us(first)}
     new = path.with_name(f"{path.name}.{os.getpid()}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with new.open("w", encoding="utf-8") as file:
-            json.dump({"journal": str(journal.resolve()), "began": kept}, file)
-            file.flush()
-            os.fsync(file.fileno())
+        journal.keep_head(_head_of(path))
+        with new.open("w", encoding="utf-8") as opened:
+            json.dump(body, opened)
+            opened.flush()
+            os.fsync(opened.fileno())
         new.replace(path)
+        _put_on_disk(path.parent)
     except OSError as error:
         raise JournalError(
             f"{path}: {error.strerror}. The next start needs this note to find this run's journal. "
@@ -76,26 +256,75 @@ def note_journal(journal: Path, began: RunBegan) -> None:
         ) from error
 
 
-def rows_of_all_journals(own: Path, began: RunBegan) -> list[Row]:
-    """Return the rows that `fold_custody` needs, of all journals of a cell, in order of time.
+def _note_path(journal: Path, cell: CellIdentity, clock: str | None) -> Path:
+    """Return where it is noted that a journal records a cell; one journal may record several."""
+    which = json.dumps([cell.name, sorted(cell.grippers.items()), clock])
+    names = [sha256(one).hexdigest()[:24] for one in (bytes(journal), which.encode())]
+    return state_dir() / FOLDER / f"{'-'.join(names)}.json"
 
-    A journal that is gone or damaged may have recorded a part, so a row stands for it that says it
+
+def _head_of(note: Path) -> Path:
+    return note.with_suffix(".head")
+
+
+def _put_on_disk(folder: Path) -> None:
+    fd = os.open(folder, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        os.fsync(fd)
+    finally:
+        os.close(fd)
+
+
+def rows_of_all_journals(own: Path, began: RunBegan) -> list[Row]:
+    """Return the rows that `fold_custody` needs, of all journals of a cell, in their order.
+
+    A journal that is lost or damaged may have recorded a part, so a row stands for it that says it
     cannot be read.
 
     Parameters
     ----------
-    own : the journal of this run
+    own : the journal of this run, which exists
     began : the body of this run's first row
 
     Raises
     ------
-    JournalError : the own journal cannot be read
+    JournalError : the own journal, or the notes, cannot be read
     """
     rows = list(read_folded(own))
     if not _outlives_the_run(began):
         return rows
-    others = [row for entry in _others(own, began) for row in _rows_of(entry)]
-    return sorted((*others, *rows), key=lambda row: row.t_utc) if others else rows
+    here = CellIdentity.of(began)
+    ordered = list(_in_order(rows))
+    others = {
+        note.journal: note
+        for note in sorted(_notes_of_living(), key=lambda one: one.order_us)
+        if note.journal != own.resolve() and note.concerns(here, began.clock)
+    }
+    for note in others.values():
+        ordered += _in_order(_rows_of(note), note.order_us)
+    return [row for _, row in sorted(ordered, key=lambda one: one[0])]
+
+
+def _in_order(rows: Sequence[Row], order_us: int = 0) -> Iterator[tuple[int, Row]]:
+    """Yield the rows of one journal, each with the order of its run among those of all journals."""
+    latest = 0
+    for row in rows:
+        if is_of(row, RunBegan):
+            latest = max(latest, _order_us(row))
+        elif row.seq == 0:  # it stands for a journal
+            latest = order_us
+        # a run from before starts were ordered
+        yield latest or _since_epoch_us(datetime.fromisoformat(row.t_utc)), row
+
+
+def _order_us(first: Row) -> int:
+    """Return the order of a run, by its first row, among those of all journals."""
+    begun_us = _since_epoch_us(datetime.fromisoformat(first.t_utc))
+    return max(begun_us, int(first.body.get("after_us", 0)))
+
+
+def _since_epoch_us(at: datetime) -> int:
+    return (at - EPOCH) // timedelta(microseconds=1)
 
 
 def _outlives_the_run(began: RunBegan) -> bool:
@@ -103,44 +332,68 @@ def _outlives_the_run(began: RunBegan) -> bool:
     return set(here.grippers) != set(here.emulated)
 
 
-def _others(own: Path, began: RunBegan) -> Sequence[_Entry]:
-    here, clock = CellIdentity.of(began), began.clock
-    found = []
-    for entry in _entries():
-        if entry.clock is not None and not Path(entry.clock).exists():
-            entry.path.unlink(missing_ok=True)  # that emulator has ended, and its parts with it
-        elif entry.journal != own.resolve() and entry.clock == clock:
-            cell = CellIdentity.of(entry.began)
-            if any(here.shares(gripper, cell) for gripper in here.grippers):
-                found.append(entry)
-    return found
-
-
-def _rows_of(entry: _Entry) -> list[Row]:
+def _rows_of(note: _Note) -> list[Row]:
     try:
-        flaw = first_flaw(entry.journal) if entry.journal.exists() else "it is gone"
-        if flaw is None:
-            return list(read_folded(entry.journal))
+        flaw = note.why_lost or first_flaw(note.journal)
+        if not flaw:
+            return list(read_folded(note.journal))
     except (JournalError, OSError) as error:
         flaw = str(error)
-    row = JournalNotReadable(why=f"its journal knew of this cell, but {flaw}")
-    run = f"in {entry.journal}"
-    return [Row(0, entry.noted_utc, 0.0, run, None, row.kind, row.row_name, row.as_json())]
+    noted = EPOCH + timedelta(microseconds=note.order_us)
+    return [_unknown(f"in {note.journal}", noted, f"its journal knew of this cell, but {flaw}")]
 
 
-def _entries() -> Iterator[_Entry]:
-    for path in sorted((state_dir() / FOLDER).glob("*.json")):
-        try:
-            body = json.loads(path.read_text(encoding="utf-8"))
-            noted = datetime.fromtimestamp(path.stat().st_mtime, UTC)
-            began = RunBegan.model_validate(
-                {key: value for key, value in body["began"].items() if value is not None}
-            )
-            yield _Entry(
-                path,
-                Path(body["journal"]),
-                began,
-                noted.isoformat(timespec="microseconds"),
-            )
-        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-            log.warning("%s is not the note of a journal (%s) and is ignored", path, error)
+def _unknown(run: str, at: datetime, why: str) -> Row:
+    row = JournalNotReadable(why=why)
+    since = at.isoformat(timespec="microseconds")
+    return Row(0, since, 0.0, run, None, row.kind, row.row_name, row.as_json())
+
+
+def _notes_of_living() -> Iterator[_Note]:
+    """Yield the notes; those of emulators that have ended are taken away, with their parts."""
+    for note in _notes():
+        clock = None if note.began is None else note.began.clock
+        if clock is None or Path(clock).exists():
+            yield note
+        else:
+            note.path.unlink(missing_ok=True)
+            _head_of(note.path).unlink(missing_ok=True)
+
+
+def _notes() -> Iterator[_Note]:
+    folder = state_dir() / FOLDER
+    try:
+        paths = sorted(folder.iterdir())  # a glob would pass over a folder that cannot be read
+    except FileNotFoundError:
+        return
+    except OSError as error:
+        raise JournalError(
+            f"{folder}: {error.strerror}. It says which journals know of this cell, and nothing "
+            "moves without it. Make it readable"
+        ) from error
+    for path in paths:
+        if path.suffix == ".json":
+            yield _read_note(path)
+
+
+def _read_note(path: Path) -> _Note:
+    try:
+        body = json.loads(path.read_text(encoding="utf-8"))
+        began: Mapping[str, Any] = body["began"]
+        return _Note(
+            path,
+            Path(body["journal"]),
+            RunBegan.model_validate({k: v for k, v in began.items() if v is not None}),
+            int(body.get("order_us", 0)) or _noted_us(path),
+            read_head_file(_head_of(path)),
+        )
+    except (OSError, HeadError, ValueError, KeyError, TypeError, AttributeError) as error:
+        # it may have been about this cell, and about a part in a gripper
+        why = f"{path} notes a journal and cannot be read ({error})"
+        return _Note(path, path, None, _noted_us(path), None, why)
+
+
+def _noted_us(path: Path) -> int:
+    with suppress(OSError):
+        return int(path.stat().st_mtime * 1e6)
+    return 0

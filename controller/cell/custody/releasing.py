@@ -17,9 +17,17 @@ from ..devices import Devices, resolve
 from ..devices.clocks import FoundClock
 from ..devices.interlocks import check_interlocks
 from ..errors import CellError
-from ..journal import JOURNAL_NAME, Journal, Once, open_cell_journal, rows
+from ..journal import JOURNAL_NAME, Journal, Once, rows
 from .fold import CellIdentity, Custody, GripperName, Held, fold_custody
-from .known_journals import note_journal, rows_of_all_journals
+from .known_journals import (
+    after_known,
+    lost_rows,
+    lost_words,
+    note_journal,
+    open_noted_journal,
+    rows_of_all_journals,
+    why_lost,
+)
 from .left_leases import LeftLease, read_left_leases
 from .openings import Opening, read_openings
 from .start_check import openings_row
@@ -62,29 +70,37 @@ class ReleaseVisit:
     cell : the cell; its devices must have addresses
     clock : the cell's clock, as it was found
     runs_dir : folder of all runs and of the journal
+    opens : a gripper is to be opened, so that a new journal may begin where the noted one is lost
     """
 
-    def __init__(self, cell: Cell, clock: FoundClock, runs_dir: Path) -> None:
+    def __init__(
+        self, cell: Cell, clock: FoundClock, runs_dir: Path, *, opens: bool = False
+    ) -> None:
         self._cell = cell
         self._found_clock = clock
         self._runs_dir = runs_dir
+        self._opens = opens
+        self._journal: Journal | None = None
 
     async def __aenter__(self) -> "ReleaseVisit":
         """Open the journal, connect the grippers, halt what still moves."""
         now = datetime.now(UTC)
         run = f"{now:%Y%m%d-%H%M%S}-{now.microsecond // 1000:03d}-recover"
         where = resolve(self._cell, {})
-        opened = open_cell_journal(self._runs_dir / JOURNAL_NAME, run)
-        self._journal: Journal = opened.journal
-        self._notice = opened.notice
+        self._began = after_known(self._who_and_what(where))
+        path = self._runs_dir / JOURNAL_NAME
+        self._notice = ""
+        self._lost = why_lost(path, self._began)
+        if self._opens or not self._lost:
+            opened = open_noted_journal(path, run, self._began, may_begin_anew=self._opens)
+            self._journal, self._notice = opened.journal, opened.notice
         self._clock = self._found_clock.open()
         self._devices = Devices.build(self._cell, where, self._clock)
         try:
-            began = self._who_and_what(where)
-            await self._journal.write_secured(began)
-            note_journal(self._journal.path, began)
-            self._began = began
-            self._journal.write(rows.Connected(await self._devices.connect_grippers()))
+            if self._journal is not None:
+                await self._journal.write_secured(self._began)
+                note_journal(self._journal, self._began)
+            self._note(rows.Connected(await self._devices.connect_grippers()))
         except BaseException:
             await self.__aexit__()
             raise
@@ -94,8 +110,14 @@ class ReleaseVisit:
         """Close everything; opens no jaw."""
         await self._devices.aclose()
         self._clock.close()
-        self._journal.write(rows.RunEnded(end="stopped"))
-        self._journal.close()
+        self._note(rows.RunEnded(end="stopped"))
+        if self._journal is not None:
+            self._journal.close()
+
+    def _note(self, row: rows.Body) -> None:
+        """Journal what was found; where the noted journal is lost, nothing is begun for it."""
+        if self._journal is not None:
+            self._journal.write(row)
 
     @property
     def devices(self) -> Devices:
@@ -103,8 +125,8 @@ class ReleaseVisit:
         return self._devices
 
     @property
-    def journal(self) -> Journal:
-        """The cell's journal."""
+    def journal(self) -> Journal | None:
+        """The cell's journal; None where the one that is noted is lost."""
         return self._journal
 
     @property
@@ -125,9 +147,13 @@ class ReleaseVisit:
     async def look(self) -> Standing:
         """Return what the grippers may hold; nothing moves."""
         here = CellIdentity.of(self._began)
-        known = fold_custody(rows_of_all_journals(self._journal.path, self._began), here)
         openings = await read_openings(self._devices)
-        self._journal.write(openings_row(openings))
+        if self._journal is None:
+            path = self._runs_dir / JOURNAL_NAME
+            known = fold_custody(lost_rows(path, self._lost), here)
+            return Standing(known, openings, lost_words(path, self._lost))
+        known = fold_custody(rows_of_all_journals(self._journal.path, self._began), here)
+        self._note(openings_row(openings))
         return Standing(known, openings, self._notice, read_left_leases(self._journal.path, here))
 
     async def open(self, gripper: GripperName, known: Sequence[Held]) -> Custody:
@@ -144,6 +170,7 @@ class ReleaseVisit:
         ReleaseImpossibleError : the gripper must first be activated, which would close it
         DeviceError : it does not open
         """
+        assert self._journal is not None, "opened without the journal that an opening needs"
         check_interlocks(self._devices.io, is_person_inside=True)
         if gripper is GripperName.FIXED:
             _require_ready(await self._devices.gripper.status())

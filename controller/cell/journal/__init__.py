@@ -9,7 +9,7 @@ names the last row known to be on the disk, so that rows cut off the end are not
 from ._beside import append_beside
 from ._care import CellJournal, first_flaw, open_cell_journal
 from ._form import CELL_TIME, GENESIS, JOURNAL_NAME, JournalError, Row, RowKind
-from ._head import Head
+from ._head import Head, HeadError, read_head_file
 from ._migrations import SCHEMA_VERSION
 from ._place import why_not_there
 from ._writer import Journal
@@ -42,6 +42,7 @@ __all__ = [
     "BrokenRow",
     "CellJournal",
     "Head",
+    "HeadError",
     "Journal",
     "JournalError",
     "NewRows",
@@ -59,6 +60,7 @@ __all__ = [
     "new_rows",
     "newest_run",
     "open_cell_journal",
+    "read_head_file",
     "read_row",
     "read_rows",
     "read_rows_after",

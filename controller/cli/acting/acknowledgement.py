@@ -4,8 +4,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from controller.cell.control import MAX_WHO, MAX_WHY, AckOrder, NoRunError, RunningCell
+from controller.cell.custody.known_journals import open_noted_journal
 from controller.cell.devices.lock import hold_cell
-from controller.cell.journal import JOURNAL_NAME, open_cell_journal
+from controller.cell.journal import JOURNAL_NAME
 from controller.cell.operator import acknowledge, fold_latch
 from controller.config import ConfigError, load_cell
 
@@ -47,7 +48,7 @@ def acknowledge_stop(cell_file: Path, runs_dir: Path, who: str, why: str, *, as_
         return 1
     run = f"{datetime.now(UTC):%Y%m%d-%H%M%S}-ack"
     with hold_cell(runs_dir, cell, run) as holder:
-        journal = open_cell_journal(runs_dir / JOURNAL_NAME, run).journal
+        journal = open_noted_journal(runs_dir / JOURNAL_NAME, run).journal
         try:
             name = f"{who} ({holder.user})" if who else holder.user
             journal.write(acknowledge(latch, name, why))

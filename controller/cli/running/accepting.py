@@ -10,7 +10,12 @@ from pathlib import Path
 
 from controller.cell.batch import GO_ON, Papers
 from controller.cell.custody import CellIdentity, Held, fold_custody
-from controller.cell.custody.known_journals import rows_of_all_journals
+from controller.cell.custody.known_journals import (
+    JournalLostError,
+    lost_words,
+    rows_of_all_journals,
+    why_lost,
+)
 from controller.cell.devices import resolve
 from controller.cell.devices.clocks import find_clock
 from controller.cell.journal import JOURNAL_NAME, read_rows, rows
@@ -60,6 +65,7 @@ def go_on_with_part(cell_path: Path, runs_dir: Path, why: str, *, as_json: bool)
     Raises
     ------
     ConfigError : no part was left, or the interrupted run's recipe or part are gone
+    JournalLostError : the journal that is noted there is lost
     """
     held = _left(load_cell(cell_path), runs_dir)
     if not held or held[0].part is None:
@@ -99,6 +105,8 @@ def _left(cell: Cell, runs_dir: Path) -> tuple[Held, ...]:
         clock=_clock_of(cell),
     )
     journal = runs_dir / JOURNAL_NAME
+    if lost := why_lost(journal, here):
+        raise JournalLostError(lost_words(journal, lost))
     if not journal.is_file():
         return ()
     return fold_custody(rows_of_all_journals(journal, here), CellIdentity.of(here))

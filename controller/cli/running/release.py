@@ -61,7 +61,9 @@ def recover_cell(
         )
 
     async def visit() -> int:
-        async with ReleaseVisit(cell, find_clock(cell, {}), runs_dir) as recovery:
+        clock = find_clock(cell, {})
+        opens = gripper is not None
+        async with ReleaseVisit(cell, clock, runs_dir, opens=opens) as recovery:
             standing = await recovery.look()
             found = await _proposal(recovery, standing, cell, cell_path, runs_dir)
             if not as_json:
@@ -90,6 +92,8 @@ async def _proposal(
     """Return what may be done with the part, why nothing can, or None where none is held."""
     if not standing.known:
         return None
+    if visit.journal is None:
+        return "the journal that knew of it is lost"
 
     async def sweep(left: Interrupted, bounds: Bounds) -> Swept:
         job = Job(recipe_of(left, runs_dir / left.run), cell_path)
@@ -131,7 +135,7 @@ def _report(standing: Standing, found: Proposal | str | None) -> None:
         print_line(f"{opening.gripper.value}: {opening.occupancy.value}; {opening.reason}")
     names = sorted(OPTION[gripper] for gripper in _may_hold(standing))
     if not names:
-        print_line("Nothing is held: `cellctl run` may start.")
+        print_line(_none_held(standing))
         return
     _report_proposal(found)
     for name in names:
@@ -139,6 +143,19 @@ def _report(standing: Standing, found: Proposal | str | None) -> None:
             f"To open the {name} gripper while you hold the part: cellctl recover --open {name}"
         )
     print_line("To go on after the part is out: cellctl run RECIPE --part-removed")
+
+
+def _none_held(standing: Standing) -> str:
+    """Return what it means that neither the journal nor a gripper has a part."""
+    unread = [
+        one.gripper.value for one in standing.openings if one.occupancy is Occupancy.UNREADABLE
+    ]
+    if not unread:
+        return "Nothing is held: `cellctl run` may start."
+    return (
+        f"By the journal nothing is held, but the {' and the '.join(unread)} cannot be read. "
+        "Look at its jaws: `cellctl run` may start, and opens them."
+    )
 
 
 def _report_proposal(found: Proposal | str | None) -> None:

@@ -21,7 +21,8 @@ class RunBegan(Body):
     `recipes` are all of them, in their order, where there are several; `recipe` is the first, and
     `count` counts all parts. `part_identified` says which of them a part is of.
 
-    `is_dry`: its motions were made without a part, lifted; there is nothing to judge.
+    `is_dry`: its motions were made without a part, lifted; there is nothing to judge. `after_us`:
+    later than each start at this computer that was known to this one [us since 1970].
     """
 
     kind = "event"
@@ -42,6 +43,7 @@ class RunBegan(Body):
     part_temperature_c: float | None = None
     is_dry: bool = False
     recipes: tuple[RecipeOrdered, ...] = ()
+    after_us: int = 0
 
     @property
     def ordered(self) -> tuple[RecipeOrdered, ...]:
@@ -189,7 +191,7 @@ class JournalSetAside(Body):
 
 
 class JournalNotReadable(Body):
-    """A journal in another folder recorded the cell and is gone or damaged."""
+    """A journal recorded the cell, and it is lost or damaged: what it knew is unknown."""
 
     kind = "event"
     row_name = "journal_not_readable"
