@@ -18,7 +18,7 @@ from controller.cell.custody.known_journals import (
     why_lost,
 )
 from controller.cell.journal import HOST_STAMPS, Journal, JournalError, Stamps
-from controller.cell.journal.rows import CustodyChanged, RunBegan
+from controller.cell.journal.rows import CustodyChanged, FilesStored, RunBegan
 
 
 @pytest.fixture(autouse=True)
@@ -226,6 +226,19 @@ def test_a_journal_that_was_moved_with_all_its_rows_is_the_same(tmp_path: Path) 
     shutil.copytree(tmp_path / "copy", path.parent)
     assert not why_lost(path, began())
     assert held(path, began()) == {GripperName.ARM: "first"}
+
+
+def test_rows_that_a_power_cut_takes_were_never_noted(tmp_path: Path) -> None:
+    path = tmp_path / "runs" / "journal.sqlite"
+    journal = Journal(path, "first")
+    journal.write_synced(began())
+    shutil.copytree(path.parent, tmp_path / "disk")  # what is on the disk for sure
+    journal.write(FilesStored({}))
+    note_journal(journal, began())
+    journal.leave()
+    shutil.rmtree(path.parent)
+    shutil.copytree(tmp_path / "disk", path.parent)
+    assert not why_lost(path, began())
 
 
 def test_two_cells_that_share_a_folder_are_both_known_elsewhere(tmp_path: Path) -> None:

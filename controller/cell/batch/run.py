@@ -177,8 +177,8 @@ async def run_batch(
     finally:
         if unwritten := await asyncio.to_thread(journal.close):
             on_notice(
-                f"{unwritten} rows of the run could not be written to {place}: the journal ends "
-                "before the run did. Look at the cell before you start again"
+                f"{unwritten} rows of the run could not be written to {journal.path}: the journal "
+                "ends before the run did. Look at the cell before you start again"
             )
 
 
@@ -187,9 +187,8 @@ def _open_journal(
 ) -> tuple[CellJournal, rows.RunBegan]:
     """Return the cell's journal, and the first row of this run."""
     began = after_known(who_and_what(order, where))
-    place = order.runs_dir / JOURNAL_NAME
-    is_vouched_for = order.is_part_removed
-    opened = open_noted_journal(place, order.run_id, began, stamps, may_begin_anew=is_vouched_for)
+    path, is_vouched_for = order.runs_dir / JOURNAL_NAME, order.is_part_removed
+    opened = open_noted_journal(path, order.run_id, began, stamps, may_begin_anew=is_vouched_for)
     return opened, began
 
 

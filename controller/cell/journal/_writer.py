@@ -62,6 +62,7 @@ class Journal:
         self._behind: WriterThread | None = None
         self._held: list[Entry] | None = None
         self._heads = [HeadFile(head_path(path))]
+        self._secured: Head | None = None  # the last row of this writer that is surely on the disk
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             self._db = sqlite3.connect(
@@ -267,12 +268,13 @@ class Journal:
         OSError : it cannot be written
         """
         with self._lock:
-            last, file = last_row(self._db), HeadFile(path)
-            if last is not None:
-                file.write(last)
+            file = HeadFile(path)
+            if self._secured is not None:
+                file.write(self._secured)
             self._heads.append(file)
 
     def _note_head(self, head: Head) -> None:
+        self._secured = head
         for one in self._heads:
             one.write(head)
 
