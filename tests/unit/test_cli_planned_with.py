@@ -333,7 +333,9 @@ def test_what_is_in_sight_is_not_called_inspected(
     checked = capsys.readouterr().out
     assert re.search(r"% \(± \d+\.\d%\) of the surface in sight, ", checked)
     assert "1 regrasps" not in checked
-    assert checked.endswith("ready (how much can be compared shows in the pictures)\n")
+    assert re.search(
+        r"ready for \d+% of landings \(how much can be compared shows in the pictures\)\n$", checked
+    )
     assert main(["plan", "--recipe", path, "--cell", str(CELL)]) == 0
     planned = capsys.readouterr().out
     assert re.search(r"%\) of the surface in sight; at most \d+\.\d% is possible in this", planned)

@@ -1,13 +1,16 @@
 """`cellctl check`: what follows from files alone; nothing moves."""
 
+import json
 import time
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final, Literal
 
+from controller.cad import StablePose
 from controller.cell.batch import jobs_of
 from controller.cell.compute import Job
-from controller.cell.compute.checks import Checked, CheckedPose, check_job
+from controller.cell.compute.checks import Checked, CheckedPose, check_every_pose
 from controller.results.moments import view_count
 
 from ..inputs.recipes import AskedRecipe, cell_of, ordered_recipes
@@ -15,6 +18,8 @@ from ..terminal.output import emit, print_line, warn
 from .certificates import counted, covered_words
 from .characteristics import characteristic_json, print_checked
 from .plan_json import certificate_json
+
+MAX_REASON: Final = 200  # letters of a reason in a recipe
 
 
 def check_recipes(asked: Sequence[AskedRecipe], cell_path: Path | None, *, as_json: bool) -> int:
@@ -41,13 +46,20 @@ def check_recipes(asked: Sequence[AskedRecipe], cell_path: Path | None, *, as_js
 
 def _check(job: Job, *, as_json: bool) -> int:
     started, recipe_path = time.monotonic(), job.recipe_path
-    checked = check_job(job)
+    checked = check_every_pose(job)
+    problems = [*checked.problems, *_unserved(checked)]
     if as_json:
         emit(
             {
                 "recipe": str(recipe_path),
-                "ok": not checked.problems,
-                "problems": list(checked.problems),
+                "ok": not problems,
+                "problems": problems,
+                "served_fraction": checked.served_fraction,
+                "landings": [_landing_json(one) for one in _landings(checked)],
+                "unseen_faces": [
+                    {"face": face, "name": f"F{face}", "reason": reason}
+                    for face, reason in checked.unseen_faces.items()
+                ],
                 "planned_with": checked.setup.as_json(),
                 "poses": [_pose_json(pose) for pose in checked.poses],
                 "characteristics": [
@@ -60,28 +72,91 @@ def _check(job: Job, *, as_json: bool) -> int:
                 "seconds": time.monotonic() - started,
             }
         )
-        return 1 if checked.problems else 0
-    _print(recipe_path, checked)
-    return 1 if checked.problems else 0
+        return 1 if problems else 0
+    _print(recipe_path, checked, problems)
+    return 1 if problems else 0
 
 
-def _print(recipe_path: Path, checked: Checked) -> None:
+@dataclass(frozen=True, slots=True)
+class Landing:
+    """A stable pose, and what becomes of a part that comes to lie so."""
+
+    pose: StablePose
+    outcome: Literal["planned", "no plan", "planned when met"]
+    words: str
+
+
+def _landings(checked: Checked) -> list[Landing]:
+    """Return every stable pose, likeliest first."""
+    found = [_landing(one) for one in checked.poses]
+    found += [
+        Landing(pose, "planned when met", "rare; planned when a part lies so")
+        for pose in checked.met_later
+    ]
+    return sorted(found, key=lambda one: one.pose.index)
+
+
+def _landing(one: CheckedPose) -> Landing:
+    plan, entry = one.certified.certificate.plan, _pose_json(one)
+    remarks = "".join(f"{remark}; " for remark in one.remarks)
+    if plan is None:
+        reason = one.certified.certificate.reason
+        return Landing(one.pose, "no plan", f"{remarks}no plan: {reason}")
+    words = (
+        f"{counted(entry['views'], 'view')}, {counted(entry['regrips'], 'regrasp')}, "
+        f"{covered_words(plan)} of the surface in sight, {entry['forecast_s']:.0f} s"
+    )
+    return Landing(one.pose, "planned", f"{remarks}{words}")
+
+
+def _landing_json(one: Landing) -> dict[str, Any]:
+    pose = one.pose
+    return {
+        "pose_index": pose.index,
+        "probability": pose.probability,
+        "drop_probability": pose.drop_probability,
+        "rolling": pose.rolling,
+        "marginal": pose.marginal,
+        "outcome": one.outcome,
+        "words": one.words,
+    }
+
+
+def _unserved(checked: Checked) -> list[str]:
+    """Return the sentence that refuses a part that mostly lands as no plan can serve it."""
+    if checked.problems or checked.serves_most:
+        return []
+    served = ", ".join(f"pose {one.pose.index}" for one in checked.poses if one.is_served)
+    return [
+        f"{checked.served_fraction:.0%} of landings are served; feed the part so that it lies in "
+        f"{served}, or change what keeps the others from a plan. A run would go, and wait for "
+        "those"
+    ]
+
+
+def _print(recipe_path: Path, checked: Checked, problems: Sequence[str]) -> None:
     print_line(checked.setup.sentence)
-    for pose in checked.poses:
-        entry, plan = _pose_json(pose), pose.certified.certificate.plan
-        if plan is not None:
-            print_line(
-                f"pose {entry['pose_index']} ({entry['probability']:.0%}): "
-                f"{counted(entry['views'], 'view')}, {counted(entry['regrips'], 'regrasp')}, "
-                f"{covered_words(plan)} of the surface in sight, "
-                f"{entry['forecast_s']:.0f} s"
-            )
+    for one in _landings(checked):
+        print_line(f"pose {one.pose.index} ({one.pose.probability:.0%}): {one.words}")
     print_checked(checked.characteristics)
-    warn_of(recipe_path, checked)
-    if checked.problems:
-        print_line(f"{recipe_path}: not ready")
+    if checked.unseen_faces:
+        faces = ", ".join(f"F{face}" for face in checked.unseen_faces)
+        print_line(
+            f"hardly comes in sight in any plan: {faces}. To pass parts whose {faces} nobody has "
+            "compared, add to the recipe:"
+        )
+        print_line("inspection:\n  not_inspected:")
+        for face, reason in checked.unseen_faces.items():
+            print_line(f"    F{face}: {json.dumps(reason[:MAX_REASON], ensure_ascii=False)}")
+    for problem in problems:
+        warn(f"{recipe_path}: {problem}")
+    served = f"{checked.served_fraction:.0%} of landings"
+    if problems:
+        print_line(f"{recipe_path}: not ready ({served} served)")
     else:
-        print_line(f"{recipe_path}: ready (how much can be compared shows in the pictures)")
+        print_line(
+            f"{recipe_path}: ready for {served} (how much can be compared shows in the pictures)"
+        )
 
 
 def warn_of(recipe_path: Path, checked: Checked) -> None:

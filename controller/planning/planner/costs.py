@@ -190,7 +190,7 @@ def make_edge_costs(
     squared : ids of faces that need not be shown squarely again
     avoid : ids of grasps not to use
     """
-    usable = np.array([g.id not in avoid for g in part.arm_grasps])
+    usable = np.array([g.id not in avoid for g in part.arm_grasps], dtype=bool)
     views = tuple(np.array(sorted(v), dtype=np.int64) for v in part.view_q)
     faces, squares = _squares(part, views)
     shows = tuple(
@@ -214,7 +214,7 @@ def make_edge_costs(
         last_s=np.array(
             [FINISH_S + UNSTEADY_S * (not stands_steadily(part, g)) for g in part.arm_grasps]
         ),
-        seen=np.concatenate([seen, [int(f) in squared for f in faces]]),
+        seen=np.concatenate([seen, np.isin(faces, list(squared))]),
     )
     return EdgeCosts(problem, views, faces, sites, site_s)
 

@@ -1,7 +1,14 @@
 """What files alone can show: whether a recipe can be run in a cell, what the cell can verify."""
 
 from .characteristics import CheckedCharacteristic, check_characteristics
-from .checking import Checked, CheckedPose, check_job, check_plans, check_sizes
+from .checking import (
+    Checked,
+    CheckedPose,
+    check_every_pose,
+    check_job,
+    check_plans,
+    check_sizes,
+)
 from .defects import check_defects
 
 __all__ = [
@@ -10,6 +17,7 @@ __all__ = [
     "CheckedPose",
     "check_characteristics",
     "check_defects",
+    "check_every_pose",
     "check_job",
     "check_plans",
     "check_sizes",

@@ -5,12 +5,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from controller.cad import Solid, StablePose, load_solid
-from controller.cad.compiled import UNITLESS, CompileOptions, cached_part, load_part
+from controller.cad.compiled import (
+    UNITLESS,
+    CompiledPart,
+    CompileOptions,
+    cached_part,
+    load_part,
+)
 from controller.config import (
     Cell,
     ConfigError,
@@ -20,7 +26,9 @@ from controller.config import (
     load_recipe,
     split_cad,
 )
+from controller.planning import Plan
 from controller.setup.drivers import require_drivers, require_force
+from controller.setup.faces import faces_left_out
 from controller.setup.planner import PlannerSetup
 
 from ...plans import Certified, PlanCache
@@ -30,14 +38,24 @@ from .defects import check_defects
 
 # A stable pose less probable than this is no reason to refuse a recipe.
 LIKELY = 0.03
+# Share of a face in sight up to which `check` foretells that it can hardly be compared.
+HARDLY = 0.1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CheckedPose:
-    """A likely stable pose, with its plan or the reason why there is none."""
+    """A stable pose, with its plan or the reason why there is none.
+
+    Attributes
+    ----------
+    remarks : what else is known of it, in words: it rolls, it is barely stable
+    is_served : whether its plan shows as much as the recipe requires
+    """
 
     pose: StablePose
     certified: Certified
+    remarks: tuple[str, ...] = ()
+    is_served: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,14 +64,30 @@ class Checked:
 
     Attributes
     ----------
+    poses : those planned ahead
     problems : one sentence for each reason why it cannot; empty if it can
     characteristics : what is measured of the part, and how well this cell can
+    met_later : stable poses that are planned when a part comes to lie so
+    unseen_faces : faces that come next to not in sight in any plan, by id, with the reason; those
+        that the recipe leaves out are not among them
     """
 
     setup: PlannerSetup
     poses: tuple[CheckedPose, ...]
     problems: tuple[str, ...]
     characteristics: tuple[CheckedCharacteristic, ...] = ()
+    met_later: tuple[StablePose, ...] = ()
+    unseen_faces: Mapping[int, str] = field(default_factory=dict)
+
+    @property
+    def served_fraction(self) -> float:
+        """Share of landings, by the poses' quasi-static probabilities, that have a good plan."""
+        return sum(one.pose.probability for one in self.poses if one.is_served)
+
+    @property
+    def serves_most(self) -> bool:
+        """Whether more landings have a plan that will do than have none."""
+        return self.served_fraction > 0.5
 
 
 def check_sizes(recipe_path: Path, recipe: Recipe, cell: Cell) -> None:
@@ -99,27 +133,48 @@ def _solid(path: Path, options: CompileOptions) -> Solid:
 
 
 def check_job(job: Job) -> Checked:
-    """Check files, CAD and a plan for every likely stable pose; return plans and problems.
+    """Check files, CAD and a plan for every likely, steady pose; return plans and problems.
 
     Raises
     ------
     ConfigError, CadError : a file is wrong
     """
+    _check_files(job)
+    return check_plans(job)
+
+
+def _check_files(job: Job) -> None:
     cell = load_cell(job.cell_path)
     require_drivers(job.cell_path, cell)
     recipe = load_recipe(job.recipe_path)
     check_sizes(job.recipe_path, recipe, cell)
     require_force(job.recipe_path, recipe.grasp.force_n, cell)
-    return check_plans(job)
 
 
-def check_plans(job: Job, progress: Callable[[str], None] | None = None) -> Checked:
+def check_every_pose(job: Job) -> Checked:
+    """Return what `check_job` does, poses in which the part rolls or barely stands planned, too.
+
+    A run leaves these until a part lies so; who checks a recipe wants to know what they cost.
+
+    Raises
+    ------
+    ConfigError, CadError : a file is wrong
+    """
+    _check_files(job)
+    return check_plans(job, has_unsteady=True)
+
+
+def check_plans(
+    job: Job, progress: Callable[[str], None] | None = None, *, has_unsteady: bool = False
+) -> Checked:
     """Plan every likely stable pose, the files checked before; return plans and problems.
 
     Parameters
     ----------
     job : which recipe on which cell
     progress : called before each step with what it does
+    has_unsteady : plan likely poses in which the part rolls or barely stands as well; that one of
+        these has no plan is no problem of the recipe
 
     Raises
     ------
@@ -130,22 +185,62 @@ def check_plans(job: Job, progress: Callable[[str], None] | None = None) -> Chec
     wanted = c.recipe.inspection.min_coverage
     measured, too_tight = check_characteristics(job.recipe_path, c.recipe, c.cell, c.part)
     poses, problems = [], [*too_tight, *check_defects(c.recipe, c.cell)]
+    later: list[StablePose] = []
     for pose in c.poses:
-        if pose.rolling or pose.marginal or pose.probability < LIKELY:
+        is_steady = not (pose.rolling or pose.marginal)
+        if pose.probability < LIKELY or not (is_steady or has_unsteady):
+            later.append(pose)
             continue
         if progress is not None:
             progress(f"planning from pose {pose.index} ({pose.probability:.0%})")
         certified = planning.certified(pose)
-        poses.append(CheckedPose(pose, certified))
         plan, where = certified.certificate.plan, f"in stable pose {pose.index}"
+        is_served = plan is not None and plan.covered_fraction >= wanted
+        poses.append(CheckedPose(pose, certified, _remarks(pose, c.part), is_served))
+        if not is_steady:
+            continue
         if plan is None:
             problems.append(f"{where} ({pose.probability:.0%}): {certified.certificate.reason}")
-        elif plan.covered_fraction < wanted:
+        elif not is_served:
             problems.append(
                 f"{where}: {plan.covered_fraction:.1%} of the surface comes in sight, but the "
                 f"recipe requires {wanted:.1%} to be compared (`min_coverage`); require less, or "
                 "see in `cellctl plan --recipe` what hides the rest"
             )
+    if not any(not (one.pose.rolling or one.pose.marginal) for one in poses):
+        problems.append(_restless(c.poses, c.part))
+    plans = [one.certified.certificate.plan for one in poses]
+    hidden = _unseen_by_all([plan for plan in plans if plan is not None], c.part.solid)
+    for face in faces_left_out(job.recipe_path, c.recipe, c.part.solid.faces):
+        hidden.pop(face, None)
+    return Checked(c.setup, tuple(poses), tuple(problems), measured, tuple(later), hidden)
+
+
+def _restless(poses: Sequence[StablePose], part: CompiledPart) -> str:
+    """Return the sentence on a part that rests nowhere, with what its likeliest pose does."""
+    where = "the part has no stable pose in which it is likely to rest"
     if not poses:
-        problems.append("the part has no stable pose in which it is likely to rest")
-    return Checked(c.setup, tuple(poses), tuple(problems), measured)
+        return where
+    does = "; ".join(_remarks(poses[0], part)) or "it is rare"
+    return f"{where}: in pose {poses[0].index} ({poses[0].probability:.0%}) {does}"
+
+
+def _remarks(pose: StablePose, part: CompiledPart) -> tuple[str, ...]:
+    return (*(["barely stable"] if pose.marginal else []), *part.remarks(pose))
+
+
+def _unseen_by_all(plans: Sequence[Plan], solid: Solid) -> dict[int, str]:
+    """Return the faces of which no plan shows more than `HARDLY`, with why the largest piece."""
+    total_mm2 = sum(face.area_mm2 for face in solid.faces)
+    found: list[dict[int, str]] = []
+    for plan in plans:
+        unseen: dict[int, float] = {}
+        reasons: dict[int, str] = {}
+        for piece in sorted(plan.unseen, key=lambda piece: -piece.area_fraction):
+            unseen[piece.face_id] = unseen.get(piece.face_id, 0.0) + piece.area_fraction
+            reasons.setdefault(piece.face_id, piece.reason)
+        shares = {face: solid.faces[face].area_mm2 / total_mm2 for face in unseen}
+        hidden = [f for f, lost in unseen.items() if lost >= (1 - HARDLY) * shares[f]]
+        found.append({face: reasons[face] for face in hidden})
+    always = set.intersection(*map(set, found)) if found else set()
+    return {face: found[0][face] for face in sorted(always)}
