@@ -71,12 +71,14 @@ class SharedTime:
             raise
 
     def close(self) -> None:
-        """Unmap it; a second call does nothing."""
+        """Unmap it; a second call does nothing. Whoever still asks it gets what it said last."""
         if self._fd < 0:
             return
         if hasattr(self, "_words"):
+            last = bytearray(self._words)
             self._words.release()
             self._map.close()
+            self._words = memoryview(last).cast("q")
         os.close(self._fd)
         self._fd = -1
 

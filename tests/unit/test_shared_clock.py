@@ -343,3 +343,13 @@ def test_an_emulator_takes_away_what_a_killed_one_has_left(
     assert alive.path.exists()
     alive.close()
     mine.close()
+
+
+def test_whoever_asks_a_closed_clock_gets_what_it_said_last(world: SharedClock) -> None:
+    """A run's status may be asked for while the run lets go of its cell."""
+    clock = CellClock.of_emulator(world.path)
+    before_s = clock.now_s()
+    clock.close()
+    assert clock.now_s() == before_s
+    assert clock.speed > 0
+    clock.close()
