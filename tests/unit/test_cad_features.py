@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from cad_solids import Body, box, prism, rod, solid_of
 from data_files import part_file
-from manifold3d import CrossSection
+from manifold3d import CrossSection, JoinType
 
 from controller.cad import Solid, load_solid
 from controller.cad.boundary import check_boundary, euler_defect, face_genera
@@ -164,6 +166,83 @@ def test_a_groove_that_stops_short_of_an_end_does_not_run_through() -> None:
     # 6 wide, from the face at x = 30 to x = -10, where a half-round of radius 3 ends it
     tool = box(40, 6, 8).translate((10, 5, 10)) + rod(3, 8, 48).translate((-10, 5, 10))
     assert not any(f.is_through for f in features(box(60, 40, 20) - tool))
+
+
+def test_a_rectangular_opening_is_one_feature_and_no_slot() -> None:
+    opening = only(box(60, 40, 20) - box(16, 12, 30).translate((5, -3, 0)), "opening")
+    assert opening.is_through
+    assert len(opening.faces) == 4
+    assert (opening.width_mm, opening.length_mm) == pytest.approx((12, 16))
+    assert opening.depth_mm == pytest.approx(20)
+    assert abs(opening.axis[2]) == pytest.approx(1)
+    assert opening.position_mm == pytest.approx([5, -3, -10 * opening.axis[2]])
+    assert opening.label == "opening 12.0 x 16.0 mm, 20.0 mm deep, through"
+    assert opening.ends == ()
+
+
+def test_a_pocket_is_one_feature_with_its_floor() -> None:
+    pocket = only(box(60, 40, 20) - box(16, 12, 20).translate((5, -3, 14)), "pocket")
+    assert not pocket.is_through
+    assert (pocket.width_mm, pocket.length_mm, pocket.depth_mm) == pytest.approx((12, 16, 6))
+    assert pocket.axis == pytest.approx([0, 0, -1])
+    assert pocket.position_mm == pytest.approx([5, -3, 10])
+    assert len(pocket.faces) == 5
+    assert len(pocket.ends) == 1
+
+
+def test_rounded_corners_belong_to_their_opening_and_are_fillets_as_well() -> None:
+    window = CrossSection.square((14, 10), True).offset(3, JoinType.Round, 2.0, 64)
+    found = features(box(60, 40, 12) - window.extrude(30).translate((0, 0, -15)))
+    assert [f.kind for f in found] == ["opening"] + 4 * ["fillet"]
+    opening = found[0]
+    assert (opening.width_mm, opening.length_mm) == pytest.approx((16, 20))
+    assert all(set(f.faces) < set(opening.faces) for f in found[1:])
+
+
+@pytest.mark.parametrize("corner_count", [3, 5, 6, 8])
+def test_a_socket_of_any_number_of_walls_is_a_pocket(corner_count: int) -> None:
+    turns = 2 * np.pi * np.arange(corner_count) / corner_count
+    outline = CrossSection([list(zip(8 * np.cos(turns), 8 * np.sin(turns), strict=True))])
+    pocket = only(box(40, 40, 20) - outline.extrude(20).translate((0, 0, 3)), "pocket")
+    assert len(pocket.faces) == corner_count + 1
+    assert pocket.depth_mm == pytest.approx(7)
+    if corner_count % 2 == 0:  # across flats
+        assert pocket.width_mm == pytest.approx(16 * np.cos(np.pi / corner_count))
+        assert len(pocket.across) == corner_count // 2
+
+
+def test_a_pocket_with_a_round_at_its_foot_is_no_opening() -> None:
+    # each layer of the foot is narrower by its height on a round of radius 3
+    turns = np.linspace(0, np.pi / 2, 13)
+    body = box(60, 40, 20) - box(30, 20, 20).translate((0, 0, 11))
+    for low, high in pairwise(turns):
+        rings = [(3 * (1 - np.sin(a)), 3 * np.cos(a)) for a in (low, high)]
+        body -= Body.hull_points(
+            [
+                (sx * (15 - inset), sy * (10 - inset), 1 + (3 - down))
+                for inset, down in rings
+                for sx in (-1, 1)
+                for sy in (-1, 1)
+            ]
+        )
+    kinds = [f.kind for f in features(body)]
+    assert "opening" not in kinds
+
+
+def test_a_closed_hollow_is_neither_pocket_nor_opening() -> None:
+    assert features(box(60, 40, 20) - box(16, 12, 8)) == []
+
+
+def test_keyways_are_told_from_slots_by_the_round_surface_they_open_into() -> None:
+    bored = rod(20, 24, 192) - rod(10, 40, 128) - box(6, 10, 40).translate((0, -8.5, 0))
+    keyway = next(f for f in features(bored) if f.kind == "keyway")
+    assert (keyway.width_mm, keyway.length_mm) == pytest.approx((6, 24))
+    assert keyway.label == "keyway 6.0 x 24.0 mm, 4.0 mm deep, through"
+    key = Body.hull(rod(3, 10, 64).translate((-8, 0, 0)) + rod(3, 10, 64).translate((8, 0, 0)))
+    shaft = rod(12, 50, 128) - key.rotate((0, 90, 0)).translate((14, 0, 0))
+    keyway = only(shaft, "keyway")
+    assert (keyway.width_mm, keyway.length_mm) == pytest.approx((6, 22), abs=1e-3)
+    assert not keyway.is_through
 
 
 def test_a_step_is_no_slot_and_a_rib_is_none() -> None:

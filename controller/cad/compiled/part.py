@@ -100,7 +100,7 @@ class CompiledPart:
     look_alikes : pairs of poses that look the same from above
     samples : points on its surfaces, by which coverage is counted; views are chosen by others
     smallest_defect_mm : that samples were drawn for; a large part's may miss it
-    features : holes, slots, bosses, chamfers, fillets
+    features : holes, slots, keyways, pockets, openings, bosses, chamfers, fillets
     tolerances : what a drawing demands, where the file holds it as meaning
     warnings : what of the file could not be read, and what of the part was not worked out, in
         sentences

@@ -1,6 +1,7 @@
 """Slots: long holes with round ends, and grooves between two facing walls."""
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -17,8 +18,9 @@ SAME_MM = 0.01  # radii and places of both ends agree so well
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Slot:
-    """A slot, with sizes as in `Feature`."""
+    """A slot, a keyway, a pocket or an opening, with sizes as in `Feature`."""
 
+    kind: Literal["slot", "keyway", "pocket", "opening"]
     faces: tuple[int, ...]
     width_mm: float
     length_mm: float
@@ -26,23 +28,25 @@ class Slot:
     inward: FloatArray
     position_mm: FloatArray
     is_through: bool
+    across: tuple[tuple[int, int], ...]
+    ends: tuple[int, ...]
 
 
-def slots(solid: Solid, walls: dict[int, Wall]) -> list[Slot]:
-    """Return the slots of a part, with round ends and with flat floors."""
-    sides = half_edges_by_face(solid)
-    found = _round_ended(solid, walls, sides)
-    taken = {face for slot in found for face in slot.faces}
-    return found + _grooves(solid, sides, taken)
-
-
-def _points(solid: Solid, face: int) -> FloatArray:
+def points_of(solid: Solid, face: int) -> FloatArray:
+    """Return the corners of a face's triangles (n, 3)."""
     mine = np.asarray(solid.mesh.triangles, dtype=np.float64)[solid.face_of_triangle == face]
     return np.asarray(mine.reshape(-1, 3))
 
 
-def _round_ended(solid: Solid, walls: dict[int, Wall], sides: list[list[int]]) -> list[Slot]:
-    b = solid.boundary
+def round_ended(solid: Solid, walls: dict[int, Wall]) -> list[Slot]:
+    """Return the slots with round ends.
+
+    Parameters
+    ----------
+    solid : the part
+    walls : surfaces that close round their axis, by face
+    """
+    b, sides = solid.boundary, half_edges_by_face(solid)
     beside: dict[tuple[int, ...], list[Face]] = {}
     for face in solid.faces:
         if face.kind != "cylinder" or not face.concave or face.id in walls:
@@ -62,7 +66,7 @@ def _round_ended(solid: Solid, walls: dict[int, Wall], sides: list[list[int]]) -
         across = ends[1].centre_mm - ends[0].centre_mm
         across = across - (across @ axis) * axis
         members = (*planes, ends[0].id, ends[1].id)
-        heights = np.concatenate([_points(solid, i) for i in members]) @ axis
+        heights = np.concatenate([points_of(solid, i) for i in members]) @ axis
         level = ends[0].centre_mm - (ends[0].centre_mm @ axis) * axis + across / 2
         lower_bounds = _floors(solid, sides, members, axis)
         low, high = float(heights.min()), float(heights.max())
@@ -75,13 +79,16 @@ def _round_ended(solid: Solid, walls: dict[int, Wall], sides: list[list[int]]) -
         from_low = floor_high
         found.append(
             Slot(
-                tuple(sorted((*members, *lower_bounds))),
-                2 * ends[0].radius_mm,
-                float(np.linalg.norm(across)) + 2 * ends[0].radius_mm,
-                high - low,
-                axis if from_low else -axis,
-                level + axis * (low if from_low else high),
-                not (floor_low or floor_high),
+                kind=_kind(solid, sides, planes, across),
+                faces=tuple(sorted((*members, *lower_bounds))),
+                width_mm=2 * ends[0].radius_mm,
+                length_mm=float(np.linalg.norm(across)) + 2 * ends[0].radius_mm,
+                depth_mm=high - low,
+                inward=axis if from_low else -axis,
+                position_mm=level + axis * (low if from_low else high),
+                is_through=not (floor_low or floor_high),
+                across=((planes[0], planes[1]),),
+                ends=tuple(lower_bounds) if floor_low or floor_high else (),
             )
         )
     return found
@@ -100,9 +107,33 @@ def _floors(
     return sorted(lower_bounds)
 
 
-def _grooves(solid: Solid, sides: list[list[int]], taken: set[int]) -> list[Slot]:
-    """Return floors between two walls that face each other, with no wall at their ends."""
+def _kind(
+    solid: Solid, sides: list[list[int]], walls: tuple[int, ...], along: FloatArray
+) -> Literal["slot", "keyway"]:
+    """Return what a slot is: a keyway where both its walls open along it into a round surface."""
     b = solid.boundary
+    along = along / max(float(np.linalg.norm(along)), 1e-9)
+    for wall in walls:
+        mouths = []
+        for h in sides[wall]:
+            if b.crease[h // 2] == Crease.CONVEX and b.curve[h // 2] == Curve.LINE:
+                way = b.vertices_mm[b.origin[h ^ 1]] - b.vertices_mm[b.origin[h]]
+                if abs(float(way @ along)) > PARALLEL * float(np.linalg.norm(way)):
+                    mouths.append(solid.faces[b.face[h ^ 1]].kind)
+        if not mouths or any(kind != "cylinder" for kind in mouths):
+            return "slot"
+    return "keyway"
+
+
+def grooves(solid: Solid, taken: set[int]) -> list[Slot]:
+    """Return floors between two walls that face each other, with no wall at their ends.
+
+    Parameters
+    ----------
+    solid : the part
+    taken : faces that are part of other slots, of pockets and of openings
+    """
+    b, sides = solid.boundary, half_edges_by_face(solid)
     found = []
     for floor in solid.faces:
         if floor.kind != "plane" or floor.id in taken:
@@ -120,20 +151,23 @@ def _grooves(solid: Solid, sides: list[list[int]], taken: set[int]) -> list[Slot
         if one.normal @ other.normal > -PARALLEL or width <= SAME_MM or not square:
             continue
         along = np.cross(floor.normal, one.normal)
-        reach = _points(solid, floor.id) @ along
+        reach = points_of(solid, floor.id) @ along
         base = float(floor.centre_mm @ floor.normal)
-        tops = [float((_points(solid, i) @ floor.normal).max()) - base for i in walls]
+        tops = [float((points_of(solid, i) @ floor.normal).max()) - base for i in walls]
         depth = min(tops)
         if depth <= SAME_MM:
             continue
         found.append(
             Slot(
-                tuple(sorted((floor.id, *walls))),
-                width,
-                float(np.ptp(reach)),
-                depth,
-                -floor.normal,
-                floor.centre_mm + depth * floor.normal,
+                kind=_kind(solid, sides, (one.id, other.id), along),
+                faces=tuple(sorted((floor.id, *walls))),
+                width_mm=width,
+                length_mm=float(np.ptp(reach)),
+                depth_mm=depth,
+                inward=-floor.normal,
+                position_mm=floor.centre_mm + depth * floor.normal,
+                across=((one.id, other.id),),
+                ends=(floor.id,),
                 is_through=_open_at_both_ends(solid, sides[floor.id], along, reach),
             )
         )

@@ -1,11 +1,11 @@
-"""Features people dimension: holes, slots, bosses, chamfers, fillets, from surfaces and edges.
+"""Features people dimension: holes, slots, pockets, bosses, fillets, from surfaces and edges.
 
 A hole is walls on one axis that face it, with their ledges, countersinks and bottom; everything
 here follows from the kinds of the faces and from how they meet (cell-facts.md 4).
 """
 
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -14,10 +14,11 @@ from controller.arrays import FloatArray
 from ..boundary import Crease, Face
 from ..solid import Solid
 from ._bands import Band, chamfers, fillets
-from ._slots import Slot, slots
+from ._recesses import recesses
+from ._slots import Slot, grooves, round_ended
 from ._walls import End, Wall, ends_of, find_walls, stacks
 
-FeatureKind = Literal["hole", "slot", "boss", "chamfer", "fillet"]
+FeatureKind = Literal["hole", "slot", "keyway", "pocket", "opening", "boss", "chamfer", "fillet"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,13 +43,15 @@ class Feature:
     diameter_mm : of a hole's narrowest cylinder, of a boss, of the round of a fillet, of a
         chamfer round an axis where it is widest; else 0
     depth_mm : of a hole or a slot from its mouth to its bottom, tip included, or to its other
-        mouth; height of a boss; else 0
-    width_mm : of a slot between its walls, of a chamfer across its face; else 0
+        mouth; height of a boss; else 0; slots stand for keyways, pockets and openings, too
+    width_mm : of a slot between its nearest walls, of a chamfer across its face; else 0
     length_mm : of a slot from end to end, of a chamfer or a fillet along its edge; else 0
     axis : (3,) into the material of a hole or a slot, out of it for a boss, along a fillet or a
         chamfer
     position_mm : (3,) middle of the mouth, of the free end of a boss, of a chamfer or a fillet
     is_through : of holes and slots open at both ends; of a groove, that it runs through
+    across : of a slot: pairs of planes that face each other, the nearest first
+    ends : planes that its depth or its height leads to: floors, the free end of a boss
     is_concave : of fillets: in an inner corner, not round an outer one
     steps : walls of a hole or a boss from the mouth or the free end on
     """
@@ -64,6 +67,8 @@ class Feature:
     is_through: bool = False
     is_concave: bool = False
     steps: tuple[FeatureWall, ...] = field(default=())
+    across: tuple[tuple[int, int], ...] = ()
+    ends: tuple[int, ...] = ()
 
     @property
     def label(self) -> str:
@@ -73,10 +78,10 @@ class Feature:
                 depth = "through" if self.is_through else f"{self.depth_mm:.1f} mm deep"
                 stepped = len([s for s in self.steps if s.kind == "cylinder"]) > 1
                 return f"{'stepped hole' if stepped else 'hole'} {self.diameter_mm:.1f} mm {depth}"
-            case "slot":
+            case "slot" | "keyway" | "pocket" | "opening":
                 # a groove that runs through has a floor all the same
                 depth = f"{self.depth_mm:.1f} mm deep{', through' if self.is_through else ''}"
-                return f"slot {self.width_mm:.1f} x {self.length_mm:.1f} mm, {depth}"
+                return f"{self.kind} {self.width_mm:.1f} x {self.length_mm:.1f} mm, {depth}"
             case "boss":
                 return f"boss {self.diameter_mm:.1f} mm, {self.depth_mm:.1f} mm high"
             case "chamfer":
@@ -92,13 +97,19 @@ def find_features(solid: Solid) -> tuple[Feature, ...]:
     """
     walls = find_walls(solid)
     found = [f for stack in stacks(solid, walls, concave=True) if (f := _hole(solid, stack))]
-    found += [_slot(slot) for slot in slots(solid, walls)]
+    long = round_ended(solid, walls)
+    long += recesses(solid, set(walls) | _faces_of(long))
+    found += [_slot(slot) for slot in long + grooves(solid, _faces_of(long))]
     found += [f for stack in stacks(solid, walls, concave=False) if (f := _boss(solid, stack))]
     found += [_band("chamfer", band) for band in chamfers(solid, walls)]
-    slotted = {face for feature in found if feature.kind == "slot" for face in feature.faces}
+    slotted = {face for f in found if f.kind in ("slot", "keyway") for face in f.faces}
     found += [_band("fillet", b) for b in fillets(solid, walls) if b.face.id not in slotted]
-    rank = {"hole": 0, "slot": 1, "boss": 2, "chamfer": 3, "fillet": 4}
-    return tuple(sorted(found, key=lambda f: (rank[f.kind], min(f.faces), f.faces)))
+    kinds = get_args(FeatureKind)
+    return tuple(sorted(found, key=lambda f: (kinds.index(f.kind), min(f.faces), f.faces)))
+
+
+def _faces_of(slots: list[Slot]) -> set[int]:
+    return {face for slot in slots for face in slot.faces}
 
 
 def _axis(stack: list[Wall]) -> FloatArray:
@@ -130,6 +141,7 @@ def _hole(solid: Solid, stack: list[Wall]) -> Feature | None:
         position_mm=mouth.point_mm,
         is_through=low.is_open and high.is_open,
         steps=steps,
+        ends=() if bottom.is_open else _planes(solid, bottom),
     )
 
 
@@ -162,7 +174,13 @@ def _boss(solid: Solid, stack: list[Wall]) -> Feature | None:
         axis=outward,
         position_mm=free.point_mm,
         steps=steps,
+        ends=_planes(solid, free),
     )
+
+
+def _planes(solid: Solid, end: End) -> tuple[int, ...]:
+    beyond = end.beyond
+    return () if beyond is None or solid.faces[beyond].kind != "plane" else (beyond,)
 
 
 def _is_free(solid: Solid, stack: list[Wall], end: End) -> bool:
@@ -206,7 +224,7 @@ def _diameter(steps: tuple[FeatureWall, ...]) -> float:
 
 def _slot(slot: Slot) -> Feature:
     return Feature(
-        kind="slot",
+        kind=slot.kind,
         faces=slot.faces,
         diameter_mm=0.0,
         depth_mm=slot.depth_mm,
@@ -215,6 +233,8 @@ def _slot(slot: Slot) -> Feature:
         axis=slot.inward,
         position_mm=slot.position_mm,
         is_through=slot.is_through,
+        across=slot.across,
+        ends=slot.ends,
     )
 
 

@@ -49,7 +49,7 @@ def rounds(walls: Sequence[RoundWall], features: Sequence[Feature]) -> list[Roun
     walls : round walls of a part
     features : of the same part; a slot's ends belong to its width
     """
-    slotted = {i for f in features if f.kind == "slot" for i in f.faces}
+    slotted = {i for f in features if f.kind in ("slot", "keyway") for i in f.faces}
     found = []
     for wall in walls:
         arcs = tuple(r for r in wall.rims if MIN_ARC_RAD <= r.sweep_rad <= MIN_DIAMETER_RAD)
@@ -70,7 +70,7 @@ def round_slots(walls: Sequence[RoundWall], features: Sequence[Feature]) -> list
     """
     found = []
     for feature in features:
-        if feature.kind != "slot":
+        if feature.kind not in ("slot", "keyway"):
             continue
         ends = [wall for wall in walls if wall.is_hole and set(wall.faces) <= set(feature.faces)]
         if len(ends) != 2 or not all(end.rims for end in ends):
