@@ -88,6 +88,7 @@ class Bench:
         self.signal = Signal.OK
         io: Any = ANY(signal=lambda name: self.signal)
         self.gate = Gate(Permits(self.journal), clock, self.approval())
+        self.gate.reach(SafePoint.PARKED, ends_step=True)
 
         async def admit(path: object) -> None: ...
 

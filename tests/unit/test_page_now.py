@@ -9,7 +9,8 @@ import logging
 import os
 import socket
 import threading
-from collections.abc import AsyncIterator
+import time
+from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,7 @@ from controller.config import load_cell
 from controller.page import serving
 from controller.page.now.fold import Arm, HeldPart, RunFold
 from controller.page.now.fold import Path as ArmPath
+from controller.page.now.left import left_in_grippers
 from controller.page.now.live import APART, Live, TooManyWatchersError, light_of
 from controller.page.now.scene import CellScene
 from controller.page.security import Account, Role, Site
@@ -442,6 +444,81 @@ async def test_a_run_that_is_being_prepared_is_named_until_it_has_a_row_and_is_a
             assert "nobody listens there yet" in live.now()["silent"]
     poller.cancel()
     await asyncio.gather(poller, return_exceptions=True)
+
+
+async def until(live: Live, is_so: Callable[[], bool]) -> None:
+    """Read what the page sends until something is so."""
+    async with asyncio.timeout(30):
+        async for _ in live.watch():
+            if is_so():
+                return
+
+
+def arm_of(live: Live) -> tuple[str, tuple[float, ...] | None]:
+    return ("", None) if live.fold is None else (live.fold.run, live.fold.arm.q)
+
+
+async def test_a_part_left_in_a_gripper_is_one_state_with_its_evidence_even_in_the_next_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found: list[StatusReply | None] = [None]
+
+    def status(_: RunningCell) -> StatusReply:
+        if found[0] is None:
+            raise NoRunError("no run")
+        return found[0]
+
+    monkeypatch.setattr(RunningCell, "status", status)
+    writer = journal(tmp_path)
+    writer.write(rows.StoodFree(q=HERE), 1)
+    writer.write(rows.CustodyChanged(name=Custody.IN_ARM.key, detail="jaws at 12 mm"), 1)
+    writer.close()  # killed here
+    live = Live(tmp_path)
+    poller = asyncio.create_task(live.run())
+    try:
+        await until(live, lambda: live.now()["unfinished"] is not None)
+        now = live.now()
+        assert now["light"] == "fault"
+        assert now["unfinished"]["custody"] == "in the arm gripper"
+        (why,) = now["unfinished"]["evidence"]
+        assert "jaws at 12 mm" in why
+        # the next run asks what to do: nothing of its own says where arm and part are
+        journal(tmp_path, "20261124-090000-001-holder").close()
+        found[0] = StatusReply.model_validate({**STATUS, "state": "stopped"})
+        live.refresh()
+        await until(live, lambda: arm_of(live) == ("20261124-090000-001-holder", HERE))
+        assert live.now()["unfinished"]["custody"] == "in the arm gripper"
+        assert live.fold is not None
+        assert live.fold.part.custody is Custody.IN_ARM
+        found[0] = StatusReply.model_validate({**STATUS, "state": "execute_recovering"})
+        live.refresh()
+        await until(live, lambda: live.now()["unfinished"] is None)
+    finally:
+        poller.cancel()
+        await asyncio.gather(poller, return_exceptions=True)
+
+
+async def test_a_cell_that_ended_with_its_run_leaves_no_part(tmp_path: Path) -> None:
+    writer = journal(tmp_path, with_cell=False)
+    writer.close()
+    began = rows.RunBegan(emulated_devices=("arm", "gripper"), emulator={"pid": 7})
+    writer = journal(tmp_path, with_cell=False)
+    writer.write(rows.CustodyChanged(name=Custody.IN_ARM.key), 1)
+    writer.close()
+    assert left_in_grippers(tmp_path / JOURNAL_NAME, began) == ()
+
+
+def test_a_status_that_is_not_fresh_is_not_shown(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    live = Live(tmp_path)
+    live._status, live._has_run = StatusReply.model_validate(STATUS), True
+    assert live.now()["light"] == "working"
+    live._asked_s = 100.0
+    monkeypatch.setattr(time, "monotonic", lambda: 104.0)
+    now = live.now()
+    assert (now["light"], now["status"]) == ("attention", None)
+    assert "no answer" in now["silent"]
 
 
 async def test_a_browser_that_reads_nothing_costs_one_message_of_each_kind(tmp_path: Path) -> None:

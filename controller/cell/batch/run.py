@@ -14,7 +14,7 @@ from controller.setup.layout import build_layout
 from drivers.clock import CellClock
 
 from ..compute import Compute, Job
-from ..custody import where_it_is
+from ..custody import Custody, custody_of, where_it_is
 from ..custody.known_journals import after_known, open_noted_journal
 from ..devices import Devices, resolve
 from ..devices.clocks import Speed
@@ -263,6 +263,8 @@ class _Run:
         barred = await _barred(self.order, self.journal, self.operator)
         if barred is not None:
             return barred
+        # until it is decided what becomes of it, the status has what the journals know
+        self.batch.record.part.custody = custody_of(self.found.known)
         held = await start(
             self.order,
             self.devices,
@@ -276,6 +278,7 @@ class _Run:
         )
         if isinstance(held, Outcome):
             return held
+        self.batch.record.part.custody = Custody.ON_TABLE
         if held is not None:
             folder = self.order.runs_dir / held.left.run
             self.batch.resumption.accept(held, folder, self._product_of(held.left))

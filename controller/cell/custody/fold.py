@@ -4,7 +4,7 @@ Custody belongs to the cell, not to the run. `fold_custody` reads it from the ro
 that a start knows what the run before left in a gripper, however that run ended.
 """
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from enum import StrEnum
@@ -195,6 +195,11 @@ def fold_custody(found: Iterable[Row], here: CellIdentity) -> tuple[Held, ...]:
 
 def _held(gripper: GripperName, custody: Custody, row: Row, detail: str) -> Held:
     return Held(gripper, custody, row.run, row.part, row.t_utc, detail)
+
+
+def custody_of(known: Sequence[Held]) -> Custody:
+    """Return where the part is by what the journals know of the grippers; NONE for nothing."""
+    return known[0].custody if known else Custody.NONE
 
 
 def where_it_is(custody: Custody, detail: str = "") -> str:

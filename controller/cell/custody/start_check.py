@@ -11,7 +11,7 @@ from typing import NoReturn
 
 from ..errors import CellError
 from ..journal import Journal, rows
-from .fold import Custody, GripperName, Held
+from .fold import Custody, GripperName, Held, custody_of
 from .openings import Occupancy, Opening
 
 Press = Callable[[], Awaitable[bool]]
@@ -90,7 +90,7 @@ def openings_row(openings: Sequence[Opening]) -> rows.Openings:
 
 def _custody_of(known: Sequence[Held], holding: Sequence[Opening]) -> Custody:
     if known:
-        return known[0].custody
+        return custody_of(known)
     grippers = {one.gripper for one in holding}
     if not grippers:
         return Custody.UNKNOWN

@@ -28,6 +28,7 @@ from controller.cell.control import (
     StatusReply,
     facts,
 )
+from controller.cell.custody import Held
 from controller.cell.devices.lock import Holder
 from controller.cell.journal import (
     JOURNAL_NAME,
@@ -38,6 +39,7 @@ from controller.cell.journal import (
 )
 
 from .fold import Arm, RunFold
+from .left import fold_of, left_in_grippers, unfinished
 from .scene import CellScene, Waypoints
 
 log = logging.getLogger(__name__)
@@ -45,6 +47,10 @@ log = logging.getLogger(__name__)
 POLL_WALL_S: Final = 0.1
 STATUS_WALL_S: Final = 0.5
 BEAT_WALL_S: Final = 5.0
+# A status is shown for so long while the cell is asked anew; an older one says nothing of now.
+FRESH_WALL_S: Final = 3.0
+# States in which a run has decided nothing yet about what an earlier one left in a gripper.
+UNDECIDED: Final = ("starting", "stopped")
 WATCHER_MAX_COUNT: Final = 40
 WATCHER_OF_ONE_MAX_COUNT: Final = 10  # so that one account cannot take the room of all
 NOW: Final = "now."
@@ -116,6 +122,9 @@ class Live:
         self._status: StatusReply | None = None
         self._why_no_status = ""
         self._holder: Holder | None = None
+        self._asked_s: float | None = None
+        self._left: tuple[Held, ...] = ()
+        self._left_mark: tuple[object, ...] = ()
         self._why_no_journal = ""
         self._has_run = False
         self._ask_again = asyncio.Event()
@@ -187,6 +196,7 @@ class Live:
         while True:
             self._ask_again.clear()
             self._holder = None
+            self._asked_s = time.monotonic()
             try:
                 self._status = await asyncio.to_thread(self._cell.status)
                 self._has_run, self._why_no_status = True, ""
@@ -199,11 +209,30 @@ class Live:
                 self._status, self._has_run, self._why_no_status = None, True, str(error)
             except OSError as error:
                 self._status, self._has_run, self._why_no_status = None, False, str(error)
+            self._asked_s = None
+            await self._find_left()
             self.publish()
             with suppress(TimeoutError):
                 async with asyncio.timeout(STATUS_WALL_S):
                     await self._ask_again.wait()
             await asyncio.sleep(POLL_WALL_S)
+
+    async def _find_left(self) -> None:
+        """Find what a run that is over left in a gripper; nothing while a run works."""
+        fold, status = self.fold, self._status
+        is_decided = status is not None and status.state not in UNDECIDED
+        if fold is None or fold.began is None or is_decided:
+            self._left, self._left_mark = (), ()
+            return
+        mark = (fold.run, fold.seq)
+        if mark == self._left_mark:
+            return
+        with suppress(JournalError, OSError):  # why it cannot be read is shown already
+            self._left = await asyncio.to_thread(left_in_grippers, self._journal, fold.began)
+            self._left_mark = mark
+            if self._left and self._left[0].run != fold.run and not fold.part.number:
+                before = await asyncio.to_thread(fold_of, self._journal, self._left[0].run)
+                fold.arm, fold.part = Arm(before.arm.q), before.part
 
     def look(self) -> bool:
         """Take new rows of the journal; return whether anything has changed."""
@@ -281,7 +310,10 @@ class Live:
 
     def _cell_facts(self) -> dict[str, Any]:
         """Return what is shown of the cell itself, as JSON."""
-        status = self._status
+        status, silent = self._status, self._why_no_status
+        if self._asked_s is not None and time.monotonic() - self._asked_s > FRESH_WALL_S:
+            status, silent = None, f"no answer for {FRESH_WALL_S:.0f} s"
+        left = unfinished(self._left)
         state = self.fold.state if self.fold is not None else ""
         if status is not None:
             state = status.state
@@ -289,10 +321,11 @@ class Live:
         return {
             "runs": self._has_run,
             "preparing": preparing,
-            "silent": "" if preparing else self._why_no_status,
+            "silent": "" if preparing else silent,
             "journal": self._why_no_journal,
             "state": state,
-            "light": "resting" if preparing else light_of(status, self._has_run, state),
+            "light": _light(status, self._has_run, state, preparing, left),
+            "unfinished": left,
             "status": None if status is None else _status(status),
             "started": self._started(),
         }
@@ -303,6 +336,19 @@ class Live:
         if holder is None or (self.fold is not None and self.fold.run == holder.run):
             return None
         return {"run": holder.run, "user": holder.user, "pid": holder.pid, "since": holder.since}
+
+
+def _light(
+    status: StatusReply | None,
+    has_run: bool,
+    state: str,
+    preparing: dict[str, Any] | None,
+    left: dict[str, Any] | None,
+) -> str:
+    has_question = status is not None and status.question is not None
+    if left is not None and not has_question:
+        return "fault"
+    return "resting" if preparing else light_of(status, has_run, state)
 
 
 def light_of(status: StatusReply | None, has_run: bool, state: str) -> str:

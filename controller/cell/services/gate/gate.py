@@ -83,8 +83,9 @@ class Gate:
         self._wanted: PauseKind | None = None
         self._is_closed = False
         self._halts_jaws = False
-        self._point: SafePoint | None = SafePoint.PARKED
-        self._ends_step = True
+        # nobody knows where the arm stands before it has moved
+        self._point: SafePoint | None = None
+        self._ends_step = False
         self._moving: Counter[Mover] = Counter()
         self._bound_s: float | None = None
         self._is_in_step = False

@@ -74,8 +74,8 @@ function show(now) {
     $("light").textContent = t(LIGHT_WORDS[light]);
   });
   const hasBrokenOff = Boolean(run && !run.end && !now.runs && !now.preparing);
-  onChange("state", [now.state, hasBrokenOff, Boolean(now.preparing)], () => {
-    let name = hasBrokenOff ? t("Broken off") : stateWords(now.state);
+  onChange("state", [now.state, hasBrokenOff, Boolean(now.preparing), Boolean(now.unfinished)], () => {
+    let name = now.unfinished ? t("Unfinished part") : hasBrokenOff ? t("Broken off") : stateWords(now.state);
     if (now.preparing) name = t("Being prepared");
     $("state-name").textContent = name;
     document.title = `${name} · cellctl`;
@@ -85,12 +85,13 @@ function show(now) {
     doing.push(t("Run {run} of {user} is being prepared: its recipes are checked and planned, then the cell is connected (process {pid}, since {time}).", { ...now.preparing, time: time(now.preparing.since) }));
   }
   if (now.silent) doing.push(t("The cell does not answer: {why}", { why: said(now.silent) }));
+  if (now.unfinished) doing.push(t("A part was left in a gripper: {evidence}. Nothing moves before somebody decides.", { evidence: now.unfinished.evidence.map(said).join("; ") }));
   if (now.journal) doing.push(t("The journal cannot be read: {why}", { why: said(now.journal) }));
   if (status) {
     if (status.label) doing.push(said(status.label));
     if (status.safe_point) doing.push(said(status.safe_point));
     if (status.message) doing.push(said(status.message));
-  } else if (!now.runs && run) {
+  } else if (!now.runs && run && (run.end || !now.unfinished)) {
     doing.push(run.end ? t("The last run ended: {end}. {message}", { end: said(run.end.end), message: said(run.end.message) }) : t("The last run broke off: `cellctl recover` says what the grippers may hold."));
   } else if (!run && !now.preparing) {
     doing.push(t("Start one here, or with `cellctl run`; it shows here by itself."));
@@ -101,7 +102,7 @@ function show(now) {
   });
   onChange("doing", doing, () => { $("doing").textContent = doing.join(" · "); });
   onChange("facts", factsOf(now), (found) => $("facts").replaceChildren(...entries(found)));
-  onChange("start", [now.runs, Boolean(status), now.started], () => showStart(now));
+  onChange("start", [now.runs, Boolean(status), now.started, now.unfinished], () => showStart(now));
   onChange("question", status && status.question, drawQuestion);
   onChange("acts", [status && [status.pause_seconds, status.pausing, status.first_motion, status.state], now.runs, isLost], drawActs);
   onChange("alarms", [status ? status.alarms : [], run ? run.alarms : []], drawAlarms);
@@ -112,7 +113,7 @@ function show(now) {
   onChange("people", run ? run.acts : [], drawPeople);
 }
 
-function factsOf({ status, run }) {
+function factsOf({ status, run, unfinished }) {
   const found = [];
   if (!run) return found;
   found.push([t("Recipe"), run.at_hand.recipe || t("not recognised yet")]);
@@ -120,7 +121,7 @@ function factsOf({ status, run }) {
   if (run.at_hand.serial) found.push([t("Serial number"), run.at_hand.serial]);
   if (run.lot) found.push([t("Lot"), run.lot]);
   if (run.operator) found.push([t("Operator"), run.operator]);
-  found.push([t("Custody"), t(status ? status.custody : run.custody)]);
+  found.push([t("Custody"), t(unfinished ? unfinished.custody : status ? status.custody : run.custody)]);
   if (status && status.step_count) found.push([t("Step"), t("{k} of {n}", { k: status.step, n: status.step_count })]);
   if (status && status.seconds_left !== null) found.push([t("Left, about"), `${number(status.seconds_left)} s`]);
   if (run.verdict) found.push([t("Verdict"), t(VERDICT_WORDS[run.verdict.verdict] || run.verdict.verdict)]);

@@ -47,6 +47,9 @@ function devices() {
     ? t("Emulated: {devices}", { devices: emulated.map((name) => said(name)).join(", ") }) : t("All devices are real: metal moves.");
 }
 
+// What the last run was of; the form begins with it.
+let lastRun = null;
+
 async function load() {
   choices = await get("/now/choices");
   if (!choices.recipes) return;
@@ -54,18 +57,25 @@ async function load() {
   $("start-cell").replaceChildren(option("", t("that of the recipe")),
     ...choices.cells.map((one) => option(one.key, one.problem ? `${one.key}: ${t("cannot be used")}` : one.key, !one.problem)));
   row();
+  const again = lastRun && choices.recipes.find((one) => one.name === lastRun.recipe && !one.problem);
+  if (!again) return;
+  const recipe = document.querySelector("#start-recipes select.recipe");
+  recipe.value = again.key;
+  recipe.dispatchEvent(new Event("change"));
 }
 
 // Shows the form while nobody has the cell, and what a run that was started here has printed.
 export function showStart(now) {
   const box = $("start-box");
-  const { started } = now;
+  const { started, unfinished } = now;
+  lastRun = now.run;
   const isStarting = Boolean(started) && started.code === null;
   if (box) {
     const was = box.hidden;
     box.hidden = now.runs || isStarting;
     if (was && !box.hidden) load();
     $("acts-box").hidden = !box.hidden;
+    $("unfinished-box").hidden = box.hidden || !unfinished;
   }
   const shows = Boolean(started) && (isStarting ? !now.status : started.code !== 0 && !now.runs);
   $("started-box").hidden = !shows;
@@ -162,7 +172,15 @@ async function start(event) {
   }
 }
 
+// Starts the last run's recipe again: its first question is about the part that was left.
+function startAgain(isRemoved) {
+  $("start-removed").checked = isRemoved;
+  $("start-form").requestSubmit();
+}
+
 if ($("start-form")) {
+  $("unfinished-on").addEventListener("click", () => startAgain(false));
+  $("unfinished-out").addEventListener("click", () => startAgain(true));
   $("start-form").addEventListener("submit", start);
   $("start-more").addEventListener("click", row);
   $("start-cell").addEventListener("change", devices);
