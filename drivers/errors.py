@@ -48,6 +48,10 @@ class RefusedError(DeviceError):
         self.code = code
 
 
+class WatchdogOffError(DeviceError):
+    """The device's own watchdog did not trip when it had to: it protects nothing."""
+
+
 class FaultError(DeviceError):
     """The device reports a fault of its own; ``code`` is the device's number for it."""
 

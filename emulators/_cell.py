@@ -3,6 +3,7 @@
 import logging
 import math
 import os
+from collections import deque
 from collections.abc import Hashable
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +16,7 @@ from emulators.added import AddedParts
 from emulators.as_built import as_drawn, draw_as_built
 from emulators.camera_v4l2 import CameraConfig, CameraServer, PixelFormat, V4l2Device
 from emulators.clock import SharedClock, WorldClock
-from emulators.faults import CameraPlugs, Verbs
+from emulators.faults import CameraPlugs, SupplyChange, Verbs
 from emulators.gripper_modbus import RobotiqDevice
 from emulators.gripper_onrobot import RgDevice
 from emulators.grippers import make_fixed_gripper
@@ -60,6 +61,7 @@ PICTURE_S: Final = 0.1  # from exposure to buffer, a camera takes no longer
 DROP_TRY_COUNT: Final = 200
 FEED_STREAM: Final = 7  # of random numbers, apart from the world's
 APART_MM: Final = 2.0  # between parts that are dropped, by their bounds
+SUPPLY_CHANGES_KEPT: Final = 1000
 _PRESENCE_S: Final = 0.05  # how often the fixed gripper's light barrier is looked at
 
 Line = TcpGateway | RtuOverTcpServer | RtuPtyServer | TcpServer
@@ -213,6 +215,7 @@ class Cell:
         self.clock: WorldClock = self._shared_clock or clock or WorldClock()
         self.cameras: dict[str, V4l2Device] = {}
         self._folder = folder
+        self.supply_changes: deque[SupplyChange] = deque(maxlen=SUPPLY_CHANGES_KEPT)
         self.faults = Verbs(self)
         self._open: list[Any] = []
 
@@ -437,6 +440,7 @@ class Cell:
         self.world.advance(dt_s)
         for device in self._steppable:
             device.advance(dt_s)
+        self._pass_supply()
         self.faults.advance()
         self._presence_s += dt_s
         if self._presence_s >= _PRESENCE_S:
@@ -446,6 +450,13 @@ class Cell:
             if len(self.world.parts) > 1:
                 self._empty_trays()
         self.desk.note(self.now_s)
+
+    def _pass_supply(self) -> None:
+        """Let the I/O block's relay pass the motors' supply on, or not."""
+        self.arm.switch_supply("I/O block", self.io.passes_motor_supply)
+        on = self.arm.has_supply
+        if on != (self.supply_changes[-1].on if self.supply_changes else True):
+            self.supply_changes.append(SupplyChange(self.now_s, on))
 
     def _feed(self) -> None:
         """Drop the next part, drawn by the seed, once one is in a tray and has been let go."""

@@ -8,6 +8,7 @@ from emulators.io_modbus import E1212, CellSignals, E1214Config, E1214Device
 from emulators.world import DriverChoice, LayoutError
 
 CONFIGS: Final[Mapping[str, E1214Config]] = {"moxa_e1212": E1212, "moxa_e1214": E1214Config()}
+WATCHDOG_S: Final = 1.0  # the shortest that the web console takes; modbus_devices.md 7.1
 # What a cell file calls the contacts, in the order of modbus_devices.md 7.4; some have two names.
 CONTACTS: Final = (
     ("emergency_stop",),
@@ -31,9 +32,12 @@ def make_io_block(
     unit : Modbus unit id
     inputs : of the block by contact, as the cell file has them; the others are on the usual ones
 
+    The settings ``motor_relay`` and ``watchdog_s`` of the cell file are what an installer has wired
+    and set in the block's web console.
+
     Raises
     ------
-    LayoutError : there is no emulated one for this driver
+    LayoutError : there is no emulated one for this driver, or the block has no such relay
     """
     driver = (choice.driver if choice is not None else "") or "moxa_e1214"
     if driver not in CONFIGS:
@@ -46,4 +50,13 @@ def make_io_block(
         next((inputs[name] for name in names if name in inputs), usual)
         for names, usual in zip(CONTACTS, config.wired, strict=True)
     )
-    return E1214Device(signals, unit, replace(config, wired=wired))
+    config = replace(config, wired=wired)
+    relay = None if choice is None else choice.settings.get("motor_relay")
+    if relay is not None and choice is not None:
+        if not 0 <= int(relay) < len(config.safe_state):
+            raise LayoutError(
+                f"devices.io.settings.motor_relay: 0 to {len(config.safe_state) - 1}, not {relay}"
+            )
+        watchdog_s = float(choice.settings.get("watchdog_s", WATCHDOG_S))
+        config = replace(config, motor_relay=int(relay), watchdog_s=watchdog_s)
+    return E1214Device(signals, unit, config)

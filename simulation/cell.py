@@ -76,12 +76,14 @@ class Scene:
     pose_index : stable pose of the part
     place : number in `PLACES`
     beside : the part of another recipe, which the same run is to take; None for none
+    watchdog_s : of a watchdog in the motors' supply; None for none [s]
     """
 
     recipe: str = "holder"
     pose_index: int = 0
     place: int = 0
     beside: "Scene | None" = None
+    watchdog_s: float | None = None
 
     @property
     def each(self) -> "tuple[Scene, ...]":
@@ -166,8 +168,10 @@ class SimulatedCell:
         for one in self.contexts:
             meshes.append(self.folder / f"{one.solid.name}.stl")
             one.solid.mesh.export(meshes[-1])
+        drawn = self.folder / "drawn.yaml"
+        drawn.write_text(self._drawn_text(), encoding="utf-8")
         options = CellOptions(
-            cell=CELL_FILE,
+            cell=drawn,
             parts=tuple(meshes),
             is_empty=True,
             seed=self.seed,
@@ -185,8 +189,16 @@ class SimulatedCell:
         self.cell_path.write_text(self._cell_text(), encoding="utf-8")
         self.cell_file = load_cell(self.cell_path)
 
-    def _cell_text(self) -> str:
+    def _drawn_text(self) -> str:
         text = CELL_FILE.read_text(encoding="utf-8")
+        if self.scene.watchdog_s is None:
+            return text
+        settings = f"{{motor_relay: 0, watchdog_s: {self.scene.watchdog_s:g}}}"
+        head, _, rest = text.partition("  io:")
+        return f"{head}  io:{rest.replace('}', f', settings: {settings}}}', 1)}"
+
+    def _cell_text(self) -> str:
+        text = self._drawn_text()
         lines = {
             "gripper": self.cell.gripper_line,
             "lights": self.cell.lights_line,

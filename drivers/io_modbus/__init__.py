@@ -6,15 +6,18 @@ hard-wired, and what arrives here is a copy of it.
 
 from dataclasses import replace
 
-from ..kinds import Change, Driver, IoBlock, NoSettings, Signal, Site
+from ..kinds import Change, Driver, IoBlock, Signal, Site
 from ._config import (
     E1212_COUNT,
     E1214_COUNT,
+    MOTOR_RELAY,
     PLANNED_INPUTS,
     PLANNED_OUTPUTS,
+    POLLS_PER_WATCHDOG,
     Debounce,
     InputChannel,
     IoConfig,
+    MoxaSettings,
     OutputChannel,
 )
 from ._io import CellIo, Watch
@@ -30,6 +33,7 @@ __all__ = [
     "Debounce",
     "InputChannel",
     "IoConfig",
+    "MoxaSettings",
     "OutputChannel",
     "Signal",
     "Snapshot",
@@ -37,27 +41,35 @@ __all__ = [
 ]
 
 
-def _build(site: Site, model: str, channel_count: int) -> CellIo:
+def _build(site: Site, settings: MoxaSettings, model: str, channel_count: int) -> CellIo:
     polling = site.polling
     if polling is None:
         raise ValueError(f"{site.name}: the polling period of the I/O block is missing")
     inputs = tuple(
         replace(one, channel=site.inputs.get(one.name, one.channel)) for one in PLANNED_INPUTS
     )
+    poll_s, outputs, watchdog_s = polling.poll_s, PLANNED_OUTPUTS, None
+    if (relay := settings.motor_relay) is not None:
+        watchdog_s = settings.watchdog_s
+        poll_s = min(poll_s, watchdog_s / POLLS_PER_WATCHDOG)
+        others = (one for one in PLANNED_OUTPUTS if one.channel != relay)
+        outputs = (*others, OutputChannel(MOTOR_RELAY, relay))
     config = IoConfig(
         unit=site.section["unit"],
         model=model,
         channel_count=channel_count,
         inputs=inputs,
-        poll_s=polling.poll_s,
+        outputs=outputs,
+        poll_s=poll_s,
         stale_s=polling.stale_s,
+        watchdog_s=watchdog_s,
     )
     return CellIo(site.open_link(), config)
 
 
-DRIVER: Driver[IoBlock, NoSettings] = Driver(
-    NoSettings, lambda site, _: _build(site, "E1214", E1214_COUNT)
+DRIVER: Driver[IoBlock, MoxaSettings] = Driver(
+    MoxaSettings, lambda site, settings: _build(site, settings, "E1214", E1214_COUNT)
 )
-E1212_DRIVER: Driver[IoBlock, NoSettings] = Driver(
-    NoSettings, lambda site, _: _build(site, "E1212", E1212_COUNT)
+E1212_DRIVER: Driver[IoBlock, MoxaSettings] = Driver(
+    MoxaSettings, lambda site, settings: _build(site, settings, "E1212", E1212_COUNT)
 )

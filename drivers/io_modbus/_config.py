@@ -16,6 +16,31 @@ class Debounce(Enum):
     BOTH = "both"
 
 
+@dataclass(frozen=True, slots=True)
+class MoxaSettings:
+    """What may stand under ``settings:`` of the I/O block in the cell file.
+
+    Attributes
+    ----------
+    motor_relay : output, counted from 0, whose contact is in the supply of the arm's motors and
+        opens when the block's watchdog trips; None: the cell has none
+    watchdog_s : silence after which it trips, as set in the block's web console, which takes whole
+        seconds; 1 is the least [s]
+    """
+
+    motor_relay: int | None = None
+    watchdog_s: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not 0.5 <= self.watchdog_s <= 60.0:
+            raise ValueError(f"watchdog_s: 0.5 to 60 s, not {self.watchdog_s:g}")
+
+
+MOTOR_RELAY: Final = "motor_relay"
+# An emulated clock may ask for few polls in a cell second; the watchdog needs several.
+POLLS_PER_WATCHDOG: Final = 5
+
+
 def _check(name: str, channel: int, count: int) -> None:
     if not 0 <= channel < count:
         raise ValueError(f"channel {name!r}: 0..{count - 1}, not {channel}")
@@ -68,6 +93,8 @@ class IoConfig:
     inputs, outputs : named channels, numbered from 0 as on the block
     poll_s : from one reading of the inputs to the next, 20 to 50 ms [cell s]
     stale_s : a reading older than this counts as unknown [cell s]
+    watchdog_s : silence after which the block opens the relay `MOTOR_RELAY`, which must be among
+        the outputs; None: nothing depends on its watchdog [cell s]
     """
 
     unit: int = 1
@@ -77,6 +104,7 @@ class IoConfig:
     outputs: tuple[OutputChannel, ...] = PLANNED_OUTPUTS
     poll_s: float = 0.04
     stale_s: float = 0.2
+    watchdog_s: float | None = None
 
     def __post_init__(self) -> None:
         for channels in (self.inputs, self.outputs):
@@ -86,6 +114,9 @@ class IoConfig:
                 raise ValueError("two channels have the same name")
             if len({channel.channel for channel in channels}) != len(channels):
                 raise ValueError("two names are on the same channel")
+        names = {channel.name for channel in self.outputs}
+        if self.watchdog_s is not None and MOTOR_RELAY not in names:
+            raise ValueError(f"a watchdog needs the output {MOTOR_RELAY!r}")
         if not 0 < self.poll_s < self.stale_s:
             raise ValueError(
                 f"poll_s must be positive and below stale_s, not {self.poll_s} and {self.stale_s}"

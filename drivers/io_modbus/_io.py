@@ -12,10 +12,10 @@ import math
 from collections.abc import AsyncIterator, Callable, Mapping
 from typing import Final, Self
 
-from ..errors import DeviceError, RefusedError, WrongDeviceError
+from ..errors import DeviceError, RefusedError, WatchdogOffError, WrongDeviceError
 from ..kinds import Change, Signal
 from ..modbus_link import FunctionCode, ModbusLink, Request
-from ._config import IoConfig
+from ._config import MOTOR_RELAY, IoConfig
 from .signals import Believer, Snapshot
 
 log = logging.getLogger(__name__)
@@ -25,6 +25,8 @@ FIRST_RELAY: Final = 0  # coils
 MODEL_REGISTER: Final = 5000  # input registers, 10 of them
 MODEL_COUNT: Final = 10
 WATCHDOG_COIL: Final = 4144
+# Of the block's own clock and relay: its flag is asked for so long after the watchdog's time [s].
+TRIP_SLACK_S: Final = 0.3
 
 Observer = Callable[[Change], None]
 
@@ -95,6 +97,8 @@ class CellIo:
         self._relay_of = {channel.name: channel.channel for channel in self.config.outputs}
         self._relays: tuple[bool, ...] | None = None
         self._switching = asyncio.Lock()
+        self._talking = asyncio.Lock()  # whoever has it may keep the block from hearing anything
+        self._tripped = asyncio.Event()
         self._read_at_s = -math.inf
         self._attended_at_s = -math.inf  # the same instant without what this process missed
         self._watches: set[Watch] = set()
@@ -108,14 +112,20 @@ class CellIo:
         await self.aclose()
 
     async def connect(self) -> str:
-        """Check the model, start polling, return the model name. Switches nothing.
+        """Check the model, start polling, return the model name.
+
+        Where the motors' supply depends on the block's watchdog, this proves first that it trips,
+        and closes its relay. Nothing else is switched.
 
         Raises
         ------
         WrongDeviceError : another device answers
+        WatchdogOffError : the watchdog does not trip, or its relay does not close
         """
         model = await self.identify()
         if self._poller is None:
+            if self.watchdog_s is not None:
+                await self._prove_watchdog(self.watchdog_s)
             self._poller = asyncio.create_task(self._poll(), name=f"{self.name} poll")
         return model
 
@@ -245,6 +255,63 @@ class CellIo:
             self._relays = None
             await self._unit.write_coil(WATCHDOG_COIL, True)
 
+    @property
+    def watchdog_s(self) -> float | None:
+        """Silence after which the block takes the motors' supply away; None: it never does."""
+        return self.config.watchdog_s
+
+    async def fall_silent(self) -> bool:
+        """Send nothing for as long as the watchdog takes; return whether it has tripped.
+
+        To be called while nothing moves: inputs are unknown meanwhile, so that no motion is
+        admitted, and no change of them is reported. They are read before this returns.
+
+        Raises
+        ------
+        ValueError : nothing depends on the watchdog
+        """
+        if self.watchdog_s is None:
+            raise ValueError(f"{self.name}: no watchdog_s")
+        async with self._talking, self._switching:
+            self._read_at_s = self._attended_at_s = -math.inf
+            await self._clock.sleep(self.watchdog_s + TRIP_SLACK_S)
+            has_tripped = await self.has_watchdog_tripped()
+            await self._read_once(fresh_for_s=self._stale_s)
+            return has_tripped
+
+    async def restore_motor_supply(self) -> None:
+        """Clear the flag, close the relay in the motors' supply, and read it back.
+
+        Raises
+        ------
+        WatchdogOffError : the relay does not close
+        """
+        await self.clear_watchdog()
+        await self.set_outputs({MOTOR_RELAY: True}, force=True)
+        if not (await self.read_outputs())[MOTOR_RELAY]:
+            raise WatchdogOffError(
+                f"{self._unit}: the relay in the motors' supply (output "
+                f"{self._relay_of[MOTOR_RELAY]}) does not close; check the output's mode and the "
+                "safe state in the block's web console"
+            )
+        self._tripped.clear()
+
+    async def wait_tripped(self) -> None:
+        """Wait until a reading of the block has the watchdog's flag up."""
+        await self._tripped.wait()
+
+    async def _prove_watchdog(self, watchdog_s: float) -> None:
+        await self.clear_watchdog()  # it is up since the last controller left
+        if not await self.fall_silent():
+            raise WatchdogOffError(
+                f"{self._unit}: its watchdog has not tripped within "
+                f"{watchdog_s + TRIP_SLACK_S:.1f} s of silence, so a computer that freezes would "
+                f"not stop the arm; set the host connection watchdog to {watchdog_s:g} s in the "
+                "block's web console, all outputs safe when open, and let nothing else poll the "
+                "block; or leave `motor_relay` out of the cell file"
+            )
+        await self.restore_motor_supply()
+
     # --- polling ---
 
     def _is_stale(self) -> bool:
@@ -262,16 +329,18 @@ class CellIo:
     async def _poll(self) -> None:
         due_s = self._clock.now_s()
         while True:
-            await self._read_once()
+            async with self._talking:
+                await self._read_once()
             due_s = max(due_s + self.config.poll_s, self._clock.now_s())
             await self._clock.sleep(due_s - self._clock.now_s())
 
-    async def _read_once(self) -> None:
+    async def _read_once(self, fresh_for_s: float | None = None) -> None:
         at_s, attended_at_s = self._clock.now_s(), self._clock.attended_s()
-        reading = asyncio.ensure_future(self._unit.read_discrete_inputs(FIRST_INPUT, self._count))
+        reading = asyncio.ensure_future(self._ask())
         try:
             # A silent block holds this up for longer than a reading may be old.
-            fresh_for_s = max(0.0, self._attended_at_s + self._stale_s - attended_at_s)
+            if fresh_for_s is None:
+                fresh_for_s = max(0.0, self._attended_at_s + self._stale_s - attended_at_s)
             await self._clock.wait({reading}, fresh_for_s, looks_again=True)
             if not reading.done():
                 self._forget()
@@ -286,6 +355,14 @@ class CellIo:
             return  # too old on arrival: it is asked for once more, at once
         self._read_at_s, self._attended_at_s = at_s, attended_at_s
         self._publish(self._believer.take(bits, at_s))
+
+    async def _ask(self) -> tuple[bool, ...]:
+        """Return all inputs; note a watchdog that has tripped."""
+        bits = await self._unit.read_discrete_inputs(FIRST_INPUT, self._count)
+        if self.watchdog_s is not None and await self.has_watchdog_tripped():
+            self._relays = None
+            self._tripped.set()
+        return bits
 
     def _fail(self, error: DeviceError) -> None:
         if self._read_at_s != -math.inf:

@@ -12,6 +12,7 @@ from .first_contact import Confirm, Encoders, FirstContact, MotorTry
 from .gripper import FixedGripper, GraspReading, GripperReading, Hold
 from .io_block import Change, Changes, IoBlock, Polling, Signal
 from .lights import Lamp, LampUnit
+from .motor_watchdog import MotorWatchdog, SupplySense
 
 __all__ = [
     "GROUP",
@@ -37,10 +38,12 @@ __all__ = [
     "Lamp",
     "LampUnit",
     "MotorTry",
+    "MotorWatchdog",
     "NoSettings",
     "Polling",
     "Signal",
     "Site",
     "Stop",
+    "SupplySense",
     "TimedFrame",
 ]

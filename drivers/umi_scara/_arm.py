@@ -8,7 +8,7 @@ in the codec alone. Sections (§) are those of umi_rtx.md.
 import logging
 from collections.abc import Callable, Iterable, Mapping
 from math import ceil
-from typing import Self
+from typing import Final, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -52,6 +52,7 @@ _PARTNERS = {
     Axis.WRIST1: Axis.WRIST2,
     Axis.WRIST2: Axis.WRIST1,
 }
+SUPPLY_LINE: Final = 0x01  # of IP1, §8.9
 _STILL_POLL_COUNT = 3  # §9.17
 
 
@@ -179,6 +180,11 @@ class UmiScara:
     async def read_parameter(self, axis: Axis, parameter: Parameter) -> int:
         """Return any parameter of a motor (§2.5); a raw register, valid as a position or not."""
         return await self.axes.read(axis, parameter)
+
+    async def read_motor_supply(self) -> bool:
+        """Return whether the motors have their supply: a user line of IP1 has it (§8.9)."""
+        lines = await self.axes.read(Axis.SHOULDER, Parameter.USER_IO)
+        return bool(lines & SUPPLY_LINE)
 
     async def write_parameter(self, axis: Axis, parameter: Parameter, value: int) -> None:
         """Set a parameter of a motor (§2.5).

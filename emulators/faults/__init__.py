@@ -5,8 +5,8 @@ gives them beforehand, drawn from a seed. The table of all verbs is docs/emulato
 controller knows none of this.
 """
 
-from ._plant import CameraPlugs, Plant
+from ._plant import CameraPlugs, Plant, SupplyChange
 from ._script import Script, ScriptError
 from ._verbs import Verbs
 
-__all__ = ["CameraPlugs", "Plant", "Script", "ScriptError", "Verbs"]
+__all__ = ["CameraPlugs", "Plant", "Script", "ScriptError", "SupplyChange", "Verbs"]

@@ -59,8 +59,12 @@ class DevicesAndWires:
         self._plant.arm.push(Axis(axis), counts)
 
     def _arm_stops(self) -> Answer:
-        """Return the stops that its boards have heard."""
-        return {"stops": [asdict(stop) for stop in self._plant.arm_wire.stops]}
+        """Return the stops that its boards have heard, and when its motors lost their supply."""
+        plant = self._plant
+        return {
+            "stops": [asdict(stop) for stop in plant.arm_wire.stops],
+            "supply": [asdict(change) for change in plant.supply_changes],
+        }
 
     # --- bytes and lines --------------------------------------------------------------------------
 

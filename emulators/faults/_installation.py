@@ -25,6 +25,7 @@ class Wear:
             "gear_play": self._gear_play,
             "pads": self._pads,
             "swap_lamps": self._swap_lamps,
+            "io_watchdog": self._io_watchdog,
         }
 
     def _knock(
@@ -70,3 +71,8 @@ class Wear:
             replace(second.wiring, name=one),
             replace(first.wiring, name=other),
         )
+
+    def _io_watchdog(self, *, off: bool = False, bridged: bool = False) -> None:
+        """Let the I/O block's watchdog be off, or its relay's contact be bridged, or neither."""
+        self._plant.io.is_watchdog_off = off
+        self._plant.io.is_motor_relay_bridged = bridged

@@ -1,6 +1,7 @@
 """What verbs need of a cell: its devices, its wires, its world. `emulators._cell.Cell` is one."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
@@ -15,6 +16,20 @@ from emulators.lighting_modbus import LampModel
 from emulators.modbus import Bus
 from emulators.umi_scara import ArmModel, ArmWire
 from emulators.world import World
+
+
+@dataclass(frozen=True, slots=True)
+class SupplyChange:
+    """The arm's motors have lost their supply, or have it back.
+
+    Attributes
+    ----------
+    at_s : when [world s]
+    on : they have it
+    """
+
+    at_s: float
+    on: bool
 
 
 class Network(Protocol):
@@ -77,6 +92,7 @@ class Plant(Protocol):
     Attributes
     ----------
     networks : the lines ``gripper``, ``lights`` and ``io`` that are connections, not cables
+    supply_changes : of the supply of the arm's motors, the last ones
     """
 
     arm: ArmModel
@@ -90,6 +106,7 @@ class Plant(Protocol):
     world: World
     added: AddedParts
     camera_plugs: CameraPlugs
+    supply_changes: Sequence[SupplyChange]
 
     @property
     def gripper(self) -> GripperController:

@@ -39,6 +39,8 @@ class E1214Device:
     signals : the contacts behind the inputs
     broken_wires : inputs whose wire is off; they read 0
     is_powered : off, the block is silent and its relays are open
+    is_watchdog_off : somebody has switched it off in the web console
+    is_motor_relay_bridged : its contact is not in the motors' supply after all
     """
 
     hears_broadcast = False
@@ -52,6 +54,8 @@ class E1214Device:
         self.unit = unit
         self.signals = CellSignals() if signals is None else signals
         self.broken_wires: set[int] = set()
+        self.is_watchdog_off = False
+        self.is_motor_relay_bridged = False
         self._config = E1214Config() if config is None else config
         self._is_powered = True
         self._boot()
@@ -75,6 +79,12 @@ class E1214Device:
     def is_closed(self, relay: int) -> bool:
         """Return whether a relay's contact is closed, channels from 0."""
         return self._state.relays[relay].is_closed
+
+    @property
+    def passes_motor_supply(self) -> bool:
+        """Whether the contact in the supply of the arm's motors, if there is one, is closed."""
+        relay = self._config.motor_relay
+        return relay is None or self.is_motor_relay_bridged or self.is_closed(relay)
 
     @property
     def stack_light(self) -> StackLight:
@@ -121,12 +131,9 @@ class E1214Device:
         for relay in state.relays:
             if relay.is_pulsing:
                 relay.advance(dt_s)
-        limit_s = self._config.watchdog_s
+        limit_s = None if self.is_watchdog_off else self._config.watchdog_s
         if limit_s is not None and state.idle_s >= limit_s and not state.has_watchdog_bitten:
-            state.has_watchdog_bitten = True
-            for relay, is_closed in zip(state.relays, self._config.safe_state, strict=True):
-                relay.is_pulsing = False
-                relay.switch(is_closed)
+            state.bite(self._config.safe_state)
 
     def _sample(self) -> None:
         inputs = self.inputs()

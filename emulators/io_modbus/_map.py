@@ -3,7 +3,8 @@
 32-bit values stand high word first. Peer-to-peer I/O is not emulated: its status bits read 0.
 Left open by the page and chosen here: the first of two characters is in the high byte, and text is
 filled up with zeros; bits 6 to 15 of the relay word have no effect; counters are stopped as
-delivered.
+delivered; while the watchdog's flag is up, commands to relays are answered and change nothing, as
+on sister series.
 
 Sections (§) are those of modbus_devices.md.
 """
@@ -30,6 +31,7 @@ class E1214Config:
     model : as it names itself
     safe_state : relays when the watchdog bites; one for each channel that the block has
     wired : inputs that the cell's six contacts are on, in the order of §7.4
+    motor_relay : relay whose contact is in the supply of the arm's motors; None: none is
     stack_red, stack_amber, stack_green : relays of the stack light; §7.4
     mac, ip, firmware, build, device_name : as read back at 5024 to 5040
     """
@@ -38,6 +40,7 @@ class E1214Config:
     model: str = "E1214"
     safe_state: tuple[bool, ...] = (False,) * CHANNEL_COUNT
     wired: tuple[int, ...] = (0, 1, 2, 3, 4, 5)
+    motor_relay: int | None = None
     stack_red: int = 3
     stack_amber: int = 4
     stack_green: int = 5

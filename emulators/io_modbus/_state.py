@@ -59,6 +59,7 @@ class RelayChannel:
     pulse_count : pulses of a train; 0: without end
     on_units, off_units : widths of a pulse and of the pause after it [1.5 s]
     is_pulsing : a train is running
+    is_held : the block is in its safe state, where commands are answered and change nothing
     """
 
     is_closed: bool = False
@@ -68,6 +69,7 @@ class RelayChannel:
     on_units: int = 1
     off_units: int = 1
     is_pulsing: bool = False
+    is_held: bool = False
     _left_s: float = 0.0
     _pulses_done: int = 0
 
@@ -80,6 +82,8 @@ class RelayChannel:
 
     def command(self, is_closed: bool) -> None:
         """Close or open the contact by a master's word, which ends a pulse train."""
+        if self.is_held:
+            return
         self.is_pulsing = False
         self.switch(is_closed)
 
@@ -89,6 +93,8 @@ class RelayChannel:
 
     def set_pulsing(self, is_pulsing: bool) -> None:
         """Start a pulse train from its beginning, or end it with the contact open."""
+        if self.is_held:
+            return
         self.is_pulsing = is_pulsing
         self._pulses_done = 0
         self._left_s = self.on_units * PULSE_UNIT_S
@@ -133,6 +139,16 @@ class BlockState:
         self.relays = tuple(RelayChannel() for _ in range(self.channel_count))
         self.counters = tuple(EdgeCounter() for _ in range(self.channel_count))
 
+    def bite(self, safe_state: tuple[bool, ...]) -> None:
+        """Bring the relays to their safe state, and keep them there until the flag is cleared."""
+        self.has_watchdog_bitten = True
+        for relay, is_closed in zip(self.relays, safe_state, strict=True):
+            relay.is_pulsing = False
+            relay.switch(is_closed)
+            relay.is_held = True
+
     def clear_watchdog(self, _: int = 0) -> None:
-        """Take the alarm flag down."""
+        """Take the alarm flag down; the relays stay as they are and obey again."""
         self.has_watchdog_bitten = False
+        for relay in self.relays:
+            relay.is_held = False

@@ -34,6 +34,7 @@ ZED_LIMITS, SHOULDER_LIMITS, ELBOW_LIMITS, GRIPPER_LIMITS = (
     (FACTS[axis].lower_counts, FACTS[axis].upper_counts)
     for axis in (Axis.ZED, Axis.SHOULDER, Axis.ELBOW, Axis.GRIPPER)
 )
+ESTOP: Final = "emergency stop"
 YAW_IP, GRIPPER_IP = FACTS[Axis.YAW].ip, FACTS[Axis.GRIPPER].ip
 
 
@@ -65,8 +66,8 @@ class ArmModel:
         self.power_on: list[bool] = [False] * IP_COUNT
         self.grasp_limit_mm: float | None = None
         """Opening [mm] below which an object keeps the jaws from closing; None when empty."""
-        self.estop_pressed: bool = False
-        self.estop_change_count: int = 0
+        self._open_contacts: set[str] = set()
+        self.supply_change_count: int = 0
         self._routines: list[Iterator[None] | None] = [None] * IP_COUNT
         self._decay = (0.0, 1.0)
         self._driven: dict[Axis, float] = {}  # far sides of gears that have play [true counts]
@@ -180,19 +181,38 @@ class ArmModel:
             return 0.0
         return min(1.0, motor.max_force / 100.0)
 
+    @property
+    def has_supply(self) -> bool:
+        """Whether the motors have their supply: all contacts in it are closed."""
+        return not self._open_contacts
+
+    def switch_supply(self, contact: str, is_closed: bool) -> None:
+        """Close or open one of the contacts in series in the motors' supply.
+
+        Without it the IPs live on. Motion needs `27` once it is back; one sent meanwhile does not
+        count.
+
+        Parameters
+        ----------
+        contact : its name
+        is_closed : open, the motors have no supply, however the others stand
+        """
+        had_supply = self.has_supply
+        if is_closed:
+            self._open_contacts.discard(contact)
+        else:
+            self._open_contacts.add(contact)
+        if self.has_supply != had_supply:
+            self.supply_change_count += 1
+            self.power_on[:] = [False] * IP_COUNT
+
     def press_estop(self) -> None:
-        """Cut the motors' supply; the IPs live on. Motion needs `27` after the release."""
-        if not self.estop_pressed:
-            self.estop_change_count += 1
-        self.estop_pressed = True
-        self.power_on[:] = [False] * IP_COUNT
+        """Open the contact of the emergency stop in the motors' supply."""
+        self.switch_supply(ESTOP, False)
 
     def release_estop(self) -> None:
-        """Give the motors their supply back; a `27` sent meanwhile does not count."""
-        if self.estop_pressed:
-            self.estop_change_count += 1
-        self.estop_pressed = False
-        self.power_on[:] = [False] * IP_COUNT
+        """Close it again."""
+        self.switch_supply(ESTOP, True)
 
     # --- what the IPs do --------------------------------------------------------------------
 
@@ -304,7 +324,7 @@ class ArmModel:
     def _is_limp(self, motor: Motor, ip: int) -> bool:
         return (
             not self.power_on[ip]
-            or self.estop_pressed
+            or not self.has_supply
             or motor.drive is Drive.FREE
             or motor.max_force == 0
         )

@@ -73,7 +73,7 @@ class Peripheral:
         self._lines_out = 0
         self._lines_are_inputs = False
         self._lines_changed = False
-        self._seen_estop_changes = 0
+        self._seen_supply_changes = 0
 
     def restart(self) -> None:
         """Lose everything: the state after power-up, a supply dip or `20`."""
@@ -83,7 +83,7 @@ class Peripheral:
         self._read_selection = self._write_selection = None
         self._lines_out = 0
         self._lines_are_inputs = self._lines_changed = False
-        self._seen_estop_changes = self._model.estop_change_count
+        self._seen_supply_changes = self._model.supply_change_count
 
     def execute(self, request: bytes) -> tuple[bytes, bool]:
         """Obey a complete request; return the reply, and whether the line is handed over."""
@@ -174,11 +174,11 @@ class Peripheral:
         status = 0
         for ctl in range(CONTROLLER_COUNT):
             status |= self._model.status(self.number, ctl) & 0x0F
-        changes = self._model.estop_change_count
-        if self._lines_changed or (self.number == 1 and changes != self._seen_estop_changes):
+        changes = self._model.supply_change_count
+        if self._lines_changed or (self.number == 1 and changes != self._seen_supply_changes):
             status |= 0x10
         self._lines_changed = False
-        self._seen_estop_changes = changes
+        self._seen_supply_changes = changes
         return status | self._lines_are_inputs * 0x20
 
     def _mode(self, opcode: int, ctl: int) -> bytes:
@@ -267,5 +267,5 @@ class Peripheral:
     def _lines(self) -> int:
         lines = 0 if self._lines_are_inputs else self._lines_out
         if self.number == 1:  # wired to the supply however the lines are set
-            lines = lines & ~SUPPLY_LINE | (0 if self._model.estop_pressed else SUPPLY_LINE)
+            lines = lines & ~SUPPLY_LINE | (SUPPLY_LINE if self._model.has_supply else 0)
         return lines

@@ -3,6 +3,7 @@
 Sections (§) are those of modbus_devices.md.
 """
 
+import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
@@ -12,7 +13,7 @@ import pytest
 from cross_bench import nothing_is_left, open_fds, until
 from modbus_bench import ModbusBench, modbus_bench
 
-from drivers.errors import LinkError, WrongDeviceError
+from drivers.errors import LinkError, WatchdogOffError, WrongDeviceError
 from drivers.io_modbus import CellIo, Change, IoConfig, OutputChannel, Signal
 from emulators.gripper_modbus import RobotiqDevice
 from emulators.io_modbus import E1212, CellSignals, E1214Config, E1214Device, StackLight
@@ -58,12 +59,18 @@ async def io_bench(
     *,
     speed: float = 10.0,
     config: E1214Config | None = None,
+    watchdog_s: float | None = None,
 ) -> AsyncIterator[Bench]:
     signals = CellSignals()
     device = E1214Device(signals, 1, config)
     async with modbus_bench("block", [device], [device], folder, speed=speed) as line:
         changes: list[Change] = []
-        io = CellIo(line.link, IoConfig(), on_change=changes.append)
+        wired = IoConfig()
+        if watchdog_s is not None:
+            others = tuple(one for one in wired.outputs if one.channel != 0)
+            outputs = (OutputChannel("motor_relay", 0), *others)
+            wired = IoConfig(outputs=outputs, watchdog_s=watchdog_s)
+        io = CellIo(line.link, wired, on_change=changes.append)
         try:
             yield Bench(line, device, signals, io, changes)
         finally:
@@ -187,6 +194,48 @@ async def test_the_blocks_own_watchdog_is_told_and_cleared(tmp_path: Path) -> No
         assert not await bench.io.has_watchdog_tripped()
         await bench.io.set_outputs({"stack_red": False, "stack_green": True})
         assert bench.device.stack_light == StackLight(is_red=False, is_amber=False, is_green=True)
+
+
+GUARDED = E1214Config(watchdog_s=1.0, motor_relay=0)
+
+
+async def test_the_motors_get_their_supply_once_the_watchdog_is_proven(tmp_path: Path) -> None:
+    async with io_bench(tmp_path, config=GUARDED, watchdog_s=1.0) as bench:
+        assert not bench.device.passes_motor_supply
+        await bench.io.connect()
+        assert bench.device.passes_motor_supply
+        await bench.shows()
+        await bench.line.pass_time(5.0)  # it polls, which is what the watchdog wants
+        assert bench.device.passes_motor_supply
+        await bench.io.aclose()
+        await bench.line.pass_time(1.5)
+        assert not bench.device.passes_motor_supply
+        await bench.io.connect()  # the flag that is up by now is no hindrance, and no proof
+        assert bench.device.passes_motor_supply
+
+
+async def test_a_watchdog_that_is_off_is_refused_before_the_relay_closes(tmp_path: Path) -> None:
+    async with io_bench(tmp_path, config=GUARDED, watchdog_s=1.0) as bench:
+        bench.device.is_watchdog_off = True
+        with pytest.raises(WatchdogOffError, match=r"within 1\.3 s of silence"):
+            await bench.io.connect()
+        assert not bench.device.passes_motor_supply
+
+
+async def test_a_watchdog_that_tripped_by_itself_is_known(tmp_path: Path) -> None:
+    async with io_bench(tmp_path, config=GUARDED, watchdog_s=1.0) as bench:
+        await bench.io.connect()
+        tripped = asyncio.create_task(bench.io.wait_tripped())
+        await bench.shows()
+        assert not tripped.done()
+        assert await bench.io.fall_silent()
+        await tripped
+        assert not bench.device.passes_motor_supply
+        await bench.io.set_outputs({"motor_relay": True}, force=True)
+        assert not bench.device.passes_motor_supply  # the safe state is kept until it is cleared
+        await bench.io.restore_motor_supply()
+        assert bench.device.passes_motor_supply
+        await bench.shows()
 
 
 async def test_a_gripper_at_the_address_is_no_io_block(tmp_path: Path) -> None:

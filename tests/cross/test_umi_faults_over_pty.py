@@ -28,7 +28,6 @@ from drivers.umi_scara import (
     AxisStalledError,
     HomingError,
     Ip,
-    Parameter,
     PowerOffError,
     WireExchange,
 )
@@ -320,13 +319,13 @@ async def test_an_axis_that_is_jammed_from_the_start_is_homed_where_it_is_or_not
 
 async def test_an_emergency_stop_in_mid_move_ends_it_and_wants_power_anew(homed: ArmBench) -> None:
     arm, model = homed.arm, homed.model
-    assert await arm.read_parameter(Axis.SHOULDER, Parameter.USER_IO) & 1 == 1  # §8.9
+    assert await arm.read_motor_supply()
     move = asyncio.create_task(arm.move_counts({Axis.SHOULDER: 2500, Axis.WRIST1: -2500}))
     await homed.moving()
     model.press_estop()
     with pytest.raises(AxisStalledError):
         await move
-    assert await arm.read_parameter(Axis.SHOULDER, Parameter.USER_IO) & 1 == 0
+    assert not await arm.read_motor_supply()
     still = homed.true_counts()
     assert still[Axis.SHOULDER] < 2400
     with pytest.raises(AxisStalledError, match="motor power"):

@@ -17,6 +17,7 @@ def play(
     folder: Path,
     teller: Callable[[SimulatedLoop, SimulatedCell, Path], Teller],
     story: Callable[[Teller], Awaitable[Any]],
+    watchdog_s: float | None = None,
 ) -> None:
     """Run a story on a loop of its own.
 
@@ -25,9 +26,10 @@ def play(
     folder : for the cell's files, and for what comes of it
     teller : makes what the story is about, of the loop, the cell and a folder that is not there yet
     story : what happens
+    watchdog_s : of a watchdog in the motors' supply; None for none [s]
     """
     loop = SimulatedLoop(SEED)
-    cell = SimulatedCell(loop, SEED, Scene("holder"), folder / "cell")
+    cell = SimulatedCell(loop, SEED, Scene("holder", watchdog_s=watchdog_s), folder / "cell")
 
     async def all_of_it() -> None:
         async with cell:

@@ -127,6 +127,51 @@ def test_an_emergency_stop_half_way_is_latched_until_somebody_has_seen_it(tmp_pa
     play(tmp_path, Story, story)
 
 
+WATCHDOG_S = 1.0
+
+
+def test_the_watchdog_is_proven_by_cutting_communication(tmp_path: Path) -> None:
+    async def story(one: Story) -> None:
+        helper = Helper()
+        record = await one.run(one.session(helper))
+        assert (record.outcome, record.message) == (Outcome.PASSED, "")
+        assert any("lose their supply next" in text for text in helper.texts)
+        (went,) = [figure for figure in record.figures if "without supply" in figure.name]
+        assert went.value == pytest.approx(WATCHDOG_S, abs=0.1)  # as its web console has it
+        assert any("gave it back" in text for text in record.findings)
+        offs = [change for change in one.cell.cell.supply_changes if not change.on]
+        assert len(offs) >= 2  # proven as it connects, and again by the step
+
+    play(tmp_path, Story, story, watchdog_s=WATCHDOG_S)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "told"),
+    [
+        ({"off": True}, "has not tripped within"),
+        ({"bridged": True}, "still have their supply"),
+    ],
+)
+def test_a_watchdog_that_stops_nothing_fails_the_step(
+    tmp_path: Path, wrong: dict[str, bool], told: str
+) -> None:
+    async def story(one: Story) -> None:
+        one.cell.befall("io_watchdog", **wrong)
+        record = await one.run(one.session(Helper()))
+        assert record.outcome is Outcome.FAILED
+        assert told in record.message
+
+    play(tmp_path, Story, story, watchdog_s=WATCHDOG_S)
+
+
+def test_a_cell_without_a_watchdog_is_told_what_a_frozen_computer_does(tmp_path: Path) -> None:
+    async def story(one: Story) -> None:
+        record = await one.run(one.session(Helper()))
+        assert any("freezes does not stop the arm" in text for text in record.findings)
+
+    play(tmp_path, Story, story)
+
+
 @pytest.mark.parametrize(
     ("device", "word"),
     [

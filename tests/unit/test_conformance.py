@@ -55,7 +55,7 @@ def attempt(
 class HeldTime:
     """An emulated cell's clock in virtual time; what its readers miss is added by the test."""
 
-    speed, window_s = 4.0, 0.05
+    speed, window_s, waits = 4.0, 0.05, True
 
     def __init__(self, loop: SimulatedLoop) -> None:
         self.loop = loop

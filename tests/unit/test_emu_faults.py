@@ -429,6 +429,7 @@ OTHERWISE = {  # with a test of their own below
     *("truth", "time", "as_built", "script", "script_log", "gripper_fault", "arm_jump"),
     *("add", "board", "give", "misprint"),  # test_emu_boards.py
     *("knock", "gear_play", "pads", "swap_lamps"),
+    "io_watchdog",
 }
 
 
@@ -454,11 +455,28 @@ def test_without_the_verb_all_is_as_before(cell: StillCell, verb: str) -> None:
 
 def test_the_stops_that_the_arm_has_heard_are_asked_for(cell: StillCell) -> None:
     cell.arm_wire.run_warm()
-    assert cell.verbs.do("arm_stops") == {"stops": []}
+    assert cell.verbs.do("arm_stops")["stops"] == []
     cell.arm_wire.feed(b"\x24", 5.0)
     (stop,) = cell.verbs.do("arm_stops")["stops"]
     assert (stop["ip"], stop["kind"]) == (0, "dead")
     assert stop["at_s"] == pytest.approx(5.0 + BYTE_S)
+
+
+def test_the_loss_of_motor_supply_is_dated(cell: StillCell) -> None:
+    cell.advance()
+    cell.verbs.do("estop", pressed=True)
+    at_s = cell.now_s
+    cell.advance()
+    (change,) = cell.verbs.do("arm_stops")["supply"]
+    assert not change["on"]
+    assert at_s <= change["at_s"] <= cell.now_s
+
+
+def test_a_watchdog_is_switched_off_or_its_relay_bridged(cell: StillCell) -> None:
+    cell.verbs.do("io_watchdog", off=True)
+    assert (cell.io.is_watchdog_off, cell.io.is_motor_relay_bridged) == (True, False)
+    cell.verbs.do("io_watchdog", bridged=True)
+    assert (cell.io.is_watchdog_off, cell.io.is_motor_relay_bridged) == (False, True)
 
 
 def test_every_verb_has_a_test_and_a_row_in_the_table(cell: StillCell) -> None:

@@ -192,6 +192,33 @@ def test_the_watchdog_brings_relays_to_their_safe_state_and_raises_its_flag() ->
     assert ask(device, "01 1030 0001") == "01 01 00"
 
 
+def test_after_the_watchdog_relays_obey_once_its_flag_is_cleared() -> None:
+    device = E1214Device(config=E1214Config(watchdog_s=1.0, motor_relay=0))
+    ask(device, "05 0000 FF00")
+    assert device.passes_motor_supply
+    wait(device, 1.1)
+    assert not device.passes_motor_supply
+    for order in ("05 0000 FF00", "06 0020 003F", "05 0010 FF00"):  # coil, word, pulses
+        ask(device, order)
+        assert words(device, 32, 1, function=3) == [0]
+    ask(device, "05 1030 FF00")
+    assert not device.passes_motor_supply  # clearing closes nothing
+    ask(device, "05 0000 FF00")
+    assert device.passes_motor_supply
+
+
+def test_what_an_installer_has_wrong_leaves_the_supply_on() -> None:
+    device = E1214Device(config=E1214Config(watchdog_s=1.0, motor_relay=0))
+    ask(device, "05 0000 FF00")
+    device.is_watchdog_off = True
+    wait(device, 5.0)
+    assert device.passes_motor_supply
+    device.is_watchdog_off, device.is_motor_relay_bridged = False, True
+    wait(device, 0.1)
+    assert not device.is_closed(0)
+    assert device.passes_motor_supply
+
+
 def test_without_power_it_is_silent_with_open_relays_and_forgets(device: E1214Device) -> None:
     ask(device, "06 0020 003F")
     device.is_powered = False

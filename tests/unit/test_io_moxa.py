@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -18,11 +19,12 @@ from drivers.io_modbus import (
     Debounce,
     InputChannel,
     IoConfig,
+    MoxaSettings,
     OutputChannel,
     Signal,
 )
 from drivers.io_modbus.signals import Believer
-from drivers.kinds import NoSettings, Polling, Site
+from drivers.kinds import Polling, Site
 from drivers.modbus_link import ModbusLink, TcpAddress
 
 FAST = CellClock(speed=10.0, min_timeout_wall_s=1.0)  # no busy host looks like a silent block
@@ -73,7 +75,7 @@ async def test_a_signal_is_read_where_the_cell_has_it() -> None:
             polling=Polling(poll_s=0.1, stale_s=50.0),
             inputs={"guard_closed": 4, "supply_ok": 1},
         )
-        io = DRIVER.build(site, NoSettings())
+        io = DRIVER.build(site, MoxaSettings())
         await io.connect()
         try:
             await io.wait_for("supply_ok", Signal.NOT_OK)
@@ -164,6 +166,48 @@ async def test_the_watchdog_flag_is_read_and_cleared() -> None:
         assert await io.has_watchdog_tripped()
         await io.clear_watchdog()
     assert block.coils[4144]  # a 1 was written: that is what clears it on the real block
+
+
+async def test_the_watchdogs_flag_is_asked_for_and_cleared_with_the_pages_own_requests() -> None:
+    bus = Bus({1: e1214().answer})
+    async with io_on(bus) as (io, _):
+        await io.has_watchdog_tripped()
+        await io.clear_watchdog()
+    for name, function in (("read_watchdog", 1), ("clear_watchdog", 5)):
+        request, _ = golden("moxa_e1214", name)
+        (sent,) = [frame for frame in bus.requests if frame[7] == function]
+        assert sent[2:] == request[2:]
+
+
+def test_a_watchdog_takes_its_relay_from_the_lamps_and_is_fed_often_enough() -> None:
+    config = configured(MoxaSettings(motor_relay=2, watchdog_s=1.0), Polling(2.0, 10.0))
+    on_relay_2 = [one.name for one in config.outputs if one.channel == 2]
+    assert on_relay_2 == ["motor_relay"]
+    assert config.poll_s <= 0.2
+    assert configured(MoxaSettings(), Polling(0.04, 0.2)).watchdog_s is None
+
+
+@pytest.mark.parametrize(
+    ("settings", "told"), [({"watchdog_s": 0.1}, "0.5 to 60 s"), ({"motor_relay": 6}, "0..5")]
+)
+def test_a_watchdog_that_makes_no_sense_is_refused(settings: dict[str, Any], told: str) -> None:
+    with pytest.raises(ValueError, match=told):
+        configured(MoxaSettings(**{"motor_relay": 0, **settings}), Polling(0.04, 0.2))
+
+
+def configured(settings: MoxaSettings, polling: Polling) -> IoConfig:
+    link = ModbusLink(TcpAddress("127.0.0.1", 1), FAST)
+    site = Site(
+        name="io",
+        address="",
+        section={"unit": 1},
+        clock=FAST,
+        open_link=lambda: link,
+        polling=polling,
+    )
+    io = DRIVER.build(site, settings)
+    assert isinstance(io, CellIo)
+    return io.config
 
 
 # --- who is there ---

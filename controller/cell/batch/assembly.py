@@ -83,6 +83,7 @@ from .watching import (
     InterlockWatcher,
     LoopWatcher,
     ModbusWatcher,
+    MotorSupplyWatcher,
 )
 
 CAMERAS: tuple[CameraName, ...] = ("overhead", "inspection")
@@ -262,6 +263,7 @@ def assemble(
     actions = Actions(by_effect, recoveries, Leases(record.note, clock))
     watchers = (
         InterlockWatcher(io, interlocks),
+        MotorSupplyWatcher(io),
         FixedGripperWatcher(gripper, grippers, recoveries, record, clock),
         DiskWatcher(folder, clock),
         ArmWatcher(arm, arm_in_use, cell.detection.arm_beat_s, clock),

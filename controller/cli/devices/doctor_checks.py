@@ -21,7 +21,7 @@ from controller.cell.journal import JOURNAL_NAME, why_not_there
 from controller.config import Cell, ConfigError, load_cell
 from controller.setup.drivers import require_drivers
 from drivers.errors import DeviceError
-from drivers.kinds import Signal
+from drivers.kinds import IoBlock, MotorWatchdog, Signal
 
 from ..inputs.checks import make_folder
 from ..terminal.output import emit, print_line, stdout
@@ -189,6 +189,18 @@ def _permissions(cell: Cell) -> list[Check]:
     return checks
 
 
+def _watchdog(io: IoBlock, *, is_connected: bool) -> Check:
+    """Return what is known of a watchdog in the motors' supply; connecting has proven it."""
+    if not isinstance(io, MotorWatchdog) or io.watchdog_s is None:
+        found = "none in the motors' supply: a computer that freezes does not stop the arm"
+        return _check("watchdog", found, ok=True)
+    if not is_connected:
+        remedy = "see the I/O block's message; nothing stops the arm once this computer freezes"
+        return _check("watchdog", "not proven", ok=False, remedy=remedy)
+    found = f"takes the motors' supply away after {io.watchdog_s:g} s of silence"
+    return _check("watchdog", found, ok=True)
+
+
 def _access(*, there: bool, allowed: bool) -> str:
     if not there:
         return "is not there"
@@ -258,6 +270,7 @@ async def _devices(
     async with clock.attending():
         try:
             await ask("io", devices.io.connect)
+            checks.append(_watchdog(devices.io, is_connected=checks[-1]["ok"]))
             await ask("arm", arm)
             await ask("gripper", gripper)
             await ask("lights", lights)

@@ -4,7 +4,14 @@
 leaves the fixed gripper, the disk.
 """
 
-from .conditions import DiskWatcher, FixedGripperWatcher, InterlockWatcher, Report, Watcher
+from .conditions import (
+    DiskWatcher,
+    FixedGripperWatcher,
+    InterlockWatcher,
+    MotorSupplyWatcher,
+    Report,
+    Watcher,
+)
 from .links import ArmWatcher, LoopWatcher, ModbusWatcher
 
 __all__ = [
@@ -14,6 +21,7 @@ __all__ = [
     "InterlockWatcher",
     "LoopWatcher",
     "ModbusWatcher",
+    "MotorSupplyWatcher",
     "Report",
     "Watcher",
 ]

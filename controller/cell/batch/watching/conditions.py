@@ -8,7 +8,7 @@ from typing import Protocol
 
 from drivers.clock import CellClock
 from drivers.errors import DeviceError
-from drivers.kinds import FixedGripper, Hold, IoBlock
+from drivers.kinds import FixedGripper, Hold, IoBlock, MotorWatchdog
 
 from ...custody import Custody
 from ...devices.interlocks import Truth
@@ -69,6 +69,30 @@ class InterlockWatcher:
                 if violation is not None:
                     event = Event.GUARD_OPENED if violation.rule.holds else Event.FAULT
                     report(event, violation.message, violation.rule.code)
+
+
+class MotorSupplyWatcher:
+    """Turns a trip of the I/O block's watchdog, which has stopped the motors, into a fault.
+
+    Parameters
+    ----------
+    io : the I/O block; one without such a watchdog is never reported
+    """
+
+    def __init__(self, io: IoBlock) -> None:
+        self._io = io
+
+    async def run(self, report: Report) -> None:
+        """Watch until it has tripped, or until cancelled."""
+        if not isinstance(self._io, MotorWatchdog) or self._io.watchdog_s is None:
+            return
+        await self._io.wait_tripped()
+        report(
+            Event.FAULT,
+            f"the I/O block heard nothing for {self._io.watchdog_s:g} s, so its watchdog took the "
+            "motors' supply away; see what kept this computer, then start again",
+            "motor_watchdog",
+        )
 
 
 class DiskWatcher:

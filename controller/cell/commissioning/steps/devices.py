@@ -4,6 +4,7 @@ The order is that of a first contact (docs/protocols/umi_rtx.md 10): only read; 
 the other, a little and with little force; then homing axis by axis. A person confirms each.
 """
 
+import asyncio
 from collections.abc import Awaitable, Callable, Mapping
 from typing import Final
 
@@ -12,7 +13,17 @@ import numpy as np
 from controller.arrays import FloatArray
 from controller.config.calibration_reference import CalibrationName
 from controller.config.calibrations import Calibration
-from drivers.kinds import Camera, FirstContact, Frame, Signal, Stop, TimedFrame
+from drivers.errors import ArmStalledError
+from drivers.kinds import (
+    Camera,
+    FirstContact,
+    Frame,
+    MotorWatchdog,
+    Signal,
+    Stop,
+    SupplySense,
+    TimedFrame,
+)
 
 from ...devices.interlocks import REQUIRED_SIGNALS, settled_signal
 from ...devices.lamps import STATION_PANEL, TABLE_PANEL
@@ -30,6 +41,9 @@ TRY_COUNTS: Final = 8.0  # dead band, play of the gear and reading, of a motor t
 NUDGE_SHARE: Final = 0.01
 ARRIVED_SHARE: Final = 0.0025
 JAWS_MM: Final = 10.0
+SUPPLY_POLL_S: Final = 0.02  # how often the arm is asked whether it has motor supply
+# Of the block's clock, its relay, a contactor and one reading: later is another setting [s].
+SUPPLY_SLACK_S: Final = 0.2
 BINS_MS: Final = (1, 2, 5, 10, 20, 50, 100, 200, 500)
 
 
@@ -57,6 +71,7 @@ class DevicesStep:
         for name in ("overhead", "inspection"):
             await _watch_frames(bench, name)
         await _try_motors(bench)
+        await _prove_watchdog(bench)
         await _home(bench)
         await _nudge_joints(bench)
         await _move_grippers(bench)
@@ -210,6 +225,99 @@ async def _try_motors(bench: Bench) -> None:
                 low=wanted - TRY_COUNTS,
                 high=wanted + TRY_COUNTS,
             )
+
+
+async def _prove_watchdog(bench: Bench) -> None:
+    """Cut the communication with the I/O block, and see that the motors lose their supply."""
+    io, arm = bench.devices.io, bench.devices.arm
+    if not isinstance(io, MotorWatchdog) or io.watchdog_s is None:
+        bench.evidence.find(
+            "no watchdog is in the motors' supply: a computer that freezes does not stop the arm "
+            "(`motor_relay` of the I/O block's settings)"
+        )
+        return
+    await bench.person.confirm(
+        "watchdog",
+        "The motors lose their supply next: the I/O block hears nothing until its watchdog opens "
+        "the relay in it. Ready?",
+    )
+    silence = asyncio.create_task(io.fall_silent())
+    try:
+        went_s = await _supply_went_s(bench, silence)
+        if not await silence:
+            raise StepFailedError("the I/O block's watchdog did not trip; see its web console")
+    finally:
+        silence.cancel()
+        await asyncio.gather(silence, return_exceptions=True)
+    if went_s is not None:
+        bench.evidence.measure(
+            "motors without supply after the I/O block's last request",
+            went_s,
+            "s",
+            high=io.watchdog_s + SUPPLY_SLACK_S,
+        )
+    bench.evidence.find(f"without supply: {await _try_in_vain(bench)}")
+    await io.restore_motor_supply()
+    if isinstance(arm, SupplySense):
+        until_s = bench.clock.now_s() + SUPPLY_SLACK_S
+        while not await arm.read_motor_supply():
+            if bench.clock.now_s() > until_s:
+                raise StepFailedError(
+                    "the I/O block's relay is closed, and the motors have no supply: check fuse "
+                    "and wires of the relay's contact"
+                )
+            await bench.clock.sleep(SUPPLY_POLL_S)
+    bench.evidence.find("the watchdog took the motors' supply away; its relay gave it back")
+
+
+async def _supply_went_s(bench: Bench, silence: asyncio.Task[bool]) -> float | None:
+    """Return how long after a silence began the motors lost their supply; None: not known.
+
+    Raises
+    ------
+    StepFailedError : they had none before, or have it at the end
+    """
+    arm = bench.devices.arm
+    if not isinstance(arm, SupplySense):
+        return None
+    if not await arm.read_motor_supply():
+        raise StepFailedError("the motors have no supply before the watchdog is tried")
+    begun_s = bench.clock.now_s()
+    while not silence.done():
+        if not await arm.read_motor_supply():
+            return bench.clock.now_s() - begun_s
+        await bench.clock.sleep(SUPPLY_POLL_S)
+    if not await silence:
+        return None  # it has not tripped, which is said before anything else
+    raise StepFailedError(
+        "the I/O block's watchdog has tripped, and the motors still have their supply: wire the "
+        "relay's contact into it, in series with the emergency stop's"
+    )
+
+
+async def _try_in_vain(bench: Bench) -> str:
+    """Order a small motion that must not happen; return in words what did not.
+
+    Raises
+    ------
+    DeclinedError : a person saw that the arm does not yield
+    StepFailedError : a motor moved
+    """
+    arm = bench.devices.arm
+    if not isinstance(arm, FirstContact):
+        await bench.person.confirm(
+            "arm_is_limp", "Push the arm by hand: does it yield, as it does without motor power?"
+        )
+        return "the arm yields to a hand"
+    motor = arm.motors[0]
+    async with bench.moving(f"the motor {motor} is ordered to move, in vain", is_arm=True):
+        try:
+            went_counts = (await arm.try_motor(motor)).went_counts
+        except ArmStalledError as error:
+            return str(error)
+    if abs(went_counts) > TRY_COUNTS:
+        raise StepFailedError(f"{motor}: it moved by {went_counts} counts without motor supply")
+    return f"{motor} was ordered to move and went {went_counts} counts"
 
 
 async def _home(bench: Bench) -> None:
