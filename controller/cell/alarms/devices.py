@@ -47,13 +47,13 @@ DEVICES: Final = (
         "look what it holds; take it out with `cellctl recover --open fixed`",
     ),
     Alarm(
-        206, "motor_watchdog", _ABORT, _IO,
+        207, "motor_watchdog", _ABORT, _IO,
         "the I/O block heard nothing for too long; its watchdog took the motors' supply away",
         "where the arm is: it is homed again",
         "see what kept the computer, start again; a part in a gripper is reported first",
     ),
     Alarm(
-        207, "watchdog_off", _REFUSED, _IO,
+        208, "watchdog_off", _REFUSED, _IO,
         "the watchdog that is to take the motors' supply away did not trip",
         "nothing",
         "set it in the block's web console (commissioning.md, the watchdog)",
