@@ -4,29 +4,26 @@ Pixels are read as stored. Orientation tags, which a viewer would follow, are ig
 calibration holds for the sensor's pixels.
 """
 
-import zlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from controller.arrays import Grey
 from controller.config import ConfigError
 from controller.config.files import read_bytes
-
-from ._picture_header import JPEG_BEGIN, PNG_BEGIN, size_in_header
+from drivers.pictures import MAX_PIXELS as MAX_PIXELS
+from drivers.pictures import BrokenPictureError, Pixels, size_in_header
+from drivers.pictures import decode as decode_picture
 
 ENDINGS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm", ".webp")
 CAMERA_BITS = (8, 10, 12, 14, 16)  # what sensors deliver
 UNIT_RANGE = 2.0  # decimals up to here are 0..1: as levels of 0..255 they would all be black
 NOISE_BELOW_ZERO = 0.02  # of the brightest level: filters leave a little below black
-MAX_PIXELS = 64_000_000  # the largest machine-vision sensors have a little over half of it
 MAX_PICTURE_BYTES = 128 * 2**20
-JPEG_END = b"\xff\xd9"
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -126,99 +123,45 @@ def read_grey(path: Path, size_px: tuple[int, int]) -> Grey:
 def _stored(path: Path, size_px: tuple[int, int]) -> NDArray[Any]:
     """Return a picture's pixels as stored, of the camera's size."""
     data = read_whole(path)
-    width, height = size_of(path, data)
-    if (width, height) != size_px:
+    size = size_in_header(data)  # before anything is decoded
+    if size is not None and min(size) and size != size_px:
         raise ConfigError(
-            f"{path}: {width} x {height} px, the calibration is for {size_px[0]} x {size_px[1]} px"
+            f"{path}: {size[0]} x {size[1]} px, the calibration is for "
+            f"{size_px[0]} x {size_px[1]} px"
         )
-    return decoded(path, data, cv2.IMREAD_UNCHANGED)
+    return decoded(path, data, "stored")
 
 
 def read_whole(path: Path) -> bytes:
-    """Return the bytes of a complete picture file.
+    """Return the bytes of a picture file.
 
     Raises
     ------
-    ConfigError : the file is missing, too large, empty or cut off
+    ConfigError : the file is missing, too large or empty
     """
     data = read_bytes(path, MAX_PICTURE_BYTES, "a picture")
     if not data:
         raise ConfigError(f"{path}: the file is empty")
-    if not _is_whole(data):
-        raise ConfigError(f"{path}: the picture is cut off or damaged; copy it again")
     return data
 
 
-def size_of(path: Path, data: bytes) -> tuple[int, int]:
-    """Return (width, height) of a picture by its header, before anything is decoded.
-
-    Raises
-    ------
-    ConfigError : it is no picture, has no pixels, or is larger than any camera's
-    """
-    size = size_in_header(data)
-    if size is None:
-        raise ConfigError(f"{path}: is not a readable picture (PNG, JPEG, TIFF)")
-    width, height = size
-    if not width or not height:
-        raise ConfigError(f"{path}: is not a readable picture: it has no pixels")
-    if width * height > MAX_PIXELS:
-        raise ConfigError(
-            f"{path}: {width} x {height} px; a camera's picture has at most "
-            f"{MAX_PIXELS / 1e6:.0f} million"
-        )
-    return size
-
-
-def decoded(path: Path, data: bytes, flags: int) -> NDArray[Any]:
-    """Return a picture's pixels as OpenCV reads them.
+def decoded(path: Path, data: bytes, pixels: Pixels) -> NDArray[Any]:
+    """Return a picture's pixels.
 
     Parameters
     ----------
     path : the file, for the message
     data : all its bytes
-    flags : of `cv2.imdecode`: colours and depth
+    pixels : which channels
 
     Raises
     ------
-    ConfigError : OpenCV cannot decode it
+    ConfigError : it is no picture, is larger than any camera's, is cut off or damaged
     """
-    logging = cv2.utils.logging
-    level = logging.getLogLevel()
-    # of a bad file, decoders print complaints of their own; the message below is enough
-    logging.setLogLevel(logging.LOG_LEVEL_SILENT)
     try:
-        stored = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), flags)
-    except cv2.error:  # no picture, or one larger than OpenCV reads
-        stored = None
-    finally:
-        logging.setLogLevel(level)
-    if stored is None or stored.size == 0:
-        raise ConfigError(f"{path}: is not a readable picture (PNG, JPEG, TIFF)")
-    return np.asarray(stored)
-
-
-def _is_whole(data: bytes) -> bool:
-    """Return whether a PNG or JPEG file is complete; decoders would fill in what is missing."""
-    if data.startswith(PNG_BEGIN):
-        return _is_whole_png(data)
-    if data.startswith(JPEG_BEGIN):
-        return JPEG_END in data[-1024:]  # some programs append a few bytes
-    return True
-
-
-def _is_whole_png(data: bytes) -> bool:
-    """Return whether all chunks of a PNG file are there, with correct checksums."""
-    at = len(PNG_BEGIN)
-    while at + 12 <= len(data):
-        length = int.from_bytes(data[at : at + 4], "big")
-        name, end = data[at + 4 : at + 8], at + 8 + length
-        if zlib.crc32(data[at + 4 : end]) != int.from_bytes(data[end : end + 4], "big"):
-            return False
-        if name == b"IEND":
-            return True
-        at = end + 4
-    return False
+        return decode_picture(data, pixels)
+    except BrokenPictureError as error:
+        raise ConfigError(f"{path}: {error}") from error
 
 
 def _single(stored: NDArray[Any], notes: list[str]) -> NDArray[Any]:

@@ -14,6 +14,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.pictures import BrokenPictureError
+from drivers.pictures import decode as decode_picture
+
 from ._errors import NoPictureError
 
 Image = NDArray[np.uint8] | NDArray[np.uint16]
@@ -197,13 +200,9 @@ class Folder:
         except OSError as error:
             raise NoPictureError(f"{where}: {error.strerror}") from error
         try:
-            # the rows as they are stored: an orientation tag is for photo albums
-            flags = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR | cv2.IMREAD_IGNORE_ORIENTATION
-            image = cv2.imdecode(np.frombuffer(data, np.uint8), flags) if data else None
-        except cv2.error:  # no picture, or one larger than OpenCV reads
-            image = None
-        if image is None:
-            raise NoPictureError(f"{where}: is not a readable picture")
+            image = decode_picture(data, "colour")
+        except BrokenPictureError as error:
+            raise NoPictureError(f"{where}: {error}") from error
         return self._size.take(image, where)
 
 

@@ -8,7 +8,6 @@ from .. import kinds
 from ..kinds import Driver, NoSettings, Site
 from ._camera import Camera, system_calls_for
 from .capture import (
-    BrokenPictureError,
     CameraConfig,
     CameraIdentity,
     CameraStats,
@@ -22,7 +21,6 @@ from .kernel import FoundNode, KernelCalls, SocketCalls, SysCalls, find_node, li
 
 __all__ = [
     "DRIVER",
-    "BrokenPictureError",
     "Camera",
     "CameraConfig",
     "CameraIdentity",

@@ -270,14 +270,17 @@ async def test_a_broken_jpeg_is_counted_and_the_next_one_taken(
     fake.formats = ("MJPG",)
     fake.width, fake.height = 64, 48
     good = bytes(cv2.imencode(".jpg", np.full((48, 64), 77, np.uint8))[1])
+    noise = np.random.default_rng(1).integers(0, 256, (48, 64), dtype=np.uint8)
+    noisy = bytes(cv2.imencode(".jpg", noise)[1])
     camera, t_s = await connect(width=64, height=48), past_s()
     fake.finish(good[:-2], t_s + 0.5)
+    fake.finish(noisy[:-1500] + noisy[-1000:], t_s + 0.55)  # both markers, 500 bytes less
     fake.finish(good, t_s + 0.6)
     frame = await camera.frame_after(t_s)
     assert frame.image.shape == camera.shape == (48, 64)
     assert abs(int(frame.image[0, 0]) - 77) <= 1
-    assert frame.sequence == 1
-    assert camera.stats.broken_count == 1
+    assert frame.sequence == 2
+    assert camera.stats.broken_count == 2
 
 
 async def test_sequence_gaps_are_lost_frames_also_over_the_wrap(

@@ -168,7 +168,11 @@ def bad_files(folder: Path) -> dict[str, str]:
         "no_end.png": (whole[:-12], "cut off or damaged"),
         "flipped.png": (bytes(flipped), "cut off or damaged"),
         "half.jpg": (jpeg[: len(jpeg) // 2], "cut off or damaged"),
-        "half.tiff": (tiff[: len(tiff) // 2], "not a readable picture"),
+        "hole.jpg": (jpeg[: -len(jpeg) // 8] + jpeg[-2:], "cut off or damaged"),
+        "half.tiff": (
+            tiff[: len(tiff) // 2],
+            "not a readable picture",
+        ),  # its size stands at its end,
         "nothing.png": (nothing, "not a readable picture"),
         "short.png": (
             stored(folder, "x.png", ramp()[:5]).read_bytes(),

@@ -28,7 +28,7 @@ from controller.commissioning.calibration import (
 )
 from controller.commissioning.target import CalibrationTarget, load_target
 from controller.config import ConfigError
-from controller.stored.pictures import decoded, read_whole, size_of
+from controller.stored.pictures import decoded, read_whole
 
 from ..inputs.calibration_file import calibration_body, write_calibration
 from ..inputs.checks import check_writable_folder
@@ -128,8 +128,7 @@ def read_grey(path: Path) -> Grey:
     ConfigError : there is none, or it cannot be read
     """
     data = read_whole(path)
-    size_of(path, data)
-    picture = decoded(path, data, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH)
+    picture = decoded(path, data, "grey")
     if picture.dtype != np.uint8:  # 10 to 16 bits: only the pattern counts
         brightest = max(float(picture.max()), 1.0)
         picture = np.rint(picture.astype(np.float64) * (255.0 / brightest))

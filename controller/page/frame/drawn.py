@@ -16,6 +16,7 @@ from controller.arrays import Grey
 from controller.cad import Solid
 from controller.config.files import file_within
 from controller.results.judged import solid_of
+from drivers.pictures import BrokenPictureError, decode
 
 PICTURE_WIDTH_PX: Final = 640
 PICTURE_QUALITY: Final = 82
@@ -28,11 +29,9 @@ def grey_picture(path: Path) -> Grey | None:
     try:
         if path.stat().st_size > PICTURE_MAX_BYTES:
             return None
-        data = np.frombuffer(path.read_bytes(), np.uint8)
-    except OSError:
+        return np.asarray(decode(path.read_bytes(), "grey"), dtype=np.uint8)
+    except (OSError, BrokenPictureError):
         return None
-    image = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE) if len(data) else None
-    return None if image is None else np.asarray(image, dtype=np.uint8)
 
 
 @lru_cache(maxsize=64)

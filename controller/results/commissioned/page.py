@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Final
 
 import cv2
-import numpy as np
 
 from controller.commissioning.procedure import (
     Figure,
@@ -19,6 +18,7 @@ from controller.commissioning.procedure import (
     StepRecord,
 )
 from controller.config.calibrations import read_calibrations
+from drivers.pictures import BrokenPictureError, decode
 
 from ..pages import render_page
 from ..wording import utc
@@ -119,8 +119,9 @@ def _shown(place: Path, picture: Picture) -> Shown:
         return Shown(picture.caption, picture.file, "")
     if hashlib.sha256(data).hexdigest() != picture.sha256:
         return Shown(picture.caption, picture.file, "")
-    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE)
-    if image is None:
+    try:
+        image = decode(data, "grey")
+    except BrokenPictureError:
         return Shown(picture.caption, picture.file, "")
     height, width = image.shape
     small = cv2.resize(

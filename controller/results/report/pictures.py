@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from controller.arrays import Grey
 from controller.config.files import file_within
+from drivers.pictures import BrokenPictureError, decode
 
 from ..run import Box, Points
 
@@ -154,9 +155,10 @@ def grey_picture(folder: Path, name: str) -> Grey | None:
     path = file_within(folder, name)
     if path is None or not path.is_file():
         return None
-    data = np.frombuffer(path.read_bytes(), dtype=np.uint8)
-    image = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE) if data.size else None
-    return None if image is None else np.asarray(image, dtype=np.uint8)
+    try:
+        return np.asarray(decode(path.read_bytes(), "grey"), dtype=np.uint8)
+    except BrokenPictureError:
+        return None
 
 
 def _gain(image: Grey) -> float:

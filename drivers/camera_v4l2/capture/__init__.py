@@ -2,12 +2,11 @@
 
 from ._capture import CaptureSession
 from ._controls import ControlInfo, ControlSetting
-from ._decode import BrokenPictureError, decode
+from ._decode import decode
 from ._types import CameraConfig, CameraIdentity, CameraStats, Frame
 from .selection import StampSource
 
 __all__ = [
-    "BrokenPictureError",
     "CameraConfig",
     "CameraIdentity",
     "CameraStats",

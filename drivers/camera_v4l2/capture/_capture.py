@@ -11,6 +11,7 @@ from typing import Final
 
 from drivers.clock import CellClock
 from drivers.errors import BadReplyError, FaultError, RefusedError, UnpluggedError
+from drivers.pictures import BrokenPictureError
 
 from ..kernel import (
     GONE,
@@ -31,7 +32,7 @@ from ._controls import (
     lock_controls,
     set_and_compare,
 )
-from ._decode import BrokenPictureError, decode, pixel_kind
+from ._decode import decode, pixel_kind
 from ._negotiate import agree_on_format, agree_on_period, check_kind
 from ._stream import Stream
 from ._types import CameraConfig, CameraIdentity, CameraStats, Frame

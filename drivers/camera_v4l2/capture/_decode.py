@@ -7,9 +7,11 @@ are the sensor's numbers, YUYV's luma went through the camera's colour matrix, M
 from dataclasses import dataclass
 from typing import Final
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
+
+from drivers.pictures import BrokenPictureError
+from drivers.pictures import decode as decode_picture
 
 from ..kernel.abi import PixFormat, fourcc, fourcc_name
 
@@ -17,10 +19,6 @@ Image = NDArray[np.uint8] | NDArray[np.uint16]
 
 _START_OF_IMAGE: Final = b"\xff\xd8"
 _END_OF_IMAGE: Final = b"\xff\xd9"
-
-
-class BrokenPictureError(ValueError):
-    """The bytes are not one whole picture of the format agreed on."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +97,7 @@ def decode(data: bytes, pixel_format: PixFormat) -> Image:
 
     Raises
     ------
-    BrokenPictureError : not a whole picture, or a JPEG of another size
+    BrokenPictureError : not a whole picture, or a JPEG of another size or that lost data
     """
     check_complete(data, pixel_format)
     kind = KINDS[fourcc_name(pixel_format.pixelformat)]
@@ -126,12 +124,4 @@ def _decode_raw(data: bytes, pixel_format: PixFormat, kind: PixelKind) -> Image:
 
 
 def _decode_jpeg(data: bytes) -> NDArray[np.uint8]:
-    # the sensor's rows stay rows: an orientation tag is for photo albums
-    flags = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
-    try:
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
-    except cv2.error as error:
-        raise BrokenPictureError(f"a JPEG that does not decode: {error}") from error
-    if image is None:
-        raise BrokenPictureError("a JPEG that does not decode")
-    return np.asarray(image, np.uint8)
+    return np.asarray(decode_picture(data, "grey"), np.uint8)

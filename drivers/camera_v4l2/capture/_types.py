@@ -121,7 +121,7 @@ class CameraStats:
     adapting_count : passed over after a change of exposure
     error_count : flagged ERROR by the camera's driver
     short_count : of the wrong number of bytes
-    broken_count : JPEGs that are not whole or do not decode
+    broken_count : JPEGs that are not whole, lost data on the way or do not decode
     lost_count : missing by their sequence numbers while the driver waited for frames
     idle_gap_count : missing because nobody waited and the buffers were full
     restart_count : streams started over after an I/O error

@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from controller.arrays import Grey
@@ -18,6 +17,8 @@ from controller.cell.recovery import Interrupted, TakenView
 from controller.cell.services.records import BatchRecord, PartInGripper, Shown, grasp_of
 from controller.config.view_set import unpacked
 from controller.planning.model import CellLayout
+from drivers.pictures import BrokenPictureError
+from drivers.pictures import decode as decode_picture
 
 from .judging import Background, judge_held, judge_on_table
 
@@ -134,10 +135,10 @@ class StoredViews:
 
 def _read(path: Path) -> Grey:
     """Return a picture that this program wrote; its digest has been checked."""
-    image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
-    if image is None:
-        raise OSError(0, "was written as a picture and cannot be read as one", str(path))
-    return np.asarray(image, dtype=np.uint8)
+    try:
+        return np.asarray(decode_picture(path.read_bytes(), "grey"), dtype=np.uint8)
+    except BrokenPictureError as error:
+        raise OSError(0, f"was written as a picture, but {error}", str(path)) from error
 
 
 def _copy(source: Path, target: Path, files: tuple[str, ...]) -> dict[str, str]:

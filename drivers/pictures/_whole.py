@@ -1,0 +1,157 @@
+"""Whether all of a picture file is there, for the formats whose decoders do not say so.
+
+PNG: the checksum of every chunk, and of the pixels when unpacked (ISO/IEC 15948, 5.3 and 10.1).
+TIFF, BMP, PGM and PPM, WebP: as many bytes as the header promises; they have no checksums, so a
+changed byte among the pixels shows in none of them.
+"""
+
+import re
+import struct
+import zlib
+from collections.abc import Callable
+from typing import Final
+
+from ._header import NETPBM, PNG_BEGIN, TIFF_HEIGHT, TIFF_TYPES, TIFF_WIDTH, size_in_header
+
+# bits a pixel by colour type: ISO/IEC 15948, 11.2.2 (channels times the bit depth)
+_PNG_CHANNELS: Final = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
+_PNG_PIECE_BYTES: Final = 1 << 20  # unpacked at a time, so that a small file fills no memory
+# TIFF 6.0, section 8: where the strips or tiles are, and what a pixel is
+_TIFF_BITS, _TIFF_COMPRESSION, _TIFF_SAMPLES = 258, 259, 277
+_TIFF_PLACES: Final = ((273, 279), (324, 325))  # offsets and byte counts of strips, of tiles
+_TIFF_UNCOMPRESSED: Final = 1
+_BMP_RAW: Final = (0, 3)  # no compression; the same with masks of the channels
+_PLAIN_NUMBER: Final = re.compile(rb"#[^\n]*\n|(\d+)")
+
+
+class BrokenPictureError(ValueError):
+    """The bytes are not one whole picture."""
+
+
+def check_whole(data: bytes) -> None:
+    """Check that a file which is no JPEG has all its bytes.
+
+    Raises
+    ------
+    BrokenPictureError : it has not, or a checksum is wrong
+    """
+    try:
+        _checker(data)(data)
+    except (struct.error, IndexError, KeyError, zlib.error) as error:
+        raise BrokenPictureError(f"is cut off or damaged ({error})") from error
+
+
+def _checker(data: bytes) -> Callable[[bytes], None]:
+    if data.startswith(PNG_BEGIN):
+        return _check_png
+    if data[:2] in (b"II", b"MM"):
+        return _check_tiff
+    if data.startswith(b"BM"):
+        return _check_bmp
+    return _check_webp if data.startswith(b"RIFF") else _check_netpbm
+
+
+def _expect(there: int, needed: int, what: str) -> None:
+    if there < needed:
+        raise BrokenPictureError(f"is cut off or damaged: {what} {there} bytes of {needed}")
+
+
+def _check_png(data: bytes) -> None:
+    at, packed = len(PNG_BEGIN), bytearray()
+    name = b""
+    while name != b"IEND":
+        length, name = struct.unpack_from(">I4s", data, at)
+        end = at + 8 + length
+        (checksum,) = struct.unpack_from(">I", data, end)
+        if zlib.crc32(data[at + 4 : end]) != checksum:
+            raise BrokenPictureError(
+                f"is cut off or damaged: the checksum of the PNG chunk at byte {at} is wrong"
+            )
+        if name == b"IDAT":
+            packed += data[at + 8 : end]
+        at = end + 4
+    width, height, bits, colour, _, _, interlace = struct.unpack_from(">IIBBBBB", data, 16)
+    needed = height * (1 + (width * bits * _PNG_CHANNELS[colour] + 7) // 8)
+    unpacking, got, rest = zlib.decompressobj(), 0, bytes(packed)
+    while rest and not unpacking.eof and got <= 2 * needed:
+        got += len(unpacking.decompress(rest, _PNG_PIECE_BYTES))
+        rest = unpacking.unconsumed_tail
+    if not unpacking.eof or (not interlace and got != needed):
+        raise BrokenPictureError(
+            f"is cut off or damaged: its pixels unpack to {got} bytes of {needed}"
+        )
+
+
+def _check_bmp(data: bytes) -> None:
+    (first, head) = struct.unpack_from("<II", data, 10)
+    size = size_in_header(data)
+    assert size is not None
+    if head == 12:
+        (bits,), compression = struct.unpack_from("<H", data, 24), 0
+    else:
+        bits, compression = struct.unpack_from("<HI", data, 28)
+    if compression not in _BMP_RAW:
+        raise BrokenPictureError("is a compressed BMP; store it as PNG")
+    _expect(len(data) - first, (size[0] * bits + 31) // 32 * 4 * size[1], "BMP pixels take")
+
+
+def _check_webp(data: bytes) -> None:
+    (length,) = struct.unpack_from("<I", data, 4)
+    _expect(len(data), 8 + length, "WebP has")
+
+
+def _check_netpbm(data: bytes) -> None:
+    match = NETPBM.match(data[:1024])
+    assert match is not None, "by its header"
+    kind, count = data[1:2], int(match[1]) * int(match[2])
+    if kind in b"36":
+        count *= 3
+    if kind in b"123":
+        there = sum(1 for one in _PLAIN_NUMBER.finditer(data, match.end() - 1) if one[1])
+        if kind == b"1":  # digits need no blanks between them
+            there = sum(len(one[1]) for one in _PLAIN_NUMBER.finditer(data, match.end()) if one[1])
+        else:
+            there -= 1  # the largest level
+        if there < count:
+            raise BrokenPictureError(f"is cut off or damaged: {there} levels of {count}")
+        return
+    if kind == b"4":
+        _expect(len(data) - match.end(), (int(match[1]) + 7) // 8 * int(match[2]), "PBM rows take")
+        return
+    largest = re.compile(rb"(?:\s|#[^\n]*\n)*(\d+)\s").match(data, match.end() - 1)
+    if largest is None:
+        raise BrokenPictureError("is cut off or damaged: no largest level in its header")
+    count *= 2 if int(largest[1]) > 255 else 1
+    _expect(len(data) - largest.end(), count, "PGM or PPM levels take")
+
+
+def _check_tiff(data: bytes) -> None:
+    order = "<" if data[:2] == b"II" else ">"
+    (at,) = struct.unpack_from(f"{order}I", data, 4)
+    (count,) = struct.unpack_from(f"{order}H", data, at)
+    fields: dict[int, tuple[int, ...]] = {}
+    for i in range(count):
+        entry = at + 2 + 12 * i
+        tag, kind, values = struct.unpack_from(f"{order}HHI", data, entry)
+        if kind not in TIFF_TYPES:
+            continue
+        letter = TIFF_TYPES[kind]
+        width = struct.calcsize(letter)
+        if values * width > 4:
+            (entry,) = struct.unpack_from(f"{order}I", data, entry + 8)
+            entry -= 8
+        _expect(len(data) - entry - 8, values * width, f"TIFF field {tag} takes")
+        fields[tag] = struct.unpack_from(f"{order}{values}{letter}", data, entry + 8)
+    stored = 0
+    for offsets, lengths in _TIFF_PLACES:
+        if len(fields.get(offsets, ())) != len(fields.get(lengths, ())):
+            raise BrokenPictureError("is cut off or damaged: a TIFF with strips of no length")
+        for begin, length in zip(fields.get(offsets, ()), fields.get(lengths, ()), strict=True):
+            _expect(len(data) - begin, length, f"the TIFF strip at byte {begin} has")
+            stored += length
+    needed = 1
+    if fields.get(_TIFF_COMPRESSION, (_TIFF_UNCOMPRESSED,))[0] == _TIFF_UNCOMPRESSED:
+        samples = fields.get(_TIFF_SAMPLES, (1,))[0]
+        bits = fields.get(_TIFF_BITS, (1,))[0] * samples
+        needed = fields[TIFF_HEIGHT][0] * ((fields[TIFF_WIDTH][0] * bits + 7) // 8)
+    _expect(stored, needed, "TIFF strips hold")
