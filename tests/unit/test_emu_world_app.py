@@ -378,3 +378,38 @@ def test_a_board_that_is_brought_later_is_in_the_pictures_from_then_on() -> None
     assert before.max() < 70
     assert (after > 120).sum() > 10_000
     assert (after < 25).sum() > 10_000
+
+
+def test_a_seed_draws_the_same_noise_however_many_pictures_were_taken_before() -> None:
+    def shots(seed: int, places_mm: tuple[float, ...]) -> list[Picture]:
+        world = StillWorld()
+        world.light = {1: 1.0}  # the ring
+        desk = PictureDesk(build_scene(read_layout(CELL), []), world, seed)
+        arrived: list[Picture] = []
+        is_there = threading.Event()
+
+        def deliver(_: Any, picture: Picture) -> None:
+            arrived.append(picture)
+            is_there.set()
+
+        try:
+            desk.start()
+            for number, place_mm in enumerate(places_mm):
+                is_there.clear()
+                T = np.eye(4)
+                T[0, 3] = place_mm
+                world.poses = lambda T=T: {"part 0": T}  # type: ignore[method-assign]
+                desk.order(0, float(number), 0.010, 1.0, 8, deliver)
+                desk.note(float(number))
+                assert is_there.wait(30.0)
+        finally:
+            desk.close()
+        return arrived
+
+    first, again, moved = shots(7, (300.0, 300.0, 320.0))
+    *_, late = shots(7, (310.0, 320.0, 310.0, 300.0 + 1e-6))
+    (other,) = shots(8, (300.0,))
+    assert np.array_equal(late, first)
+    # each frame of one scene has its own noise, as has each scene, and each seed
+    for picture in (again, moved, other):
+        assert np.mean(picture != first) > 0.2

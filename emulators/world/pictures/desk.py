@@ -4,12 +4,13 @@
 to the picture process, and delivers finished pictures in a thread of its own.
 """
 
+import hashlib
 import itertools
 import logging
 import multiprocessing
 import threading
-from collections import deque
-from collections.abc import Callable, Hashable
+from collections import Counter, deque
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
 from multiprocessing.shared_memory import SharedMemory
@@ -26,6 +27,9 @@ from .worker import Order, Picture, Standpoint, work
 log = logging.getLogger(__name__)
 
 SLOT_COUNT: Final = 6  # pictures that may be in the making; more orders are refused
+# scenes are one where they differ by less: what moved comes to rest within thousandths of this
+SAME_MM: Final = 1.0
+SAME_TURN: Final = 0.01  # of the entries of a rotation matrix
 _JOIN_S: Final = 5.0
 
 
@@ -62,7 +66,7 @@ class PictureDesk:
     ----------
     scene : cameras, lamps and surfaces, sent to the worker once
     world : gives the poses of what moves and the levels of the lamps
-    seed : decides the noise of every picture
+    seed : decides the noise of every picture, with what is to be seen in it
     reap : called in the picture process once this one is gone; sent there, so a plain function
 
     Raises
@@ -82,7 +86,7 @@ class PictureDesk:
         largest = max(camera.width_px * camera.height_px for camera in scene.cameras)
         self._slot_bytes = 2 * largest
         self._numbers = itertools.count(1)
-        self._taken: dict[int, int] = {}  # pictures ordered so far, by camera: seeds the noise
+        self._shown: Counter[bytes] = Counter()  # pictures of each scene so far
         self._lock = threading.Lock()
         self._waiting: deque[_Wish] = deque()
         self._sent: dict[int, _Wish] = {}
@@ -179,9 +183,7 @@ class PictureDesk:
         with self._lock:
             if self._is_dead or not self._free:
                 return None
-            count = self._taken[camera] = self._taken.get(camera, 0) + 1
-            seed = (self._seed * 1_000_003 + camera) * 1_000_003 + count
-            exposure = Exposure(exposure_s, gain, seed % 2**63, bits)
+            exposure = Exposure(exposure_s, gain, bits=bits)
             number = next(self._numbers)
             self._waiting.append(_Wish(number, camera, due_s, exposure, deliver, self._free.pop()))
             return number
@@ -205,9 +207,37 @@ class PictureDesk:
         if due and self._connection is not None:
             poses, levels = self._world.poses(), self._world.levels()
             for wish in due:
+                seed = self._noise_seed(wish, poses, levels)
+                exposure = replace(wish.exposure, seed=seed)
                 self._connection.send(
-                    Order(wish.number, wish.slot, wish.camera, poses, levels, wish.exposure)
+                    Order(wish.number, wish.slot, wish.camera, poses, levels, exposure)
                 )
+
+    def _noise_seed(
+        self, wish: _Wish, poses: Mapping[str, Array], levels: Mapping[int, float]
+    ) -> int:
+        """Return what draws a picture's noise: the desk's seed, the camera, and what is to be seen.
+
+        By the instant, or by how many pictures there were, two runs of one seed would differ: when
+        a picture is taken depends on how busy the machine is. Pictures of one scene differ by
+        their number.
+        """
+        shown: list[object] = [
+            self._seed,
+            wish.camera,
+            wish.exposure.exposure_s,
+            wish.exposure.gain,
+        ]
+        for name, T in sorted(poses.items()):
+            middle = np.round(T[:3, 3] / SAME_MM).astype(int)
+            turn = np.round(T[:3, :3] / SAME_TURN).astype(int)
+            shown += [name, *middle.tolist(), *turn.ravel().tolist()]
+        # how bright a lamp is goes by how warm it is
+        shown += [lamp for lamp, level in sorted(levels.items()) if level > 0]
+        scene = hashlib.sha256(repr(shown).encode()).digest()
+        self._shown[scene] += 1
+        one = scene + self._shown[scene].to_bytes(4, "big")
+        return int.from_bytes(hashlib.sha256(one).digest()[:8], "big")
 
     def _receive(self) -> None:
         connection, memory = self._connection, self._memory
