@@ -293,13 +293,21 @@ class Trial:
     problem: str = ""
 
 
-def try_it(fault: str, stage: str, event: str, seed: int) -> Trial:
+def try_it(fault: str, stage: str, event: str, seed: int, watchdog_s: float) -> Trial:
     """Bring up a cell, make its controller late, let something happen, and see."""
     trial = Trial(fault, stage, event, seed)
     delay_s = random.Random(seed).uniform(0.0, STAGES[stage].within_s)
     with tempfile.TemporaryDirectory(prefix="blind") as name:
         folder = Path(name)
-        wall = kill_world(folder, PART, seed=CELL_SEED, speed=1.0, more=("--wall-clock",))
+        settings = f"{{motor_relay: 0, watchdog_s: {watchdog_s:g}}}" if watchdog_s else ""
+        wall = kill_world(
+            folder,
+            PART,
+            seed=CELL_SEED,
+            speed=1.0,
+            more=("--wall-clock",),
+            io_settings=settings,
+        )
         with wall as world:
             run, clock = Run(world, folder), CellClock.of_emulator(world.clock)
             try:
@@ -385,6 +393,13 @@ def main() -> int:
     parser.add_argument("--faults", nargs="+", choices=FAULTS, default=list(FAULTS)[1:])
     parser.add_argument("--stages", nargs="+", choices=STAGES, default=list(STAGES))
     parser.add_argument("--events", nargs="+", choices=EVENTS, default=list(EVENTS))
+    parser.add_argument(
+        "--watchdog",
+        type=float,
+        default=1.0,
+        metavar="SECONDS",
+        help="of the I/O block, in the motors' supply (ADR 100); 0: none",
+    )
     parser.add_argument("--json", action="store_true")
     args = parser.parse_args()
     trials: list[Trial] = []
@@ -392,7 +407,7 @@ def main() -> int:
     if not args.json:
         print(row.format("late by", "stage", "event", "stop s", "power s", ""), flush=True)
     for fault, stage, event, seed in drawn(args):
-        trial = try_it(fault, stage, event, seed)
+        trial = try_it(fault, stage, event, seed, args.watchdog)
         trials.append(trial)
         if not args.json:
             shown = [

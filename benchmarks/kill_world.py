@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).parents[1]
+EMULATED = ROOT / "recipes" / "cells" / "emulated.yaml"
 STILL_S = 2.0  # of the world without any motion
 # which events of the world let a part go
 LET_GO = ("released", "lost")
@@ -73,13 +74,23 @@ def let_go_count(truth: dict[str, Any]) -> int:
 
 @contextmanager
 def kill_world(
-    folder: Path, *parts: str, seed: int, speed: float, more: Sequence[str] = ()
+    folder: Path,
+    *parts: str,
+    seed: int,
+    speed: float,
+    more: Sequence[str] = (),
+    io_settings: str = "",
 ) -> Iterator[KillWorld]:
     """Bring up the emulated cell by itself, with a cell file that names its addresses."""
-    control = folder / "control.sock"
+    control, drawn = folder / "control.sock", folder / "drawn.yaml"
+    text = EMULATED.read_text()
+    if io_settings:
+        head, _, rest = text.partition("\n  io:")
+        text = f"{head}\n  io:{rest.replace('}', f', settings: {io_settings}}}', 1)}"
+    drawn.write_text(text)
     process = subprocess.Popen(
         [
-            sys.executable, "-m", "controller.cli", "emulate", "--json",
+            sys.executable, "-m", "controller.cli", "emulate", "--json", "--cell", str(drawn),
             *(word for part in parts for word in ("--part", part)),
             "--seed", str(seed), "--speed", f"{speed:g}", "--control", str(control),
             *more,
@@ -93,7 +104,7 @@ def kill_world(
     try:
         ready = json.loads(process.stdout.readline())
         cell = folder / "cell.yaml"
-        cell.write_text(with_addresses(ready["devices"]))
+        cell.write_text(with_addresses(text, ready["devices"]))
         yield KillWorld(cell, control, Path(ready["clock"]), int(ready["pid"]))
     finally:
         process.terminate()
@@ -101,9 +112,8 @@ def kill_world(
         process.stdout.close()
 
 
-def with_addresses(devices: dict[str, Any]) -> str:
-    """Return the emulated cell's file with the addresses of an emulator that is up."""
-    text = (ROOT / "recipes" / "cells" / "emulated.yaml").read_text()
+def with_addresses(text: str, devices: dict[str, Any]) -> str:
+    """Return an emulated cell's file with the addresses of an emulator that is up."""
     for name, where in devices.items():
         address = where if isinstance(where, str) else f"{where['host']}:{where['port']}"
         text, count = re.subn(
