@@ -35,6 +35,7 @@ from controller.config import Cell as CellFile
 from controller.config import load_cell, load_recipe
 from controller.planning import resting_pose
 from controller.setup.drivers import read_settings
+from drivers.attendance import BEAT_WALL_S
 from drivers.clock import CellClock
 from drivers.kinds import Arm
 from drivers.umi_scara import DRIVER, LinkConfig, UmiScara
@@ -77,6 +78,7 @@ class Scene:
     place : number in `PLACES`
     beside : the part of another recipe, which the same run is to take; None for none
     watchdog_s : of a watchdog in the motors' supply; None for none [s]
+    may_be_late : controllers may be stopped for a while, and look often for that
     """
 
     recipe: str = "holder"
@@ -84,6 +86,7 @@ class Scene:
     place: int = 0
     beside: "Scene | None" = None
     watchdog_s: float | None = None
+    may_be_late: bool = False
 
     @property
     def each(self) -> "tuple[Scene, ...]":
@@ -299,7 +302,8 @@ class Controller:
         self.row_count = -1  # the run's name takes the date once
         self._options = options
         self.task: asyncio.Task[RunResult]
-        clock = FoundClock(monotonic=cell.loop.time, beat_wall_s=BEAT_S)
+        beat_s = BEAT_WALL_S if cell.scene.may_be_late else BEAT_S
+        clock = FoundClock(monotonic=cell.loop.time, beat_wall_s=beat_s)
         stamps = self._stamps = Stamps(self._utc, cell.loop.time)
         self._order = replace(
             RunOrder(
@@ -350,6 +354,10 @@ class Controller:
         )
         self.task = self.cell.loop.spawn(self.process, work)
         return self.task
+
+    def hold_up(self, duration_s: float) -> None:
+        """Give it no turn for so long, as SIGSTOP or a pause of the collector does."""
+        self.cell.loop.hold_up(self.process, duration_s)
 
     def kill(self) -> None:
         """End it where it stands, as SIGKILL does."""

@@ -37,6 +37,7 @@ class Fault:
     words : regular expression of which a message about it has a match
     undone : verbs that end it after `undone_s`; none where it stays
     touches_part : a person or the fault itself moves the part
+    late_s : the controller gets no turn for so long; its `Scene.may_be_late` must be set
     """
 
     name: str
@@ -45,6 +46,7 @@ class Fault:
     undone: tuple[Order, ...] = ()
     undone_s: float = 5.0
     touches_part: bool = False
+    late_s: float = 0.0
 
 
 def _line(device: str, **faults: Any) -> Order:  # noqa: ANN401
@@ -56,6 +58,7 @@ _GRIPPER = "gripper"
 _LAMPS = "lamp|light|dimmer|relay|dark|output module"
 _IO = r"I/O|interlock|\bio\b|emergency|door"
 _CAMERA = "camera|picture|frame|dark"
+_LATE = r"watchdog|late|I/O"
 PART: Final = "part|slip|gripper|grasp|seen|table"
 
 FAULTS: Final[Mapping[str, Fault]] = {
@@ -130,6 +133,10 @@ FAULTS: Final[Mapping[str, Fault]] = {
               _CAMERA),
         Fault("late frame",
               ({"do": "camera", "camera": "inspection", "late_count": 1, "late_s": 2.0},), _CAMERA),
+        # SIGSTOP, a pause of the collector, a write that blocks the event loop
+        Fault("controller late by 0.5 s", (), _LATE, late_s=0.5),
+        Fault("controller late by 2 s", (), _LATE, late_s=2.0),
+        Fault("controller late by 8 s", (), _LATE, late_s=8.0),
     )
 }  # fmt: skip
 
@@ -154,7 +161,7 @@ class Cause:
     caused: list[str] = field(default_factory=list)
     tasks: set["asyncio.Task[None]"] = field(default_factory=set)
 
-    def now(self, fault: Fault) -> None:
+    def now(self, fault: Fault, controller: Controller | None = None) -> None:
         """Let a fault befall the cell; one that does not fit the moment is noted as such."""
         world = self.cell.cell.world
         try:
@@ -165,6 +172,8 @@ class Cause:
         except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
             self.caused.append(f"{fault.name}: not now ({error})")
             return
+        if fault.late_s and controller is not None:
+            controller.hold_up(fault.late_s)
         self.caused.append(f"{fault.name} at {world.time_s:.1f} s")
         if fault.undone:
             self.spawn(self._undo(fault))
@@ -207,15 +216,15 @@ class Cause:
         then : called right afterwards
         """
         if state == STANDING:
-            self.spawn(self._while_standing(fault, then))
+            self.spawn(self._while_standing(fault, then, controller))
             return
         if state == IN_FIXED:
-            self.spawn(self._while_in_fixed(fault, then))
+            self.spawn(self._while_in_fixed(fault, then, controller))
             return
         delay_s = self.rng.uniform(0.0, SOON_S)
 
         def befall() -> None:
-            self.now(fault)
+            self.now(fault, controller)
             then()
 
         def entered(now: str) -> None:
@@ -225,7 +234,9 @@ class Cause:
 
         controller.on_state = entered
 
-    async def _while_standing(self, fault: Fault, then: Callable[[], None]) -> None:
+    async def _while_standing(
+        self, fault: Fault, then: Callable[[], None], controller: Controller
+    ) -> None:
         """Let a fault befall a cell whose arm stands with the part in its gripper."""
         world, left = self.cell.cell.world, self.rng.randint(0, MOST_STANDS)
         since: float | None = None
@@ -239,17 +250,19 @@ class Cause:
             if left == 0:
                 break
             left -= 1
-        self.now(fault)
+        self.now(fault, controller)
         then()
 
-    async def _while_in_fixed(self, fault: Fault, then: Callable[[], None]) -> None:
+    async def _while_in_fixed(
+        self, fault: Fault, then: Callable[[], None], controller: Controller
+    ) -> None:
         """Let a fault befall a cell whose fixed gripper alone has the part, at any such moment."""
         delay_s = self.rng.uniform(0.0, FIXED_S)
         while delay_s > 0:
             await asyncio.sleep(STAND_S / 4)
             if self.cell.truth()["parts"][0]["custody"] == "fixture":
                 delay_s -= STAND_S / 4
-        self.now(fault)
+        self.now(fault, controller)
         then()
 
     async def _after(self, delay_s: float, what: Callable[[], None]) -> None:

@@ -13,6 +13,7 @@ import asyncio
 import contextvars
 import gc
 import logging
+import math
 import random
 import sys
 import warnings
@@ -43,12 +44,15 @@ class SimulatedProcess:
     ----------
     is_alive : whether its tasks run
     step_count : of its tasks and callbacks so far
+    late_until_s : nothing of it runs before, as after SIGSTOP or in a pause of the collector
     """
 
     def __init__(self, name: str) -> None:
         self.name = name
         self.is_alive = True
         self.step_count = 0
+        self.late_until_s = -math.inf
+        self.waiting: list[asyncio.Handle] = []
 
 
 class _Task(asyncio.Task[Result]):
@@ -99,6 +103,17 @@ class SimulatedLoop(VirtualTimeLoop):
         self._killed += [t for t in asyncio.all_tasks(self) if getattr(t, "owner", None) is process]
         self.ports.cut(process)
 
+    def hold_up(self, process: SimulatedProcess, duration_s: float) -> None:
+        """Let a process have no turn for so long; what falls due meanwhile runs afterwards."""
+        process.late_until_s = self.time() + duration_s
+        nobody = contextvars.Context()
+        self.call_at(process.late_until_s, self._go_on, process, context=nobody)
+
+    def _go_on(self, process: SimulatedProcess) -> None:
+        process.late_until_s = -math.inf
+        waiting, process.waiting = process.waiting, []
+        self._ready.extend(waiting)
+
     def owner(self) -> SimulatedProcess | None:
         """Return the process whose step is running."""
         return _owner.get()
@@ -130,6 +145,9 @@ class SimulatedLoop(VirtualTimeLoop):
             owner = handle._context.get(_owner)
             if owner is not None:
                 if not owner.is_alive:
+                    continue
+                if self.time() < owner.late_until_s:
+                    owner.waiting.append(handle)
                     continue
                 owner.step_count += 1
             self.step_count += 1

@@ -83,9 +83,7 @@ def test_a_pin_that_rolls_in_most_landings_is_named_with_its_share_and_not_ready
     shutil.copy(CELL, tmp_path / "emulated.yaml")
     assert main(["check", str(recipe)]) == 1
     said = capsys.readouterr()
-    assert re.search(
-        r"^pose 0 \(\d\d%\): rolls all round on a \w+ of \d+ strips; ", said.out, re.M
-    )
+    assert re.search(r"^pose 0 \(\d\d%\): rolls all round on a \w+ of \d+ strips; ", said.out, re.M)
     assert re.search(r"pin.yaml: not ready \(\d+% of landings served\)$", said.out, re.M)
     assert "of landings are served; feed the part so" in said.err
     assert main(["check", "--json", str(recipe)]) == 1
