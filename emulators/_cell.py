@@ -215,7 +215,7 @@ class Cell:
         self.clock: WorldClock = self._shared_clock or clock or WorldClock()
         self.cameras: dict[str, V4l2Device] = {}
         self._folder = folder
-        self.supply_changes: deque[SupplyChange] = deque(maxlen=SUPPLY_CHANGES_KEPT)
+        self._supply_changes: deque[SupplyChange] = deque(maxlen=SUPPLY_CHANGES_KEPT)
         self.faults = Verbs(self)
         self._open: list[Any] = []
 
@@ -454,9 +454,9 @@ class Cell:
     def _pass_supply(self) -> None:
         """Let the I/O block's relay pass the motors' supply on, or not."""
         self.arm.switch_supply("I/O block", self.io.passes_motor_supply)
-        on = self.arm.has_supply
-        if on != (self.supply_changes[-1].on if self.supply_changes else True):
-            self.supply_changes.append(SupplyChange(self.now_s, on))
+        on, noted = self.arm.has_supply, self._supply_changes
+        if on != (noted[-1].on if noted else True):
+            noted.append(SupplyChange(self.now_s, on))
 
     def _feed(self) -> None:
         """Drop the next part, drawn by the seed, once one is in a tray and has been let go."""
@@ -486,6 +486,11 @@ class Cell:
             tray = tray_of(self.world, part.index)
             if part.state == RESTING and tray is not None and tray not in kept:
                 self.world.empty(part.index, tray)
+
+    @property
+    def supply_changes(self) -> tuple[SupplyChange, ...]:
+        """When the arm's motors lost their supply or got it back, the last times."""
+        return tuple(self._supply_changes)
 
     def tick(self) -> None:
         """Let the clock run on, up to where the world is, and not past an overdue picture."""

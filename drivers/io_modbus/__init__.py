@@ -48,7 +48,8 @@ def _build(site: Site, settings: MoxaSettings, model: str, channel_count: int) -
     inputs = tuple(
         replace(one, channel=site.inputs.get(one.name, one.channel)) for one in PLANNED_INPUTS
     )
-    poll_s, outputs, watchdog_s = polling.poll_s, PLANNED_OUTPUTS, None
+    poll_s, watchdog_s = polling.poll_s, None
+    outputs: tuple[OutputChannel, ...] = PLANNED_OUTPUTS
     if (relay := settings.motor_relay) is not None:
         watchdog_s = settings.watchdog_s
         poll_s = min(poll_s, watchdog_s / POLLS_PER_WATCHDOG)

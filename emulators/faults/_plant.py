@@ -92,7 +92,6 @@ class Plant(Protocol):
     Attributes
     ----------
     networks : the lines ``gripper``, ``lights`` and ``io`` that are connections, not cables
-    supply_changes : of the supply of the arm's motors, the last ones
     """
 
     arm: ArmModel
@@ -106,11 +105,15 @@ class Plant(Protocol):
     world: World
     added: AddedParts
     camera_plugs: CameraPlugs
-    supply_changes: Sequence[SupplyChange]
 
     @property
     def gripper(self) -> GripperController:
         """Of the fixed gripper."""
+        ...
+
+    @property
+    def supply_changes(self) -> Sequence[SupplyChange]:
+        """Of the supply of the arm's motors, the last ones."""
         ...
 
     @property
