@@ -341,7 +341,6 @@ class Controller:
             compute=self._compute,
             devices=self._devices,
             stamps=self._stamps,
-            writes_behind=False,
         )
         work = run_batch(
             self._order,

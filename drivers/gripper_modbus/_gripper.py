@@ -25,6 +25,7 @@ from ..errors import (
 )
 from ..kinds import Hold
 from ..modbus_link import FunctionCode, ModbusLink, Request
+from ..supervisor import BlindStop
 from ._config import GripperConfig
 from ._monitor import GripperMonitor
 from ._registers import (
@@ -248,6 +249,16 @@ class Gripper:
         return await self._take(
             target_mm, opening_mm, ObjectState.CONTACT_OPENING, speed_mm_s, force_n
         )
+
+    def blind_stop(self) -> BlindStop | None:
+        """Return the stop in bytes, for whoever stops the jaws in our place.
+
+        None unless the gripper was last seen active: the command carries rACT = 1 (see `stop`).
+        """
+        status = self._monitor.latest
+        if status is None or not status.is_activated:
+            return None
+        return self._unit.blind_write(OUTPUT_REGISTER, ACTIVATE << 8)
 
     async def stop(self) -> GripperStatus:
         """Stop the jaws, which keep what they hold; return the status that confirms it.

@@ -21,6 +21,7 @@ from ..errors import (
 )
 from ..kinds import Hold
 from ..modbus_link import FunctionCode, ModbusLink, Request
+from ..supervisor import BlindStop
 from ._registers import (
     BOX_UNIT,
     COMMAND_REGISTER,
@@ -263,6 +264,10 @@ class RgGripper:
         if reading.has_contact:
             self._grasped_mm = reading.opening_mm
         return RgGrasp(reading.has_contact, reading.opening_mm)
+
+    def blind_stop(self) -> BlindStop | None:
+        """Return the stop in bytes, for whoever stops the jaws in our place."""
+        return self._unit.blind_write(CONTROL_REGISTER, STOP)
 
     async def stop(self) -> RgReading:
         """Stop the jaws; return the reading that confirms it.

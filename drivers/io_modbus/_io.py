@@ -15,6 +15,7 @@ from typing import Final, Self
 from ..errors import DeviceError, RefusedError, WatchdogOffError, WrongDeviceError
 from ..kinds import Change, Signal
 from ..modbus_link import FunctionCode, ModbusLink, Request
+from ..supervisor import BlindLook
 from ._config import MOTOR_RELAY, IoConfig
 from .signals import Believer, Snapshot
 
@@ -22,6 +23,7 @@ log = logging.getLogger(__name__)
 
 FIRST_INPUT: Final = 0  # discrete inputs
 FIRST_RELAY: Final = 0  # coils
+GUARDS: Final = ("estop_ok", "guard_closed", "supply_ok")  # nothing moves without them
 MODEL_REGISTER: Final = 5000  # input registers, 10 of them
 MODEL_COUNT: Final = 10
 WATCHDOG_COIL: Final = 4144
@@ -110,6 +112,17 @@ class CellIo:
 
     async def __aexit__(self, *_: object) -> None:
         await self.aclose()
+
+    def blind_look(self) -> BlindLook | None:
+        """Return a reading of emergency stop, door and supply, for whoever looks in our place.
+
+        None where the line has no room for a second reader, and where the block's own watchdog has
+        the motors' supply: a look would keep it from tripping.
+        """
+        if self.config.watchdog_s is not None:
+            return None
+        guards = tuple(c.channel for c in self.config.inputs if c.name in GUARDS)
+        return self._unit.blind_look(self._count, guards)
 
     async def connect(self) -> str:
         """Check the model, start polling, return the model name.

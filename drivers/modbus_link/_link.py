@@ -17,8 +17,10 @@ from pymodbus.pdu import ExceptionResponse, ModbusPDU
 
 from ..clock import REAL_TIME, CellClock
 from ..errors import BadReplyError, LinkError, RefusedError, ReplyTimeoutError, UnpluggedError
+from ..supervisor import BlindLook, BlindStop
 from ..wires import LineTap
 from ._address import Address, TcpAddress
+from ._blind import inputs_frame, inputs_mask, place_of, write_frame
 from ._connection import Connection, Lost, NoAnswer, Trace
 from ._request import FunctionCode, Request
 
@@ -30,6 +32,7 @@ BACK_OFF_MAX_S: Final = 2.0
 SILENCES_UNTIL_REOPENED: Final = 3  # a half-open connection looks like silent devices
 OVERDUE_TIMEOUTS: Final = 10.0  # nobody answers later than so many reply time-outs
 RESYNC_TRIES: Final = 3
+BLIND_SPACING_WALL_S: Final = 0.02  # from a frame of ours, or of the link that is late, to the next
 GATEWAY_SILENCE: Final = {
     0x0A: "no path to it",
     0x0B: "it did not answer the gateway",
@@ -392,6 +395,33 @@ class ModbusUnit:
 
     def __str__(self) -> str:
         return f"{self.name} (unit {self.unit} at {self.link.address})"
+
+    def blind_write(self, register: int, value: int) -> BlindStop:
+        """Return a write of one register (FC06), for whoever stops the device in our place.
+
+        Parameters
+        ----------
+        register : zero based
+        value : 0..65535
+        """
+        frame = write_frame(self.link.address, self.unit, register, value)
+        return BlindStop(self.name, place_of(self.link.address), (frame,), BLIND_SPACING_WALL_S, 2)
+
+    def blind_look(self, count: int, wanted: tuple[int, ...]) -> BlindLook | None:
+        """Return a reading of the first discrete inputs (FC02), for whoever looks in our place.
+
+        None on a line that lets one look alone: only Modbus TCP has room for a second connection.
+
+        Parameters
+        ----------
+        count : inputs to read
+        wanted : those that are on while all is well
+        """
+        address = self.link.address
+        if not isinstance(address, TcpAddress):
+            return None
+        request = inputs_frame(address, self.unit, count)
+        return BlindLook(self.name, place_of(address), request, inputs_mask(count, wanted))
 
     async def read_coils(self, address: int, count: int) -> tuple[bool, ...]:
         """Return the values of coils (FC01)."""

@@ -179,7 +179,7 @@ class UmiSettings:
 
 
 def _build(site: Site, settings: UmiSettings) -> UmiScara:
-    return _built(site, settings, partial(SerialTransport, site.address))
+    return _built(site, settings, partial(SerialTransport, site.address), site.address)
 
 
 def _build_recorded(site: Site, settings: UmiSettings) -> UmiScara:
@@ -187,18 +187,20 @@ def _build_recorded(site: Site, settings: UmiSettings) -> UmiScara:
     return _built(site, settings, recorded.open)
 
 
-def _built(site: Site, settings: UmiSettings, make: Callable[[], Transport]) -> UmiScara:
+def _built(
+    site: Site, settings: UmiSettings, make: Callable[[], Transport], line: str | None = None
+) -> UmiScara:
     config = settings.config(site.silence_s)
     tap = site.wires.line(site.name)
     if tap is None:
-        return UmiScara(make, config=config, clock=site.clock)
+        return UmiScara(make, config=config, clock=site.clock, line=line)
     opens = partial(tap.opening, make)
 
     def trace(exchange: WireExchange) -> None:
         if not exchange.reply:
             tap.unanswered()
 
-    return UmiScara(opens, config=config, clock=site.clock, trace=trace, tap=tap)
+    return UmiScara(opens, config=config, clock=site.clock, trace=trace, tap=tap, line=line)
 
 
 DRIVER: Driver[Arm, UmiSettings] = Driver(UmiSettings, _build)

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from drivers.clock import REAL_TIME, CellClock
 from drivers.errors import PositionLostError
 from drivers.kinds import Confirm, JawReading, MotorTry, Stop
+from drivers.supervisor import BlindStop
 from drivers.wires import LineTap
 
 from ._config import ArmConfig, check_speeds
@@ -41,7 +42,8 @@ from .motion import (
     verify_arrival,
 )
 from .protocol import constants as c
-from .protocol.constants import ADDRESSES, Axis, Drive, Ip, Parameter, StatusBits
+from .protocol.codec import encode_simple
+from .protocol.constants import ADDRESSES, Axis, Drive, Ip, Parameter, Simple, StatusBits
 
 log = logging.getLogger(__name__)
 
@@ -54,6 +56,7 @@ _PARTNERS = {
 }
 SUPPLY_LINE: Final = 0x01  # of IP1, §8.9
 _STILL_POLL_COUNT = 3  # §9.17
+BLIND_STOP_COUNT = 4  # even: each hands the line over once
 
 
 class UmiScara:
@@ -74,6 +77,7 @@ class UmiScara:
     clock : the cell's clock
     trace : called with every exchange on the wire; the logger ``cellctl.wire.arm`` has them, too
     tap : of the line, None for none
+    line : path of the serial line, where a function opens it; None where it is no serial line
 
     Attributes
     ----------
@@ -88,8 +92,10 @@ class UmiScara:
         clock: CellClock = REAL_TIME,
         trace: Trace | None = None,
         tap: LineTap | None = None,
+        line: str | None = None,
     ) -> None:
         self._config = config or ArmConfig()
+        self._line = port if isinstance(port, str) else line
         self._session = ArmSession(port, self._config.link, clock, trace, tap)
         self.positions = self._session.positions
         self._play = GearPlay(self._config.play_counts)
@@ -131,6 +137,18 @@ class UmiScara:
         LinkError, PositionLostError : one IP may not have got the stop; the other one has
         """
         await self._session.stop(kind)
+
+    def blind_stop(self) -> BlindStop | None:
+        """Return the dead stop of both IPs in bytes, for whoever stops the arm in our place.
+
+        Stop, hand over, stop (§1.4, §2.3), several times: nobody sees whether it was understood. An
+        even number, so that the line is as it was. None where the line is no serial port's.
+        """
+        if self._line is None:
+            return None
+        stop, toggle = encode_simple(Simple.DEAD_STOP), encode_simple(Simple.TOGGLE_ONCE)
+        frames = (stop, toggle, stop)
+        return BlindStop("arm", self._line, frames, self._config.link.spacing_s, BLIND_STOP_COUNT)
 
     @property
     def identity(self) -> ArmIdentity | None:

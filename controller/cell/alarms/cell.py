@@ -149,6 +149,12 @@ CELL: Final = (
         "`?` lists the orders",
     ),
     Alarm(
+        919, "supervised", _ABORT, _HOST,
+        "the controller stood still, and its supervisor stopped the cell; or the supervisor ended",
+        "what happened in the cell meanwhile",
+        "look at the cell, close what else runs on the machine, start again",
+    ),
+    Alarm(
         920, "broke_off", _ABORT, _HOST,
         "an error kept the run from coming to rest",
         "where the arm is, and what the grippers hold",

@@ -3,7 +3,7 @@
 import asyncio
 from collections.abc import AsyncIterator, Callable, Mapping
 from concurrent.futures import Executor
-from contextlib import asynccontextmanager, suppress
+from contextlib import AbstractAsyncContextManager, asynccontextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -18,6 +18,7 @@ from ..custody import Custody, custody_of, where_it_is
 from ..custody.known_journals import after_known, open_noted_journal
 from ..devices import Devices, resolve
 from ..devices.clocks import Speed
+from ..devices.supervised import Supervised
 from ..journal import (
     HOST_STAMPS,
     JOURNAL_NAME,
@@ -48,14 +49,12 @@ class Outfit:
     devices : returns the drivers, given cell file, addresses and clock
     stamps : the clocks that the journal's rows are stamped by
     on_row : called with number, kind and name of each row of the journal, from any thread
-    writes_behind : a thread of its own writes the journal; not on a loop with a time of its own
     """
 
     compute: Callable[[Job, Executor], Compute] = Compute
     devices: Callable[[Cell, Mapping[str, dict[str, Any]], CellClock], Devices] = Devices.build
     stamps: Stamps = HOST_STAMPS
     on_row: Callable[[int, str, str], None] | None = None
-    writes_behind: bool = True
 
 
 HOST: Final = Outfit()
@@ -128,7 +127,7 @@ async def run_batch(
     order.folder.mkdir(parents=True, exist_ok=True)
     journal = opened.journal
     journal.on_row = outfit.on_row
-    if outfit.writes_behind:
+    if not order.clock.is_virtual:
         journal.write_behind()
     if opened.notice:
         on_notice(opened.notice)
@@ -167,9 +166,12 @@ async def run_batch(
             )
             on_dispatcher(batch.dispatcher)
             run = _Run(order, journal, decider, found, products, layout, devices, batch)
+            supervision: AbstractAsyncContextManager[object] = nullcontext()
+            if not order.clock.is_virtual:
+                supervision = _supervision(order, devices, clock, batch, on_notice)
             try:
                 async with clock.attending():
-                    outcome = await run.to_rest(show)
+                    outcome = await run.to_rest(show, supervision)
             except BaseException as error:
                 run.note_broken_off(error)
                 raise
@@ -222,6 +224,37 @@ async def _cell_time(order: RunOrder, journal: Journal) -> AsyncIterator[CellClo
 
 
 @asynccontextmanager
+async def _supervision(
+    order: RunOrder,
+    devices: Devices,
+    clock: CellClock,
+    batch: Batch,
+    on_notice: Callable[[str], None],
+) -> AsyncIterator[None]:
+    """Have a supervisor stop the cell while the event loop cannot; say which wire it cannot reach.
+
+    Raises
+    ------
+    LinkError : the supervisor does not start; nothing has moved
+    """
+    shared = order.clock.path
+    supervised = Supervised(
+        devices,
+        clock,
+        "" if shared is None else str(shared),
+        lambda: batch.gate.permits.permit is not None,
+        lambda why: batch.dispatcher.request_abort(why, "supervised"),
+    )
+    async with supervised.beating():
+        for name in supervised.unreached:
+            on_notice(
+                f"{name}: takes no second connection, so that the supervisor cannot stop it while "
+                "the controller is late"
+            )
+        yield
+
+
+@asynccontextmanager
 async def _notices(order: RunOrder) -> AsyncIterator[Notices]:
     """Yield what runs a command for each alarm; waits for those that run yet."""
     facts = {"run": order.run_id, "recipe": order.recipe.name, "cell": order.cell.name}
@@ -245,13 +278,22 @@ class _Run:
     devices: Devices
     batch: Batch
 
-    async def to_rest(self, show: Callable[[], None]) -> Outcome:
-        """Connect the devices, run the batch if it may begin, and let go of the devices."""
+    async def to_rest(
+        self, show: Callable[[], None], supervision: AbstractAsyncContextManager[object]
+    ) -> Outcome:
+        """Connect the devices, run the batch if it may begin, and let go of the devices.
+
+        Parameters
+        ----------
+        show : shows what is so now
+        supervision : entered once the devices are connected, before anything moves
+        """
         try:
             self.batch.record.progress.label = "connecting"
             show()
             self.journal.write(rows.Connected(await self.devices.connect()))
-            outcome = await self._run()
+            async with supervision:
+                outcome = await self._run()
             show()
             return outcome
         finally:

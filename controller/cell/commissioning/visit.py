@@ -39,6 +39,7 @@ from ..devices.clocks import FoundClock
 from ..devices.in_use import counted
 from ..devices.interlocks import rules_of
 from ..devices.stopping import Stopping
+from ..devices.supervised import Supervised
 from ..errors import CellError, InterlockError
 from ..journal import JOURNAL_NAME, Journal, JournalError, rows
 from ..machine import Event
@@ -216,7 +217,8 @@ class Visit:
             loop.call_soon_threadsafe(self.stop, str(error), "journal")
 
         journal.on_failure = stop
-        journal.write_behind()
+        if not order.clock.is_virtual:
+            journal.write_behind()
         if opened.notice:
             self._evidence.find(opened.notice)
         try:
@@ -277,11 +279,30 @@ class Visit:
                         lambda: presses_on_something(devices),
                         is_part_removed=False,
                     )
-                    return await self._watched(journal, operator, devices, clock)
+                    return await self._supervised(journal, operator, devices, clock)
                 finally:
                     await devices.aclose()
         finally:
             clock.close()
+
+    async def _supervised(
+        self, journal: Journal, operator: Operator, devices: Devices, clock: CellClock
+    ) -> Mapping[CalibrationName, Calibration]:
+        """Run the step while a supervisor stops the cell if the event loop cannot."""
+        if self._order.clock.is_virtual:
+            return await self._watched(journal, operator, devices, clock)
+        shared = self._order.clock.path
+        supervised = Supervised(
+            devices,
+            clock,
+            "" if shared is None else str(shared),
+            lambda: True,
+            lambda why: self.stop(why, "supervised"),
+        )
+        async with supervised.beating():
+            for name in supervised.unreached:
+                self._evidence.find(f"{name}: the supervisor cannot reach it")
+            return await self._watched(journal, operator, devices, clock)
 
     async def _watched(
         self, journal: Journal, operator: Operator, devices: Devices, clock: CellClock

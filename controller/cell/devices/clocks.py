@@ -46,6 +46,11 @@ class FoundClock:
     monotonic: Callable[[], float] = time.monotonic
     beat_wall_s: float = BEAT_WALL_S
 
+    @property
+    def is_virtual(self) -> bool:
+        """Whether the event loop has a time of its own, beside which nothing else may decide."""
+        return self.monotonic is not time.monotonic
+
     def open(self) -> CellClock:
         """Return the clock; `CellClock.close` it afterwards.
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import cast
 
 from drivers.kinds import FixedGripper, GraspReading, GripperReading, Hold
+from drivers.supervisor import BlindStop, StopsBlindly
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +49,10 @@ class MeasuredGripper:
     def __init__(self, device: FixedGripper, openings: Openings) -> None:
         self._device = device
         self._openings = openings
+
+    def blind_stop(self) -> BlindStop | None:
+        """Return the device's own, if it has one."""
+        return self._device.blind_stop() if isinstance(self._device, StopsBlindly) else None
 
     @property
     def model(self) -> str:

@@ -163,7 +163,7 @@ def replay_wires(
             loop.threads = threads  # recorded from here on
             return Compute(job, answers)
 
-        outfit = Outfit(compute=compute, devices=partial(_devices, wires), writes_behind=False)
+        outfit = Outfit(compute=compute, devices=partial(_devices, wires))
         end = _run(loop, order, pool, outfit)
     if tape.difference is None:
         wires.find_what_is_left()

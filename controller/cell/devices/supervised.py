@@ -1,0 +1,186 @@
+"""The controller's side of the supervisor: heartbeat, and what it is to do when that stays away.
+
+The supervisor is a process of its own (`drivers.supervisor`, ADR 98). It has a stop for every wire
+only while something may move, so that a controller that is late at rest stops nothing.
+"""
+
+import asyncio
+import json
+import signal
+import socket
+import struct
+import subprocess
+import sys
+import threading
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import asynccontextmanager, contextmanager, suppress
+from typing import Final
+
+from drivers.clock import CellClock
+from drivers.errors import LinkError
+from drivers.supervisor import BEAT_S, BlindLook, BlindStop, LooksBlindly, Orders, StopsBlindly
+
+from .build import Devices
+
+READY_WALL_S: Final = 60.0  # a process that starts on a busy machine
+MIN_BEAT_WALL_S: Final = 0.02  # however fast an emulated cell's time runs
+END_WALL_S: Final = 5.0
+PACKET_BYTES: Final = 1 << 16
+
+
+class Supervised:
+    """Beats while the event loop runs, and passes on what the supervisor says.
+
+    Parameters
+    ----------
+    devices : some of which can be stopped in our place
+    clock : of the cell, by which heartbeats are missed
+    clock_path : of its file, where it is shared; empty for the wall clock
+    may_move : whether anything may move now
+    on_stopped : called with a sentence once the supervisor has stopped the cell, or has ended
+
+    Attributes
+    ----------
+    unreached : devices that take no second connection
+    pid : process id of the supervisor
+    """
+
+    def __init__(
+        self,
+        devices: Devices,
+        clock: CellClock,
+        clock_path: str,
+        may_move: Callable[[], bool],
+        on_stopped: Callable[[str], None],
+    ) -> None:
+        self._devices = devices
+        self._clock = clock
+        self._clock_path = clock_path
+        self._may_move = may_move
+        self._on_stopped = on_stopped
+        self._beat_s = max(BEAT_S, MIN_BEAT_WALL_S * clock.speed)
+        self._sent: Orders | None = None
+        self._ready = asyncio.Event()
+        self._is_over = False
+        self.unreached: list[str] = []
+        self.pid: int | None = None
+
+    @asynccontextmanager
+    async def beating(self) -> AsyncIterator["Supervised"]:
+        """Start the supervisor, have it try every wire, and beat while the block runs.
+
+        Raises
+        ------
+        LinkError : it does not start; nothing has moved
+        """
+        near, far = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        heard, told = socket.socketpair()
+        near.setblocking(False)
+        told.setblocking(False)
+        process = await asyncio.to_thread(_start, far, heard)
+        self.pid = process.pid
+        far.close()
+        heard.close()
+        loop = asyncio.get_running_loop()
+        loop.add_reader(near, self._hear, near)
+        beat: asyncio.Task[None] | None = None
+        try:
+            self._order(near, is_all=True)
+            try:
+                async with asyncio.timeout(READY_WALL_S):
+                    await self._ready.wait()
+            except TimeoutError:
+                raise LinkError("the supervisor does not start; nothing has moved") from None
+            beat = asyncio.create_task(self._beat(near), name="heartbeat")
+            with _signals_to(told):
+                yield self
+        finally:
+            self._is_over = True
+            if beat is not None:
+                beat.cancel()
+                await asyncio.gather(beat, return_exceptions=True)
+            loop.remove_reader(near)
+            with suppress(OSError):
+                near.send(b"bye")
+            near.close()
+            told.close()
+            await asyncio.to_thread(_end, process)
+
+    async def _beat(self, control: socket.socket) -> None:
+        while True:
+            with suppress(BlockingIOError, ConnectionError):
+                self._order(control)
+                control.send(struct.pack("d", self._clock.now_s()))
+            await self._clock.sleep(self._beat_s)
+
+    def _order(self, control: socket.socket, *, is_all: bool = False) -> None:
+        """Send what the supervisor is to do, where that has changed."""
+        stops: tuple[BlindStop, ...] = ()
+        looks: tuple[BlindLook, ...] = ()
+        if is_all or self._may_move():
+            movers = (self._devices.arm, self._devices.gripper)
+            stops = tuple(
+                stop
+                for one in movers
+                if isinstance(one, StopsBlindly) and (stop := one.blind_stop()) is not None
+            )
+            if isinstance(self._devices.io, LooksBlindly):
+                look = self._devices.io.blind_look()
+                looks = () if look is None else (look,)
+        orders = Orders(stops, looks, self._clock_path, self._clock.speed, self._beat_s)
+        if orders != self._sent:
+            control.send(orders.to_bytes())
+            self._sent = orders
+
+    def _hear(self, control: socket.socket) -> None:
+        try:
+            packet = control.recv(PACKET_BYTES)
+        except BlockingIOError:
+            return
+        except OSError:
+            packet = b""
+        if not packet:
+            asyncio.get_running_loop().remove_reader(control)
+            self._ready.set()
+            if not self._is_over:
+                self._on_stopped("the supervisor has ended: nobody watches over this process")
+            return
+        body = json.loads(packet)
+        if body.get("ready"):
+            self._ready.set()
+        if "unreached" in body:
+            self.unreached.append(body["unreached"])
+        if "struck" in body:
+            self._on_stopped(body["struck"])
+
+
+@contextmanager
+def _signals_to(told: socket.socket) -> Iterator[None]:
+    """Have the kernel's own handler pass signals on: it runs whatever this process computes."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.set_wakeup_fd(told.fileno(), warn_on_full_buffer=False)
+    try:
+        yield
+    finally:
+        signal.set_wakeup_fd(before)
+
+
+def _start(control: socket.socket, signals: socket.socket) -> "subprocess.Popen[bytes]":
+    fds = (control.fileno(), signals.fileno())
+    return subprocess.Popen(
+        [sys.executable, "-P", "-m", "drivers.supervisor", *map(str, fds)],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        pass_fds=fds,
+        start_new_session=True,  # Ctrl-C and a closed terminal are for the controller
+    )
+
+
+def _end(process: "subprocess.Popen[bytes]") -> None:
+    try:
+        process.wait(END_WALL_S)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()

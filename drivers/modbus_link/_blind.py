@@ -1,0 +1,73 @@
+"""Modbus frames as bytes, for whoever has no link: the supervisor.
+
+By the Modbus application protocol V1.1b3 (6.2, 6.6), its TCP guide (3.1.3) and its serial line
+guide (2.5.1).
+"""
+
+import struct
+from typing import Final
+
+from ._address import Address, RtuAddress, TcpAddress
+from ._request import FunctionCode
+
+_NUMBER: Final = 0xB11D  # of the transaction; our own connection has no other
+_HEADER_BYTES: Final = 7  # of Modbus TCP, the unit among them
+
+
+def place_of(address: Address) -> str:
+    """Return where a line is: the device node, or ``host:port``."""
+    return address.device if isinstance(address, RtuAddress) else f"{address.host}:{address.port}"
+
+
+def write_frame(address: Address, unit: int, register: int, value: int) -> bytes:
+    """Return the frame that writes one register (FC06).
+
+    Parameters
+    ----------
+    address : of the line, which decides on the framing
+    unit : unit id
+    register : zero based
+    value : 0..65535
+    """
+    return _framed(address, unit, struct.pack(">BHH", FunctionCode.WRITE_REGISTER, register, value))
+
+
+def inputs_frame(address: TcpAddress, unit: int, count: int) -> bytes:
+    """Return the frame that reads the first discrete inputs (FC02).
+
+    Parameters
+    ----------
+    address : of the line
+    unit : unit id
+    count : how many
+    """
+    return _framed(address, unit, struct.pack(">BHH", FunctionCode.READ_DISCRETE_INPUTS, 0, count))
+
+
+def inputs_mask(count: int, wanted: tuple[int, ...]) -> bytes:
+    """Return a mask over the answer to `inputs_frame`, with the bits of some inputs set.
+
+    Parameters
+    ----------
+    count : how many inputs are read
+    wanted : numbers of those that are looked at
+    """
+    bits = sum(1 << number for number in wanted)
+    return bytes(_HEADER_BYTES + 2) + bits.to_bytes((count + 7) // 8, "little")
+
+
+def _framed(address: Address, unit: int, pdu: bytes) -> bytes:
+    if isinstance(address, TcpAddress):
+        return struct.pack(">HHHB", _NUMBER, 0, len(pdu) + 1, unit) + pdu
+    data = bytes([unit]) + pdu
+    return data + struct.pack("<H", _crc(data))
+
+
+def _crc(data: bytes) -> int:
+    """Return the CRC-16 of the serial line guide, 2.5.1.2."""
+    crc = 0xFFFF
+    for byte in data:
+        crc ^= byte
+        for _ in range(8):
+            crc = (crc >> 1) ^ 0xA001 if crc & 1 else crc >> 1
+    return crc
