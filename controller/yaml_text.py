@@ -6,6 +6,7 @@ may hold, and the messages to its writer.
 """
 
 import difflib
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -30,6 +31,12 @@ from ruamel.yaml.events import (
 
 Location = tuple[int | str, ...]
 
+# Of any file of ours. Beyond it a double no longer holds every whole number, and what is worked
+# out from a length overflows sooner or later.
+LARGEST_NUMBER: Final = 1e15
+NO_NUMBER: Final = f"is no number of sense; numbers are finite, {LARGEST_NUMBER:g} at most"
+UNREADABLE: Final = "\ufffd"  # stands in a text for bytes that are none
+DECIMAL_COMMA: Final = re.compile(r"([-+]?\d+),(\d+)")
 MAX_PROBLEM_COUNT: Final = 10  # problems of one text that are reported at once
 
 
@@ -145,6 +152,8 @@ class YamlText:
             message = words[kind].format(key=self.dialect.key(location), hint=hint)
             return f"{self._at(tuple(error['loc']))}: {message}"
         found = f"(found {error['input']!r:.60})"
+        if isinstance(error["input"], str) and DECIMAL_COMMA.fullmatch(error["input"]):
+            found += f"; write a decimal point: {error['input'].replace(',', '.')}"
         return self.sentence(location, f"{words.get(kind, error['msg'])} {found}")
 
     def _twin(self, model: type[BaseModel], location: Location) -> str | None:
@@ -310,6 +319,10 @@ class _Builder:
         if is_collection and len(self._open) >= self._dialect.max_depth:
             raise self._problem(event, self._dialect.too_deep)
         parent = self._open[-1] if self._open else None
+        if isinstance(event, ScalarEvent) and UNREADABLE in str(event.value):
+            raise self._problem(
+                event, f"{event.value!s:.60} is not text in UTF-8; save the file as UTF-8"
+            )
         if parent is not None and isinstance(parent.value, dict) and parent.key is None:
             if not isinstance(event, ScalarEvent):
                 raise self._problem(event, "a key must be a word; is a `:` too many?")
@@ -319,6 +332,13 @@ class _Builder:
             self._lines[*parent.location, parent.key] = event.start_mark.line + 1
             return
         value = self._value(event)
+        if (
+            isinstance(event, ScalarEvent)
+            and isinstance(value, int | float)
+            and LARGEST_NUMBER < abs(value) < float("inf")
+        ):
+            key = f"`{parent.key}`: " if parent is not None and parent.key is not None else ""
+            raise self._problem(event, f"{key}{value!s:.40} {NO_NUMBER}")
         location = self._put(parent, value)
         if parent is not None or self._dialect.names_first_line:
             self._lines.setdefault(location, event.start_mark.line + 1)

@@ -12,6 +12,7 @@ from typing import Final
 CAD_FORMATS: Final = (".stl", ".obj", ".ply", ".off", ".3mf", ".step", ".stp", ".yaml")
 STEP_FORMATS: Final = (".step", ".stp")
 MARK: Final = "#"  # between the file and the name of the body
+EVERY: Final = "*"  # in place of the name: all bodies, united
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,7 +22,8 @@ class CadSource:
     Attributes
     ----------
     file : on the disk
-    body : name of one of its bodies, as `body_name` has it, maybe empty; None where none is named
+    body : name of one of its bodies, as `body_name` has it, maybe empty, or `EVERY`; None where
+        none is named
     """
 
     file: Path
@@ -40,9 +42,9 @@ class CadSource:
     @property
     def part_name(self) -> str:
         """What the part is called."""
-        if self.body:
+        if self.body and self.body != EVERY:
             return self.body
-        stem = self.file.stem
+        stem = readable(self.file.stem)
         return stem.removesuffix(".csg") if self.ending == ".yaml" else stem
 
 
@@ -94,6 +96,14 @@ def body_name(text: str) -> str:
     spelt = unicodedata.normalize("NFC", text)
     signs = ("_" if c in "/\\" or not (c.isprintable() or c.isspace()) else c for c in spelt)
     return " ".join("".join(signs).split())
+
+
+def readable(name: str) -> str:
+    r"""Return a file's name as text: a byte that is no UTF-8 becomes ``\\xNN``.
+
+    Such a name opens its file, but cannot be written into any text.
+    """
+    return name.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
 
 
 def is_cad_file(path: Path) -> bool:

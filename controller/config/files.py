@@ -4,10 +4,15 @@ A name that somebody else has written leads to no file outside its folder.
 """
 
 import codecs
+import json
 import os
 import stat
 import tempfile
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
+
+from controller.yaml_text import LARGEST_NUMBER, NO_NUMBER
 
 from .errors import ConfigError
 
@@ -66,7 +71,9 @@ def read_bytes(path: Path, max_bytes: int, what: str) -> bytes:
     return bytes(data)
 
 
-def read_text(path: Path, what: str, max_bytes: int = MAX_TEXT_BYTES) -> str:
+def read_text(
+    path: Path, what: str, max_bytes: int = MAX_TEXT_BYTES, *, is_lenient: bool = False
+) -> str:
     """Return the text of a plain file.
 
     Parameters
@@ -74,15 +81,96 @@ def read_text(path: Path, what: str, max_bytes: int = MAX_TEXT_BYTES) -> str:
     path : the file
     what : the kind of file, for the message
     max_bytes : a larger file is refused
+    is_lenient : put U+FFFD in place of what is not UTF-8; the caller refuses it where it
+        matters, which in a comment it does not
 
     Raises
     ------
     ConfigError : as `read_bytes`, or not UTF-8
     """
+    return text_of(read_bytes(path, max_bytes, what), path, is_lenient=is_lenient)
+
+
+def text_of(data: bytes, path: Path, *, is_lenient: bool = False) -> str:
+    """Return the text of a file in UTF-8, or in UTF-16 or UTF-32, as its first bytes tell.
+
+    Parameters
+    ----------
+    data : of the file
+    path : of the file, for the message
+    is_lenient : as in `read_text`
+
+    Raises
+    ------
+    ConfigError : in another encoding; the message names the line, and has it in code page 1252
+    """
+    encoding = encoding_of(data)
     try:
-        return read_bytes(path, max_bytes, what).decode("utf-8-sig")
+        return data.decode(encoding, errors="replace" if is_lenient else "strict")
     except UnicodeDecodeError as error:
-        raise ConfigError(f"{path}: is not a text file (UTF-8); is it the right file?") from error
+        line = data.count(b"\n", 0, error.start) + 1
+        begin = data.rfind(b"\n", 0, error.start) + 1
+        shown = data[begin : error.start + 40].partition(b"\n")[0].decode("cp1252", "replace")
+        raise ConfigError(
+            f"{path}: line {line} ({shown.strip():.60}) is not text in UTF-8; save the file as "
+            "UTF-8"
+        ) from error
+
+
+def parse_json(text: str | bytes, path: Path, what: str) -> Any:  # noqa: ANN401 - any JSON
+    """Return what a JSON text holds.
+
+    Parameters
+    ----------
+    text : of the file
+    path : of the file, for the message
+    what : that is expected, for the message
+
+    Raises
+    ------
+    ConfigError : no JSON, a key that stands twice, or a number that is none or beyond
+        `LARGEST_NUMBER`, with its key
+    """
+    if isinstance(text, bytes):
+        text = text_of(text, path)
+    try:
+        tree = json.loads(text, object_pairs_hook=_once_each)
+    except json.JSONDecodeError as error:
+        raise ConfigError(
+            f"{path}:{error.lineno}: not valid JSON: {error.msg}; {what} is expected"
+        ) from error
+    except (ValueError, RecursionError) as error:
+        raise ConfigError(f"{path}: not valid JSON: {error!s:.120}; {what} is expected") from error
+    for key, number in _numbers(tree, ""):
+        if not is_sensible(number):
+            raise ConfigError(f"{path}: `{key}`: {number!s:.40} {NO_NUMBER}")
+    return tree
+
+
+def is_sensible(number: float) -> bool:
+    """Return whether a number of a file can be worked with: finite, up to `LARGEST_NUMBER`."""
+    return abs(number) <= LARGEST_NUMBER
+
+
+def _numbers(tree: object, key: str) -> Iterator[tuple[str, float]]:
+    if isinstance(tree, int | float) and not isinstance(tree, bool):
+        yield key, tree
+    elif isinstance(tree, dict):
+        for name, value in tree.items():
+            yield from _numbers(value, f"{key}.{name}".lstrip("."))
+    elif isinstance(tree, list):
+        for number, value in enumerate(tree):
+            yield from _numbers(value, f"{key}[{number}]")
+
+
+def _once_each(pairs: Sequence[tuple[str, Any]]) -> Mapping[str, Any]:
+    """Return the pairs of an object; raise ValueError where a key stands twice."""
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        keys = [key for key, _ in pairs]
+        twice = next(key for key in keys if keys.count(key) > 1)
+        raise ValueError(f"the key {twice!r:.60} stands twice in one object")
+    return found
 
 
 def encoding_of(data: bytes) -> str:
@@ -140,7 +228,8 @@ def write_whole(path: Path, text: str) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.NamedTemporaryFile(dir=path.parent, prefix=".", delete=False) as draft:
-            draft.write(text.encode())
+            # a file name in it may have bytes that are no text
+            draft.write(text.encode(errors="backslashreplace"))
             draft.flush()
             os.fsync(draft.fileno())
         Path(draft.name).chmod(0o644)

@@ -11,7 +11,7 @@ COLUMNS: Final = ("recipe", "serial", "lot")
 class ListReader:
     """Reads a list: titles first, then its lines; those without any value are left out.
 
-    Commas stand between values, or semicolons, where spreadsheets write these. Both methods raise
+    Commas stand between values, or what `table_of` finds. Both methods raise
     `csv.Error` where a line is no CSV.
 
     Parameters
@@ -20,13 +20,13 @@ class ListReader:
     """
 
     def __init__(self, text: str) -> None:
-        delimiter = ";" if ";" in text.partition("\n")[0] else ","
+        text, delimiter, self._skipped = table_of(text)
         self._reader = csv.reader(io.StringIO(text), delimiter=delimiter, strict=True)
 
     @property
     def line(self) -> int:
         """Number of the line that was read last, from 1."""
-        return self._reader.line_num
+        return self._reader.line_num + self._skipped
 
     def titles(self) -> list[str]:
         """Return the titles, in small letters; to be called first, once."""
@@ -41,3 +41,20 @@ class ListReader:
             if any(value.strip() for value in values):
                 fits = len(values) == len(titles)
                 yield dict(zip(titles, values, strict=True)) if fits else None
+
+
+def table_of(text: str) -> tuple[str, str, int]:
+    """Return a table's text, what stands between its values, and how many lines were left out.
+
+    Spreadsheets write semicolons where the comma is a decimal sign, tabs into UTF-16, and a first
+    line ``sep=;`` for other spreadsheets.
+
+    Parameters
+    ----------
+    text : of the table, lines ending in a line feed
+    """
+    first, _, rest = text.partition("\n")
+    hint = first.strip().lower()
+    if hint.startswith("sep=") and len(hint) == len("sep=") + 1:
+        return rest, hint[-1], 1
+    return text, next((mark for mark in ";\t" if mark in first), ","), 0

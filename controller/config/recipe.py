@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, AliasChoices, Field, model_validator
 
-from .cad_files import is_cad_file, split_cad
+from .cad_files import EVERY, STEP_FORMATS, body_path, is_cad_file, split_cad
 from .characteristics import CharacteristicSection, ToleranceClass
 from .errors import ConfigError
 from .faults import FaultsSection
@@ -87,7 +87,9 @@ class Recipe(Section):
     Attributes
     ----------
     name : of the product, for people
-    part : CAD file, relative to the recipe; ``file.step#NAME`` is one body of a file of several
+    part : CAD file, relative to the recipe; ``file.step#NAME`` is one body of a file of several,
+        ``file.step#*`` all of them united
+    unite : whether the bodies of the part's STEP file are united, as by ``#*``
     others : CAD files of other parts that may turn up on the table, named as `part`
     unit : of CAD files that name none, such as STL; a file that names its unit keeps it
     density_g_cm3 : of the material, for the part's weight (default: the CAD file's, else 2.7,
@@ -99,6 +101,7 @@ class Recipe(Section):
 
     name: Annotated[str, AfterValidator(_fit_for_a_folder)]
     part: Path
+    unite: bool = False
     others: tuple[Path, ...] = ()
     unit: Unit | None = None
     density_g_cm3: float | None = Field(None, gt=0, le=25)
@@ -147,6 +150,8 @@ def load_recipe(path: Path, draft: str | None = None) -> Recipe:
         return _inside(path, name, where, location)
 
     part = inside(recipe.part, "part")
+    if recipe.unite:
+        part = _united(part, f"{path}:{line_of(('unite',))}")
     others = tuple(inside(other, "others", i) for i, other in enumerate(recipe.others))
     cell = inside(recipe.cell, "cell")
     if "cell" not in recipe.model_fields_set and not _is_file(cell):
@@ -157,6 +162,17 @@ def load_recipe(path: Path, draft: str | None = None) -> Recipe:
         if not _is_file(split_cad(cad).file):
             raise ConfigError(_unknown_part(path, cad, line))
     return recipe.model_copy(update={"part": part, "others": others, "cell": cell})
+
+
+def _united(part: Path, where: str) -> Path:
+    """Return the name of a part that is all bodies of its file; raise ConfigError for no STEP."""
+    source = split_cad(part)
+    if source.ending not in STEP_FORMATS or source.body not in (None, EVERY):
+        raise ConfigError(
+            f"{where}: `unite`: is for a STEP file of several bodies, not for {source.name}; "
+            "leave it out"
+        )
+    return body_path(source.file, EVERY)
 
 
 def _inside(recipe: Path, name: Path, where: str, location: tuple[int | str, ...]) -> Path:

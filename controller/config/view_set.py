@@ -4,8 +4,6 @@ Millimetres and degrees; files are named relative to the set's own file (docs/in
 """
 
 import base64
-import json
-from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
@@ -19,7 +17,7 @@ from controller.yaml_text import WrongKeyError, YamlText
 from .cell import MAX_SIZE_PX, AccuracySection, LightSection
 from .characteristics import GivenSection
 from .errors import ConfigError
-from .files import read_text
+from .files import parse_json, read_text
 from .recipe import Recipe, Unit
 from .yaml_models import DIALECT, Section
 
@@ -300,12 +298,7 @@ def _tree(path: Path, text: str) -> dict[str, Any]:
     """Return the object that a JSON text holds."""
     if not text.strip():
         raise ConfigError(f"{path}: is empty; a set of views ({SCHEMA}) is expected")
-    try:
-        tree = json.loads(text, parse_constant=_no_number, object_pairs_hook=_once_each)
-    except json.JSONDecodeError as error:
-        raise ConfigError(f"{path}:{error.lineno}: not valid JSON: {error.msg}") from error
-    except (ValueError, RecursionError) as error:
-        raise ConfigError(f"{path}: not valid JSON: {error!s:.120}") from error
+    tree = parse_json(text, path, f"a set of views ({SCHEMA})")
     if not isinstance(tree, dict):
         raise ConfigError(f"{path}: is no JSON object; a set of views ({SCHEMA}) is expected")
     if tree.get("schema") != SCHEMA:
@@ -314,17 +307,3 @@ def _tree(path: Path, text: str) -> dict[str, Any]:
             "is it the right file?"
         )
     return tree
-
-
-def _no_number(name: str) -> float:
-    raise ValueError(f"{name} is no number")
-
-
-def _once_each(pairs: Sequence[tuple[str, Any]]) -> Mapping[str, Any]:
-    """Return the pairs of an object; raise ValueError where a key stands twice."""
-    found = dict(pairs)
-    if len(found) < len(pairs):
-        keys = [key for key, _ in pairs]
-        twice = next(key for key in keys if keys.count(key) > 1)
-        raise ValueError(f"the key {twice!r:.60} stands twice in one object")
-    return found

@@ -171,7 +171,7 @@ def yaml_tree(path: Path, draft: str | None = None) -> dict[str, Any]:
 
 def _text(path: Path, draft: str | None = None) -> YamlText:
     try:
-        text = read_text(path, "a file of settings") if draft is None else draft
+        text = read_text(path, "a file of settings", is_lenient=True) if draft is None else draft
         return read_yaml(text, path, DIALECT)
     except YamlTextError as error:
         raise ConfigError(str(error)) from error

@@ -176,7 +176,7 @@ def test_a_list_is_refused_whole_with_the_lines_that_are_wrong(
 def test_a_list_that_is_no_text_is_refused(tmp_path: Path) -> None:
     file = tmp_path / "parts.csv"
     file.write_bytes(b"recipe,serial\nholder,\xff\n")
-    with pytest.raises(ConfigError, match="no text in UTF-8"):
+    with pytest.raises(ConfigError, match="not text in UTF-8"):
         load_parts_list(file)
 
 

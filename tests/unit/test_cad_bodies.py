@@ -231,7 +231,7 @@ def test_a_file_of_several_says_what_to_write(made: Path) -> None:
     with pytest.raises(ManySolidsCadError) as caught:
         load_solid(path)
     text = str(caught.value)
-    assert "10 separate bodies of 6 shapes" in text
+    assert "10 bodies of 6 shapes" in text
     for name in ("pin", "pin~2", "plate", "left", "right", body_name(HANDLE)):
         assert f"{path}#{name} " in text
     assert "5 times" in text

@@ -6,6 +6,7 @@ import csv
 import gzip
 import io
 import json
+import time
 import zipfile
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -247,6 +248,23 @@ def read_dfq(data: bytes) -> tuple[dict[str, str], list[list[list[str]]], dict[s
         elif line:
             values.append([one.split("\x14") for one in line.split("\x0f")])
     return head, values, behind
+
+
+@pytest.mark.parametrize(("zone", "ahead_h"), [("Europe/Berlin", (1, 2)), ("UTC", (0, 0))])
+def test_a_dfq_file_has_the_plants_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, zone: str, ahead_h: tuple[int, int]
+) -> None:
+    judged = bench.judged(tmp_path)
+    monkeypatch.setenv("TZ", zone)
+    time.tzset()
+    try:
+        _, values, _ = read_dfq(dfq_bytes([judged]))
+    finally:
+        monkeypatch.undo()
+        time.tzset()
+    at = datetime.strptime(values[0][0][2], "%d.%m.%Y/%H:%M:%S")  # noqa: DTZ007 - it has no zone
+    ahead = at - judged.header.end.astimezone(UTC).replace(tzinfo=None, microsecond=0)
+    assert ahead.total_seconds() / 3600 in ahead_h  # winter or summer
 
 
 def test_a_dfq_file_holds_head_and_values(tmp_path: Path) -> None:

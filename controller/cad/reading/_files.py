@@ -62,7 +62,7 @@ def load_solid(path: Path, *, unit: str | None = None, on_stage: OnStage = no_st
     merged, content_hash, found = _read_merged(path, ending, unit)
     return solid_of(
         merged,
-        path.stem,
+        source.part_name,
         content_hash,
         where=str(path),
         unit=found or name,

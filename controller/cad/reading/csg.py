@@ -15,6 +15,7 @@ import numpy as np
 import shapely
 import trimesh
 
+from controller.config.cad_files import CadSource
 from controller.yaml_text import Location, YamlText
 
 from ..errors import CsgCadError
@@ -59,7 +60,7 @@ def read_csg(path: Path) -> Solid:
             np.asarray(mesh.tri_verts, dtype=np.int64),
             process=False,
         ),
-        path.name.removesuffix(path.suffix).removesuffix(".csg"),
+        CadSource(path).part_name,
         hashlib.sha256(data).hexdigest(),
         where=str(path),
         unit=unit,

@@ -6,6 +6,7 @@ from typing import Any, Final
 
 from pydantic import ValidationError
 
+from controller.config.files import text_of
 from controller.yaml_text import Dialect, Location, YamlText, YamlTextError, read_yaml
 
 from ..errors import CsgCadError
@@ -74,12 +75,8 @@ def read_csg_text(data: bytes, path: Path) -> tuple[CsgText, YamlText]:
             "use shapes by name instead of repeating them"
         )
     try:
-        text = read_yaml(data.decode("utf-8"), path, DIALECT)
+        text = read_yaml(text_of(data, path, is_lenient=True), path, DIALECT)
         return CsgText.model_validate(text.tree), text
-    except UnicodeDecodeError as error:
-        raise CsgCadError(
-            f"{path}: byte {error.start} is not text (UTF-8); is it the right file?"
-        ) from error
     except YamlTextError as error:
         raise CsgCadError(str(error)) from error
     except ValidationError as error:

@@ -15,7 +15,7 @@ from controller.arrays import FloatArray
 from controller.commissioning.calibration import PARAMETERS, Calibration, Placed
 from controller.config import ConfigError
 from controller.config.cell import MAX_HEIGHT_MM, MIN_HEIGHT_MM
-from controller.config.files import read_text
+from controller.config.files import parse_json, read_text
 from controller.imaging import Camera
 from controller.stored.pictures import MAX_PIXELS
 
@@ -29,9 +29,8 @@ def load_calibration(path: Path) -> Camera:
     ------
     ConfigError : the file is missing or is no calibration
     """
-    text = read_text(path, "a calibration", MAX_BYTES)
+    body = parse_json(read_text(path, "a calibration", MAX_BYTES), path, "a calibration")
     try:
-        body = json.loads(text)
         width, height = (_count(number) for number in body["size_px"])
         K = np.array(body["K"], dtype=float).reshape(3, 3)
         distortion = np.array(body["distortion"], dtype=float).reshape(5)
@@ -41,8 +40,6 @@ def load_calibration(path: Path) -> Camera:
             f"{path}: no camera calibration ({type(error).__name__}: {error!s:.120}); required "
             "are size_px [width, height], K (3 x 3), distortion (5) and T_world_cam (4 x 4)"
         ) from error
-    if not (np.isfinite(K).all() and np.isfinite(distortion).all() and np.isfinite(T).all()):
-        raise ConfigError(f"{path}: the calibration holds values that are not numbers")
     _check(path, (width, height), K, T)
     return Camera((width, height), K, distortion, T)
 

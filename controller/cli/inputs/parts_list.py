@@ -10,7 +10,7 @@ from typing import Final
 
 from controller.cell.services.table import Label, why_no_serial
 from controller.config import ConfigError, find_recipe
-from controller.config.files import read_bytes
+from controller.config.files import read_text
 from controller.config.parts_list import COLUMNS, ListReader
 
 from ..options import MAX_PART_COUNT
@@ -119,12 +119,9 @@ def _rows(path: Path) -> Iterator[tuple[int, dict[str, str] | None]]:
 
 
 def _text(path: Path) -> str:
-    data = read_bytes(path, MAX_BYTES, "a list of parts")
-    try:
-        # lines end as any system ends them
-        return io.StringIO(data.decode("utf-8-sig"), newline=None).getvalue()
-    except UnicodeDecodeError as error:
-        raise ConfigError(f"{path}: is no text in UTF-8") from error
+    # lines end as any system ends them
+    text = read_text(path, "a list of parts", MAX_BYTES)
+    return io.StringIO(text, newline=None).getvalue()
 
 
 def _check_titles(path: Path, titles: Sequence[str]) -> None:

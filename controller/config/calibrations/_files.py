@@ -10,7 +10,7 @@ from pydantic import ValidationError
 
 from ..calibration_reference import CalibrationName, CalibrationReference
 from ..errors import ConfigError
-from ..files import read_bytes, write_whole
+from ..files import parse_json, read_bytes, write_whole
 from ..yaml_models import WrongKeyError
 from ._models import (
     ArmCalibration,
@@ -72,10 +72,7 @@ def read_calibrations(
 
 def _parse(path: Path, name: CalibrationName, data: bytes) -> Calibration:
     model = MODELS[name]
-    try:
-        tree = json.loads(data)
-    except (ValueError, RecursionError) as error:
-        raise ConfigError(f"{path}: is not JSON ({error!s:.120}); is it a calibration?") from error
+    tree = parse_json(data, path, "a calibration")
     kind = model.model_fields["kind"].default
     if not isinstance(tree, dict) or tree.get("kind") != kind:
         given = tree.get("kind") if isinstance(tree, dict) else None

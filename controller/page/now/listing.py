@@ -6,11 +6,14 @@ can name no other file.
 """
 
 import csv
+import io
 from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
+from controller.config import ConfigError
+from controller.config.files import read_text
 from controller.config.parts_list import COLUMNS, ListReader
 
 from ..frame.screens import RefusedError
@@ -53,10 +56,10 @@ def write_list(sent: Path, to: Path, choices: Choices, project_dir: Path) -> Map
 
 def _parts(sent: Path) -> list[dict[str, str]]:
     try:
-        text = sent.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
+        text = read_text(sent, "a list of parts", LIST_MAX_BYTES)
+    except ConfigError as error:
         raise RefusedError(422, "the list is no text in UTF-8") from error
-    reader = ListReader(text)
+    reader = ListReader(io.StringIO(text, newline=None).getvalue())
     parts: list[dict[str, str]] = []
     try:
         titles = reader.titles()

@@ -4,6 +4,7 @@ Head first: the product as K1 fields, each characteristic as K2 fields with its 
 slash. Then a line of values per part: characteristics apart by 0x0F, within each the value, its
 attribute and the time, apart by 0x14. A part that lacks a value has the attribute of an invalid
 one, so that no program takes it for a measurement. Parts of one file share their characteristics.
+Times are those of this computer's zone (``TZ``, else the system's): the format has no place for it.
 """
 
 from collections.abc import Sequence
@@ -46,7 +47,8 @@ def dfq_bytes(parts: Sequence[JudgedPart]) -> bytes:
     for index, characteristic in enumerate(asked, start=1):
         lines += _fields(str(index), _characteristic(characteristic))
     for judged in parts:
-        at = f"{judged.header.end:%d.%m.%Y/%H:%M:%S}"
+        # K0004 has no zone: the plant's time, so that values of other gauges sort beside it
+        at = f"{judged.header.end.astimezone():%d.%m.%Y/%H:%M:%S}"
         if not judged.part.characteristics:
             continue  # the part was not measured
         lines.append(

@@ -10,10 +10,13 @@ from pathlib import Path
 from typing import Final
 
 from controller.config import ConfigError
-from controller.config.files import read_text
+from controller.config.files import is_sensible, read_text
+from controller.config.parts_list import table_of
+from controller.yaml_text import DECIMAL_COMMA
 
 MAX_BYTES: Final = 2**20
 COLUMNS: Final = ("characteristic", "value", "U", "part")
+NUMBERS: Final = COLUMNS[1:3]
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,8 +48,8 @@ def read_references(path: Path, known: Collection[str], parts: Collection[str]) 
     ------
     ConfigError : not such a table, no number, or something that was not measured
     """
-    text = read_text(path, "a table of reference values", MAX_BYTES).removeprefix("\ufeff")
-    mark = ";" if ";" in text.partition("\n")[0] else ","
+    written = read_text(path, "a table of reference values", MAX_BYTES)
+    text, mark, skipped = table_of(io.StringIO(written, newline=None).getvalue())
     table = csv.DictReader(io.StringIO(text), delimiter=mark, skipinitialspace=True)
     names = [name.strip() for name in table.fieldnames or ()]
     table.fieldnames = names
@@ -55,13 +58,16 @@ def read_references(path: Path, known: Collection[str], parts: Collection[str]) 
     if missing or unknown:
         what = f"no column `{missing[0]}`" if missing else f"unknown column `{unknown[0]}`"
         raise ConfigError(
-            f"{path}:1: {what}; the first line names the columns: characteristic, value, and as "
-            "you have them U (k = 2) and part"
+            f"{path}:{1 + skipped}: {what}; the first line names the columns: characteristic, "
+            "value, and as you have them U (k = 2) and part"
         )
     found = []
     for row in table:
-        where = f"{path}:{table.line_num}"
+        where = f"{path}:{table.line_num + skipped}"
         one = {key: (value or "").strip() for key, value in row.items() if isinstance(key, str)}
+        if mark != ",":  # then a comma in a number is a decimal sign
+            for key in NUMBERS:
+                one[key] = DECIMAL_COMMA.sub(r"\1.\2", one.get(key, ""))
         name, part = one["characteristic"], one.get("part", "")
         if name not in known:
             near = get_close_matches(name, known, 2, 0.5) or sorted(known)[:2]
@@ -87,6 +93,6 @@ def _number(row: Mapping[str, str], key: str, where: str) -> float:
         value = float(row[key])
     except ValueError:
         value = math.nan
-    if not math.isfinite(value):
+    if not is_sensible(value):
         raise ConfigError(f"{where}: {key} is {row[key]!r:.40}; a number is expected")
     return value

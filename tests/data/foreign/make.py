@@ -3,7 +3,7 @@
 Run it here: ``python make.py``. It needs no library, and nothing of the code under test.
 """
 
-# ruff: noqa: ANN001, ANN002, ANN003, ANN201
+# ruff: noqa: ANN001, ANN002, ANN003, ANN201, ANN202, ANN204, B905
 import json
 import struct
 import zipfile
@@ -202,6 +202,130 @@ def mesh_files():
     yield "off_decimal_comma.off", comma(off("{:.2f}")).encode(), BLOCK
 
 
+class Step:
+    """Records of a STEP file, numbered as they are added."""
+
+    def __init__(self):
+        self.lines = []
+
+    def add(self, text):
+        self.lines.append(f"#{len(self.lines) + 1}={text};")
+        return f"#{len(self.lines)}"
+
+    def vector(self, kind, numbers):
+        return self.add(f"{kind}('',({','.join(f'{x:.6E}' for x in numbers)}))")
+
+    def point(self, numbers):
+        return self.vector("CARTESIAN_POINT", numbers)
+
+    def frame(self, at, axis, ref):
+        axis, ref = self.vector("DIRECTION", axis), self.vector("DIRECTION", ref)
+        return self.add(f"AXIS2_PLACEMENT_3D('',{self.point(at)},{axis},{ref})")
+
+    def solid(self, points, name=""):
+        """Add a block's solid: six planes, twelve edges, eight corners."""
+        corner = [self.add(f"VERTEX_POINT('',{self.point(p)})") for p in points]
+        edges = {}
+        for quad in QUADS:
+            for a, b in zip(quad, quad[1:] + quad[:1]):
+                if (b, a) not in edges:
+                    way = [v - u for u, v in zip(points[a - 1], points[b - 1])]
+                    length = sum(x * x for x in way) ** 0.5
+                    along = self.vector("DIRECTION", [x / length for x in way])
+                    vector = self.add(f"VECTOR('',{along},{length:.6E})")
+                    line = self.add(f"LINE('',{self.point(points[a - 1])},{vector})")
+                    ends = f"{corner[a - 1]},{corner[b - 1]}"
+                    edges[a, b] = self.add(f"EDGE_CURVE('',{ends},{line},.T.)")
+        faces = []
+        for quad in QUADS:
+            used = []
+            for a, b in zip(quad, quad[1:] + quad[:1]):
+                edge, sense = (edges[a, b], "T") if (a, b) in edges else (edges[b, a], "F")
+                used.append(self.add(f"ORIENTED_EDGE('',*,*,{edge},.{sense}.)"))
+            loop = self.add(f"EDGE_LOOP('',({','.join(used)}))")
+            bound = self.add(f"FACE_OUTER_BOUND('',{loop},.T.)")
+            o, u, w = (points[k - 1] for k in (quad[0], quad[1], quad[3]))
+            u, w = ([y - x for x, y in zip(o, p)] for p in (u, w))
+            n = (u[1] * w[2] - u[2] * w[1], u[2] * w[0] - u[0] * w[2], u[0] * w[1] - u[1] * w[0])
+            plane = self.add(f"PLANE('',{self.frame(o, n, u)})")
+            faces.append(self.add(f"ADVANCED_FACE('',({bound}),{plane},.T.)"))
+        shell = self.add(f"CLOSED_SHELL('',({','.join(faces)}))")
+        return self.add(f"MANIFOLD_SOLID_BREP('{name}',{shell})")
+
+    def text(self, *products, header="by hand"):
+        """Return the file of products, each a name and its solids."""
+        app = self.add("APPLICATION_CONTEXT('automotive design')")
+        whose = self.add(f"PRODUCT_CONTEXT('',{app},'mechanical')")
+        what = self.add(f"PRODUCT_DEFINITION_CONTEXT('part definition',{app},'design')")
+        mm = self.add("(LENGTH_UNIT() NAMED_UNIT(*) SI_UNIT(.MILLI.,.METRE.))")
+        rad = self.add("(NAMED_UNIT(*) PLANE_ANGLE_UNIT() SI_UNIT($,.RADIAN.))")
+        sr = self.add("(NAMED_UNIT(*) SI_UNIT($,.STERADIAN.) SOLID_ANGLE_UNIT())")
+        sure = self.add(
+            f"UNCERTAINTY_MEASURE_WITH_UNIT(LENGTH_MEASURE(1.E-6),{mm},'distance','accuracy')"
+        )
+        context = self.add(
+            "(GEOMETRIC_REPRESENTATION_CONTEXT(3) GLOBAL_UNCERTAINTY_ASSIGNED_CONTEXT"
+            f"(({sure})) GLOBAL_UNIT_ASSIGNED_CONTEXT(({mm},{rad},{sr})) "
+            "REPRESENTATION_CONTEXT('',''))"
+        )
+        for name, solids in products:
+            product = self.add(f"PRODUCT('{name}','{name}','',({whose}))")
+            formation = self.add(f"PRODUCT_DEFINITION_FORMATION('','',{product})")
+            definition = self.add(f"PRODUCT_DEFINITION('design','',{formation},{what})")
+            of = self.add(f"PRODUCT_DEFINITION_SHAPE('','',{definition})")
+            origin = self.frame((0, 0, 0), (0, 0, 1), (1, 0, 0))
+            items = ",".join([origin, *solids])
+            shape = self.add(f"ADVANCED_BREP_SHAPE_REPRESENTATION('',({items}),{context})")
+            self.add(f"SHAPE_DEFINITION_REPRESENTATION({of},{shape})")
+        head = (
+            f"ISO-10303-21;\nHEADER;\n/* that's {header} */\nFILE_DESCRIPTION((''),'2;1');\n"
+            "FILE_NAME('part','2020-01-01T00:00:00',(''),(''),'','','');\n"
+            "FILE_SCHEMA(('AUTOMOTIVE_DESIGN { 1 0 10303 214 1 1 1 1 }'));\nENDSEC;\nDATA;\n"
+        )
+        return "\n".join(
+            [head + self.lines[0], *self.lines[1:], "ENDSEC;", "END-ISO-10303-21;", ""]
+        )
+
+
+def step_files():
+    """Yield name, content and meaning of STEP files; a body is named where one is meant."""
+
+    def one(**header):
+        file = Step()
+        return file.text(("block", [file.solid(corners())]), **header)
+
+    def two(first, second):
+        file = Step()
+        angle = file.solid(corners((10.0, 40.0, 30.0), (0.0, 0.0, 20.0)))
+        return file.text((first, [file.solid(corners())]), (second, [angle]))
+
+    def both(at, name="block"):
+        file = Step()
+        solids = [file.solid(corners()), file.solid(corners((10.0, 40.0, 30.0), at))]
+        return file.text((name, solids))
+
+    angle = {"size_mm": (60.0, 40.0, 50.0), "volume_mm3": 60_000.0}
+    names = two("Gehäuse", "Bügel").encode("cp1252")
+    block = BLOCK | {"body": "Gehäuse", "caution": "code page 1252"}
+    yield "step_names_cp1252.step", names, block
+    yield "step_names_gbk.step", two("外壳", "支架").encode("gbk"), {"refused": "code page 1252"}
+    yield "step_names_utf8.step", two("Gehäuse", "Bügel").encode(), BLOCK | {"body": "Gehäuse"}
+    yield "step_header_cp1252.step", one(header="für Händler").encode("cp1252"), BLOCK
+    yield "step_mark_cr.step", one().replace("\n", "\r").encode("utf-8-sig"), BLOCK
+    yield "step_utf16.step", one().encode("utf-16"), BLOCK
+    comma = one().replace("6.000000E+01", "6,000000E+01")
+    yield "step_decimal_comma.step", comma.encode(), {"refused": "decimals written with commas"}
+    far = one().replace("(6.000000E+01,", "(6.000000E+307,", 1)
+    yield "step_beyond.step", far.encode(), {"refused": "#\\d+, a CARTESIAN_POINT, holds 6.0*E.307"}
+    yield "step_touching.step", both((0.0, 0.0, 20.0)).encode(), angle | {"body": "*"}
+    deeper = both((0.0, 0.0, 10.0)).encode()
+    meaning = {"size_mm": (60.0, 40.0, 40.0), "volume_mm3": 56_000.0, "body": "*"}
+    yield "step_overlapping.step", deeper, meaning | {"caution": "into each other by 4e.03 mm3"}
+    yield "step_touching_unnamed.step", both((0.0, 0.0, 20.0)).encode(), {"refused": "They touch"}
+    apart = both((0.0, 0.0, 25.0)).encode()
+    yield "step_apart.step", apart, {"body": "*", "refused": "2 are left"}
+
+
 def packages():
     """Write 3MF packages; yield name and meaning."""
     item, main = '<build><item objectid="1"/></build>', "3D/3dmodel.model"
@@ -235,7 +359,7 @@ def packages():
 def main():
     """Write all files and the truth."""
     truth = {}
-    for name, data, meaning in mesh_files():
+    for name, data, meaning in (*mesh_files(), *step_files()):
         (HERE / name).write_bytes(data)
         truth[name] = meaning
     truth.update(packages())

@@ -22,6 +22,7 @@ from ...errors import UnreadableCadError
 from .congruent import Marks, placing
 from .kernel import KernelLimits, KernelRun
 from .references import References
+from .texts import for_kernel, has_code_page
 
 MAX_KEPT: Final = 2  # files whose bodies are kept in memory, for who asks for one after the other
 
@@ -76,6 +77,7 @@ class Bodies:
     open_names : products whose surfaces enclose nothing
     unit : of length, in the kernel's spelling
     missing : files it names that are not there
+    is_in_code_page : whether its names are no UTF-8, and were read as code page 1252
     """
 
     distinct: tuple[Body, ...]
@@ -83,6 +85,7 @@ class Bodies:
     open_names: tuple[str, ...]
     unit: str
     missing: tuple[str, ...]
+    is_in_code_page: bool = False
 
     @property
     def count(self) -> int:
@@ -122,28 +125,47 @@ def open_bodies(path: Path, files: References, limits: KernelLimits | None = Non
     return found
 
 
+def written(files: References, folder: Path) -> Path:
+    """Write copies of a file and of those it names, as the kernel reads them; return the first.
+
+    Parameters
+    ----------
+    files : content by name
+    folder : to make for them
+    """
+    folder.mkdir()
+    main, *rest = files.found
+    source = folder / ("part.step" if not rest else main)
+    source.write_bytes(for_kernel(files.found[main]))
+    for name in rest:
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_bytes(for_kernel(files.found[name]))
+    return source
+
+
 def _listed(
     path: Path, files: References, limits: KernelLimits | None, *, with_names: bool
 ) -> Bodies:
     """Run the kernel on copies of the files, so that it sees what was hashed."""
     with tempfile.TemporaryDirectory(prefix="cellctl-step-") as folder:
         shapes = Path(folder) / "shapes"
-        inputs = Path(folder) / "inputs"
         shapes.mkdir()
-        inputs.mkdir()
-        main, *rest = files.found
-        source = inputs / ("part.step" if not rest else main)
-        source.write_bytes(files.found[main])
-        for name in rest:
-            (inputs / name).parent.mkdir(parents=True, exist_ok=True)
-            (inputs / name).write_bytes(files.found[name])
+        source = written(files, Path(folder) / "inputs")
         arguments = (str(shapes), "1" if with_names else "0")
         with KernelRun("bodies", source, Path(folder) / "bodies.npz", arguments, limits) as run:
             found = run.result(str(path))
         stated = json.loads(str(found["listing"]))
         content = [(shapes / f"{i}.bin").read_bytes() for i in range(len(stated["bodies"]))]
     distinct, others = _grouped(stated["bodies"], found, content)
-    return Bodies(distinct, others, tuple(stated["open"]), str(stated["unit"]), files.missing)
+    is_in_code_page = any(map(has_code_page, files.found.values()))
+    return Bodies(
+        distinct,
+        others,
+        tuple(stated["open"]),
+        str(stated["unit"]),
+        files.missing,
+        is_in_code_page,
+    )
 
 
 def _grouped(

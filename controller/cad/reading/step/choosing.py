@@ -11,6 +11,7 @@ from controller.config.cad_files import body_name, body_path
 
 from ...errors import EmptyCadError, ManySolidsCadError, OpenCadError, UnreadableCadError
 from .bodies import Bodies, Body
+from .texts import CODE_PAGE_TEXT
 
 MAX_LISTED: Final = 60
 
@@ -102,7 +103,7 @@ def many(path: Path, bodies: Bodies) -> str:
     if any(" " in str(body_path(path, body.name)) for body in bodies.distinct):
         how += " (in quotes on a command line, for its blanks)"
     return (
-        f"{path}: holds {bodies.count} separate bodies{of}; a part is one. "
+        f"{path}: holds {bodies.count} bodies{of}; a part is one. "
         f"Name one {how}, or compile each: "
         f"cellctl compile --all {shlex.quote(str(path))}\n{lines}"
     )
@@ -118,6 +119,8 @@ def listing(path: Path, bodies: Bodies) -> str:
     if bodies.open_names:
         names = ", ".join(map(body_name, bodies.open_names[:MAX_LISTED]))
         lines.append(f"  no solid: {names}")
+    if bodies.is_in_code_page:
+        lines.append(f"  {CODE_PAGE_TEXT}")
     if bodies.missing:
         lines.append(f"  {missing_text(path, bodies)}")
     return "\n".join(lines)

@@ -18,7 +18,7 @@ import numpy as np
 import trimesh
 
 from controller.arrays import FloatArray, IntArray
-from controller.config.cad_files import body_path
+from controller.config.cad_files import EVERY, CadSource, body_path
 
 from ...boundary import Face, FaceKind
 from ...errors import (
@@ -38,6 +38,8 @@ from .choosing import choose, many, require_one
 from .kernel import KernelLimits, KernelRun, check_installed
 from .merging import merge_faces
 from .references import References, collect
+from .texts import CODE_PAGE_TEXT, check_numbers, for_kernel
+from .uniting import require_whole, touching_text, unite
 
 # How finely, in turn, while what comes of it is no closed surface: chord error as a multiple of
 # what the kernel's process has for a part of its size, angle [rad], what is done to it first.
@@ -163,6 +165,10 @@ def read_step_part(
     data = _read_text(path)
     check_installed(str(path))
     files = collect(path, data)
+    if body == EVERY:
+        united = unite(path, files, limits)
+        chosen = BodyOfFile(require_whole(path, united), united.unit, files, united.caution)
+        return _read_part(path, data, limits, chosen)
     if body is None and files.missing == () and len(files.found) == 1:
         try:
             return _read_part(path, data, limits, None)
@@ -171,26 +177,53 @@ def read_step_part(
                 bodies = open_bodies(path, files, limits)
             except UnreadableCadError:
                 raise error from None  # that there are several is known all the same
-            raise ManySolidsCadError(many(path, bodies)) from error
+            raise ManySolidsCadError(_many(path, files, bodies)) from error
     bodies = open_bodies(path, files, limits)
-    chosen = require_one(path, bodies) if body is None else choose(path, bodies, body)
-    return _read_part(path, data, limits, BodyOfFile(chosen, bodies.unit, files))
+    if body is not None:
+        chosen_body = choose(path, bodies, body)
+    else:
+        try:
+            chosen_body = require_one(path, bodies)
+        except ManySolidsCadError as error:
+            raise ManySolidsCadError(_many(path, files, bodies)) from error
+    caution = CODE_PAGE_TEXT if bodies.is_in_code_page else ""
+    return _read_part(path, data, limits, BodyOfFile(chosen_body, bodies.unit, files, caution))
+
+
+def _many(path: Path, files: References, bodies: Bodies) -> str:
+    """Return the sentence that refuses a file of several bodies, and whether they touch."""
+    touching = touching_text(path, files, bodies, body_path(path, EVERY))
+    return "\n".join(filter(None, (many(path, bodies), touching)))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class BodyOfFile:
-    """One body, with what of its file goes with it."""
+    """One body, with what of its file goes with it.
+
+    Attributes
+    ----------
+    body : without a name where it is all bodies of the file in one
+    unit : of length, in the kernel's spelling
+    files : the file, and those it names
+    caution : what to know of it, in a sentence
+    """
 
     body: Body
     unit: str
     files: References
+    caution: str = ""
+
+    @property
+    def is_whole_file(self) -> bool:
+        """Whether it is all bodies of the file in one."""
+        return not self.body.name
 
     @property
     def content_hash(self) -> str:
         """SHA-256 of the body's name, the file, and the files it names, with their names."""
         digests = [hashlib.sha256(data).hexdigest() for data in self.files.found.values()]
         _, *others = self.files.found
-        said = (self.body.name, *digests, *others)
+        said = (self.body.name or EVERY, *digests, *others)
         return hashlib.sha256("\n".join(said).encode()).hexdigest()
 
 
@@ -198,20 +231,22 @@ def _read_part(
     path: Path, data: bytes, limits: KernelLimits | None, chosen: BodyOfFile | None
 ) -> StepPart:
     """Return a file's only body, as placed in it, or the one chosen, in its own coordinates."""
-    where = str(path) if chosen is None else str(body_path(path, chosen.body.name))
-    name = path.stem if chosen is None else chosen.body.name
+    named = "" if chosen is None else chosen.body.name or EVERY
+    where = str(body_path(path, named)) if named else str(path)
+    name = CadSource(path).part_name if named in ("", EVERY) else named
     content_hash = hashlib.sha256(data).hexdigest() if chosen is None else chosen.content_hash
     with ExitStack() as stack:
         # the kernel reads a copy, so that it sees what was hashed, whatever the name
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="cellctl-step-")))
         source = text = folder / "part.step"
-        text.write_bytes(data)
+        text.write_bytes(for_kernel(data))
         if chosen is not None:
             source = folder / "body.bin"
             source.write_bytes(chosen.body.shape)
         pmi_run = None
         # tolerances of a body in another file stay there
-        if SEMANTIC.search(data) and (chosen is None or len(chosen.files.found) == 1):
+        has_own = chosen is None or not (chosen.is_whole_file or len(chosen.files.found) > 1)
+        if has_own and SEMANTIC.search(data):
             product = ("", "0") if chosen is None else (chosen.body.product, chosen.body.number)
             pmi_run = stack.enter_context(
                 KernelRun("tolerances", text, folder / "pmi.npz", [*map(str, product)], limits)
@@ -221,9 +256,11 @@ def _read_part(
             source, folder / "shape.npz", limits, (name, content_hash, where), unit
         )
         tolerances: tuple[Tolerance, ...] = ()
-        warnings: tuple[str, ...] = ()
+        warnings: tuple[str, ...] = (chosen.caution,) if chosen and chosen.caution else ()
+        if chosen is not None and chosen.is_whole_file and SEMANTIC.search(data):
+            warnings += ("Tolerances in the file, which are of single bodies, were not read.",)
         if str(written["how"]) in CHANGED:
-            warnings = (CHANGED[str(written["how"])],)
+            warnings += (CHANGED[str(written["how"])],)
         warnings += tuple(_left_out_text(written, face) for face in written["left_out"].tolist())
         if pmi_run is not None:
             try:
@@ -301,12 +338,14 @@ def _read_text(path: Path) -> bytes:
         raise UnreadableCadError(f"{path}: {error.strerror or error}; check the path") from error
     if not data.strip():
         raise EmptyCadError(f"{path}: the file is empty; export the part again")
-    if BEGIN not in data[:1000]:
+    text = for_kernel(data)
+    if BEGIN not in text[:1000]:
         raise UnreadableCadError(
             f"{path}: does not begin as STEP does (ISO-10303-21); is it the right file?"
         )
-    if END not in data[-1000:]:  # the kernel would make something of half a file
+    if END not in text[-1000:]:  # the kernel would make something of half a file
         raise UnreadableCadError(f"{path}: the text breaks off; copy or export it again")
+    check_numbers(path, text)
     return data
 
 
