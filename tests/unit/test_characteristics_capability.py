@@ -239,10 +239,14 @@ def test_the_worst_of_all_counts() -> None:
 
 def test_what_is_left_out_for_one_reason_is_one_sentence() -> None:
     hidden = replace(one("hole 5 mm diameter", 5), exempt="no picture shows it", is_measured=False)
-    five = [measured(replace(hidden, label=f"depth {i}"), None) for i in range(5)]
+    labels = ["hole 5 mm (1) depth", "hole 5 mm (2) depth", "chamfer 1 mm F7, width"]
+    labels += ["thickness 8.7 mm F0 to F12", "thickness 8.7 mm F0 to F13", "hole 6 mm depth"]
+    all_six = [measured(replace(hidden, label=label), None) for label in labels]
     other = measured(replace(hidden, label="the other", exempt="as cast"), None)
-    assert standing_of([*five, other]).unproven == (
-        "depth 0; depth 1; depth 2 and 2 more like these: not measured, no picture shows it",
+    # none is left unnamed; those alike are counted
+    assert standing_of([*all_six, other]).unproven == (
+        "hole 5 mm depth (2 of these); chamfer 1 mm F7, width; thickness 8.7 mm (2 of these); "
+        "hole 6 mm depth: not measured, no picture shows it",
         "the other: not measured, as cast",
     )
 

@@ -11,13 +11,16 @@ from manifold3d import CrossSection
 
 from controller.cad import Solid, load_solid
 from controller.inspection.characteristics import (
+    Asked,
     Characteristic,
     CharacteristicKind,
     EdgePairGeometry,
     RimGeometry,
+    characteristics_of,
     derive,
 )
 from controller.inspection.characteristics.edges import round_walls
+from controller.inspection.dimensions import features_of
 
 
 def by_id(part: Solid, tolerance_class: str = "m") -> dict[str, Characteristic]:
@@ -88,10 +91,16 @@ def test_each_wall_of_a_stepped_hole_is_one_that_is_measured() -> None:
     assert [rim.centre_mm[2] for rim in rims_of(wide).rims] == pytest.approx([4])
 
 
-def test_a_class_without_a_tolerance_for_a_size_asks_nothing_of_it() -> None:
+def test_a_size_that_a_class_has_no_tolerance_for_is_listed_and_not_measured() -> None:
     part = solid_of(plate((0, 0, 2.5)))
-    assert "hole 2.5 mm diameter" in by_id(part, "c")
-    assert "hole 2.5 mm diameter" not in by_id(part, "v")
+    assert by_id(part, "c")["hole 2.5 mm diameter"].is_measured
+    diameter = by_id(part, "v")["hole 2.5 mm diameter"]
+    assert not diameter.is_measured
+    assert diameter.exempt == "ISO 2768-v has no tolerance for 2.5 mm"
+    stated = Asked(name="hole 2.5 mm diameter", plus_mm=0.1, minus_mm=0.1)
+    measured = {c.id: c for c in characteristics_of(part, "v", changes=[stated])}
+    assert measured["hole 2.5 mm diameter"].is_measured
+    assert measured["hole 2.5 mm diameter"].exempt == ""
 
 
 def test_balloons_count_from_one_and_ids_are_unique() -> None:
@@ -234,6 +243,10 @@ def test_a_slot_with_round_ends_has_width_and_length() -> None:
         ends[0][1] == ends[1][1] == pytest.approx(ends[2][1] + 8) == pytest.approx(ends[3][1] + 8)
     )
     assert sizes(solid_of(box(60, 40, 8) - slot), "width") == pytest.approx([8], abs=2e-3)
+    position = next(c for i, c in found.items() if i.startswith("slot") and i.endswith("position"))
+    # 20 mm from the nearest sides to the middle between both ends: 0.2
+    assert position.upper_mm == pytest.approx(0.2)
+    assert len(features_of(position)) == 2
     assert not [i for i in found if "radius" in i]
 
 

@@ -23,6 +23,7 @@ METROLOGY_CELL = EMULATED_CELL.with_name("metrology.yaml")
 @cache
 def part() -> CompiledPart:
     bored = box(60, 40, 20) - rod(6, 30, 128) - rod(2.5, 30, 96).translate((20, 10, 0))
+    bored = bored - rod(2, 6, 96).translate((-20, 10, 7))
     return compile_solid(solid_of(bored, "block"))
 
 
@@ -62,6 +63,16 @@ def test_a_stated_tolerance_that_is_too_tight_is_refused_with_what_the_cell_can_
     widened = float(allowed[1]) + 0.01  # it is printed to two digits
     wide = f"{{id: hole 12 mm diameter, plus: {widened}, minus: {widened}}}"
     assert checked(tmp_path, EMULATED_CELL, wide)[1] == ()
+
+
+def test_limits_of_what_nothing_measures_are_refused_unless_it_is_left_out(tmp_path: Path) -> None:
+    blind = "{id: hole 4 mm depth, plus: 0.1, minus: 0.1}"
+    _, problems = checked(tmp_path, EMULATED_CELL, blind)
+    assert len(problems) == 1
+    assert "hole 4 mm depth: 5.9 to 6.1 mm (recipe) cannot be verified" in problems[0]
+    assert "no picture shows the depth of a hole; gauge it elsewhere" in problems[0]
+    left_out = "{id: hole 4 mm depth, ignore: gauged by hand}"
+    assert checked(tmp_path, EMULATED_CELL, blind, left_out)[1] == ()
 
 
 @pytest.mark.parametrize(

@@ -270,6 +270,7 @@ NOT_TOLD = {
 COMPOSED: dict[str, tuple[str, ...]] = {
     "left out by the recipe: {}": ("left out by the {source_id}: {own}",),
     "slot {} x {}": ("slot {n} x {m} mm",),
+    "chamfer {} F{}": ("chamfer {n} mm", "{feature} F{a}"),
     "{}, position {}": (
         "{feature}, position from {datum}", "{feature}, position from the outline",
     ),

@@ -1,6 +1,7 @@
 """Characteristics of a part as a table and as JSON."""
 
 from collections.abc import Sequence
+from math import isfinite
 from typing import Any, Final
 
 from rich.box import SIMPLE
@@ -43,7 +44,7 @@ def characteristic_json(
     if capability is not None:
         entry |= {
             "U_mm": capability.U_mm,
-            "share_of_tolerance": capability.share,
+            "share_of_tolerance": capability.share if isfinite(capability.share) else None,
             "min_tolerance_mm": capability.min_tolerance_mm,
             "capable": capability.is_capable,
         }

@@ -13,7 +13,7 @@ from ._types import (
     RimGeometry,
     place_of,
 )
-from .asked import Asked, AskedError, characteristics_of
+from .asked import LEFT_OUT, Asked, AskedError, characteristics_of
 from .derive import derive
 from .limits import (
     CONFORMANCE_PROBABILITY,
@@ -30,6 +30,7 @@ from .verdicts import Standing, standing_of, verdict_of, with_capability, worse
 __all__ = [
     "CONFORMANCE_PROBABILITY",
     "GENERAL",
+    "LEFT_OUT",
     "TOLERANCE_CLASSES",
     "Accuracy",
     "Asked",

@@ -15,7 +15,7 @@ from controller.arrays import FloatArray
 from controller.cad import Solid
 from controller.cad.compiled import CompiledPart
 
-from ._types import Characteristic, CharacteristicKind, RimGeometry, place_of
+from ._types import GENERAL, Characteristic, CharacteristicKind, RimGeometry, place_of
 from .derive import derive
 from .drafting import between, pair_characteristic
 from .limits import ToleranceClass, fit_limits_mm
@@ -24,6 +24,7 @@ NEAR_MM: Final = 1.0  # a place that is given is meant for the axis or the edges
 SAME_SIZE: Final = 0.1  # and for a size that differs by no more than this share
 PARALLEL_COS: Final = float(np.cos(np.radians(5.0)))
 MAX_NAMED: Final = 3
+LEFT_OUT: Final = "left out by the "
 _NUMBER = re.compile(r" \(\d+\)")
 
 
@@ -172,21 +173,20 @@ def _by_faces(
         if wanted <= set(c.faces) and (asked.kind is None or c.kind == asked.kind)
     ]
     if found:
-        return found
+        # what is measured of the faces is meant, if anything is
+        return [at for at in found if known[at].is_measured] or found
     names = " and ".join(f"F{i}" for i in asked.faces)
     if len(asked.faces) == 2:
         pair = between(solid, *asked.faces)
         if pair is not None:
-            added = pair_characteristic(pair, tolerance_class)
-            if added is not None:
-                known.append(added)
-                return [len(known) - 1]
+            known.append(pair_characteristic(pair, tolerance_class))
+            return [len(known) - 1]
     raise AskedError(index, f"{names}: no characteristic is of these faces, nor are they parallel")
 
 
 def _by_place(known: list[Characteristic], asked: Asked, index: int) -> int:
     assert asked.p_part_mm is not None
-    best: tuple[float, int] | None = None
+    best: tuple[bool, float, int] | None = None
     for at, characteristic in enumerate(known):
         if asked.kind is not None and characteristic.kind != asked.kind:
             continue
@@ -195,13 +195,14 @@ def _by_place(known: list[Characteristic], asked: Asked, index: int) -> int:
         if wanted is not None and abs(nominal - wanted) > SAME_SIZE * max(abs(nominal), 1.0):
             continue
         cost = away + (abs(nominal - wanted) if wanted is not None else 0.0)
-        if away <= NEAR_MM and (best is None or cost < best[0]):
-            best = cost, at
+        rank = not characteristic.is_measured, cost, at
+        if away <= NEAR_MM and (best is None or rank < best):
+            best = rank
     if best is None:
         place = ", ".join(f"{v:.2f}" for v in asked.p_part_mm)
         what = asked.kind.value if asked.kind is not None else "characteristic"
         raise AskedError(index, f"no {what} within {NEAR_MM:g} mm of ({place}) on the part")
-    return best[1]
+    return best[2]
 
 
 def _distance_mm(
@@ -227,7 +228,7 @@ def _distance_mm(
 
 def _changed(characteristic: Characteristic, asked: Asked, index: int) -> Characteristic:
     if asked.ignore:
-        exempt = f"left out by the {asked.source}: {asked.ignore}"
+        exempt = f"{LEFT_OUT}{asked.source}: {asked.ignore}"
         return replace(characteristic, exempt=exempt, is_measured=False)
     critical = asked.is_critical or characteristic.is_critical
     characteristic = replace(characteristic, is_critical=critical)
@@ -256,6 +257,8 @@ def _changed(characteristic: Characteristic, asked: Asked, index: int) -> Charac
         v is not None for v in (asked.lower_mm, asked.upper_mm, asked.plus_mm, asked.minus_mm)
     )
     source = f"{asked.source} {asked.fit}".strip() if states else characteristic.source
+    if states and characteristic.exempt.startswith(GENERAL):  # all that was missing is limits
+        characteristic = replace(characteristic, exempt="", is_measured=True)
     return replace(
         characteristic, nominal_mm=nominal, lower_mm=lower, upper_mm=upper, source=source
     )

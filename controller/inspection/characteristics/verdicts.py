@@ -1,5 +1,6 @@
 """The verdict on one characteristic, and what all of them leave of a PASS (ADR 28)."""
 
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
@@ -17,7 +18,8 @@ from .limits import (
 )
 
 UM_PER_MM: Final = 1000.0
-MAX_NAMED: Final = 3  # of many that are left out for one reason
+MAX_NAMED: Final = 3  # of many that are not required
+OWN_NUMBER: Final = re.compile(r" (?:\(\d+\)|F\d+(?: \w+ F\d+)?)")  # of one among alike
 # Beyond its limits by so much a general tolerance is plainly missed: by half its own width again,
 # and by no more than this, so that a face 0.5 mm off is, where 0.3 mm are allowed.
 GROSS_SHARE: Final = 0.5
@@ -140,7 +142,7 @@ def standing_of(measured: Sequence[Measured]) -> Standing:
     verdict = Verdict.FAIL if failed else Verdict.INDETERMINATE if still_open else Verdict.PASS
     if optional:
         unproven.append(f"{_named(optional)}: not verified, and not required by the recipe")
-    unproven += [f"{_named(labels)}: not measured, {why}" for why, labels in left_out.items()]
+    unproven += [f"{_alike(labels)}: not measured, {why}" for why, labels in left_out.items()]
     return Standing(verdict, (*failed, *still_open), tuple(unproven))
 
 
@@ -203,6 +205,17 @@ def _named(labels: Sequence[str]) -> str:
     more = len(labels) - MAX_NAMED
     shown = "; ".join(labels[:MAX_NAMED])
     return f"{shown} and {more} more like these" if more > 0 else shown
+
+
+def _alike(labels: Sequence[str]) -> str:
+    """Return all of some characteristics in words, those together that differ by their number."""
+    groups: dict[str, list[str]] = {}
+    for label in labels:
+        groups.setdefault(OWN_NUMBER.sub("", label), []).append(label)
+    return "; ".join(
+        mine[0] if len(mine) == 1 else f"{name} ({len(mine)} of these)"
+        for name, mine in groups.items()
+    )
 
 
 def _is_within(asked: Characteristic, value_mm: float) -> bool:

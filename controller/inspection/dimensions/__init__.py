@@ -1,7 +1,7 @@
 """Dimensions: where edges must show, where they are, and with what uncertainty."""
 
 from ._curves import Curve
-from ._looks import Estimate
+from ._looks import Estimate, features_of
 from ._rays import Rays, place_rays, with_rotation, with_visibility
 from ._types import BACKLIT, MeasuringSettings, PosedView
 from .combine import Combined, combine
@@ -16,6 +16,7 @@ __all__ = [
     "PosedView",
     "Rays",
     "combine",
+    "features_of",
     "look",
     "measure",
     "measure_ahead",

@@ -79,14 +79,15 @@ class Estimate:
 
 
 def features_of(characteristic: Characteristic) -> tuple[Feature, ...]:
-    """Return what has to be fitted for a characteristic, one or two features.
+    """Return what has to be fitted for a characteristic: one feature, two, or three.
 
     There are none where the CAD model has no edge that shows it, or no edge can.
     """
     geometry, kind = characteristic.geometry, characteristic.kind
     if isinstance(geometry, RimGeometry):
-        if kind is CharacteristicKind.POSITION and geometry.datum:
-            return RimFeature(geometry.rims), RimFeature(geometry.datum)
+        if kind is CharacteristicKind.POSITION:
+            placed = tuple(RimFeature(end) for end in _slot_ends(geometry.rims))
+            return (*placed, RimFeature(geometry.datum)) if geometry.datum else placed
         if kind is CharacteristicKind.LENGTH:
             ends = _slot_ends(geometry.rims)
             return tuple(RimFeature(end) for end in ends) if len(ends) == 2 else ()
@@ -136,9 +137,9 @@ class Sought:
 
     @property
     def is_halved(self) -> bool:
-        """Whether the value is the difference of two features, which two pictures may show."""
+        """Whether the value is made of two features, which two pictures may show."""
         is_angle = self.characteristic.kind is CharacteristicKind.ANGLE
-        return not is_angle and len(self.features) > 1
+        return not is_angle and len(self.features) == 2
 
     def middle_mm(self, which: int) -> FloatArray:
         """Return the middle (3,) of a feature, by its number, CAD frame."""
@@ -297,9 +298,10 @@ def _rows(
         rim = geometry.rims[0]
         own = np.array(rim_directions(rim.axis))
         if kind is CharacteristicKind.POSITION:
-            rows = [np.eye(2, 3)]
+            placed = features[: len(features) - bool(geometry.datum)]
+            rows = [_across(own, feature) / len(placed) for feature in placed]
             datum = solid.centroid_mm
-            if len(features) > 1:
+            if geometry.datum:
                 directions = np.array(rim_directions(geometry.datum[0].axis))
                 rows.append(np.column_stack([-own @ directions.T, np.zeros(2)]))
                 datum = geometry.datum[0].centre_mm
@@ -332,6 +334,13 @@ def _rows(
         row[0, 0] = sign
         rows.append(row)
     return rows, characteristic.nominal_mm
+
+
+def _across(own: FloatArray, feature: Feature) -> FloatArray:
+    """Return how a place in directions of its own (2, 3) follows from a feature's unknowns."""
+    assert isinstance(feature, RimFeature)
+    directions = np.array(rim_directions(feature.rims[0].axis))
+    return np.column_stack([own @ directions.T, np.zeros(2)])
 
 
 def _facing(characteristic: Characteristic) -> FloatArray:

@@ -7,6 +7,7 @@ from typing import Final
 from controller.cad.compiled import CompiledPart
 from controller.config import Cell, Recipe
 from controller.inspection.characteristics import (
+    LEFT_OUT,
     Capability,
     Characteristic,
     capability_of,
@@ -15,6 +16,7 @@ from controller.inspection.characteristics import (
 from controller.setup.characteristics import build_accuracy, part_characteristics, station_of
 
 UM_PER_MM: Final = 1000.0
+RECIPE: Final = "recipe"  # source of limits that a recipe states
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,25 +51,41 @@ def check_characteristics(
         for one in with_capability(asked, station, accuracy)
     )
     return checked, tuple(
-        _too_tight(each)
+        _too_tight(each) if each.characteristic.is_measured else _not_measured(each.characteristic)
         for each in checked
-        if each.characteristic.is_measured
-        and not each.characteristic.is_general
-        and not each.capability.is_capable
+        if not each.characteristic.is_general
+        and (
+            not each.capability.is_capable
+            if each.characteristic.is_measured
+            else _is_stated_in_vain(each.characteristic)
+        )
     )
+
+
+def _is_stated_in_vain(one: Characteristic) -> bool:
+    """Return whether a recipe states limits of what nothing measures, and does not leave it out."""
+    return one.source.startswith(RECIPE) and not one.exempt.startswith(LEFT_OUT)
+
+
+def _not_measured(one: Characteristic) -> str:
+    return (
+        f"{one.id}: {_limits(one)} ({one.source}) cannot be verified, {one.exempt}; gauge it "
+        "elsewhere (`ignore: reason`)"
+    )
+
+
+def _limits(one: Characteristic) -> str:
+    if one.is_one_sided:
+        return f"up to {one.upper_mm:g} mm"
+    return f"{one.lower_mm:g} to {one.upper_mm:g} mm"
 
 
 def _too_tight(checked: CheckedCharacteristic) -> str:
     one, able = checked.characteristic, checked.capability
-    limits = (
-        f"up to {one.upper_mm:g} mm"
-        if one.is_one_sided
-        else f"{one.lower_mm:g} to {one.upper_mm:g} mm"
-    )
     least = able.min_tolerance_mm / 2
     ask = f"{least:.2f} mm" if one.is_one_sided else f"+-{least:.2f} mm"
     return (
-        f"{one.id}: {limits} ({one.source}) is tighter than this cell can verify: it promises "
-        f"U = {able.U_mm * UM_PER_MM:.0f} um, which allows {ask} at best; widen the tolerance, "
-        "gauge it elsewhere (`ignore: reason`), or use a camera with smaller pixels"
+        f"{one.id}: {_limits(one)} ({one.source}) is tighter than this cell can verify: it "
+        f"promises U = {able.U_mm * UM_PER_MM:.0f} um, which allows {ask} at best; widen the "
+        "tolerance, gauge it elsewhere (`ignore: reason`), or use a camera with smaller pixels"
     )

@@ -11,7 +11,15 @@ from typing import Final
 from controller.cad import Solid
 from controller.cad.surfaces.tolerances import Datum, Dimension, GeometricTolerance, Tolerance
 
-from .._types import Characteristic, CharacteristicKind, Rim, RimGeometry, place_of
+from .._types import (
+    GENERAL,
+    Characteristic,
+    CharacteristicKind,
+    EdgePairGeometry,
+    Rim,
+    RimGeometry,
+    place_of,
+)
 from ..edges.rims import COAXIAL_COS
 from ..limits import ToleranceClass, fit_limits_mm
 from .planes import between
@@ -71,9 +79,8 @@ def _put_dimension(
         planes = sorted({*drawn.faces, *drawn.other_faces})
         if not mine and len(planes) == 2:
             pair = between(solid, planes[0], planes[1])
-            added = None if pair is None else pair_characteristic(pair, tolerance_class)
-            if added is not None:
-                found.append(added)
+            if pair is not None:
+                found.append(pair_characteristic(pair, tolerance_class))
                 mine = [len(found) - 1]
     for i in mine:
         if abs(found[i].nominal_mm - drawn.nominal) <= SAME_SIZE_MM:
@@ -82,6 +89,9 @@ def _put_dimension(
 
 def _joins(characteristic: Characteristic, drawn: Dimension) -> bool:
     """Return whether a distance is between the ends that a drawing names."""
+    geometry = characteristic.geometry
+    if isinstance(geometry, EdgePairGeometry) and geometry.one_face == geometry.other_face:
+        return False  # the size of a feature that nothing measures
     ends = set(characteristic.faces)
     if drawn.other_faces:
         return bool(ends & set(drawn.faces)) and bool(ends & set(drawn.other_faces))
@@ -97,6 +107,8 @@ def _limited(characteristic: Characteristic, drawn: Dimension) -> Characteristic
             lower, upper = fit_limits_mm(drawn.fit, drawn.nominal)
         except ValueError:
             return characteristic  # a class that is not known here: the general tolerance stays
+    if characteristic.exempt.startswith(GENERAL):  # all that was missing is limits
+        characteristic = replace(characteristic, exempt="", is_measured=True)
     return replace(
         characteristic,
         nominal_mm=round(drawn.nominal, DIGITS),
@@ -122,14 +134,15 @@ def _put_positions(
         if c.kind != CharacteristicKind.POSITION or not mine:
             continue
         zone = min(mine, key=lambda zone: (not zone.is_diameter, zone.value_mm))
-        assert isinstance(c.geometry, RimGeometry)
         datum_faces = {face for letter in zone.datums for face in datums.get(letter, ())}
         found[i] = replace(
             c,
             upper_mm=round(zone.value_mm / 2, DIGITS),
             source=SOURCE,
             is_critical=True,
-            geometry=replace(c.geometry, datum=_datum_rims(found, c, datum_faces)),
+            geometry=replace(c.geometry, datum=_datum_rims(found, c, datum_faces))
+            if isinstance(c.geometry, RimGeometry)
+            else c.geometry,
         )
 
 
@@ -141,7 +154,8 @@ def _datum_rims(
     for c in found:
         if c.kind != CharacteristicKind.DIAMETER or not set(c.faces) & faces:
             continue
-        assert isinstance(c.geometry, RimGeometry)
+        if not isinstance(c.geometry, RimGeometry):
+            continue  # no rim shows it
         if set(c.faces) != set(placed.faces) and abs(float(place_of(c.geometry)[1] @ axis)) > (
             COAXIAL_COS
         ):

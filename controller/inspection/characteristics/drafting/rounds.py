@@ -32,8 +32,9 @@ class Round:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class RoundSlot:
-    """A slot with round ends: its faces, length, the rims of both ends, the side it opens to."""
+    """A slot or keyway with round ends: its name, faces, sizes, rims of both ends, open side."""
 
+    word: str
     faces: tuple[int, ...]
     width_mm: float
     length_mm: float
@@ -79,6 +80,8 @@ def round_slots(walls: Sequence[RoundWall], features: Sequence[Feature]) -> list
         # those of the mouth first; a slot that goes through shows at its other side, too
         rims = sorted((r for end in ends for r in end.rims), key=lambda r: -float(r.axis @ axis))
         found.append(
-            RoundSlot(feature.faces, feature.width_mm, feature.length_mm, tuple(rims), axis)
+            RoundSlot(
+                feature.kind, feature.faces, feature.width_mm, feature.length_mm, tuple(rims), axis
+            )
         )
     return found

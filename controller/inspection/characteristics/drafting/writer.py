@@ -13,7 +13,14 @@ import numpy as np
 from controller.arrays import FloatArray
 from controller.cad import Feature, Solid
 
-from .._types import GENERAL, Characteristic, CharacteristicKind, Geometry, RimGeometry
+from .._types import (
+    GENERAL,
+    Characteristic,
+    CharacteristicKind,
+    Geometry,
+    RimGeometry,
+    place_of,
+)
 from ..edges import RoundWall, round_walls
 from ..edges.rims import COAXIAL_COS
 from ..limits import ToleranceClass, linear_tolerance_mm, radius_tolerance_mm
@@ -27,10 +34,11 @@ from .holes import (
 from .planes import PlanePair, plane_pairs
 from .rounds import Round, RoundSlot, round_slots, rounds
 from .sheet import across, reading_order, size_text
+from .unmeasured import NO_DEPTH, Unmeasured, unmeasured
 
 SAME_SIZE_MM = 0.01
 NOMINAL_DIGITS = 3  # microns: what a mesh knows of its circles
-NO_DEPTH = "no picture shows the depth of a hole"
+FROM_OUTLINE = "from the outline"
 COAXIAL_MM = 0.5  # an axis nearer to its datum is meant to be on it
 
 
@@ -53,10 +61,11 @@ def nominal_characteristics(
     found = [
         *writer.of_pairs(p for p in pairs if p.kind == CharacteristicKind.LENGTH),
         *writer.of_round_features(solid, round_ones, inner),
-        *writer.of_slots(round_slots(walls, features)),
+        *writer.of_slots(solid, round_slots(walls, features)),
         *writer.of_pairs(p for p in pairs if p.kind != CharacteristicKind.LENGTH),
         *writer.of_rounds(rounds(walls, features)),
     ]
+    found += writer.of_unmeasured(unmeasured(solid, features, walls, found))
     return tuple(replace(c, balloon=i) for i, c in enumerate(found, start=1))
 
 
@@ -91,92 +100,108 @@ class _Writer:
                 step = "" if wall is feature.walls[0] else f" step {size_text(2 * wall.radius_mm)}"
                 found += self._of_wall(outline, wall, f"{name}{step}", datum)
                 if wall.is_hole and ends_inside(solid, wall, inner):
-                    found += self._depth(wall, f"{name}{step} depth")
+                    found.append(self._depth(wall, f"{name}{step} depth"))
         return found
 
-    def of_slots(self, slots: Iterable[RoundSlot]) -> list[Characteristic]:
+    def of_slots(self, solid: Solid, slots: Iterable[RoundSlot]) -> list[Characteristic]:
         ordered = sorted(slots, key=lambda s: reading_order(s.axis, s.rims[0].centre_mm))
-        names = numbered([f"slot {s.width_mm:g} x {size_text(s.length_mm)}" for s in ordered])
-        return [
-            characteristic
-            for slot, name in zip(ordered, names, strict=True)
-            for characteristic in self._sized(
-                CharacteristicKind.LENGTH,
-                f"{name} length",
-                slot.length_mm,
-                RimGeometry(slot.rims),
-                slot.faces,
-            )
-        ]
+        names = numbered([f"{s.word} {s.width_mm:g} x {size_text(s.length_mm)}" for s in ordered])
+        outline = _Outline(solid)
+        found = []
+        for slot, name in zip(ordered, names, strict=True):
+            geometry = RimGeometry(slot.rims)
+            middle, _ = place_of(geometry)
+            found += [
+                self._sized(
+                    CharacteristicKind.LENGTH,
+                    f"{name} length",
+                    slot.length_mm,
+                    geometry,
+                    slot.faces,
+                ),
+                self._placed(
+                    name, outline.to_sides_mm(middle, slot.axis), FROM_OUTLINE, geometry, slot.faces
+                ),
+            ]
+        return found
 
     def of_pairs(self, pairs: Iterable[PlanePair]) -> list[Characteristic]:
         found = []
         for pair in pairs:
             faces = pair.geometry.one_face, pair.geometry.other_face
             name = f"{pair.word} {size_text(pair.distance_mm)} F{min(faces)} to F{max(faces)}"
-            found += [
-                replace(c, exempt=pair.hidden, is_measured=not pair.hidden)
-                for c in self._sized(pair.kind, name, pair.distance_mm, pair.geometry, faces)
-            ]
+            sized = self._sized(pair.kind, name, pair.distance_mm, pair.geometry, faces)
+            found.append(_left_out(sized, pair.hidden) if pair.hidden else sized)
         return found
 
     def of_rounds(self, arcs: Iterable[Round]) -> list[Characteristic]:
         ordered = sorted(arcs, key=lambda r: reading_order(r.rims[0].axis, r.rims[0].centre_mm))
         names = numbered([f"{r.name} R{size_text(r.wall.radius_mm)}" for r in ordered])
-        found = []
-        for each, name in zip(ordered, names, strict=True):
-            radius = round(each.wall.radius_mm, NOMINAL_DIGITS)
-            deviation = radius_tolerance_mm(radius, self.tolerance_class)
-            if deviation is not None:
-                found.append(
-                    self._characteristic(
-                        CharacteristicKind.RADIUS,
-                        f"{name} radius",
-                        radius,
-                        (max(radius - deviation, 0.0), radius + deviation),
-                        RimGeometry(each.rims),
-                        each.wall.faces,
-                    )
-                )
-        return found
+        return [
+            self._sized(
+                CharacteristicKind.RADIUS,
+                f"{name} radius",
+                each.wall.radius_mm,
+                RimGeometry(each.rims),
+                each.wall.faces,
+            )
+            for each, name in zip(ordered, names, strict=True)
+        ]
+
+    def of_unmeasured(self, sizes: Iterable[Unmeasured]) -> list[Characteristic]:
+        return [
+            _left_out(self._sized(u.kind, u.name, u.size_mm, u.geometry, u.faces), u.reason)
+            for u in sizes
+        ]
 
     def _of_wall(
         self, outline: "_Outline", wall: RoundWall, name: str, datum: RoundFeature | None
     ) -> list[Characteristic]:
         rims = diameter_rims(wall)
-        found = self._sized(
-            CharacteristicKind.DIAMETER,
-            f"{name} diameter",
-            2 * wall.radius_mm,
-            RimGeometry(rims),
-            wall.faces,
-        )
+        found = [
+            self._sized(
+                CharacteristicKind.DIAMETER,
+                f"{name} diameter",
+                2 * wall.radius_mm,
+                RimGeometry(rims),
+                wall.faces,
+            )
+        ]
         if datum is not None and wall is datum.walls[0]:
             datum = None
         reach = outline.reach_mm(wall, datum)
         if not wall.is_hole and reach < wall.radius_mm + SAME_SIZE_MM:
             return found  # it is the outline itself
-        deviation = linear_tolerance_mm(reach, self.tolerance_class)
-        if deviation is not None:
-            whence = f"from {datum.name}" if datum is not None else "from the outline"
-            found.append(
-                self._characteristic(
-                    CharacteristicKind.POSITION,
-                    f"{name} position",
-                    0.0,
-                    (0.0, deviation),
-                    RimGeometry(rims, diameter_rims(datum.walls[0]) if datum is not None else ()),
-                    wall.faces,
-                    label=f"{name}, position {whence}",
-                    length_mm=reach,
-                )
-            )
-        return found
+        whence = f"from {datum.name}" if datum is not None else FROM_OUTLINE
+        geometry = RimGeometry(rims, diameter_rims(datum.walls[0]) if datum is not None else ())
+        return [*found, self._placed(name, reach, whence, geometry, wall.faces)]
 
-    def _depth(self, wall: RoundWall, name: str) -> list[Characteristic]:
+    def _depth(self, wall: RoundWall, name: str) -> Characteristic:
         geometry = RimGeometry(diameter_rims(wall))
         sized = self._sized(CharacteristicKind.DISTANCE, name, wall.height_mm, geometry, wall.faces)
-        return [replace(c, exempt=NO_DEPTH, is_measured=False) for c in sized]
+        return _left_out(sized, NO_DEPTH)
+
+    def _placed(
+        self,
+        name: str,
+        reach_mm: float,
+        whence: str,
+        geometry: RimGeometry,
+        faces: tuple[int, ...],
+    ) -> Characteristic:
+        """Return the position of an axis, which may be as far off as a length is allowed to be."""
+        deviation = linear_tolerance_mm(reach_mm, self.tolerance_class)
+        placed = self._characteristic(
+            CharacteristicKind.POSITION,
+            f"{name} position",
+            0.0,
+            (0.0, deviation or 0.0),
+            geometry,
+            faces,
+            label=f"{name}, position {whence}",
+            length_mm=reach_mm,
+        )
+        return placed if deviation is not None else self._without_tolerance(placed, reach_mm)
 
     def _sized(
         self,
@@ -185,14 +210,18 @@ class _Writer:
         size_mm: float,
         geometry: Geometry,
         faces: tuple[int, ...],
-    ) -> list[Characteristic]:
-        """Return the characteristic of a size; none where the class has no tolerance for it."""
+    ) -> Characteristic:
+        """Return the characteristic of a size; not measured where the class has no tolerance."""
         nominal = round(size_mm, NOMINAL_DIGITS)
-        deviation = linear_tolerance_mm(nominal, self.tolerance_class)
-        if deviation is None:
-            return []
-        limits = nominal - deviation, nominal + deviation
-        return [self._characteristic(kind, name, nominal, limits, geometry, faces)]
+        table = radius_tolerance_mm if kind is CharacteristicKind.RADIUS else linear_tolerance_mm
+        deviation = table(nominal, self.tolerance_class)
+        limits = max(nominal - (deviation or 0.0), 0.0), nominal + (deviation or 0.0)
+        sized = self._characteristic(kind, name, nominal, limits, geometry, faces)
+        return sized if deviation is not None else self._without_tolerance(sized, nominal)
+
+    def _without_tolerance(self, one: Characteristic, size_mm: float) -> Characteristic:
+        why = f"{GENERAL}{self.tolerance_class} has no tolerance for {size_text(size_mm)}"
+        return _left_out(one, why)
 
     def _characteristic(
         self,
@@ -221,15 +250,19 @@ class _Writer:
         )
 
 
-def pair_characteristic(pair: PlanePair, tolerance_class: ToleranceClass) -> Characteristic | None:
-    """Return the characteristic of one distance, None where the class has no tolerance for it.
+def _left_out(one: Characteristic, reason: str) -> Characteristic:
+    return replace(one, exempt=reason, is_measured=False)
+
+
+def pair_characteristic(pair: PlanePair, tolerance_class: ToleranceClass) -> Characteristic:
+    """Return the characteristic of one distance.
 
     Parameters
     ----------
     pair : two planes
     tolerance_class : of ISO 2768-1
     """
-    return next(iter(_Writer(tolerance_class).of_pairs([pair])), None)
+    return _Writer(tolerance_class).of_pairs([pair])[0]
 
 
 def _datums(features: Sequence[RoundFeature]) -> list[RoundFeature | None]:
@@ -275,7 +308,11 @@ class _Outline:
             offset = wall.centre_mm - datum.centre_mm
             away = float(np.linalg.norm(offset - (offset @ wall.axis) * wall.axis))
             return away if away > COAXIAL_MM else 2 * wall.radius_mm
-        return max(self._to_side_mm(wall.centre_mm, way) for way in across(wall.axis))
+        return self.to_sides_mm(wall.centre_mm, wall.axis)
+
+    def to_sides_mm(self, p_mm: FloatArray, axis: FloatArray) -> float:
+        """Return the larger of the distances of an axis from the nearest sides of the part."""
+        return max(self._to_side_mm(p_mm, way) for way in across(axis))
 
     def _to_side_mm(self, p_mm: FloatArray, direction: FloatArray) -> float:
         key = tuple(direction.tolist())

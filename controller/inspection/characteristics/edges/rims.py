@@ -36,6 +36,7 @@ class RoundWall:
     rims : arcs in which it ends openly, the longest first; none where its ends are rounded, or end
         in corners
     height_mm : how far it reaches along its axis
+    has_edge : it ends in outer edges, be they rims or not
     """
 
     faces: tuple[int, ...]
@@ -45,6 +46,7 @@ class RoundWall:
     is_hole: bool
     rims: tuple[Rim, ...] = ()
     height_mm: float = 0.0
+    has_edge: bool = False
 
     @property
     def sweep_rad(self) -> float:
@@ -88,6 +90,7 @@ def round_walls(solid: Solid) -> tuple[RoundWall, ...]:
             radius,
             largest.concave,
             height_mm=float(np.ptp(np.concatenate(levels))),
+            has_edge=any(b.crease[h // 2] == Crease.CONVEX for face in group for h in sides[face]),
         )
         arcs = [
             arc

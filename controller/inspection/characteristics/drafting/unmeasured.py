@@ -1,0 +1,258 @@
+"""Sizes of features that nothing measures: each is listed, with the reason.
+
+A feature of the CAD model has a diameter or a width, a position and a depth, whatever a picture
+shows of it. Here the sizes of all features are held against the characteristics that are measured;
+what none of these says is named, so that a PASS can name it.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from controller.arrays import FloatArray
+from controller.cad import Feature, Solid
+from controller.cad.surfaces import FeatureWall
+
+from .._types import Characteristic, CharacteristicKind, EdgePairGeometry
+from ..edges import RoundWall
+from ..edges.rims import COAXIAL_COS
+from .holes import MIN_DEPTH_MM
+from .planes import SAME_LEVEL_MM
+from .sheet import size_text
+
+NO_DEPTH: Final = "no picture shows the depth of a hole"
+NO_HEIGHT: Final = "no plane across the part is measured against its end"
+NO_FLOOR: Final = "no plane of the part is measured against its floor"
+NO_PLACE: Final = "no plane of the part is measured against its walls"
+NO_WALLS: Final = "no two of its walls face each other at a distance that is measured"
+NO_ENDS: Final = "its ends have no rim in one plane"
+SHALLOW: Final = f"it is less than {MIN_DEPTH_MM:g} mm high, as marks and letters are"
+ROUNDED: Final = "its rim is rounded off or ends in corners, so no edge shows it"
+SHORT: Final = "its open rims go round by no more than a half"
+NOT_ROUND: Final = "none of its rims goes all the way round"
+CONE: Final = "the rim of a cone is compared, not measured"
+BEVEL: Final = "the edges of a chamfer are compared, not measured"
+NO_ARC: Final = "no open rim of 60 degrees or more shows its radius"
+OWN_DATUM: Final = "it is the outline that places are given from"
+
+_KIND = CharacteristicKind
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Unmeasured:
+    """A size of a feature that nothing measures.
+
+    Attributes
+    ----------
+    kind, name, size_mm : what it is, what people call it, nominal; 0 for a position
+    faces : it is of
+    geometry : its place and axis, without edges
+    reason : why it is not measured
+    """
+
+    kind: CharacteristicKind
+    name: str
+    size_mm: float
+    faces: tuple[int, ...]
+    geometry: EdgePairGeometry
+    reason: str
+
+
+def unmeasured(
+    solid: Solid,
+    features: Sequence[Feature],
+    walls: Sequence[RoundWall],
+    rows: Sequence[Characteristic],
+) -> list[Unmeasured]:
+    """Return the sizes of features that no characteristic says, feature by feature.
+
+    Parameters
+    ----------
+    solid, features, walls : of the part
+    rows : its characteristics
+    """
+    known = _Known(solid, rows, walls)
+    return [
+        Unmeasured(kind, f"{name} {word}", size, faces, _geometry(feature), reason)
+        for feature in features
+        for name, word, kind, size, faces, reason in _wanted(solid, feature, known)
+    ]
+
+
+def _geometry(feature: Feature) -> EdgePairGeometry:
+    face = feature.faces[0]
+    return EdgePairGeometry((), (), feature.axis, face, face, middle_mm=feature.position_mm)
+
+
+_Wanted = tuple[str, str, CharacteristicKind, float, tuple[int, ...], str]
+
+
+def _wanted(solid: Solid, feature: Feature, known: "_Known") -> Iterator[_Wanted]:
+    """Yield each size of a feature that nothing says: name, word, kind, size, faces, reason."""
+    match feature.kind:
+        case "hole" | "boss":
+            yield from _round(feature, known)
+        case "slot" | "keyway" | "pocket" | "opening":
+            yield from _recess(solid, feature, known)
+        case "chamfer":
+            name = f"chamfer {size_text(feature.width_mm)} F{feature.faces[0]}"
+            yield name, "width", _KIND.WIDTH, feature.width_mm, feature.faces, BEVEL
+        case "fillet":
+            if not known.has(feature.faces[0], _KIND.RADIUS, _KIND.DIAMETER):
+                radius = feature.diameter_mm / 2
+                word = "fillet" if feature.is_concave else "round"
+                name = f"{word} R{size_text(radius)} F{feature.faces[0]}"
+                yield name, "radius", _KIND.RADIUS, radius, feature.faces, NO_ARC
+
+
+def _round(feature: Feature, known: "_Known") -> Iterator[_Wanted]:
+    """Yield what nothing says of a hole or a boss."""
+    base = f"{feature.kind} {size_text(feature.diameter_mm)}"
+    widest = max((s.diameter_mm for s in feature.steps if s.kind == "cylinder"), default=0.0)
+    for step in feature.steps:
+        faces = (step.face,)
+        own = f" step {size_text(step.diameter_mm)}"
+        name = f"{base} F{step.face}{own if step.diameter_mm != feature.diameter_mm else ''}"
+        if step.kind == "cylinder":
+            for kind, word, size in (
+                (_KIND.DIAMETER, "diameter", step.diameter_mm),
+                (_KIND.POSITION, "position", 0.0),
+            ):
+                if not known.has(step.face, kind):
+                    yield name, word, kind, size, faces, known.why_no_rim(step, kind)
+        elif step.kind == "cone" and step.diameter_mm > widest + SAME_LEVEL_MM:
+            # the tip of a drilled hole is no wider than its wall
+            yield name, "diameter", _KIND.DIAMETER, step.diameter_mm, faces, CONE
+    if feature.kind == "boss":
+        if not known.is_placed(feature.ends, feature.faces):
+            name = f"{base} F{feature.steps[0].face}"
+            yield name, "height", _KIND.DISTANCE, feature.depth_mm, feature.faces, NO_HEIGHT
+    elif not feature.is_through and not known.has_depth(feature.faces):
+        name = f"{base} F{feature.steps[0].face}"
+        yield name, "depth", _KIND.DISTANCE, feature.depth_mm, feature.faces, NO_DEPTH
+
+
+def _recess(solid: Solid, feature: Feature, known: "_Known") -> Iterator[_Wanted]:
+    """Yield what nothing says of a slot, a keyway, a pocket or an opening."""
+    name = (
+        f"{feature.kind} {size_text(feature.width_mm).removesuffix(' mm')} x "
+        f"{size_text(feature.length_mm)} F{feature.faces[0]}"
+    )
+    sizes = [feature.width_mm, feature.length_mm]
+    has_round_ends = any(solid.faces[i].kind == "cylinder" for i in feature.faces)
+    is_ring = feature.kind in ("pocket", "opening")
+    if not feature.across or not known.are_joined(*feature.across[0]):
+        faces = feature.across[0] if feature.across else feature.faces
+        yield name, "width", _KIND.WIDTH, sizes[0], faces, NO_WALLS
+    if is_ring:
+        for pair in feature.across[1:]:
+            if not known.are_joined(*pair):
+                yield name, "length", _KIND.LENGTH, sizes[1], pair, NO_WALLS
+        if len(feature.across) < 2:
+            yield name, "length", _KIND.LENGTH, sizes[1], feature.faces, NO_WALLS
+    elif has_round_ends and not known.has_length(feature.faces):
+        yield name, "length", _KIND.LENGTH, sizes[1], feature.faces, NO_ENDS
+    is_by_rims = not is_ring and has_round_ends
+    if is_by_rims:
+        is_placed = known.has(feature.faces[0], _KIND.POSITION)
+    else:
+        pairs = feature.across[: 2 if is_ring else 1]
+        is_placed = len(pairs) > is_ring and all(
+            known.is_placed(pair, feature.faces) for pair in pairs
+        )
+    if not is_placed:
+        why = NO_ENDS if is_by_rims else NO_PLACE
+        yield name, "position", _KIND.POSITION, 0.0, feature.faces, why
+    is_deep = bool(feature.ends) or not feature.is_through
+    if is_deep and not known.is_placed(feature.ends, feature.faces):
+        faces = feature.ends or feature.faces
+        yield name, "depth", _KIND.DISTANCE, feature.depth_mm, faces, NO_FLOOR
+
+
+class _Known:
+    """What the characteristics of a part say: of which face, and which planes they join."""
+
+    def __init__(
+        self, solid: Solid, rows: Sequence[Characteristic], walls: Sequence[RoundWall]
+    ) -> None:
+        self._kinds: dict[int, set[CharacteristicKind]] = {}
+        self._depths: set[int] = set()
+        self._lengths: list[frozenset[int]] = []
+        self._wall = {face: wall for wall in walls for face in wall.faces}
+        joined = _levels(solid)
+        for row in rows:
+            for face in row.faces:
+                self._kinds.setdefault(face, set()).add(row.kind)
+            if isinstance(row.geometry, EdgePairGeometry):
+                joined.append((row.geometry.one_face, row.geometry.other_face))
+            elif row.kind is _KIND.LENGTH:
+                self._lengths.append(frozenset(row.faces))
+            elif row.kind is _KIND.DISTANCE:
+                self._depths.update(row.faces)
+        count = len(solid.faces)
+        ends = np.array(joined, dtype=np.intp).reshape(-1, 2)
+        graph = coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), (count, count))
+        self._level = connected_components(graph, directed=False)[1]
+        self._is_plane = np.array([face.kind == "plane" for face in solid.faces])
+
+    def has(self, face: int, *kinds: CharacteristicKind) -> bool:
+        """Return whether a face has a characteristic of one of some kinds; without kinds any."""
+        own = self._kinds.get(face, set())
+        return bool(own & set(kinds)) if kinds else bool(own)
+
+    def has_depth(self, faces: Sequence[int]) -> bool:
+        """Return whether a wall among the faces has a depth."""
+        return bool(self._depths & set(faces))
+
+    def has_length(self, faces: Sequence[int]) -> bool:
+        """Return whether the faces of a slot have a length, measured at its round ends."""
+        return any(own <= set(faces) for own in self._lengths)
+
+    def are_joined(self, one: int, other: int) -> bool:
+        """Return whether the distance of two planes follows from characteristics."""
+        return bool(self._level[one] == self._level[other])
+
+    def is_placed(self, planes: Sequence[int], own: Sequence[int]) -> bool:
+        """Return whether characteristics say how far planes are from others of the part.
+
+        Parameters
+        ----------
+        planes : ids; each has to be placed
+        own : faces of the same feature, which place nothing
+        """
+        others = self._is_plane.copy()
+        others[list(own)] = False
+        return bool(planes) and all(
+            bool((others & (self._level == self._level[plane])).any()) for plane in planes
+        )
+
+    def why_no_rim(self, step: FeatureWall, kind: CharacteristicKind) -> str:
+        """Return why a wall of a hole or a boss has no diameter or no position."""
+        wall = self._wall.get(step.face)
+        if kind is _KIND.POSITION and self.has(step.face, _KIND.DIAMETER):
+            return OWN_DATUM
+        if wall is None or wall.height_mm < MIN_DEPTH_MM:
+            return SHALLOW
+        if wall.rims:
+            return SHORT
+        return NOT_ROUND if wall.has_edge else ROUNDED
+
+
+def _levels(solid: Solid) -> list[tuple[int, int]]:
+    """Return the pairs of planes that are parallel and at one level: no size lies between them."""
+    planes = [face for face in solid.faces if face.kind == "plane"]
+    if len(planes) < 2:
+        return []
+    normals: FloatArray = np.array([face.normal / np.linalg.norm(face.normal) for face in planes])
+    main = np.abs(normals).argmax(axis=1)
+    normals = normals * np.sign(normals[np.arange(len(normals)), main])[:, None]
+    heights = (normals * np.array([face.centre_mm for face in planes])).sum(axis=1)
+    lean = float(np.sqrt(2 * (1 - COAXIAL_COS)))
+    places = np.column_stack([normals * SAME_LEVEL_MM / lean, heights])
+    pairs = cKDTree(places).query_pairs(SAME_LEVEL_MM)
+    return [(planes[i].id, planes[j].id) for i, j in sorted(pairs)]
