@@ -7,8 +7,9 @@ from typing import Any, Final, Protocol, runtime_checkable
 BEAT_S: Final = 0.1  # from one heartbeat to the next [cell s]
 # Heartbeats missed before every wire is stopped: half a second, which no healthy loop is late.
 MISSED_BEATS: Final = 5
-# Heartbeats missed before inputs or a signal count, which a loop that runs would have acted on.
-BLIND_BEATS: Final = 1.5
+# Heartbeats missed before inputs or a signal count, which a loop that runs would have acted on. A
+# loop that an emulated cell's time waits for is up to half a beat late (shared-clock.md 4).
+BLIND_BEATS: Final = 2.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,7 +22,7 @@ from typing import Any, cast
 
 import pytest
 
-from controller.cell.devices.supervised import Supervised
+from controller.cell.devices.supervision import Supervised
 from drivers.clock import CellClock
 from drivers.modbus_link import ModbusLink, RtuOverTcpAddress, TcpAddress
 from drivers.supervisor import BEAT_S, MISSED_BEATS, BlindLook, BlindStop, Orders
@@ -275,7 +275,7 @@ def test_the_arms_blind_stop_is_a_dead_stop_on_both_boards() -> None:
 CONTROLLER = """
 import asyncio, sys, time
 from types import SimpleNamespace
-from controller.cell.devices.supervised import Supervised
+from controller.cell.devices.supervision import Supervised
 from drivers.clock import CellClock
 from drivers.umi_scara import UmiScara
 
@@ -332,6 +332,18 @@ def test_a_controller_that_is_stopped_or_killed_moves_nothing_any_more(
         process.stdout.readline()
         process.send_signal(number)
         line.wait_s(0.0)
+
+
+def test_a_run_that_is_broken_off_has_every_wire_stopped(line: Line) -> None:
+    async def story() -> None:
+        devices = cast(Any, SimpleNamespace(arm=UmiScara(line.path), gripper=None, io=None))
+        watch = Supervised(devices, CellClock(), "", lambda: True, lambda _: None)
+        async with watch.beating():
+            raise KeyboardInterrupt  # as a second Ctrl-C does
+
+    with pytest.raises(KeyboardInterrupt):
+        asyncio.run(story())
+    line.wait_s(0.0)
 
 
 def test_a_supervisor_that_ends_is_known_at_once(line: Line) -> None:

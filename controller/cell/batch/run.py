@@ -18,7 +18,7 @@ from ..custody import Custody, custody_of, where_it_is
 from ..custody.known_journals import after_known, open_noted_journal
 from ..devices import Devices, resolve
 from ..devices.clocks import Speed
-from ..devices.supervised import Supervised
+from ..devices.supervision import Supervised
 from ..journal import (
     HOST_STAMPS,
     JOURNAL_NAME,

@@ -39,7 +39,7 @@ from ..devices.clocks import FoundClock
 from ..devices.in_use import counted
 from ..devices.interlocks import rules_of
 from ..devices.stopping import Stopping
-from ..devices.supervised import Supervised
+from ..devices.supervision import Supervised
 from ..errors import CellError, InterlockError
 from ..journal import JOURNAL_NAME, Journal, JournalError, rows
 from ..machine import Event

@@ -20,7 +20,7 @@ from drivers.clock import CellClock
 from drivers.errors import LinkError
 from drivers.supervisor import BEAT_S, BlindLook, BlindStop, LooksBlindly, Orders, StopsBlindly
 
-from .build import Devices
+from ..build import Devices
 
 READY_WALL_S: Final = 60.0  # a process that starts on a busy machine
 MIN_BEAT_WALL_S: Final = 0.02  # however fast an emulated cell's time runs
@@ -69,6 +69,8 @@ class Supervised:
     async def beating(self) -> AsyncIterator["Supervised"]:
         """Start the supervisor, have it try every wire, and beat while the block runs.
 
+        A block that is broken off ends without a farewell: what may still move is stopped.
+
         Raises
         ------
         LinkError : it does not start; nothing has moved
@@ -100,8 +102,9 @@ class Supervised:
                 beat.cancel()
                 await asyncio.gather(beat, return_exceptions=True)
             loop.remove_reader(near)
-            with suppress(OSError):
-                near.send(b"bye")
+            if sys.exc_info()[0] is None:
+                with suppress(OSError):
+                    near.send(b"bye")
             near.close()
             told.close()
             await asyncio.to_thread(_end, process)
