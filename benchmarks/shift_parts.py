@@ -15,6 +15,7 @@ from inspection_scenes import Held
 from manifold3d import Manifold
 from numpy.typing import NDArray
 
+from controller.cad import find_features
 from controller.config import load_recipe
 from controller.setup.faces import faces_left_out
 
@@ -101,7 +102,10 @@ def spoil(name: str, rng: np.random.Generator, file: Path) -> tuple[Path, str]:
     """
     recipe_file = ROOT / "recipes" / f"{name}.yaml"
     held = Held.load(ROOT / "recipes" / "parts" / f"{name}.stl")
-    left_out = faces_left_out(recipe_file, load_recipe(recipe_file), held.solid.faces)
+    solid = held.solid
+    left_out = faces_left_out(
+        recipe_file, load_recipe(recipe_file), solid.faces, find_features(solid)
+    )
     planes = [f for f in held.solid.faces if f.kind == "plane" and f.id not in left_out]
     planes = sorted(planes, key=lambda f: -f.area_mm2)[:3]
     face = planes[int(rng.integers(len(planes)))]

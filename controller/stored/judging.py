@@ -207,7 +207,7 @@ def _settings(
     return replace(
         settings,
         min_coverage=judging.recipe.inspection.min_coverage,
-        not_inspected=faces_left_out(judging.path, judging.recipe, part.solid.faces),
+        not_inspected=faces_left_out(judging.path, judging.recipe, part.solid.faces, part.features),
         find_mm={str(kind): mm for kind, mm in judging.recipe.inspection.find.items()},
     )
 

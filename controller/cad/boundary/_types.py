@@ -7,7 +7,7 @@ edges that know their curve, so that a tessellated bore has two circles and not 
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Literal
+from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,21 @@ from controller.arrays import BoolArray, FloatArray, Int32Array
 FaceKind = Literal["plane", "cylinder", "cone", "sphere", "torus", "freeform"]
 
 NO_DIRECTION: FloatArray = np.zeros(3)
+# A wall that turns further is a bore, a boss, the end of a slot or a lug; what turns less is a
+# rounded edge or corner. Some degrees less than a half turn, since facets stand for it.
+HALF_TURN_RAD: Final = float(np.radians(170.0))
+_ARCS_RAD: Final = np.linspace(2 * np.pi, 1e-6, 721)
+_ARC_SHARES: Final = np.sin(_ARCS_RAD / 2) / (_ARCS_RAD / 2)
+
+
+def turn_of(mean_share: float) -> float:
+    """Return how far normals turn, whose mean is so long [rad]: of an arc it is sin(a/2) / (a/2).
+
+    Parameters
+    ----------
+    mean_share : length of the mean of unit normals, weighted by area
+    """
+    return float(np.interp(mean_share, _ARC_SHARES, _ARCS_RAD))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -37,6 +52,7 @@ class Face:
     minor_radius_mm : of a torus, else 0
     half_angle_rad : of a cone, between axis and wall, else 0; the cone widens along ``axis``
     concave : True for a bore, a fillet, a hollow
+    turn_rad : how far the normals of a cylinder turn round its axis, all round 2 pi; else 0
     """
 
     id: int
@@ -49,11 +65,15 @@ class Face:
     minor_radius_mm: float
     half_angle_rad: float
     concave: bool
+    turn_rad: float = 0.0
 
     @property
     def label(self) -> str:
         """How people call it, as in ``F3 bore 8.0 mm``."""
         match self.kind:
+            case "cylinder" if self.turn_rad < HALF_TURN_RAD:
+                name = "fillet" if self.concave else "round"
+                return f"F{self.id} {name} R{self.radius_mm:.1f} mm"
             case "cylinder":
                 name = "bore" if self.concave else "boss"
                 return f"F{self.id} {name} {2 * self.radius_mm:.1f} mm"

@@ -6,7 +6,7 @@ import numpy as np
 
 from controller.arrays import FloatArray
 
-from ..boundary import Crease, Curve, Face
+from ..boundary import HALF_TURN_RAD, Crease, Curve, Face
 from ..solid import Solid
 from ._walls import Wall
 
@@ -16,7 +16,6 @@ LARGEST_BEVEL_RAD = np.radians(75.0)
 NARROW = 0.35  # a chamfer's width, of the lesser extent of the planes beside it
 CONE_NARROW = 0.35  # and of the radius, round an axis
 SMOOTH_SHARE = 0.4  # a fillet runs smoothly into others along so much of its outline
-HALF_TURN_RAD = np.radians(170.0)  # a wall that turns further is the end of a slot, or a lug
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -112,7 +111,7 @@ def fillets(solid: Solid, walls: dict[int, Wall]) -> list[Band]:
     for face in solid.faces:
         if face.kind not in ("cylinder", "torus", "sphere"):
             continue
-        if face.kind == "cylinder" and (face.id in walls or spread[face.id] > HALF_TURN_RAD):
+        if face.kind == "cylinder" and (face.id in walls or face.turn_rad > HALF_TURN_RAD):
             continue
         if face.kind == "sphere" and spread[face.id] > HALF_TURN_RAD:
             continue

@@ -121,7 +121,7 @@ def context(job: Job) -> Context:
         posed=inspecting.PosedPart(part.solid),
         library=open_library(files, layout.overhead),
         glowing=glowing_mask(layout.overhead, table_corners(cell)),
-        not_inspected=faces_left_out(job.recipe_path, recipe, part.solid.faces),
+        not_inspected=faces_left_out(job.recipe_path, recipe, part.solid.faces, part.features),
         files=files,
         wanted=wanted,
     )

@@ -135,7 +135,7 @@ def _left_out(part: PartFile, compiled: CompiledPart) -> dict[int, str]:
     """Return which faces the part's own recipe leaves out, each with the reason."""
     if part.recipe is None or part.recipe_path is None:
         return {}
-    return faces_left_out(part.recipe_path, part.recipe, compiled.solid.faces)
+    return faces_left_out(part.recipe_path, part.recipe, compiled.solid.faces, compiled.features)
 
 
 def _report_coarse(part: CompiledPart, setup: PlannerSetup, pose: StablePose, place: Place) -> None:

@@ -6,7 +6,7 @@ import trimesh
 from controller.arrays import FloatArray, Int32Array, IntArray
 
 from ...large import sums_by
-from .._types import NO_DIRECTION, Face
+from .._types import NO_DIRECTION, Face, turn_of
 from ..formulas.primitives import Primitive
 
 CANCELS = 1e-3  # of its area: a mean normal shorter than this is none
@@ -98,4 +98,5 @@ def _face(
         float(primitive.minor_radius_mm),
         float(primitive.half_angle_rad) if kind == "cone" else 0.0,
         concave=outward < 0,
+        turn_rad=turn_of(length / area_mm2) if kind == "cylinder" else 0.0,
     )

@@ -20,7 +20,7 @@ import trimesh
 from controller.arrays import FloatArray, IntArray
 from controller.config.cad_files import EVERY, CadSource, body_path
 
-from ...boundary import Face, FaceKind
+from ...boundary import Face, FaceKind, turn_of
 from ...errors import (
     CadError,
     EmptyCadError,
@@ -450,6 +450,7 @@ def _faces(found: dict[str, Any], mesh: trimesh.Trimesh, rank: IntArray) -> tupl
                 minor_radius_mm=minor,
                 half_angle_rad=half_angle,
                 concave=bool(inward[step_face] > 0),
+                turn_rad=turn_of(length / area) if kind == "cylinder" else 0.0,
             )
         )
     return tuple(faces)
