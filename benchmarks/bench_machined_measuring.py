@@ -117,7 +117,25 @@ def take(part: Path, kind: str, surfaces: str, seed: int, folder: Path) -> Path 
         if ("bore" in kind or "hole" in kind) and not bores(held):
             return None
         body = as_mesh(DEFECTS[kind](held, as_body(body), rng))
-    station = Station(body, finish_seed=seed if surfaces == "machined" else None)
+    finish_seed = seed if surfaces == "machined" else None
+    return take_views(part, held, Station(body, finish_seed=finish_seed), rng, seed, path)
+
+
+def take_views(
+    part: Path, held: Held, station: Station, rng: np.random.Generator, seed: int, path: Path
+) -> Path:
+    """Write the pictures of what the station holds, and the set that says it is the part.
+
+    Parameters
+    ----------
+    part : the CAD file
+    held : the part as its CAD file has it
+    station : with the real one
+    rng : draws grips and views
+    seed : of the cameras' noise
+    path : of the set
+    """
+    folder = path.parent
     folder.mkdir(parents=True, exist_ok=True)
     centre, middle = held.solid.centroid_mm, station.layout.station_mm
     ways = grasps(held.solid)

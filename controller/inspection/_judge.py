@@ -18,6 +18,7 @@ from controller.arrays import BoolArray, FloatArray
 from controller.cad import Solid, SurfaceSamples, count_caution, uncertainty_of
 
 from ._apart import SAME_PIXELS_PX, is_turned
+from ._gathered import PlacedFinding, gather
 from ._types import (
     OUTLINE,
     Finding,
@@ -28,7 +29,7 @@ from ._types import (
     ViewResult,
 )
 from .detection import MARKS, NEXT_WIDTH, NOTHING_ASKED, Detection
-from .edge_evidence import FaceEdges, MissingEdge
+from .edge_evidence import FaceEdges
 
 SURE_AREA: Final = 2.5  # times the smallest area: no noise at a border grows so large
 SAME_PLACE_MM: Final = 6.0  # findings of two views whose middles are this close are one thing
@@ -39,11 +40,16 @@ MARK_PLACE_SHARE: Final = 0.35
 SAME_PIXELS_SHARE: Final = 0.25  # of its extent in the picture; the part's outline may cut it
 OTHER_SIDE_RAD: Final = float(np.radians(60.0))  # a dent's bright side turns with the lamp
 SEEN_AGAIN_COUNT: Final = 2  # looks that would have shown a mark and did not: it was a reflection
+UNPROVEN: Final = {FindingKind.MISSING_EDGE}  # what no picture shows may hide in all of them
 PLAIN: Final = 3.0  # a mark so far beyond texture is not argued away
 MIN_FACE_SHARE: Final = 0.5  # of a face that must have been compared
 MADE_GOOD_SHARE: Final = 0.99  # of what a failed view was to show that others had in sight
 NO_VIEW: Final = "in no view that was evaluated"
 TOO_SMALL: Final = "smaller than the smallest difference looked for, which cannot be on it alone"
+GIVEN_UP: Final = (
+    "a face that is left out by name (`not_inspected`) is given up: dents, scratches and stains on "
+    "it are looked for by nobody; what pictures show against it counts all the same"
+)
 NOTHING: Final[Mapping[int, str]] = MappingProxyType({})
 NO_PLAN: Final[Mapping[str, BoolArray]] = MappingProxyType({})
 NO_EDGES: Final[Mapping[int, FaceEdges]] = MappingProxyType({})
@@ -89,7 +95,7 @@ class PartVerdict:
     faces : one entry per surface; their areas add up to the whole
     compared_fraction : of the whole area, compared in evaluated views
     in_sight_fraction : of the whole area, in sight of them, compared or not
-    confirmed : findings that decided
+    findings : what differs from the CAD, place by place
     claim : what was looked for on the compared surface, as a sentence without a subject
     detections : by kind of defect what would have been found, and where
     short_faces : ids of the faces of which too little was compared, which stops a PASS
@@ -100,7 +106,7 @@ class PartVerdict:
     reasons: tuple[str, ...]
     faces: tuple[FaceVerdict, ...]
     compared_fraction: float
-    confirmed: tuple[tuple[str, Finding], ...]
+    findings: tuple[PlacedFinding, ...]
     in_sight_fraction: float = 0.0
     claim: str = ""
     detections: tuple[Detection, ...] = ()
@@ -118,7 +124,6 @@ def judge(
     not_inspected: Mapping[int, str] = NOTHING,
     planned: Mapping[str, BoolArray] = NO_PLAN,
     edges: Mapping[int, FaceEdges] = NO_EDGES,
-    missing_edges: Sequence[MissingEdge] = (),
     find_mm: Mapping[str, float] = NOTHING_ASKED,
 ) -> PartVerdict:
     """Return the verdict on a part, from all its views.
@@ -131,10 +136,10 @@ def judge(
     unseen_reasons : by face id, why the plan could not show (all of) it; explains, excuses nothing
     min_coverage : share of the area that must have been compared for a pass, above 0
     limits : of the findings
-    not_inspected : by face id, why the recipe leaves it out
+    not_inspected : by face id, why the recipe leaves it out: that takes away the duty to compare
+        it, and nothing from what pictures show against it
     planned : by view id, which samples (n,) the plan meant it to show
     edges : by face id, what its edges prove
-    missing_edges : that must show, and do in no picture
     find_mm : by kind of defect the size that the recipe asks for, where it names one
 
     Raises
@@ -150,9 +155,10 @@ def judge(
         float(samples.areas_mm2[mask].sum() / samples.areas_mm2.sum())
         for mask in (compared, in_sight)
     )
-    confirmed, unconfirmed = _confirm(evaluated, samples, limits, find_mm)
-    found = dict.fromkeys((i for _, f in unconfirmed for i in f.face_ids), Verdict.INDETERMINATE)
-    found |= dict.fromkeys((i for _, f in confirmed for i in f.face_ids), Verdict.FAIL)
+    placed = gather(_confirm(evaluated, samples, limits, find_mm))
+    found: dict[int, PlacedFinding] = {}
+    for one in placed:  # proven ones first
+        found = dict.fromkeys(one.face_ids, one) | found
     excuses = _unjudged(samples, evaluated)
     faces = tuple(
         _face(
@@ -162,7 +168,15 @@ def judge(
         for i in range(len(solid.faces))
     )  # fmt: skip
     claim = _claim(evaluated)
-    reasons: list[str] = [_sentence(solid, view_id, f) for view_id, f in confirmed]
+    is_failed = any(one.verdict is Verdict.FAIL for one in placed)
+    # what pictures show against the part comes first, whatever else is open
+    reasons: list[str] = [
+        one.sentence(solid)
+        if one.verdict is Verdict.FAIL
+        else f"unconfirmed: {one.sentence(solid)}"
+        for one in placed
+        if one.verdict is Verdict.FAIL or not is_failed
+    ]
     failures = [failure for view in views for failure in view.failures]
     missing = _not_made_good(samples, views, planned)
     stops: list[str] = []
@@ -171,11 +185,6 @@ def judge(
             f"{100 * compared_share:.1f} % of the surface compared, "
             f"{100 * min_coverage:.1f} % is required"
         )
-    stops += [
-        f"{' and '.join(solid.faces[i].label for i in edge.faces)}: the edge between them, "
-        f"{edge.length_mm:.1f} mm long, is in none of {edge.look_count} pictures where it must show"
-        for edge in missing_edges
-    ]
     stops += [f"{view_id}: no other view made good what it was to show" for view_id in missing]
     short = [
         f
@@ -189,11 +198,12 @@ def judge(
         f"{100 * MIN_FACE_SHARE:.0f} % is required; {f.reason}"
         for f in short
     ]
-    if confirmed:
+    if short:
+        stops.append(GIVEN_UP)
+    if is_failed:
         verdict = Verdict.FAIL
-    elif unconfirmed or stops:
+    elif placed or stops:
         verdict = Verdict.INDETERMINATE
-        reasons += [f"unconfirmed: {_sentence(solid, view_id, f)}" for view_id, f in unconfirmed]
         reasons += stops
     else:
         verdict = Verdict.PASS
@@ -220,7 +230,7 @@ def judge(
             f"{100 * share:.1f} % of the surface"
         )
     return PartVerdict(
-        verdict, tuple(reasons), faces, compared_share, tuple(confirmed), in_sight_share, claim,
+        verdict, tuple(reasons), faces, compared_share, placed, in_sight_share, claim,
         short_faces=tuple(f.face_id for f in short), compared_U=uncertainty_of(samples, compared),
     )  # fmt: skip
 
@@ -258,29 +268,28 @@ def _confirm(
     samples: SurfaceSamples,
     limits: InspectionLimits,
     find_mm: Mapping[str, float],
-) -> tuple[list[tuple[str, Finding]], list[tuple[str, Finding]]]:
-    """Split findings into those that decide and those that one error could explain."""
+) -> list[tuple[str, Finding, Verdict]]:
+    """Return findings that decide, or that one error could explain; none that others refute."""
     every = [(view, f) for view in views for f in view.findings]
     seconds = every + [(view, f) for view in views for f in view.hints]
     dirt = {id(f) for view, f in seconds if _is_on_lens(view, f, seconds)}
     seconds = [(view, f) for view, f in seconds if id(f) not in dirt]
-    sure: list[tuple[str, Finding]] = []
-    unconfirmed: list[tuple[str, Finding]] = []
+    out: list[tuple[str, Finding, Verdict]] = []
     for view, finding in every:
         seconded = finding.is_sure or any(
             other is not finding
+            and not {finding.kind, other.kind} & UNPROVEN
             and _is_other_look(view, finding, other_view, other, limits)
             and _is_same_place(finding, other)
             for other_view, other in seconds
         )
-        if id(finding) in dirt:
-            unconfirmed.append((view.view_id, finding))
-        elif seconded:
-            sure.append((view.view_id, finding))
-        elif not _is_argued_away(view, finding, views, samples, _asked_mm(limits, find_mm)):
-            unconfirmed.append((view.view_id, finding))
-    sure.sort(key=lambda item: -item[1].area_mm2)
-    return sure, unconfirmed
+        if id(finding) not in dirt and seconded:
+            out.append((view.view_id, finding, Verdict.FAIL))
+        elif id(finding) in dirt or not _is_argued_away(
+            view, finding, views, samples, _asked_mm(limits, find_mm)
+        ):
+            out.append((view.view_id, finding, Verdict.INDETERMINATE))
+    return out
 
 
 def _is_on_lens(
@@ -419,14 +428,6 @@ def _not_made_good(
     return out
 
 
-def _sentence(solid: Solid, view_id: str, finding: Finding) -> str:
-    where = " and ".join(solid.faces[i].label for i in finding.face_ids[:2])
-    return (
-        f"{finding.kind} at {where}: {finding.size_mm:.1f} mm across, {finding.area_mm2:.0f} mm2, "
-        f"view {view_id}, {finding.lamp}"
-    )
-
-
 def _unjudged(samples: SurfaceSamples, views: Sequence[ViewResult]) -> NDArray[np.uint8]:
     """Return why samples in sight were not compared, (n,), as in `ViewResult.unjudged`.
 
@@ -449,7 +450,7 @@ def _face(
     compared: BoolArray,
     excuses: NDArray[np.uint8],
     views: Sequence[ViewResult],
-    found: Verdict | None,
+    found: PlacedFinding | None,
     plan_reason: str,
     recipe_reason: str,
     limits: InspectionLimits,
@@ -465,10 +466,11 @@ def _face(
     reason = rest[0][0] if rest else ""
     verdict = Verdict.NOT_EVALUATED
     by_check = _by_check(areas, views)
-    if found is Verdict.FAIL:
-        verdict, reason = found, "differs from the CAD"
+    if found is not None and found.verdict is Verdict.FAIL:
+        verdict, reason = found.verdict, "differs from the CAD"
     elif found is not None:
-        verdict, reason = found, "one comparison differs from the CAD, no second one confirms it"
+        verdict = found.verdict
+        reason = "one comparison differs from the CAD, no second one confirms it"
     elif fraction >= MIN_FACE_SHARE:
         verdict = Verdict.PASS
         if rest:
@@ -481,6 +483,9 @@ def _face(
         reason = f"surface not compared; {100 * edges.share:.0f} % {edges.how} in place"
     elif face.area_mm2 < limits.min_area_mm2:
         reason = TOO_SMALL
+    elif edges is not None and edges.why:
+        # light is no reason where edges could have told and did not
+        reason = edges.why
     return FaceVerdict(
         face_id, face.label, face.area_mm2, fraction, verdict, by, reason, by_check, rest,
     )  # fmt: skip

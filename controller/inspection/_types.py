@@ -48,6 +48,7 @@ class FindingKind(StrEnum):
     CHIP = "chip"
     BURR = "burr"
     DIMENSION = "face out of place"
+    MISSING_EDGE = "missing edge"
     SURFACE = "surface differs"
     DENT = "dent"
     PIT = "pit"
@@ -170,6 +171,7 @@ class Finding:
     dipole_px : of a mark with a bright and a dark side, from the dark one to the bright one
     is_sure : one look is enough: neither dust nor light nor an error of the pose looks like it
     outline_px : (k, 2) border of what differs in the picture; None where it is not known
+    words : by how much it is off, in words; empty where its size says so
     """
 
     kind: FindingKind
@@ -185,6 +187,7 @@ class Finding:
     dipole_px: tuple[float, float] = (0.0, 0.0)
     is_sure: bool = False
     outline_px: FloatArray | None = None
+    words: str = ""
 
     @property
     def is_long(self) -> bool:

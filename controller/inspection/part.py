@@ -113,11 +113,12 @@ class PartSettings:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class PartFinding:
-    """Something on the part that the CAD model has not, or lacks.
+    """Something on the part that the CAD model has not, or lacks: one place, one finding.
 
     Attributes
     ----------
-    kind : missing, extra, chip, burr, dent, scratch, stain, surface or identity
+    kind : missing, extra, chip, burr, dimension, missing_edge, dent, pit, scratch, stain, surface
+        or identity
     view_id, lamp : picture it shows best in
     p_part_mm : (3,) CAD frame
     size_mm : longest extent
@@ -125,6 +126,9 @@ class PartFinding:
     verdict : FAIL where it is proven, INDETERMINATE where it may be something else
     box_px : x0, y0, x1, y1 in that picture; None if it is not known there
     outline_px : (k, 2) border of what differs in that picture, for the report
+    area_mm2 : seen of it, where it shows most; None for the whole part
+    at_px : (x, y) of its middle in that picture; None if it is not known there
+    pictures : every view and lamp that shows it
     """
 
     kind: str
@@ -136,6 +140,9 @@ class PartFinding:
     verdict: Verdict
     box_px: tuple[int, int, int, int] | None = None
     outline_px: FloatArray | None = None
+    area_mm2: float | None = None
+    at_px: tuple[float, float] | None = None
+    pictures: tuple[tuple[str, str], ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -257,25 +264,25 @@ def inspect_part(
         settings.not_inspected,
         settings.planned,
         edges.faces,
-        edges.missing,
         settings.find_mm,
     )
     ledger = with_detections(views, results, ledger, settings)
-    confirmed = {id(finding) for _, finding in ledger.confirmed}
     findings = tuple(
         PartFinding(
-            kind=finding.kind.name.lower(),
-            view_id=result.view_id,
-            lamp=finding.lamp,
-            p_part_mm=np.asarray(finding.p_part_mm),
-            size_mm=finding.size_mm,
-            faces=finding.face_ids,
-            verdict=Verdict.FAIL if id(finding) in confirmed else Verdict.INDETERMINATE,
-            box_px=finding.box_px,
-            outline_px=finding.outline_px,
+            kind=one.plainest.kind.name.lower(),
+            view_id=one.view_id,
+            lamp=one.plainest.lamp,
+            p_part_mm=np.asarray(one.plainest.p_part_mm),
+            size_mm=one.size_mm,
+            faces=one.face_ids,
+            verdict=one.verdict,
+            area_mm2=one.area_mm2,
+            at_px=one.plainest.at_px,
+            box_px=one.plainest.box_px,
+            outline_px=one.plainest.outline_px,
+            pictures=tuple(dict.fromkeys((view_id, f.lamp) for view_id, f in one.looks)),
         )
-        for result in results
-        for finding in result.findings
+        for one in ledger.findings
     )
     measured = measure_views(views, posed, characteristics, settings.measuring, kept)
     standing = standing_of(measured)

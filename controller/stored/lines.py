@@ -82,8 +82,10 @@ def _finding(finding: PartFinding) -> dict[str, Any]:
         "lamp": finding.lamp,
         "p_part_mm": _numbers(finding.p_part_mm),
         "size_mm": float(finding.size_mm),
+        "area_mm2": None if finding.area_mm2 is None else float(finding.area_mm2),
         "faces": [int(face) for face in finding.faces],
         "verdict": finding.verdict.value,
+        "pictures": [list(picture) for picture in finding.pictures],
     }
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from functools import cache
 
 import numpy as np
@@ -12,7 +13,7 @@ from manifold3d import CrossSection, Manifold
 from shown_part import face_id, part, perfect
 
 from controller.cad import sample_surface
-from controller.inspection import InspectionLimits, PosedPart
+from controller.inspection import FindingKind, InspectionLimits, PosedPart
 from controller.inspection.dimensions import MeasuringSettings
 from controller.inspection.edge_evidence import (
     EdgeEvidence,
@@ -130,6 +131,51 @@ def test_a_blind_bore_is_shown_by_its_rim_and_its_floor() -> None:
     assert "floor" in found.how
 
 
+def places_against(found: EdgeEvidence) -> list[str]:
+    every = [f for of_view in found.findings.values() for f in of_view]
+    return [f.words for f in every if f.kind is FindingKind.DIMENSION]
+
+
+@pytest.mark.parametrize(("depth_mm", "words"), [(6.5, "1.5 mm higher"), (9.5, "1.5 mm deeper")])
+def test_a_floor_that_pictures_show_elsewhere_is_a_finding_with_its_number(
+    depth_mm: float, words: str
+) -> None:
+    found = evidence(blind_part(), blind(depth_mm), LOOKS)
+    told = places_against(found)
+    assert told
+    off = [float(re.search(r"about ([\d.]+) mm", one).group(1)) for one in told]  # type: ignore[union-attr]
+    assert off == pytest.approx([1.5] * len(off), abs=0.3)
+    assert all(words[-6:] in one for one in told)
+    wall = blind_wall(found)
+    assert not wall.is_verified
+    assert wall.why in told
+
+
+def test_a_good_part_has_nothing_against_it() -> None:
+    assert places_against(of_perfect()) == []
+    assert places_against(evidence(blind_part(), blind(8.0), LOOKS)) == []
+
+
+def test_an_edge_that_pictures_show_whole_elsewhere_is_a_finding() -> None:
+    def pocketed(x_mm: float) -> Body:
+        return box(46, 34, 24) - box(16, 12, 8).translate((x_mm, 2, 12))
+
+    nominal = PosedPart(solid_of(pocketed(0.0), "pocketed"))
+    looks = ((0.0, 3.0), (4.0, -3.0), (18.0, 6.0))
+    assert places_against(evidence(nominal, pocketed(0.0), looks)) == []
+    told = places_against(evidence(nominal, pocketed(0.7), looks))
+    assert told
+    assert all("out of its place" in one for one in told)
+
+
+def test_a_wall_that_edges_could_show_says_why_they_do_not() -> None:
+    along = blind_wall(evidence(blind_part(), blind(8.0), ((0.0, 0.0),)))
+    assert "of its rim shown in place" in along.why
+    wall = next(f.id for f in part().solid.faces if f.concave and abs(f.radius_mm - 3) < 0.1)
+    assert "light through it" in of_perfect().faces[wall].why
+    assert of_perfect().faces[bore_wall()].why == ""
+
+
 @pytest.mark.parametrize("depth_mm", [4.0, 0.001], ids=["half deep", "missing"])
 def test_a_blind_bore_of_another_depth_is_not_shown(depth_mm: float) -> None:
     assert not blind_wall(evidence(blind_part(), blind(depth_mm), LOOKS)).is_verified
@@ -183,6 +229,10 @@ def test_a_notch_that_the_part_lacks_shows_as_missing_edges() -> None:
     nominal = PosedPart(solid_of(notched(), "notched"))
     looks = ((20.0, -12.0), (-15.0, -10.0), (4.0, -18.0))  # edges of 2 mm need three
     without = evidence(nominal, perfect(), looks).missing
+    # a finding, which no one look and no two looks can prove
+    found = evidence(nominal, perfect(), looks).findings
+    kinds = [f.kind for of_view in found.values() for f in of_view]
+    assert FindingKind.MISSING_EDGE in kinds
     # two lamps of one view may leave a short edge dark, but not all of them
     missing = set(without) - set(evidence(nominal, notched(), looks).missing)
     assert len(missing) >= 2

@@ -15,10 +15,11 @@ from controller.imaging import PointLamp
 from controller.inspection import PosedPart, ViewPictures
 from controller.inspection.dimensions import MeasuringSettings, PosedView
 from controller.inspection.edge_evidence import (
+    FloorLook,
     blind_bore,
     find_edges,
+    find_floor,
     find_recesses,
-    floor_bound_mm,
     rise_by_light,
 )
 
@@ -54,19 +55,23 @@ def seen(depth_mm: float, tilt_deg: float, *, is_dark: bool = False) -> PosedVie
     return PosedView(replace(task(T, ()), lamps=(ring(6),)), pictures, T, known)
 
 
-def rise(view: PosedView) -> tuple[float, float] | None:
+def rise(view: PosedView) -> FloorLook | None:
     solid = nominal().solid
     (bore,) = [b for r in find_recesses(solid) if (b := blind_bore(solid, r)) is not None]
     return rise_by_light(nominal(), bore, view, "ring")
+
+
+def by_light(*told: tuple[float, float]) -> list[FloorLook]:
+    """How much higher light shows a floor in pictures, and how surely [mm]."""
+    return [FloorLook(f"v{i}", "ring", *one, is_by_light=True) for i, one in enumerate(told)]
 
 
 @pytest.mark.parametrize(("depth_mm", "tilt_deg"), [(8.0, 0.0), (8.0, 9.0), (6.5, 0.0), (4.8, 9.0)])
 def test_a_floor_is_found_at_its_depth(depth_mm: float, tilt_deg: float) -> None:
     found = rise(seen(depth_mm, tilt_deg))
     assert found is not None
-    mm, u_mm = found
-    assert mm == pytest.approx(DEPTH_MM - depth_mm, abs=2 * u_mm)
-    assert u_mm < 0.1 * DEPTH_MM
+    assert found.off_mm == pytest.approx(DEPTH_MM - depth_mm, abs=2 * found.u_mm)
+    assert found.u_mm < 0.1 * DEPTH_MM
 
 
 @pytest.mark.parametrize(("depth_mm", "is_shown"), [(8.0, True), (4.8, False)])
@@ -76,7 +81,7 @@ def test_a_floor_half_as_deep_is_not_in_place(depth_mm: float, *, is_shown: bool
     assert edges is not None
     (recess,) = find_recesses(solid)
     told = [one for tilt in (9.0,) if (one := rise(seen(depth_mm, tilt))) is not None]
-    bound_mm = floor_bound_mm(edges, [], recess, MeasuringSettings(), told)
+    bound_mm = find_floor(edges, [], recess, MeasuringSettings(), told).bound_mm
     assert np.isfinite(bound_mm) == is_shown
 
 
@@ -86,8 +91,8 @@ def test_one_picture_that_shows_a_floor_elsewhere_outweighs_others() -> None:
     assert edges is not None
     (recess,) = find_recesses(solid)
     for second, is_shown in ((0.4, True), (4.0, False)):
-        told = [(0.0, 0.5), (second, 0.5)]
-        bound_mm = floor_bound_mm(edges, [], recess, MeasuringSettings(), told)
+        told = by_light((0.0, 0.5), (second, 0.5))
+        bound_mm = find_floor(edges, [], recess, MeasuringSettings(), told).bound_mm
         assert np.isfinite(bound_mm) == is_shown
 
 
@@ -103,8 +108,9 @@ def test_a_floor_surely_out_of_place_by_more_than_a_tenth_is_not_in_place() -> N
         ([(0.1, 0.1), (1.3, 0.3)], 0.4),
         ([(0.1, 0.1), (40.0, 12.0)], 0.4),  # says nothing
     ):
-        found = floor_bound_mm(edges, [], recess, MeasuringSettings(), told)
-        assert found == pytest.approx(bound_mm)
+        found = find_floor(edges, [], recess, MeasuringSettings(), by_light(*told))
+        assert found.bound_mm == pytest.approx(bound_mm)
+        assert bool(found.elsewhere) == np.isinf(bound_mm)
 
 
 def test_what_is_dark_or_seen_flat_shows_no_depth() -> None:

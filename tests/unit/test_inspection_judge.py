@@ -25,7 +25,7 @@ from controller.inspection import (
     ViewResult,
     judge,
 )
-from controller.inspection.edge_evidence import FaceEdges, MissingEdge
+from controller.inspection.edge_evidence import FaceEdges
 
 Array = NDArray[np.float64]
 LIMITS = InspectionLimits(smallest_defect_mm=3.0)
@@ -121,7 +121,7 @@ def test_a_part_seen_whole_without_findings_passes() -> None:
     assert got.compared_fraction == pytest.approx(1.0)
     assert {f.verdict for f in got.faces} == {Verdict.PASS}
     assert {f.reason for f in got.faces} == {""}
-    assert got.confirmed == ()
+    assert got.findings == ()
     (sentence,) = got.reasons
     assert "100.0 % of the surface compared" in sentence
 
@@ -183,7 +183,8 @@ def test_a_face_that_was_not_compared_forbids_a_pass_whatever_the_plan_says(
     got = verdict(view(compared=all_but(hidden)), unseen=unseen, coverage=0.5)
     assert got.verdict is Verdict.INDETERMINATE
     assert got.faces[hidden].verdict is Verdict.NOT_EVALUATED
-    (stop,) = got.reasons
+    stop, given_up = got.reasons
+    assert "not_inspected" in given_up
     assert plate().faces[hidden].label in stop
     assert (plan_reason or "no view") in stop
 
@@ -246,13 +247,13 @@ def test_a_wall_that_its_edges_show_passes_and_counts_as_not_compared() -> None:
     assert got.compared_fraction == without.compared_fraction
 
 
-def test_an_edge_that_no_picture_shows_stops_a_pass() -> None:
-    lost = MissingEdge((0, 1), 4.2, 3)
-    seen = view(compared=everything())
-    got = judge(plate(), samples(), (seen,), {}, 0.5, LIMITS, missing_edges=(lost,))
+def test_an_edge_that_no_picture_shows_stops_a_pass_and_fails_no_part() -> None:
+    lost = replace(finding(1.0, kind=FindingKind.MISSING_EDGE), words="an edge, 4.2 mm long")
+    one, two = view("v1", findings=(lost,)), view("v2", findings=(lost,), turn_deg=40.0)
+    got = verdict(one, two, left_out=dict.fromkeys(range(7), "gauged by hand"))
     assert got.verdict is Verdict.INDETERMINATE
-    assert any("4.2 mm long, is in none of 3 pictures" in reason for reason in got.reasons)
-    assert judge(plate(), samples(), (seen,), {}, 0.5, LIMITS).verdict is Verdict.PASS
+    assert "an edge, 4.2 mm long" in got.reasons[0]
+    assert got.faces[0].verdict is Verdict.INDETERMINATE
 
 
 def test_edges_in_place_that_prove_nothing_leave_a_face_open() -> None:
@@ -356,7 +357,7 @@ def test_a_lamp_that_failed_forbids_a_pass_unless_its_surface_was_judged_otherwi
 def test_a_finding_in_one_picture_alone_never_fails_a_part_however_large(size: float) -> None:
     got = verdict(view(findings=(finding(size * SMALLEST_MM2, faces=(1, 2)),)), view("v2"))
     assert got.verdict is Verdict.INDETERMINATE
-    assert got.confirmed == ()
+    assert [one.verdict for one in got.findings] == [Verdict.INDETERMINATE]
     assert got.reasons[0].startswith("unconfirmed: surface differs at")
     assert "view v1, ring" in got.reasons[0]
     # nor do the surfaces it lies on pass
@@ -370,7 +371,8 @@ def test_a_finding_of_two_views_fails_the_part_and_its_faces() -> None:
     assert got.verdict is Verdict.FAIL
     assert [f.face_id for f in got.faces if f.verdict is Verdict.FAIL] == [1, 2]
     assert "differs from the CAD" in got.faces[1].reason
-    assert [view_id for view_id, _ in got.confirmed] == ["v1", "v2"]
+    (one,) = got.findings
+    assert [view_id for view_id, _ in one.looks] == ["v1", "v2"]
     assert "surface differs at" in got.reasons[0]
 
 
@@ -460,9 +462,63 @@ def test_confirmed_findings_come_largest_first() -> None:
     )
     one, two = view("v1", findings=findings), view("v2", findings=findings, turn_deg=90.0)
     got = verdict(one, replace(two, findings=tuple(replace(f) for f in findings)))
-    areas = [f.area_mm2 for _, f in got.confirmed]
-    assert areas == sorted(areas, reverse=True)
-    assert len(areas) == 6
+    assert [f.area_mm2 / SMALLEST_MM2 for f in got.findings] == pytest.approx([9, 5, 3])
+    assert len(got.reasons) == len(got.findings)
+
+
+def test_all_looks_at_one_place_are_one_finding_in_one_sentence() -> None:
+    """A chip of 4 mm at the edge of two faces, as outlines and lamps show it, and a second one."""
+
+    def shown(at: tuple[float, float, float]) -> list[Finding]:
+        x, y, z = at
+        return [
+            replace(
+                finding(3.0, (x + 1, y, z), "backlit", (0, 1), FindingKind.MISSING), is_sure=True
+            ),
+            finding(0.3, (x - 0.5, y, z - 2.0), "ring", (1,), FindingKind.PIT),
+            finding(6.0, (x, y + 1.5, z), "side", (0,), FindingKind.SURFACE),
+            replace(finding(0.04, (x, y, z), "backlit", (0, 1), FindingKind.CHIP), size_mm=4.0),
+        ]
+
+    first, second = shown((0.0, 15.0, 5.0)), shown((20.0, 15.0, 5.0))
+    views = [
+        view(f"v{i}", findings=tuple(replace(f) for f in (*first, *second)), turn_deg=30.0 * i)
+        for i in range(4)
+    ]
+    got = verdict(*views)
+    assert [len(one.looks) for one in got.findings] == [16, 16]
+    assert len(got.reasons) == 2
+    for one, reason in zip(got.findings, got.reasons, strict=True):
+        assert one.plainest.kind is FindingKind.CHIP  # says most of it
+        assert reason.startswith("chip at F0 plane and F1 plane: 4.0 mm across, 6.0 mm2, view v0")
+        assert reason.endswith("; shown in 12 pictures")
+
+
+def test_a_small_defect_has_an_area() -> None:
+    speck = replace(finding(0.04, kind=FindingKind.CHIP), is_sure=True)
+    assert "0.1 mm2" in verdict(view(findings=(speck,))).reasons[0]
+
+
+def test_a_mark_elsewhere_is_not_taken_for_the_doing_of_a_long_edge_out_of_place() -> None:
+    edge = replace(finding(20.0, faces=(0, 1), kind=FindingKind.DIMENSION), size_mm=60.0)
+    mark = finding(9.0, (10.0, 3.0, -5.0), faces=(2,), kind=FindingKind.DENT)
+    beside = finding(9.0, (10.0, 3.0, 5.0), faces=(0,))
+    assert len(verdict(view(findings=(edge, mark))).findings) == 2
+    assert len(verdict(view(findings=(edge, beside))).findings) == 1
+
+
+def test_what_pictures_show_against_a_face_is_its_reason_before_the_light_on_it() -> None:
+    hidden = bore_id()
+    mine = samples().face_ids == hidden
+    codes = np.where(mine, Unjudged.BOUNCE.number, 0).astype(np.uint8)
+    dark = replace(view(compared=~mine), unobstructed=everything(), unjudged=codes,
+                   checks=(check("ring", 3.0),))  # fmt: skip
+    tried = FaceEdges(0.3, 5, why="no picture shows how deep its floor lies")
+    got = with_edges(dark, edges=tried)
+    assert got.faces[hidden].reason == tried.why
+    assert got.reasons[0].endswith(tried.why)
+    assert "given up" in got.reasons[1]  # what leaving it out by name costs
+    assert with_edges(dark, edges=FaceEdges(0.3, 5)).faces[hidden].reason == Unjudged.BOUNCE.value
 
 
 def test_a_fail_outweighs_doubt_and_poor_coverage() -> None:
@@ -518,7 +574,8 @@ def test_a_pass_means_that_all_is_compared_or_left_out_by_name_and_nothing_was_f
     found = [f for v in used for f in v.findings]
     assert sum(f.area_mm2 for f in got.faces) == pytest.approx(plate().mesh.area)
     assert got.reasons
-    assert (got.verdict is Verdict.FAIL) == bool(got.confirmed)
+    assert (got.verdict is Verdict.FAIL) == any(f.verdict is Verdict.FAIL for f in got.findings)
+    assert {id(f) for one in got.findings for _, f in one.looks} <= {id(f) for f in found}
     assert (got.verdict is Verdict.FAIL) == any(f.verdict is Verdict.FAIL for f in got.faces)
     for face in got.faces:
         rest = sum(share for _, share in face.rest)

@@ -268,6 +268,9 @@ NOT_TOLD = {
 }  # fmt: skip
 # Sentences that are put together from more than one place: what the catalogue has for each.
 COMPOSED: dict[str, tuple[str, ...]] = {
+    "; shown in {} pictures": ("shown in {k} pictures",),
+    "{} edges": ("{m} edges, {n} mm long, shown by none of {k} pictures that must show it",),
+    "an edge": ("an edge, {n} mm long, shown by none of {k} pictures that must show it",),
     "left out by the recipe: {}": ("left out by the {source_id}: {own}",),
     "slot {} x {}": ("slot {n} x {m} mm",),
     "chamfer {} F{}": ("chamfer {n} mm", "{feature} F{a}"),
@@ -299,6 +302,7 @@ COMPOSED: dict[str, tuple[str, ...]] = {
         for side in ("upper", "lower")
     ),
     "too near to": ("{n} is too near to the upper limit {m}, U {u}",),
+    "F{} {} R{} mm": ("F{a} fillet R{n} mm", "F{a} round R{n} mm"),
     "F{} {} {} mm": ("F{a} bore {n} mm", "F{a} boss {n} mm"),
     "{} {} mm {}": tuple(
         f"{name} {{n}} mm {depth}"
@@ -636,6 +640,13 @@ def test_lines_are_put_into_words_one_by_one() -> None:
         ("its odd diameter", "its odd diameter"),
         ("stain at F1 plane and F2 cone: 3.5 mm across, 4 mm2, view A1-V2, backlit",
          "Fleck auf F1 Ebene und F2 Kegel: 3,5 mm groß, 4 mm², Ansicht A1-V2, Gegenlicht"),
+        ("chip at F1 plane: 3.5 mm across, 4.0 mm2, view A1-V2, backlit; shown in 14 pictures",
+         "Ausbruch auf F1 Ebene: 3,5 mm groß, 4,0 mm², Ansicht A1-V2, Gegenlicht; auf 14 Bildern "
+         "zu sehen"),
+        ("unconfirmed: face out of place at F8 plane and F9 plane: the floor shows about 1.0 mm "
+         "higher, view v12, station_ring",
+         "unbestätigt: Fläche am falschen Ort auf F8 Ebene und F9 Ebene: der Boden liegt auf "
+         "Bildern etwa 1,0 mm höher, Ansicht v12, Ringlicht der Station"),
     ],
 )  # fmt: skip
 def test_a_reason_is_put_into_words_with_its_figures(said: str, word: str) -> None:

@@ -163,7 +163,7 @@ def verdict_of(row: rows.PartJudged) -> PartVerdict:
         reasons=row.reasons,
         faces=(),
         compared_fraction=row.compared_fraction,
-        confirmed=(),
+        findings=(),
         in_sight_fraction=row.in_sight_fraction or 0.0,
         claim=row.claim,
         compared_U=row.compared_U or 0.0,

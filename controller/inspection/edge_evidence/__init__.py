@@ -1,7 +1,7 @@
 """Where the edges of a part show, whether they are in place, and what that proves of the part."""
 
 from ._damage import find_damage
-from ._depth import floor_bound_mm
+from ._depth import Floor, FloorLook, find_floor
 from ._displaced import Displaced, find_displaced
 from ._edges import KEPT_PARTS, PartEdges, find_edges
 from ._faces import FaceEdges, MissingEdge, inner_mm
@@ -19,6 +19,8 @@ __all__ = [
     "EdgeLook",
     "EdgeView",
     "FaceEdges",
+    "Floor",
+    "FloorLook",
     "MissingEdge",
     "PartEdges",
     "Recess",
@@ -28,8 +30,8 @@ __all__ = [
     "find_displaced",
     "find_edges",
     "find_evidence",
+    "find_floor",
     "find_recesses",
-    "floor_bound_mm",
     "inner_mm",
     "look_ahead",
     "refuted",

@@ -6,6 +6,7 @@ light gets in (`rise_by_light`).
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -27,17 +28,80 @@ WRONG_MM: Final = 0.3
 LIT_SHARE: Final = 0.3  # the same of a floor that is placed by light, whose model may err by more
 
 
-def floor_bound_mm(
+@dataclass(frozen=True, eq=False, slots=True)
+class FloorLook:
+    """How much higher than nominal a picture shows the floor of a blind hole.
+
+    Attributes
+    ----------
+    view_id, lamp : which picture
+    off_mm : out of the material; negative where it lies deeper
+    u_mm : standard uncertainty
+    is_by_light : by how much light gets in, not by edges
+    """
+
+    view_id: str
+    lamp: str
+    off_mm: float
+    u_mm: float
+    is_by_light: bool = False
+
+    @property
+    def room_mm(self) -> float:
+        """What it may be off by."""
+        return K * self.u_mm
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Floor:
+    """The floor of a blind hole, as all pictures show it that tell.
+
+    Attributes
+    ----------
+    recess : the hole
+    looks : pictures that place its floor more surely than the hole is deep
+    """
+
+    recess: Recess
+    looks: tuple[FloorLook, ...]
+
+    @property
+    def bound_mm(self) -> float:
+        """How far out of place it may be at most; inf where that is too much, or it is elsewhere.
+
+        One picture that shows it is enough, unless any shows it out of place.
+        """
+        if self.elsewhere:
+            return float("inf")
+        shown = (
+            abs(one.off_mm) + one.room_mm
+            for one in self.looks
+            if abs(one.off_mm) + one.room_mm < self._limit_mm(one)
+        )
+        return min(shown, default=float("inf"))
+
+    @property
+    def elsewhere(self) -> tuple[FloorLook, ...]:
+        """The pictures that show it out of place, the one that does so most surely first.
+
+        A hole drilled too deep or too shallow by more than a tenth is another hole.
+        """
+        wrong_mm = max(WRONG_SHARE * self.recess.depth_mm, WRONG_MM)
+        found = [one for one in self.looks if abs(one.off_mm) - one.room_mm > wrong_mm]
+        return tuple(sorted(found, key=lambda one: one.u_mm))
+
+    def _limit_mm(self, look: FloorLook) -> float:
+        return (LIT_SHARE if look.is_by_light else HALF) * self.recess.depth_mm
+
+
+def find_floor(
     edges: PartEdges,
     looks: Sequence[EdgeLook],
     recess: Recess,
     settings: MeasuringSettings,
-    by_light: Sequence[tuple[float, float]] = (),
-) -> float:
-    """Return how far out of place a floor may be at most [mm]; inf where that is too much.
-
-    One picture that shows it is enough, unless any shows it out of place: a hole drilled too deep
-    or too shallow by more than a tenth is another hole.
+    by_light: Sequence[FloorLook] = (),
+) -> Floor:
+    """Return where pictures show the floor of a blind hole.
 
     Parameters
     ----------
@@ -45,24 +109,18 @@ def floor_bound_mm(
     looks : at them
     recess : a blind one
     settings : how far light moves an edge
-    by_light : how much higher than nominal light shows it, and how surely [mm], picture by picture
+    by_light : the pictures that show by light how deep it is
     """
-    found = [lift for look in looks if (lift := _lift(edges, look, recess, settings)) is not None]
-    told = [(abs(mm), K * u_mm, HALF * recess.depth_mm) for mm, u_mm in found]
-    told += [(abs(mm), K * u_mm, LIT_SHARE * recess.depth_mm) for mm, u_mm in by_light]
+    by_edges = (_lift(edges, look, recess, settings) for look in looks)
+    every = (*(one for one in by_edges if one is not None), *by_light)
     # what is less sure than the hole is deep says nothing
-    told = [one for one in told if one[1] < recess.depth_mm]
-    wrong_mm = max(WRONG_SHARE * recess.depth_mm, WRONG_MM)
-    if any(off - room > wrong_mm for off, room, _ in told):
-        return float("inf")
-    shown = (off + room for off, room, limit in told if off + room < limit)
-    return min(shown, default=float("inf"))
+    return Floor(recess, tuple(one for one in every if one.room_mm < recess.depth_mm))
 
 
 def _lift(
     edges: PartEdges, look: EdgeLook, recess: Recess, settings: MeasuringSettings
-) -> tuple[float, float] | None:
-    """Return how much higher than nominal a picture shows a floor, and how surely [mm].
+) -> FloorLook | None:
+    """Return how much higher than nominal a picture shows a floor by its edges.
 
     Mouth and floor share how far the recess is out of place across its axis.
     """
@@ -95,4 +153,5 @@ def _lift(
     # light moves all of a floor's edge together, and all of a mouth's
     size = float(np.sqrt(np.mean(rise[len(mouth) :] ** 2)))
     light = settings.lit_edge_px * np.sqrt(2.0) / max(size, 1e-9)
-    return float(solution[2]), float(np.hypot(np.sqrt(covariance[2, 2]), light))
+    u_mm = float(np.hypot(np.sqrt(covariance[2, 2]), light))
+    return FloorLook(look.view_id, look.lamp, float(solution[2]), u_mm)

@@ -12,18 +12,20 @@ from scipy.spatial import cKDTree
 from controller.arrays import BoolArray, FloatArray, IndexArray
 from controller.cad import Crease, Solid
 
-from ..dimensions import MeasuringSettings
-from ._depth import floor_bound_mm
+from ._depth import Floor
 from ._edges import KEPT_PARTS, PartEdges
 from ._looks import EdgeLook, State
 from ._recesses import Recess, find_recesses
 
-NOTHING: Final[Mapping[frozenset[int], Sequence[tuple[float, float]]]] = MappingProxyType({})
+NO_FLOORS: Final[Mapping[frozenset[int], Floor]] = MappingProxyType({})
 TWO: Final = 2  # pictures, at least, that an edge has to be missing in
 THREE: Final = 3  # the same of one that is shorter than the smallest defect
 GREATER_PART: Final = 0.5  # of the edges of a face, in place
 CHANCE: Final = 0.1  # share of an edge that texture alone may show in place
 BESIDE: Final = 1.5  # times their spacing, points of two mouths are one above the other
+NO_DEPTH: Final = "no picture shows how deep its floor lies"
+NO_RIM: Final = "its rim is too short to be looked for"
+CLOSED: Final = "no light is shown to pass the bore that it leads to"
 PER_FACE: Final = 400  # random points on a face find its largest disc to some per cent
 
 
@@ -37,12 +39,25 @@ class FaceEdges:
     look_count : pictures that show any of it in place
     is_verified : they stand for a surface that cannot be compared
     how : by what, in words; empty where it is not verified
+    why : of a face that edges could stand for, why they do not; empty where they do, and of others
     """
 
     share: float
     look_count: int
     is_verified: bool = False
     how: str = ""
+    why: str = ""
+
+
+def floor_words(off_mm: float) -> str:
+    """Return where pictures show a floor that is elsewhere, in words.
+
+    Parameters
+    ----------
+    off_mm : out of the material; negative where it lies deeper
+    """
+    way = "higher" if off_mm > 0 else "deeper"
+    return f"the floor shows about {abs(off_mm):.1f} mm {way}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,11 +66,13 @@ class MissingEdge:
 
     Attributes
     ----------
+    edge : its number in the boundary
     faces : ids of the two that meet in it
     length_mm : its own
     look_count : pictures in which it must show
     """
 
+    edge: int
     faces: tuple[int, int]
     length_mm: float
     look_count: int
@@ -88,7 +105,7 @@ def missing_edges(
         if is_shown.mean() > GREATER_PART and held[mine].sum() < CHANCE * is_shown.sum():
             one, other = edges.faces[mine[0]].tolist()
             count = int(shown[:, mine].any(axis=1).sum())
-            out.append(MissingEdge((one, other), length, count))
+            out.append(MissingEdge(edge, (one, other), length, count))
     return tuple(out)
 
 
@@ -97,8 +114,7 @@ def prove_faces(
     edges: PartEdges,
     looks: Sequence[EdgeLook],
     narrow: BoolArray,
-    settings: MeasuringSettings,
-    by_light: Mapping[frozenset[int], Sequence[tuple[float, float]]] = NOTHING,
+    floors: Mapping[frozenset[int], Floor] = NO_FLOORS,
 ) -> dict[int, FaceEdges]:
     """Return by face id what edges prove.
 
@@ -113,16 +129,9 @@ def prove_faces(
     edges : of it
     looks : at them
     narrow : (f,) no disc of the smallest defect on the face is far enough from its edges
-    settings : what is uncertain before any picture
-    by_light : by the walls of a blind hole, how much higher light shows its floor, see
-        `floor_bound_mm`
+    floors : of its blind holes, by their walls
     """
     recess_of = {wall: recess for recess in find_recesses(solid) for wall in recess.walls}
-    floors = {
-        id(recess): floor_bound_mm(edges, looks, recess, settings, by_light.get(recess.walls, ()))
-        for recess in recess_of.values()
-        if not recess.is_through
-    }
     held = confirmed(looks, np.stack([look.state == State.IN_PLACE for look in looks]))
     out = {}
     for face in range(len(solid.faces)):
@@ -131,7 +140,7 @@ def prove_faces(
             continue
         share = _share(edges, own, held[own])
         count = sum(bool((look.state[own] == State.IN_PLACE).any()) for look in looks)
-        how = ""
+        how = why = ""
         recess = recess_of.get(face)
         mouths, axis = _mouths(solid, edges, face, recess)
         if mouths:
@@ -139,19 +148,20 @@ def prove_faces(
             # of a bore with one plain mouth that one tells, of a passage both
             share = min(light) if recess is not None else max(light)
             how = "of its rims, by the light through it," if share > GREATER_PART else ""
+            why = f"light through it is shown at {100 * share:.0f} % of its rims"
         elif recess is not None and not recess.is_through:
-            share, how = _blind(edges, looks, recess, face, floors[id(recess)])
+            share, how, why = _blind(edges, looks, face, floors[recess.walls])
         elif narrow[face] and (not solid.faces[face].concave or solid.faces[face].kind == "cone"):
             # a rim in place says nothing of how deep a hole is: no wall of one comes in here
             told = _told(edges, looks, own, side)
+            why = f"{100 * told:.0f} % of its edges shown in place where a defect would move them"
             if told > GREATER_PART:
                 share, how = told, "of its edges"
-        out[face] = FaceEdges(share, count, bool(how), how)
-    for recess in set(recess_of.values()):
-        if not recess.is_through:
-            _prove_floor(solid, narrow, recess, out)
+        out[face] = FaceEdges(share, count, bool(how), how, "" if how else why)
+    for floor in floors.values():
+        _prove_floor(solid, narrow, floor, out)
     return {
-        face: replace(one, is_verified=False, how="")
+        face: replace(one, is_verified=False, how="", why=CLOSED)
         if solid.faces[face].kind == "cone" and not _is_open(solid, face, recess_of, out)
         else one
         for face, one in out.items()
@@ -173,20 +183,24 @@ def _told(edges: PartEdges, looks: Sequence[EdgeLook], own: IndexArray, side: In
 
 
 def _prove_floor(
-    solid: Solid, narrow: BoolArray, recess: Recess, faces: dict[int, FaceEdges]
+    solid: Solid, narrow: BoolArray, floor: Floor, faces: dict[int, FaceEdges]
 ) -> None:
     """Add the narrow floor of a blind hole: all its walls shown, it is there, at its depth."""
-    b = solid.boundary
-    around = {int(f) for edge in recess.floor for f in b.face[2 * edge : 2 * edge + 2]}
-    floor = around - recess.walls
+    recess = floor.recess
+    bottom = recess.bottom(solid)
     walls = [faces[wall] for wall in recess.walls if wall in faces]
-    if len(floor) != 1 or not all(wall.is_verified for wall in walls):
+    if len(bottom) != 1:
         return
-    (face,) = floor
-    if narrow[face] and not faces[face].is_verified:
+    (face,) = bottom
+    if not narrow[face] or faces[face].is_verified:
+        return
+    if all(wall.is_verified for wall in walls):
         share = min(wall.share for wall in walls)
         how = "of the rim above it, and it at its depth,"
-        faces[face] = replace(faces[face], share=share, is_verified=True, how=how)
+        faces[face] = replace(faces[face], share=share, is_verified=True, how=how, why="")
+    else:
+        why = next((wall.why for wall in walls if wall.why), "")
+        faces[face] = replace(faces[face], why=faces[face].why or why)
 
 
 def _is_open(
@@ -262,15 +276,21 @@ def _by_light(
 def _blind(
     edges: PartEdges,
     looks: Sequence[EdgeLook],
-    recess: Recess,
     face: int,
-    floor_mm: float,
-) -> tuple[float, str]:
-    """Return what share of a wall's mouth is shown, and by what; no words if that is too little."""
+    floor: Floor,
+) -> tuple[float, str, str]:
+    """Return what share of a wall's mouth is shown, by what where it is enough, why not where not.
+
+    Parameters
+    ----------
+    edges, looks : of the part, and at them
+    face : the wall
+    floor : of its hole
+    """
     is_wall = edges.faces == face
-    mouth = np.flatnonzero(is_wall.any(axis=1) & np.isin(edges.edge, list(recess.mouths[0])))
+    mouth = np.flatnonzero(is_wall.any(axis=1) & np.isin(edges.edge, list(floor.recess.mouths[0])))
     if len(mouth) == 0:
-        return 0.0, ""
+        return 0.0, "", NO_RIM
     shown = confirmed(
         looks,
         np.stack([
@@ -279,10 +299,14 @@ def _blind(
         ]),
     )  # fmt: skip
     share = _share(edges, mouth, shown[mouth])
-    is_shown = np.isfinite(floor_mm) and share > GREATER_PART
-    return share, (
-        f"of its rim, its floor within {floor_mm:.1f} mm of its depth," if is_shown else ""
-    )
+    bound_mm = floor.bound_mm
+    if floor.elsewhere:
+        return share, "", floor_words(floor.elsewhere[0].off_mm)
+    if share <= GREATER_PART:
+        return share, "", f"{100 * share:.0f} % of its rim shown in place"
+    if np.isfinite(bound_mm):
+        return share, f"of its rim, its floor within {bound_mm:.1f} mm of its depth,", ""
+    return share, "", NO_DEPTH
 
 
 def _share(edges: PartEdges, points: IndexArray, shown: BoolArray) -> float:

@@ -19,6 +19,7 @@ from controller.imaging import Camera, PointLamp, inverse_pose, transform
 
 from .._pose import PosedPart
 from ..dimensions import PosedView
+from ._depth import FloorLook
 from ._recesses import Recess
 
 MIN_TILT_COS: Final = 0.9  # seen flatter, the wall hides most of the floor
@@ -66,8 +67,7 @@ def blind_bore(solid: Solid, recess: Recess) -> BlindBore | None:
         for wall in walls
     ):
         return None
-    beside = {int(b.face[2 * edge + side]) for edge in recess.floor for side in (0, 1)}
-    floors = [solid.faces[face] for face in beside - recess.walls]
+    floors = [solid.faces[face] for face in recess.bottom(solid)]
     area = np.pi * one.radius_mm**2
     if (
         len(floors) != 1
@@ -85,10 +85,8 @@ def blind_bore(solid: Solid, recess: Recess) -> BlindBore | None:
     return BlindBore(np.asarray(centre), recess.axis, float(one.radius_mm), recess.depth_mm)
 
 
-def rise_by_light(
-    part: PosedPart, bore: BlindBore, view: PosedView, lamp: str
-) -> tuple[float, float] | None:
-    """Return how much higher than nominal a floor is lit, and how surely [mm]; None if not shown.
+def rise_by_light(part: PosedPart, bore: BlindBore, view: PosedView, lamp: str) -> FloorLook | None:
+    """Return how much higher than nominal a floor is lit; None if not shown.
 
     Parameters
     ----------
@@ -122,7 +120,13 @@ def rise_by_light(
     near = SHARES[worse <= 1.0]
     share, half = _vertex(SHARES[best - 1 : best + 2], worse[best - 1 : best + 2])
     spread = max(half, 0.5 * float(np.ptp(near)), MODEL * share)
-    return (1.0 - share) * bore.depth_mm, spread * bore.depth_mm
+    return FloorLook(
+        view.task.view_id,
+        lamp,
+        (1.0 - share) * bore.depth_mm,
+        spread * bore.depth_mm,
+        is_by_light=True,
+    )
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.arrays import BoolArray, FloatArray, Grey
+from controller.arrays import BoolArray, FloatArray, Grey, IndexArray
 from controller.imaging import EdgeFits, RayCaster, inverse_pose, measure_edges, transform
 from controller.imaging.levels import pixel_noise
 
@@ -81,6 +81,10 @@ class EdgeLook:
     normals: FloatArray
     across: FloatArray
     may_shade: BoolArray
+
+    def pixel_mm(self, points: IndexArray) -> float:
+        """Return the size of a pixel at some points (k,) of edges."""
+        return 1.0 / float(np.linalg.norm(self.across[points], axis=1).max())
 
     def only(self, points: BoolArray) -> "EdgeLook":
         """Return the look with some of its points (n,), the others hidden."""

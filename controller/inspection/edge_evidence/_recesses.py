@@ -32,6 +32,12 @@ class Recess:
         """It has two mouths."""
         return len(self.mouths) == 2
 
+    def bottom(self, solid: Solid) -> frozenset[int]:
+        """Return the ids of the faces that its walls end at, those of its part."""
+        b = solid.boundary
+        around = (int(f) for edge in self.floor for f in b.face[2 * edge : 2 * edge + 2])
+        return frozenset(around) - self.walls
+
 
 def find_recesses(solid: Solid) -> tuple[Recess, ...]:
     """Return the recesses of a part whose walls run straight from end to end."""

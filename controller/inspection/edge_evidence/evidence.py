@@ -17,7 +17,9 @@ from .._types import Finding, InspectionLimits
 from ..dimensions import BACKLIT, MeasuringSettings, PosedView
 from ..integrity import Allowances, allowed_mm
 from ..kept import Kept
+from ._against import find_against
 from ._damage import find_damage
+from ._depth import Floor, find_floor
 from ._displaced import find_displaced
 from ._edges import PartEdges, find_edges
 from ._faces import FaceEdges, MissingEdge, inner_mm, missing_edges, prove_faces
@@ -42,7 +44,7 @@ class EdgeEvidence:
     edges : of the part; None where it has none
     looks : picture by picture
     faces : by face id
-    findings : by view id, chips and burrs
+    findings : by view id, floors and edges elsewhere or nowhere, chips and burrs
     missing : edges that must show, and do in no picture
     """
 
@@ -108,17 +110,25 @@ def find_evidence(
     around_mm = EDGE_PLAY_MM + BLUR_PX * pixel_mm
     cosine = np.maximum(_best_cosine(part.solid, samples, views), MIN_COS)
     narrow = inner_mm(part.solid) < 0.5 * limits.smallest_defect_mm + around_mm / cosine
-    by_light = _floors_by_light(part, views)
-    faces = prove_faces(part.solid, edges, looks, narrow, settings, by_light)
+    floors = _floors(part, edges, looks, views, settings)
+    faces = prove_faces(part.solid, edges, looks, narrow, floors)
     runs = find_displaced(edges, looks, pixel_mm, GRAINS * limits.dust_mm, allowances, settings)
     poses = {one.view.task.view_id: one.view.T_world_part for one in views}
     is_refuted = refuted(edges, runs, looks, poses, pixel_mm, allowances, settings)
+    damage = find_damage(edges, runs, poses, is_refuted)
+    missing = missing_edges(part.solid, edges, looks, limits.smallest_defect_mm)
+    against = find_against(
+        part.solid, edges, looks, floors.values(), missing, pixel_mm, allowances, settings
+    )
     return EdgeEvidence(
         edges,
         tuple(looks),
         faces,
-        find_damage(edges, runs, poses, is_refuted),
-        missing_edges(part.solid, edges, looks, limits.smallest_defect_mm),
+        {
+            view_id: (*against.get(view_id, ()), *damage.get(view_id, ()))
+            for view_id in (*against, *damage)
+        },
+        missing,
     )
 
 
@@ -176,28 +186,36 @@ def _kept_looks(
     return kept.once(look, look_at_edges, edges, one.view, one.lamps, limits, allowances, settings)
 
 
-def _floors_by_light(
-    part: PosedPart, views: Sequence[EdgeView]
-) -> dict[frozenset[int], list[tuple[float, float]]]:
-    """Return by the walls of blind holes how much higher light shows their floors, and how surely.
+def _floors(
+    part: PosedPart,
+    edges: PartEdges,
+    looks: Sequence[EdgeLook],
+    views: Sequence[EdgeView],
+    settings: MeasuringSettings,
+) -> dict[frozenset[int], Floor]:
+    """Return by the walls of blind holes where pictures show their floors.
 
     Parameters
     ----------
     part : the CAD model
+    edges : of it
+    looks : at them
     views : with the pictures that count
+    settings : what is uncertain before any picture
     """
-    found: dict[frozenset[int], list[tuple[float, float]]] = {}
+    found: dict[frozenset[int], Floor] = {}
     for recess in find_recesses(part.solid):
-        bore = blind_bore(part.solid, recess)
-        if bore is None:
+        if recess.is_through:
             continue
+        bore = blind_bore(part.solid, recess)
         rises = (
             rise_by_light(part, bore, one.view, lamp)
             for one in views
             for lamp in one.lamps
-            if lamp != BACKLIT
+            if lamp != BACKLIT and bore is not None
         )
-        found[recess.walls] = [rise for rise in rises if rise is not None]
+        by_light = [rise for rise in rises if rise is not None]
+        found[recess.walls] = find_floor(edges, looks, recess, settings, by_light)
     return found
 
 

@@ -13,7 +13,7 @@ Lengths are mm, angles degrees, areas mm2, `*_fraction` 0..1, times ISO 8601 UTC
 | `covered_fraction`, `covered_U`, `in_sight_fraction`, `claim` | of all surface; the uncertainty (k = 2) of the first; what was looked for |
 | `found` | by kind of defect what would have been found with 90 % (docs/operating.md) |
 | `characteristics[]` | `balloon`, `id`, `kind`, `label`, `unit`, `nominal`, `lower`, `upper`, `source`, `critical`, `measured`, `deviation`, `U` (k = 2), `verdict`, `views`, `reason`, `faces`, `p_part_mm`, `looks[]` (`view`, `lamp`, `measured`, `u` (k = 1), `reason`, `budget`) |
-| `findings[]` | `number`, `kind`, `view`, `lamp`, `p_part_mm`, `size_mm`, `area_mm2`, `faces`, `verdict` |
+| `findings[]` | `number`, `kind`, `view`, `lamp`, `p_part_mm`, `size_mm`, `area_mm2`, `faces`, `verdict`, `pictures` (view and lamp of each that shows it) |
 | `faces[]` | the ledger: `face`, `label`, `area_mm2`, `compared_fraction`, `by_check`, `rest`, `verdict`, `views`, `reason` |
 | `views[]` | `view`, `evaluated`, `reason`, `pictures` (files by lamp) |
 """  # noqa: E501 - a table row is one line
@@ -77,6 +77,7 @@ def result_json(judged: JudgedPart) -> dict[str, Any]:
                 "area_mm2": f.area_mm2,
                 "faces": list(f.face_ids),
                 "verdict": f.verdict or None,
+                "pictures": [list(picture) for picture in f.pictures],
             }
             for f in part.findings
         ],

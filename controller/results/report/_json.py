@@ -22,7 +22,7 @@ are cell seconds, `wall_s` is wall seconds. Unknown is null, never a made-up num
 | `parts[].awaits_review`, `parts[].reviews[]` | whether a person has to decide and none has; persons' verdicts, oldest first, of which the last counts: `at`, `verdict` (accept, reject), `who`, `why`, `machine` (the verdict they had before them), `findings` (by number: real, false_alarm) |
 | `parts[].faces[]` | `face`, `label`, `area_mm2`, `area_fraction` (they add up to 1), `seen_fraction` (compared with the CAD), `by_check` (the same by check), `rest` (not compared, by reason), `verdict`, `views`, `reason` |
 | `parts[].characteristics[]` | as in ``cellctl.result``: `balloon`, `id`, `measured`, `U`, `verdict` and more |
-| `parts[].findings[]` | `number`, `view`, `kind`, `lamp`, `size_mm`, `area_mm2`, `at_px`, `box_px`, `p_part_mm`, `faces`, `verdict` |
+| `parts[].findings[]` | `number`, `view`, `kind`, `lamp`, `size_mm`, `area_mm2`, `at_px`, `box_px`, `p_part_mm`, `faces`, `pictures` (view and lamp of each that shows it), `verdict` |
 | `parts[].views[]` | `view`, `evaluated` (null: never judged), `reason`, `shift_mm`, `turn_deg`, `residual_px`, `checks` (`check`, `reason` why it was not made, `compared_samples`, `size_mm`, `length_mm`), `findings` (numbers), `pictures` |
 | `parts[].steps[]` | `label`, `forecast_s`, `seconds` (null: not finished), `view`, `tray` |
 | `parts[].sightings[]`, `looks`, `grips_missed`, `forecast_s`, `table_pictures` | what led to the grasp; `is_taken` tells the part from what was left alone |
@@ -201,6 +201,7 @@ def _finding(finding: FindingReport) -> dict[str, Any]:
         "p_part_mm": finding.p_part_mm,
         "faces": finding.face_ids,
         "verdict": finding.verdict or None,
+        "pictures": finding.pictures,
     }
 
 

@@ -283,14 +283,15 @@ def _with_findings(
                 view_id=f.view,
                 kind=f.kind,
                 lamp=f.lamp,
-                area_mm2=seen.area_mm2 if seen else None,
+                area_mm2=f.area_mm2 if f.area_mm2 is not None or not seen else seen.area_mm2,
                 size_mm=f.size_mm,
-                at_px=seen.at_px if seen else _middle(f.box_px),
+                at_px=f.at_px or (seen.at_px if seen else _middle(f.box_px)),
                 box_px=f.box_px or (seen.box_px if seen else None),
                 p_part_mm=f.p_part_mm,
                 face_ids=f.faces,
                 verdict=f.verdict,
                 outline_px=f.outline_px,
+                pictures=f.pictures,
             )
         )
     known = [replace(view, findings=tuple(of_view.pop(view.view_id, ()))) for view in views]

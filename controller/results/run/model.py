@@ -150,6 +150,7 @@ class FindingReport:
     area_mm2 : None where only its extent is known
     verdict : fail where it is proven, indeterminate where not; empty in runs that did not say
     outline_px : border of what differs, in the picture; may be empty
+    pictures : every view and lamp that shows it; empty in runs that did not say
     """
 
     number: int
@@ -164,6 +165,7 @@ class FindingReport:
     face_ids: tuple[int, ...]
     verdict: str = ""
     outline_px: Points = ()
+    pictures: tuple[tuple[str, str], ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

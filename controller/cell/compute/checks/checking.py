@@ -211,7 +211,7 @@ def check_plans(
         problems.append(_restless(c.poses, c.part))
     plans = [one.certified.certificate.plan for one in poses]
     hidden = _unseen_by_all([plan for plan in plans if plan is not None], c.part.solid)
-    for face in faces_left_out(job.recipe_path, c.recipe, c.part.solid.faces):
+    for face in faces_left_out(job.recipe_path, c.recipe, c.part.solid.faces, c.part.features):
         hidden.pop(face, None)
     return Checked(c.setup, tuple(poses), tuple(problems), measured, tuple(later), hidden)
 

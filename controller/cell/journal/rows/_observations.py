@@ -297,7 +297,10 @@ class ViewsPosed(Body):
 
 
 class PartFindingFields(Fields):
-    """A finding of a part, by all its views; `box_px`, `outline_px` are in the picture named."""
+    """A finding of a part, by all its views; what is in pixels is in the picture named.
+
+    `pictures` has every view and lamp that shows it.
+    """
 
     kind: str
     view: str
@@ -306,8 +309,11 @@ class PartFindingFields(Fields):
     size_mm: float
     faces: tuple[int, ...]
     verdict: str
+    area_mm2: float | None = None
+    at_px: tuple[float, float] | None = None
     box_px: Box | None = None
     outline_px: tuple[tuple[float, float], ...] = ()
+    pictures: tuple[tuple[str, str], ...] = ()
 
 
 class PartFindings(Body):

@@ -163,8 +163,11 @@ def verdict_row(v: inspecting.PartVerdict) -> rows.PartJudged:
         in_sight_fraction=round(v.in_sight_fraction, 4),
         claim=v.claim,
         confirmed=tuple(
-            rows.ConfirmedFinding(view=view_id, kind=f.kind.value, lamp=f.lamp, faces=f.face_ids)
-            for view_id, f in v.confirmed
+            rows.ConfirmedFinding(
+                view=f.view_id, kind=f.plainest.kind.value, lamp=f.plainest.lamp, faces=f.face_ids
+            )
+            for f in v.findings
+            if f.verdict is inspecting.Verdict.FAIL
         ),
         faces=tuple(
             rows.FaceJudged(
@@ -226,8 +229,11 @@ def findings_row(findings: Sequence[inspecting.PartFinding]) -> rows.PartFinding
                 size_mm=round(f.size_mm, 3),
                 faces=f.faces,
                 verdict=f.verdict.value,
+                area_mm2=None if f.area_mm2 is None else round(f.area_mm2, 3),
+                at_px=None if f.at_px is None else (round(f.at_px[0], 1), round(f.at_px[1], 1)),
                 box_px=f.box_px,
                 outline_px=_points(f.outline_px),
+                pictures=f.pictures,
             )
             for f in findings
         )

@@ -1,0 +1,128 @@
+"""One place of the part, one finding: the looks at it gathered, in one sentence.
+
+A chip shows in a dozen pictures, as missing material before the panel, as a pit under lamps. Who
+reads the verdict has one part with one chip.
+"""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from controller.cad import Solid
+
+from ._types import Finding, FindingKind, Verdict
+
+MIN_AREA_MM2: Final = 0.1  # some pixels: an area is stated with one decimal, and no defect has none
+BETWEEN_MM: Final = 1.0  # looks at one place lie so far apart by pose, and by what shows of it
+# What tells most of a defect comes first: what it is made of before how it shines.
+TELLING: Final = (
+    FindingKind.CHIP,
+    FindingKind.BURR,
+    FindingKind.MISSING,
+    FindingKind.EXTRA,
+    FindingKind.DIMENSION,
+    FindingKind.MISSING_EDGE,
+    FindingKind.SURFACE,
+    FindingKind.SCRATCH,
+    FindingKind.PIT,
+    FindingKind.DENT,
+    FindingKind.STAIN,
+)
+MAX_FACES: Final = 2  # that a sentence names
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class PlacedFinding:
+    """One place where the part is not as the CAD model has it, with all looks at it.
+
+    Attributes
+    ----------
+    view_id, plainest : the look that tells most of it
+    looks : all, with their views
+    verdict : FAIL where it is proven, INDETERMINATE where it may be something else
+    size_mm, area_mm2 : the largest that any look shows
+    face_ids : surfaces it lies on, those that most looks show first
+    """
+
+    view_id: str
+    plainest: Finding
+    looks: tuple[tuple[str, Finding], ...]
+    verdict: Verdict
+    size_mm: float
+    area_mm2: float
+    face_ids: tuple[int, ...]
+
+    def sentence(self, solid: Solid) -> str:
+        """Return it as a sentence without a full stop."""
+        where = " and ".join(solid.faces[i].label for i in self.face_ids[:MAX_FACES])
+        one = self.plainest
+        size = f"{self.size_mm:.1f} mm across, {area_words(self.area_mm2)} mm2"
+        words = f"{one.kind} at {where}: {one.words or size}, view {self.view_id}, {one.lamp}"
+        pictures = {(view_id, f.lamp) for view_id, f in self.looks}
+        if len(pictures) > 1:
+            words += f"; shown in {len(pictures)} pictures"
+        return words
+
+
+def area_words(area_mm2: float) -> str:
+    """Return an area with two digits, or one where it is small."""
+    return f"{area_mm2:.0f}" if area_mm2 >= 9.5 else f"{area_mm2:.1f}"
+
+
+def gather(looks: Sequence[tuple[str, Finding, Verdict]]) -> tuple[PlacedFinding, ...]:
+    """Return findings of pictures place by place, proven ones first, then by their area.
+
+    Parameters
+    ----------
+    looks : view, finding and what it comes to
+    """
+    place = list(range(len(looks)))
+    for i, (_, one, _) in enumerate(looks):
+        for j in range(i):
+            if place[i] != place[j] and _is_one(one, looks[j][1]):
+                low, high = sorted((place[i], place[j]))
+                place = [low if number == high else number for number in place]
+    found = [
+        _placed([look for look, own in zip(looks, place, strict=True) if own == number])
+        for number in dict.fromkeys(place)
+    ]
+    return tuple(sorted(found, key=lambda f: (f.verdict is not Verdict.FAIL, -f.area_mm2)))
+
+
+def _placed(looks: Sequence[tuple[str, Finding, Verdict]]) -> PlacedFinding:
+    view_id, plainest, verdict = min(looks, key=_rank)
+    # of faces that as many looks show, those of the plainest one come first
+    shown = Counter(
+        face for _, f, _ in ((view_id, plainest, verdict), *looks) for face in f.face_ids
+    )
+    return PlacedFinding(
+        view_id,
+        plainest,
+        tuple((view, f) for view, f, _ in looks),
+        verdict,
+        max(f.size_mm for _, f, _ in looks),
+        max(MIN_AREA_MM2, *(f.area_mm2 for _, f, _ in looks)),
+        tuple(face for face, _ in shown.most_common()),
+    )
+
+
+def _rank(look: tuple[str, Finding, Verdict]) -> tuple[bool, bool, int, float]:
+    _, finding, verdict = look
+    is_proven = verdict is Verdict.FAIL
+    return not is_proven, not finding.words, TELLING.index(finding.kind), -finding.area_mm2
+
+
+def _is_one(one: Finding, other: Finding) -> bool:
+    """Return whether two looks show one thing: their extents meet.
+
+    An edge or a face that is out of place is long, and what lies near its middle need not be its
+    doing: that has to be on a face of it.
+    """
+    far = {FindingKind.DIMENSION, FindingKind.MISSING_EDGE} & {one.kind, other.kind}
+    if far and not set(one.face_ids) & set(other.face_ids):
+        return False
+    reach = BETWEEN_MM + 0.5 * (one.size_mm + other.size_mm)
+    return bool(np.linalg.norm(other.p_part_mm - one.p_part_mm) <= reach)

@@ -1,0 +1,282 @@
+"""What the edges of a part say against it: floors at another depth, edges out of their place.
+
+Edges that are not shown in place prove nothing. Here is what pictures do show: the same edge, whole
+and on a course of its own, where no good part's can be. It counts whatever else is compared, or
+left out.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from controller.arrays import IndexArray
+from controller.cad import Solid
+
+from .._types import Finding, FindingKind
+from ..dimensions import MeasuringSettings
+from ..integrity import Allowances
+from ._depth import FOLLOWS, Floor, K
+from ._displaced import MIN_POINTS, course_of, known_points, wave_of
+from ._edges import PartEdges
+from ._faces import GREATER_PART, TWO, MissingEdge, floor_words
+from ._looks import FORM_PX, EdgeLook, State
+from ._recesses import find_recesses
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class MovedEdge:
+    """An edge that one picture shows whole, and beyond the place of a good part's.
+
+    Attributes
+    ----------
+    look : which picture
+    edge : number of it in the boundary
+    points : (k,) of it that were found on its course
+    farthest : the one that is farthest beyond
+    off_px : its course there, out of the material
+    limit_px : what a good part's may be off there
+    """
+
+    look: EdgeLook
+    edge: int
+    points: IndexArray
+    farthest: int
+    off_px: float
+    limit_px: float
+
+    @property
+    def off_mm(self) -> float:
+        """How far it is off there on the part, across its course in the picture."""
+        return abs(self.off_px) / float(np.linalg.norm(self.look.across[self.farthest]))
+
+
+def find_against(
+    solid: Solid,
+    edges: PartEdges,
+    looks: Sequence[EdgeLook],
+    floors: Iterable[Floor],
+    missing: Sequence[MissingEdge],
+    pixel_mm: float,
+    allowances: Allowances,
+    settings: MeasuringSettings,
+) -> dict[str, tuple[Finding, ...]]:
+    """Return by view what pictures show of floors and edges that are elsewhere, or nowhere.
+
+    Parameters
+    ----------
+    solid : the part
+    edges : of it
+    looks : at them
+    floors : of its blind holes
+    missing : edges that must show, and do in no picture
+    pixel_mm : size of a pixel at the part
+    allowances : of unevenness
+    settings : how far light moves an edge
+    """
+    out: dict[str, list[Finding]] = {}
+    of_look = {(look.view_id, look.lamp): look for look in looks}
+    places = _Places(solid)
+    for view_id, finding in (
+        *(one for floor in floors for one in _floor_findings(solid, edges, floor, of_look)),
+        *_edge_findings(edges, looks, places, pixel_mm, allowances, settings),
+        *_missing_findings(edges, looks, places, missing),
+    ):
+        out.setdefault(view_id, []).append(finding)
+    return {view_id: tuple(found) for view_id, found in out.items()}
+
+
+def _floor_findings(
+    solid: Solid,
+    edges: PartEdges,
+    floor: Floor,
+    of_look: Mapping[tuple[str, str], EdgeLook],
+) -> Iterator[tuple[str, Finding]]:
+    """Yield a finding for each view that shows a floor elsewhere.
+
+    What light shows is one look, however many pictures do: all share one model of it.
+    """
+    told: set[str] = set()
+    bottom = sorted(floor.recess.bottom(solid))
+    points = np.flatnonzero(np.isin(edges.edge, list(floor.recess.floor)))
+    for one in floor.elsewhere:
+        source = "light" if one.is_by_light else one.view_id
+        if source in told or len(points) == 0:
+            continue
+        told.add(source)
+        look = of_look[one.view_id, one.lamp]
+        yield (
+            one.view_id,
+            _finding(
+                edges,
+                look,
+                points,
+                FindingKind.DIMENSION,
+                faces=(*bottom, *sorted(floor.recess.walls)),
+                area_mm2=sum(solid.faces[face].area_mm2 for face in bottom),
+                words=floor_words(one.off_mm),
+            ),
+        )
+
+
+class _Places:
+    """To which feature an edge belongs: to a recess by its walls, else to its two faces."""
+
+    def __init__(self, solid: Solid) -> None:
+        self._recess_of = {wall: r.walls for r in find_recesses(solid) for wall in r.walls}
+
+    def of(self, faces: Iterable[int]) -> frozenset[int]:
+        """Return the faces of the feature that an edge between two faces is of."""
+        walls = (self._recess_of[face] for face in sorted(faces) if face in self._recess_of)
+        return next(walls, frozenset(faces))
+
+
+def _edge_findings(
+    edges: PartEdges,
+    looks: Sequence[EdgeLook],
+    places: _Places,
+    pixel_mm: float,
+    allowances: Allowances,
+    settings: MeasuringSettings,
+) -> Iterator[tuple[str, Finding]]:
+    """Yield by feature and view a finding of the edge that is farthest out of its place."""
+    by_place: dict[tuple[frozenset[int], str], list[MovedEdge]] = {}
+    for edge in np.unique(edges.edge).tolist():
+        points = np.flatnonzero(edges.edge == edge)
+        place = places.of(edges.faces[points[0]].tolist())
+        moved = [
+            one
+            for look in looks
+            if (one := _moved(edges, look, points, wave_of(look, pixel_mm, allowances, settings)))
+        ]
+        for one in moved if _is_agreed(edges, moved, looks) else ():
+            by_place.setdefault((place, one.look.view_id), []).append(one)
+    for (_, view_id), every in by_place.items():
+        plainest = max(every, key=lambda one: abs(one.off_px) / one.limit_px)
+        faces = (int(f) for one in (plainest, *every) for f in edges.faces[one.farthest])
+        yield (
+            view_id,
+            _finding(
+                edges,
+                plainest.look,
+                plainest.points,
+                FindingKind.DIMENSION,
+                faces=tuple(dict.fromkeys(faces)),
+                area_mm2=plainest.off_mm * float(edges.length_mm[plainest.points].sum()),
+                words=f"an edge shows about {plainest.off_mm:.1f} mm out of its place",
+            ),
+        )
+
+
+def _missing_findings(
+    edges: PartEdges, looks: Sequence[EdgeLook], places: _Places, missing: Sequence[MissingEdge]
+) -> Iterator[tuple[str, Finding]]:
+    """Yield a finding for the missing edges of each feature, in the picture that must show most."""
+    by_place: dict[frozenset[int], list[MissingEdge]] = {}
+    for edge in missing:
+        by_place.setdefault(places.of(edge.faces), []).append(edge)
+    for every in by_place.values():
+        points = np.flatnonzero(np.isin(edges.edge, [one.edge for one in every]))
+        look = max(looks, key=lambda look: int((look.state[points] != State.HIDDEN).sum()))
+        length_mm = sum(one.length_mm for one in every)
+        count = max(one.look_count for one in every)
+        words = (
+            f"an edge, {length_mm:.1f} mm long, shown by none of {count} pictures that must show it"
+        )
+        if len(every) > 1:
+            words = words.replace("an edge", f"{len(every)} edges")
+        yield (
+            look.view_id,
+            _finding(
+                edges,
+                look,
+                points,
+                FindingKind.MISSING_EDGE,
+                faces=tuple(dict.fromkeys(face for one in every for face in one.faces)),
+                area_mm2=look.pixel_mm(points) * length_mm,
+                words=words,
+            ),
+        )
+
+
+def _moved(
+    edges: PartEdges, look: EdgeLook, points: IndexArray, wave_px: float
+) -> MovedEdge | None:
+    """Return an edge as a picture shows it beyond its limits; None where it does not.
+
+    Parameters
+    ----------
+    edges : of the part
+    look : the picture
+    points : (k,) of one edge, in order
+    wave_px : see `wave_of`
+    """
+    shown = points[look.state[points] != State.HIDDEN]
+    known = points[known_points(look)[points]]
+    if len(known) < MIN_POINTS or len(known) < FOLLOWS * len(shown):
+        return None
+    if (look.state[known] == State.IN_PLACE).mean() > GREATER_PART:
+        return None
+    course = course_of(edges, look, known, wave_px)
+    place_px = look.offset_px[known] - course.off_px
+    room_px = FORM_PX + K * look.sigma_px[known]
+    follows = np.abs(course.off_px) <= room_px
+    if follows.sum() < FOLLOWS * len(shown):
+        return None
+    beyond_px = np.where(follows, np.abs(place_px) - look.limit_px[known], -np.inf)
+    if (beyond_px > 0).sum() < MIN_POINTS:
+        return None
+    at = int(np.argmax(beyond_px))
+    return MovedEdge(
+        look, int(edges.edge[known[at]]), known[follows], int(known[at]), float(place_px[at]),
+        float(look.limit_px[known[at]]),
+    )  # fmt: skip
+
+
+def _is_agreed(edges: PartEdges, moved: Sequence[MovedEdge], looks: Sequence[EdgeLook]) -> bool:
+    """Return whether two pictures show an edge out of its place, and no more show it in there.
+
+    A picture that the same shift would leave within its limits says nothing.
+    """
+    if len(moved) < TWO:
+        return False
+    at = moved[0].farthest
+    points = np.flatnonzero(edges.edge == moved[0].edge)
+    across = np.stack([one.look.across[one.farthest] for one in moved])
+    shift_mm, *_ = np.linalg.lstsq(across, np.array([one.off_px for one in moved]), rcond=None)
+    off = np.abs(across @ shift_mm - [one.off_px for one in moved])
+    agreed = [one for one, px in zip(moved, off, strict=True) if px <= one.limit_px]
+    against = 0
+    for look in looks:
+        shown = points[look.state[points] != State.HIDDEN]
+        if len(shown) < MIN_POINTS or abs(float(look.across[at] @ shift_mm)) <= look.limit_px[at]:
+            continue
+        against += bool((look.state[shown] == State.IN_PLACE).mean() > GREATER_PART)
+    return len(agreed) >= TWO and len(agreed) > against
+
+
+def _finding(
+    edges: PartEdges,
+    look: EdgeLook,
+    points: IndexArray,
+    kind: FindingKind,
+    *,
+    faces: tuple[int, ...],
+    area_mm2: float,
+    words: str,
+) -> Finding:
+    """Return what a picture shows along some points (k,) of edges."""
+    at = look.pixels[points]
+    low, high = at.min(axis=0), at.max(axis=0)
+    x, y = at.mean(axis=0).tolist()
+    return Finding(
+        kind=kind,
+        lamp=look.lamp,
+        area_mm2=area_mm2,
+        size_mm=float(np.ptp(edges.points_mm[points], axis=0).max()),
+        at_px=(x, y),
+        box_px=(int(low[0]), int(low[1]), int(high[0]) + 1, int(high[1]) + 1),
+        p_part_mm=edges.points_mm[points].mean(axis=0),
+        face_ids=faces,
+        words=words,
+    )
