@@ -106,7 +106,10 @@ def text_of(data: bytes, path: Path, *, is_lenient: bool = False) -> str:
     """
     encoding = encoding_of(data)
     try:
-        return data.decode(encoding, errors="replace" if is_lenient else "strict")
+        text = data.decode(encoding, errors="replace" if is_lenient else "strict")
+        if "\0" in text:
+            raise ConfigError(f"{path}: is not a text file; is it the right file?")
+        return text
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
         begin = data.rfind(b"\n", 0, error.start) + 1

@@ -140,7 +140,7 @@ def test_an_error_nobody_expected_is_a_sentence_and_a_file(
     def break_down(*_: object, **__: object) -> None:
         raise ZeroDivisionError("of all things")
 
-    monkeypatch.setattr("controller.cli.planning.recipe_check.check_job", break_down)
+    monkeypatch.setattr("controller.cli.planning.recipe_check.check_every_pose", break_down)
     assert main(["check", "recipe.yaml"]) == 1
     said = capsys.readouterr().err
     assert "ZeroDivisionError: of all things; this is a bug of cellctl; details in" in said
@@ -164,7 +164,7 @@ def test_an_error_nobody_expected_on_a_full_disk_is_still_a_sentence(
     def full(*_: object, **__: object) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr("controller.cli.planning.recipe_check.check_job", break_down)
+    monkeypatch.setattr("controller.cli.planning.recipe_check.check_every_pose", break_down)
     monkeypatch.setattr(Path, "write_bytes", full)
     assert main(["check", "recipe.yaml"]) == 1
     assert "RecursionError; this is a bug of cellctl; no file could" in capsys.readouterr().err
@@ -176,7 +176,7 @@ def test_an_error_of_the_system_is_no_bug(
     def full(*_: object, **__: object) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "some/file")
 
-    monkeypatch.setattr("controller.cli.planning.recipe_check.check_job", full)
+    monkeypatch.setattr("controller.cli.planning.recipe_check.check_every_pose", full)
     assert main(["check", "recipe.yaml"]) == 1
     assert capsys.readouterr().err == "cellctl: some/file: No space left on device\n"
 

@@ -192,7 +192,7 @@ def test_what_makes_no_sense_is_refused_with_its_place(
 def test_no_json_is_no_calibration(tmp_path: Path) -> None:
     path = tmp_path / "arm.json"
     path.write_text("name: arm\n")
-    with pytest.raises(ConfigError, match="not JSON"):
+    with pytest.raises(ConfigError, match="not valid JSON"):
         read_calibration(path, "arm")
 
 

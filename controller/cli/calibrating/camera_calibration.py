@@ -31,7 +31,7 @@ from controller.config import ConfigError
 from controller.stored.pictures import decoded, read_whole
 
 from ..inputs.calibration_file import calibration_body, write_calibration
-from ..inputs.checks import check_writable_folder
+from ..inputs.checks import check_writable_folder, require_files
 from ..terminal.output import emit, print_line, stdout
 
 
@@ -51,6 +51,7 @@ def calibrate_camera(images: list[Path], target_file: Path, output: Path, *, as_
     """
     target = load_target(target_file)
     check_writable_folder(output.parent, "--output in")
+    require_files(images)
     paths = _by_entry(images, target, target_file)
     pictures = _read_all(paths)
     board = target.build()

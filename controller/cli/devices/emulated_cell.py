@@ -10,7 +10,7 @@ from controller.cad.compiled import load_part
 from controller.cell.devices.emulator import emulated_cell, emulator_args, emulator_command
 from controller.config import load_cell
 
-from ..inputs.checks import check_control, parse_place
+from ..inputs.checks import check_control, parse_place, require_files
 from ..inputs.part_files import emulated_orientation, for_emulator
 from ..terminal.output import emit, print_line
 
@@ -55,6 +55,7 @@ def serve(
     check_control(control)
     if at is not None:
         parse_place(at, cell)
+    require_files(parts)
     compiled = [load_part(part) for part in parts]
     orientation = emulated_orientation(compiled, pose)
     ended = threading.Event()

@@ -3,14 +3,15 @@
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from math import isfinite
 from pathlib import Path
 
-from controller.config import Cell, ConfigError
+from controller.config import Cell, ConfigError, split_cad
 
 MIN_FREE_BYTES = 200_000_000  # pictures of a part with many views take 60 MB, and the journal grows
+MAX_NAMED = 12  # missing files that a message lists
 MAX_SOCKET_NAME_BYTES = 100  # of a unix socket's path; the system allows 107
 Place = tuple[float, float, float]  # x [mm], y [mm], theta [deg]
 
@@ -27,6 +28,24 @@ def writing(option: str, path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         raise ConfigError(f"{option} {path}: {error.strerror or error}") from error
+
+
+def require_files(files: Iterable[Path]) -> None:
+    """Require that all files are there, before the first of them is worked on.
+
+    Parameters
+    ----------
+    files : CAD files, maybe with the name of a body, pictures, folders
+
+    Raises
+    ------
+    ConfigError : some are not; a line for each
+    """
+    missing = [path for path in files if not os.path.lexists(split_cad(path).file)]
+    if missing:
+        lines = [f"{path}: No such file or directory; check the path" for path in missing]
+        more = [f"and {len(lines) - MAX_NAMED} more"] if len(lines) > MAX_NAMED else []
+        raise ConfigError("\n".join([*lines[:MAX_NAMED], *more]))
 
 
 def check_drawings(folder: Path | None, part_count: int) -> None:

@@ -18,6 +18,8 @@ from controller.config import (
 )
 from controller.setup.samples import sampled_for
 
+from .checks import require_files
+
 
 @dataclass(frozen=True, slots=True)
 class PartFile:
@@ -65,6 +67,7 @@ def part_files(
         raise ConfigError(f"{parts[0]}: several recipes name their parts themselves; leave it out")
     if not recipes and not parts:
         raise ConfigError("a CAD file or --recipe is required")
+    require_files(parts)
     cells = {recipe.cell.resolve(): recipe.cell for recipe in recipes}
     if cell_path is None and len(cells) > 1:
         names = ", ".join(str(path) for path in cells.values())

@@ -14,6 +14,7 @@ from controller.inspection import PartInspection
 from controller.results import RunRecord, load_run, prove_run
 from controller.stored import compiled_part, judge_views, lines_digest, read_pictures
 
+from ..inputs.checks import require_files
 from ..inputs.judging import judging_of
 from ..terminal.output import emit, print_line, warn
 
@@ -67,6 +68,10 @@ def replay_run(runs_dir: Path, run: str | None, recipe_path: Path | None, *, as_
             f"run {record.run_id}: no part was judged from stored views; there is nothing to judge "
             "again"
         )
+    sets = [record.folder / part.inspected.views for part in judged]
+    require_files(sets)
+    views = [view for path in sets for view in load_view_set(path).views]
+    require_files(picture for view in views for picture in view.pictures.values())
     tampered = prove_run(record.folder.parent, record.run_id).tampered
     for one in tampered:
         warn(f"{one.subject}: {one.problem}; what follows is of what is there now")

@@ -19,6 +19,7 @@ from controller.stored.pictures import SaidOnce, StoredPicture, pictures_among, 
 
 from ..inputs.ahead import working_ahead
 from ..inputs.calibration_file import load_calibration
+from ..inputs.checks import require_files
 from ..terminal.output import emit, print_line, warn
 from ._explain_folder import ExplainFolder, show_tables
 
@@ -60,6 +61,7 @@ def recognise_images(
     ------
     ConfigError : the pictures do not make whole scenes
     """
+    require_files([calibration, *parts, *images])
     camera = load_calibration(calibration)
     files = _cad_files(parts)
     paths, doubled = pictures_among(images)
