@@ -5,7 +5,8 @@
 The emulated cell is a process of its own and lives on. The first controller is killed at a moment
 drawn from the seed, anywhere from the first picture to the tray. A second one is started on the
 same folder of runs with `--auto-recover`. Where the part was, what was let go and where it ended
-is the world's own word (its control port); what the controllers believed is in the journal.
+is the world's own word (its control port); what the controllers believed is in the journal. Then
+the record is counted: the one part of the world is one part in the history, with its tray.
 """
 
 import argparse
@@ -23,6 +24,8 @@ from typing import Any
 from kill_world import KillWorld, kill_world, lines_of, start
 
 from controller.cell.journal import first_flaw, read_rows
+from controller.history import Filters, fill, list_parts, open_store
+from controller.results import counted_parts, list_runs, load_run
 
 RECIPE, PART, CELL_SEED = "recipes/holder.yaml", "recipes/parts/holder.stl", 8
 # cell seconds from the first picture to beyond the tray
@@ -79,6 +82,7 @@ def kill_at(seed: int, speed: float, folder: Path) -> dict[str, Any]:
         "released_count": len(free),
         "journal": first_flaw(runs / "journal.sqlite") or "whole",
         "states": states,
+        **counted(runs),
     }
     outcome["stated_right"] = before["custody"] in HOLDERS.get(str(stated), set())
     outcome["ok"] = (
@@ -87,8 +91,32 @@ def kill_at(seed: int, speed: float, folder: Path) -> dict[str, Any]:
         and not dropped
         and len(free) == 1
         and outcome["journal"] == "whole"
+        and outcome["counted"] == outcome["listed"] == 1
+        and outcome["recorded_tray"] == part["tray"]
     )
     return outcome
+
+
+def counted(runs: Path) -> dict[str, Any]:
+    """Return how many parts the records of all runs and the history have, and the tray of one.
+
+    Parameters
+    ----------
+    runs : folder of all runs
+    """
+    records = [load_run(runs, one.run_id) for one in list_runs(runs)]
+    store = open_store(f"sqlite:///{runs / 'history.sqlite'}")
+    try:
+        fill(store, runs)
+        listed = list_parts(store, Filters(), 100)
+    finally:
+        store.close()
+    trays = [str(one["tray"]) for one in listed.parts]
+    return {
+        "counted": sum(len(counted_parts(record)) for record in records),
+        "listed": listed.count,
+        "recorded_tray": trays[0] if len(trays) == 1 else None,
+    }
 
 
 def _run_until(world: KillWorld, runs: Path, delay_s: float) -> tuple[str, dict[str, Any]]:
@@ -124,10 +152,15 @@ def main() -> int:
     parser.add_argument("--seeds", default="1-25", help="first and last seed")
     parser.add_argument("--speed", type=float, default=10.0)
     parser.add_argument("--json", action="store_true")
+    parser.add_argument("--until", type=float, default=float("inf"), metavar="S",
+                        help="begin no further kill after so many seconds")  # fmt: skip
     args = parser.parse_args()
     first, _, last = args.seeds.partition("-")
-    outcomes = []
+    outcomes: list[dict[str, Any]] = []
+    began_s = time.monotonic()
     for seed in range(int(first), int(last or first) + 1):
+        if time.monotonic() - began_s > args.until:
+            break
         with tempfile.TemporaryDirectory() as folder:
             outcomes.append(kill_at(seed, args.speed, Path(folder)))
         if not args.json:
@@ -141,6 +174,7 @@ def main() -> int:
         "ok": sum(one["ok"] for one in outcomes),
         "statements_right": sum(one["stated_right"] for one in outcomes),
         "dropped": sum(one["dropped"] for one in outcomes),
+        "counted_once": sum(one["counted"] == one["listed"] == 1 for one in outcomes),
         "released_twice": sum(one["released_count"] > 1 for one in outcomes),
         "ended": dict(tally),
     }

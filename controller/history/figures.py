@@ -139,7 +139,7 @@ def figures(store: Store, filters: Filters, by: str = "recipe") -> Figures:
                 .group_by(RECOVERIES.c.fault, RECOVERIES.c.action)
             ).all()
         )
-        runs = select(PARTS.c.run_no).where(clause)
+        runs = select(PARTS.c.run_no).where(filters.clause(is_each=True))
         alarms = _tally(
             db.execute(
                 select(ALARMS.c.alarm, ALARMS.c.code, ALARMS.c.device, func.count(), literal(0))
@@ -183,6 +183,7 @@ def _groups(clause: ColumnElement[bool], by: str) -> Any:  # noqa: ANN401 - a qu
         other.c.serial == p.serial,
         other.c.recipe == p.recipe,
         other.c.verdict != NO_VERDICT,
+        other.c.is_counted,
         is_before,
     )
     is_first = is_judged & ~earlier.exists()

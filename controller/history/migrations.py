@@ -5,9 +5,9 @@ What is in the store stays meanwhile: journals that are gone cannot be read agai
 """
 
 from collections.abc import Callable
-from typing import Final
+from typing import Any, Final
 
-from sqlalchemy import Connection, inspect, text, update
+from sqlalchemy import Column, Connection, inspect, text, update
 from sqlalchemy.schema import CreateColumn
 
 from controller.cell.journal import GENESIS
@@ -25,7 +25,17 @@ def _with_steps(db: Connection) -> None:
 def _with_reviews(db: Connection) -> None:
     """Add nests and persons' verdicts; parts whose journal is gone have none."""
     REVIEWS.create(db, checkfirst=True)
-    for column in (PARTS.c.nest, PARTS.c.awaits_review, PARTS.c.review, FINDINGS.c.review):
+    _add(db, PARTS.c.nest, PARTS.c.awaits_review, PARTS.c.review, FINDINGS.c.review)
+
+
+def _with_followed(db: Connection) -> None:
+    """Tell parts that another run has the record of; those whose journal is gone all count."""
+    _add(db, PARTS.c.is_counted, PARTS.c.followed_by)
+
+
+def _add(db: Connection, *columns: Column[Any]) -> None:
+    """Add columns and the indexes of parts, and have the journals read once more."""
+    for column in columns:
         if column.name in {one["name"] for one in inspect(db).get_columns(column.table.name)}:
             continue
         words = CreateColumn(column).compile(dialect=db.dialect)
@@ -36,7 +46,11 @@ def _with_reviews(db: Connection) -> None:
 
 
 # from each version to the next, from version 1 on
-MIGRATIONS: Final[tuple[Callable[[Connection], None], ...]] = (_with_steps, _with_reviews)
+MIGRATIONS: Final[tuple[Callable[[Connection], None], ...]] = (
+    _with_steps,
+    _with_reviews,
+    _with_followed,
+)
 SCHEMA_VERSION: Final = 1 + len(MIGRATIONS)
 
 

@@ -58,8 +58,14 @@ class Filters:
     until: datetime | None = None
     review: str = ""
 
-    def clause(self) -> ColumnElement[bool]:
-        """Return the condition on `PARTS`; joins `RUNS` where a run is named."""
+    def clause(self, *, is_each: bool = False) -> ColumnElement[bool]:
+        """Return the condition on `PARTS`; joins `RUNS` where a run is named.
+
+        Parameters
+        ----------
+        is_each : of a part that several runs had at hand each counts, not only the one that has its
+            record
+        """
         c = PARTS.c
         named = {
             c.recipe: self.recipe,
@@ -69,6 +75,8 @@ class Filters:
             c.operator: self.operator,
         }
         clauses = [column == value for column, value in named.items() if value]
+        if not is_each:
+            clauses.append(c.is_counted)
         if self.review == "awaiting":
             clauses.append(c.awaits_review)
         elif self.review == "reviewed":
@@ -158,7 +166,11 @@ def find_parts(store: Store, word: str) -> tuple[Mapping[str, Any], ...]:
     with store.reading() as db:
         query = select(PARTS, RUNS.c.run_id, RUNS.c.cell, RUNS.c.outcome).join(RUNS)
         found = (
-            db.execute(query.where(PARTS.c.serial == word).order_by(PARTS.c.start, PARTS.c.part_id))
+            db.execute(
+                query.where(PARTS.c.serial == word, PARTS.c.is_counted).order_by(
+                    PARTS.c.start, PARTS.c.part_id
+                )
+            )
             .mappings()
             .all()
         )

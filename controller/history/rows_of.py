@@ -130,10 +130,13 @@ def _part(record: RunRecord, judged: JudgedPart, recoveries: Iterable[LogEntry])
             "finding_count": len(part.findings),
             "is_emulated": bool(record.emulated_devices),
             # its custody may still be made certain by how the run ends
-            "is_open": part.custody is not Custody.PLACED or bool(part.unconfirmed),
+            "is_open": (part.custody is not Custody.PLACED or bool(part.unconfirmed))
+            and part.followed is None,
             "nest": part.nest,
-            "awaits_review": part.awaits_review and record.dry is None,
+            "awaits_review": part.awaits_review and part.is_counted and record.dry is None,
             "review": part.review.verdict if part.review else "",
+            "is_counted": part.is_counted,
+            "followed_by": part.followed.run if part.followed else "",
         },
     )
     keys = [_characteristic(found, header.part, c) for c in part.characteristics]

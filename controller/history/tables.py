@@ -20,6 +20,7 @@ from sqlalchemy import (
     Table,
     Text,
     false,
+    true,
 )
 
 METADATA: Final = MetaData()
@@ -104,6 +105,9 @@ PARTS: Final = Table(
     Column("nest", Integer),
     Column("awaits_review", Boolean, nullable=False, server_default=false()),
     Column("review", String(10), nullable=False, server_default=""),  # accept, reject, or none
+    # since version 4
+    Column("is_counted", Boolean, nullable=False, server_default=true()),  # this is its record
+    Column("followed_by", Text, nullable=False, server_default=""),  # the run that has it since
     Index("parts_start", "start", "part_id"),
     Index("parts_recipe", "recipe", "start", "part_id"),
     Index("parts_verdict", "verdict", "start", "part_id"),

@@ -8,7 +8,7 @@ page that an inspector signs, `report_json` the same for machines; `qif_bytes`, 
 """
 
 from .exports import csv_text, dfq_bytes, qif_bytes
-from .judged import Header, JudgedPart, judged_part, judged_parts, result_json
+from .judged import Header, JudgedPart, counted_parts, judged_part, judged_parts, result_json
 from .report import SCHEMA_VERSION, PdfError, report_json
 from .run import (
     ResultsError,
@@ -34,6 +34,7 @@ __all__ = [
     "RunRecord",
     "RunSummary",
     "UnknownRunError",
+    "counted_parts",
     "csv_text",
     "dfq_bytes",
     "judged_part",

@@ -10,7 +10,7 @@ from typing import Final
 from controller.cad import Solid
 
 from .exports import csv_text, dfq_bytes, qif_bytes
-from .judged import JudgedPart, judged_parts, result_json
+from .judged import JudgedPart, counted_parts, result_json
 from .pages import write_file, write_page
 from .report import PdfError, pdf_bytes, render, render_parts
 from .run import RunRecord
@@ -87,7 +87,7 @@ def write_run_pdf(record: RunRecord, path: Path) -> Path:
 def _qif_sha256(record: RunRecord) -> str:
     """Return the SHA-256 of a run's QIF file, which has the same bytes each time; else empty."""
     try:
-        return hashlib.sha256(qif_bytes(judged_parts(record))).hexdigest()
+        return hashlib.sha256(qif_bytes(counted_parts(record))).hexdigest()
     except ValueError:
         return ""  # no part, or parts of different products: there is no such file
 

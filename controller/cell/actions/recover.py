@@ -189,6 +189,8 @@ class RecoverAction:
                 return Event.PART_DROPPED
             case Custody.PLACED:
                 assert left.verdict is not None, "what is over its tray was judged"
+                for row in (*left.judged.values(), left.verdict):
+                    self.record.note(row)  # this run has the part's record, and judges no more
                 part.verdict = verdict_of(left.verdict)
                 part.tray = None if left.intent is None else left.intent.tray
                 arm_mm, fixed_mm = await self.grippers.openings_mm()

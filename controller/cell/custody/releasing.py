@@ -30,7 +30,7 @@ from .known_journals import (
 )
 from .left_leases import LeftLease, read_left_leases
 from .openings import Opening, read_openings
-from .start_check import openings_row
+from .start_check import note_taken_out, openings_row
 
 # Enough to take a part out, and too little for the jaws to meet anything beside it.
 OPEN_BY_MM: Final = 20.0
@@ -196,6 +196,8 @@ class ReleaseVisit:
                 detail=f"the {gripper.value} was opened",
             )
         )
+        if custody is Custody.REMOVED:
+            note_taken_out(self._journal, known)
         return custody
 
 

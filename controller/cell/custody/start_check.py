@@ -5,7 +5,7 @@ moves until the operator has stated that the part is out. A gripper that reports
 the operator's statement.
 """
 
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable, Iterable, Sequence
 from datetime import datetime
 from typing import NoReturn
 
@@ -79,6 +79,20 @@ async def require_empty_grippers(
         await journal.write_secured(
             rows.CustodyChanged(name=Custody.REMOVED.key, by="operator", detail=said, before=before)
         )
+        note_taken_out(journal, known)
+
+
+def note_taken_out(journal: Journal, known: Iterable[Held]) -> None:
+    """Add to the runs that ended with parts in grippers that these were taken out by a person.
+
+    Parameters
+    ----------
+    journal : of the run that learns it
+    known : what the grippers held
+    """
+    for run, part in {(one.run, one.part) for one in known if one.part}:
+        gone = rows.PartFollowed(run=journal.run, custody=Custody.REMOVED.key)
+        journal.write_about(run, gone, part)
 
 
 def openings_row(openings: Sequence[Opening]) -> rows.Openings:

@@ -143,6 +143,23 @@ class Journal:
         """
         return self._put(self._entry(row.kind, name_of(row), self._body(row), None, full=True))
 
+    def write_about(self, run: str, row: Body, part: int | None = None) -> None:
+        """Add a row to another run of this journal, which has ended; nothing if it has none.
+
+        Parameters
+        ----------
+        run : the other run
+        row : what it says
+        part : number of the part of that run that it is about
+        """
+        with self._lock:
+            query = "SELECT 1 FROM journal WHERE run = ? LIMIT 1"
+            is_there = self._db.execute(query, (run,)).fetchone() is not None
+        if is_there:
+            entry = self._entry(row.kind, name_of(row), self._body(row), part, full=False)
+            entry.about = run
+            self._put(entry)
+
     def _body(self, row: Body) -> dict[str, Any]:
         """Return the body of a row with the instant on the cell's clock, where it has room."""
         body = row.as_json()
@@ -240,10 +257,11 @@ class Journal:
     def _insert(self, entry: Entry) -> Head:
         t_utc, t_mono = entry.stamp or self._stamp()
         last = last_row(self._db)
-        if entry.was_tried and last is not None and self._has(last.seq, t_utc, t_mono):
+        run = entry.about or self.run
+        if entry.was_tried and last is not None and self._has(last.seq, run, t_utc, t_mono):
             return last
         seq, prev = (last.seq + 1, last.hash) if last else (1, GENESIS)
-        fields = (self.run, entry.part, entry.kind, entry.name, entry.text)
+        fields = (run, entry.part, entry.kind, entry.name, entry.text)
         digest = digest_of(prev, seq, t_utc, t_mono, *fields)
         self._db.execute(
             "INSERT INTO journal VALUES (?,?,?,?,?,?,?,?,?,?)",
@@ -251,10 +269,10 @@ class Journal:
         )
         return Head(int(seq), digest)
 
-    def _has(self, seq: int, t_utc: str, t_mono: float) -> bool:
-        """Return whether a row of this run, stamped so, is already there."""
+    def _has(self, seq: int, run: str, t_utc: str, t_mono: float) -> bool:
+        """Return whether a row of a run, stamped so, is already there."""
         query = "SELECT 1 FROM journal WHERE seq = ? AND run = ? AND t_utc = ? AND t_mono = ?"
-        return self._db.execute(query, (seq, self.run, t_utc, t_mono)).fetchone() is not None
+        return self._db.execute(query, (seq, run, t_utc, t_mono)).fetchone() is not None
 
     def keep_head(self, path: Path) -> None:
         """Have another file name the last secured row from now on, as the head beside it does.

@@ -45,6 +45,7 @@ class Interrupted:
     recoveries, avoid : part faults so far, and grasps that failed
     plan_count, hold_count, look_count : plans made, grasps taken, pictures of the table
     verdict : if the part was judged
+    judged : rows of that judgement: its views, values and findings, in order
     identified : which of the run's recipes it is of, and its number
     resumed : if that run had taken the part over from one before it
     serials : numbers of other parts of that run
@@ -81,6 +82,7 @@ class Interrupted:
     table_pictures: rows.TablePictures | None = None
     sightings: rows.Sightings | None = None
     verdict: rows.PartJudged | None = None
+    judged: dict[tuple[str, str], rows.Body] = field(default_factory=dict)
     resumed: rows.PartResumed | None = None
     identified: rows.PartIdentified | None = None
     serials: set[str] = field(default_factory=set)
@@ -153,6 +155,10 @@ class Interrupted:
                 self.recoveries.append(row)
             case rows.GraspAvoided():
                 self.avoid.append(row.grasp)
+            case rows.ViewJudged():
+                self.judged[row.row_name, row.view] = row
+            case rows.PartMeasured() | rows.PartFindings():
+                self.judged[row.row_name, ""] = row
             case rows.PartJudged():
                 self.verdict = row
             case rows.PartResumed():

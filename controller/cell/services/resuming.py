@@ -93,6 +93,10 @@ class Resumption:
                 record.note(hold)
         self._restore_trail(proposal)
         await self._restore_custody(left)
+        # killed before this, the next start goes on from the interrupted run once more
+        before = () if left.resumed is None else (left.resumed.run,)
+        for run in (*before, left.run):
+            record.note_followed(run, left.part)
         if missing:
             record.show(f"without {len(missing)} views: their pictures are gone or were changed")
         return proposal

@@ -10,7 +10,7 @@ from controller.cell.journal import JournalError
 from controller.config import ConfigError
 from controller.results import (
     ResultsError,
-    judged_parts,
+    counted_parts,
     load_run,
     note_results,
     report_json,
@@ -59,7 +59,7 @@ def write_report(runs_dir: Path, run: str | None, form: str, output: Path | None
         write_run_pdf(record, path)
     else:
         try:
-            write_parts(judged_parts(record), form, path)
+            write_parts(counted_parts(record), form, path)
         except ValueError as error:
             raise ResultsError(f"run {record.run_id}: no {form} file, {error}") from error
     note_report(record.folder.parent, record.run_id, path)

@@ -14,7 +14,7 @@ from controller.config import ConfigError, split_cad
 from controller.config.cad_files import cad_identity
 from controller.config.files import read_bytes
 from controller.config.view_set import load_view_set
-from controller.results import Header, JudgedPart, RunRecord, judged_part, judged_parts, load_run
+from controller.results import Header, JudgedPart, RunRecord, counted_parts, judged_part, load_run
 from controller.results.gauge import Reading
 from controller.results.run import SightingReport
 from controller.stored import (
@@ -163,7 +163,7 @@ def _take_run(found: Sources, record: RunRecord, names: tuple[str, ...]) -> None
         )
     if record.emulated_devices:
         found.remark("Runs of an emulated cell: its figures hold for no real one.")
-    measured = [judged for judged in judged_parts(record) if judged.part.characteristics]
+    measured = [judged for judged in counted_parts(record) if judged.part.characteristics]
     if not measured:
         raise ConfigError(f"run {record.run_id}: no part was measured in it; leave it out")
     for judged in measured:

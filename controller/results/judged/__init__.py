@@ -12,7 +12,7 @@ from ._json import (
     reviews_json,
 )
 from ._model import DECISION_RULE, Header, JudgedPart, shared_characteristics
-from ._sources import judged_part, judged_parts
+from ._sources import counted_parts, judged_part, judged_parts
 
 __all__ = [
     "DECISION_RULE",
@@ -21,6 +21,7 @@ __all__ = [
     "Header",
     "JudgedPart",
     "characteristic_json",
+    "counted_parts",
     "judged_part",
     "judged_parts",
     "result_json",

@@ -21,6 +21,11 @@ def judged_parts(record: RunRecord) -> tuple[JudgedPart, ...]:
     return tuple(JudgedPart(_header(record, part), part, record.folder) for part in record.parts)
 
 
+def counted_parts(record: RunRecord) -> tuple[JudgedPart, ...]:
+    """Return the parts that a run has the record of, in order: no part is in two runs' files."""
+    return tuple(judged for judged in judged_parts(record) if judged.part.is_counted)
+
+
 def judged_part(
     inspection: PartInspection,
     header: Header,

@@ -133,6 +133,8 @@ def _part(record: RunRecord, part: PartReport) -> dict[str, Any]:
         "awaits_review": part.awaits_review,
         "reviews": reviews_json(part.reviews),
         "in_doubt": part.unconfirmed or None,
+        "followed_by": None if part.followed is None else part.followed.run,
+        "is_counted": part.is_counted,
         "interrupted_run": None if part.resumed is None else part.resumed.run,
         "looks": part.looks,
         "grips_missed": part.grasps_missed,

@@ -1,6 +1,7 @@
 """The report's sentences: how a run ended, why a part got its verdict, what to know first."""
 
 from controller.cell.alarms import alarm_of
+from controller.cell.journal.rows import PartFollowed
 from controller.inspection.detection import WORDS
 
 from ..run import PartReport, RunRecord
@@ -37,6 +38,8 @@ def why(part: PartReport, message: str = "") -> str:
     message : what ended the run while this part was at hand, empty for nothing
     """
     verdict = part.verdict
+    if part.followed is not None and not part.is_counted:
+        return f"Run {part.followed.run} has taken the part over, and has its record."
     if verdict is None:
         if message:
             return f"The part was not judged: {_sentence(message, upper=False)}"
@@ -103,6 +106,11 @@ def cautions(record: RunRecord) -> list[str]:
             "after they were written. This report may be wrong."
         )
     found += [_sentence(why) for why in record.calibration or ()]
+    found += [
+        f"Part {part.number} {_went(part.followed)}."
+        for part in record.parts
+        if part.followed is not None
+    ]
     message = record.outcome.message
     if message and record.outcome.end != "complete" and message not in headline(record)[1]:
         number = f" (alarm {alarm_of(record.outcome.code).number})" if record.outcome.code else ""
@@ -122,9 +130,16 @@ def cautions(record: RunRecord) -> list[str]:
                 f"Part {part.number}: the verdict requires the tray {expected}, the part was put "
                 f"into {part.tray}."
             )
-        if part.verdict and not part.tray:
+        if part.verdict and not part.tray and part.followed is None:
             found.append(f"Part {part.number} was judged, but not put into a tray.")
     return found
+
+
+def _went(followed: PartFollowed) -> str:
+    """Return what became of a part after its run, as the end of a sentence."""
+    if followed.custody:
+        return f"was taken out by the operator, as run {followed.run} says"
+    return f"was taken over by run {followed.run}, which has its record: it does not count here"
 
 
 def _sentence(text: str, *, upper: bool = True) -> str:

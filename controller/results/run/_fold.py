@@ -27,6 +27,7 @@ from .model import (
 SomeBody = TypeVar("SomeBody", bound=Body)
 
 ENDS: Final = ("complete", "held", "stopped", "aborted", "refused")
+EARLY: Final = ("stopped", "aborted")  # whoever starts anew finds the table as it was left
 
 
 def fold(run_id: str, folder: Path, found: Sequence[Row], broken: int | None) -> RunRecord:
@@ -45,13 +46,15 @@ def fold(run_id: str, folder: Path, found: Sequence[Row], broken: int | None) ->
     """
     log = tuple(entry_of(row, found[0].t_mono_s) for row in _of_the_run(found))
     # what was added later, perhaps after a restart of the machine, has other times
-    own = tuple(one for one in log if not isinstance(one.row, rows.PartReviewed)) or log
+    later = (rows.PartReviewed, rows.PartFollowed)
+    own = tuple(one for one in log if not isinstance(one.row, later)) or log
     began = _last(log, rows.RunBegan) or rows.RunBegan()
     ended = _last(log, rows.RunEnded)
     stood = _last(log, rows.CalibrationsStood)
     at_rest, broke_off = _last(log, rows.AtRest), _last(log, rows.RunBrokeOff)
     is_cut_off = at_rest is None and broke_off is None
-    parts = _parts(log, is_cut_off=is_cut_off)
+    is_ended_early = broke_off is not None or (at_rest is not None and at_rest.state in EARLY)
+    parts = _parts(log, is_cut_off=is_cut_off, is_ended_early=is_ended_early)
     # a broken row after this run's last one does not affect it
     is_touched = broken is not None and broken <= found[-1].seq
     return RunRecord(
@@ -155,7 +158,9 @@ def _unreadable(entry: LogEntry) -> ResultsError:
     )
 
 
-def _parts(log: Sequence[LogEntry], *, is_cut_off: bool) -> tuple[PartReport, ...]:
+def _parts(
+    log: Sequence[LogEntry], *, is_cut_off: bool, is_ended_early: bool
+) -> tuple[PartReport, ...]:
     folds: dict[int, PartFold] = {}
     for entry in log:
         if not entry.part:
@@ -163,7 +168,10 @@ def _parts(log: Sequence[LogEntry], *, is_cut_off: bool) -> tuple[PartReport, ..
         if entry.flaw:
             raise _unreadable(entry)
         folds.setdefault(entry.part, PartFold(entry.part)).take(entry.row, entry.at)
-    return tuple(folds[number].report(is_cut_off=is_cut_off) for number in sorted(folds))
+    return tuple(
+        folds[number].report(is_cut_off=is_cut_off, is_ended_early=is_ended_early)
+        for number in sorted(folds)
+    )
 
 
 def _devices(began: rows.RunBegan, connected: rows.Connected | None) -> tuple[DeviceReport, ...]:

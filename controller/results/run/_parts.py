@@ -58,6 +58,9 @@ class PartFold:
     custody: Custody = Custody.ON_TABLE
     custody_detail: str = ""
     resumed: rows.PartResumed | None = None
+    followed: rows.PartFollowed | None = None
+    # by a row of this run, not as every part begins
+    is_custody_known: bool = False
     identified: rows.PartIdentified | None = None
     left: list[rows.PartLeft] = field(default_factory=list)
     reviews: list[ReviewReport] = field(default_factory=list)
@@ -75,6 +78,9 @@ class PartFold:
         if at is not None:
             if isinstance(row, rows.PartReviewed):
                 self.reviews.append(_review(row, at))
+                return
+            if isinstance(row, rows.PartFollowed):
+                self._follow(row)
                 return
             self.start, self.end = self.start or at, at
         match row:
@@ -111,6 +117,7 @@ class PartFold:
             case rows.CustodyChanged():
                 self.custody = Custody.of_key(row.name)
                 self.custody_detail = row.detail
+                self.is_custody_known = True
                 self.pending.clear()
                 if self.custody is Custody.PLACED:
                     self.tray = row.detail
@@ -118,6 +125,28 @@ class PartFold:
                 self.pending[row.name] = False
             case rows.OnceDone() if row.name in self.pending:
                 self.pending[row.name] = True
+
+    def _follow(self, row: rows.PartFollowed) -> None:
+        self.followed = row
+        self.pending.clear()
+        if row.custody:
+            self.custody = Custody.of_key(row.custody)
+            self.custody_detail = f"run {row.run}"
+
+    def _is_counted(self, *, is_ended_early: bool) -> bool:
+        """Return whether this is the part's record: one that goes on in another run has it there.
+
+        A part that still lies on the table when its run is cut off or stopped is looked for anew by
+        the next run, which gives it a record of its own. So does a run that was killed while it
+        took a part over, before it had its custody.
+        """
+        if self.followed is not None and not self.followed.custody:
+            return False
+        if self.resumed is not None and not self.is_custody_known:
+            return False
+        is_on_table = self.custody is Custody.ON_TABLE and not self.pending
+        is_judged = self.verdict is not None or bool(self.characteristics)
+        return is_judged or not (is_ended_early and is_on_table)
 
     def _judged(self, row: rows.ViewJudged) -> None:
         first = 1 + sum(len(view.findings) for view in self.views)
@@ -128,13 +157,14 @@ class PartFold:
                 return
         self.views.append(judged)
 
-    def report(self, *, is_cut_off: bool) -> PartReport:
+    def report(self, *, is_cut_off: bool, is_ended_early: bool = False) -> PartReport:
         """Return all that is known of the part.
 
         Parameters
         ----------
         is_cut_off : the journal just stops, so that an outcome proves nothing without the change
             of custody after it
+        is_ended_early : the run was cut off or stopped
         """
         ambiguity = [
             name for name, has_outcome in self.pending.items() if is_cut_off or not has_outcome
@@ -156,6 +186,8 @@ class PartFold:
             unconfirmed=_unconfirmed(ambiguity[-1], self.custody) if ambiguity else "",
             characteristics=self.characteristics,
             resumed=self.resumed,
+            followed=self.followed,
+            is_counted=self._is_counted(is_ended_early=is_ended_early or is_cut_off),
             start=self.start,
             end=self.end,
             identified=self.identified,

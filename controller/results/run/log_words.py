@@ -58,6 +58,10 @@ def row_words(entry: LogEntry) -> str:
             return f"verdict: {row.verdict}"
         case rows.PartReviewed() as row:
             return f"reviewed by {row.who}: {row.verdict}, {row.why}"
+        case rows.PartFollowed(custody="") as row:
+            return f"run {row.run} has taken the part over"
+        case rows.PartFollowed() as row:
+            return f"the part was taken out by the operator, as run {row.run} says"
         case rows.RunBegan():
             return "run began"
         case rows.AtRest() as row:

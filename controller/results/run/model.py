@@ -13,6 +13,7 @@ from typing import Any, Final, Literal
 from controller.cell.custody import Custody
 from controller.cell.journal import Body
 from controller.cell.journal.rows import (
+    PartFollowed,
     PartIdentified,
     PartLeft,
     PartResumed,
@@ -365,6 +366,8 @@ class PartReport:
     custody : the last one in the journal
     unconfirmed : what was begun and never confirmed; where not empty, `custody` may be out of date
     resumed : the interrupted run that the part was taken over from; None for a part of this run
+    followed : what a later run says became of it; None where none says so
+    is_counted : this is the part's record; else another run has it, or will have
     tray : the one it was placed in; None if it was not placed
     nest : of the tray, from 1; None where its parts are not counted
     characteristics : in the order of their balloons
@@ -390,6 +393,8 @@ class PartReport:
     unconfirmed: str
     characteristics: tuple[CharacteristicReport, ...] = ()
     resumed: PartResumed | None = None
+    followed: PartFollowed | None = None
+    is_counted: bool = True
     start: datetime | None = None
     end: datetime | None = None
     identified: PartIdentified | None = None

@@ -154,6 +154,19 @@ class PartResumed(Body):
     lot: str = ""
 
 
+class PartFollowed(Body):
+    """What became of a part that a run ended with; added to that run by the later one.
+
+    `run` is the later run. `custody` is where the part is now (`Custody.key`); without it, the
+    later run has taken the part over, and has its record from then on.
+    """
+
+    kind = "decision"
+    row_name = "part_followed"
+    run: str
+    custody: str = ""
+
+
 class PartIdentified(Body):
     """The part at hand is of one of the run's recipes, and has this number, if it has any.
 

@@ -6,7 +6,7 @@ from typing import Final
 from .._form import Row
 from . import _decisions, _deeds, _events, _observations
 from ._body import Body, EffectClass, Json, NamedBody
-from ._decisions import PartReviewed, PicturesDropped
+from ._decisions import PartFollowed, PartReviewed, PicturesDropped
 from ._deeds import CustodyChanged, Intent, OnceDone
 from ._events import CellEvent
 from ._observations import FilesStored
@@ -25,8 +25,9 @@ GROUPS: Final[Mapping[str, type[NamedBody]]] = {
     "outcome": OnceDone,
     "custody": CustodyChanged,
 }
-# What people and reports add to a run that has ended; none of it says what the cell did.
-ADDED: Final[tuple[type[Body], ...]] = (FilesStored, PicturesDropped, PartReviewed)
+# What people, reports and later runs add to a run that has ended; none of it says what the cell
+# did in it.
+ADDED: Final[tuple[type[Body], ...]] = (FilesStored, PicturesDropped, PartReviewed, PartFollowed)
 
 
 def read_row(kind: str, name: str, body: Json) -> Body | None:

@@ -34,6 +34,7 @@ class Entry:
     kind, name, text, part : of the row; its body as JSON
     full : it is on the disk before it counts as written
     stamp : date (UTC, ISO) and instant of the monotonic clock [s]; None: when it is written
+    about : the run that it is added to; empty for the one that writes
     since_s : when it was put in, by this computer's monotonic clock [s]
     was_tried : it may be in the file although writing it has failed
     done : gets its number
@@ -45,6 +46,7 @@ class Entry:
     part: int | None
     full: bool
     stamp: tuple[str, float] | None = None
+    about: str = ""
     since_s: float = field(default_factory=time.monotonic)
     was_tried: bool = False
     done: "Future[int]" = field(default_factory=Future)

@@ -291,6 +291,16 @@ class BatchRecord:
         """Write a row on the part at hand; on the disk when this returns."""
         await self._journal.write_secured(row, self.part.number)
 
+    def note_followed(self, run: str, number: int) -> None:
+        """Add to a run that ended with a part that this run has its record from now on.
+
+        Parameters
+        ----------
+        run : the other run
+        number : of the part in it
+        """
+        self._journal.write_about(run, rows.PartFollowed(run=self._journal.run), number)
+
     def note_acknowledged(self, code: str, who: str, why: str) -> None:
         """Write that a person has looked at what held the run, by its code."""
         self.note(rows.Acknowledged(run=self._journal.run, code=code, who=who, why=why))
