@@ -27,6 +27,10 @@ class ReplyTimeoutError(LinkError):
     """No reply in time: done or not? Read the state back before repeating anything."""
 
 
+class LaterError(ReplyTimeoutError):
+    """It answered that it is busy, ask again later; as after silence a command is done or not."""
+
+
 class BadReplyError(DeviceError):
     """Bytes that the manual forbids: stop, log them in hex, never guess."""
 

@@ -24,7 +24,7 @@ from ..errors import (
     WrongDeviceError,
 )
 from ..kinds import Hold
-from ..modbus_link import FunctionCode, ModbusLink, Request
+from ..modbus_link import FunctionCode, ModbusLink, Request, always
 from ..supervisor import BlindStop
 from ._config import GripperConfig
 from ._monitor import GripperMonitor
@@ -172,6 +172,7 @@ class Gripper:
         ------
         FaultError : activation failed; the message has the reason and what to do
         """
+        stop_count = self._stop_count
         async with self._verb:
             status = await self.status()
             if status.is_activated and not (
@@ -180,7 +181,7 @@ class Gripper:
                 return status
             self._forget_grasp()
             try:
-                return await self._activate(status)
+                return await self._activate(status, stop_count)
             except asyncio.CancelledError:
                 await self._on_the_way_out(self._deactivate)
                 raise
@@ -281,7 +282,7 @@ class Gripper:
                 if status.activation is ActivationState.ACTIVATING:
                     await self._deactivate()
                 else:
-                    await self._unit.write_register(OUTPUT_REGISTER, ACTIVATE << 8)
+                    await self._unit.write_register(OUTPUT_REGISTER, ACTIVATE << 8, again=always)
             except NOT_KNOWN_TO_BE_DONE as error:
                 log.warning("stopping: %s", error)
             status = await self.status()
@@ -330,6 +331,7 @@ class Gripper:
                 await self._write(
                     outputs,
                     lambda now: now.is_going and now.requested_counts == target and not was_asked,
+                    stop_count,
                 )
                 return await self._arrival(target, limit_s, stop_count)
             except asyncio.CancelledError:
@@ -361,7 +363,7 @@ class Gripper:
                 )
             await self._monitor.pause()
 
-    async def _activate(self, status: GripperStatus) -> GripperStatus:
+    async def _activate(self, status: GripperStatus, stop_count: int) -> GripperStatus:
         if status.fault == RELEASING_FAULT:
             status = await self._monitor.until(
                 lambda now: now.fault != RELEASING_FAULT, RELEASE_TIMEOUT_S, "automatic release"
@@ -374,7 +376,7 @@ class Gripper:
                 RESET_TIMEOUT_S,
                 "reset",
             )
-            await self._write(encode_outputs(ACTIVATE), lambda now: now.is_powered_on)
+            await self._write(encode_outputs(ACTIVATE), lambda now: now.is_powered_on, stop_count)
         return await self._monitor.until(
             lambda now: now.is_activated,
             self.config.activation_timeout_s,
@@ -383,17 +385,40 @@ class Gripper:
         )
 
     async def _write(
-        self, outputs: tuple[int, int, int], has_arrived: Callable[[GripperStatus], bool]
+        self,
+        outputs: tuple[int, int, int],
+        has_arrived: Callable[[GripperStatus], bool],
+        stop_count: int | None = None,
     ) -> None:
-        """Write the output block; after silence look whether it arrived before repeating it.
+        """Write the output block; after silence or "later" look whether it arrived, then repeat it.
 
-        Outputs are absolute, so the one repetition moves nothing twice.
+        Outputs are absolute, so a repetition moves nothing twice. But a stop that came between
+        would be undone by it.
+
+        Parameters
+        ----------
+        outputs : the block
+        has_arrived : whether a reading shows it
+        stop_count : when the verb began; None for outputs that set nothing in motion
+
+        Raises
+        ------
+        StoppedError : `stop` came before the repetition
         """
+
+        async def is_missing() -> bool:
+            status = await self.status()
+            if has_arrived(status):
+                return False
+            if stop_count is not None:
+                self._require_not_stopped(stop_count, status)
+            return True
+
         try:
-            await self._unit.write_registers(OUTPUT_REGISTER, outputs)
+            await self._unit.write_registers(OUTPUT_REGISTER, outputs, again=is_missing)
         except NOT_KNOWN_TO_BE_DONE as error:
             log.warning("reading back: %s", error)
-            if not has_arrived(await self.status()):
+            if await is_missing():
                 await self._unit.write_registers(OUTPUT_REGISTER, outputs)
 
     async def _deactivate(self) -> None:

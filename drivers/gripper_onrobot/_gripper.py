@@ -20,7 +20,7 @@ from ..errors import (
     WrongDeviceError,
 )
 from ..kinds import Hold
-from ..modbus_link import FunctionCode, ModbusLink, Request
+from ..modbus_link import FunctionCode, ModbusLink, Request, always
 from ..supervisor import BlindStop
 from ._registers import (
     BOX_UNIT,
@@ -280,7 +280,7 @@ class RgGripper:
         deadline_s = self._clock.attended_s() + self._clock.patience_s(STOP_S)
         while True:
             try:
-                await self._unit.write_register(CONTROL_REGISTER, STOP)
+                await self._unit.write_register(CONTROL_REGISTER, STOP, again=always)
             except (ReplyTimeoutError, UnpluggedError) as error:
                 log.warning("stopping: %s", error)
             reading = await self.status()
@@ -314,9 +314,14 @@ class RgGripper:
             if self._stop_count != stop_count:  # before it has begun
                 raise MotionStoppedError(f"gripper: stopped at {before.opening_mm:.1f} mm")
             self._grasped_mm, self._is_lost = None, False
+
+            async def is_missing() -> bool:
+                """Whether the command has set nothing in motion, and no stop came since."""
+                return not (await self.status()).is_moving and self._stop_count == stop_count
+
             try:
                 await self._unit.write_registers(
-                    COMMAND_REGISTER, encode_command(force_n, opening_mm)
+                    COMMAND_REGISTER, encode_command(force_n, opening_mm), again=is_missing
                 )
                 return await self._arrival(stop_count)
             except asyncio.CancelledError:

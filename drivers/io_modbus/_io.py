@@ -14,7 +14,7 @@ from typing import Final, Self
 
 from ..errors import DeviceError, RefusedError, WatchdogOffError, WrongDeviceError
 from ..kinds import Change, Signal
-from ..modbus_link import FunctionCode, ModbusLink, Request
+from ..modbus_link import FunctionCode, ModbusLink, Request, always
 from ..supervisor import BlindLook
 from ._config import MOTOR_RELAY, IoConfig
 from .signals import Believer, Snapshot
@@ -249,7 +249,7 @@ class CellIo:
             if tuple(wanted) == known and not force:
                 return
             self._relays = None
-            await self._unit.write_coils(FIRST_RELAY, wanted)
+            await self._unit.write_coils(FIRST_RELAY, wanted, again=always)
             self._relays = tuple(wanted)
 
     async def read_outputs(self) -> dict[str, bool]:
@@ -266,7 +266,7 @@ class CellIo:
         """Clear that flag; the relays are then read before they are next switched."""
         async with self._switching:
             self._relays = None
-            await self._unit.write_coil(WATCHDOG_COIL, True)
+            await self._unit.write_coil(WATCHDOG_COIL, True, again=always)
 
     @property
     def watchdog_s(self) -> float | None:
@@ -378,6 +378,12 @@ class CellIo:
         return bits
 
     def _fail(self, error: DeviceError) -> None:
+        """Note that a reading failed; what was read before stays known until it is stale."""
+        self._relays = None  # it may be restarting, with all relays open
+        age_s = self._clock.attended_s() - self._attended_at_s
+        if age_s <= self._stale_s:
+            log.info("inputs not read, known for %.2f s: %s", age_s, error)
+            return
         if self._read_at_s != -math.inf:
             log.warning("inputs unknown: %s", error)
         self._read_at_s = self._attended_at_s = -math.inf

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Final, Self
 
 from ..errors import DeviceError, RefusedError, WrongDeviceError
-from ..modbus_link import FunctionCode, ModbusLink, Request
+from ..modbus_link import FunctionCode, ModbusLink, Request, always
 from ._registers import (
     ADDRESS_REGISTER,
     CHANNEL_COUNT,
@@ -116,14 +116,16 @@ class _Controller:
         if wanted == state and not force:
             return False
         self._state = None
-        await self.unit.write_registers(FIRST_REGISTER, encode_values(values))
+        await self.unit.write_registers(FIRST_REGISTER, encode_values(values), again=always)
         self._state = wanted
         return True
 
     async def dark(self) -> None:
         """Write 0 to all channels, whatever is known."""
         state, self._state = self._state, None
-        await self.unit.write_registers(FIRST_REGISTER, encode_values([0] * CHANNEL_COUNT))
+        await self.unit.write_registers(
+            FIRST_REGISTER, encode_values([0] * CHANNEL_COUNT), again=always
+        )
         if state is not None:
             values = (0,) * CHANNEL_COUNT
             self._state = replace(state, values=values, transition_ms=0, is_live=True)

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from ..errors import DeviceError, RefusedError, WrongDeviceError
-from ..modbus_link import FunctionCode, ModbusLink, ModbusUnit, Request
+from ..modbus_link import FunctionCode, ModbusLink, ModbusUnit, Request, always
 from ._config import CHANNEL_COUNT, MAX_MV
 
 FIRST_CHANNEL: Final = 0x0000
@@ -72,7 +72,9 @@ class AnalogModule:
                 return False
             first, last = changed[0], changed[-1]
         self._known_mv = None
-        await self.unit.write_registers(FIRST_CHANNEL + first, wanted_mv[first : last + 1])
+        await self.unit.write_registers(
+            FIRST_CHANNEL + first, wanted_mv[first : last + 1], again=always
+        )
         self._known_mv = tuple(wanted_mv)
         return True
 
@@ -115,7 +117,7 @@ class RelayModule:
         if self._known == tuple(wanted) and not force:
             return False
         self._known = None
-        await self.unit.write_coils(FIRST_CHANNEL, wanted)
+        await self.unit.write_coils(FIRST_CHANNEL, wanted, again=always)
         self._known = tuple(wanted)
         return True
 

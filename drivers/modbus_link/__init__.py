@@ -8,11 +8,12 @@ Source: the reference page modbus_devices.md 8, 9.
 
 from ._address import Address, RtuAddress, RtuOverTcpAddress, TcpAddress
 from ._connection import Trace
-from ._link import ModbusLink, ModbusUnit
+from ._link import Again, ModbusLink, ModbusUnit, always
 from ._request import FunctionCode, Request
 
 __all__ = [
     "Address",
+    "Again",
     "FunctionCode",
     "ModbusLink",
     "ModbusUnit",
@@ -21,4 +22,5 @@ __all__ = [
     "RtuOverTcpAddress",
     "TcpAddress",
     "Trace",
+    "always",
 ]

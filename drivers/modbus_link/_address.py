@@ -30,10 +30,17 @@ class Hooks:
 
 @dataclass(frozen=True, slots=True)
 class TcpAddress:
-    """Modbus TCP: a device of its own, or a gateway to RS-485 (then units are slave ids)."""
+    """Modbus TCP: a device of its own, or a gateway to RS-485 (then units are slave ids).
+
+    Attributes
+    ----------
+    returns_ids : answers carry the transaction number and unit id of their request, as the
+        standard has it; some gateways put their own, and answers are then told apart as on RTU
+    """
 
     host: str
     port: int = 502
+    returns_ids: bool = True
 
     def __str__(self) -> str:
         return f"Modbus TCP {self.host}:{self.port}"
@@ -54,10 +61,16 @@ class TcpAddress:
 
 @dataclass(frozen=True, slots=True)
 class RtuOverTcpAddress:
-    """RTU frames on a TCP stream, without MBAP header: transparent device servers, UR RS485."""
+    """RTU frames on a TCP stream, without MBAP header: transparent device servers, UR RS485.
+
+    Attributes
+    ----------
+    echoes : what is sent comes back before the answer, and is dropped
+    """
 
     host: str
     port: int
+    echoes: bool = False
 
     def __str__(self) -> str:
         return f"Modbus RTU over TCP {self.host}:{self.port}"
@@ -72,7 +85,9 @@ class RtuOverTcpAddress:
 
     def client(self, hooks: Hooks) -> ModbusBaseClient:
         """Return an unconnected client; needs a running loop."""
-        return _tcp_client(self.host, self.port, FramerType.RTU, hooks)
+        client = _tcp_client(self.host, self.port, FramerType.RTU, hooks)
+        client.ctx.comm_params.handle_local_echo = self.echoes  # no argument of pymodbus' for TCP
+        return client
 
     async def why_not(self) -> str:
         """Return the host's own words for a connection that fails."""
@@ -81,12 +96,19 @@ class RtuOverTcpAddress:
 
 @dataclass(frozen=True, slots=True)
 class RtuAddress:
-    """Modbus RTU on a serial line of this computer, 8 data bits."""
+    """Modbus RTU on a serial line of this computer, 8 data bits.
+
+    Attributes
+    ----------
+    echoes : an RS-485 adapter whose receiver stays on while it sends: what is sent comes back
+        before the answer, and is dropped
+    """
 
     device: str
     baudrate: int
     parity: Literal["N", "E", "O"] = "N"
     stopbits: Literal[1, 2] = 1
+    echoes: bool = False
 
     def __str__(self) -> str:
         return f"Modbus RTU {self.device} at {self.baudrate} 8{self.parity}{self.stopbits}"
@@ -106,6 +128,7 @@ class RtuAddress:
             parity=self.parity,
             stopbits=self.stopbits,
             name=str(self),
+            handle_local_echo=self.echoes,
             reconnect_delay=0,
             timeout=_NO_TIMEOUT_WALL_S,
             retries=0,

@@ -15,8 +15,9 @@ from pymodbus.pdu import ModbusPDU
 
 from ..clock import CellClock
 from ..wires import LineTap
-from ._address import CONNECT_TIMEOUT_WALL_S, Address, Hooks
+from ._address import CONNECT_TIMEOUT_WALL_S, Address, Hooks, TcpAddress
 from ._request import FunctionCode, Request
+from ._seen import MBAP_SIZE
 
 wire_log = logging.getLogger("cellctl.wire.modbus")
 
@@ -25,10 +26,11 @@ Trace = Callable[[bool, bytes], None]
 
 
 class NoAnswer(Exception):  # noqa: N818  an outcome between two private files, never shown
-    """Time is up; holds what arrived instead of an answer."""
+    """Time is up; holds the frame that was sent and what arrived instead of an answer."""
 
-    def __init__(self, received: bytes) -> None:
-        super().__init__(received)
+    def __init__(self, sent: bytes, received: bytes) -> None:
+        super().__init__(sent, received)
+        self.sent = sent
         self.received = received
 
 
@@ -52,6 +54,8 @@ class Connection:
         self.is_asking = False  # a request is out
         self._unconsumed = b""
         self._received = bytearray()
+        self._sent = b""
+        self._returns_ids = not isinstance(address, TcpAddress) or address.returns_ids
         self.late_reply = asyncio.Event()  # set by a reply that nobody waits for any more
 
     async def open(self, clock: CellClock) -> str | None:
@@ -97,7 +101,7 @@ class Connection:
         Lost : the connection ended before or meanwhile
         """
         self._received.clear()
-        self._unconsumed = b""
+        self._sent = self._unconsumed = b""
         self.is_asking = True
         answer = asyncio.ensure_future(self._send(request, unit))
         lost = asyncio.ensure_future(self._lost.wait())
@@ -109,11 +113,11 @@ class Connection:
                 return answer.result()
             if lost.done():
                 raise Lost
-            raise NoAnswer(bytes(self._received))
+            raise NoAnswer(self._sent, bytes(self._received))
         except ConnectionException as error:
             raise Lost from error
         except ModbusIOException as error:
-            raise NoAnswer(bytes(self._received)) from error
+            raise NoAnswer(self._sent, bytes(self._received)) from error
         finally:
             self.is_asking = False
             self.late_reply.clear()
@@ -146,6 +150,7 @@ class Connection:
 
     def _on_packet(self, sending: bool, data: bytes) -> bytes:
         if sending:
+            self._sent = data
             self._show(">", True, data)
             return data
         # pymodbus shows the whole unconsumed buffer each time; the trace wants each byte once.
@@ -154,7 +159,10 @@ class Connection:
         self._unconsumed = data
         self._received += fresh
         self._show("<" if self.is_asking else "< (late)", False, fresh)
-        return data
+        if self._returns_ids or len(data) < MBAP_SIZE:
+            return data
+        # pymodbus skips an answer with other ids: it is given those of the request
+        return self._sent[:2] + data[2:6] + self._sent[6:7] + data[MBAP_SIZE:]
 
     def _on_pdu(self, sending: bool, pdu: ModbusPDU) -> ModbusPDU:
         if not sending:

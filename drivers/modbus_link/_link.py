@@ -1,32 +1,42 @@
 """The policy of a Modbus line: whose turn it is, and what silence means.
 
 Rules (modbus_devices.md 8.1, 8.7, 9): one request at a time; a pause between requests to one
-device; reads are repeated once, writes never; after a time-out on RTU nothing is commanded until
-a harmless read has proved that its answer is not an older one; reconnecting backs off.
+device; reads are repeated after silence, writes never; what answers "later" is asked again within
+its time, a write only where its caller allows it; after a time-out on RTU nothing is commanded
+until a harmless read has proved that its answer is not an older one; reconnecting backs off.
 """
 
 from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Sequence
+from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Final, Self
 
 from pymodbus.pdu import ExceptionResponse, ModbusPDU
 
 from ..clock import REAL_TIME, CellClock
-from ..errors import BadReplyError, LinkError, RefusedError, ReplyTimeoutError, UnpluggedError
+from ..errors import (
+    BadReplyError,
+    LaterError,
+    LinkError,
+    RefusedError,
+    ReplyTimeoutError,
+    UnpluggedError,
+)
 from ..supervisor import BlindLook, BlindStop
 from ..wires import LineTap
 from ._address import Address, TcpAddress
 from ._blind import inputs_frame, inputs_mask, place_of, write_frame
 from ._connection import Connection, Lost, NoAnswer, Trace
 from ._request import FunctionCode, Request
+from ._seen import seen_instead
 
 log = logging.getLogger(__name__)
 
 REPLY_TIMEOUT_S: Final = 0.3  # modbus_devices.md 9.1: 0.1 to 0.3 s
+RETRY_COUNT: Final = 1  # the same, for reads
 BACK_OFF_FIRST_S: Final = 0.1
 BACK_OFF_MAX_S: Final = 2.0
 SILENCES_UNTIL_REOPENED: Final = 3  # a half-open connection looks like silent devices
@@ -37,6 +47,19 @@ GATEWAY_SILENCE: Final = {
     0x0A: "no path to it",
     0x0B: "it did not answer the gateway",
 }  # Modbus application protocol V1.1b3, 7
+LATER: Final = {
+    0x05: "it is still at work on it",
+    0x06: "it is busy",
+}  # the same: the client is to ask again
+LATER_PAUSES: Final = 10  # so often is it asked again within a reply time-out
+
+Again = Callable[[], Awaitable[bool]]
+"""Whether a write that was answered "later" is to be sent again, by looking at the device."""
+
+
+async def always() -> bool:
+    """Allow it: for a write that says what should be so and sets nothing in motion."""
+    return True
 
 
 class _LateReplyError(ReplyTimeoutError):
@@ -71,7 +94,8 @@ class ModbusLink:
     ----------
     address : the transport and where it is
     clock : the cell's clock
-    reply_timeout_s : how long a unit may take to answer [cell s]
+    reply_timeout_s : how long a unit may take to answer [cell s], and may go on answering "later"
+    retry_count : a read without an answer is repeated so often
     trace : called with (sending, bytes) for everything on the wire
     tap : of the line, None for none
     """
@@ -82,12 +106,15 @@ class ModbusLink:
         clock: CellClock = REAL_TIME,
         *,
         reply_timeout_s: float = REPLY_TIMEOUT_S,
+        retry_count: int = RETRY_COUNT,
         trace: Trace | None = None,
         tap: LineTap | None = None,
     ) -> None:
         self.address = address
         self.clock = clock
-        self._reply_timeout_s = reply_timeout_s
+        self.reply_timeout_s = reply_timeout_s
+        self.retry_count = retry_count
+        self._has_no_numbers = not (isinstance(address, TcpAddress) and address.returns_ids)
         self._trace = trace
         self._tap = tap
         self._lock = asyncio.Lock()
@@ -136,7 +163,7 @@ class ModbusLink:
     @property
     def _patience_s(self) -> float:
         """The reply time-out as it really passes [cell s]."""
-        return self.clock.patience_s(self._reply_timeout_s)
+        return self.clock.patience_s(self.reply_timeout_s)
 
     async def connect(self) -> None:
         """Open the line now, without regard to back-off; nothing to do when it is open.
@@ -155,25 +182,47 @@ class ModbusLink:
         async with self._lock:
             await self._drop()
 
-    async def exchange(self, request: Request, who: ModbusUnit) -> tuple[int, ...]:
+    async def exchange(
+        self, request: Request, who: ModbusUnit, again: Again | None = None
+    ) -> tuple[int, ...]:
         """Send a request; return the registers or bits of a read, nothing of a write.
 
-        A read is repeated once when no answer came; a write never is.
+        A read is repeated when no answer came; a write never is. What answers "later" is asked
+        again until its reply time-out is over: a read always, a write where ``again`` allows it.
+
+        Parameters
+        ----------
+        request : what to send
+        who : the unit
+        again : asked before a write that was answered "later" is sent again; None: it is not.
+            A stop may have come between, which the repeated command would undo
 
         Raises
         ------
         LinkError : not connected, and it cannot be reached now
         UnpluggedError : the connection ended while the answer was due
         ReplyTimeoutError : the unit is silent, or its gateway reports it so
+        LaterError : it is busy (05, 06), and was until its time was over
         BadReplyError : something answered that is no answer to this
         RefusedError : the unit answered with a Modbus exception, which is its ``code``
         """
-        if request.is_read:
+        retries_left = self.retry_count if request.is_read else 0
+        until_s = self.clock.attended_s() + self._patience_s
+        while True:
             try:
                 return await self._take_turn(_Turn(request, who))
-            except (ReplyTimeoutError, UnpluggedError) as error:
+            except LaterError as error:
+                if self.clock.attended_s() >= until_s:
+                    raise
                 log.debug("asking again: %s", error)
-        return await self._take_turn(_Turn(request, who))
+                await self.clock.sleep(self._patience_s / LATER_PAUSES)
+                if not request.is_read and (again is None or not await again()):
+                    raise
+            except (ReplyTimeoutError, UnpluggedError) as error:
+                if not retries_left:
+                    raise
+                retries_left -= 1
+                log.debug("asking again: %s", error)
 
     async def _take_turn(self, turn: _Turn) -> tuple[int, ...]:
         """Wait for the line and use it once.
@@ -225,13 +274,12 @@ class ModbusLink:
         await self.clock.sleep(memory.ready_at_s - self.clock.now_s())
         if turn.is_abandoned:
             raise asyncio.CancelledError
-        has_no_number = not isinstance(self.address, TcpAddress)
-        if has_no_number:
+        if self._has_no_numbers:
             memory.owed.append((request, self.clock.now_s()))
         try:
-            reply = await connection.exchange(request, who.unit, self.clock, self._reply_timeout_s)
+            reply = await connection.exchange(request, who.unit, self.clock, self.reply_timeout_s)
         except NoAnswer as error:
-            raise await self._silence(error.received, request, who) from None
+            raise await self._silence(error, request, who) from None
         except Lost:
             await self._drop()
             raise UnpluggedError(
@@ -247,7 +295,7 @@ class ModbusLink:
             memory.owed = [owed for owed in memory.owed if owed[0] is not request]
             return reply
         message = f"{who.name}: unit {who.unit} at {self.address} was sent {request}, got {reply}"
-        if has_no_number:
+        if self._has_no_numbers:
             raise _LateReplyError(f"{message}, the late answer to something earlier")
         raise BadReplyError(message)
 
@@ -297,15 +345,17 @@ class ModbusLink:
         except TimeoutError:
             return
 
-    async def _silence(self, received: bytes, request: Request, who: ModbusUnit) -> LinkError:
+    async def _silence(self, what: NoAnswer, request: Request, who: ModbusUnit) -> LinkError:
         self._silence_count += 1
         if self._silence_count >= SILENCES_UNTIL_REOPENED:
             log.warning("%s: no answer, reopening it", self.address)
             await self._drop()
-        instead = f", only {received.hex(' ')}" if received else ""
+        is_tcp = isinstance(self.address, TcpAddress)
+        seen, check = seen_instead(what.sent, what.received, is_tcp=is_tcp)
         return ReplyTimeoutError(
-            f"{who.name}: no answer{instead} from unit {who.unit} at {self.address} within "
-            f"{self._reply_timeout_s:g} s to {request}; check {who.check}"
+            f"{who.name}: no answer from unit {who.unit} at {self.address} within "
+            f"{self.reply_timeout_s:g} s to {request}"
+            + (f"; {seen}; check {check}" if seen else f"; check {who.check}")
         )
 
     def _refusal(
@@ -315,6 +365,12 @@ class ModbusLink:
             return ReplyTimeoutError(
                 f"{who.name}: the gateway at {self.address} cannot reach unit {who.unit}: "
                 f"{GATEWAY_SILENCE[code]} (exception {code:02X} to {request}); check {who.check}"
+            )
+        if code in LATER:
+            return LaterError(
+                f"{who.name}: unit {who.unit} at {self.address} answered {request} with "
+                f"`later`: {LATER[code]} (exception {code:02X}); check for a second master, or "
+                "give it longer (`reply_s` of this device)"
             )
         return RefusedError(
             f"{who.name}: unit {who.unit} at {self.address} refused {request} "
@@ -369,8 +425,8 @@ class ModbusLink:
 class ModbusUnit:
     """One device on a link: its unit id, its timing, reads and writes in its name.
 
-    Got from `ModbusLink.unit`. Each method raises what `ModbusLink.exchange` raises. Addresses are
-    zero based, as on the wire.
+    Got from `ModbusLink.unit`. Each method raises what `ModbusLink.exchange` raises; ``again`` of a
+    write is explained there. Addresses are zero based, as on the wire.
 
     Attributes
     ----------
@@ -441,26 +497,31 @@ class ModbusUnit:
         request = Request(FunctionCode.READ_INPUT_REGISTERS, address, count)
         return await self.link.exchange(request, self)
 
-    async def write_coil(self, address: int, value: bool) -> None:
+    async def write_coil(self, address: int, value: bool, *, again: Again | None = None) -> None:
         """Write one coil (FC05)."""
         request = Request(FunctionCode.WRITE_COIL, address, 1, (int(value),))
-        await self.link.exchange(request, self)
+        await self.link.exchange(request, self, again)
 
-    async def write_register(self, address: int, value: int) -> None:
+    async def write_register(self, address: int, value: int, *, again: Again | None = None) -> None:
         """Write one register (FC06)."""
         request = Request(FunctionCode.WRITE_REGISTER, address, 1, (value,))
-        await self.link.exchange(request, self)
+        await self.link.exchange(request, self, again)
 
-    async def write_coils(self, address: int, values: Sequence[bool]) -> None:
+    async def write_coils(
+        self, address: int, values: Sequence[bool], *, again: Again | None = None
+    ) -> None:
         """Write several coils in one request (FC15)."""
         bits = tuple(int(value) for value in values)
-        await self.link.exchange(Request(FunctionCode.WRITE_COILS, address, len(bits), bits), self)
+        request = Request(FunctionCode.WRITE_COILS, address, len(bits), bits)
+        await self.link.exchange(request, self, again)
 
-    async def write_registers(self, address: int, values: Sequence[int]) -> None:
+    async def write_registers(
+        self, address: int, values: Sequence[int], *, again: Again | None = None
+    ) -> None:
         """Write several registers in one request (FC16)."""
         words = tuple(values)
         request = Request(FunctionCode.WRITE_REGISTERS, address, len(words), words)
-        await self.link.exchange(request, self)
+        await self.link.exchange(request, self, again)
 
     async def _bits(self, function: FunctionCode, address: int, count: int) -> tuple[bool, ...]:
         bits = await self.link.exchange(Request(function, address, count), self)

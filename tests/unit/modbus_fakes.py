@@ -200,8 +200,11 @@ async def rtu_over_tcp(bus: Bus) -> AsyncIterator[int]:
 
 
 @asynccontextmanager
-async def rtu_on_pty(bus: Bus) -> AsyncIterator[str]:
-    """Serve a bus as RTU frames on a pseudo-terminal; yields the device's name."""
+async def rtu_on_pty(bus: Bus, *, echoes: bool = False) -> AsyncIterator[str]:
+    """Serve a bus as RTU frames on a pseudo-terminal; yields the device's name.
+
+    With ``echoes`` as behind an adapter whose receiver stays on while it sends.
+    """
     master, slave = os.openpty()
     tty.setraw(master)
     tty.setraw(slave)
@@ -212,7 +215,10 @@ async def rtu_on_pty(bus: Bus) -> AsyncIterator[str]:
     async def talk() -> None:
         buffer = bytearray()
         while True:
-            buffer += await chunks.get()
+            chunk = await chunks.get()
+            if echoes:
+                _put(master, chunk)
+            buffer += chunk
             await _serve_rtu(bus, buffer, lambda data: _put(master, data), bus.cut)
 
     is_plugged = True

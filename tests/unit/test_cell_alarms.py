@@ -13,6 +13,7 @@ from controller.cell.alarms.catalogue import class_code
 from controller.cell.alarms.page import page
 from controller.cell.batch import Outcome
 from controller.cell.devices.interlocks import BUILT_IN_RULES
+from controller.cell.devices.interlocks.rules import STALE
 from controller.cell.errors import PartFaultError, PartProblemError, PolicyAbortError
 from controller.cell.machine import PartFault
 from drivers.errors import ArmStalledError, ReplyTimeoutError
@@ -87,6 +88,7 @@ def literal_codes() -> set[str]:
 
 def raised() -> set[str]:
     rules = {rule.code for rule in BUILT_IN_RULES}
+    rules.add(STALE)
     return error_codes() | literal_codes() | {fault.value for fault in PartFault} | rules
 
 

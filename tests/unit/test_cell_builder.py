@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -9,9 +10,10 @@ import pytest
 
 from controller.cell.devices import DeviceBuilder, resolve
 from controller.cell.devices.build import IO_POLL_WALL_S
-from controller.config import EMULATED_CELL, Cell, load_cell
+from controller.config import EMULATED_CELL, Cell, ConfigError, load_cell
 from drivers.clock import CellClock
 from drivers.kinds import Site
+from drivers.modbus_link import RtuAddress
 
 KINDS = ("arm", "camera", "gripper", "io", "lights")
 PACKAGE = """
@@ -98,3 +100,55 @@ def test_an_input_is_where_the_cell_file_has_it(cell: Cell) -> None:
         "estop_ok": 0, "guard_closed": 4, "part_in_nest": 2, "part_in_gripper": 3,
         "supply_ok": 1, "acknowledge": 5,
     }  # fmt: skip
+
+
+RTU = "{address: /dev/ttyUSB1, transport: rtu, "
+
+
+def cell_with(tmp_path: Path, **extra: str) -> Cell:
+    """Return the emulated cell with further keys of some devices."""
+    text = EMULATED_CELL.read_text()
+    for device, keys in extra.items():
+        text, count = re.subn(rf"({device}:\s+){{address: emulated[^}}]*}}", rf"\1{keys}", text)
+        assert count == 1
+    file = tmp_path / "cell.yaml"
+    file.write_text(text)
+    return load_cell(file)
+
+
+def lines_of(cell: Cell) -> tuple[Any, ...]:
+    where = dict.fromkeys(("arm", "overhead", "inspection"), "/dev/null")
+    where |= {"lights": {"host": "127.0.0.1", "port": 1}, "io": {"host": "127.0.0.1", "port": 2}}
+    builder = DeviceBuilder(cell, resolve(cell, where), CellClock())
+    builder.gripper()
+    builder.lights()
+    return builder.links
+
+
+def test_what_the_file_says_of_a_line_reaches_it(tmp_path: Path) -> None:
+    cell = cell_with(tmp_path, gripper=RTU + "echo: true, reply_s: 0.7, retries: 3, unit: 9}")
+    gripper, lights = lines_of(cell)
+    assert gripper.address == RtuAddress("/dev/ttyUSB1", 115200, echoes=True)
+    assert (gripper.reply_timeout_s, gripper.retry_count) == (0.7, 3)
+    assert (lights.reply_timeout_s, lights.retry_count) == (cell.timing.modbus_reply_s, 1)
+
+
+@pytest.mark.parametrize(
+    "differing", [{"echo": "true"}, {"reply_s": "0.5"}, {"retries": "0"}, {"baudrate": "19200"}]
+)
+def test_devices_on_one_line_say_the_same_of_it(differing: dict[str, str], tmp_path: Path) -> None:
+    keys = {"baudrate": "115200"} | differing
+    own = ", ".join(f"{key}: {value}" for key, value in keys.items())
+    same = cell_with(tmp_path, gripper=RTU + own + "}", lights=RTU + own + "}")
+    assert len(lines_of(same)) == 1
+    cell = cell_with(tmp_path, gripper=RTU + "baudrate: 115200}", lights=RTU + own + "}")
+    with pytest.raises(ConfigError, match=r"lights and devices\.gripper: both are on the line"):
+        lines_of(cell)
+
+
+@pytest.mark.parametrize(
+    "keys", ["transport: tcp, echo: true", "transport: rtu, returns_ids: false"]
+)
+def test_what_a_transport_has_not_is_refused(keys: str, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"`echo` is of rtu|`returns_ids` is of Modbus TCP"):
+        cell_with(tmp_path, gripper="{address: '10.0.0.1:502', " + keys + "}")

@@ -511,6 +511,35 @@ async def test_a_move_that_never_reached_the_gripper_is_sent_again_after_looking
     assert len(device.writes) == 1
 
 
+@pytest.mark.parametrize("code", [5, 6])
+async def test_a_move_that_is_answered_later_is_sent_again_while_it_is_missing(code: int) -> None:
+    device = Robotiq(part_outside=150)
+    bus = Bus({9: device.answer})
+    async with link_to(bus, "rtu", FAST) as link, Gripper(link) as gripper:
+        bus.troubles = [None, code, None, code]  # status, move, look, move
+        assert (await gripper.close_on(30.0)).object_detected
+    assert len(device.writes) == 1
+
+
+async def test_a_move_that_is_answered_later_is_not_sent_again_after_a_stop() -> None:
+    device = Robotiq(part_outside=150)
+    bus = Bus({9: device.answer})
+    stops: list[asyncio.Future[object]] = []
+    async with link_to(bus, "rtu", FAST) as link, Gripper(link) as gripper:
+
+        def answer(pdu: bytes) -> bytes | None:
+            if pdu[0] == 16:
+                stops.append(asyncio.ensure_future(gripper.stop()))
+                return bytes([pdu[0] | 0x80, 6])
+            return device.answer(pdu)
+
+        bus.units[9] = answer
+        with pytest.raises(StoppedError):
+            await gripper.close_on(30.0)
+        await asyncio.gather(*stops)
+    assert len(stops) == 1  # the move went out once
+
+
 async def test_a_fault_during_a_move_is_raised_with_its_code() -> None:
     device = Robotiq(counts_per_read=1)
     async with gripper_on(device) as gripper:

@@ -329,6 +329,30 @@ async def test_an_exception_makes_all_unknown() -> None:
         await io.wait_for("estop_ok", Signal.UNKNOWN)
 
 
+@pytest.mark.parametrize("code", [5, 6, 4])
+async def test_one_answer_that_is_none_leaves_known_what_is_fresh(code: int) -> None:
+    bus = Bus({1: e1214().answer})
+    async with io_on(bus, IoConfig(poll_s=0.1, stale_s=5.0)) as (io, changes):
+        await io.wait_for("estop_ok", Signal.OK)
+        changes.clear()
+        bus.troubles = [code]
+        count = len(bus.requests)
+        await until(lambda: len(bus.requests) >= count + 4)
+        assert io.signal("estop_ok") is Signal.OK
+    assert Signal.UNKNOWN not in {change.signal for change in changes[:-6]}  # those of the end
+
+
+@pytest.mark.parametrize("code", [6, 4])
+async def test_answers_that_are_none_for_too_long_make_the_inputs_unknown(code: int) -> None:
+    bus = Bus({1: e1214().answer})
+    async with io_on(bus, IoConfig(poll_s=0.1, stale_s=2.0)) as (io, _):
+        await io.wait_for("estop_ok", Signal.OK)
+        bus.troubles = [code] * 100_000
+        await io.wait_for("estop_ok", Signal.UNKNOWN)
+        bus.troubles.clear()
+        await io.wait_for("estop_ok", Signal.OK)
+
+
 async def test_a_reading_that_got_old_is_unknown_even_if_the_poller_hangs() -> None:
     bus = Bus({1: e1214().answer})
     now_s = 1000.0

@@ -59,6 +59,12 @@ DEVICES: Final = (
         "set it in the block's web console (commissioning.md, the watchdog)",
     ),
     Alarm(
+        209, "inputs_stale", _ABORT, _IO,
+        "the I/O block was not read in time; nobody needs to have pressed anything",
+        "emergency stop, door and supply, until it answers; where the arm is: it is homed again",
+        "check cable and power of the I/O block and its gateway, start again",
+    ),
+    Alarm(
         210, "release_refused", _ABORT, "both grippers",
         "a gripper was to open that alone is known to hold the part",
         "whether the other gripper has the part",

@@ -407,7 +407,7 @@ class Dispatcher:
         violation = self._interlocks.holding()
         if violation is None:
             return False
-        self._report(Event.GUARD_OPENED, violation.message, violation.rule.code)
+        self._report(Event.GUARD_OPENED, violation.message, violation.code)
         return True
 
     def _refusal(self, event: Event) -> Decision | None:

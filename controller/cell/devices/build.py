@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, cast
 
 from controller.config import EMULATED, Cell, ConfigError
-from controller.config.cell import Parity
+from controller.config.cell import DeviceSection, LineSection
 from controller.setup.drivers import KIND_OF, find_driver, read_settings
 from drivers.clock import CellClock
 from drivers.errors import DeviceError
@@ -37,21 +37,28 @@ from .measured_gripper import MeasuredGripper, Openings
 
 Addresses = Mapping[str, Any]
 
+_LINE_AS_BEFORE = {
+    key: field.default
+    for key, field in LineSection.model_fields.items()
+    if key not in DeviceSection.model_fields
+}
 IO_POLL_WALL_S = 0.02  # an emulated block is not polled more often, however fast its time runs
 STALE_POLLS = 5
 
 
-def _modbus_address(
-    device: str, address: str, transport: str, baudrate: int, parity: Parity
-) -> Address:
+def _modbus_address(device: str, section: Mapping[str, Any]) -> Address:
+    address, transport = section["address"], section["transport"]
     if transport == "rtu":
-        return RtuAddress(address, baudrate, parity)
+        baudrate, parity = section["baudrate"], section["parity"]
+        return RtuAddress(address, baudrate, parity, echoes=section["echo"])
     host, _, port = address.rpartition(":")
     if not host or not port.isdigit():
         raise ConfigError(
             f"devices.{device}.address: `{address}` is not host:port, which {transport} requires"
         )
-    return TcpAddress(host, int(port)) if transport == "tcp" else RtuOverTcpAddress(host, int(port))
+    if transport == "tcp":
+        return TcpAddress(host, int(port), section["returns_ids"])
+    return RtuOverTcpAddress(host, int(port), section["echo"])
 
 
 def polling_of(cell: Cell, clock: CellClock) -> Polling:
@@ -122,6 +129,7 @@ class DeviceBuilder:
         self._clock = clock
         self._wires = wires
         self._links: dict[Address, ModbusLink] = {}
+        self._lines: dict[str, tuple[str, object]] = {}  # first device, what it says of it
 
     @property
     def links(self) -> tuple[ModbusLink, ...]:
@@ -216,18 +224,25 @@ class DeviceBuilder:
         )
 
     def _link(self, name: str) -> ModbusLink:
-        device = self._where[name]
-        address = _modbus_address(
-            name,
-            device["address"],
-            device["transport"],
-            device["baudrate"],
-            device.get("parity", "N"),
-        )
+        # what an older recording does not say is as it was then
+        section = _LINE_AS_BEFORE | self._where[name]
+        address = _modbus_address(name, section)
+        said = (address, section["reply_s"], section["retries"])
+        first, of_first = self._lines.setdefault(section["address"], (name, said))
+        if said != of_first:
+            raise ConfigError(
+                f"devices.{name} and devices.{first}: both are on the line {section['address']}; "
+                "make transport, baudrate, parity, echo, returns_ids, reply_s and retries the same"
+            )
         if address not in self._links:
             through, tap = self._wires.modbus(address)
+            reply_s = section["reply_s"]
             self._links[address] = ModbusLink(
-                through, self._clock, reply_timeout_s=self._cell.timing.modbus_reply_s, tap=tap
+                through,
+                self._clock,
+                reply_timeout_s=self._cell.timing.modbus_reply_s if reply_s is None else reply_s,
+                retry_count=section["retries"],
+                tap=tap,
             )
         return self._links[address]
 

@@ -121,7 +121,7 @@ class Interlocks:
     def _require(self, check: Check) -> None:
         violation = first_violation(self._rules, check, self._facts())
         if violation is not None:
-            raise InterlockError(violation.message, violation.rule.code, holds=violation.rule.holds)
+            raise InterlockError(violation.message, violation.code, holds=violation.rule.holds)
 
     def _facts(self) -> dict[str, Truth]:
         custody = self._custody()

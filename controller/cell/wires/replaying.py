@@ -262,7 +262,7 @@ class _PlayedWires:
         line = self._played(str(address))
         number = len(self._lines)
         self.tape.loop.ports["wires", number] = line.connect
-        if isinstance(address, RtuAddress):
+        if isinstance(address, RtuAddress | RtuOverTcpAddress):  # the tape has no echo
             return RtuOverTcpAddress("wires", number), line
         return replace(address, host="wires", port=number), line
 

@@ -2,7 +2,7 @@
 
 from .arm import ArmSection, OtherArmSection, UmiSection
 from .cell import Cell
-from .devices import EMULATED, Parity
+from .devices import EMULATED, DeviceSection, LineSection, Parity
 from .optics import MAX_SIZE_PX, AccuracySection, CameraSection, LampSection, LightSection
 from .surroundings import ChuteSection, TraySection
 from .values import MAX_HEIGHT_MM, MIN_HEIGHT_MM, Box
@@ -18,8 +18,10 @@ __all__ = [
     "CameraSection",
     "Cell",
     "ChuteSection",
+    "DeviceSection",
     "LampSection",
     "LightSection",
+    "LineSection",
     "OtherArmSection",
     "Parity",
     "TraySection",

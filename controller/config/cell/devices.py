@@ -1,6 +1,6 @@
 """Where the devices are, what the inputs mean, and how long the controller waits for them."""
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import AliasChoices, Field, model_validator
 
@@ -39,13 +39,44 @@ class CameraDevice(DeviceSection):
     driver: DriverName = "v4l2"
 
 
-class ModbusSection(DeviceSection):
-    """A Modbus device: `host:port` for tcp and rtu-tcp, a serial device for rtu."""
+class LineSection(DeviceSection):
+    """A device on a Modbus line: `host:port` for tcp and rtu-tcp, a serial device for rtu.
+
+    What is said of the line has to be the same for all devices on it.
+
+    Attributes
+    ----------
+    transport : how requests are framed, and over what
+    baudrate, parity : of a serial line
+    echo : the line brings back what is sent, as an RS-485 adapter with local echo does
+    returns_ids : answers over TCP have the transaction number and unit id of their request; false
+        for a gateway that puts its own
+    reply_s : one that takes longer to answer counts as silent [s of cell time]; None:
+        `timing.modbus_reply_s`
+    retries : a read without an answer is repeated so often
+    """
 
     transport: Literal["tcp", "rtu", "rtu-tcp"] = "tcp"
-    unit: int = Field(1, ge=1, le=247)
     baudrate: int = Field(115200, ge=1200, le=1_000_000)
     parity: Parity = "N"
+    echo: bool = False
+    returns_ids: bool = True
+    reply_s: float | None = Field(None, ge=0.05, le=5)
+    retries: int = Field(1, ge=0, le=5)
+
+    @model_validator(mode="after")
+    def _fits_the_transport(self) -> Self:
+        if self.echo and self.transport == "tcp":
+            raise ValueError("`echo` is of rtu and rtu-tcp; Modbus TCP has none")
+        if not self.returns_ids and self.transport != "tcp":
+            raise ValueError("`returns_ids` is of Modbus TCP; RTU has no transaction numbers")
+        return self
+
+
+class ModbusSection(LineSection):
+    """A Modbus device with one unit id."""
+
+    unit: int = Field(1, ge=1, le=247)
 
 
 class GripperDevice(ModbusSection):
@@ -60,15 +91,13 @@ class IoDevice(ModbusSection):
     driver: DriverName = "moxa_e1214"
 
 
-class LightsSection(DeviceSection):
+class LightsSection(LineSection):
     """The two light modules on one line."""
 
     driver: DriverName = "waveshare"
-    transport: Literal["tcp", "rtu", "rtu-tcp"] = "tcp"
     analog_unit: int = Field(1, ge=1, le=247)
     relay_unit: int = Field(2, ge=1, le=247)
     baudrate: int = Field(9600, ge=1200, le=1_000_000)
-    parity: Parity = "N"
 
     @model_validator(mode="after")
     def _units_differ(self) -> "LightsSection":

@@ -68,7 +68,7 @@ class InterlockWatcher:
                 )
                 if violation is not None:
                     event = Event.GUARD_OPENED if violation.rule.holds else Event.FAULT
-                    report(event, violation.message, violation.rule.code)
+                    report(event, violation.message, violation.code)
 
 
 class MotorSupplyWatcher:

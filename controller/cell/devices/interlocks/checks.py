@@ -57,4 +57,4 @@ def check_interlocks(
     }
     violation = first_violation(rules, Check.RECOVER if is_person_inside else Check.DURING, facts)
     if violation is not None:
-        raise InterlockError(violation.message, violation.rule.code, holds=violation.rule.holds)
+        raise InterlockError(violation.message, violation.code, holds=violation.rule.holds)

@@ -50,6 +50,9 @@ class Rule:
     holds: bool = False
 
 
+STALE: Final = "inputs_stale"  # code of the alarm
+
+
 @dataclass(frozen=True, slots=True)
 class Violation:
     """A rule that does not hold.
@@ -66,6 +69,12 @@ class Violation:
     unknown: tuple[str, ...]
 
     @property
+    def code(self) -> str:
+        """Of its alarm. An input that is not known is no emergency stop that was pressed."""
+        is_stale = self.value is Truth.UNKNOWN and REQUIRED_SIGNALS.keys() & set(self.unknown)
+        return STALE if is_stale else self.rule.code
+
+    @property
     def message(self) -> str:
         """What happened, and what to do, for the operator."""
         name = next(iter(sorted(self.rule.require.names())), self.rule.name)
@@ -74,7 +83,7 @@ class Violation:
         missing = " and ".join(self.unknown)
         return (
             f"{missing}: the I/O block has no fresh reading, which counts as not healthy; "
-            "check its cable and power"
+            "check its cable and power, and `cellctl doctor` for what it answers"
         )
 
 

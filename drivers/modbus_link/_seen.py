@@ -1,0 +1,88 @@
+"""What arrived in the place of an answer, in words: an echo, noise, another unit, half a frame.
+
+Bytes in, words out. A frame that is a whole good one is found again wherever it stands, so that
+one odd byte before it does not hide it.
+"""
+
+from typing import Final
+
+MBAP_SIZE: Final = 7  # Modbus messaging on TCP/IP V1.0b, 3.1.3
+_MIN_RTU: Final = 5  # unit, function, exception code, CRC
+_EXCEPTION: Final = 0x80
+
+
+def _crc_is_right(frame: bytes) -> bool:
+    crc = 0xFFFF  # Modbus over serial line V1.02, appendix B
+    for byte in frame:
+        crc ^= byte
+        for _ in range(8):
+            crc = crc >> 1 ^ (0xA001 if crc & 1 else 0)
+    return crc == 0  # over the CRC itself, too
+
+
+def _rtu_frame_in(received: bytes) -> tuple[int, bytes] | None:
+    """Return where the first whole frame stands in the bytes, and the frame."""
+    for begin in range(len(received) - _MIN_RTU + 1):
+        for end in range(begin + _MIN_RTU, len(received) + 1):
+            if _crc_is_right(received[begin:end]):
+                return begin, received[begin:end]
+    return None
+
+
+def seen_instead(sent: bytes, received: bytes, *, is_tcp: bool) -> tuple[str, str]:
+    """Return what came instead of an answer, and what to check for that; empty for nothing.
+
+    Parameters
+    ----------
+    sent : the frame of the request
+    received : all that has arrived since
+    is_tcp : the frames have the header of Modbus TCP, else they are RTU's
+    """
+    if not received:
+        return "", ""
+    hex_of = received[:32].hex(" ") + (" ..." if len(received) > 32 else "")
+    found = _seen_on_tcp(sent, received) if is_tcp else _seen_on_rtu(sent, received)
+    return f"{found[0]} ({hex_of})", found[1]
+
+
+def _seen_on_tcp(sent: bytes, received: bytes) -> tuple[str, str]:
+    if len(received) <= MBAP_SIZE:
+        return "only part of a header came", "the network, or the gateway"
+    numbers = [int.from_bytes(frame[:2], "big") for frame in (sent, received)]
+    ids = "; `returns_ids: false` of this device in the cell file accepts a gateway's own"
+    if numbers[0] != numbers[1]:
+        return (
+            f"an answer with transaction number {numbers[1]} instead of {numbers[0]} came",
+            f"the gateway{ids}",
+        )
+    if received[6] != sent[6]:
+        return f"an answer of unit {received[6]} came", f"the unit id, or the gateway{ids}"
+    return "bytes came that are no answer to it", "that this port is Modbus TCP"
+
+
+def _seen_on_rtu(sent: bytes, received: bytes) -> tuple[str, str]:
+    if received.startswith(sent):
+        rest = received[len(sent) :]
+        after = "and then an answer" if _rtu_frame_in(rest) else "and nothing usable after it"
+        return (
+            f"the line echoes what is sent, {after}",
+            "the adapter: switch its local echo off, or set `echo: true` of this device in the "
+            "cell file",
+        )
+    found = _rtu_frame_in(received)
+    if found is None:
+        return (
+            "bytes came that are no frame, by their checksum",
+            "baud rate and parity, termination, RS-485 A and B",
+        )
+    begin, frame = found
+    if frame[0] != sent[0]:
+        return f"an answer of unit {frame[0]} came", "the slave id, and for a second master"
+    if begin:
+        return (
+            f"an answer came behind {begin} odd byte(s)",
+            "bias and termination resistors of the RS-485 line",
+        )
+    if frame[1] & ~_EXCEPTION != sent[1]:
+        return f"an answer to function {frame[1]:02x} came", "for a second master on the line"
+    return "an answer of another size came", "which device has this slave id"
