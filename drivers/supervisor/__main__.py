@@ -27,6 +27,8 @@ LOOK_WALL_S: Final = 0.02  # how often it looks at the clock
 CONNECT_WALL_S: Final = 0.2  # a device that does not let itself be connected to holds nobody up
 AGAIN_WALL_S: Final = 1.0  # until a device that could not be asked is tried again
 PACKET_BYTES: Final = 1 << 16
+# by which people and systems end a run
+ENDS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT, signal.SIGHUP, signal.SIGTSTP)
 
 
 class Supervisor:
@@ -57,9 +59,10 @@ class Supervisor:
         while True:
             poll.poll(1e3 * LOOK_WALL_S)
             now_s = self._now_s()  # read first: a heartbeat sent before it is taken below
+            state = self._take_messages()
+            # after heartbeats: one sent before a signal says nothing of it
             if self._take_signals():
                 poll.unregister(self._signals)
-            state = self._take_messages()
             if state == "bye":
                 return
             if state == "gone":
@@ -112,7 +115,7 @@ class Supervisor:
         except (BlockingIOError, ConnectionError):
             return False
         for number in found:
-            if number in (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT, signal.SIGHUP):
+            if number in ENDS:
                 self._signal_name = signal.Signals(number).name
         # the other end is closed, and this one would be readable for ever
         are_over, self._are_signals_over = not found and not self._are_signals_over, not found
@@ -228,7 +231,7 @@ def _send(stop: BlindStop) -> None:
 
 def main() -> None:
     """Supervise over the two descriptors of the command line."""
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
+    for number in ENDS:
         signal.signal(number, signal.SIG_IGN)  # it ends with its controller, and not before
     control, signals = (socket.socket(fileno=int(word)) for word in sys.argv[1:3])
     with control, signals, suppress(LinkError):

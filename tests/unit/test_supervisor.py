@@ -273,7 +273,7 @@ def test_the_arms_blind_stop_is_a_dead_stop_on_both_boards() -> None:
 # ---- the controller's side -----------------------------------------------------------------------
 
 CONTROLLER = """
-import asyncio, sys, time
+import asyncio, signal, sys, time
 from types import SimpleNamespace
 from controller.cell.devices.supervision import Supervised
 from drivers.clock import CellClock
@@ -287,9 +287,12 @@ async def main(line, how):
     async with watch.beating():
         await asyncio.sleep(0.5)
         print(time.monotonic(), flush=True)
-        if how == "busy":
+        if how == "signalled":  # its handler in Python comes to nothing while the call lasts
+            signal.signal(signal.SIGTERM, lambda number, frame: None)
+            signal.raise_signal(signal.SIGTERM)
+        if how != "asleep":
             sum(range(10**8))  # one call in C, which holds the interpreter
-        elif how == "asleep":
+        else:
             await asyncio.sleep(60)
         print(await told, flush=True)
 
@@ -314,13 +317,18 @@ def controller(line: Line, how: str) -> Iterator[subprocess.Popen[str]]:
         process.stdout.close()
 
 
-def test_a_call_in_c_that_holds_the_interpreter_does_not_hold_up_the_stop(line: Line) -> None:
-    with controller(line, "busy") as process:
+@pytest.mark.parametrize(("how", "why"), [("busy", "time"), ("signalled", "SIGTERM was sent")])
+def test_a_call_in_c_that_holds_the_interpreter_does_not_hold_up_the_stop(
+    line: Line, how: str, why: str
+) -> None:
+    with controller(line, how) as process:
         assert process.stdout is not None
         process.stdout.readline()
         line.wait_s(0.0)
         assert process.poll() is None
-        assert "no sign of life" in process.stdout.readline(), "and the loop is told afterwards"
+        said = process.stdout.readline()  # the loop is told afterwards
+    assert "no sign of life" in said
+    assert why in said
 
 
 @pytest.mark.parametrize("number", [signal.SIGSTOP, signal.SIGKILL])
