@@ -106,11 +106,12 @@ def text_of(data: bytes, path: Path, *, is_lenient: bool = False) -> str:
     """
     encoding = encoding_of(data)
     try:
-        text = data.decode(encoding, errors="replace" if is_lenient else "strict")
-        if "\0" in text:
-            raise ConfigError(f"{path}: is not a text file; is it the right file?")
-        return text
+        return data.decode(encoding)
     except UnicodeDecodeError as error:
+        if b"\0" in data:
+            raise ConfigError(f"{path}: is not a text file; is it the right file?") from error
+        if is_lenient:
+            return data.decode(encoding, errors="replace")
         line = data.count(b"\n", 0, error.start) + 1
         begin = data.rfind(b"\n", 0, error.start) + 1
         shown = data[begin : error.start + 40].partition(b"\n")[0].decode("cp1252", "replace")
