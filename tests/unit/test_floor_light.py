@@ -107,6 +107,7 @@ def test_a_floor_surely_out_of_place_by_more_than_a_tenth_is_not_in_place() -> N
         ([(1.3, 0.3)], 2.2),  # may be 0.4 mm
         ([(0.1, 0.1), (1.3, 0.3)], 0.4),
         ([(0.1, 0.1), (40.0, 12.0)], 0.4),  # says nothing
+        ([(0.1, 0.1), (7.9, 0.1)], 0.4),  # the mouth's own edge
     ):
         found = find_floor(edges, [], recess, MeasuringSettings(), by_light(*told))
         assert found.bound_mm == pytest.approx(bound_mm)

@@ -113,8 +113,10 @@ def find_floor(
     """
     by_edges = (_lift(edges, look, recess, settings) for look in looks)
     every = (*(one for one in by_edges if one is not None), *by_light)
-    # what is less sure than the hole is deep says nothing
-    return Floor(recess, tuple(one for one in every if one.room_mm < recess.depth_mm))
+    # What is less sure than the hole is deep says nothing. What lies as high as the mouth is the
+    # mouth's own edge, which the search took for the floor's.
+    told = (one for one in every if max(one.off_mm, 0.0) + one.room_mm < recess.depth_mm)
+    return Floor(recess, tuple(told))
 
 
 def _lift(
