@@ -25,6 +25,7 @@ HALF: Final = 0.5  # of the depth: a floor that high is another hole's
 # of the depth, and at least: a general tolerance is less, and a floor so far off is no good one's
 WRONG_SHARE: Final = 0.1
 WRONG_MM: Final = 0.3
+HIGH_COUNT: Final = 2  # pictures that have to show a floor in the upper half of its hole
 LIT_SHARE: Final = 0.3  # the same of a floor that is placed by light, whose model may err by more
 
 
@@ -67,28 +68,46 @@ class Floor:
 
     @property
     def bound_mm(self) -> float:
-        """How far out of place it may be at most; inf where that is too much, or it is elsewhere.
+        """How far out of place it may be at most; inf where that is too much.
 
         One picture that shows it is enough, unless any shows it out of place.
         """
-        if self.elsewhere:
+        if self.is_doubted:
             return float("inf")
-        shown = (
-            abs(one.off_mm) + one.room_mm
-            for one in self.looks
-            if abs(one.off_mm) + one.room_mm < self._limit_mm(one)
-        )
-        return min(shown, default=float("inf"))
+        return min((abs(one.off_mm) + one.room_mm for one in self._in_place), default=float("inf"))
+
+    @property
+    def is_doubted(self) -> bool:
+        """A picture shows it out of place."""
+        return bool(self._wrong)
 
     @property
     def elsewhere(self) -> tuple[FloorLook, ...]:
-        """The pictures that show it out of place, the one that does so most surely first.
+        """Pictures that show it out of place, the surest first; none where others outweigh them.
 
-        A hole drilled too deep or too shallow by more than a tenth is another hole.
+        A hole drilled too deep or too shallow by more than a tenth is another hole. As many
+        pictures that show the floor in place outweigh them. In the upper half of the hole an edge
+        may be the border of the mouth's own shadow: one picture does not prove it there.
         """
+        wrong = self._wrong
+        is_high = all(one.off_mm > HALF * self.recess.depth_mm for one in wrong)
+        if len(wrong) <= len(self._in_place) or (is_high and len(wrong) < HIGH_COUNT):
+            return ()
+        return tuple(sorted(wrong, key=lambda one: one.u_mm))
+
+    @property
+    def _wrong(self) -> list[FloorLook]:
         wrong_mm = max(WRONG_SHARE * self.recess.depth_mm, WRONG_MM)
-        found = [one for one in self.looks if abs(one.off_mm) - one.room_mm > wrong_mm]
-        return tuple(sorted(found, key=lambda one: one.u_mm))
+        return [one for one in self.looks if abs(one.off_mm) - one.room_mm > wrong_mm]
+
+    @property
+    def _in_place(self) -> list[FloorLook]:
+        wrong = self._wrong
+        return [
+            one
+            for one in self.looks
+            if one not in wrong and abs(one.off_mm) + one.room_mm < self._limit_mm(one)
+        ]
 
     def _limit_mm(self, look: FloorLook) -> float:
         return (LIT_SHARE if look.is_by_light else HALF) * self.recess.depth_mm

@@ -24,6 +24,7 @@ GREATER_PART: Final = 0.5  # of the edges of a face, in place
 CHANCE: Final = 0.1  # share of an edge that texture alone may show in place
 BESIDE: Final = 1.5  # times their spacing, points of two mouths are one above the other
 NO_DEPTH: Final = "no picture shows how deep its floor lies"
+DISPUTED: Final = "pictures disagree on how deep its floor lies"
 NO_RIM: Final = "its rim is too short to be looked for"
 CLOSED: Final = "no light is shown to pass the bore that it leads to"
 PER_FACE: Final = 400  # random points on a face find its largest disc to some per cent
@@ -302,6 +303,8 @@ def _blind(
     bound_mm = floor.bound_mm
     if floor.elsewhere:
         return share, "", floor_words(floor.elsewhere[0].off_mm)
+    if floor.is_doubted:
+        return share, "", DISPUTED
     if share <= GREATER_PART:
         return share, "", f"{100 * share:.0f} % of its rim shown in place"
     if np.isfinite(bound_mm):
