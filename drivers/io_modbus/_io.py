@@ -15,7 +15,7 @@ from typing import Final, Self
 from ..errors import DeviceError, RefusedError, WatchdogOffError, WrongDeviceError
 from ..kinds import Change, Signal
 from ..modbus_link import FunctionCode, ModbusLink, Request, always
-from ..supervisor import BlindLook
+from ..supervisor import BlindLook, BlindStop
 from ._config import MOTOR_RELAY, IoConfig
 from .signals import Believer, Snapshot
 
@@ -101,6 +101,7 @@ class CellIo:
         self._switching = asyncio.Lock()
         self._talking = asyncio.Lock()  # whoever has it may keep the block from hearing anything
         self._tripped = asyncio.Event()
+        self._is_trip_wanted = self.config.watchdog_s is not None  # until it was proven
         self._read_at_s = -math.inf
         self._attended_at_s = -math.inf  # the same instant without what this process missed
         self._watches: set[Watch] = set()
@@ -113,32 +114,30 @@ class CellIo:
     async def __aexit__(self, *_: object) -> None:
         await self.aclose()
 
+    def blind_stop(self) -> BlindStop | None:
+        """Return how the motors' supply is taken away; None where no relay of ours is in it."""
+        if self.watchdog_s is None:
+            return None
+        return self._unit.blind_switch(FIRST_RELAY + self._relay_of[MOTOR_RELAY], is_on=False)
+
     def blind_look(self) -> BlindLook | None:
         """Return a reading of emergency stop, door and supply, for whoever looks in our place.
 
-        None where the line has no room for a second reader, and where the block's own watchdog has
-        the motors' supply: a look would keep it from tripping.
+        None where the line has no room for a second reader. A look feeds the block's watchdog, so
+        whoever looks has `blind_stop` as well, and does not go on looking after that.
         """
-        if self.config.watchdog_s is not None:
-            return None
         guards = tuple(c.channel for c in self.config.inputs if c.name in GUARDS)
         return self._unit.blind_look(self._count, guards)
 
     async def connect(self) -> str:
-        """Check the model, start polling, return the model name.
-
-        Where the motors' supply depends on the block's watchdog, this proves first that it trips,
-        and closes its relay. Nothing else is switched.
+        """Check the model, start polling, return the model name. Switches nothing.
 
         Raises
         ------
         WrongDeviceError : another device answers
-        WatchdogOffError : the watchdog does not trip, or its relay does not close
         """
         model = await self.identify()
         if self._poller is None:
-            if self.watchdog_s is not None:
-                await self._prove_watchdog(self.watchdog_s)
             self._poller = asyncio.create_task(self._poll(), name=f"{self.name} poll")
         return model
 
@@ -289,6 +288,7 @@ class CellIo:
             self._read_at_s = self._attended_at_s = -math.inf
             await self._clock.sleep(self.watchdog_s + TRIP_SLACK_S)
             has_tripped = await self.has_watchdog_tripped()
+            self._is_trip_wanted = True
             await self._read_once(fresh_for_s=self._stale_s)
             return has_tripped
 
@@ -307,14 +307,24 @@ class CellIo:
                 f"{self._relay_of[MOTOR_RELAY]}) does not close; check the output's mode and the "
                 "safe state in the block's web console"
             )
-        self._tripped.clear()
+        self._is_trip_wanted = False
 
     async def wait_tripped(self) -> None:
-        """Wait until a reading of the block has the watchdog's flag up."""
+        """Wait until a reading has the watchdog's flag up that no `fall_silent` has brought up."""
         await self._tripped.wait()
 
-    async def _prove_watchdog(self, watchdog_s: float) -> None:
-        await self.clear_watchdog()  # it is up since the last controller left
+    async def prove_watchdog(self) -> None:
+        """Prove that the watchdog trips, then close its relay; nothing where the cell has none.
+
+        Raises
+        ------
+        WatchdogOffError : it does not trip, or its relay does not close
+        """
+        watchdog_s = self.watchdog_s
+        if watchdog_s is None:
+            return
+        self._is_trip_wanted = True  # the flag is up since the last controller left
+        await self.clear_watchdog()
         if not await self.fall_silent():
             raise WatchdogOffError(
                 f"{self._unit}: its watchdog has not tripped within "
@@ -374,7 +384,8 @@ class CellIo:
         bits = await self._unit.read_discrete_inputs(FIRST_INPUT, self._count)
         if self.watchdog_s is not None and await self.has_watchdog_tripped():
             self._relays = None
-            self._tripped.set()
+            if not self._is_trip_wanted:
+                self._tripped.set()
         return bits
 
     def _fail(self, error: DeviceError) -> None:

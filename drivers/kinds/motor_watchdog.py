@@ -28,6 +28,13 @@ class MotorWatchdog(Protocol):
     @property
     def watchdog_s(self) -> float | None: ...  # noqa: D102  (an attribute)
 
+    async def prove_watchdog(self) -> None:
+        """Prove that it trips, then give the motors their supply; nothing where there is none.
+
+        To be called while nothing moves, as `fall_silent` is.
+        """
+        ...
+
     async def fall_silent(self) -> bool:
         """Send nothing for long enough; return whether the watchdog has tripped.
 

@@ -1,7 +1,7 @@
 """Modbus frames as bytes, for whoever has no link: the supervisor.
 
-By the Modbus application protocol V1.1b3 (6.2, 6.6), its TCP guide (3.1.3) and its serial line
-guide (2.5.1).
+By the Modbus application protocol V1.1b3 (functions 02, 05, 06), its TCP guide and its serial line
+guide (CRC-16).
 """
 
 import struct
@@ -30,6 +30,20 @@ def write_frame(address: Address, unit: int, register: int, value: int) -> bytes
     value : 0..65535
     """
     return _framed(address, unit, struct.pack(">BHH", FunctionCode.WRITE_REGISTER, register, value))
+
+
+def coil_frame(address: Address, unit: int, coil: int, *, is_on: bool) -> bytes:
+    """Return the frame that switches one coil (FC05).
+
+    Parameters
+    ----------
+    address : of the line, which decides on the framing
+    unit : unit id
+    coil : zero based
+    is_on : what it is switched to
+    """
+    pdu = struct.pack(">BHH", FunctionCode.WRITE_COIL, coil, 0xFF00 if is_on else 0x0000)
+    return _framed(address, unit, pdu)
 
 
 def inputs_frame(address: TcpAddress, unit: int, count: int) -> bytes:

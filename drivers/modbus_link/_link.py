@@ -28,7 +28,7 @@ from ..errors import (
 from ..supervisor import BlindLook, BlindStop
 from ..wires import LineTap
 from ._address import Address, TcpAddress
-from ._blind import inputs_frame, inputs_mask, place_of, write_frame
+from ._blind import coil_frame, inputs_frame, inputs_mask, place_of, write_frame
 from ._connection import Connection, Lost, NoAnswer, Trace
 from ._request import FunctionCode, Request
 from ._seen import seen_instead
@@ -460,7 +460,19 @@ class ModbusUnit:
         register : zero based
         value : 0..65535
         """
-        frame = write_frame(self.link.address, self.unit, register, value)
+        return self._blind(write_frame(self.link.address, self.unit, register, value))
+
+    def blind_switch(self, coil: int, *, is_on: bool) -> BlindStop:
+        """Return a switch of one coil (FC05), for whoever stops the device in our place.
+
+        Parameters
+        ----------
+        coil : zero based
+        is_on : what it is switched to
+        """
+        return self._blind(coil_frame(self.link.address, self.unit, coil, is_on=is_on))
+
+    def _blind(self, frame: bytes) -> BlindStop:
         return BlindStop(self.name, place_of(self.link.address), (frame,), BLIND_SPACING_WALL_S, 2)
 
     def blind_look(self, count: int, wanted: tuple[int, ...]) -> BlindLook | None:

@@ -201,8 +201,9 @@ GUARDED = E1214Config(watchdog_s=1.0, motor_relay=0)
 
 async def test_the_motors_get_their_supply_once_the_watchdog_is_proven(tmp_path: Path) -> None:
     async with io_bench(tmp_path, config=GUARDED, watchdog_s=1.0) as bench:
-        assert not bench.device.passes_motor_supply
         await bench.io.connect()
+        assert not bench.device.passes_motor_supply  # to connect switches nothing
+        await bench.io.prove_watchdog()
         assert bench.device.passes_motor_supply
         await bench.shows()
         await bench.line.pass_time(5.0)  # it polls, which is what the watchdog wants
@@ -210,32 +211,58 @@ async def test_the_motors_get_their_supply_once_the_watchdog_is_proven(tmp_path:
         await bench.io.aclose()
         await bench.line.pass_time(1.5)
         assert not bench.device.passes_motor_supply
-        await bench.io.connect()  # the flag that is up by now is no hindrance, and no proof
+        await bench.io.connect()
+        await bench.io.prove_watchdog()  # the flag that is up by now is no hindrance, and no proof
         assert bench.device.passes_motor_supply
 
 
 async def test_a_watchdog_that_is_off_is_refused_before_the_relay_closes(tmp_path: Path) -> None:
     async with io_bench(tmp_path, config=GUARDED, watchdog_s=1.0) as bench:
         bench.device.is_watchdog_off = True
+        await bench.io.connect()
         with pytest.raises(WatchdogOffError, match=r"within 1\.3 s of silence"):
-            await bench.io.connect()
+            await bench.io.prove_watchdog()
         assert not bench.device.passes_motor_supply
 
 
 async def test_a_watchdog_that_tripped_by_itself_is_known(tmp_path: Path) -> None:
     async with io_bench(tmp_path, config=GUARDED, watchdog_s=1.0) as bench:
         await bench.io.connect()
+        await bench.io.prove_watchdog()
         tripped = asyncio.create_task(bench.io.wait_tripped())
         await bench.shows()
-        assert not tripped.done()
         assert await bench.io.fall_silent()
-        await tripped
-        assert not bench.device.passes_motor_supply
+        await bench.line.pass_time(0.5)
+        assert not tripped.done()  # that was on purpose
         await bench.io.set_outputs({"motor_relay": True}, force=True)
         assert not bench.device.passes_motor_supply  # the safe state is kept until it is cleared
         await bench.io.restore_motor_supply()
         assert bench.device.passes_motor_supply
         await bench.shows()
+        await bench.line.server.aclose()
+        await bench.line.pass_time(1.5)
+        assert not bench.device.passes_motor_supply
+        await bench.line.server.start()
+        await tripped
+
+
+async def test_whoever_stops_in_our_place_takes_the_motors_their_supply(tmp_path: Path) -> None:
+    async with io_bench(tmp_path, config=GUARDED, watchdog_s=1.0) as bench:
+        await bench.io.connect()
+        await bench.io.prove_watchdog()
+        stop = bench.io.blind_stop()
+        assert stop is not None
+        (frame,) = stop.frames
+        assert frame[6:] == bytes.fromhex("01 05 00 00 00 00")  # FC05: coil 0 off
+        host, _, port = stop.place.rpartition(":")
+        reader, writer = await asyncio.open_connection(host, int(port))
+        writer.write(frame)
+        assert await reader.readexactly(len(frame)) == frame
+        writer.close()
+        await writer.wait_closed()
+        assert not bench.device.passes_motor_supply
+    async with io_bench(tmp_path) as bench:
+        assert bench.io.blind_stop() is None  # no relay of ours is in the supply
 
 
 async def test_a_gripper_at_the_address_is_no_io_block(tmp_path: Path) -> None:

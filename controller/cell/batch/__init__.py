@@ -14,7 +14,13 @@ from .order import OrderedRecipe, Papers, RecoveryPolicy, RunOrder, jobs_of
 from .run import HOST, Outfit, RunResult, new_run_id, run_batch
 from .starting import GO_ON, find_proposal
 from .status import CellStatus
-from .watching import ArmWatcher, DiskWatcher, InterlockWatcher, ModbusWatcher
+from .watching import (
+    ArmWatcher,
+    DiskWatcher,
+    InterlockWatcher,
+    ModbusWatcher,
+    MotorSupplyWatcher,
+)
 
 __all__ = [
     "GO_ON",
@@ -27,6 +33,7 @@ __all__ = [
     "Dispatcher",
     "InterlockWatcher",
     "ModbusWatcher",
+    "MotorSupplyWatcher",
     "OrderedRecipe",
     "Outcome",
     "Outfit",

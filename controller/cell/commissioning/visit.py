@@ -24,7 +24,7 @@ from drivers.clock import CellClock
 from drivers.errors import DeviceError
 from drivers.kinds import Arm, Camera, Stop
 
-from ..batch import ArmWatcher, DiskWatcher, InterlockWatcher, ModbusWatcher
+from ..batch import ArmWatcher, DiskWatcher, InterlockWatcher, ModbusWatcher, MotorSupplyWatcher
 from ..custody import CellIdentity, fold_custody
 from ..custody.known_journals import (
     after_known,
@@ -317,6 +317,7 @@ class Visit:
         beat_s = order.cell.detection.device_beat_s
         watchers = (
             InterlockWatcher(devices.io, interlocks),
+            MotorSupplyWatcher(devices.io),
             DiskWatcher(order.folder, clock),
             ModbusWatcher(devices.gripper, devices.lights, retries, beat_s, clock),
             ArmWatcher(arm, in_use, order.cell.detection.arm_beat_s, clock),

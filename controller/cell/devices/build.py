@@ -20,6 +20,7 @@ from drivers.kinds import (
     JawReading,
     Lamp,
     LampUnit,
+    MotorWatchdog,
     Polling,
     Site,
     Stop,
@@ -336,6 +337,8 @@ class Devices:
         # read before the stop, which may clear the jaws' status (umi_rtx.md 2.8)
         self.jaws_found = await self.arm.read_jaws()
         await self.arm.stop(Stop.DEAD)
+        if isinstance(self.io, MotorWatchdog):  # not before the stop: it takes a second
+            await self.io.prove_watchdog()
         gripper = await self.gripper.connect()
         if gripper.is_moving:
             await self.gripper.stop()

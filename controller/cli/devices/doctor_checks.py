@@ -189,16 +189,12 @@ def _permissions(cell: Cell) -> list[Check]:
     return checks
 
 
-def _watchdog(io: IoBlock, *, is_connected: bool) -> Check:
-    """Return what is known of a watchdog in the motors' supply; connecting has proven it."""
+async def _watchdog(io: IoBlock) -> str:
+    """Prove the watchdog in the motors' supply, if there is one; return what it does."""
     if not isinstance(io, MotorWatchdog) or io.watchdog_s is None:
-        found = "none in the motors' supply: a computer that freezes does not stop the arm"
-        return _check("watchdog", found, ok=True)
-    if not is_connected:
-        remedy = "see the I/O block's message; nothing stops the arm once this computer freezes"
-        return _check("watchdog", "not proven", ok=False, remedy=remedy)
-    found = f"takes the motors' supply away after {io.watchdog_s:g} s of silence"
-    return _check("watchdog", found, ok=True)
+        return "none in the motors' supply: a computer that freezes does not stop the arm"
+    await io.prove_watchdog()
+    return f"takes the motors' supply away after {io.watchdog_s:g} s of silence"
 
 
 def _access(*, there: bool, allowed: bool) -> str:
@@ -270,7 +266,7 @@ async def _devices(
     async with clock.attending():
         try:
             await ask("io", devices.io.connect)
-            checks.append(_watchdog(devices.io, is_connected=checks[-1]["ok"]))
+            await ask("watchdog", lambda: _watchdog(devices.io))
             await ask("arm", arm)
             await ask("gripper", gripper)
             await ask("lights", lights)

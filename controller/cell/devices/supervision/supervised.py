@@ -121,7 +121,7 @@ class Supervised:
         stops: tuple[BlindStop, ...] = ()
         looks: tuple[BlindLook, ...] = ()
         if is_all or self._may_move():
-            movers = (self._devices.arm, self._devices.gripper)
+            movers = (self._devices.arm, self._devices.gripper, self._devices.io)
             stops = tuple(
                 stop
                 for one in movers
