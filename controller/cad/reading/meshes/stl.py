@@ -68,10 +68,9 @@ def _corners(text: MeshText) -> FloatArray:
     check_count(count, str(text.path))
     if SOLID_END.search(text.data, max(len(text.data) - (1 << 16), 0)) is None:
         raise UnreadableCadError(f"{text.path}: the text breaks off; copy or export it again")
-    names = [name for name in NAME.finditer(text.data) if b"vertex" in name[0].lower()]
-    for name in names:  # blank, so that every byte stays in its place
-        blank = b" " * len(name[0])
-        text = MeshText(text.path, text.data[: name.start()] + blank + text.data[name.end() :])
+    if any(b"vertex" in name[0].lower() for name in NAME.finditer(text.data)):
+        # blank, so that every byte stays in its place
+        text = MeshText(text.path, NAME.sub(lambda name: b" " * len(name[0]), text.data))
     text = text.with_points(ANY_CORNER)
     corners = np.empty((3 * count, 3))
     found = CORNER.finditer(text.data)
