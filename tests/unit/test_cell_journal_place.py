@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from controller.cell.journal import Journal, JournalError, open_cell_journal, read_rows
-from controller.cell.journal._place import FileSystem, file_system_of, why_not_there
+from controller.cell.journal.place import FileSystem, file_system_of, why_not_there
 from controller.cell.journal.rows import CustodyChanged, RunBegan
 
 

@@ -10,9 +10,8 @@ from ._beside import append_beside
 from ._care import CellJournal, first_flaw, open_cell_journal
 from ._form import CELL_TIME, GENESIS, JOURNAL_NAME, JournalError, Row, RowKind
 from ._head import Head, HeadError, read_head_file
-from ._migrations import SCHEMA_VERSION
-from ._place import why_not_there
 from ._writer import Journal
+from .place import why_not_there
 from .reading import (
     BrokenRow,
     NewRows,
@@ -31,6 +30,7 @@ from .reading import (
 )
 from .rows import Body, Once, is_of, is_once, read_row
 from .stamps import HOST_STAMPS, Stamps
+from .writing import SCHEMA_VERSION
 
 __all__ = [
     "CELL_TIME",

@@ -10,8 +10,8 @@ from pathlib import Path
 
 from ._form import JournalError
 from ._head import HeadError, HeadFile, head_path, read_head
-from ._place import LOG_SUFFIX
 from ._writer import Journal
+from .place import LOG_SUFFIX
 from .reading import row_at
 from .rows import Body
 

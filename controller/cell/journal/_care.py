@@ -12,12 +12,12 @@ from typing import Final
 
 from ._form import JournalError
 from ._head import SUFFIX, Head, HeadError, read_head
-from ._migrations import MIGRATIONS
-from ._place import INDEX_SUFFIX, LOG_SUFFIX, why_not_there
 from ._writer import Journal, last_row, require_known_version
+from .place import INDEX_SUFFIX, LOG_SUFFIX, why_not_there
 from .reading import first_broken_row, read_rows_of_kinds
 from .rows import JournalSetAside, PathBegun, is_once
 from .stamps import HOST_STAMPS, Stamps
+from .writing import MIGRATIONS
 
 _COLUMNS: Final = (
     "seq", "t_utc", "t_mono", "run", "part", "kind", "name", "body", "prev_hash", "hash",

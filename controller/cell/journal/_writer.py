@@ -20,11 +20,10 @@ from typing import Any, Final
 
 from ._form import CELL_TIME, GENESIS, JournalError, RowKind, digest_of
 from ._head import Head, HeadFile, head_path
-from ._migrations import SCHEMA_VERSION, migrate
-from ._place import OpenFiles
+from .place import OpenFiles
 from .rows import Body, TextByName, name_of
 from .stamps import HOST_STAMPS, Stamps
-from .writing import BUSY_WALL_S, Entry, WriterThread
+from .writing import BUSY_WALL_S, SCHEMA_VERSION, Entry, WriterThread, migrate
 
 CELL_DECIMALS: Final = 3
 

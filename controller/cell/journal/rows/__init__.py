@@ -6,8 +6,9 @@ belongs to the row and not to the body. A field that the writer leaves unset is 
 the bytes of a row, from which its hash is made, are those of the fields that were set, in the order
 of its model.
 
-`SCHEMA_VERSION` (journal/_migrations.py) rises when a field is removed or changes its meaning. A
-new field with a default does not change it. Fields that a model does not know are ignored.
+`SCHEMA_VERSION` (journal/writing/_migrations.py) rises when a field is removed or changes its
+meaning. A new field with a default does not change it. Fields that a model does not know are
+ignored.
 
 The models stand by what they are about: `_events`, `_deeds` (intents, outcomes, custody, leases),
 `_observations` and `_decisions`; `_models` finds the one of a row.

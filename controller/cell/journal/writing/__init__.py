@@ -1,5 +1,14 @@
-"""How rows reach the file: one by one, in the order in which they were put in."""
+"""How rows reach the file: its table, version by version, and the thread that writes in order."""
 
+from ._migrations import MIGRATIONS, SCHEMA_VERSION, migrate
 from .thread import BUSY_WALL_S, PATIENCE_WALL_S, Entry, WriterThread
 
-__all__ = ["BUSY_WALL_S", "PATIENCE_WALL_S", "Entry", "WriterThread"]
+__all__ = [
+    "BUSY_WALL_S",
+    "MIGRATIONS",
+    "PATIENCE_WALL_S",
+    "SCHEMA_VERSION",
+    "Entry",
+    "WriterThread",
+    "migrate",
+]

@@ -7,7 +7,7 @@ A migration adds to the file and changes no row: the hashes that chain the rows 
 import sqlite3
 from typing import Final
 
-from ._form import SCHEMA
+from .._form import SCHEMA
 
 # From each version to the next. Version 0 is the table of version 1, before it was numbered.
 MIGRATIONS: Final = (
