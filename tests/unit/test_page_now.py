@@ -521,6 +521,21 @@ def test_a_status_that_is_not_fresh_is_not_shown(
     assert "no answer" in now["silent"]
 
 
+async def test_a_run_that_writes_its_report_is_at_rest_and_no_silent_cell(tmp_path: Path) -> None:
+    writer = journal(tmp_path, with_cell=False)
+    writer.write(rows.AtRest(state="complete", message="", code="", custody="PLACED"))
+    writer.close()
+    live = Live(tmp_path)
+    with hold_cell(tmp_path, load_cell(CELL), RUN, tmp_path / "nobody.sock"):
+        poller = asyncio.create_task(live.run())
+        try:
+            await until(live, lambda: live.fold is not None and live.now()["ending"])
+        finally:
+            poller.cancel()
+            await asyncio.gather(poller, return_exceptions=True)
+        assert (live.now()["light"], live.now()["silent"]) == ("resting", "")
+
+
 async def test_a_browser_that_reads_nothing_costs_one_message_of_each_kind(tmp_path: Path) -> None:
     live = Live(tmp_path)
     stream = live.watch()

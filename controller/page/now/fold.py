@@ -93,6 +93,7 @@ class RunFold:
     inputs : SHA-256 of the files that the run was started with
     others : what else lies on the table
     state, arm, part : of cell, arm and part
+    is_at_rest : the run has come to rest; what is left of it is its report
     compared : by face of the part at hand, how many of its samples the views have compared so far,
         and how many it has
     began_utc : when it began
@@ -103,6 +104,7 @@ class RunFold:
     began: rows.RunBegan | None = None
     began_utc: str = ""
     state: str = ""
+    is_at_rest: bool = False
     arm: Arm = field(default_factory=Arm)
     part: HeldPart = field(default_factory=HeldPart)
     compared: dict[int, tuple[int, int]] = field(default_factory=dict)
@@ -235,7 +237,7 @@ class RunFold:
             case rows.Stopped():
                 self.arm.path = None
             case rows.AtRest():
-                self.state = body.state
+                self.state, self.is_at_rest = body.state, True
             case rows.RunEnded():
                 self._end = {"end": body.end, "message": body.message, "parts": body.parts}
             case _:

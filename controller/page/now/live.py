@@ -313,7 +313,7 @@ class Live:
         status, silent = self._status, self._why_no_status
         if self._asked_s is not None and time.monotonic() - self._asked_s > FRESH_WALL_S:
             status, silent = None, f"no answer for {FRESH_WALL_S:.0f} s"
-        left = unfinished(self._left)
+        left, is_ending = unfinished(self._left), self._is_ending()
         state = self.fold.state if self.fold is not None else ""
         if status is not None:
             state = status.state
@@ -321,14 +321,21 @@ class Live:
         return {
             "runs": self._has_run,
             "preparing": preparing,
-            "silent": "" if preparing else silent,
+            "silent": "" if preparing or is_ending else silent,
+            "ending": is_ending,
             "journal": self._why_no_journal,
             "state": state,
-            "light": _light(status, self._has_run, state, preparing, left),
+            "light": _light(status, self._has_run, state, bool(preparing) or is_ending, left),
             "unfinished": left,
             "status": None if status is None else _status(status),
             "started": self._started(),
         }
+
+    def _is_ending(self) -> bool:
+        """Return whether the run at rest has the cell still: it writes its report."""
+        fold, holder = self.fold, self._holder
+        is_this = holder is not None and fold is not None and fold.run == holder.run
+        return is_this and fold is not None and fold.is_at_rest
 
     def _preparing(self) -> dict[str, Any] | None:
         """Return which run is being prepared, and whose: it has the lock, and no row yet."""
@@ -342,13 +349,13 @@ def _light(
     status: StatusReply | None,
     has_run: bool,
     state: str,
-    preparing: dict[str, Any] | None,
+    is_between: bool,
     left: dict[str, Any] | None,
 ) -> str:
     has_question = status is not None and status.question is not None
     if left is not None and not has_question:
         return "fault"
-    return "resting" if preparing else light_of(status, has_run, state)
+    return "resting" if is_between else light_of(status, has_run, state)
 
 
 def light_of(status: StatusReply | None, has_run: bool, state: str) -> str:

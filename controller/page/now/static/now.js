@@ -84,6 +84,7 @@ function show(now) {
   if (now.preparing) {
     doing.push(t("Run {run} of {user} is being prepared: its recipes are checked and planned, then the cell is connected (process {pid}, since {time}).", { ...now.preparing, time: time(now.preparing.since) }));
   }
+  if (now.ending) doing.push(t("The run is at rest; its report is being written."));
   if (now.silent) doing.push(t("The cell does not answer: {why}", { why: said(now.silent) }));
   if (now.unfinished) doing.push(t("A part was left in a gripper: {evidence}. Nothing moves before somebody decides.", { evidence: now.unfinished.evidence.map(said).join("; ") }));
   if (now.journal) doing.push(t("The journal cannot be read: {why}", { why: said(now.journal) }));
