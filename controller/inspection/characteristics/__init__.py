@@ -10,6 +10,7 @@ from ._types import (
     Look,
     Measured,
     Rim,
+    RimCourse,
     RimGeometry,
     place_of,
 )
@@ -44,6 +45,7 @@ __all__ = [
     "Look",
     "Measured",
     "Rim",
+    "RimCourse",
     "RimGeometry",
     "Standing",
     "Station",

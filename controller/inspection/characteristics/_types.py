@@ -37,8 +37,39 @@ ONE_SIDED: Final = frozenset(
 
 
 @dataclass(frozen=True, eq=False, slots=True)
+class RimCourse:
+    """How a rim that lies in no plane goes round its cylinder, where a slope or a round cuts it.
+
+    Attributes
+    ----------
+    angles_rad : (n,) ascending from 0, about the rim's axis from its start
+    heights_mm : (n,) over the rim's centre, along its axis
+    radii_mm : (n,) of the mesh's own points there
+    normals : (n, 3) unit, out of the surface that cuts the cylinder
+    """
+
+    angles_rad: FloatArray
+    heights_mm: FloatArray
+    radii_mm: FloatArray
+    normals: FloatArray
+
+    def height_mm(self, at_rad: FloatArray) -> FloatArray:
+        """Return the heights (k,) at angles (k,)."""
+        turn = 2 * np.pi
+        return np.asarray(np.interp(at_rad, self.angles_rad, self.heights_mm, period=turn))
+
+    def normal(self, at_rad: FloatArray) -> FloatArray:
+        """Return the normals (k, 3) at angles (k,)."""
+        turn = 2 * np.pi
+        mixed = np.column_stack(
+            [np.interp(at_rad, self.angles_rad, own, period=turn) for own in self.normals.T]
+        )
+        return np.asarray(mixed / np.linalg.norm(mixed, axis=1, keepdims=True))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
 class Rim:
-    """A circular edge: where a round wall meets what is beyond it.
+    """The edge in which a round wall meets what is beyond it: a circle, or a curve in space.
 
     Attributes
     ----------
@@ -49,6 +80,7 @@ class Rim:
         there, anticlockwise seen against `axis`; 2 pi for a whole circle
     wall, beyond : faces that meet in it
     is_hole : the wall faces its axis
+    course : of a rim that lies in no plane, else None; its centre is at its mean height
     """
 
     centre_mm: FloatArray
@@ -59,6 +91,7 @@ class Rim:
     wall: int
     beyond: int
     is_hole: bool
+    course: RimCourse | None = None
 
 
 @dataclass(frozen=True, eq=False, slots=True)

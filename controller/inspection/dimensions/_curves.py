@@ -29,10 +29,12 @@ class Chords:
     Attributes
     ----------
     angles_rad : (n,) ascending, of the points, about the axis from the rim's start
+    radii_mm : (n,) how far they are from the axis
     height_mm : of the median chord
     """
 
     angles_rad: FloatArray
+    radii_mm: FloatArray
     height_mm: float
 
     def depth_mm(self, at_rad: FloatArray, radius_mm: float) -> FloatArray:
@@ -51,10 +53,12 @@ class Chords:
         after = np.searchsorted(self.angles_rad, at, side="right")
         low = self.angles_rad[after - 1]
         high = np.where(after < count, self.angles_rad[after % count], self.angles_rad[0] + turn)
-        half = 0.5 * (high - low)
-        depth = 1.0 - np.cos(half) / np.cos(at - low - half)
+        one, other = self.radii_mm[after - 1], self.radii_mm[after % count]
+        # where the chord crosses the ray at this angle
+        across = one * np.sin(at - low) + other * np.sin(high - at)
+        along = one * other * np.sin(high - low) / np.maximum(across, 1e-12)
         # a wider gap is no chord: the rim ends there
-        return np.asarray(radius_mm * np.where(half < WIDEST_RAD, depth, 0.0))
+        return np.asarray(np.where(high - low < 2 * WIDEST_RAD, radius_mm - along, 0.0))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -123,19 +127,37 @@ def rim_curve(
     def radial(at: NDArray[np.floating]) -> FloatArray:
         return np.asarray(np.cos(at)[:, None] * rim.start + np.sin(at)[:, None] * side, np.float64)
 
+    course = rim.course
+
+    def slid(at: FloatArray, step: FloatArray) -> FloatArray:
+        """Return a step of the wall (n, 3) and what it moves the rim along the surface beyond."""
+        if course is None:
+            return step
+        normal = course.normal(at)
+        rise = (normal * step).sum(axis=1) / (normal @ rim.axis)
+        return np.asarray(step - rise[:, None] * rim.axis)
+
+    def place(at: FloatArray) -> FloatArray:
+        way = radial(at)
+        step = centre - rim.centre_mm + float(moved_mm[2]) * way
+        raised = 0.0 if course is None else course.height_mm(at)[:, None] * rim.axis
+        return np.asarray(rim.centre_mm + rim.radius_mm * way + raised + slid(at, step))
+
     out_radial = radial(angle)
-    normal = solid.faces[rim.beyond].normal
-    if abs(float(normal @ rim.axis)) < 0.5:
-        normal = rim.axis
+    if course is not None:
+        normal = course.normal(angle)
+    else:
+        normal = solid.faces[rim.beyond].normal
+        if abs(float(normal @ rim.axis)) < 0.5:
+            normal = rim.axis
     out = (-out_radial if rim.is_hole else out_radial) + normal
-    design = np.stack(
-        [np.broadcast_to(first, out.shape), np.broadcast_to(second, out.shape), out_radial], axis=1
-    )
+    steps = (np.broadcast_to(first, out.shape), np.broadcast_to(second, out.shape), out_radial)
+    design = np.stack([slid(angle, step) for step in steps], axis=1)
     return Curve(
-        before_mm=centre + radius * radial(angle - NEIGHBOUR),
-        points_mm=centre + radius * out_radial,
-        after_mm=centre + radius * radial(angle + NEIGHBOUR),
-        shift=out_radial,
+        before_mm=place(angle - NEIGHBOUR),
+        points_mm=place(angle),
+        after_mm=place(angle + NEIGHBOUR),
+        shift=out_radial if course is None else _units(design[:, 2]),
         out=out / np.linalg.norm(out, axis=1, keepdims=True),
         design=design,
         facet_mm=chords.height_mm,
@@ -245,6 +267,12 @@ def _outward(solid: Solid, line: EdgeLine, direction: FloatArray) -> float:
 
 def chords_of(solid: Solid, rim: Rim) -> Chords:
     """Return the chords that the mesh of a rim's wall makes of it."""
+    if rim.course is not None:
+        angles, radii = rim.course.angles_rad, rim.course.radii_mm
+        middle = angles + 0.5 * np.diff(angles, append=angles[0] + 2 * np.pi)
+        bare = Chords(angles, radii, 0.0)
+        depth = bare.depth_mm(middle, rim.radius_mm)
+        return Chords(angles, radii, max(float(np.median(depth)), 0.0))
     triangles = np.asarray(solid.mesh.faces)[solid.face_of_triangle == rim.wall]
     vertices = np.asarray(solid.mesh.vertices)[np.unique(triangles)] - rim.centre_mm
     height = vertices @ rim.axis
@@ -252,9 +280,14 @@ def chords_of(solid: Solid, rim: Rim) -> Chords:
     side = np.cross(rim.axis, rim.start)
     angle = np.sort(np.arctan2(near @ side, near @ rim.start))
     if len(angle) < MIN_CHORDS:
-        return Chords(np.zeros(0), 0.0)
+        return Chords(np.zeros(0), np.zeros(0), 0.0)
     gaps = np.diff(angle)
     is_next = gaps > SAME_RAD
     gap = float(np.median(gaps[is_next])) if is_next.any() else 0.0
     height_mm = float(rim.radius_mm * (1.0 - np.cos(0.5 * gap)))
-    return Chords(angle[np.concatenate([[True], is_next])], height_mm)
+    angle = angle[np.concatenate([[True], is_next])]
+    return Chords(angle, np.full(len(angle), rim.radius_mm), height_mm)
+
+
+def _units(vectors: FloatArray) -> FloatArray:
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))

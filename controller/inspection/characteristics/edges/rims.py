@@ -14,6 +14,7 @@ from controller.arrays import FloatArray
 from controller.cad import Boundary, Crease, Curve, Face, Solid
 
 from .._types import Rim
+from .courses import course_rims
 
 COAXIAL_COS: Final = 1 - 1e-5  # 0.26 degrees, as the CAD's features have it
 SAME_MM: Final = 0.02  # a tessellated wall's axis and radius are right to a few microns
@@ -33,8 +34,9 @@ class RoundWall:
     axis, centre_mm : (3,) unit and a point on it, CAD frame
     radius_mm : nominal
     is_hole : it faces its axis
-    rims : arcs in which it ends openly, the longest first; none where its ends are rounded, or end
-        in corners
+    rims : arcs in which it ends openly, the longest first; where none of them goes all the way
+        round, before them the curves in space that do; none where its ends are rounded, or end in
+        corners
     height_mm : how far it reaches along its axis
     has_edge : it ends in outer edges, be they rims or not
     """
@@ -92,13 +94,14 @@ def round_walls(solid: Solid) -> tuple[RoundWall, ...]:
             height_mm=float(np.ptp(np.concatenate(levels))),
             has_edge=any(b.crease[h // 2] == Crease.CONVEX for face in group for h in sides[face]),
         )
-        arcs = [
-            arc
-            for face in group
-            for half_edge in sides[face]
-            if (arc := _arc(solid, bare, half_edge)) is not None
-        ]
-        walls.append(replace(bare, rims=tuple(_rims(bare, arcs))))
+        own = [half_edge for face in group for half_edge in sides[face]]
+        arcs = [arc for h in own if (arc := _arc(solid, bare, h)) is not None]
+        rims = _rims(bare, arcs)
+        if max((rim.sweep_rad for rim in rims), default=0.0) < FULL_RAD:
+            # where no circle goes all the way round, a curve in space may
+            courses = course_rims(solid, group, own, axis, centre, radius, is_hole=largest.concave)
+            rims = [*courses, *rims] if courses else rims
+        walls.append(replace(bare, rims=tuple(rims)))
     return tuple(walls)
 
 
