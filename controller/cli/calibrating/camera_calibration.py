@@ -51,8 +51,8 @@ def calibrate_camera(images: list[Path], target_file: Path, output: Path, *, as_
     """
     target = load_target(target_file)
     check_writable_folder(output.parent, "--output in")
-    require_files(images)
     paths = _by_entry(images, target, target_file)
+    require_files(paths.values())
     pictures = _read_all(paths)
     board = target.build()
     views, missed = [], {}
