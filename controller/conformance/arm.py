@@ -260,7 +260,9 @@ async def _silence(bench: Bench) -> Figure:
 REQUIREMENTS: Final = (
     _common.identity(),
     Requirement("reading", "It says who it is and how its jaws stand.", _connected),
-    Requirement("not homed", "Without homing it has no position and does not move.", _not_homed),
+    Requirement(
+        "not homed", "Without homing it has no position and does not move.", _not_homed, acts=True
+    ),
     Requirement("time-out", "A silent line is known in time.", _silence, cuts=True),
     _common.reconnection(_jaws),
     _common.cancellation(lambda bench: bench.device.read_jaws(), _usable),

@@ -180,7 +180,9 @@ REQUIREMENTS: Final = (
     Requirement(
         "still", "Closing and connecting leave the jaws where they are.", _connect_is_still
     ),
-    Requirement("limits", "Values out of range are refused before anything is sent.", _limits),
+    Requirement(
+        "limits", "Values out of range are refused before anything is sent.", _limits, acts=True
+    ),
     _common.silence(_status, lambda bench: bench.bounds.answer_s),
     _common.reconnection(_status),
     _common.cancellation(lambda bench: bench.device.status(), _same_opening),

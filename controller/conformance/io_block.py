@@ -153,7 +153,7 @@ REQUIREMENTS: Final = (
         "reconnect", "Cut off and mended, inputs are known again by themselves.", _back, cuts=True
     ),
     Requirement("changes", "`watch` has every change with its instant, and ends.", _changes),
-    Requirement("watchdog", "Clearing the watchdog changes no input.", _watchdog),
+    Requirement("watchdog", "Clearing the watchdog changes no input.", _watchdog, acts=True),
     _common.cancellation(_wait, _usable),
     Requirement("close", "Closed, it knows nothing; closing twice does no harm.", _closed),
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import partial
 from typing import Final
 
@@ -84,9 +85,7 @@ async def _light(bench: Bench) -> float:
     return float(await bench.device.set({bench.device.names[0]: 0.4}))
 
 
-REQUIREMENTS: Final = (
-    _common.identity(),
-    Requirement("names", "It has the lamps of the cell file.", _names),
+_COMMANDING: Final = (
     Requirement("limits", "Unknown lamps and levels are refused before anything is sent.", _limits),
     Requirement("since", "`set` returns an instant at which the light is so, in s.", _since),
     Requirement("settle", "With `settle` it waits until the light is steady.", _settled),
@@ -94,4 +93,9 @@ REQUIREMENTS: Final = (
     _common.silence(_off, lambda bench: bench.bounds.answer_s),
     _common.reconnection(_off),
     _common.cancellation(_light, _usable),
+)
+REQUIREMENTS: Final = (
+    _common.identity(),
+    Requirement("names", "It has the lamps of the cell file.", _names),
+    *(replace(one, acts=True) for one in _COMMANDING),  # of lamps nothing but their names is read
 )

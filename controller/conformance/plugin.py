@@ -5,6 +5,7 @@ pytest imports this at each of its starts, so the suite itself is imported only 
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Generator
 from pathlib import Path
@@ -99,6 +100,14 @@ class _RequirementItem(pytest.Item):
         return self.path, None, f"{self._device}: {self._requirement.text}"
 
 
+def _has_terminal() -> bool:
+    """Return whether a person can be asked, who reads and types."""
+    try:  # not `sys.stdin`, which pytest replaces
+        return os.isatty(0) and os.isatty(1)
+    except OSError:
+        return False
+
+
 class _Conformance:
     """Makes the items, and writes the report."""
 
@@ -189,7 +198,12 @@ class _Conformance:
             terminalreporter.line(f"report: {path}")
 
     def _prompt(self, request: str) -> bool:
-        """Show a request on the terminal; return whether somebody answers yes."""
+        """Show a request on the terminal; return whether somebody answers yes.
+
+        Who answers has to see the device: a pipe, or a file, is nobody.
+        """
+        if not _has_terminal():
+            return False
         capture = self._config.pluginmanager.getplugin("capturemanager")
         if capture is not None:
             capture.suspend_global_capture(in_=True)

@@ -21,6 +21,18 @@ JITTER_SHARE: Final = 0.1  # of its window: a delay no longer than this is none
 STEP_WAITS_S: Final = (0.0, 0.0, 0.002, 0.005, 0.01, 0.02)  # when an exchange is cancelled
 
 
+# What leaves every device as it is. `connect` must, by contract of all kinds.
+READS: Final = frozenset(
+    (
+        *("connect", "aclose", "close"),
+        *("status", "hold", "wait_lost"),
+        *("read_q", "read_kept_q", "read_opening_mm", "read_jaws"),
+        *("signal", "watch", "wait_for"),
+        *("frame_after", "pause", "resume"),
+    )
+)
+
+
 class NotMetError(Exception):
     """A device does not do what is required of it; the message has what it did."""
 
@@ -110,6 +122,24 @@ class Stopwatch:
         return self._attendance.beating()
 
 
+class _Guarded:
+    """A driver whose verbs can be called only where its bench may command the device.
+
+    A verb is whatever can be called and is not among `READS`, so that a verb which a kind gains
+    later is guarded, too.
+    """
+
+    def __init__(self, driver: Any, bench: Bench) -> None:  # noqa: ANN401  (of any kind)
+        self._driver = driver
+        self._bench = bench
+
+    def __getattr__(self, name: str) -> Any:  # noqa: ANN401
+        found = getattr(self._driver, name)
+        if callable(found) and name not in READS and not self._bench.may_act:
+            raise NotTriedError(f"`{name}` commands the device, which nobody has agreed to")
+        return found
+
+
 @dataclass(slots=True)
 class Bench:
     """A device of a cell, and what is needed to try it.
@@ -124,7 +154,8 @@ class Bench:
     line : between driver and device, where it can be disturbed
     facts : what the cell file has about it: ``lamps``, ``inputs``, ``capture``, ``arm_model``
     release : lets go of the lines that drivers were built on
-    device : the driver that is open now, None between two
+    may_act : whether the device may be commanded; else its verbs raise `NotTriedError`
+    device : the driver that is open now, behind that guard; None between two
     answered : what `connect` returned last
     """
 
@@ -137,6 +168,7 @@ class Bench:
     line: Line
     facts: Mapping[str, Any] = field(default_factory=dict)
     release: Callable[[], Awaitable[None]] | None = None
+    may_act: bool = True
     device: Any = None
     answered: Any = None
 
@@ -146,7 +178,7 @@ class Bench:
             await self.close()
             device = self.build()
             self.answered = await device.connect()
-            self.device = device
+            self.device = _Guarded(device, self)
         return self.device
 
     async def close(self) -> None:
@@ -173,6 +205,8 @@ class Requirement:
     text : the requirement, a sentence
     trial : tries it; raises `NotMetError`, `NotTriedError` or what the driver raises
     moves : whether metal moves
+    acts : whether it calls a verb that commands the device, though no metal should move; a real
+        device is commanded only after a person has agreed
     cuts : whether the line has to be disturbed
     """
 
@@ -180,6 +214,7 @@ class Requirement:
     text: str
     trial: Trial
     moves: bool = False
+    acts: bool = False
     cuts: bool = False
 
 

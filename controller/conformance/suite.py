@@ -34,6 +34,9 @@ MET: Final = "met"
 NOT_MET: Final = "not met"
 NOT_TRIED: Final = "not tried"
 WITHOUT_MOTION: Final = "it moves metal; allow it with --allow-motion"
+WITHOUT_CONSENT: Final = (
+    "it commands the device; allow it with --allow-motion, and agree at a terminal"
+)
 _T = TypeVar("_T")
 
 
@@ -116,6 +119,8 @@ async def try_requirement(bench: Bench, requirement: Requirement, *, may_move: b
 
     if requirement.moves and not may_move:
         return outcome(NOT_TRIED, WITHOUT_MOTION)
+    if requirement.acts and not (may_move or bench.may_act):
+        return outcome(NOT_TRIED, WITHOUT_CONSENT)
     try:
         figure = await requirement.trial(bench)
     except (NotTriedError, InterruptedError) as why:
@@ -254,10 +259,16 @@ class Suite:
     def attempt(self, name: str, requirement: Requirement) -> Outcome:
         """Try a requirement on a device, note the outcome, return it."""
         tried = self.tried[name]
-        may_move = self._allow_motion and (not requirement.moves or self._agrees(tried))
+        may_move = self._allow_motion
+        if may_move and (requirement.moves or requirement.acts):
+            may_move = self._agrees(tried)
         outcome = self._run(self._attempt(name, requirement, may_move=may_move))
         tried.outcomes.append(outcome)
         return outcome
+
+    def _may_command(self, name: str) -> bool:
+        """Return whether the device is emulated, or a person has agreed already."""
+        return self.tried[name].is_emulated or self._agreed.get(name, False)
 
     def _agrees(self, tried: Tried) -> bool:
         """Return whether a person agrees that a real device moves; asked for once a device."""
@@ -265,8 +276,8 @@ class Suite:
             return True
         if tried.name not in self._agreed:
             self._agreed[tried.name] = self._prompt(
-                f"`{tried.name}` is about to move. Take every part out of it, clear its reach, "
-                "stand by the emergency stop"
+                f"`{tried.name}` is about to be commanded, and what can move will. Take every "
+                "part out of it, clear its reach, stand by the emergency stop"
             )
         return self._agreed[tried.name]
 
@@ -274,8 +285,11 @@ class Suite:
         bench = self._benches.get(name)
         if bench is None:
             bench = self._benches[name] = await self._bench(name)
-        outcome = await try_requirement(bench, requirement, may_move=may_move)
         tried = self.tried[name]
+        # asked anew for each requirement: one that needs nobody's consent gets no verb either
+        commands = requirement.moves or requirement.acts
+        bench.may_act = tried.is_emulated or (may_move and commands)
+        outcome = await try_requirement(bench, requirement, may_move=may_move)
         if bench.device is not None:
             tried.model = str(bench.device.model)
             tried.firmware = str(getattr(bench.device, "firmware", "") or "")
@@ -340,8 +354,9 @@ class Suite:
         self._stack.close()
 
     async def _close_all(self) -> None:
-        for bench in self._benches.values():
-            if bench.kind == "lights" and bench.device is not None:
+        for name, bench in self._benches.items():
+            if bench.kind == "lights" and bench.device is not None and self._may_command(name):
+                bench.may_act = True
                 await try_requirement(bench, _LIGHTS_OFF, may_move=True)
             await bench.close()
             await bench.line.aclose()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import inspect
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import AsyncExitStack
 from types import SimpleNamespace
@@ -13,13 +14,29 @@ import numpy as np
 import pytest
 
 from controller.conformance.families import FAMILIES
-from controller.conformance.requirement import NotMetError, timed
+from controller.conformance.requirement import READS, NotMetError, NotTriedError, timed
 from controller.conformance.suite import MET, NOT_MET, NOT_TRIED, Outcome, try_requirement
 from drivers.clock import CellClock
 from drivers.errors import BadReplyError, PositionLostError
-from drivers.kinds import Hold, JawReading, Signal
+from drivers.kinds import (
+    Arm,
+    Camera,
+    FixedGripper,
+    Hold,
+    IoBlock,
+    JawReading,
+    LampUnit,
+    Signal,
+)
 from simulation.loop import SimulatedLoop
 
+KINDS: dict[str, Any] = {
+    "arm": Arm,
+    "camera": Camera,
+    "gripper": FixedGripper,
+    "io": IoBlock,
+    "lights": LampUnit,
+}
 EVERY = [(kind, one.name) for kind, family in FAMILIES.items() for one in family]
 
 
@@ -33,13 +50,20 @@ def loop() -> Iterator[SimulatedLoop]:
 
 
 def attempt(
-    loop: SimulatedLoop, kind: str, name: str, make: type[d.Device], *, may_move: bool = True
+    loop: SimulatedLoop,
+    kind: str,
+    name: str,
+    make: type[d.Device],
+    *,
+    may_move: bool = True,
+    may_act: bool = True,
 ) -> Outcome:
     """Try one requirement on a device in memory, in virtual time."""
     clock = CellClock(monotonic=loop.time)
 
     async def run() -> Outcome:
         bench = d.bench_of(kind, make, clock)
+        bench.may_act = may_act
         (requirement,) = (one for one in FAMILIES[kind] if one.name == name)
         outcome = await try_requirement(bench, requirement, may_move=may_move)
         await bench.close()
@@ -470,3 +494,47 @@ def test_what_moves_metal_is_marked_so() -> None:
         *(("gripper", name) for name in ("units", "empty", "stop", "cancelled")),
         *(("arm", name) for name in ("limits", "units", "jaws", "stop", "cancelled")),
     }
+
+
+@pytest.mark.parametrize(("kind", "name"), EVERY)
+def test_without_consent_no_requirement_calls_a_verb(
+    loop: SimulatedLoop, kind: str, name: str
+) -> None:
+    called: list[str] = []
+
+    def noted(verb: str) -> Any:
+        async def note(*_: object, **__: object) -> None:
+            called.append(verb)
+
+        return note
+
+    sound = d.SOUND[kind]
+    verbs = [
+        verb
+        for verb in dir(KINDS[kind])  # a fake has helpers beside them
+        if verb[0] != "_"
+        and verb not in READS
+        and inspect.iscoroutinefunction(getattr(sound, verb, None))
+    ]
+    assert verbs or kind == "camera"
+    watched: Any = type("Watched", (sound,), {verb: noted(verb) for verb in verbs})
+    (requirement,) = (one for one in FAMILIES[kind] if one.name == name)
+    outcome = attempt(loop, kind, name, watched, may_move=False, may_act=False)
+    assert called == []
+    commands = requirement.moves or requirement.acts
+    assert outcome.verdict == (NOT_TRIED if commands else MET)
+
+
+def test_a_verb_that_a_requirement_calls_all_the_same_is_not_sent(loop: SimulatedLoop) -> None:
+    async def run() -> None:
+        bench = d.bench_of("gripper", d.SOUND["gripper"], CellClock(monotonic=loop.time))
+        bench.may_act = False
+        device = await bench.opened()
+        assert (await device.status()).opening_mm >= 0.0
+        with pytest.raises(NotTriedError, match="`open_to` commands the device"):
+            await device.open_to(10.0)
+        bench.may_act = True
+        await device.activate()
+        await bench.close()
+
+    loop.run_until_complete(run())
