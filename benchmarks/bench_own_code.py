@@ -27,6 +27,7 @@ PIECES = {
         "controller/config/*yaml*.py",
         "controller/cad/reading/*csg_text.py",
     ],
+    "mesh files": ["controller/cad/reading/meshes"],
     "imaging": ["controller/imaging"],
     "calibration": ["controller/commissioning/calibration"],
     "siting": ["controller/commissioning/siting"],
