@@ -67,7 +67,7 @@ class Supervised:
 
     @asynccontextmanager
     async def beating(self) -> AsyncIterator["Supervised"]:
-        """Start the supervisor, have it try every wire, and beat while the block runs.
+        """Yield once the supervisor has started and tried every wire; beat while the block runs.
 
         A block that is broken off ends without a farewell: what may still move is stopped.
 
