@@ -14,6 +14,10 @@ errors are within U (k = 2), how large the largest are, and what the verdict is.
 (a hole filled, too small, too large, out of place; the whole 1 mm too thick) must not pass. With
 --sets, pictures are kept, and a second call judges the same ones. Seeds below 1000 are there to
 develop with.
+
+The exit code is 1 where the mean error of a kind of dimension of a part, five values at least, is
+more than a fifth of their mean U, where a value is off by more than 2 U, or more than 5 % are off
+by more than U.
 """
 
 import argparse
@@ -70,6 +74,9 @@ from controller.stored import Judging, compiled_part, judge_views, read_pictures
 Words = dict[str, Any]
 GOOD = "good"
 FAR_MM = 0.3  # an error so large is printed with its picture
+BIAS = 0.2  # of the mean U, that a mean error may be
+MIN_VALUES = 5  # fewer have a mean by chance
+MAX_BEYOND = 0.05  # of the values that may be beyond their U, as k = 2 has it
 
 
 def bore_large(held: Held, body: Body, rng: np.random.Generator) -> Body:
@@ -203,10 +210,13 @@ def judged(part: Path, kind: str, surfaces: str, seed: int, path: Path) -> Words
                 )  # fmt: skip
         if one.measured_mm is not None and one.U_mm is not None:
             row["values"].append(
-                [asked.id, unit, one.verdict.name, one.measured_mm - nominal, one.U_mm, one.reason]
-            )
+                [asked.id, unit, one.verdict.name, one.measured_mm - nominal, one.U_mm, one.reason,
+                 asked.kind.value]
+            )  # fmt: skip
         else:
-            row["values"].append([asked.id, unit, one.verdict.name, None, None, one.reason])
+            row["values"].append(
+                [asked.id, unit, one.verdict.name, None, None, one.reason, asked.kind.value]
+            )
     return row
 
 
@@ -248,6 +258,33 @@ def within(pairs: list[tuple[float, float]]) -> Words:
     }  # fmt: skip
 
 
+def biases(good: list[Words]) -> list[Words]:
+    """Return the mean error of each kind of dimension, part by part, and whether it is small."""
+    of: dict[tuple[str, str], list[tuple[float, float]]] = {}
+    for row in good:
+        for _, unit, _, error, U, _, kind in row["values"]:
+            if unit == "mm" and error is not None and kind != CharacteristicKind.POSITION.value:
+                of.setdefault((row["part"], kind), []).append((error, U))
+    out = []
+    for (part, kind), pairs in of.items():
+        mean, U = np.mean(pairs, axis=0)
+        if len(pairs) >= MIN_VALUES:
+            out.append(
+                {"part": part, "kind": kind, "count": len(pairs), "mean_error": float(mean),
+                 "mean_U": float(U), "is_small": bool(abs(mean) <= BIAS * U)}
+            )  # fmt: skip
+    return out
+
+
+def is_held(share: Words) -> bool:
+    """Return whether values and their mean errors are as U says."""
+    values = share["values"]
+    return all(one["is_small"] for one in share["bias"]) and (
+        not values["count"]
+        or (values["within"] >= 1 - MAX_BEYOND and values["ratio_largest"] <= 2.0)
+    )
+
+
 def summary(rows: list[Words], surfaces: str) -> Words:
     """Return the shares for one kind of surface."""
     mine = [row for row in rows if row["surfaces"] == surfaces]
@@ -259,6 +296,7 @@ def summary(rows: list[Words], surfaces: str) -> Words:
         "looks": within([(v[4], v[5]) for v in found]),
         "looks_lit": within([(v[4], v[5]) for v in found if v[3] != "backlit"]),
         "values": within([(v[3], v[4]) for v in values if v[1] == "mm" and v[3] is not None]),
+        "bias": biases(good),
         "characteristics": dict(Counter(v[2] for v in values)),
         "good": dict(Counter(row["verdict"] for row in good)),
         "defects": {
@@ -288,7 +326,7 @@ def show(row: Words) -> None:
     for name, _, view, lamp, error, U in looks_mm:
         if abs(error) > max(U, FAR_MM):
             print(f"  look {view} {lamp}: {name}: {error:+.3f}, U {U:.3f}")
-    for name, _, verdict, error, U, why in wrong:
+    for name, _, verdict, error, U, why, _ in wrong:
         print(f"  value {name}: {error:+.3f}, U {U:.3f} {verdict} {why}")
 
 
@@ -313,10 +351,10 @@ def main() -> int:
     shares = [summary(rows, surfaces) for surfaces in args.surfaces]
     if args.json:
         print(json.dumps({"rows": rows, "summary": shares}))
-        return 0
-    for share in shares:
-        print(json.dumps(share, indent=1))
-    return 0
+    else:
+        for share in shares:
+            print(json.dumps(share, indent=1))
+    return 0 if all(map(is_held, shares)) else 1
 
 
 if __name__ == "__main__":

@@ -11,6 +11,7 @@ from controller.arrays import BoolArray, FloatArray, IntArray, inner, lengths
 from controller.cad import SurfaceSamples
 from controller.imaging import (
     Camera,
+    PointLamp,
     RayCaster,
     ViewMaps,
     inverse_pose,
@@ -26,6 +27,9 @@ HOLDER_MARGIN_PX: Final = 9  # the gripper's shape and place are known to about 
 MASK_STEP_PX: Final = 2
 BEHIND_MM: Final = 2.0  # farther than that behind the part's surface a gripper is not before it
 MAX_INCIDENCE_COS: Final = float(np.cos(np.radians(75.0)))
+SPOT_RADIUS_MM: Final = 25.0  # a lamp given as one point is taken to be as large as this
+RING_SPREAD: Final = 0.12  # a ring's light comes from radii that differ by this share
+SHADOW_OFFSET_MM: Final = 0.05  # off the surface, or it would shadow itself
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -99,6 +103,17 @@ def before_part(scene: ViewScene, maps: ViewMaps, camera: Camera) -> ViewScene:
     mask = scene.holder_mask.copy()
     mask[y0:y1, x0:x1] = grow(fine[: y1 - y0, : x1 - x0], HOLDER_MARGIN_PX)
     return replace(scene, holder_mask=mask)
+
+
+def lamp_points(lamp: PointLamp) -> FloatArray:
+    """Return points that stand for a lamp of unknown extent, (n, 3) [mm]."""
+    points = lamp.points_mm
+    if len(points) == 1:
+        reach = SPOT_RADIUS_MM * np.vstack([np.eye(3), -np.eye(3)])
+        return np.vstack([points, points + reach])
+    middle = points.mean(axis=0)
+    scale = np.where(np.arange(len(points)) % 2, 1 + RING_SPREAD, 1 - RING_SPREAD)
+    return np.asarray(middle + (points - middle) * scale[:, None])
 
 
 def samples_in_sight(

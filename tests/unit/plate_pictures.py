@@ -40,9 +40,21 @@ HEIGHT_MM = 8.0
 
 @dataclass(frozen=True)
 class Bore:
+    """A bore; of so many sides, corners on the circle and the first on +x, or round (0)."""
+
     x: float
     y: float
     radius: float
+    sides: int = 0
+
+    def is_inside(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Return which points are in it."""
+        far = np.hypot(x - self.x, y - self.y)
+        if not self.sides:
+            return far < self.radius
+        half = np.pi / self.sides
+        turn = np.mod(np.arctan2(y - self.y, x - self.x), 2 * half) - half
+        return far * np.cos(turn) < self.radius * np.cos(half)
 
 
 @dataclass(frozen=True)
@@ -110,9 +122,7 @@ def _hits(plate: Plate, T: FloatArray, fine: int) -> tuple[np.ndarray, np.ndarra
     passes = near >= far
     into = np.zeros_like(passes)
     for bore in plate.bores:
-        inside = [
-            np.hypot(px - bore.x, py - bore.y) < bore.radius for px, py in (at_top, at_bottom)
-        ]
+        inside = [bore.is_inside(px, py) for px, py in (at_top, at_bottom)]
         passes |= inside[0] & inside[1]
         into |= inside[0]
     on_top = (np.abs(at_top[0]) < plate.length / 2) & (np.abs(at_top[1]) < plate.width / 2) & ~into
@@ -153,16 +163,16 @@ def view(
     return PosedView(task, shown, T, covariance, grasp)
 
 
-def solid(plate: Plate = NOMINAL) -> Solid:
+def solid(plate: Plate = NOMINAL, sides: int = 256) -> Solid:
     body: Body = box(plate.length, plate.width, HEIGHT_MM).translate((0, 0, HEIGHT_MM / 2))
     for bore in plate.bores:
-        cut = manifold3d.Manifold.cylinder(3 * HEIGHT_MM, bore.radius, bore.radius, 256, True)
+        cut = manifold3d.Manifold.cylinder(3 * HEIGHT_MM, bore.radius, bore.radius, sides, True)
         body = body - cut.translate((bore.x, bore.y, 0))
     return solid_of(body, "plate")
 
 
-def part(plate: Plate = NOMINAL) -> PosedPart:
-    return PosedPart(solid(plate))
+def part(plate: Plate = NOMINAL, sides: int = 256) -> PosedPart:
+    return PosedPart(solid(plate, sides))
 
 
 def rims(plate: Plate, index: int, body: Solid) -> tuple[Rim, ...]:

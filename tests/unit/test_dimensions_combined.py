@@ -181,6 +181,18 @@ def test_two_looks_that_disagree_decide_nothing() -> None:
     assert "looks disagree by 0.100 mm" in found.reason
 
 
+def test_parts_of_an_edge_that_disagree_are_no_value() -> None:
+    little = {"reason": "70 % of its edge found where it must show", "is_part": True}
+    looks = [
+        seen(0.0, edge_noise=0.01, **little),  # type: ignore[arg-type]
+        seen(0.5, lamp="side", edge_noise=0.01, **little),  # type: ignore[arg-type]
+    ]
+    found = combine(asked(), looks, SETTINGS)
+    assert found.measured_mm is None
+    assert not found.is_disputed
+    assert "70 % of its edge" in found.reason
+
+
 def test_a_critical_one_needs_two_independent_looks() -> None:
     tilted = np.array([np.sin(0.3), 0, np.cos(0.3)])
     near = np.array([np.sin(0.1), 0, np.cos(0.1)])

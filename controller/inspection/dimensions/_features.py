@@ -79,9 +79,18 @@ class RimFeature:
         return turn * min(max(stretch, 1.0 / stretch), 2 * np.pi / rim.sweep_rad)
 
     @property
+    def sought_first(self) -> BoolArray:
+        """Of the unknowns (3,), which a first look solves for."""
+        return self.kept
+
+    @property
     def kept(self) -> BoolArray:
-        """Of the unknowns (3,), which a second look begins with what the first found of them."""
-        return np.ones(3, dtype=np.bool_)
+        """Of the unknowns (3,), which a second look begins with what the first found of them.
+
+        An arc hardly tells its radius from its place: with another radius it would be looked for
+        along another arc, of another length.
+        """
+        return np.array([True, True, self.rims[0].sweep_rad > FULL_RAD])
 
     @property
     def middle_mm(self) -> FloatArray:
@@ -140,6 +149,11 @@ class FaceFeature:
     def light_angles(self, rays: Rays) -> FloatArray:
         """Return the angles (n,) round which light moves its edges, more here than there."""
         return _normal_angles(rays)
+
+    @property
+    def sought_first(self) -> BoolArray:
+        """Of the unknowns (p,), which a first look solves for."""
+        return np.ones(self.unknown_count, dtype=np.bool_)
 
     @property
     def kept(self) -> BoolArray:

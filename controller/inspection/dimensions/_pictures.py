@@ -11,15 +11,17 @@ from functools import partial
 from typing import Final
 
 import numpy as np
+from scipy.special import expit
 
 from controller.arrays import BoolArray, FloatArray, Grey, IndexArray, median
 from controller.imaging import EdgeFits, blur_shift_px, measure_edges, transform
 from controller.imaging.levels import pixel_noise
 
 from .._pose import PosedPart
-from .._scene import make_scene
+from .._scene import ViewScene, make_scene
 from ._checks import SURE_PX, PictureKind, Sharpness, failure_of, form_of, lean_px, sharpness_of
 from ._features import Feature, FeatureFit
+from ._foreseen import is_explained
 from ._rays import Rays, place_rays, with_outline, with_rotation, with_visibility
 from ._rivals import rival_px
 from ._types import BACKLIT, MeasuringSettings, PosedView
@@ -28,14 +30,15 @@ from .solving import Solution, solve
 FAR_PX: Final = {True: 16.0, False: 6.0}  # before a panel no other edge looks alike
 FAR_SHARE: Final = 0.6  # of a radius: farther is the other side
 NEAR_PX: Final = 2.5
+SLACK_PX: Final = 1.0  # of the second look's reach, for what the first look is wrong by
 LEAN_KNOWN: Final = 0.3  # standard uncertainty of a lean, share of it
 FEW: Final = 32  # rays of the first look
 EITHER: Final = 1 / 3**0.5  # standard deviation of a rectangle, of half its width
 RECTANGLE: Final = 1 / 12**0.5  # standard deviation of a rectangle, of its width
 OUTLINE_KNOWN: Final = 0.5  # the same of how far the light ends from an edge of the CAD model
 BLUR_KNOWN: Final = 0.1  # share by which the blur of a lens differs from a Gaussian one
-# a polygon's mean radius is two thirds of a chord's height less; it may be meant or not
-FACET: Final = 2 / 3 / 3**0.5
+CHORDS_KNOWN: Final = 0.1  # share of a chord's height; blur rounds the corners between chords
+ANOTHER: Final = "another edge of the part, or a shadow's border, belongs where it was found"
 WAVES: Final = 3  # round a circle, in which light moves its edge
 
 
@@ -45,7 +48,7 @@ class Prediction:
 
     Attributes
     ----------
-    view : the view
+    view, scene : the view, and what else stands there
     features : in order
     rays : across all their edges
     feature, curve : (n,) which feature each ray is of, and which of its edges, from 0
@@ -55,6 +58,7 @@ class Prediction:
     """
 
     view: PosedView
+    scene: ViewScene
     features: tuple[Feature, ...]
     rays: Rays
     feature: IndexArray
@@ -88,6 +92,7 @@ def predict(part: PosedPart, view: PosedView, features: Sequence[Feature]) -> Pr
     rays = with_visibility(place_rays(curves, T, camera), curves, part, T, camera, scene)
     return Prediction(
         view,
+        scene,
         tuple(features),
         with_outline(rays, part, T, camera),
         np.concatenate(feature),
@@ -161,6 +166,7 @@ def fit_features(
                     prediction.curve[index[mine]],
                     noise,
                 ),
+                partial(is_explained, part, prediction.scene, view, lamp, chosen.chosen(mine)),
             )
         )
     return fits, sharpness
@@ -201,12 +207,16 @@ def _first_look(
                 np.abs(found.offset_px[mine]) < FAR_SHARE * radius, found.offset_px[mine], np.nan
             )
             curve = prediction.curve[index[few[mine]]]
-            answer = _solved(
-                feature, some, curve, offset, np.square(found.sigma_px[mine]) + SURE_PX**2
-            )
+            design = feature.design(some, curve.astype(np.float64))
+            variance = np.square(found.sigma_px[mine]) + SURE_PX**2
+            answer = _solved(design * feature.sought_first, some, offset, variance)
             if answer is not None:
                 # an edge is placed anew, and not turned: its slope is found again
-                start = np.where(feature.kept, answer.values, 0.0)
+                anew = np.where(feature.kept, answer.values, 0.0)
+                # of unknowns hardly told apart, what a second look reaches from nominal stays there
+                is_near = np.abs(design @ anew).max() <= NEAR_PX - SLACK_PX
+                if feature.kept.all() or not is_near:
+                    start = anew
         moved.append(start)
     return moved
 
@@ -247,10 +257,9 @@ def _placed_again(
 
 
 def _solved(
-    feature: Feature, rays: Rays, curve: IndexArray, offset: FloatArray, variance: FloatArray
+    design: FloatArray, rays: Rays, offset: FloatArray, variance: FloatArray
 ) -> Solution | None:
     """Return the solution for the unknowns that any ray shows, the others zero."""
-    design = feature.design(rays, curve.astype(np.float64))
     shown = np.abs(design).max(axis=0) > 0
     found = solve(design[:, shown], offset, variance, rays.spacing_px)
     if found is None or shown.all():
@@ -272,6 +281,7 @@ def _fit(
     picture: PictureKind,
     settings: MeasuringSettings,
     beside_px: Callable[[FloatArray, float], float],
+    is_another: Callable[[FloatArray], bool],
 ) -> FeatureFit:
     """Return a feature fitted to the edges found beside it, or why they do not count.
 
@@ -283,6 +293,7 @@ def _fit(
     moved : its unknowns so far
     picture, settings : what edges must be like
     beside_px : how far from where it was found, of so much contrast, another edge shows
+    is_another : whether another edge of the part, or a shadow, belongs where it was found
     """
     good = found.is_found & (found.sigma_px <= settings.max_ray_px)
     points = rays.pixels + np.nan_to_num(found.offset_px)[:, None] * rays.normals
@@ -306,11 +317,16 @@ def _fit(
     offset = offset + rays.rising * (0.5 * rays.wall_px - rays.outline_px)
     wall = np.hypot(RECTANGLE * rays.wall_px, OUTLINE_KNOWN * rays.outline_px)
     variance = np.square(found.sigma_px) + np.square(wall)
-    answer = _solved(feature, rays, curve, np.where(good, offset, np.nan), variance)
+    design = feature.design(rays, curve.astype(np.float64))
+    offset = np.where(good, offset, np.nan)
+    made, made_u = _chords_made(design, rays, offset, variance)
+    answer = _solved(design, rays, offset - made * rays.chord_px, variance)
     if answer is None:
         return FeatureFit("too little of its edge shows for a shape", points_px=points)
     used = answer.used
     reason = failure_of(answer, good, rays, found, width, picture, settings)
+    if not reason and is_another(design @ (moved + answer.values)):
+        reason = ANOTHER
     edge_px = settings.backlit_edge_px if picture.is_backlit else settings.lit_edge_px
     if not picture.is_backlit:
         contrast = median(np.abs(found.contrast[used]))
@@ -327,7 +343,7 @@ def _fit(
         edge=answer.gain @ np.column_stack([edge_px * _modes(feature, rays), LEAN_KNOWN * lean]),
         wall=answer.gain @ (rays.rising * wall),
         blur=answer.gain @ (BLUR_KNOWN * blur),
-        facets=answer.gain @ (FACET * rays.facet_px),
+        facets=answer.gain @ (made_u * rays.chord_px),
         points_px=points,
         accepted=used,
         shape_px=fitted,
@@ -335,6 +351,37 @@ def _fit(
         form_u_mm=form_u,
         share=float(used.mean()),
     )
+
+
+def _chords_made(
+    design: FloatArray, rays: Rays, offset: FloatArray, variance: FloatArray
+) -> tuple[float, float]:
+    """Return how much of the chords of its mesh a round edge has, and the standard uncertainty.
+
+    A mesh's corners lie on the circle, its chords inside. A part that was turned is round; one that
+    was printed or emulated from the mesh has the chords, and is narrower by two thirds of their
+    height. Along the edge the one is even and the other is not, which a picture shows.
+
+    Parameters
+    ----------
+    design, rays, offset, variance : as `_solved` has them
+
+    Returns
+    -------
+    made, made_u : 0 for a circle, 1 for the chords; where no picture tells, as likely as the other
+    """
+    if np.ptp(rays.chord_px) == 0:
+        return 0.5, 0.5
+    answer = _solved(np.column_stack([design, rays.chord_px]), rays, offset, variance)
+    if answer is None:
+        return 0.5, 0.5
+    seen, seen_u = float(answer.values[-1]), float(np.sqrt(answer.noise[-1, -1]))
+    known = float(np.hypot(seen_u, CHORDS_KNOWN))
+    made = float(expit((seen - 0.5) / known**2))
+    # what lies between a circle and the chords, or beyond, is neither
+    between = max(abs(seen - made) - seen_u, 0.0)
+    made_u = float(np.sqrt(made * (1.0 - made) + between**2 + CHORDS_KNOWN**2))
+    return made, min(made_u, 0.5)
 
 
 def _modes(feature: Feature, rays: Rays) -> FloatArray:

@@ -8,6 +8,7 @@ under the same lamp.
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from typing import Final
 
 import numpy as np
@@ -70,7 +71,8 @@ def combine(
 ) -> Combined:
     """Return what all looks at a characteristic come to.
 
-    Looks that show too little of an edge make a value only where no others do, and it stays open.
+    Looks that show too little of an edge make a value only where no others do, and they agree; it
+    stays open.
 
     Parameters
     ----------
@@ -84,6 +86,10 @@ def combine(
     whole, part = _together(estimates, settings, halves), ""
     if whole is None:
         whole, part = _together(estimates, settings, halves, parts=True), "light hides too much"
+        every = chain(estimates, *halves)
+        if whole is not None and whole.reason and all(e.look.reason for e in every):
+            # none of them would decide alone: that they contradict each other says no more
+            whole = None
     if whole is None:
         return Combined(None, None, _why_none(looks), False, False, (), tuple(looks))
     value, u = value_of(characteristic, whole.vector_mm, _total(whole.parts))

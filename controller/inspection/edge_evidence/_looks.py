@@ -13,7 +13,7 @@ from controller.imaging import EdgeFits, RayCaster, inverse_pose, measure_edges,
 from controller.imaging.levels import pixel_noise
 
 from .._pose import PosedPart
-from .._scene import HOLDER_MARGIN_PX, box_mesh, make_scene
+from .._scene import HOLDER_MARGIN_PX, box_mesh, lamp_points, make_scene
 from .._types import ViewTask, WorldBox
 from ..dimensions import (
     BACKLIT,
@@ -24,7 +24,6 @@ from ..dimensions import (
     with_rotation,
     with_visibility,
 )
-from ..lit import lamp_points
 from ._edges import PartEdges
 
 BEYOND_PX: Final = 2.5  # the least that an edge is looked for to either side

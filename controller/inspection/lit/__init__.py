@@ -1,7 +1,6 @@
 """Pictures under lamps against bounds of the light: where they were compared, where they differ."""
 
 from .compare import BURNT_GREY
-from .light import lamp_points
 from .marks import DISC, FILTER_STEP, LINE_NODES, LINE_WIDTH, SPOT_NODES
 from .pictures import MIN_WIDTH_PX, STEP_PX, LitPictures
 
@@ -15,5 +14,4 @@ __all__ = [
     "SPOT_NODES",
     "STEP_PX",
     "LitPictures",
-    "lamp_points",
 ]

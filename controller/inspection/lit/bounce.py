@@ -22,9 +22,9 @@ from controller.arrays import (
 )
 from controller.imaging import Camera, RayCaster, inverse_pose, transform
 
+from .._scene import SHADOW_OFFSET_MM
 from .surface import Surface
 
-SHADOW_OFFSET_MM: Final = 0.05  # off the surface, or it would shadow itself
 COSINE_PLAY: Final = 0.02  # the pose, and a surface, may be turned by a degree
 ALBEDO: Final = 0.8  # nothing machined throws back more
 BOUNCE_STEP: Final = 4  # bounced light is smooth: every fourth node

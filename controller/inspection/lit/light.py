@@ -15,11 +15,10 @@ import numpy as np
 from controller.arrays import BoolArray, Float32Array, FloatArray, inner, lengths
 from controller.imaging import Camera, PointLamp, RayCaster, inverse_pose, transform
 
-from .bounce import COSINE_PLAY, SHADOW_OFFSET_MM, Bounced, Neighbours, bounced_light
+from .._scene import SHADOW_OFFSET_MM, lamp_points
+from .bounce import COSINE_PLAY, Bounced, Neighbours, bounced_light
 from .surface import Surface
 
-SPOT_RADIUS_MM: Final = 25.0  # a lamp given as one point is taken to be as large as this
-RING_SPREAD: Final = 0.12  # a ring's light comes from radii that differ by this share
 BLUR_NODES: Final = 3  # window of nodes within which a shadow's border may lie elsewhere
 HIGHLIGHT_WIDTHS_RAD: Final = tuple(float(np.radians(d)) for d in (5.0, 9.0, 13.0, 18.0))
 
@@ -45,17 +44,6 @@ class Light:
     glints: tuple[tuple[Float32Array, Float32Array], ...]
     touched: BoolArray
     partly: BoolArray
-
-
-def lamp_points(lamp: PointLamp) -> FloatArray:
-    """Return points that stand for a lamp of unknown extent, (n, 3) [mm]."""
-    points = lamp.points_mm
-    if len(points) == 1:
-        reach = SPOT_RADIUS_MM * np.vstack([np.eye(3), -np.eye(3)])
-        return np.vstack([points, points + reach])
-    middle = points.mean(axis=0)
-    scale = np.where(np.arange(len(points)) % 2, 1 + RING_SPREAD, 1 - RING_SPREAD)
-    return np.asarray(middle + (points - middle) * scale[:, None])
 
 
 def bound_light(

@@ -1,0 +1,115 @@
+"""What else than the edge sought shows beside it on a part as drawn: other edges, and shadows.
+
+Where an edge is found beside its nominal place, what was found may be something else that is where
+it belongs: the next edge of the part, the border of a shadow that the part or the gripper throws.
+The CAD model at its measured pose, the gripper and the lamps say where these are. A step there is
+explained without the edge, and no proof that the edge has moved.
+"""
+
+from typing import Final
+
+import numpy as np
+
+from controller.arrays import BoolArray, FloatArray, inner
+from controller.imaging import inverse_pose, transform
+
+from .._pose import PosedPart
+from .._scene import SHADOW_OFFSET_MM, ViewScene, lamp_points
+from ._rays import NONE, Rays
+from ._types import BACKLIT, PosedView
+
+STEP_PX: Final = 0.5  # between the places of a ray that are asked
+SOFT: Final = 4  # steps over which a shadow's border is taken for an edge; wider ones are none
+SHADED: Final = 0.1  # share of the lamp that it hides; a ring of six points loses a sixth at a time
+APART_PX: Final = 1.5  # nearer to each other blur makes one of two steps
+ON_PX: Final = 1.0  # of a shape, a step is on it: the pose is as good, and blur draws two together
+MIN_SHARE: Final = 0.5  # of the rays that say so; of one edge most do, a crossing one meets few
+MAX_RAYS: Final = 40  # asked of a feature; each is a hundred rays into the CAD model
+
+
+def is_explained(
+    part: PosedPart,
+    scene: ViewScene,
+    view: PosedView,
+    lamp: str,
+    rays: Rays,
+    place_px: FloatArray,
+) -> bool:
+    """Return whether something else of the part as drawn shows where an edge was found.
+
+    Parameters
+    ----------
+    part : as drawn
+    scene : what else stands there
+    view, lamp : the picture
+    rays : (n,) that found the edge, at its nominal place
+    place_px : (n,) where on them it was found
+    """
+    index = np.flatnonzero(np.abs(place_px) >= APART_PX)
+    if 2 * len(index) < len(place_px):
+        return False
+    index = index[:: max(len(index) // MAX_RAYS, 1)]
+    some, place = rays.chosen(index), place_px[index]
+    reach = float(np.abs(place).max()) + ON_PX + STEP_PX * SOFT
+    count = int(np.ceil(reach / STEP_PX))
+    offsets = np.arange(-count, count + 1) * STEP_PX
+    between = 0.5 * (offsets[1:] + offsets[:-1])
+    is_step = _steps(part, scene, view, lamp, some, offsets)
+    # its own nominal edge explains nothing
+    is_step &= np.abs(between) >= APART_PX - ON_PX
+    is_step &= np.abs(between - place[:, None]) <= ON_PX
+    return bool(is_step.any(axis=1).mean() >= MIN_SHARE)
+
+
+def _steps(
+    part: PosedPart,
+    scene: ViewScene,
+    view: PosedView,
+    lamp: str,
+    rays: Rays,
+    offsets_px: FloatArray,
+) -> BoolArray:
+    """Return between which neighbouring places of rays an edge or a shadow's border shows.
+
+    Parameters
+    ----------
+    part, scene, view, lamp, rays : see `is_explained`
+    offsets_px : (k,) the places, evenly spaced
+
+    Returns
+    -------
+    is_step : (n, k - 1)
+    """
+    camera, T = view.task.camera, view.T_world_part
+    at = rays.pixels[:, None] + offsets_px[None, :, None] * rays.normals[:, None]
+    shape = at.shape[:2]
+    T_part_world = inverse_pose(T)
+    eye = transform(T_part_world, camera.position_mm[None])[0]
+    lines = camera.sight_lines(at.reshape(-1, 2)) @ T_part_world[:3, :3].T
+    triangle, distance = part.caster.first_hit(eye, lines)
+    face = np.where(triangle >= 0, part.solid.face_of_triangle[triangle], NONE).reshape(shape)
+    if lamp == BACKLIT:
+        is_part = face != NONE
+        return np.asarray(is_part[:, 1:] != is_part[:, :-1])
+    lit = np.zeros(len(lines))
+    met = np.flatnonzero(triangle >= 0)
+    normals = part.caster.normals[triangle[met]]
+    normals = normals * -np.sign(inner(normals, lines[met]))[:, None]
+    points = eye + distance[met, None] * lines[met] + SHADOW_OFFSET_MM * normals
+    known = [lamp_points(one) for one in view.task.lamps if one.name == lamp]
+    sources = transform(T_part_world, known[0]) if known else np.zeros((0, 3))
+    for source in sources:
+        towards = source - points
+        is_open = inner(towards, normals) > 0
+        is_open &= ~part.caster.blocked(points, towards)
+        if scene.holder is not None:
+            world = transform(T, points)
+            # what stands behind the lamp takes none of its light
+            is_open &= ~scene.holder.blocked(world, towards @ T[:3, :3].T, 1.0)
+        lit[met] += is_open / len(sources)
+    lit = lit.reshape(shape)
+    is_step = face[:, 1:] != face[:, :-1]
+    half = SOFT // 2
+    change = np.abs(lit[:, SOFT:] - lit[:, :-SOFT])
+    is_step[:, half:-half] |= 0.5 * (change[:, 1:] + change[:, :-1]) >= SHADED
+    return np.asarray(is_step)

@@ -1,0 +1,75 @@
+"""An edge found where the gripper's shadow ends is no edge that has moved."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from plate_pictures import HEIGHT_MM, NOMINAL, asked, length_edges, part, pictures, view
+from scipy.special import expit
+
+from controller.imaging import PointLamp
+from controller.inspection import WorldBox
+from controller.inspection.characteristics import CharacteristicKind
+from controller.inspection.dimensions import BACKLIT, measure
+from controller.inspection.dimensions._foreseen import is_explained
+from controller.inspection.dimensions._looks import features_of
+from controller.inspection.dimensions._pictures import predict
+
+T = np.eye(4)
+FAR_MM = 20_000.0  # a lamp so far away throws a sharp shadow
+
+
+def slab(end_mm: float) -> WorldBox:
+    """A finger whose shadow on the plate ends at x = end_mm, by light from -x at 45 deg."""
+    at = np.eye(4)
+    at[:3, 3] = [end_mm - 20.0 - 10.0, 0.0, HEIGHT_MM + 19.9]
+    return WorldBox(at, np.array([10.0, 100.0, 0.1]))
+
+
+@pytest.mark.parametrize(
+    ("lamp", "place_px", "is_the_shadow"),
+    [("ring", -4.0, True), ("ring", -7.0, False), ("ring", 4.0, False), (BACKLIT, -4.0, False)],
+)
+def test_where_a_shadow_ends_a_step_is_explained(
+    lamp: str, place_px: float, is_the_shadow: bool
+) -> None:
+    plate, bare = part(), view(pictures(NOMINAL, T), T)
+    pixel_mm = bare.task.camera.mm_per_px(np.array([30.0, 0.0, HEIGHT_MM]))
+    light = PointLamp("ring", np.array([[-FAR_MM, 0.0, FAR_MM]]))
+    held = (slab(30.0 - 4.0 * pixel_mm),)
+    seen = replace(bare, task=replace(bare.task, lamps=(light,), holder=held))
+    wanted = asked(CharacteristicKind.LENGTH, length_edges(NOMINAL, plate.solid), 60.0)
+    shown = predict(plate, seen, features_of(wanted))
+    end = (shown.feature == 1) & (shown.curve == 0)  # at +x, on the top face
+    rays = shown.rays.chosen(end)
+    assert (rays.normals[:, 0] > 0.9).all()
+    place = np.full(end.sum(), place_px)
+    assert is_explained(plate, shown.scene, seen, lamp, rays, place) is is_the_shadow
+
+
+def test_where_a_shadow_ends_beside_a_hidden_end_the_plate_has_no_length() -> None:
+    plate, shown = part(), pictures(NOMINAL, T)
+    bare = view(shown, T)
+    pixel_mm = bare.task.camera.mm_per_px(np.array([30.0, 0.0, HEIGHT_MM]))
+    border_mm = 30.0 - 4.0 * pixel_mm
+    column, _ = bare.task.camera.project(np.array([[border_mm, 0.0, HEIGHT_MM]]))[0]
+    # bright beyond the shadow, the plate like what is behind it: its own end does not show
+    lit = shown.lit["ring"].astype(float)
+    columns = np.arange(lit.shape[1])
+    step = 20.0 + 150.0 * expit((columns - column) / 0.5)
+    lit[:, columns > column - 40] = step[columns > column - 40]
+    lit += np.random.default_rng(3).normal(0.0, 1.0, lit.shape)
+    light = PointLamp("ring", np.array([[-FAR_MM, 0.0, FAR_MM]]))
+    wanted = asked(CharacteristicKind.LENGTH, length_edges(NOMINAL, plate.solid), 60.0)
+    bright = np.clip(np.round(lit), 0, 255).astype(np.uint8)
+    pair = replace(bare.pictures, backlit=np.minimum(shown.backlit, 8), lit={"ring": bright})
+    for finger, length_mm in ((slab(-200.0), 30.0 + border_mm), (slab(border_mm), None)):
+        task = replace(bare.task, lamps=(light,), holder=(finger,))
+        (found,) = measure(plate, [wanted], [replace(bare, pictures=pair, task=task)])
+        if length_mm is None:
+            assert found.measured_mm is None
+            assert "shadow" in found.reason
+        else:
+            assert found.measured_mm == pytest.approx(length_mm, abs=0.1)
