@@ -335,8 +335,8 @@ def _observe(trial: Trial, run: Run, world: KillWorld, clock: CellClock) -> None
             trial.power_off_s = _power_off(heard.get("supply", []), late_from_s)
             if len(first) == 2:
                 trial.stop_s = round(max(first.values()) - happened_s, 3)
-                break
-            if trial.fault == "sigstop" and trial.power_off_s is not None:
+            # of a process that was stopped it is the motors' supply that counts
+            if (trial.power_off_s if trial.fault == "sigstop" else trial.stop_s) is not None:
                 break
             time.sleep(0.05)
 
