@@ -288,8 +288,8 @@ def inspect_part(
     standing = standing_of(measured)
     verdict = worse(ledger.verdict, standing.verdict)
     reasons = (*standing.reasons, *ledger.reasons)
-    if ledger.verdict is Verdict.FAIL and standing.verdict is not Verdict.FAIL:
-        reasons = (*ledger.reasons, *standing.reasons)  # what decided comes first
+    if ledger.findings and standing.verdict is not Verdict.FAIL:
+        reasons = (*ledger.reasons, *standing.reasons)  # what pictures show comes first
     if rival is not None:
         # what of this part is missing or too much says nothing more
         verdict = Verdict.FAIL
