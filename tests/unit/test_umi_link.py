@@ -353,7 +353,6 @@ LOSSES = {
     "a lost byte": lambda reply: [(0.003, reply[:-1])],
     "all bytes lost": lambda reply: [],
     "an extra byte": lambda reply: [(0.003, reply + b"\x55")],
-    "an extra byte later": lambda reply: [(0.003, reply), (0.006, b"\x55")],
     "the reply 300 ms late": lambda reply: [(0.300, reply)],
     "a reply in pieces, one late": lambda reply: [(0.003, reply[:1]), (0.300, reply[1:])],
     "a bit flipped": lambda reply: [(0.003, reply[:1] + bytes([reply[1] ^ 0x10]) + reply[2:])],
@@ -392,12 +391,17 @@ async def test_only_reads_are_repeated_unasked() -> None:
     assert await bench.value(Ip.ARM, b"\x60\x03\x00", b"\x6a") == 1000  # the line is in step
 
 
-async def test_a_byte_left_behind_does_not_spoil_the_command_that_follows() -> None:
+@pytest.mark.parametrize("odd", [b"\x55", b"\x00", b"\x01\x00", b"\x4a\x18\xfc"])
+async def test_bytes_that_came_unasked_stop_both_boards_before_the_next_command(
+    odd: bytes,
+) -> None:
     bench = await Bench().opened()
-    bench.arm.mishap = once(READ_ZED, lambda reply: [(0.003, reply), (0.006, b"\x55")])
+    bench.arm.mishap = once(READ_ZED, lambda reply: [(0.003, reply), (0.006, odd)])
     await bench.link.exchange(Ip.ARM, READ_ZED, repeats=True)
-    await bench.link.exchange(Ip.ARM, b"\x70\x03\x00", b"\x7a\xe8\x03")
-    assert [data for _, data in bench.arm.heard].count(b"\x7a\xe8\x03") == 1
+    with pytest.raises(LineUncertainError, match="both boards were stopped"):
+        await bench.link.exchange(Ip.ARM, b"\x70\x03\x00", b"\x7a\xe8\x03")
+    assert b"\x7a\xe8\x03" not in [data for _, data in bench.arm.heard]
+    assert await bench.value(Ip.ARM, READ_ZED) == 0  # and the line is back in step
 
 
 async def test_both_frames_of_a_deferred_read_are_repeated() -> None:

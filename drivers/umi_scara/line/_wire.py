@@ -225,10 +225,15 @@ class Wire:
                 self._trace(WireExchange(started_s, ip, request, reader.data))
 
     async def _judge_stale(self, stale: bytes) -> None:
-        """Raise LineUncertainError if bytes that came unasked report a command nobody sent."""
+        """Raise LineUncertainError if bytes came unasked: something may have run that nobody sent.
+
+        An arm sends nothing by itself. What noise has put on the line between two exchanges, it
+        answers as commands, and an acknowledgement need not come first. Only where a reply that
+        timed out is still owed, bytes are taken for it.
+        """
         self.suspect = stale
         is_owed, self.owes_reply = self.owes_reply, False
-        if not is_owed and (len(self.last_request) == 3 or stale[0] == 0x00):
+        if not is_owed:
             await self.stop_stray(self.last_request, stale)
 
     async def stop_stray(self, request: bytes, received: bytes) -> NoReturn:
