@@ -96,6 +96,11 @@ FAULTS: Final[Mapping[str, Fault]] = {
               _ARM, touches_part=True),
         Fault("arm without power for 3 s", ({"do": "power", "device": "arm"},), _ARM,
               ({"do": "power", "device": "arm", "on": True},), 3.0),
+        Fault("everything without power for 3 s",
+              tuple({"do": "power", "device": one} for one in ("arm", "gripper", "io", "dimmer")),
+              f"{_ARM}|{_GRIPPER}|{_LAMPS}|{_IO}",
+              tuple({"do": "power", "device": one, "on": True}
+                    for one in ("arm", "gripper", "io", "dimmer")), 3.0),
         Fault("arm board dead", ({"do": "arm_ip", "ip": 1, "what": "kill"},), _ARM),
         Fault("joint stall", ({"do": "arm_jam", "axis": "shoulder"},), "stall|stuck|met|moves|arm"),
         Fault("encoder jump", ({"do": "arm_jump", "axis": "elbow", "counts": 40},),

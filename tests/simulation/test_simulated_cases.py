@@ -149,6 +149,25 @@ def test_after_an_open_door_the_run_goes_on_with_its_part_to_the_tray(
     assert all(seq > opened.seq for seq in shown)
 
 
+@pytest.mark.slow
+def test_after_a_power_cut_of_everything_the_empty_gripper_is_activated_once_accepted(
+    tmp_path: Path,
+) -> None:
+    case = Case(
+        7, Scene("holder", 1), fault=("everything without power for 3 s", STANDING), again=True
+    )
+    ended = run_case(case, tmp_path / "cell")
+    assert ended.ends[0].startswith("aborted")
+    assert ended.ends[1:] == ["complete"], ended.messages
+    assert ended.violations == []
+    assert ended.truth["tray"] == "accept"
+    found = list(read_rows(tmp_path / "cell" / JOURNAL_NAME))
+    (decided,) = (row.body for row in found if row.name == rows.RecoveryProposed.row_name)
+    assert "the fixed gripper is activated" in decided["steps"][-2]
+    assert not decided["is_proven"]
+    assert "nothing is between the fixed gripper's jaws" in decided["shown"]
+
+
 # Seeds with a stop while the fixed gripper alone has the part.
 STOPPED_IN_FIXED = (Case(990012, PART, recovery="auto", fault=("estop", IN_FIXED), again=True),)
 

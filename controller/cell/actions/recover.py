@@ -179,6 +179,8 @@ class RecoverAction:
         match proposal.custody:
             case Custody.IN_ARM:
                 await self.grippers.press_and_require_hold()
+                if proposal.case.activates_fixed:
+                    await self.grippers.activate_empty_fixed()
                 await self._open_fixed_wide()
                 return Event.PLAN_VOID
             case Custody.IN_FIXED:

@@ -252,6 +252,11 @@ def _why_not_alone(proposal: Proposal) -> str:
             "the arm has to home with the part in a gripper, and a person has to see that it "
             "stands where the run has left it"
         )
+    if proposal.case.activates_fixed:
+        return (
+            "the fixed gripper lost its power and has to be activated, and a person has to see "
+            "that nothing is between its jaws"
+        )
     return "the way out is not proven to end free"
 
 
@@ -294,7 +299,7 @@ def _why_refused(order: RunOrder, proposal: Proposal) -> str:
     if proposal.person:
         return proposal.person
     if order.recovery == "auto":
-        if proposal.homing is not None:
+        if proposal.homing is not None or proposal.case.activates_fixed:
             return f"{_why_not_alone(proposal)}; decide with `cellctl recover --accept`"
         return "what the cell would do is not proven safe"
     return "it was not accepted to go on"

@@ -6,7 +6,7 @@ holds. Plain decisions; nothing here reads a device.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Final, Literal
 
@@ -53,6 +53,7 @@ class Case:
     was : where the journal had the part last
     homes : the arm has to home first, with what its gripper holds
     is_fixed_unconfirmed : the fixed gripper stands on the part, and has to press once more first
+    activates_fixed : the fixed gripper lost its power, empty, and has to be activated at the end
     """
 
     custody: Custody
@@ -65,6 +66,7 @@ class Case:
     was: Custody = Custody.UNKNOWN
     homes: bool = False
     is_fixed_unconfirmed: bool = False
+    activates_fixed: bool = False
 
     @property
     def relies_on_fixed(self) -> bool:
@@ -87,9 +89,9 @@ Rule = Callable[[Interrupted, World], Case]
 
 def classify(left: Interrupted, world: World) -> Case:
     """Return what is so of a part that a run has left, with the evidence."""
-    if not world.is_fixed_ready:
-        why = "the fixed gripper is not active, and activating it would move its jaws"
-        return Case(left.custody, evidence=_evidence(left, world), person=why)
+    activates = not world.is_fixed_ready and _may_activate(left, world)
+    if not world.is_fixed_ready and not activates:
+        return Case(left.custody, evidence=_evidence(left, world), person=_NOT_ACTIVE)
     if world.q is None:
         why = why_not_home(left, world)
         return Case(
@@ -99,6 +101,7 @@ def classify(left: Interrupted, world: World) -> Case:
             was=left.custody,
             homes=not why,
             is_fixed_unconfirmed=not why and _is_unconfirmed(left, world),
+            activates_fixed=activates,
         )
     rule = _INTENTS.get(left.intent.name) if left.intent else _CUSTODIES.get(left.custody)
     if rule is None:
@@ -106,6 +109,8 @@ def classify(left: Interrupted, world: World) -> Case:
         case = Case(left.custody, person=f"no rule of recovery begins with: {what}")
     else:
         case = rule(left, world)
+    if activates and not case.person and case.opens is not Opens.NONE:
+        case = replace(case, person=_NOT_ACTIVE)  # its jaws would close round the arm's fingers
     return Case(
         custody=case.custody,
         opens=case.opens,
@@ -116,7 +121,16 @@ def classify(left: Interrupted, world: World) -> Case:
         person=case.person,
         was=left.custody,
         is_fixed_unconfirmed=case.relies_on_fixed and not world.does_fixed_hold,
+        activates_fixed=activates,
     )
+
+
+_NOT_ACTIVE: Final = "the fixed gripper is not active, and activating it would move its jaws"
+
+
+def _may_activate(left: Interrupted, world: World) -> bool:
+    """Return whether the fixed gripper may be activated once the arm stands free with the part."""
+    return world.is_fixed_asleep and left.custody is Custody.IN_ARM and left.intent is None
 
 
 def _is_unconfirmed(left: Interrupted, world: World) -> bool:

@@ -29,6 +29,11 @@ from .trail import Leaving
 from .world import World
 
 FIXED_PRESSES: Final = "the fixed gripper presses once more: it closes, and opens nothing"
+FIXED_ACTIVATES: Final = (
+    "once the arm stands free, the fixed gripper is activated: its jaws close, and open; they are "
+    "empty by contact and light barrier"
+)
+FIXED_LOOK: Final = "Look before you accept: nothing is between the fixed gripper's jaws."
 FIRST_SPEED: Final = 0.25  # share of the usual speed: the first motion after a crash
 THEN: Final = {
     Custody.IN_ARM: "plan on from the arm gripper; what was in sight stays seen, and the first "
@@ -140,8 +145,9 @@ def propose(
         custody,
         tuple(_steps(case, custody, first, way)),
         first,
-        is_proven=way.is_free_at_end,
+        is_proven=way.is_free_at_end and not case.activates_fixed,
         person="",
+        look=FIXED_LOOK if case.activates_fixed else "",
     )
 
 
@@ -164,12 +170,14 @@ def _home(
         homing.bounds.q_estimate,
         None,
         case.custody,
-        (*_confirming(case), *HOMING_STEPS, THEN[case.custody]),
+        (*_confirming(case), *HOMING_STEPS, *_activating(case), THEN[case.custody]),
         FIRST_MOTION,
         is_proven=False,
         person="",
         homing=homing,
-        look=what_to_look_at(homing, layout),
+        look=" ".join(
+            (what_to_look_at(homing, layout), *((FIXED_LOOK,) if case.activates_fixed else ()))
+        ),
     )
 
 
@@ -218,13 +226,17 @@ def _steps(case: Case, custody: Custody, first: str, way: Leaving) -> list[str]:
         if case.leaves is Leaves.BY_RETREAT:
             where = "away by the retreat that was planned"
         steps.append(f"the arm goes {where}, {len(way.waypoints)} waypoints: {first}")
-    steps.append(THEN[custody])
-    return steps
+    return [*steps, *_activating(case), THEN[custody]]
 
 
 def _confirming(case: Case) -> list[str]:
     """Return the step by which the fixed gripper confirms its hold, where it has to."""
     return [FIXED_PRESSES] if case.is_fixed_unconfirmed else []
+
+
+def _activating(case: Case) -> list[str]:
+    """Return the step by which the fixed gripper is made ready again, where it has to."""
+    return [FIXED_ACTIVATES] if case.activates_fixed else []
 
 
 def _preview(q: FloatArray, way: Leaving, layout: CellLayout) -> str:

@@ -42,6 +42,7 @@ class World:
     is_fixed_ready : it is active and has no fault
     barrier : the light barrier between its jaws
     q_kept : (6,) where `q` is None, the joints that counters still prove, the others NaN
+    is_fixed_active : it was activated, and has had power since
     """
 
     q: FloatArray | None
@@ -53,6 +54,7 @@ class World:
     is_fixed_ready: bool
     barrier: Signal
     q_kept: FloatArray | None = None
+    is_fixed_active: bool = True
 
     def arm_jaws(self, on_part_mm: float | None) -> Jaws:
         """Return how the arm gripper's jaws stand, if they hold the part at that opening."""
@@ -80,7 +82,16 @@ class World:
     @property
     def is_fixed_clear(self) -> bool:
         """Whether nothing is between the jaws of the fixed gripper."""
-        return self.is_fixed_ready and not self.does_fixed_touch and self.barrier is Signal.NOT_OK
+        can_tell = self.is_fixed_ready or not self.is_fixed_active
+        return can_tell and not self.does_fixed_touch and self.barrier is Signal.NOT_OK
+
+    @property
+    def is_fixed_asleep(self) -> bool:
+        """Whether the fixed gripper lost its power with nothing between its jaws.
+
+        To activate it moves them: they close, and open (modbus_devices.md 2.2).
+        """
+        return not self.is_fixed_active and self.is_fixed_clear
 
 
 def judge_jaws(opening_mm: float | None, on_part_mm: float | None) -> Jaws:
@@ -137,4 +148,5 @@ async def read_world(devices: Devices, left: Interrupted) -> World:
         is_fixed_ready=status.is_activated and not status.has_fault,
         barrier=devices.io.signal("part_in_gripper"),
         q_kept=q_kept,
+        is_fixed_active=status.is_activated,
     )

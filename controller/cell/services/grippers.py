@@ -61,6 +61,7 @@ class Grippers:
         self._fixed = fixed
         self._record = record
         self._guard = ReleaseGuard(arm, fixed, io)
+        self._io = io
         self._grasp = grasp
         self._setting_per_n = setting_per_n
 
@@ -323,6 +324,22 @@ class Grippers:
             "the fixed gripper activates: its jaws may move",
             lambda: self._fixed.activate(),
         )
+
+    async def activate_empty_fixed(self) -> None:
+        """Make a fixed gripper ready that lost its power, if nothing is between its jaws now.
+
+        Raises
+        ------
+        PartProblemError : its light barrier or its contact does not say that it is empty
+        """
+        status = await self._retries.run("gripper", "fixed gripper", self._fixed.status)
+        if status.has_contact or self._io.signal("part_in_gripper") is not Signal.NOT_OK:
+            raise PartProblemError(
+                "recovery_contradicted",
+                "the fixed gripper was to be activated empty, and its contact or its light barrier "
+                "does not say that it is",
+            )
+        await self.activate_fixed()
 
     async def does_fixed_hold(self) -> bool:
         """Return whether the fixed gripper itself confirms that it holds something."""
