@@ -10,6 +10,7 @@ from ._address import Address, RtuAddress, RtuOverTcpAddress, TcpAddress
 from ._connection import Trace
 from ._link import Again, ModbusLink, ModbusUnit, always
 from ._request import FunctionCode, Request
+from ._seen import seen_instead
 
 __all__ = [
     "Address",
@@ -23,4 +24,5 @@ __all__ = [
     "TcpAddress",
     "Trace",
     "always",
+    "seen_instead",
 ]

@@ -58,7 +58,7 @@ Again = Callable[[], Awaitable[bool]]
 
 
 async def always() -> bool:
-    """Allow it: for a write that says what should be so and sets nothing in motion."""
+    """Return that it may be: for a write that says what should be so and sets nothing in motion."""
     return True
 
 
@@ -510,19 +510,37 @@ class ModbusUnit:
         return await self.link.exchange(request, self)
 
     async def write_coil(self, address: int, value: bool, *, again: Again | None = None) -> None:
-        """Write one coil (FC05)."""
+        """Write one coil (FC05).
+
+        Parameters
+        ----------
+        address, value : of the coil
+        again : decides after the answer "later" whether it is sent again; None: it is not
+        """
         request = Request(FunctionCode.WRITE_COIL, address, 1, (int(value),))
         await self.link.exchange(request, self, again)
 
     async def write_register(self, address: int, value: int, *, again: Again | None = None) -> None:
-        """Write one register (FC06)."""
+        """Write one register (FC06).
+
+        Parameters
+        ----------
+        address, value : of the register
+        again : decides after the answer "later" whether it is sent again; None: it is not
+        """
         request = Request(FunctionCode.WRITE_REGISTER, address, 1, (value,))
         await self.link.exchange(request, self, again)
 
     async def write_coils(
         self, address: int, values: Sequence[bool], *, again: Again | None = None
     ) -> None:
-        """Write several coils in one request (FC15)."""
+        """Write several coils in one request (FC15).
+
+        Parameters
+        ----------
+        address, values : of the first coil, and all of them in order
+        again : decides after the answer "later" whether it is sent again; None: it is not
+        """
         bits = tuple(int(value) for value in values)
         request = Request(FunctionCode.WRITE_COILS, address, len(bits), bits)
         await self.link.exchange(request, self, again)
@@ -530,7 +548,13 @@ class ModbusUnit:
     async def write_registers(
         self, address: int, values: Sequence[int], *, again: Again | None = None
     ) -> None:
-        """Write several registers in one request (FC16)."""
+        """Write several registers in one request (FC16).
+
+        Parameters
+        ----------
+        address, values : of the first register, and all of them in order
+        again : decides after the answer "later" whether it is sent again; None: it is not
+        """
         words = tuple(values)
         request = Request(FunctionCode.WRITE_REGISTERS, address, len(words), words)
         await self.link.exchange(request, self, again)

@@ -128,9 +128,7 @@ def test_a_start_refuses_a_journal_on_a_network_file_system(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     listed = mounted(tmp_path, "nfs4", "plant:/cells")
-    monkeypatch.setattr(
-        "controller.cell.journal._care.why_not_there", lambda path: why_not_there(path, listed)
-    )
+    monkeypatch.setattr("controller.cell.journal.place.MOUNTS", listed)
     path = tmp_path / "runs" / "journal.sqlite"
     with pytest.raises(JournalError, match="nfs4"):
         open_cell_journal(path, "run")

@@ -13,8 +13,8 @@ from controller.cell.custody import Custody
 from controller.cell.errors import PartFaultError, PartProblemError
 from controller.cell.journal import rows
 from controller.cell.machine import Act, PartFault, Recovery
+from controller.cell.services.going_on import sighting_of
 from controller.cell.services.records import BatchRecord, PartRecord, Progress, sightings_row
-from controller.cell.services.resuming import sighting_of
 from controller.cell.services.table import Label, LabelOrder, Labels, Taking
 from controller.recognition import Alternative, Sighting
 

@@ -12,10 +12,13 @@ from scipy.special import expit
 from controller.imaging import PointLamp
 from controller.inspection import WorldBox
 from controller.inspection.characteristics import CharacteristicKind
-from controller.inspection.dimensions import BACKLIT, measure
-from controller.inspection.dimensions._foreseen import is_explained
-from controller.inspection.dimensions._looks import features_of
-from controller.inspection.dimensions._pictures import predict
+from controller.inspection.dimensions import (
+    BACKLIT,
+    features_of,
+    is_explained,
+    measure,
+    predict,
+)
 
 T = np.eye(4)
 FAR_MM = 20_000.0  # a lamp so far away throws a sharp shadow

@@ -10,8 +10,7 @@ from modbus_fakes import Bus, rtu_on_pty, tcp_gateway
 
 from drivers.clock import CellClock
 from drivers.errors import LaterError, ReplyTimeoutError
-from drivers.modbus_link import ModbusLink, RtuAddress, TcpAddress, always
-from drivers.modbus_link._seen import seen_instead
+from drivers.modbus_link import ModbusLink, RtuAddress, TcpAddress, always, seen_instead
 
 FAST = CellClock(speed=10.0, min_timeout_wall_s=0.5)  # no busy host looks like a silent unit
 BUSY, AT_WORK = 6, 5

@@ -155,6 +155,12 @@ CELL: Final = (
         "look at the cell, close what else runs on the machine, start again",
     ),
     Alarm(
+        922, "journal_lost", _REFUSED, _HOST,
+        "the journal that is noted for this cell is lost",
+        "what the grippers hold",
+        "mount its disk or put the folder back; else look at both grippers, use --part-removed",
+    ),
+    Alarm(
         920, "broke_off", _ABORT, _HOST,
         "an error kept the run from coming to rest",
         "where the arm is, and what the grippers hold",

@@ -89,15 +89,15 @@ def _unescaped(text: str) -> str:
     return re.sub(r"\\([0-7]{3})", lambda found: chr(int(found[1], 8)), text)
 
 
-def why_not_there(path: Path, mounts: Path = MOUNTS) -> str:
+def why_not_there(path: Path, mounts: Path | None = None) -> str:
     """Return why a journal may not stand at a path; empty if it may.
 
     Parameters
     ----------
     path : of its file, or its folder
-    mounts : the kernel's list
+    mounts : the kernel's list; None for this computer's
     """
-    found = file_system_of(path, mounts)
+    found = file_system_of(path, mounts or MOUNTS)
     if found is None or not found.is_network:
         return ""
     return (

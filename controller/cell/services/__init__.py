@@ -6,13 +6,12 @@ what comes next; actions and the table do.
 
 from .faults import Recoveries, Retries, fault_policy, faults_section
 from .gate import Approval, Gate, Mover, NextMotion, Permit, Permits
+from .going_on import Resumption, Standstill, hold_of, park_interrupted, verdict_of
 from .grippers import Grippers
 from .imaging import CameraName, Imaging
 from .interlocks import Interlocks
 from .leases import Leases
 from .motion import Motion
-from .resuming import Resumption, hold_of, park_interrupted, verdict_of
-from .standstill import Standstill
 from .steps import PlanSteps
 from .table import Preparation
 from .views import (

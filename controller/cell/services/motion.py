@@ -112,6 +112,7 @@ class Motion:
         Raises
         ------
         NoPermitError : nothing may move
+        InterlockError : the door was opened meanwhile
         DeviceError : the arm finds no reference, or its jaws were moved
         """
         async with self._gate.moving(_homing_with_part, Mover.ARM):

@@ -1,7 +1,9 @@
 """Dimensions: where edges must show, where they are, and with what uncertainty."""
 
 from ._curves import Curve
+from ._foreseen import is_explained
 from ._looks import Estimate, features_of
+from ._pictures import predict
 from ._rays import Rays, place_rays, with_rotation, with_visibility
 from ._types import BACKLIT, MeasuringSettings, PosedView
 from .combine import Combined, combine
@@ -17,10 +19,12 @@ __all__ = [
     "Rays",
     "combine",
     "features_of",
+    "is_explained",
     "look",
     "measure",
     "measure_ahead",
     "place_rays",
+    "predict",
     "result_of",
     "with_rotation",
     "with_visibility",

@@ -302,7 +302,13 @@ class BatchRecord:
         self._journal.write_about(run, rows.PartFollowed(run=self._journal.run), number)
 
     def note_acknowledged(self, code: str, who: str, why: str) -> None:
-        """Write that a person has looked at what held the run, by its code."""
+        """Write that a person has looked at what held the run.
+
+        Parameters
+        ----------
+        code : of what held it
+        who, why : the person, and the reason given
+        """
         self.note(rows.Acknowledged(run=self._journal.run, code=code, who=who, why=why))
 
     def note_file(self, file: str, digest: str) -> None:

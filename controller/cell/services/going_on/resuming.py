@@ -15,10 +15,10 @@ from controller.cell.recovery import Interrupted, Proposal
 from controller.inspection import PartVerdict, Verdict
 from controller.recognition import Alternative, Sighting
 
-from .motion import Motion
-from .records import BatchRecord, PartInGripper, PartRecord, Product, grasp_of
-from .table import Labels
-from .views import StoredViews
+from ..motion import Motion
+from ..records import BatchRecord, PartInGripper, PartRecord, Product, grasp_of
+from ..table import Labels
+from ..views import StoredViews
 
 
 @dataclass(slots=True, eq=False)

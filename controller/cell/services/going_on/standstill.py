@@ -18,10 +18,10 @@ from controller.planning.model import CellLayout
 from controller.planning.motion import tcp_pose
 from drivers.errors import PositionLostError
 
-from .gate import Gate, NextMotion
-from .grippers import Grippers
-from .motion import Motion, rounded
-from .records import BatchRecord
+from ..gate import Gate, NextMotion
+from ..grippers import Grippers
+from ..motion import Motion, rounded
+from ..records import BatchRecord
 
 _LOOK = NextMotion(
     "the arm goes back along its own path and parks, unless it stands there; then come pictures"
