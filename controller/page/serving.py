@@ -21,6 +21,8 @@ from .security.guard import HEADER_MAX_BYTES
 
 HEADER_WALL_S: Final = 10.0
 CONNECTION_MAX_COUNT: Final = 200
+# A browser opens 6 to a host: six browsers of one address, and no address has more than a fifth.
+CONNECTION_OF_ONE_MAX_COUNT: Final = 40
 KEEP_ALIVE_WALL_S: Final = 15
 END_WALL_S: Final = 2
 
@@ -44,19 +46,26 @@ class Serving:
 
 
 class PatientProtocol(H11Protocol):
-    """uvicorn's protocol, but a request whose header does not arrive in time is given up."""
+    """uvicorn's protocol, but a request whose header does not arrive in time is given up.
+
+    Where there are too many connections, of one address or in all, the one that has been idle for
+    longest is given up, too; a new one is where no other is idle.
+    """
 
     _waiting: asyncio.TimerHandle | None = None
+    idle_since_s = 0.0
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Begin to wait for the first header."""
         super().connection_made(transport)
+        self.idle_since_s = self.loop.time()
         self._wait()
+        self._make_room()
 
     def data_received(self, data: bytes) -> None:
         """Take what has arrived; wait for the rest of a header."""
         super().data_received(data)
-        if self.cycle is None or self.cycle.response_complete:
+        if self.is_idle:
             if self._waiting is None:
                 self._wait()
         else:
@@ -66,6 +75,39 @@ class PatientProtocol(H11Protocol):
         """Wait no more."""
         self._wait_no_more()
         super().connection_lost(exc)
+
+    def on_response_complete(self) -> None:
+        """Be idle from now on."""
+        self.idle_since_s = self.loop.time()
+        super().on_response_complete()
+
+    @property
+    def is_idle(self) -> bool:
+        """No request has arrived whole as far as its header, or it is answered."""
+        return self.cycle is None or self.cycle.response_complete
+
+    @property
+    def address(self) -> str:
+        """Address of the other end; empty for a reverse proxy, which has the browsers of many."""
+        address = "" if self.client is None else self.client[0]
+        is_proxy = self.config.proxy_headers and address in (self.config.forwarded_allow_ips or ())
+        return "" if is_proxy else address
+
+    def _make_room(self) -> None:
+        every = [
+            one
+            for one in self.connections
+            if isinstance(one, PatientProtocol) and not one.transport.is_closing()
+        ]
+        own = [one for one in every if self.address and one.address == self.address]
+        for group, most in (
+            (own, CONNECTION_OF_ONE_MAX_COUNT),
+            (every, CONNECTION_MAX_COUNT),
+        ):
+            if len(group) > most:
+                idle = (one for one in group if one.is_idle)
+                min(idle, key=lambda one: one.idle_since_s).transport.abort()
+                return
 
     def _wait(self) -> None:
         self._waiting = self.loop.call_later(HEADER_WALL_S, self._give_up)
@@ -173,7 +215,7 @@ def server_of(app: Page, serving: Serving) -> Server:
         date_header=True,
         proxy_headers=bool(serving.proxies),
         forwarded_allow_ips=list(serving.proxies) or None,
-        limit_concurrency=CONNECTION_MAX_COUNT,
+        limit_concurrency=CONNECTION_MAX_COUNT + 1,  # uvicorn refuses from this count on
         h11_max_incomplete_event_size=HEADER_MAX_BYTES,
         timeout_keep_alive=KEEP_ALIVE_WALL_S,
         timeout_graceful_shutdown=END_WALL_S,

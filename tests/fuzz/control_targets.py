@@ -110,6 +110,9 @@ class Written:
     def close(self) -> None:
         self.is_closed = True
 
+    def is_closing(self) -> bool:
+        return self.is_closed
+
     async def wait_closed(self) -> None:
         pass
 

@@ -186,6 +186,17 @@ async def test_a_refusal_says_why_and_is_no_success() -> None:
     assert (status, reply["reason"]) == (409, "homing goes on")
 
 
+async def test_a_status_names_the_socket_that_it_came_from(place: Path, tmp_path: Path) -> None:
+    cell = load_cell(ROOT / "recipes/cells/emulated.yaml")
+    runs = tmp_path / "runs"
+    with hold_cell(runs, cell, "run-1", place) as holder:
+        control = Control("run-1", holder, Desk(is_attended=True))
+        async with serving(place, handle_for(control)):
+            found = await asyncio.to_thread(RunningCell(runs).status)
+            assert found.holder.control == str(place)
+            assert (await exchange(Path(found.holder.control), request("GET", "/status")))[0] == 200
+
+
 async def test_before_the_devices_are_connected_orders_are_refused() -> None:
     status, reply = await ask(control_of(), "POST", "/stop", {})
     assert (status, reply["state"]) == (409, "starting")
@@ -337,15 +348,68 @@ async def test_somebody_who_sends_nothing_is_sent_away(
         writer.close()
 
 
-async def test_too_many_connections_are_sent_away(place: Path) -> None:
-    async with serving(place, handle_for(control_of())):
-        held = [await asyncio.open_unix_connection(str(place)) for _ in range(MAX_CONNECTION_COUNT)]
-        try:
-            status, reply = await exchange(place, request("GET", "/status"))
-        finally:
-            for _, writer in held:
-                writer.close()
-    assert (status, reply["error"]) == (503, "too many connections to this cell")
+@pytest.mark.parametrize("begun", [b"", b"POST /stop HTTP/1.1\r\nHost: x\r\n"])
+async def test_idle_connections_keep_no_status_and_no_stop_out(place: Path, begun: bytes) -> None:
+    dispatcher = Dispatching()
+    control = control_of(dispatcher)
+    dispatcher.status = standing(NextMotion("the jaws close"))  # type: ignore[method-assign]
+    async with serving(place, handle_for(control)):
+        held = []
+        for _ in range(3 * MAX_CONNECTION_COUNT):
+            held.append(await asyncio.open_unix_connection(str(place)))
+            held[-1][1].write(begun)
+        assert (await exchange(place, request("GET", "/status")))[0] == 200
+        assert (await exchange(place, request("POST", "/stop", b"{}")))[0] == 200
+        assert await held[0][0].read() == b""  # the oldest ended, and was told nothing
+        for _, writer in held:
+            writer.close()
+    assert [event for event, *_ in dispatcher.taken] == [Event.STOP]
+
+
+async def test_another_process_keeps_its_place_while_one_opens_more_and_more(
+    place: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    dispatcher = Dispatching()
+    pids = iter([1, *[2] * 3 * MAX_CONNECTION_COUNT])
+    monkeypatch.setattr(server_module, "peer_of", lambda _: Peer(next(pids), os.getuid()))
+    async with serving(place, handle_for(control_of(dispatcher))):
+        reader, writer = await asyncio.open_unix_connection(str(place))
+        held = [
+            await asyncio.open_unix_connection(str(place)) for _ in range(3 * MAX_CONNECTION_COUNT)
+        ]
+        assert await held[0][0].read() == b""
+        writer.write(request("POST", "/stop", b"{}"))
+        assert (await reader.read()).startswith(b"HTTP/1.1 200")
+        for _, one in (*held, (reader, writer)):
+            one.close()
+
+
+async def test_requests_that_read_leave_the_places_of_orders_free(place: Path) -> None:
+    dispatcher = Dispatching()
+    answers, all_asked = asyncio.Event(), asyncio.Event()
+    asked = 0
+
+    async def handle(peer: Peer, method: str, path: str, body: bytes) -> tuple[int, bytes]:
+        nonlocal asked
+        if method == "GET":
+            asked += 1
+            if asked == MAX_CONNECTION_COUNT:
+                all_asked.set()
+            await answers.wait()  # a device that takes its time
+        return await handle_for(control_of(dispatcher))(peer, method, path, body)
+
+    async with serving(place, handle):
+        reading = request("GET", "/openapi.json")
+        waiting = [
+            asyncio.create_task(exchange(place, reading)) for _ in range(MAX_CONNECTION_COUNT)
+        ]
+        await all_asked.wait()
+        status, reply = await exchange(place, reading)
+        assert (status, f"{MAX_CONNECTION_COUNT} such requests" in reply["error"]) == (503, True)
+        assert (await exchange(place, request("POST", "/stop", b"{}")))[0] == 200
+        answers.set()
+        assert {status for status, _ in await asyncio.gather(*waiting)} == {200}
+        assert (await exchange(place, reading))[0] == 200
 
 
 @given(data=st.binary(max_size=300), path=st.sampled_from([b"/status", b"/stop", b"/answer"]))

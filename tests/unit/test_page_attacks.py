@@ -11,6 +11,7 @@ import json
 import socket
 import zipfile
 from collections.abc import Callable
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any
 
@@ -25,10 +26,16 @@ from test_page_security import served
 from controller.cell.control import DecisionReply, Order, RunningCell
 from controller.cell.journal import rows
 from controller.page.frame import Upload
-from controller.page.now.live import WATCHER_OF_ONE_MAX_COUNT, Live, TooManyWatchersError
+from controller.page.now.live import (
+    WATCHER_OF_ADDRESS_MAX_COUNT,
+    WATCHER_OF_ONE_MAX_COUNT,
+    Live,
+    TooManyWatchersError,
+)
 from controller.page.now.starting import Launcher
 from controller.page.security import Role
 from controller.page.security.sessions import ATTEMPT_MAX_COUNT
+from controller.page.serving import CONNECTION_MAX_COUNT, CONNECTION_OF_ONE_MAX_COUNT
 
 SCRIPT = "<img src=x onerror=alert(1)></script><script>alert(2)</script>"
 JSON = "application/json"
@@ -234,6 +241,28 @@ def streams_by_one(at: Victim) -> int:
     return asyncio.run(exhaust())
 
 
+def streams_by_one_address(at: Victim) -> int:
+    live = Live(at.at.live._runs_dir)
+    live.publish()
+
+    async def exhaust() -> int:
+        streams = [
+            live.watch(f"eve {number}", "10.0.0.1")
+            for number in range(WATCHER_OF_ADDRESS_MAX_COUNT)
+        ]
+        for stream in streams:
+            await anext(stream)
+        with pytest.raises(TooManyWatchersError):
+            await anext(live.watch("eve", "10.0.0.1"))
+        other = live.watch("ada", "10.0.0.2")
+        assert (await anext(other))[0] == "now"  # others still look
+        for stream in (*streams, other):
+            await stream.aclose()  # type: ignore[attr-defined]
+        return 503
+
+    return asyncio.run(exhaust())
+
+
 START = {"recipes": [{"recipe": "holder"}]}
 ATTACKS: dict[str, Callable[[Victim], int]] = {
     "an order without a log-in": anonymous,
@@ -307,6 +336,7 @@ ATTACKS: dict[str, Callable[[Victim], int]] = {
     "a template as a name": reflected_template,
     "scripts as names": script_in_names,
     "all streams taken by one": streams_by_one,
+    "all streams taken by one address": streams_by_one_address,
     "an address without end": lambda at: at.get("/now/" + "x" * 2_000),
     "cookies without end": lambda at: at.get("/now", Cookie="a=" + "x" * 20_000),
 }
@@ -353,3 +383,37 @@ def test_what_is_wrong_on_the_wire_is_refused_and_the_page_goes_on(tmp_path: Pat
         with socket.create_connection(("127.0.0.1", port), timeout=600.0) as wire:
             wire.sendall(b"GET /login HTTP/1.1\r\nHost: " + here + b"\r\n\r\n")
             assert b" 200 " in wire.recv(65_536)
+
+
+@pytest.mark.parametrize("is_idle", [True, False])
+def test_one_address_cannot_take_all_connections(tmp_path: Path, is_idle: bool) -> None:
+    with served(tmp_path) as port, ExitStack() as held:
+        here = f"127.0.0.1:{port}"
+        look = f"GET /login HTTP/1.1\r\nHost: {here}\r\nConnection: close\r\n\r\n".encode()
+        body = f"Origin: http://{here}\r\nContent-Length: 100\r\n\r\nname=".encode()
+        begun = b"" if is_idle else f"POST /login HTTP/1.1\r\nHost: {here}\r\n".encode() + body
+
+        def connected(address: str) -> socket.socket:
+            return held.enter_context(
+                socket.create_connection(("127.0.0.1", port), 600.0, source_address=(address, 0))
+            )
+
+        hostile = []
+        for _ in range(CONNECTION_MAX_COUNT + 20):
+            hostile.append(connected("127.0.0.2"))
+            with suppress(OSError):
+                hostile[-1].sendall(begun)
+        for address in ("127.0.0.1", "127.0.0.2") if is_idle else ("127.0.0.1",):
+            wire = connected(address)
+            wire.sendall(look)
+            assert b" 200 " in wire.recv(65_536), address
+        kept = 0
+        for wire in hostile:
+            wire.setblocking(False)
+            try:
+                wire.recv(1)
+            except BlockingIOError:
+                kept += 1
+            except OSError:  # given up
+                pass
+        assert kept <= CONNECTION_OF_ONE_MAX_COUNT

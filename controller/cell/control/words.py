@@ -93,13 +93,14 @@ class QuestionReply(_Body):
 
 
 class HolderReply(_Body):
-    """Who has the cell's lock."""
+    """Who has the cell's lock, and the path of the control socket that it serves."""
 
     run: str
     user: str
     host: str
     pid: int
     since: str
+    control: str = ""
 
 
 class StatusReply(_Body):

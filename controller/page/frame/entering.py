@@ -11,7 +11,7 @@ from starlette.routing import Route
 from ..security import Account, AccountsError
 from .files import static_files
 from .routing import FORGED, NOBODY, is_own
-from .visit import Frame, refused
+from .visit import Frame, address_of, refused
 from .words import word
 
 HOME = "/now"
@@ -58,7 +58,7 @@ class Entrance:
         except (UnicodeDecodeError, ValueError):
             return refused(400, word("this is no log-in"))
         name, password = form.get("name", [""])[0][:80], form.get("password", [""])[0]
-        address = "" if request.client is None else request.client.host
+        address = address_of(request)
         if frame.attempts.seconds_to_wait(address) > 0:
             text = word("Too many attempts. Try again in some minutes.")
             return self._form(request, text, name, 429)

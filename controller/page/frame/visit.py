@@ -34,6 +34,11 @@ def refused(status: int, text: str) -> JSONResponse:
     return JSONResponse({"error": text}, status)
 
 
+def address_of(request: Request) -> str:
+    """Return the address of the browser, by a reverse proxy's word where one is trusted."""
+    return "" if request.client is None else request.client.host
+
+
 @dataclass(frozen=True, eq=False)
 class Frame:
     """What all screens share.

@@ -25,7 +25,7 @@ from controller.cell.control import (
 from ..frame.drawn import mesh_of, packed, packed_json, run_picture
 from ..frame.screens import Act, Body, Look, Setting, Upload
 from ..frame.uploads import Uploaded
-from ..frame.visit import Visit, refused
+from ..frame.visit import Visit, address_of, refused
 from ..frame.words import word
 from ..security import Role
 from .listing import LIST_MAX_BYTES
@@ -131,7 +131,7 @@ class NowAnswers:
 
     async def events(self, visit: Visit) -> Response:
         """Return a stream of what is known, then of each change, while the session lasts."""
-        stream = self._live.watch(visit.account.name)
+        stream = self._live.watch(visit.account.name, address_of(visit.request))
         try:
             first = await anext(stream, None)
         except TooManyWatchersError:

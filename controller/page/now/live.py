@@ -53,6 +53,7 @@ FRESH_WALL_S: Final = 3.0
 UNDECIDED: Final = ("starting", "stopped")
 WATCHER_MAX_COUNT: Final = 40
 WATCHER_OF_ONE_MAX_COUNT: Final = 10  # so that one account cannot take the room of all
+WATCHER_OF_ADDRESS_MAX_COUNT: Final = 20  # nor one address with several accounts
 NOW: Final = "now."
 # What of a run is a piece of its own: each is longer than all the rest, and changes on its own.
 APART: Final = ("plan", "views", "table", "parts", "alarms", "acts")
@@ -69,10 +70,12 @@ class Watcher:
     Attributes
     ----------
     owner : name of the account
+    address : of the browser
     waiting : messages by kind, in the order in which they came
     """
 
     owner: str = ""
+    address: str = ""
     waiting: dict[str, str] = field(default_factory=dict)
     has_more: asyncio.Event = field(default_factory=asyncio.Event)
 
@@ -137,23 +140,30 @@ class Live:
             tasks.create_task(self._follow_journal())
             tasks.create_task(self._follow_status())
 
-    async def watch(self, owner: str = "") -> AsyncIterator[tuple[str, str]]:
+    async def watch(self, owner: str = "", address: str = "") -> AsyncIterator[tuple[str, str]]:
         """Yield what is known, then each change: its kind and its JSON.
 
         Parameters
         ----------
         owner : name of the account that looks
+        address : of its browser
 
         Raises
         ------
-        TooManyWatchersError : there are as many already as the page has room for
+        TooManyWatchersError : there are as many already as the page has room for, in all, of this
+            account or of this address
         """
         if self._is_over:
             return
-        own = sum(one.owner == owner for one in self._watchers)
-        if len(self._watchers) >= WATCHER_MAX_COUNT or (owner and own >= WATCHER_OF_ONE_MAX_COUNT):
+        own = sum(one.owner == owner for one in self._watchers) if owner else 0
+        near = sum(one.address == address for one in self._watchers) if address else 0
+        if (
+            len(self._watchers) >= WATCHER_MAX_COUNT
+            or own >= WATCHER_OF_ONE_MAX_COUNT
+            or near >= WATCHER_OF_ADDRESS_MAX_COUNT
+        ):
             raise TooManyWatchersError
-        watcher = Watcher(owner)
+        watcher = Watcher(owner, address)
         for kind, message in self._sent.items():
             watcher.put(kind, message)
         self._watchers.add(watcher)

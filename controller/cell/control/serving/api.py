@@ -251,7 +251,12 @@ def _question(desk: Desk) -> words.QuestionReply | None:
 
 def _holder(holder: Holder) -> words.HolderReply:
     return words.HolderReply(
-        run=holder.run, user=holder.user, host=holder.host, pid=holder.pid, since=holder.since
+        run=holder.run,
+        user=holder.user,
+        host=holder.host,
+        pid=holder.pid,
+        since=holder.since,
+        control=holder.control,
     )
 
 

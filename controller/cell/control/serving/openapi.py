@@ -11,6 +11,8 @@ from typing import Any, Final
 from pydantic import BaseModel
 from pydantic.json_schema import models_json_schema
 
+from controller.cell.devices.lock import LOCK_NAME
+
 from ..words import ErrorReply
 from .api import ENDPOINTS, Endpoint
 
@@ -28,7 +30,7 @@ _ERRORS: Final = {
     "431": "the header is too large",
     "500": "internal error",
     "501": "another transfer coding than chunked",
-    "503": "a device does not answer, or there are too many connections",
+    "503": "a device does not answer, or too many requests wait for their answers",
 }
 
 
@@ -44,8 +46,10 @@ def document() -> dict[str, Any]:
         "info": {
             "title": "cellctl: a running cell",
             "version": "1",
-            "description": "HTTP over a unix socket of the user who runs the cell. Durations are "
-            "cell seconds. Orders are journaled with who gave them and why.",
+            "description": "HTTP over a unix socket of the user who runs the cell. Its path is "
+            f"`control` in the JSON of `{LOCK_NAME}` in the folder of runs, and `holder.control` "
+            "in `cellctl status --json`. Durations are cell seconds. Orders are journaled with who "
+            "gave them and why.",
         },
         "paths": {one.path: {one.method.lower(): _operation(one)} for one in ENDPOINTS},
         "components": {"schemas": schemas["$defs"]},

@@ -1,7 +1,8 @@
 """Serves the control socket: HTTP/1.1 over a unix socket, framed by h11. Knows no cell.
 
 One request a connection, bounded in size and in time. Only processes of the same user are heard,
-and nothing of an error but a sentence goes out.
+and nothing of an error but a sentence goes out. Connections that ask nothing keep nobody out: a new
+one takes the place of an idle one, and requests that read leave the places of orders free.
 """
 
 import asyncio
@@ -9,8 +10,9 @@ import json
 import logging
 import os
 import socket
-from collections.abc import AsyncIterator, Awaitable, Callable
-from contextlib import asynccontextmanager, suppress
+from collections import Counter
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from contextlib import asynccontextmanager, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -24,6 +26,8 @@ log = logging.getLogger(__name__)
 
 MAX_HEADER_BYTES: Final = 8_192
 MAX_BODY_BYTES: Final = 16_384
+# Of idle connections, of requests that read (GET) and of orders, each: a few terminals, the page
+# and a program of the plant at once.
 MAX_CONNECTION_COUNT: Final = 16
 # For the whole of a request to arrive, and for its answer to leave. Real seconds: the other end is
 # a person's program, no device.
@@ -116,6 +120,9 @@ class Door:
     def __init__(self, handle: Handle) -> None:
         self._handle = handle
         self._tasks: set[asyncio.Task[Any]] = set()
+        # By process, in the order in which they came: no request has arrived, or it is answered.
+        self._idle: dict[asyncio.StreamWriter, int] = {}
+        self._answering: Counter[bool] = Counter()  # whether they only read
 
     async def on_connection(
         self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
@@ -125,7 +132,7 @@ class Door:
         assert task is not None
         self._tasks.add(task)
         try:
-            await self._serve(reader, writer, len(self._tasks))
+            await self._serve(reader, writer)
         except (OSError, TimeoutError, asyncio.IncompleteReadError):
             log.debug("a connection to the control socket broke off")
         finally:
@@ -140,18 +147,15 @@ class Door:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
 
-    async def _serve(
-        self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, count: int
-    ) -> None:
+    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         peer = peer_of(writer.get_extra_info("socket"))
         wire = h11.Connection(h11.SERVER, max_incomplete_event_size=MAX_HEADER_BYTES)
         try:
-            async with asyncio.timeout(IO_LIMIT_WALL_S):
-                request = await _read(wire, reader)
+            with self._resting(writer, peer):
+                async with asyncio.timeout(IO_LIMIT_WALL_S):
+                    request = await _read(wire, reader)
             if peer.uid != os.getuid():
                 raise _BadRequestError(403, "this cell belongs to another user")
-            if count > MAX_CONNECTION_COUNT:
-                raise _BadRequestError(503, "too many connections to this cell")
             status, body = await self._answer(peer, request)
         except _BadRequestError as bad:
             status, body = bad.status, error_body(str(bad)) if str(bad) else b""
@@ -159,21 +163,52 @@ class Door:
             status, body = error.error_status_hint, error_body(f"this is no HTTP request: {error}")
         except TimeoutError:
             status, body = 408, error_body("the request did not arrive in time")
-        async with asyncio.timeout(IO_LIMIT_WALL_S):
-            await _write(wire, writer, status, body)
-            # a socket that is closed with bytes unread loses the answer on its way
-            writer.write_eof()
-            for _ in range(MAX_BODY_BYTES // CHUNK_BYTES):
-                if not await reader.read(CHUNK_BYTES):
-                    break
+        if writer.is_closing():  # another connection has its place
+            return
+        with self._resting(writer, peer):
+            async with asyncio.timeout(IO_LIMIT_WALL_S):
+                await _write(wire, writer, status, body)
+                # a socket that is closed with bytes unread loses the answer on its way
+                writer.write_eof()
+                for _ in range(MAX_BODY_BYTES // CHUNK_BYTES):
+                    if not await reader.read(CHUNK_BYTES):
+                        break
+
+    @contextmanager
+    def _resting(self, writer: asyncio.StreamWriter, peer: Peer) -> Iterator[None]:
+        """Count a connection as idle; where there are too many, the oldest of one process ends.
+
+        That process is the one with the most of them, so that a process with a single connection
+        keeps it, however many another one opens.
+        """
+        self._idle[writer] = peer.pid
+        while len(self._idle) > MAX_CONNECTION_COUNT:
+            count = Counter(self._idle.values())
+            oldest = max(self._idle, key=lambda one: count[self._idle[one]])  # the first of equals
+            del self._idle[oldest]
+            oldest.transport.abort()
+        try:
+            yield
+        finally:
+            self._idle.pop(writer, None)
 
     async def _answer(self, peer: Peer, request: _Request) -> Answer:
+        is_reading = request.method == "GET"
+        if self._answering[is_reading] >= MAX_CONNECTION_COUNT:
+            raise _BadRequestError(
+                503,
+                f"{MAX_CONNECTION_COUNT} such requests to this cell wait for their answers, the "
+                "most at once: ask again",
+            )
+        self._answering[is_reading] += 1
         try:
             return await self._handle(peer, request.method, request.path, request.body)
         except Exception:
             # a bug must not stop the cell, and its traceback is nobody's business out there
             log.exception("the control socket failed in %s %s", request.method, request.path)
             return 500, error_body("internal error; the log has its details")
+        finally:
+            self._answering[is_reading] -= 1
 
 
 async def _read(wire: h11.Connection, reader: asyncio.StreamReader) -> _Request:
