@@ -37,6 +37,7 @@ ACTS: dict[str, dict[str, Any]] = {
     "pause": {"kind": "now"},
     "resume": {"first": None},
     "stop": {},
+    "ack": {"why": "looked"},
     "answer": {"key": "look", "number": 1},
 }
 LOOKS = ("/now", "/now/events", "/now/scene", "/now/mesh", f"/now/picture/{RUN}/0", "/session")
@@ -101,7 +102,7 @@ def test_an_operator_acts_and_the_cell_learns_who(
     assert (order, body.who, body.why) == (name, "ada, page", "a screw")
 
 
-@pytest.mark.parametrize("name", ["abort", "step", "ack", "recover", "status", "..", "stop/..", ""])
+@pytest.mark.parametrize("name", ["abort", "step", "recover", "status", "..", "stop/..", ""])
 def test_only_the_orders_of_the_page_exist(
     at: Bench, taken: list[tuple[str, Order]], name: str
 ) -> None:

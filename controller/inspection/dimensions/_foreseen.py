@@ -52,7 +52,7 @@ def is_explained(
     some, place = rays.chosen(index), place_px[index]
     reach = float(np.abs(place).max()) + ON_PX + STEP_PX * SOFT
     count = int(np.ceil(reach / STEP_PX))
-    offsets = np.arange(-count, count + 1) * STEP_PX
+    offsets: FloatArray = np.arange(-count, count + 1, dtype=np.float64) * STEP_PX
     between = 0.5 * (offsets[1:] + offsets[:-1])
     is_step = _steps(part, scene, view, lamp, some, offsets)
     # its own nominal edge explains nothing
@@ -91,7 +91,7 @@ def _steps(
     if lamp == BACKLIT:
         is_part = face != NONE
         return np.asarray(is_part[:, 1:] != is_part[:, :-1])
-    lit = np.zeros(len(lines))
+    lit: FloatArray = np.zeros(len(lines))
     met = np.flatnonzero(triangle >= 0)
     normals = part.caster.normals[triangle[met]]
     normals = normals * -np.sign(inner(normals, lines[met]))[:, None]
