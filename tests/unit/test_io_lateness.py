@@ -19,6 +19,7 @@ class WaitingTime:
 
     speed = 1000.0
     window_s = 0.05
+    waits = True
 
     def __init__(self) -> None:
         self.instant_s = 5.0
