@@ -102,7 +102,7 @@ class _RequirementItem(pytest.Item):
 
 def _has_terminal() -> bool:
     """Return whether a person can be asked, who reads and types."""
-    try:  # not `sys.stdin`, which pytest replaces
+    try:  # not `sys.stdin`, which pytest replaces; it puts files in place of both while it captures
         return os.isatty(0) and os.isatty(1)
     except OSError:
         return False
@@ -202,12 +202,12 @@ class _Conformance:
 
         Who answers has to see the device: a pipe, or a file, is nobody.
         """
-        if not _has_terminal():
-            return False
         capture = self._config.pluginmanager.getplugin("capturemanager")
         if capture is not None:
             capture.suspend_global_capture(in_=True)
         try:
+            if not _has_terminal():
+                return False
             sys.stdout.write(f"\n{request}. Done, or agreed? yes/no: ")
             sys.stdout.flush()
             return sys.stdin.readline().strip().lower() in ("y", "yes")

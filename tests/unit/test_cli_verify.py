@@ -314,4 +314,4 @@ def test_a_picture_that_is_gone_ends_a_replay(
 ) -> None:
     (runs / stored_run.RUN / "pictures" / "v01_backlight.png").unlink()
     assert run(runs, "replay") == 2
-    assert "views.1.pictures.backlight" in capsys.readouterr().err
+    assert "pictures/v01_backlight.png: No such file" in capsys.readouterr().err

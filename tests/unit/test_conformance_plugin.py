@@ -5,10 +5,12 @@ from __future__ import annotations
 import asyncio
 import json
 import os
+import pty
 import re
 import sys
 import threading
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -40,20 +42,34 @@ def folder(tmp_path: Path) -> Path:
     return register(tmp_path)
 
 
-async def pytest_cell(folder: Path, *options: str, stdin: bytes = b"") -> Run:
-    """Run `pytest --cell` in a folder of its own."""
+def _all_of(terminal: int) -> bytes:
+    """Read a terminal until nobody writes to it any more."""
+    found = b""
+    with suppress(OSError):  # how Linux says that its other end is closed
+        while block := os.read(terminal, 65536):
+            found += block
+    return found
+
+
+async def pytest_cell(folder: Path, *options: str, says: bytes = b"") -> Run:
+    """Run `pytest --cell` in a folder of its own; a person at its terminal says something."""
+    person, terminal = pty.openpty()
     report = folder / "report.html"
     process = await asyncio.create_subprocess_exec(
         *(sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "--cell-report", str(report)),
         *options,
         cwd=folder,
         env=os.environ | {"PYTHONPATH": os.pathsep.join(map(str, (folder, ROOT, ACME)))},
-        stdin=asyncio.subprocess.PIPE,
-        stdout=asyncio.subprocess.PIPE,
-        stderr=asyncio.subprocess.STDOUT,
+        stdin=terminal,
+        stdout=terminal,
+        stderr=terminal,
     )
+    os.close(terminal)
+    os.write(person, says)
     async with asyncio.timeout(HANG_WALL_S):
-        out, _ = await process.communicate(stdin)
+        out = await asyncio.to_thread(_all_of, person)
+        await process.wait()
+    os.close(person)
     found = report.with_suffix(".json")
     shown = json.loads(found.read_text()) if found.exists() else {}
     assert process.returncode is not None
@@ -123,7 +139,7 @@ async def test_the_example_of_docs_drivers_meets_all_requirements(
     run = await pytest_cell(
         folder,
         *("--cell", str(acme_cell), "--cell-device", "gripper", "--allow-motion"),
-        stdin=b"yes\n",
+        says=b"yes\n",
     )
     assert run.code == 0, run.text
     assert set(run.verdicts("gripper").values()) == {"met"}
@@ -138,11 +154,11 @@ async def test_a_real_device_moves_only_if_somebody_agrees(
     run = await pytest_cell(
         folder,
         *("--cell", str(acme_cell), "--cell-device", "gripper", "--allow-motion"),
-        stdin=b"no\n",
+        says=b"no\n",
     )
     assert run.code == 0, run.text
-    assert run.text.count("about to move") == 1
-    moving = {"units", "empty", "stop", "cancelled"}
+    assert run.text.count("about to be commanded") == 1
+    moving = {"limits", "units", "empty", "stop", "cancelled"}
     assert {n for n, v in run.verdicts("gripper").items() if v == "not tried"} == moving
     assert acme.opening_mm == acme.target_mm == 60.0
 
@@ -154,7 +170,11 @@ async def test_a_driver_that_fails_ends_pytest_with_1_and_is_named(
     assert "self._check(opening_mm)" in broken
     # before the example's own folder on the path
     (folder / "acme_gripper.py").write_text(broken.replace("self._check(opening_mm)", "pass"))
-    run = await pytest_cell(folder, "--cell", str(acme_cell), "--cell-device", "gripper")
+    run = await pytest_cell(
+        folder,
+        *("--cell", str(acme_cell), "--cell-device", "gripper", "--allow-motion"),
+        says=b"yes\n",
+    )
     assert run.code == 1
     assert run.verdicts("gripper")["limits"] == "not met"
     assert re.search(r"gripper: open_to\(61 mm\): was taken", run.text)

@@ -203,7 +203,7 @@ async def test_nothing_but_devices_can_be_reached_without_a_control_port(
         assert "block" not in told
         assert set(ready) == {
             *("event", "speed", "seed", "devices", "camera_transport", "why_not_fuse", "pid"),
-            "as_drawn",
+            *("as_drawn", "wall_clock"),
             *("started_wall_s", "clock"),
         }
 
