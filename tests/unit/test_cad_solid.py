@@ -121,7 +121,12 @@ def test_a_file_without_triangles_is_empty(tmp_path: Path, data: bytes) -> None:
 
 @pytest.mark.parametrize(
     ("name", "data"),
-    [("p.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\n"), ("c.obj", b"# only a comment\n")],
+    [
+        ("p.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\n"),
+        ("c.obj", b"# only a comment\n"),
+        ("bytes.obj", b"\xff\xfe\x00\x01 v 1 2 3"),
+        ("latin.stl", b"solid Kl\xf6tzchen\nendsolid\n"),
+    ],
 )
 def test_points_without_triangles_are_empty_too(tmp_path: Path, name: str, data: bytes) -> None:
     assert "no triangles" in refusal(write(tmp_path, name, data), EmptyCadError)
@@ -150,8 +155,6 @@ def test_a_text_stl_cut_short_breaks_off(tmp_path: Path, share: float) -> None:
         ("picture.stl", b"\x89PNG\r\n\x1a\n"),
         ("letter.ply", b"Dear supplier"),
         ("letter.off", b"Dear supplier"),
-        ("bytes.obj", b"\xff\xfe\x00\x01 v 1 2 3"),
-        ("latin.stl", b"solid Kl\xf6tzchen\nendsolid\n"),
     ],
 )
 def test_what_is_no_cad_file_is_unreadable(tmp_path: Path, name: str, data: bytes) -> None:

@@ -193,7 +193,7 @@ def test_a_datum_knows_its_surface(plate: StepPart) -> None:
 
 @needs_kernel
 def test_two_bodies_are_refused(files: dict[str, Path]) -> None:
-    with pytest.raises(ManySolidsCadError, match="2 bodies; a part is one"):
+    with pytest.raises(ManySolidsCadError, match="2 bodies of one shape; a part is one"):
         load_solid(files["two boxes"])
 
 

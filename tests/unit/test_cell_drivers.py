@@ -200,10 +200,10 @@ def test_wrong_settings_of_pictures_from_files_are_named_with_their_line(
 
 def test_a_driver_without_settings_refuses_them(cell_file: CellFile) -> None:
     path = cell_file("{address: emulated, unit: 9}")
-    own = "  io:          {address: emulated, transport: tcp, unit: 1}"
+    own = "  lights:      {address: emulated, transport: tcp, analog_unit: 1, relay_unit: 2}"
     text = path.read_text()
     assert own in text
-    path.write_text(text.replace(own, "  io: {address: emulated, settings: {force: 3}}"))
+    path.write_text(text.replace(own, "  lights: {address: emulated, settings: {force: 3}}"))
     with pytest.raises(ConfigError, match="this driver has no settings"):
         require_drivers(path, load_cell(path))
 

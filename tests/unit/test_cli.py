@@ -156,6 +156,8 @@ def test_a_calibration_that_is_none_is_named(
 ) -> None:
     calibration = tmp_path / "camera.json"
     calibration.write_text("{}")
-    asked = ["recognise", "x.png", "--parts", str(HOLDER), "--calibration", str(calibration)]
+    picture = tmp_path / "table.png"
+    picture.touch()
+    asked = ["recognise", str(picture), "--parts", str(HOLDER), "--calibration", str(calibration)]
     assert main(asked) == 2
     assert "no camera calibration" in capsys.readouterr().err
