@@ -106,11 +106,11 @@ class Grippers:
         """
         intent = Intent(name=Once.RELEASE_ARM, open_mm=opening_mm, retreat=rounded(retreat))
         words = f"the arm gripper leaves the part to the fixed gripper: {opening_mm:.0f} mm"
-        await self._once(
+        await self._move(
             Mover.ARM_JAWS,
-            intent,
             words,
             lambda: self._guard.open_arm(opening_mm, self._record.part.custody),
+            intent,
         )
         self._end_hold()
 
@@ -125,11 +125,11 @@ class Grippers:
         """
         more = {"open_mm": opening_mm, "retreat": rounded(retreat)}
         words = "the arm gripper lets go of the part, where it is to stay"
-        await self._once(
+        await self._move(
             Mover.ARM_JAWS,
-            intent.model_copy(update=more),
             words,
             lambda: self._guard.open_arm(opening_mm, self._record.part.custody, lets_go=True),
+            intent.model_copy(update=more),
         )
         self._end_hold()
 
@@ -172,7 +172,7 @@ class Grippers:
         """
         intent = Intent(name=Once.RELEASE_FIXED, open_mm=opening_mm, retreat=rounded(retreat))
         words = f"the fixed gripper leaves the part to the arm gripper: {opening_mm:.0f} mm"
-        await self._once(Mover.FIXED_JAWS, intent, words, lambda: self._open_fixed(opening_mm))
+        await self._move(Mover.FIXED_JAWS, words, lambda: self._open_fixed(opening_mm), intent)
         if self._record.part.fixed_grasp is not None:
             self._record.budgets.succeed(GRASP + self._record.part.fixed_grasp.id)
         self._record.part.fixed_grasp = None
@@ -188,8 +188,8 @@ class Grippers:
         """
         intent = Intent(name=action, expected_mm=expected_mm, retreat=rounded(retreat))
         words = f"the arm gripper closes on the part: {expected_mm:.0f} mm expected"
-        return await self._once(
-            Mover.ARM_JAWS, intent, words, lambda: self._arm.grasp(self._arm_force)
+        return await self._move(
+            Mover.ARM_JAWS, words, lambda: self._arm.grasp(self._arm_force), intent
         )
 
     async def close_fixed(self, expected_mm: float, pre_open_mm: float) -> GraspReading:
@@ -202,11 +202,11 @@ class Grippers:
         """
         words = f"the fixed gripper closes on the part: {expected_mm:.0f} mm expected"
         intent = Intent(name=Once.HAND_OFF, expected_mm=expected_mm, open_mm=pre_open_mm)
-        return await self._once(
+        return await self._move(
             Mover.FIXED_JAWS,
-            intent,
             words,
             lambda: self._fixed.close_on(expected_mm, force_n=self._force_n),
+            intent,
         )
 
     async def press_and_require_hold(self) -> None:
@@ -385,31 +385,24 @@ class Grippers:
         """Whether the light barrier of the fixed gripper sees something between its jaws."""
         return self._guard.is_something_in_fixed
 
-    async def _move(self, mover: Mover, words: str, move: Callable[[], Awaitable[Found]]) -> Found:
-        """Do a motion of jaws; after an open door has stopped it, go on to where it was to end."""
-        while True:
-            async with self._at_the_gate(mover, words):
-                try:
-                    return await move()
-                except MotionStoppedError:
-                    if not self._gate.halts_jaws:
-                        raise
-
-    async def _once(
-        self, mover: Mover, intent: Intent, words: str, move: Callable[[], Awaitable[Found]]
+    async def _move(
+        self,
+        mover: Mover,
+        words: str,
+        move: Callable[[], Awaitable[Found]],
+        intent: Intent | None = None,
     ) -> Found:
-        """Do a motion of jaws that must never be repeated blindly.
+        """Do a motion of jaws; one with an intent must never be repeated blindly.
 
         An open door stops it half-way. It goes on within the same intent, once a person has looked
         and both openings are as they were left.
         """
         async with AsyncExitStack() as stack:
-            is_new = True
             while True:
                 async with self._at_the_gate(mover, words):
-                    if is_new:
+                    if intent is not None:
                         await stack.enter_async_context(self._record.once(intent))
-                        is_new = False
+                        intent = None
                     try:
                         return await move()
                     except MotionStoppedError:
