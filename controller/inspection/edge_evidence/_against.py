@@ -21,7 +21,7 @@ from ._displaced import MIN_POINTS, course_of, known_points, wave_of
 from ._edges import PartEdges
 from ._faces import GREATER_PART, TWO, MissingEdge, floor_words
 from ._looks import FORM_PX, EdgeLook, State
-from ._recesses import find_recesses
+from ._recesses import Recess
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -53,6 +53,7 @@ class MovedEdge:
 
 def find_against(
     solid: Solid,
+    recesses: Iterable[Recess],
     edges: PartEdges,
     looks: Sequence[EdgeLook],
     floors: Iterable[Floor],
@@ -66,7 +67,7 @@ def find_against(
     Parameters
     ----------
     solid : the part
-    edges : of it
+    recesses, edges : of it
     looks : at them
     floors : of its blind holes
     missing : edges that must show, and do in no picture
@@ -76,7 +77,7 @@ def find_against(
     """
     out: dict[str, list[Finding]] = {}
     of_look = {(look.view_id, look.lamp): look for look in looks}
-    places = _Places(solid)
+    places = _Places(recesses)
     for view_id, finding in (
         *(one for floor in floors for one in _floor_findings(solid, edges, floor, of_look)),
         *_edge_findings(edges, looks, places, pixel_mm, allowances, settings),
@@ -122,12 +123,12 @@ def _floor_findings(
 class _Places:
     """To which feature an edge belongs: to a recess by its walls, else to its two faces."""
 
-    def __init__(self, solid: Solid) -> None:
-        self._recess_of = {wall: r.walls for r in find_recesses(solid) for wall in r.walls}
+    def __init__(self, recesses: Iterable[Recess]) -> None:
+        self._walls_about = {wall: one.walls for one in recesses for wall in one.walls}
 
     def of(self, faces: Iterable[int]) -> frozenset[int]:
         """Return the faces of the feature that an edge between two faces is of."""
-        walls = (self._recess_of[face] for face in sorted(faces) if face in self._recess_of)
+        walls = (self._walls_about[face] for face in sorted(faces) if face in self._walls_about)
         return next(walls, frozenset(faces))
 
 
@@ -180,11 +181,10 @@ def _missing_findings(
         look = max(looks, key=lambda look: int((look.state[points] != State.HIDDEN).sum()))
         length_mm = sum(one.length_mm for one in every)
         count = max(one.look_count for one in every)
+        what = "an edge" if len(every) == 1 else f"{len(every)} edges"
         words = (
-            f"an edge, {length_mm:.1f} mm long, shown by none of {count} pictures that must show it"
+            f"{what}, {length_mm:.1f} mm long, shown by none of {count} pictures that must show it"
         )
-        if len(every) > 1:
-            words = words.replace("an edge", f"{len(every)} edges")
         yield (
             look.view_id,
             _finding(

@@ -15,7 +15,7 @@ from controller.cad import Crease, Solid
 from ._depth import Floor
 from ._edges import KEPT_PARTS, PartEdges
 from ._looks import EdgeLook, State
-from ._recesses import Recess, find_recesses
+from ._recesses import Recess
 
 NO_FLOORS: Final[Mapping[frozenset[int], Floor]] = MappingProxyType({})
 TWO: Final = 2  # pictures, at least, that an edge has to be missing in
@@ -112,6 +112,7 @@ def missing_edges(
 
 def prove_faces(
     solid: Solid,
+    recesses: Sequence[Recess],
     edges: PartEdges,
     looks: Sequence[EdgeLook],
     narrow: BoolArray,
@@ -127,12 +128,12 @@ def prove_faces(
     Parameters
     ----------
     solid : the part
-    edges : of it
+    recesses, edges : of it
     looks : at them
     narrow : (f,) no disc of the smallest defect on the face is far enough from its edges
     floors : of its blind holes, by their walls
     """
-    recess_of = {wall: recess for recess in find_recesses(solid) for wall in recess.walls}
+    recess_of = {wall: recess for recess in recesses for wall in recess.walls}
     held = confirmed(looks, np.stack([look.state == State.IN_PLACE for look in looks]))
     out = {}
     for face in range(len(solid.faces)):

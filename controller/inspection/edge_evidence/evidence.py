@@ -26,7 +26,7 @@ from ._faces import FaceEdges, MissingEdge, inner_mm, missing_edges, prove_faces
 from ._floor_light import blind_bore, rise_by_light
 from ._looks import EdgeLook, look_at_edges
 from ._other_looks import refuted
-from ._recesses import find_recesses
+from ._recesses import Recess, find_recesses
 
 EDGE_PLAY_MM: Final = 0.3  # beside an edge that may be broken by so much no surface is compared
 BLUR_PX: Final = 2.0  # nor within the blur of lens and filters
@@ -110,15 +110,24 @@ def find_evidence(
     around_mm = EDGE_PLAY_MM + BLUR_PX * pixel_mm
     cosine = np.maximum(_best_cosine(part.solid, samples, views), MIN_COS)
     narrow = inner_mm(part.solid) < 0.5 * limits.smallest_defect_mm + around_mm / cosine
-    floors = _floors(part, edges, looks, views, settings)
-    faces = prove_faces(part.solid, edges, looks, narrow, floors)
+    recesses = find_recesses(part.solid)
+    floors = _floors(part, recesses, edges, looks, views, settings)
+    faces = prove_faces(part.solid, recesses, edges, looks, narrow, floors)
     runs = find_displaced(edges, looks, pixel_mm, GRAINS * limits.dust_mm, allowances, settings)
     poses = {one.view.task.view_id: one.view.T_world_part for one in views}
     is_refuted = refuted(edges, runs, looks, poses, pixel_mm, allowances, settings)
     damage = find_damage(edges, runs, poses, is_refuted)
     missing = missing_edges(part.solid, edges, looks, limits.smallest_defect_mm)
     against = find_against(
-        part.solid, edges, looks, floors.values(), missing, pixel_mm, allowances, settings
+        part.solid,
+        recesses,
+        edges,
+        looks,
+        floors.values(),
+        missing,
+        pixel_mm,
+        allowances,
+        settings,
     )
     return EdgeEvidence(
         edges,
@@ -188,6 +197,7 @@ def _kept_looks(
 
 def _floors(
     part: PosedPart,
+    recesses: Sequence[Recess],
     edges: PartEdges,
     looks: Sequence[EdgeLook],
     views: Sequence[EdgeView],
@@ -198,13 +208,13 @@ def _floors(
     Parameters
     ----------
     part : the CAD model
-    edges : of it
+    recesses, edges : of it
     looks : at them
     views : with the pictures that count
     settings : what is uncertain before any picture
     """
     found: dict[frozenset[int], Floor] = {}
-    for recess in find_recesses(part.solid):
+    for recess in recesses:
         if recess.is_through:
             continue
         bore = blind_bore(part.solid, recess)
