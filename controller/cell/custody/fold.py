@@ -111,6 +111,11 @@ class CellIdentity:
             where[gripper] = process if gripper in emulated else address
         return cls(str(began.cell.get("name")), where, emulated)
 
+    @property
+    def outlives_the_run(self) -> bool:
+        """Whether a gripper stays when the run ends; those of the run's own emulator do not."""
+        return set(self.grippers) != set(self.emulated)
+
     def shares(self, gripper: GripperName, other: "CellIdentity") -> bool:
         """Return whether a gripper is, or may be, the other cell's gripper as well.
 

@@ -210,7 +210,7 @@ def after_known(began: RunBegan) -> RunBegan:
     ------
     JournalError : the notes cannot be read
     """
-    if not _outlives_the_run(began):
+    if not CellIdentity.of(began).outlives_the_run:
         return began
     known = [note.order_us for note in _notes()]
     return began.model_copy(update={"after_us": max(known) + 1}) if known else began
@@ -231,12 +231,13 @@ def note_journal(journal: Journal, began: RunBegan) -> None:
     ------
     JournalError : the note cannot be written
     """
-    if not _outlives_the_run(began):
+    here = CellIdentity.of(began)
+    if not here.outlives_the_run:
         return
     file = journal.path.resolve()
     kept = began.model_dump(mode="json", include=_IDENTITY)
     kept["cell"] = {"name": began.cell.get("name")}
-    path = _note_path(file, CellIdentity.of(began), began.clock)
+    path = _note_path(file, here, began.clock)
     first = next(row for row in read_rows(journal.path, journal.run) if is_of(row, RunBegan))
     body = {"journal": str(file), "began": kept, "order_us": _order_us(first)}
     new = path.with_name(f"{path.name}.{os.getpid()}")
@@ -291,9 +292,9 @@ def rows_of_all_journals(own: Path, began: RunBegan) -> list[Row]:
     JournalError : the own journal, or the notes, cannot be read
     """
     rows = list(read_folded(own))
-    if not _outlives_the_run(began):
-        return rows
     here = CellIdentity.of(began)
+    if not here.outlives_the_run:
+        return rows
     ordered = list(_in_order(rows))
     others = {
         note.journal: note
@@ -325,11 +326,6 @@ def _order_us(first: Row) -> int:
 
 def _since_epoch_us(at: datetime) -> int:
     return (at - EPOCH) // timedelta(microseconds=1)
-
-
-def _outlives_the_run(began: RunBegan) -> bool:
-    here = CellIdentity.of(began)
-    return set(here.grippers) != set(here.emulated)
 
 
 def _rows_of(note: _Note) -> list[Row]:

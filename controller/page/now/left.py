@@ -24,9 +24,7 @@ def left_in_grippers(journal: Path, began: rows.RunBegan) -> tuple[Held, ...]:
     JournalError : the journal cannot be read
     """
     here = CellIdentity.of(began)
-    if set(here.grippers) == set(here.emulated):
-        return ()
-    return fold_custody(read_folded(journal), here)
+    return fold_custody(read_folded(journal), here) if here.outlives_the_run else ()
 
 
 def fold_of(journal: Path, run: str) -> RunFold:
