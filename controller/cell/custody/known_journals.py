@@ -34,6 +34,7 @@ from ..journal import (
     first_flaw,
     is_of,
     open_cell_journal,
+    put_on_disk,
     read_head_file,
     read_rows,
     row_at,
@@ -244,12 +245,10 @@ def note_journal(journal: Journal, began: RunBegan) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         journal.keep_head(_head_of(path))
-        with new.open("w", encoding="utf-8") as opened:
-            json.dump(body, opened)
-            opened.flush()
-            os.fsync(opened.fileno())
+        new.write_text(json.dumps(body), encoding="utf-8")
+        put_on_disk(new)
         new.replace(path)
-        _put_on_disk(path.parent)
+        put_on_disk(path.parent)
     except OSError as error:
         raise JournalError(
             f"{path}: {error.strerror}. The next start needs this note to find this run's journal. "
@@ -266,14 +265,6 @@ def _note_path(journal: Path, cell: CellIdentity, clock: str | None) -> Path:
 
 def _head_of(note: Path) -> Path:
     return note.with_suffix(".head")
-
-
-def _put_on_disk(folder: Path) -> None:
-    fd = os.open(folder, os.O_RDONLY | os.O_CLOEXEC)
-    try:
-        os.fsync(fd)
-    finally:
-        os.close(fd)
 
 
 def rows_of_all_journals(own: Path, began: RunBegan) -> list[Row]:

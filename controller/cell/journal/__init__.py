@@ -6,7 +6,7 @@ names the last row known to be on the disk, so that rows cut off the end are not
 `rows` defines what each row says.
 """
 
-from ._beside import append_beside
+from ._beside import append_beside, put_on_disk
 from ._care import CellJournal, first_flaw, open_cell_journal
 from ._form import CELL_TIME, GENESIS, JOURNAL_NAME, JournalError, Row, RowKind
 from ._head import Head, HeadError, read_head_file
@@ -60,6 +60,7 @@ __all__ = [
     "new_rows",
     "newest_run",
     "open_cell_journal",
+    "put_on_disk",
     "read_head_file",
     "read_row",
     "read_rows",

@@ -36,7 +36,7 @@ def append_beside(path: Path, run: str, row: Body, part: int | None = None) -> i
     try:
         seq = journal.write(row, part)
         # while the file is open: whoever closes it last takes the log away
-        _put_on_disk(path.with_name(path.name + LOG_SUFFIX), path, path.parent)
+        put_on_disk(path.with_name(path.name + LOG_SUFFIX), path, path.parent)
         _raise_head(path, seq)
     except (OSError, HeadError) as error:
         raise JournalError(f"journal {path}: {error}") from error
@@ -45,7 +45,13 @@ def append_beside(path: Path, run: str, row: Body, part: int | None = None) -> i
     return seq
 
 
-def _put_on_disk(*files: Path) -> None:
+def put_on_disk(*files: Path) -> None:
+    """Have files and folders on the disk, as far as they have been written.
+
+    Raises
+    ------
+    OSError : one of them cannot be
+    """
     for file in files:
         fd = os.open(file, os.O_RDONLY | os.O_CLOEXEC)
         try:
