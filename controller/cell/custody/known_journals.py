@@ -95,8 +95,8 @@ class _Note:
         """Why the file there is not the journal that was noted; empty if it is."""
         if self.began is None:
             return self.flaw
-        if self.head is None or self.why_gone:
-            return self.why_gone
+        if (why := self.why_gone) or self.head is None:
+            return why
         found = row_at(self.journal, self.head.seq)
         if found is None:
             return (
@@ -155,15 +155,16 @@ def why_lost(path: Path, began: RunBegan | None = None) -> str:
     ------
     JournalError : the notes cannot be read
     """
+    file = path.resolve()
     for note in _notes_of_living():
-        if note.journal != path.resolve():
+        if note.journal != file:
             continue
-        if note.why_gone:
-            return note.why_gone
+        if why := note.why_gone:
+            return why
         if began is not None and note.concerns(CellIdentity.of(began), began.clock):
             with suppress(JournalError):  # a damaged one is set aside by whoever opens it
-                if note.why_lost:
-                    return note.why_lost
+                if why := note.why_lost:
+                    return why
     return ""
 
 
