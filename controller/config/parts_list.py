@@ -16,7 +16,7 @@ class ListReader:
 
     Parameters
     ----------
-    text : of the list, lines ending in a line feed
+    text : of the list
     """
 
     def __init__(self, text: str) -> None:
@@ -47,12 +47,13 @@ def table_of(text: str) -> tuple[str, str, int]:
     """Return a table's text, what stands between its values, and how many lines were left out.
 
     Spreadsheets write semicolons where the comma is a decimal sign, tabs into UTF-16, and a first
-    line ``sep=;`` for other spreadsheets.
+    line ``sep=;`` for other spreadsheets. Lines of the text returned end in a line feed.
 
     Parameters
     ----------
-    text : of the table, lines ending in a line feed
+    text : of the table; its lines end as any system ends them
     """
+    text = io.StringIO(text, newline=None).getvalue()
     first, _, rest = text.partition("\n")
     hint = first.strip().lower()
     if hint.startswith("sep=") and len(hint) == len("sep=") + 1:

@@ -1,7 +1,6 @@
 """A list of parts (CSV): of which recipe each is, its serial number and its lot."""
 
 import csv
-import io
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -106,7 +105,7 @@ def load_parts_list(path: Path, lot: str = "") -> PartsList:
 
 def _rows(path: Path) -> Iterator[tuple[int, dict[str, str] | None]]:
     """Yield each part's line number and its values by title; None where they do not fit."""
-    reader = ListReader(_text(path))
+    reader = ListReader(read_text(path, "a list of parts", MAX_BYTES))
     try:
         titles = reader.titles()
         _check_titles(path, titles)
@@ -116,12 +115,6 @@ def _rows(path: Path) -> Iterator[tuple[int, dict[str, str] | None]]:
                 raise ConfigError(f"{path}: more than {MAX_PART_COUNT} parts")
     except csv.Error as error:
         raise ConfigError(f"{path}: line {reader.line}: {error}") from error
-
-
-def _text(path: Path) -> str:
-    # lines end as any system ends them
-    text = read_text(path, "a list of parts", MAX_BYTES)
-    return io.StringIO(text, newline=None).getvalue()
 
 
 def _check_titles(path: Path, titles: Sequence[str]) -> None:

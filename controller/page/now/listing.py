@@ -6,7 +6,6 @@ can name no other file.
 """
 
 import csv
-import io
 from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
@@ -59,7 +58,7 @@ def _parts(sent: Path) -> list[dict[str, str]]:
         text = read_text(sent, "a list of parts", LIST_MAX_BYTES)
     except ConfigError as error:
         raise RefusedError(422, "the list is no text in UTF-8") from error
-    reader = ListReader(io.StringIO(text, newline=None).getvalue())
+    reader = ListReader(text)
     parts: list[dict[str, str]] = []
     try:
         titles = reader.titles()

@@ -48,8 +48,7 @@ def read_references(path: Path, known: Collection[str], parts: Collection[str]) 
     ------
     ConfigError : not such a table, no number, or something that was not measured
     """
-    written = read_text(path, "a table of reference values", MAX_BYTES)
-    text, mark, skipped = table_of(io.StringIO(written, newline=None).getvalue())
+    text, mark, skipped = table_of(read_text(path, "a table of reference values", MAX_BYTES))
     table = csv.DictReader(io.StringIO(text), delimiter=mark, skipinitialspace=True)
     names = [name.strip() for name in table.fieldnames or ()]
     table.fieldnames = names
