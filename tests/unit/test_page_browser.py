@@ -211,6 +211,22 @@ def test_every_button_reaches_the_cell_once_in_the_persons_name(served: Served, 
     assert served.orders[5][1].model_dump()["number"] == 4
 
 
+def test_after_an_open_door_resume_waits_for_the_acknowledgement_alone(
+    served: Served, tab: Any
+) -> None:
+    served.status |= {"state": "suspended_grasping", "pause_seconds": {}, "barred": "look first"}
+    tab.goto(served.link())
+    tab.wait_for_selector("#ack:visible")
+    assert "look first" in tab.inner_text("#resume")
+    assert tab.is_disabled("#resume")
+    tab.fill("#why", "nobody is in it")
+    tab.click("#ack")
+    until(tab, lambda: [name for name, _ in served.orders] == ["ack"])
+    served.status |= {"barred": ""}
+    tab.wait_for_selector("#resume:enabled")
+    assert tab.is_hidden("#ack")
+
+
 def test_the_coverage_of_the_part_fills_and_the_next_part_begins_with_none(
     served: Served, tab: Any, tmp_path: Path
 ) -> None:
