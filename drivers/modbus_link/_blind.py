@@ -8,10 +8,10 @@ import struct
 from typing import Final
 
 from ._address import Address, RtuAddress, TcpAddress
+from ._framing import MBAP_SIZE, crc16
 from ._request import FunctionCode
 
 _NUMBER: Final = 0xB11D  # of the transaction; our own connection has no other
-_HEADER_BYTES: Final = 7  # of Modbus TCP, the unit among them
 
 
 def place_of(address: Address) -> str:
@@ -67,21 +67,11 @@ def inputs_mask(count: int, wanted: tuple[int, ...]) -> bytes:
     wanted : numbers of those that are looked at
     """
     bits = sum(1 << number for number in wanted)
-    return bytes(_HEADER_BYTES + 2) + bits.to_bytes((count + 7) // 8, "little")
+    return bytes(MBAP_SIZE + 2) + bits.to_bytes((count + 7) // 8, "little")
 
 
 def _framed(address: Address, unit: int, pdu: bytes) -> bytes:
     if isinstance(address, TcpAddress):
         return struct.pack(">HHHB", _NUMBER, 0, len(pdu) + 1, unit) + pdu
     data = bytes([unit]) + pdu
-    return data + struct.pack("<H", _crc(data))
-
-
-def _crc(data: bytes) -> int:
-    """Return the CRC-16 of the serial line guide, 2.5.1.2."""
-    crc = 0xFFFF
-    for byte in data:
-        crc ^= byte
-        for _ in range(8):
-            crc = (crc >> 1) ^ 0xA001 if crc & 1 else crc >> 1
-    return crc
+    return data + struct.pack("<H", crc16(data))

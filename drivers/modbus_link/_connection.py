@@ -16,8 +16,8 @@ from pymodbus.pdu import ModbusPDU
 from ..clock import CellClock
 from ..wires import LineTap
 from ._address import CONNECT_TIMEOUT_WALL_S, Address, Hooks, TcpAddress
+from ._framing import MBAP_SIZE
 from ._request import FunctionCode, Request
-from ._seen import MBAP_SIZE
 
 wire_log = logging.getLogger("cellctl.wire.modbus")
 

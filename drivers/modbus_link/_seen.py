@@ -6,25 +6,19 @@ one odd byte before it does not hide it.
 
 from typing import Final
 
-MBAP_SIZE: Final = 7  # Modbus messaging on TCP/IP V1.0b, 3.1.3
-_MIN_RTU: Final = 5  # unit, function, exception code, CRC
+from ._framing import MAX_RTU_SIZE, MBAP_SIZE, MIN_RTU_SIZE, crc16
+
 _EXCEPTION: Final = 0x80
-
-
-def _crc_is_right(frame: bytes) -> bool:
-    crc = 0xFFFF  # Modbus over serial line V1.02, appendix B
-    for byte in frame:
-        crc ^= byte
-        for _ in range(8):
-            crc = crc >> 1 ^ (0xA001 if crc & 1 else 0)
-    return crc == 0  # over the CRC itself, too
 
 
 def _rtu_frame_in(received: bytes) -> tuple[int, bytes] | None:
     """Return where the first whole frame stands in the bytes, and the frame."""
-    for begin in range(len(received) - _MIN_RTU + 1):
-        for end in range(begin + _MIN_RTU, len(received) + 1):
-            if _crc_is_right(received[begin:end]):
+    for begin in range(len(received) - MIN_RTU_SIZE + 1):
+        # carried on from byte to byte: this runs on the event loop, for as much noise as came
+        crc = crc16(received[begin : begin + MIN_RTU_SIZE - 1])
+        for end in range(begin + MIN_RTU_SIZE, min(begin + MAX_RTU_SIZE, len(received)) + 1):
+            crc = crc16(received[end - 1 : end], crc)
+            if crc == 0:
                 return begin, received[begin:end]
     return None
 

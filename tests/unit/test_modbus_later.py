@@ -113,6 +113,7 @@ async def test_a_line_that_echoes_is_named_and_the_setting_drops_the_echo() -> N
         (ANSWER[:-1] + b"\x00", "no frame, by their checksum"),
         (ANSWER[:4], "no frame, by their checksum"),
         (bytes.fromhex("0a 03 02 00 00 1d 85"), "unit 10"),
+        (b"\x55" * 3000, "no frame, by their checksum"),  # a quarter of a second at 115200 baud
     ],
 )
 def test_what_was_seen_on_a_serial_line_is_named(received: bytes, words: str) -> None:
