@@ -7,6 +7,7 @@ PGM and PPM (netpbm), WebP (RFC 9649).
 
 import re
 import struct
+from collections.abc import Iterator
 
 PNG_BEGIN = b"\x89PNG\r\n\x1a\n"
 JPEG_BEGIN = b"\xff\xd8\xff"
@@ -27,7 +28,7 @@ def size_in_header(data: bytes) -> tuple[int, int] | None:
         if data.startswith(JPEG_BEGIN):
             return _of_jpeg(data)
         if data[:4] in (b"II*\0", b"MM\0*"):
-            return _of_tiff(data, "<" if data[:2] == b"II" else ">")
+            return _of_tiff(data)
         if data.startswith(b"BM"):
             return _of_bmp(data)
         if data[:4] == b"RIFF" and data[8:12] == b"WEBP":
@@ -58,15 +59,27 @@ def _of_jpeg(data: bytes) -> tuple[int, int] | None:
     return None
 
 
-def _of_tiff(data: bytes, order: str) -> tuple[int, int] | None:
+def tiff_fields(data: bytes) -> Iterator[tuple[int, str, int]]:
+    """Yield tag, format and place of each field of whole numbers in a TIFF's first directory."""
+    order = "<" if data[:2] == b"II" else ">"
     (at,) = struct.unpack_from(f"{order}I", data, 4)
     (count,) = struct.unpack_from(f"{order}H", data, at)
-    found: dict[int, int] = {}
     for i in range(count):
-        entry = at + 2 + 12 * i
-        tag, kind = struct.unpack_from(f"{order}HH", data, entry)
-        if tag in (TIFF_WIDTH, TIFF_HEIGHT) and kind in TIFF_TYPES:
-            (found[tag],) = struct.unpack_from(f"{order}{TIFF_TYPES[kind]}", data, entry + 8)
+        place = at + 2 + 12 * i
+        tag, kind, value_count = struct.unpack_from(f"{order}HHI", data, place)
+        if kind not in TIFF_TYPES:
+            continue
+        form, place = f"{order}{value_count}{TIFF_TYPES[kind]}", place + 8
+        if struct.calcsize(form) > 4:  # the field has their place then
+            (place,) = struct.unpack_from(f"{order}I", data, place)
+        yield tag, form, place
+
+
+def _of_tiff(data: bytes) -> tuple[int, int] | None:
+    found: dict[int, int] = {}
+    for tag, form, place in tiff_fields(data):
+        if tag in (TIFF_WIDTH, TIFF_HEIGHT):
+            (found[tag],) = struct.unpack_from(form[0] + form[-1], data, place)  # the first value
     if len(found) < 2:
         return None
     return found[TIFF_WIDTH], found[TIFF_HEIGHT]

@@ -11,7 +11,7 @@ import zlib
 from collections.abc import Callable
 from typing import Final
 
-from ._header import NETPBM, PNG_BEGIN, TIFF_HEIGHT, TIFF_TYPES, TIFF_WIDTH, size_in_header
+from ._header import NETPBM, PNG_BEGIN, TIFF_HEIGHT, TIFF_WIDTH, size_in_header, tiff_fields
 
 # bits a pixel by colour type: ISO/IEC 15948, 11.2.2 (channels times the bit depth)
 _PNG_CHANNELS: Final = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
@@ -107,11 +107,9 @@ def _check_netpbm(data: bytes) -> None:
     if kind in b"36":
         count *= 3
     if kind in b"123":
-        there = sum(1 for one in _PLAIN_NUMBER.finditer(data, match.end() - 1) if one[1])
-        if kind == b"1":  # digits need no blanks between them
-            there = sum(len(one[1]) for one in _PLAIN_NUMBER.finditer(data, match.end()) if one[1])
-        else:
-            there -= 1  # the largest level
+        digits = (len(one[1]) for one in _PLAIN_NUMBER.finditer(data, match.end()) if one[1])
+        # those of a PBM need no blanks between them; the others' first number is the largest level
+        there = sum(digits) if kind == b"1" else sum(1 for _ in digits) - 1
         if there < count:
             raise BrokenPictureError(f"is cut off or damaged: {there} levels of {count}")
         return
@@ -126,22 +124,10 @@ def _check_netpbm(data: bytes) -> None:
 
 
 def _check_tiff(data: bytes) -> None:
-    order = "<" if data[:2] == b"II" else ">"
-    (at,) = struct.unpack_from(f"{order}I", data, 4)
-    (count,) = struct.unpack_from(f"{order}H", data, at)
     fields: dict[int, tuple[int, ...]] = {}
-    for i in range(count):
-        entry = at + 2 + 12 * i
-        tag, kind, values = struct.unpack_from(f"{order}HHI", data, entry)
-        if kind not in TIFF_TYPES:
-            continue
-        letter = TIFF_TYPES[kind]
-        width = struct.calcsize(letter)
-        if values * width > 4:
-            (entry,) = struct.unpack_from(f"{order}I", data, entry + 8)
-            entry -= 8
-        _expect(len(data) - entry - 8, values * width, f"TIFF field {tag} takes")
-        fields[tag] = struct.unpack_from(f"{order}{values}{letter}", data, entry + 8)
+    for tag, form, place in tiff_fields(data):
+        _expect(len(data) - place, struct.calcsize(form), f"TIFF field {tag} takes")
+        fields[tag] = struct.unpack_from(form, data, place)
     stored = 0
     for offsets, lengths in _TIFF_PLACES:
         if len(fields.get(offsets, ())) != len(fields.get(lengths, ())):
