@@ -119,7 +119,7 @@ async def try_requirement(bench: Bench, requirement: Requirement, *, may_move: b
 
     if requirement.moves and not may_move:
         return outcome(NOT_TRIED, WITHOUT_MOTION)
-    if requirement.acts and not (may_move or bench.may_act):
+    if requirement.acts and not bench.may_act:
         return outcome(NOT_TRIED, WITHOUT_CONSENT)
     try:
         figure = await requirement.trial(bench)
@@ -259,9 +259,8 @@ class Suite:
     def attempt(self, name: str, requirement: Requirement) -> Outcome:
         """Try a requirement on a device, note the outcome, return it."""
         tried = self.tried[name]
-        may_move = self._allow_motion
-        if may_move and (requirement.moves or requirement.acts):
-            may_move = self._agrees(tried)
+        needs_consent = requirement.moves or requirement.acts
+        may_move = self._allow_motion and needs_consent and self._agrees(tried)
         outcome = self._run(self._attempt(name, requirement, may_move=may_move))
         tried.outcomes.append(outcome)
         return outcome
@@ -286,9 +285,8 @@ class Suite:
         if bench is None:
             bench = self._benches[name] = await self._bench(name)
         tried = self.tried[name]
-        # asked anew for each requirement: one that needs nobody's consent gets no verb either
-        commands = requirement.moves or requirement.acts
-        bench.may_act = tried.is_emulated or (may_move and commands)
+        # set anew for each requirement: one that needs nobody's consent gets no verb either
+        bench.may_act = tried.is_emulated or may_move
         outcome = await try_requirement(bench, requirement, may_move=may_move)
         if bench.device is not None:
             tried.model = str(bench.device.model)
