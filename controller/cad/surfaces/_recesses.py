@@ -3,12 +3,11 @@
 from collections.abc import Iterator
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from controller.arrays import FloatArray
 
 from ..boundary import Crease, Curve, Face
+from ..graph import components
 from ..solid import Solid
 from ._bands import edge_lengths, half_edges_by_face
 from ._slots import PARALLEL, SAME_MM, Slot, points_of
@@ -58,8 +57,7 @@ def _rings(solid: Solid, left_out: set[int]) -> Iterator[tuple[FloatArray, list[
         ends = np.unique(np.sort(pairs[edges[mine]], axis=1), axis=0)
         edges, ways = edges[~mine], ways[~mine]
         count = len(solid.faces)
-        graph = coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), (count, count))
-        _, label = connected_components(graph, directed=False)
+        label = components(count, *ends.T)
         beside = np.bincount(ends.ravel(), minlength=count)
         for one in np.unique(label[ends[:, 0]]).tolist():
             ring = np.nonzero(label == one)[0]

@@ -10,12 +10,11 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from controller.arrays import FloatArray
 from controller.cad import Feature, Solid
+from controller.cad.graph import components
 from controller.cad.surfaces import FeatureWall
 
 from .._types import Characteristic, CharacteristicKind, EdgePairGeometry
@@ -194,10 +193,8 @@ class _Known:
                 self._lengths.append(frozenset(row.faces))
             elif row.kind is _KIND.DISTANCE:
                 self._depths.update(row.faces)
-        count = len(solid.faces)
         ends = np.array(joined, dtype=np.intp).reshape(-1, 2)
-        graph = coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), (count, count))
-        self._level = connected_components(graph, directed=False)[1]
+        self._level = components(len(solid.faces), *ends.T)
         self._is_plane = np.array([face.kind == "plane" for face in solid.faces])
 
     def has(self, face: int, *kinds: CharacteristicKind) -> bool:
