@@ -142,21 +142,19 @@ def _recess(solid: Solid, feature: Feature, known: "_Known") -> Iterator[_Wanted
         f"{feature.kind} {size_text(feature.width_mm).removesuffix(' mm')} x "
         f"{size_text(feature.length_mm)} F{feature.faces[0]}"
     )
-    sizes = [feature.width_mm, feature.length_mm]
-    has_round_ends = any(solid.faces[i].kind == "cylinder" for i in feature.faces)
     is_ring = feature.kind in ("pocket", "opening")
+    is_by_rims = not is_ring and any(solid.faces[i].kind == "cylinder" for i in feature.faces)
     if not feature.across or not known.are_joined(*feature.across[0]):
         faces = feature.across[0] if feature.across else feature.faces
-        yield name, "width", _KIND.WIDTH, sizes[0], faces, NO_WALLS
+        yield name, "width", _KIND.WIDTH, feature.width_mm, faces, NO_WALLS
     if is_ring:
         for pair in feature.across[1:]:
             if not known.are_joined(*pair):
-                yield name, "length", _KIND.LENGTH, sizes[1], pair, NO_WALLS
+                yield name, "length", _KIND.LENGTH, feature.length_mm, pair, NO_WALLS
         if len(feature.across) < 2:
-            yield name, "length", _KIND.LENGTH, sizes[1], feature.faces, NO_WALLS
-    elif has_round_ends and not known.has_length(feature.faces):
-        yield name, "length", _KIND.LENGTH, sizes[1], feature.faces, NO_ENDS
-    is_by_rims = not is_ring and has_round_ends
+            yield name, "length", _KIND.LENGTH, feature.length_mm, feature.faces, NO_WALLS
+    elif is_by_rims and not known.has_length(feature.faces):
+        yield name, "length", _KIND.LENGTH, feature.length_mm, feature.faces, NO_ENDS
     if is_by_rims:
         is_placed = known.has(feature.faces[0], _KIND.POSITION)
     else:
@@ -198,9 +196,8 @@ class _Known:
         self._is_plane = np.array([face.kind == "plane" for face in solid.faces])
 
     def has(self, face: int, *kinds: CharacteristicKind) -> bool:
-        """Return whether a face has a characteristic of one of some kinds; without kinds any."""
-        own = self._kinds.get(face, set())
-        return bool(own & set(kinds)) if kinds else bool(own)
+        """Return whether a face has a characteristic of one of some kinds."""
+        return not self._kinds.get(face, set()).isdisjoint(kinds)
 
     def has_depth(self, faces: Sequence[int]) -> bool:
         """Return whether a wall among the faces has a depth."""
