@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from types import MappingProxyType
 from typing import Final
 
 import numpy as np
@@ -17,7 +16,6 @@ from ._edges import KEPT_PARTS, PartEdges
 from ._looks import EdgeLook, State
 from ._recesses import Recess
 
-NO_FLOORS: Final[Mapping[frozenset[int], Floor]] = MappingProxyType({})
 TWO: Final = 2  # pictures, at least, that an edge has to be missing in
 THREE: Final = 3  # the same of one that is shorter than the smallest defect
 GREATER_PART: Final = 0.5  # of the edges of a face, in place
@@ -116,7 +114,7 @@ def prove_faces(
     edges: PartEdges,
     looks: Sequence[EdgeLook],
     narrow: BoolArray,
-    floors: Mapping[frozenset[int], Floor] = NO_FLOORS,
+    floors: Mapping[frozenset[int], Floor],
 ) -> dict[int, FaceEdges]:
     """Return by face id what edges prove.
 
