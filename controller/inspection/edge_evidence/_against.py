@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controller.arrays import IndexArray
+from controller.arrays import BoolArray, IndexArray
 from controller.cad import Solid
 
 from .._types import Finding, FindingKind
@@ -142,13 +142,16 @@ def _edge_findings(
 ) -> Iterator[tuple[str, Finding]]:
     """Yield by feature and view a finding of the edge that is farthest out of its place."""
     by_place: dict[tuple[frozenset[int], str], list[MovedEdge]] = {}
+    told = [
+        (look, known_points(look), wave_of(look, pixel_mm, allowances, settings)) for look in looks
+    ]
     for edge in np.unique(edges.edge).tolist():
         points = np.flatnonzero(edges.edge == edge)
         place = places.of(edges.faces[points[0]].tolist())
         moved = [
             one
-            for look in looks
-            if (one := _moved(edges, look, points, wave_of(look, pixel_mm, allowances, settings)))
+            for look, is_known, wave_px in told
+            if (one := _moved(edges, look, points, is_known, wave_px))
         ]
         for one in moved if _is_agreed(edges, moved, looks) else ():
             by_place.setdefault((place, one.look.view_id), []).append(one)
@@ -200,7 +203,7 @@ def _missing_findings(
 
 
 def _moved(
-    edges: PartEdges, look: EdgeLook, points: IndexArray, wave_px: float
+    edges: PartEdges, look: EdgeLook, points: IndexArray, is_known: BoolArray, wave_px: float
 ) -> MovedEdge | None:
     """Return an edge as a picture shows it beyond its limits; None where it does not.
 
@@ -209,10 +212,11 @@ def _moved(
     edges : of the part
     look : the picture
     points : (k,) of one edge, in order
+    is_known : (n,) of all points, see `known_points`
     wave_px : see `wave_of`
     """
     shown = points[look.state[points] != State.HIDDEN]
-    known = points[known_points(look)[points]]
+    known = points[is_known[points]]
     if len(known) < MIN_POINTS or len(known) < FOLLOWS * len(shown):
         return None
     if (look.state[known] == State.IN_PLACE).mean() > GREATER_PART:
