@@ -5,7 +5,7 @@ straight edges. So its geometry is given by those edges, in the CAD frame, nomin
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Final
 
@@ -30,7 +30,8 @@ class CharacteristicKind(StrEnum):
     ROUNDNESS = "roundness"
 
 
-GENERAL: Final = "ISO 2768-"  # begins the source of limits that are general tolerances
+# Begins the source of limits that are general tolerances, and the reason where these have none.
+GENERAL: Final = "ISO 2768-"
 ONE_SIDED: Final = frozenset(
     {CharacteristicKind.POSITION, CharacteristicKind.STRAIGHTNESS, CharacteristicKind.ROUNDNESS}
 )
@@ -210,6 +211,12 @@ class Characteristic:
     def is_one_sided(self) -> bool:
         """Whether it is a departure from what is ideal, which cannot be below 0."""
         return self.kind in ONE_SIDED
+
+    def as_stated(self) -> "Characteristic":
+        """Return it as somebody states its limits: measured, if that is all that was missing."""
+        if not self.exempt.startswith(GENERAL):
+            return self
+        return replace(self, exempt="", is_measured=True)
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -15,7 +15,7 @@ from controller.arrays import FloatArray
 from controller.cad import Solid
 from controller.cad.compiled import CompiledPart
 
-from ._types import GENERAL, Characteristic, CharacteristicKind, RimGeometry, place_of
+from ._types import Characteristic, CharacteristicKind, RimGeometry, place_of
 from .derive import derive
 from .drafting import between, pair_characteristic
 from .limits import ToleranceClass, fit_limits_mm
@@ -257,8 +257,5 @@ def _changed(characteristic: Characteristic, asked: Asked, index: int) -> Charac
         v is not None for v in (asked.lower_mm, asked.upper_mm, asked.plus_mm, asked.minus_mm)
     )
     source = f"{asked.source} {asked.fit}".strip() if states else characteristic.source
-    if states and characteristic.exempt.startswith(GENERAL):  # all that was missing is limits
-        characteristic = replace(characteristic, exempt="", is_measured=True)
-    return replace(
-        characteristic, nominal_mm=nominal, lower_mm=lower, upper_mm=upper, source=source
-    )
+    changed = characteristic.as_stated() if states else characteristic
+    return replace(changed, nominal_mm=nominal, lower_mm=lower, upper_mm=upper, source=source)

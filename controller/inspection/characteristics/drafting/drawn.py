@@ -12,7 +12,6 @@ from controller.cad import Solid
 from controller.cad.surfaces.tolerances import Datum, Dimension, GeometricTolerance, Tolerance
 
 from .._types import (
-    GENERAL,
     Characteristic,
     CharacteristicKind,
     EdgePairGeometry,
@@ -107,10 +106,8 @@ def _limited(characteristic: Characteristic, drawn: Dimension) -> Characteristic
             lower, upper = fit_limits_mm(drawn.fit, drawn.nominal)
         except ValueError:
             return characteristic  # a class that is not known here: the general tolerance stays
-    if characteristic.exempt.startswith(GENERAL):  # all that was missing is limits
-        characteristic = replace(characteristic, exempt="", is_measured=True)
     return replace(
-        characteristic,
+        characteristic.as_stated(),
         nominal_mm=round(drawn.nominal, DIGITS),
         lower_mm=round(drawn.nominal + lower, DIGITS),
         upper_mm=round(drawn.nominal + upper, DIGITS),
