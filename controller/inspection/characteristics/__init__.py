@@ -13,6 +13,7 @@ from ._types import (
     RimCourse,
     RimGeometry,
     place_of,
+    rim_directions,
 )
 from .asked import LEFT_OUT, Asked, AskedError, characteristics_of
 from .derive import derive
@@ -55,6 +56,7 @@ __all__ = [
     "decide",
     "derive",
     "place_of",
+    "rim_directions",
     "standing_of",
     "verdict_of",
     "with_capability",

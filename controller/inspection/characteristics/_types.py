@@ -158,6 +158,14 @@ def place_of(geometry: Geometry) -> tuple[FloatArray, FloatArray]:
     return geometry.middle_mm, geometry.direction
 
 
+def rim_directions(axis: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return two unit directions (3,), square to each other and, right-handed, to an axis."""
+    helper = np.eye(3)[int(np.argmin(np.abs(axis)))]
+    first = np.cross(axis, helper)
+    first /= np.linalg.norm(first)
+    return first, np.cross(axis, first)
+
+
 @dataclass(frozen=True, eq=False, slots=True)
 class Characteristic:
     """One thing that is asked of a part.

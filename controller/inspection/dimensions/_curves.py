@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from controller.arrays import FloatArray, IndexArray
 from controller.cad import Solid
 
-from ..characteristics import EdgeLine, Rim
+from ..characteristics import EdgeLine, Rim, rim_directions
 
 SPACING_PX: Final = 1.0  # between rays; nearer ones see the same pixels
 MAX_RAYS: Final = 120
@@ -199,14 +199,6 @@ def plane_rim_curve(
         design=np.stack([shift, curve.design[:, 2]], axis=1),
         outward=1.0 if along > 0 else -1.0,
     )
-
-
-def rim_directions(axis: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return two unit directions (3,), square to an axis and to each other."""
-    helper = np.eye(3)[int(np.argmin(np.abs(axis)))]
-    first = np.cross(axis, helper)
-    first /= np.linalg.norm(first)
-    return first, np.cross(axis, first)
 
 
 def turn_of(rim: Rim, points_mm: FloatArray) -> FloatArray:

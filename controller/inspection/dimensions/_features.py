@@ -17,7 +17,6 @@ from ._curves import (
     line_curve,
     plane_rim_curve,
     rim_curve,
-    rim_directions,
     turn_of,
 )
 from ._rays import Rays

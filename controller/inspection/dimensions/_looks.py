@@ -24,8 +24,8 @@ from ..characteristics import (
     Look,
     Rim,
     RimGeometry,
+    rim_directions,
 )
-from ._curves import rim_directions
 from ._features import FaceFeature, Feature, FeatureFit, RimFeature
 from ._types import MeasuringSettings, PosedView
 

@@ -8,7 +8,7 @@ import numpy as np
 from controller.arrays import FloatArray, IndexArray
 from controller.cad import Crease, Solid, surface_normals
 
-from .._types import Rim, RimCourse
+from .._types import Rim, RimCourse, rim_directions
 
 # Where the surface that cuts a cylinder is so flat to its axis, the rim runs along the wall: a
 # small step of the wall moves it far along the axis, and it shows no radius. 0.25 is 14 degrees.
@@ -37,10 +37,7 @@ def course_rims(
     """
     b = solid.boundary
     vertices = np.asarray(solid.mesh.vertices, dtype=np.float64)
-    least = np.eye(3)[int(np.abs(axis).argmin())]
-    u = np.cross(axis, least)
-    u = u / np.linalg.norm(u)
-    v = np.cross(axis, u)
+    u, v = rim_directions(axis)
     found = []
     for loop in _outer_loops(solid, set(faces), half_edges):
         ids, beyond = _points(solid, loop)

@@ -13,7 +13,7 @@ import numpy as np
 from controller.arrays import FloatArray
 from controller.cad import Boundary, Crease, Curve, Face, Solid
 
-from .._types import Rim
+from .._types import Rim, rim_directions
 from .courses import course_rims
 
 COAXIAL_COS: Final = 1 - 1e-5  # 0.26 degrees, as the CAD's features have it
@@ -84,6 +84,7 @@ def round_walls(solid: Solid) -> tuple[RoundWall, ...]:
         radius = sum(face.radius_mm * face.area_mm2 for face in faces) / area
         reach = [float((f.centre_mm - largest.centre_mm) @ axis) * f.area_mm2 for f in faces]
         centre = largest.centre_mm + axis * sum(reach) / area
+        own = [half_edge for face in group for half_edge in sides[face]]
         levels = [corners[triangles[begin[i] : begin[i + 1]]].reshape(-1, 3) @ axis for i in group]
         bare = RoundWall(
             tuple(group),
@@ -92,15 +93,14 @@ def round_walls(solid: Solid) -> tuple[RoundWall, ...]:
             radius,
             largest.concave,
             height_mm=float(np.ptp(np.concatenate(levels))),
-            has_edge=any(b.crease[h // 2] == Crease.CONVEX for face in group for h in sides[face]),
+            has_edge=any(b.crease[h // 2] == Crease.CONVEX for h in own),
         )
-        own = [half_edge for face in group for half_edge in sides[face]]
         arcs = [arc for h in own if (arc := _arc(solid, bare, h)) is not None]
         rims = _rims(bare, arcs)
         if max((rim.sweep_rad for rim in rims), default=0.0) < FULL_RAD:
             # where no circle goes all the way round, a curve in space may
             courses = course_rims(solid, group, own, axis, centre, radius, is_hole=largest.concave)
-            rims = [*courses, *rims] if courses else rims
+            rims = [*courses, *rims]
         walls.append(replace(bare, rims=tuple(rims)))
     return tuple(walls)
 
@@ -188,7 +188,7 @@ def _arc(solid: Solid, wall: RoundWall, half_edge: int) -> _Arc | None:
     if abs(float(b.radius_mm[edge]) - wall.radius_mm) > SAME_MM:
         return None
     level = float((b.centre_mm[edge] - wall.centre_mm) @ wall.axis)
-    u, v = _across(wall.axis)
+    u, v = rim_directions(wall.axis)
     offset = np.asarray(solid.mesh.vertices)[b.chain_of(edge)] - wall.centre_mm
     angle = np.unwrap(np.arctan2(offset @ v, offset @ u))
     start, end = float(angle[0]), float(angle[-1])
@@ -199,14 +199,6 @@ def _arc(solid: Solid, wall: RoundWall, half_edge: int) -> _Arc | None:
         int(b.face[half_edge]),
         int(b.face[half_edge ^ 1]),
     )
-
-
-def _across(axis: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return two unit vectors square to an axis, right-handed with it."""
-    least = np.eye(3)[int(np.abs(axis).argmin())]
-    u = np.cross(axis, least)
-    u = u / np.linalg.norm(u)
-    return u, np.cross(axis, u)
 
 
 def _rims(wall: RoundWall, arcs: Iterable[_Arc]) -> list[Rim]:
@@ -244,7 +236,7 @@ def _rim(wall: RoundWall, run: list[_Arc], sweep_rad: float) -> Rim:
     longest = max(run, key=lambda arc: arc.sweep_rad)
     level = longest.level_mm
     axis = wall.axis if level > 0 else -wall.axis
-    u, v = _across(wall.axis)
+    u, v = rim_directions(wall.axis)
     begin = run[0].start_rad if level > 0 else run[0].start_rad + sweep_rad
     return Rim(
         centre_mm=wall.centre_mm + level * wall.axis,
