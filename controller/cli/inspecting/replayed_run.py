@@ -9,7 +9,7 @@ from typing import Any
 from controller.cell.journal import rows
 from controller.cell.services.records import findings_row, measured_row, verdict_row
 from controller.config import ConfigError
-from controller.config.view_set import load_view_set
+from controller.config.view_set import ViewSetFile, load_view_set
 from controller.inspection import PartInspection
 from controller.results import RunRecord, load_run, prove_run
 from controller.stored import compiled_part, judge_views, lines_digest, read_pictures
@@ -70,12 +70,16 @@ def replay_run(runs_dir: Path, run: str | None, recipe_path: Path | None, *, as_
         )
     sets = [record.folder / part.inspected.views for part in judged]
     require_files(sets)
-    views = [view for path in sets for view in load_view_set(path).views]
+    files = [load_view_set(path) for path in sets]
+    views = (view for file in files for view in file.views)
     require_files(picture for view in views for picture in view.pictures.values())
     tampered = prove_run(record.folder.parent, record.run_id).tampered
     for one in tampered:
         warn(f"{one.subject}: {one.problem}; what follows is of what is there now")
-    changed = [_replay(record.folder, part, recipe_path, as_json=as_json) for part in judged]
+    changed = [
+        _replay(part, set_path, file, recipe_path, as_json=as_json)
+        for part, set_path, file in zip(judged, sets, files, strict=True)
+    ]
     return 1 if any(changed) or tampered else 0
 
 
@@ -96,11 +100,11 @@ def _judged_parts(record: RunRecord) -> Iterator[Judged]:
             )
 
 
-def _replay(folder: Path, part: Judged, recipe_path: Path | None, *, as_json: bool) -> bool:
+def _replay(
+    part: Judged, set_path: Path, file: ViewSetFile, recipe_path: Path | None, *, as_json: bool
+) -> bool:
     """Judge one part again, print what changes; return whether anything does."""
     started = time.monotonic()
-    set_path = folder / part.inspected.views
-    file = load_view_set(set_path)
     judging = judging_of(set_path, file, recipe_path)
     found = judge_views(file, compiled_part(set_path, file), read_pictures(set_path, file), judging)
     changes = list(_changes(part, found))
