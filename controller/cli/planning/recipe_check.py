@@ -148,8 +148,7 @@ def _print(recipe_path: Path, checked: Checked, problems: Sequence[str]) -> None
         print_line("inspection:\n  not_inspected:")
         for face, reason in checked.unseen_faces.items():
             print_line(f"    F{face}: {json.dumps(reason[:MAX_REASON], ensure_ascii=False)}")
-    for problem in problems:
-        warn(f"{recipe_path}: {problem}")
+    warn_of(recipe_path, problems)
     served = f"{checked.served_fraction:.0%} of landings"
     if problems:
         print_line(f"{recipe_path}: not ready ({served} served)")
@@ -159,9 +158,9 @@ def _print(recipe_path: Path, checked: Checked, problems: Sequence[str]) -> None
         )
 
 
-def warn_of(recipe_path: Path, checked: Checked) -> None:
+def warn_of(recipe_path: Path, problems: Sequence[str]) -> None:
     """Print why a recipe cannot be run."""
-    for problem in checked.problems:
+    for problem in problems:
         warn(f"{recipe_path}: {problem}")
 
 

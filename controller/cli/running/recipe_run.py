@@ -302,7 +302,7 @@ def _are_ready(jobs: Sequence[Job], *, as_json: bool) -> bool:
     for job in jobs:
         checked = check_plans(job, None if as_json else warn)
         if checked.problems:
-            warn_of(job.recipe_path, checked)
+            warn_of(job.recipe_path, checked.problems)
             are_ready = False
     return are_ready
 

@@ -50,16 +50,17 @@ def check_characteristics(
         CheckedCharacteristic(one, capability_of(one, station, accuracy))
         for one in with_capability(asked, station, accuracy)
     )
-    return checked, tuple(
-        _too_tight(each) if each.characteristic.is_measured else _not_measured(each.characteristic)
-        for each in checked
-        if not each.characteristic.is_general
-        and (
-            not each.capability.is_capable
-            if each.characteristic.is_measured
-            else _is_stated_in_vain(each.characteristic)
-        )
-    )
+    return checked, tuple(problem for each in checked if (problem := _problem(each)))
+
+
+def _problem(checked: CheckedCharacteristic) -> str:
+    """Return why limits that were asked for cannot be verified; empty where they can."""
+    one = checked.characteristic
+    if one.is_general:
+        return ""
+    if one.is_measured:
+        return "" if checked.capability.is_capable else _too_tight(checked)
+    return _not_measured(one) if _is_stated_in_vain(one) else ""
 
 
 def _is_stated_in_vain(one: Characteristic) -> bool:

@@ -207,7 +207,7 @@ def check_plans(
                 f"recipe requires {wanted:.1%} to be compared (`min_coverage`); require less, or "
                 "see in `cellctl plan --recipe` what hides the rest"
             )
-    if not any(not (one.pose.rolling or one.pose.marginal) for one in poses):
+    if all(one.pose.rolling or one.pose.marginal for one in poses):
         problems.append(_restless(c.poses, c.part))
     plans = [one.certified.certificate.plan for one in poses]
     hidden = _unseen_by_all([plan for plan in plans if plan is not None], c.part.solid)
