@@ -177,6 +177,19 @@ def _once_each(pairs: Sequence[tuple[str, Any]]) -> Mapping[str, Any]:
     return found
 
 
+def utf8_of(data: bytes) -> bytes:
+    """Return a text without a byte order mark, and in UTF-8 where it tells of UTF-16 or UTF-32.
+
+    Parameters
+    ----------
+    data : of the file; in a code page that agrees with ASCII it stays as it is
+    """
+    encoding = encoding_of(data)
+    if encoding != "utf-8-sig":
+        data = data.decode(encoding, errors="replace").encode()
+    return data.removeprefix(codecs.BOM_UTF8)
+
+
 def encoding_of(data: bytes) -> str:
     """Return the encoding of a text by its byte order mark, UTF-8 without one.
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from controller.config.files import encoding_of
+from controller.config.files import utf8_of
 
 from ...errors import CadError, CoordinatesCadError, UnreadableCadError
 
@@ -40,10 +40,7 @@ class MeshText:
         ------
         UnreadableCadError : it is no text
         """
-        encoding = encoding_of(data)
-        if encoding != "utf-8-sig":
-            data = data.decode(encoding, errors="replace").encode()
-        data = data.removeprefix(b"\xef\xbb\xbf")
+        data = utf8_of(data)
         if (at := data.find(b"\0")) >= 0:
             raise UnreadableCadError(
                 f"{path}: byte {at} is not text; is it the right file? export it again"

@@ -8,7 +8,7 @@ import re
 from pathlib import Path
 from typing import Final
 
-from controller.config.files import encoding_of
+from controller.config.files import encoding_of, utf8_of
 
 from ...errors import CoordinatesCadError, UnreadableCadError
 
@@ -38,10 +38,7 @@ def for_kernel(data: bytes) -> bytes:
     A string that is no UTF-8 is read as code page 1252; of the five bytes that this leaves open
     the number is shown, as ``\x81``.
     """
-    encoding = encoding_of(data)
-    if encoding != "utf-8-sig":
-        data = data.decode(encoding, errors="replace").encode()
-    data = data.removeprefix(b"\xef\xbb\xbf")
+    data = utf8_of(data)
     if has_code_page(data):
         data = STRING.sub(lambda found: _in_utf8(found[0]), data)
         data = data.decode("utf-8", errors="replace").encode()
