@@ -10,10 +10,10 @@ from controller.arrays import FloatArray, IntArray
 from .obj import read_obj
 from .off import read_off
 from .ply import read_ply
-from .stl import is_binary, read_stl
+from .stl import read_stl
 from .threemf import read_3mf
 
-__all__ = ["TRIANGLE_READERS", "is_binary", "read_3mf"]
+__all__ = ["TRIANGLE_READERS", "read_3mf"]
 
 # of formats that name no unit
 TRIANGLE_READERS: Final[Mapping[str, Callable[[bytes, Path], tuple[FloatArray, IntArray]]]] = (

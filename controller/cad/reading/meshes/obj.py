@@ -45,7 +45,6 @@ def read_obj(data: bytes, path: Path) -> tuple[FloatArray, IntArray]:
         if len(tokens) < 3:
             raise text.error(row.start(), "a face has fewer than three corners")
         polygons.append([_index(text, row.start(), t, len(numbers) // 3) for t in tokens])
-        check_count(len(polygons), str(path))
     vertices = np.array(numbers).reshape(-1, 3)
     last = max((max(polygon) for polygon in polygons), default=-1)
     if last >= len(vertices):

@@ -1,7 +1,7 @@
 """PLY, binary and text: corners and polygons; colours, normals, comments mean nothing here."""
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -76,10 +76,9 @@ def read_ply(data: bytes, path: Path) -> tuple[FloatArray, IntArray]:
     begin = data.find(match[1], end) + len(match[1])
     read = _text_rows if order == "" else _binary_rows
     try:
-        found = read(memoryview(data)[begin:], order, elements, path)
+        vertices, polygons = read(memoryview(data)[begin:], order, elements, path)
     except (StopIteration, IndexError):
         raise UnreadableCadError(f"{path}: breaks off; copy or export it again") from None
-    vertices, polygons = found
     last = max((max(polygon, default=-1) for polygon in polygons), default=-1)
     if last >= len(vertices) or any(min(polygon, default=0) < 0 for polygon in polygons):
         raise UnreadableCadError(
@@ -174,12 +173,11 @@ def _binary_rows(
     vertices, polygons = np.empty((0, 3)), list[list[int]]()
     at = 0
     for element in elements:
-        table = _uniform(body, at, order, element)
-        rows: Any = table if table is not None else list(_each(body, at, order, element))
+        rows = table = _uniform(body, at, order, element)
         if table is not None:
             at += table.nbytes
         else:
-            at = rows.pop()
+            rows, at = _each(body, at, order, element)
         if element.name == b"vertex":
             columns = [
                 [row[axis] for row in rows] if table is None else table[axis] for axis in "xyz"
@@ -217,8 +215,11 @@ def _uniform(body: memoryview, at: int, order: str, element: Element) -> Any:  #
     return table if all((table[name] == table[name][0]).all() for name in counts) else None
 
 
-def _each(body: memoryview, at: int, order: str, element: Element) -> Iterator[Any]:
-    """Yield each row of an element as a mapping, at last the byte behind it."""
+def _each(
+    body: memoryview, at: int, order: str, element: Element
+) -> tuple[list[dict[str, Any]], int]:
+    """Return each row of an element as a mapping, and the byte behind them."""
+    rows = []
     for _ in range(element.count):
         row: dict[str, Any] = {}
         for one in element.properties:
@@ -232,8 +233,8 @@ def _each(body: memoryview, at: int, order: str, element: Element) -> Iterator[A
             values = np.frombuffer(body, kind, size, at)
             at += values.nbytes
             row[one.name.decode(errors="replace")] = values if one.count_code else values[0]
-        yield row
-    yield at
+        rows.append(row)
+    return rows, at
 
 
 def _scalar(body: memoryview, at: int, code: str) -> int:

@@ -18,6 +18,7 @@ TRIANGLE_BYTES: Final = 50
 TRIANGLE: Final = np.dtype(
     [("normal", "<f4", (3,)), ("corners", "<f4", (3, 3)), ("attribute", "<u2")]
 )
+END_BYTES: Final = 1 << 16  # of a text, in which its last solid ends; other words may stand behind
 AT_ONCE: Final = 300_000  # corners of a text that are turned into numbers together
 NAME: Final = re.compile(rb"(?im)^[ \t]*(?:end[ \t]*)?solid\b[^\n]*")
 CORNER: Final = re.compile(
@@ -66,7 +67,7 @@ def read_stl(data: bytes, path: Path) -> tuple[FloatArray, IntArray]:
 def _corners(text: MeshText) -> FloatArray:
     count = sum(1 for _ in FACET_END.finditer(text.data))
     check_count(count, str(text.path))
-    if SOLID_END.search(text.data, max(len(text.data) - (1 << 16), 0)) is None:
+    if SOLID_END.search(text.data, max(len(text.data) - END_BYTES, 0)) is None:
         raise UnreadableCadError(f"{text.path}: the text breaks off; copy or export it again")
     if any(b"vertex" in name[0].lower() for name in NAME.finditer(text.data)):
         # blank, so that every byte stays in its place

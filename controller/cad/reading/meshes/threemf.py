@@ -22,8 +22,8 @@ from ...errors import CoordinatesCadError, LargeCadError, UnreadableCadError
 from ...solid import MAX_TRIANGLES, check_count
 
 MAX_BYTES: Final = 400_000_000  # two million triangles and their corners take 250 MB of XML
-# Tags of all models: a corner or a triangle is one, and two million triangles have a million
-# corners, or of a mesh that does not share them three times as many as triangles.
+# Tags of all models: a corner or a triangle is one. Two million triangles have a million corners
+# and fit; of a mesh that does not share its corners, with three to a triangle, half as many do.
 MAX_TAGS: Final = 2 * MAX_TRIANGLES
 MAX_DEPTH: Final = 32  # elements within elements; the core specification has seven
 MAX_TOKEN_BYTES: Final = 4 << 20  # of one tag; the parser holds it whole
