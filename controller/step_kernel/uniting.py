@@ -3,17 +3,17 @@
 It ends as `solid` does. Facts: the kernel's reference pages (Open CASCADE 7.9: BRepAlgoAPI_Fuse,
 ShapeUpgrade_UnifySameDomain).
 
-Usage: ``python -m controller.step_kernel.uniting FILE OUT MEMORY_BYTES CPU_S SHAPE NAMES``; NAMES
-as for `bodies`. The united solid is left in SHAPE, in the kernel's own format and the coordinates
-of the file. In OUT are ``count`` of the solids, ``piece_count`` of what they make, ``volume_mm3``
-of that, ``sum_mm3`` of the solids by themselves, and ``unit``.
+Usage: ``python -m controller.step_kernel.uniting FILE OUT MEMORY_BYTES CPU_S SHAPE``. The united
+solid is left in SHAPE, in the kernel's own format and the coordinates of the file. In OUT are
+``count`` of the solids, ``piece_count`` of what they make, ``volume_mm3`` of that, ``sum_mm3`` of
+the solids by themselves, and ``unit``.
 """
 
 import sys
 from pathlib import Path
 from typing import Any
 
-from .bodies import Listing, read_named, read_plain
+from .bodies import Listing, read_named
 from .ending import limit_resources, refuse
 from .measures import mass_of
 from .shapes import shapes_of
@@ -61,14 +61,14 @@ def united(solids: list[Any]) -> Any:  # noqa: ANN401  the kernel's types have n
 
 def main(argv: list[str]) -> int:
     """Unite the solids and write what comes of it; return the exit code, 0 unless it refuses."""
-    source, out, memory, cpu, target, names = argv
+    source, out, memory, cpu, target = argv
     limit_resources(int(memory), int(cpu))
     import numpy as np
     from OCP.BinTools import BinTools
     from OCP.TopAbs import TopAbs_SOLID
 
     try:
-        listing, unit = (read_named if int(names) else read_plain)(source)
+        listing, unit = read_named(source)
         solids = placed_solids(listing)
         whole = united(solids) if len(solids) > 1 else solids[0]
         pieces = shapes_of(whole, TopAbs_SOLID)

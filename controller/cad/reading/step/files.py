@@ -192,7 +192,7 @@ def read_step_part(
 
 def _many(path: Path, files: References, bodies: Bodies) -> str:
     """Return the sentence that refuses a file of several bodies, and whether they touch."""
-    touching = touching_text(path, files, bodies, body_path(path, EVERY))
+    touching = touching_text(path, files, bodies)
     return "\n".join(filter(None, (many(path, bodies), touching)))
 
 

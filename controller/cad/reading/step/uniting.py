@@ -10,6 +10,8 @@ from typing import Final
 
 import numpy as np
 
+from controller.config.cad_files import EVERY, body_path
+
 from ...errors import CadError, ManySolidsCadError
 from .bodies import Bodies, Body, written
 from .kernel import KernelLimits, KernelRun
@@ -64,7 +66,7 @@ def unite(path: Path, files: References, limits: KernelLimits | None = None) -> 
         source = written(files, Path(folder) / "inputs")
         target = Path(folder) / "united.bin"
         with KernelRun(
-            "uniting", source, Path(folder) / "united.npz", (str(target), "1"), limits
+            "uniting", source, Path(folder) / "united.npz", (str(target),), limits
         ) as run:
             found = run.result(str(path))
         volume_mm3, sum_mm3 = float(found["volume_mm3"]), float(found["sum_mm3"])
@@ -93,7 +95,7 @@ def require_whole(path: Path, united: United) -> Body:
     return Body("", (), np.zeros(3), 0.0, (), "", 0, united.shape)
 
 
-def touching_text(path: Path, files: References, bodies: Bodies, every: Path) -> str:
+def touching_text(path: Path, files: References, bodies: Bodies) -> str:
     """Return the sentence on bodies that make one part together, empty where they do not.
 
     Parameters
@@ -101,7 +103,6 @@ def touching_text(path: Path, files: References, bodies: Bodies, every: Path) ->
     path : of the file
     files : its content, with that of the files it names
     bodies : of the file
-    every : how all of them together are written
     """
     if bodies.count > MAX_TRIED or bodies.missing or bodies.open_names:
         return ""
@@ -114,5 +115,5 @@ def touching_text(path: Path, files: References, bodies: Bodies, every: Path) ->
     how = "run into each other" if united.overlap_mm3 else "touch"
     return (
         f"They {how}, and may be one part whose features were not united: take them as one by "
-        f"'{every}' (on a command line in quotes), or in a recipe by `unite: true`"
+        f"'{body_path(path, EVERY)}' (on a command line in quotes), or in a recipe by `unite: true`"
     )
