@@ -8,18 +8,15 @@ import threading
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 import pytest
+from dispatcher_bench import dispatcher_on
 
-from controller.cell.batch import Dispatcher
-from controller.cell.custody import Custody
+from controller.cell.batch import Dispatcher, Outcome
 from controller.cell.journal import Journal, JournalError, first_broken_row, read_rows, rows
 from controller.cell.machine import Effect, Event
-from controller.cell.services import Gate, Permits
 from controller.cell.services.records import BatchRecord, Progress
-from drivers.clock import CellClock
 
 PATIENCE = "controller.cell.journal.writing.thread.PATIENCE_WALL_S"
 LONG_S = 600.0  # of a test that hangs
@@ -49,17 +46,6 @@ class Moving:
             self.is_moving.set()
             await asyncio.Event().wait()
         return Event.STOP_DONE if effect is Effect.STOP_MOTION else Event.ABORT_DONE
-
-
-def built(journal: Journal, actions: object, metal: Metal) -> Dispatcher:
-    part = SimpleNamespace(custody=Custody.ON_TABLE, tray=None)
-    record = SimpleNamespace(part=part, parts_left=0, show_state=lambda *_, **__: None)
-    gate = Gate(Permits(journal), CellClock())
-    closed = SimpleNamespace(holding=lambda: None)
-    return Dispatcher(
-        cast(Any, actions), cast(Any, record), cast(Any, metal), (), journal, gate,
-        cast(Any, closed), cast(Any, None),
-    )  # fmt: skip
 
 
 @contextmanager
@@ -99,13 +85,20 @@ def behind(path: Path) -> Journal:
     return journal
 
 
+async def moving(journal: Journal) -> tuple[Dispatcher, asyncio.Task[Outcome], Metal]:
+    """Return a run whose arm moves, its task, and what it halts."""
+    arm, metal = Moving(), Metal()
+    dispatcher = dispatcher_on(journal, arm, metal)
+    running = asyncio.create_task(dispatcher.run())
+    await arm.is_moving.wait()
+    return dispatcher, running, metal
+
+
 async def test_a_locked_journal_does_not_hold_up_a_stop_and_has_every_row_in_order(
     path: Path,
 ) -> None:
-    journal, metal, moving = behind(path), Metal(), Moving()
-    dispatcher = built(journal, moving, metal)
-    running = asyncio.create_task(dispatcher.run())
-    await moving.is_moving.wait()
+    journal = behind(path)
+    dispatcher, running, metal = await moving(journal)
     with locked(path):
         count = len(list(read_rows(path)))
         dispatcher.request_stop()
@@ -126,11 +119,9 @@ async def test_a_disk_that_stalls_does_not_hold_up_a_stop(
     path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with stalled(monkeypatch):
-        journal, metal, moving = behind(path), Metal(), Moving()
-        dispatcher = built(journal, moving, metal)
-        running = asyncio.create_task(dispatcher.run())
+        journal = behind(path)
         async with asyncio.timeout(LONG_S):
-            await moving.is_moving.wait()
+            dispatcher, running, metal = await moving(journal)
             dispatcher.request_stop()
             assert (await running).end == "stopped"
         assert metal.is_halted.is_set()
@@ -141,12 +132,10 @@ async def test_a_disk_that_stalls_does_not_hold_up_a_stop(
 
 async def test_the_halt_leaves_before_the_row_that_says_why(path: Path) -> None:
     """Also where rows are written at once, by the loop's own thread."""
-    journal, metal, moving = Journal(path, "run"), Metal(), Moving()
+    journal = Journal(path, "run")
     halted_at: dict[str, bool] = {}
+    dispatcher, running, metal = await moving(journal)
     journal.on_row = lambda _, __, name: halted_at.update({name: metal.is_halted.is_set()})
-    dispatcher = built(journal, moving, metal)
-    running = asyncio.create_task(dispatcher.run())
-    await moving.is_moving.wait()
     dispatcher.request_stop()
     await running
     assert halted_at["stop"]
@@ -176,10 +165,8 @@ async def test_a_row_that_cannot_be_written_ends_the_run_and_none_after_it_is_lo
     path: Path,
 ) -> None:
     """A table that is gone fails the first row at once; put back, the last try writes them all."""
-    journal, metal, moving = behind(path), Metal(), Moving()
-    dispatcher = built(journal, moving, metal)
-    running = asyncio.create_task(dispatcher.run())
-    await moving.is_moving.wait()
+    journal = behind(path)
+    _, running, metal = await moving(journal)
     await journal.write_secured(rows.Homed())
     with closing(sqlite3.connect(path, isolation_level=None)) as other:
         before = [row.name for row in read_rows(path)]

@@ -6,16 +6,14 @@ import sqlite3
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, cast
 
 import pytest
+from dispatcher_bench import dispatcher_on
 
-from controller.cell.batch import Dispatcher
 from controller.cell.batch.watching import DiskWatcher
 from controller.cell.custody import Custody
 from controller.cell.journal import Journal, rows
 from controller.cell.machine import Effect, Event
-from controller.cell.services import Gate, Permits
 from controller.cell.services.records import BatchRecord, Progress
 from drivers.clock import CellClock
 
@@ -83,17 +81,6 @@ def take_away(path: Path) -> None:
     shutil.rmtree(path.parent)
 
 
-def built(journal: Journal, actions: object, metal: Metal) -> Dispatcher:
-    part = SimpleNamespace(custody=Custody.IN_ARM, tray=None)
-    record = SimpleNamespace(part=part, parts_left=0, show_state=lambda *_, **__: None)
-    gate = Gate(Permits(journal), CellClock())
-    closed = SimpleNamespace(holding=lambda: None)
-    return Dispatcher(
-        cast(Any, actions), cast(Any, record), cast(Any, metal), (), journal, gate,
-        cast(Any, closed), cast(Any, None),
-    )  # fmt: skip
-
-
 @pytest.mark.parametrize("harm", [spoil, take_away])
 async def test_a_journal_lost_in_a_motion_stops_every_device(
     tmp_path: Path, harm: Callable[[Path], None]
@@ -101,7 +88,7 @@ async def test_a_journal_lost_in_a_motion_stops_every_device(
     path = tmp_path / "runs" / "journal.sqlite"
     journal, metal = Journal(path, "run"), Metal()
     homing = Homing(path, journal, harm)
-    dispatcher = built(journal, homing, metal)
+    dispatcher = dispatcher_on(journal, homing, metal, Custody.IN_ARM)
     running = asyncio.create_task(dispatcher.run())
     await homing.is_moving.wait()
     dispatcher.request_stop()  # the next row, which cannot be written
@@ -120,7 +107,7 @@ async def test_an_action_that_cannot_be_recorded_is_not_begun(tmp_path: Path) ->
     journal, metal = Journal(path, "run"), Metal()
     record = BatchRecord(journal, Progress(), lambda: None)
     grasping = Grasping(path, journal, record)
-    outcome = await built(journal, grasping, metal).run()
+    outcome = await dispatcher_on(journal, grasping, metal, Custody.IN_ARM).run()
     assert (outcome.end, outcome.code) == ("aborted", "journal")
     assert not grasping.has_sent
     assert "others" in metal.stopped
@@ -165,7 +152,7 @@ async def test_a_run_given_up_while_it_halts_leaves_no_task_behind(tmp_path: Pat
             unwinds.set()
         return Event.RESET_DONE
 
-    dispatcher = built(journal, SimpleNamespace(perform=perform), metal)
+    dispatcher = dispatcher_on(journal, SimpleNamespace(perform=perform), metal, Custody.IN_ARM)
     running = asyncio.create_task(dispatcher.run())
     await moving.wait()
     dispatcher.request_stop()
@@ -188,7 +175,8 @@ async def test_at_rest_nothing_is_left_to_halt(tmp_path: Path) -> None:
             Effect.ABORT_MOTION: Event.ABORT_DONE,
         }.get(effect, Event.FAULT)
 
-    outcome = await built(journal, SimpleNamespace(perform=perform), metal).run()
+    actions = SimpleNamespace(perform=perform)
+    outcome = await dispatcher_on(journal, actions, metal, Custody.IN_ARM).run()
     assert outcome.end == "aborted"
     assert "arm" not in metal.stopped  # the effect of the state of rest has done that
     journal.close()
