@@ -1,7 +1,7 @@
 """The I/O driver against an E1214 written from the manual's map; no reading counts as not OK."""
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
 from typing import Any
 
@@ -55,6 +55,27 @@ async def io_on(
         yield io, changes
 
 
+def built(
+    link: ModbusLink,
+    settings: MoxaSettings,
+    polling: Polling,
+    inputs: Mapping[str, int] | None = None,
+) -> CellIo:
+    """Return the block as a cell builds it; ``inputs`` as in its file, None for the usual ones."""
+    site = Site(
+        name="io",
+        address="",
+        section={"unit": 1},
+        clock=FAST,
+        open_link=lambda: link,
+        polling=polling,
+        inputs=inputs or {},
+    )
+    io = DRIVER.build(site, settings)
+    assert isinstance(io, CellIo)
+    return io
+
+
 # --- on the wire ---
 
 
@@ -66,16 +87,8 @@ async def test_a_signal_is_read_where_the_cell_has_it() -> None:
         tcp_gateway(Bus({1: block.answer})) as port,
         ModbusLink(TcpAddress("127.0.0.1", port), FAST) as link,
     ):
-        site = Site(
-            name="io",
-            address="",
-            section={"unit": 1},
-            clock=FAST,
-            open_link=lambda: link,
-            polling=Polling(poll_s=0.1, stale_s=50.0),
-            inputs={"guard_closed": 4, "supply_ok": 1},
-        )
-        io = DRIVER.build(site, MoxaSettings())
+        inputs = {"guard_closed": 4, "supply_ok": 1}
+        io = built(link, MoxaSettings(), Polling(poll_s=0.1, stale_s=50.0), inputs)
         await io.connect()
         try:
             await io.wait_for("supply_ok", Signal.NOT_OK)
@@ -197,17 +210,7 @@ def test_a_watchdog_that_makes_no_sense_is_refused(settings: dict[str, Any], tol
 
 def configured(settings: MoxaSettings, polling: Polling) -> IoConfig:
     link = ModbusLink(TcpAddress("127.0.0.1", 1), FAST)
-    site = Site(
-        name="io",
-        address="",
-        section={"unit": 1},
-        clock=FAST,
-        open_link=lambda: link,
-        polling=polling,
-    )
-    io = DRIVER.build(site, settings)
-    assert isinstance(io, CellIo)
-    return io.config
+    return built(link, settings, polling).config
 
 
 # --- who is there ---
