@@ -112,9 +112,9 @@ def mesh_object(number, points=None, faces=None, first_x=None):
     )
 
 
-def package(name, **models):
+def package(name, models):
     with zipfile.ZipFile(HERE / name, "w", zipfile.ZIP_DEFLATED) as archive:
-        for path, text in models["models"].items():
+        for path, text in models.items():
             entry = zipfile.ZipInfo(path, (2020, 1, 1, 0, 0, 0))
             entry.compress_type = zipfile.ZIP_DEFLATED
             archive.writestr(entry, text)
