@@ -8,7 +8,7 @@ import numpy as np
 from controller.arrays import BoolArray, FloatArray
 from controller.cad import Solid
 
-from ..characteristics import EdgeLine, Rim
+from ..characteristics import EdgeLine, Rim, rim_directions
 from ._curves import (
     FULL_RAD,
     Chords,
