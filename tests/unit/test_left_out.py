@@ -23,6 +23,7 @@ from controller.inspection import (
 )
 
 LOOKS = ((0.0, 3.0), (18.0, 6.0), (-15.0, -10.0), (8.0, 16.0))  # turn and tilt [deg]
+STEEP = ((38.0, 3.0), (-36.0, 6.0), (5.0, 40.0), (-8.0, -37.0))
 
 
 def obround(length: float, width: float) -> CrossSection:
@@ -54,12 +55,17 @@ def keyed(depth: float = 0.0, width: float = 0.0, place: float = 0.0) -> Body:
 
 
 @cache
-def judged(made: Callable[..., Body], feature: str, off_mm: float) -> PartInspection:
+def judged(
+    made: Callable[..., Body],
+    feature: str,
+    off_mm: float,
+    looks: tuple[tuple[float, float], ...] = LOOKS,
+) -> PartInspection:
     """Return what a part comes to whose feature is off, its faces all left out by name."""
     part = PosedPart(solid_of(made(), "nominal"))
     body = made(**{feature: off_mm}) if off_mm else made()
     views = []
-    for number, (turn, tilt) in enumerate(LOOKS):
+    for number, (turn, tilt) in enumerate(looks):
         T = shown(turn, tilt)
         views.append(HeldView(task(T, hand(T), f"v{number}"), photograph(body, T, hand(T))))
     settings = PartSettings(
@@ -81,6 +87,30 @@ def test_a_pocket_too_shallow_does_not_pass_and_the_verdict_says_by_how_much() -
 
 def test_a_good_part_passes_with_every_face_left_out() -> None:
     got = judged(pocketed, "depth", 0.0)
+    assert (got.verdict, got.findings) == (Verdict.PASS, ())
+
+
+# Seen so flat, a floor 2.2 mm higher shows its edges 6 pixels off, farther than the search about
+# their place goes.
+def test_a_floor_farther_off_than_the_search_goes_is_looked_for_there() -> None:
+    got = judged(slotted, "depth", -2.2, STEEP)
+    assert got.verdict is Verdict.FAIL
+    assert "the floor shows about 2.2 mm higher" in got.reasons[0]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("made", [pocketed, slotted])
+@pytest.mark.parametrize("off_mm", [-1.4, 1.8])
+def test_floors_seen_flat_are_found_at_other_depths(
+    made: Callable[..., Body], off_mm: float
+) -> None:
+    assert judged(made, "depth", off_mm, STEEP).verdict is not Verdict.PASS
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("made", [pocketed, slotted, bored, counterbored])
+def test_a_good_floor_seen_flat_is_found_nowhere_else(made: Callable[..., Body]) -> None:
+    got = judged(made, "depth", 0.0, STEEP)
     assert (got.verdict, got.findings) == (Verdict.PASS, ())
 
 

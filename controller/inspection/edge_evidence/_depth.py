@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from controller.arrays import FloatArray
+from controller.arrays import BoolArray, FloatArray
 
 from ..dimensions import MeasuringSettings
 from ._edges import PartEdges
@@ -130,32 +130,44 @@ def find_floor(
     settings : how far light moves an edge
     by_light : the pictures that show by light how deep it is
     """
-    by_edges = (_lift(edges, look, recess, settings) for look in looks)
-    every = (*(one for one in by_edges if one is not None), *by_light)
-    # What is less sure than the hole is deep says nothing. What lies as high as the mouth is the
-    # mouth's own edge, which the search took for the floor's.
-    told = (one for one in every if max(one.off_mm, 0.0) + one.room_mm < recess.depth_mm)
-    return Floor(recess, tuple(told))
+    by_edges = (floor_look(edges, look, recess, settings) for look in looks)
+    return Floor(recess, (*(one for one in by_edges if one is not None), *by_light))
 
 
-def _lift(
-    edges: PartEdges, look: EdgeLook, recess: Recess, settings: MeasuringSettings
+def floor_look(
+    edges: PartEdges,
+    look: EdgeLook,
+    recess: Recess,
+    settings: MeasuringSettings,
+    raised: tuple[float, PartEdges, EdgeLook] | None = None,
 ) -> FloorLook | None:
-    """Return how much higher than nominal a picture shows a floor by its edges.
+    """Return how much higher than nominal a picture shows a floor by its edges, None if not shown.
 
-    Mouth and floor share how far the recess is out of place across its axis.
+    Mouth and floor share how far the recess is out of place across its axis. What is less sure than
+    the hole is deep says nothing. What lies as high as the mouth is the mouth's own edge, which the
+    search took for the floor's.
+
+    Parameters
+    ----------
+    edges : of the part
+    look : at them
+    recess : a blind one
+    settings : how far light moves an edge
+    raised : by how much the floor was raised to be looked for [mm], its edges there, and the look
+        at these; None for its nominal place
     """
-    is_found = np.isfinite(look.offset_px) & (look.state != State.HIDDEN)
-    on_floor = np.isin(edges.edge, list(recess.floor))
-    mouth = np.flatnonzero(np.isin(edges.edge, list(recess.mouths[0])) & is_found)
-    floor = np.flatnonzero(on_floor & is_found)
+    raised_mm, floor_edges, at_floor = raised or (0.0, edges, look)
+    mouth = np.flatnonzero(np.isin(edges.edge, list(recess.mouths[0])) & _is_found(look))
+    on_floor = np.isin(floor_edges.edge, list(recess.floor))
+    floor = np.flatnonzero(on_floor & _is_found(at_floor))
     if min(len(mouth), len(floor)) < MIN_POINTS:
         return None
-    points = np.concatenate([mouth, floor])
-    rise = np.concatenate([np.zeros(len(mouth)), look.across[floor] @ recess.axis])
-    design = np.column_stack([look.normals[points], rise])
-    weight = base = 1.0 / np.hypot(look.sigma_px[points], settings.lit_edge_px)
-    offset = look.offset_px[points]
+    rise = np.concatenate([np.zeros(len(mouth)), at_floor.across[floor] @ recess.axis])
+    normals = np.concatenate([look.normals[mouth], at_floor.normals[floor]])
+    design = np.column_stack([normals, rise])
+    sigma = np.concatenate([look.sigma_px[mouth], at_floor.sigma_px[floor]])
+    weight = base = 1.0 / np.hypot(sigma, settings.lit_edge_px)
+    offset = np.concatenate([look.offset_px[mouth], at_floor.offset_px[floor]])
     for _ in range(3):
         scaled = design * weight[:, None]
         try:
@@ -168,11 +180,17 @@ def _lift(
         scale = max(1.5 * float(np.median(off)), settings.lit_edge_px)
         weight = base * np.minimum(1.0, scale / np.maximum(off, 1e-9))
     # the border of a shadow crosses where a floor must show, and does not follow it
-    follows = off[len(mouth) :] <= FORM_PX + K * look.sigma_px[floor]
-    if follows.sum() < max(MIN_POINTS, FOLLOWS * (on_floor & (look.state != State.HIDDEN)).sum()):
+    follows = off[len(mouth) :] <= FORM_PX + K * at_floor.sigma_px[floor]
+    shown = on_floor & (at_floor.state != State.HIDDEN)
+    if follows.sum() < max(MIN_POINTS, FOLLOWS * shown.sum()):
         return None
     # light moves all of a floor's edge together, and all of a mouth's
     size = float(np.sqrt(np.mean(rise[len(mouth) :] ** 2)))
     light = settings.lit_edge_px * np.sqrt(2.0) / max(size, 1e-9)
     u_mm = float(np.hypot(np.sqrt(covariance[2, 2]), light))
-    return FloorLook(look.view_id, look.lamp, float(solution[2]), u_mm)
+    one = FloorLook(look.view_id, look.lamp, raised_mm + float(solution[2]), u_mm)
+    return one if max(one.off_mm, 0.0) + one.room_mm < recess.depth_mm else None
+
+
+def _is_found(look: EdgeLook) -> BoolArray:
+    return np.asarray(np.isfinite(look.offset_px) & (look.state != State.HIDDEN))

@@ -1,6 +1,7 @@
 """All edges of a part as points in space, with what meets in them."""
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Final
 
@@ -46,6 +47,25 @@ class PartEdges:
     normals: FloatArray
     into: FloatArray
     is_closed: BoolArray
+
+    def moved(self, chosen: Iterable[int], way_mm: FloatArray) -> "PartEdges":
+        """Return some of the edges, moved as a whole.
+
+        Parameters
+        ----------
+        chosen : numbers of edges in the boundary
+        way_mm : (3,) CAD frame
+        """
+        mine = np.isin(self.edge, list(chosen))
+        firsts = np.flatnonzero(np.diff(self.edge, prepend=-1))
+        curves = (c for c, at in zip(self.curves, firsts, strict=True) if mine[at])
+        arrays = ("edge", "length_mm", "faces", "normals", "into", "is_closed")
+        return replace(
+            self,
+            curves=tuple(curve.moved(way_mm) for curve in curves),
+            points_mm=self.points_mm[mine] + way_mm,
+            **{name: getattr(self, name)[mine] for name in arrays},
+        )
 
 
 def find_edges(solid: Solid, pixel_mm: float) -> PartEdges | None:

@@ -1,7 +1,7 @@
 """What the edges of a part prove of its faces, from all pictures in which they show (ADR 34)."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Final
 
@@ -27,6 +27,7 @@ from ._floor_light import blind_bore, rise_by_light
 from ._looks import EdgeLook, look_at_edges
 from ._other_looks import refuted
 from ._recesses import Recess, find_recesses
+from ._rival_depths import look_at_other_depths
 
 EDGE_PLAY_MM: Final = 0.3  # beside an edge that may be broken by so much no surface is compared
 BLUR_PX: Final = 2.0  # nor within the blur of lens and filters
@@ -111,7 +112,7 @@ def find_evidence(
     cosine = np.maximum(_best_cosine(part.solid, samples, views), MIN_COS)
     narrow = inner_mm(part.solid) < 0.5 * limits.smallest_defect_mm + around_mm / cosine
     recesses = find_recesses(part.solid)
-    floors = _floors(part, recesses, edges, looks, views, settings)
+    floors = _floors(part, recesses, edges, looks, views, limits, allowances, settings)
     faces = prove_faces(part.solid, recesses, edges, looks, narrow, floors)
     runs = find_displaced(edges, looks, pixel_mm, GRAINS * limits.dust_mm, allowances, settings)
     poses = {one.view.task.view_id: one.view.T_world_part for one in views}
@@ -201,6 +202,8 @@ def _floors(
     edges: PartEdges,
     looks: Sequence[EdgeLook],
     views: Sequence[EdgeView],
+    limits: InspectionLimits,
+    allowances: Allowances,
     settings: MeasuringSettings,
 ) -> dict[frozenset[int], Floor]:
     """Return by the walls of blind holes where pictures show their floors.
@@ -211,8 +214,11 @@ def _floors(
     recesses, edges : of it
     looks : at them
     views : with the pictures that count
-    settings : what is uncertain before any picture
+    limits, allowances, settings : see `find_evidence`
     """
+    pixel_mm = _pixel_mm(views)
+    allowed = allowed_mm(part, allowances.tolerance_class)
+    shown = [(one.view, one.lamps) for one in views]
     found: dict[frozenset[int], Floor] = {}
     for recess in recesses:
         if recess.is_through:
@@ -225,7 +231,14 @@ def _floors(
             if lamp != BACKLIT and bore is not None
         )
         by_light = [rise for rise in rises if rise is not None]
-        found[recess.walls] = find_floor(edges, looks, recess, settings, by_light)
+        floor = find_floor(edges, looks, recess, settings, by_light)
+        if not np.isfinite(floor.bound_mm) and not floor.elsewhere:
+            others = look_at_other_depths(
+                part, edges, looks, recess, shown, allowed, limits.smallest_defect_mm, settings,
+                pixel_mm,
+            )  # fmt: skip
+            floor = replace(floor, looks=(*floor.looks, *others))
+        found[recess.walls] = floor
     return found
 
 

@@ -1,0 +1,101 @@
+"""A blind hole's floor, looked for at other depths where no picture shows it at its own.
+
+The search about an edge's place ends a few pixels off, and a floor that is farther off shows
+nothing there, or another edge. So the part is drawn with its floor raised and lowered, and the
+floor's edges are looked for where they would be then: what hides them is as it would be, too. One
+picture may show the border of a shadow in their place. It does not move with the depth from view to
+view as a floor does, so two views have to agree.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+import trimesh
+
+from controller.arrays import FloatArray
+from controller.cad import Solid
+
+from .._pose import PosedPart
+from ..dimensions import MeasuringSettings, PosedView
+from ._depth import FloorLook, floor_look
+from ._edges import PartEdges
+from ._looks import BEYOND_PX, EdgeLook, K, look_at_edges
+from ._recesses import Recess
+
+LEAST_VIEWS: Final = 2  # that have to agree on a depth
+DEEPEST: Final = 1.0  # how much deeper a floor is looked for, of its depth
+MAX_COUNT: Final = 40  # of depths; a deeper hole is looked into at fewer places
+
+
+def look_at_other_depths(
+    part: PosedPart,
+    edges: PartEdges,
+    looks: Sequence[EdgeLook],
+    recess: Recess,
+    views: Sequence[tuple[PosedView, tuple[str, ...]]],
+    allowed_mm: FloatArray,
+    smallest_mm: float,
+    settings: MeasuringSettings,
+    pixel_mm: float,
+) -> tuple[FloorLook, ...]:
+    """Return the pictures that agree on another depth of a floor; none where they do not.
+
+    Parameters
+    ----------
+    part : the part
+    edges : of it
+    looks : at them, where they must be
+    recess : a blind one
+    views : with the pictures that count
+    allowed_mm, smallest_mm, settings : see `look_at_edges`
+    pixel_mm : size of a pixel at the part
+    """
+    at_place = {(look.view_id, look.lamp): look for look in looks}
+    found: list[FloorLook] = []
+    for raised_mm in _depths(recess, pixel_mm):
+        way = raised_mm * recess.axis
+        rival = PosedPart(_with_floor_moved(part.solid, recess, way))
+        moved = edges.moved(recess.floor, way)
+        for view, lamps in views:
+            for look in look_at_edges(rival, moved, view, lamps, allowed_mm, smallest_mm, settings):
+                own = at_place[look.view_id, look.lamp]
+                one = floor_look(edges, own, recess, settings, (raised_mm, moved, look))
+                found += [one] if one is not None else []
+    return _agreed(found)
+
+
+def _depths(recess: Recess, pixel_mm: float) -> Iterator[float]:
+    """Yield by how much the floor is raised [mm], so closely that no depth lies between."""
+    low, high = -DEEPEST * recess.depth_mm, recess.depth_mm
+    count = int(np.clip(np.ceil((high - low) / (2 * BEYOND_PX * pixel_mm)), 2, MAX_COUNT))
+    step = (high - low) / count
+    yield from (low + step * (np.arange(count) + 0.5)).tolist()
+
+
+def _with_floor_moved(solid: Solid, recess: Recess, way_mm: FloatArray) -> Solid:
+    """Return the part with a floor elsewhere, its walls reaching it."""
+    vertices = np.array(solid.mesh.vertices, dtype=np.float64)
+    bottom = np.isin(solid.face_of_triangle, sorted(recess.bottom(solid)))
+    vertices[np.unique(solid.mesh.faces[bottom])] += way_mm
+    return replace(solid, mesh=trimesh.Trimesh(vertices, solid.mesh.faces, process=False))
+
+
+def _agreed(found: Sequence[FloorLook]) -> tuple[FloorLook, ...]:
+    """Return those of one depth that the most views agree on, the surest of each picture."""
+    surest_last = sorted(found, key=lambda one: -one.u_mm)
+    groups: list[tuple[FloorLook, ...]] = []
+    for centre in found:
+        alike = (
+            one
+            for one in surest_last
+            if abs(one.off_mm - centre.off_mm) <= K * np.hypot(one.u_mm, centre.u_mm)
+        )
+        groups.append(tuple({(one.view_id, one.lamp): one for one in alike}.values()))
+    most = max(groups, key=lambda group: (_view_count(group), len(group)), default=())
+    return most if _view_count(most) >= LEAST_VIEWS else ()
+
+
+def _view_count(looks: Sequence[FloorLook]) -> int:
+    return len({look.view_id for look in looks})
