@@ -74,6 +74,11 @@ def keyed(off: Off) -> Body:
     return hub - box((5.0 + off.width, top, 24), (off.place, top / 2, 0))
 
 
+def turned_key(off: Off) -> Body:
+    """The same with its keyway where no finger covers it."""
+    return keyed(off).rotate((0, 0, 100))
+
+
 def collar(off: Off) -> Body:
     """A collar with a cross hole in its turned face."""
     hole = rod(2.5 + off.width / 2, 30).rotate((0, 90, 0)).translate((18, 0, off.place))
@@ -108,6 +113,7 @@ PARTS: Final[dict[str, Callable[[Off], Body]]] = {
     "slotted plate": slotted,
     "blind slot": blind_slot,
     "keyed hub": keyed,
+    "turned key": turned_key,
     "collar": collar,
     "counterbored": counterbored,
 }
@@ -120,6 +126,8 @@ CASES: Final[dict[str, tuple[str, Off]]] = {
     "blind slot depth": ("blind slot", Off(depth=-1.0)),
     "keyway width": ("keyed hub", Off(width=0.6)),
     "keyway depth": ("keyed hub", Off(depth=-0.8)),
+    "turned key width": ("turned key", Off(width=0.6)),
+    "turned key depth": ("turned key", Off(depth=-0.8)),
     "cross hole place": ("collar", Off(place=0.8)),
     "cross hole diameter": ("collar", Off(width=0.6)),
     "counterbore depth": ("counterbored", Off(depth=-1.0)),
