@@ -138,12 +138,6 @@ def prose_of(markdown: str) -> str:
     return re.sub(r"\]\([^)]*\)", "]", text)
 
 
-def newest_section(changelog: str) -> str:
-    """Return a changelog up to its second heading of the second level."""
-    starts = [match.start() for match in re.finditer(r"^## ", changelog, re.MULTILINE)]
-    return changelog[: starts[1]] if len(starts) > 1 else changelog
-
-
 def comments_of(yaml: str) -> str:
     """Return the comments of a YAML text, each in its line."""
     return "\n".join(

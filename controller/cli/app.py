@@ -44,9 +44,9 @@ calibration = typer.Typer(
 
 def _print_version(wanted: bool) -> None:
     if wanted:
-        from .terminal.version import installed_version
+        from controller.setup.software import commit, installed_version
 
-        typer.echo(f"cellctl {installed_version()}")
+        typer.echo(f"cellctl {installed_version()}, commit {commit()}")
         raise typer.Exit
 
 
@@ -58,7 +58,10 @@ def _common(
     version: Annotated[
         bool,
         typer.Option(
-            "--version", callback=_print_version, is_eager=True, help="print the version and exit"
+            "--version",
+            callback=_print_version,
+            is_eager=True,
+            help="print version and commit, and exit",
         ),
     ] = False,
 ) -> None:

@@ -1,4 +1,7 @@
-"""A wheel, installed into a fresh environment, works in a folder that is no checkout."""
+"""A wheel, installed into a fresh environment, works in a folder that is no checkout.
+
+It is built from the sdist, and both from a checkout with one commit, as for a release.
+"""
 
 from __future__ import annotations
 
@@ -7,21 +10,39 @@ import os
 import shutil
 import subprocess
 import sys
+import tomllib
 import venv
 import zipfile
+from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 
 import pytest
+from git_repository import commit_all
+
+from controller.setup.software import UNKNOWN
 
 ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "packaging"))
+
+import release  # noqa: E402  (its folder comes first)
+
 PACKED = ("controller", "drivers", "emulators", "recipes")
 LIMIT_S = 1500.0  # a guard against a hang, no measure
 
 
+@dataclass(frozen=True)
+class Built:
+    """sdist and wheel of a checkout, and its commit."""
+
+    sdist: Path
+    wheel: Path
+    commit: str
+
+
 @pytest.fixture(scope="module")
-def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Build the wheel from a copy, so that the checkout stays as it is."""
+def built(tmp_path_factory: pytest.TempPathFactory) -> Built:
+    """Build from a copy, so that the checkout stays as it is."""
     newest = int(version("setuptools").split(".")[0])
     assert newest >= 77, "setuptools 77 or newer is required: pip install -e '.[test]'"
     source = tmp_path_factory.mktemp("source")
@@ -29,17 +50,15 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
         shutil.copytree(
             ROOT / folder, source / folder, ignore=shutil.ignore_patterns("__pycache__")
         )
-    for file in ("pyproject.toml", "README.md", "LICENSE"):
+    for file in ("pyproject.toml", "setup.py", "README.md", "LICENSE"):
         shutil.copy(ROOT / file, source)
-    built = tmp_path_factory.mktemp("built")
-    script = "import sys; from setuptools import build_meta; build_meta.build_wheel(sys.argv[1])"
-    done = subprocess.run(
-        [sys.executable, "-c", script, str(built)],
-        cwd=source, capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stdout + done.stderr
-    (found,) = built.glob("*.whl")
-    return found
+    commit = commit_all(source) if shutil.which("git") else UNKNOWN
+    return Built(*release.build(source, tmp_path_factory.mktemp("built")), commit)
+
+
+@pytest.fixture(scope="module")
+def wheel(built: Built) -> Path:
+    return built.wheel
 
 
 class Installed:
@@ -87,6 +106,17 @@ def test_the_wheel_has_recipes_parts_their_licences_and_the_cell(wheel: Path) ->
         if path.is_file() and path.suffix != ".pyc"
     }
     assert packed == there
+
+
+def test_wheel_and_sdist_are_named_by_version_and_the_wheel_knows_its_commit(
+    built: Built, installed: Installed
+) -> None:
+    stated = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
+    assert built.sdist.name == f"cellctl-{stated}.tar.gz"
+    assert built.wheel.name == f"cellctl-{stated}-py3-none-any.whl"
+    done = installed("--version")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout == f"cellctl {stated}, commit {built.commit}\n"
 
 
 def test_it_runs_from_the_wheel_and_not_from_the_checkout(installed: Installed) -> None:

@@ -17,6 +17,7 @@ from controller import loading as loading_module
 from controller.cli import app as app_module
 from controller.cli import main
 from controller.loading import loading
+from controller.setup.software import commit
 
 ROOT = Path(__file__).resolve().parents[2]
 HEAVY = ("numpy", "scipy", "cv2", "trimesh", "pybullet")
@@ -143,9 +144,11 @@ def test_help_shows_no_types_of_python(name: str, capsys: pytest.CaptureFixture[
     assert "Install completion" not in shown
 
 
-def test_the_version_is_the_one_installed(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_version_is_the_one_installed_with_its_commit(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     assert main(["--version"]) == 0
-    assert capsys.readouterr().out == f"cellctl {version('cellctl')}\n"
+    assert capsys.readouterr().out == f"cellctl {version('cellctl')}, commit {commit()}\n"
 
 
 def complete(shell: str, **more: str) -> str:

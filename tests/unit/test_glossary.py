@@ -20,7 +20,6 @@ from glossary import (
     listed_names,
     misnamed,
     names_found,
-    newest_section,
     prose_of,
     public_names,
     replaced_in_name,
@@ -71,7 +70,7 @@ def documents() -> list[Path]:
     """Return the pages that are checked; `docs/protocols` keeps the words of the manuals."""
     docs = ROOT / "docs"
     pages = [*ROOT.glob("*.md"), *docs.glob("*.md"), *(docs / "adr").glob("*.md")]
-    return sorted(page for page in pages if page not in {PAGE, ROOT / "CHANGELOG.md"})
+    return sorted(page for page in pages if page != PAGE)
 
 
 def helps(command: Any, name: str) -> Iterator[tuple[str, str]]:
@@ -85,12 +84,6 @@ def helps(command: Any, name: str) -> Iterator[tuple[str, str]]:
 def test_documents_use_the_glossarys_words(page: Path, replaced: list[Word]) -> None:
     text = prose_of(page.read_text(encoding="utf-8"))
     findings = in_prose(text, replaced, str(page.relative_to(ROOT)))
-    assert not findings, "\n" + "\n".join(map(str, findings))
-
-
-def test_the_newest_section_of_the_changelog_uses_them(replaced: list[Word]) -> None:
-    text = newest_section((ROOT / "CHANGELOG.md").read_text(encoding="utf-8"))
-    findings = in_prose(prose_of(text), replaced, "CHANGELOG.md")
     assert not findings, "\n" + "\n".join(map(str, findings))
 
 
@@ -185,11 +178,6 @@ def test_code_is_no_prose(planted: list[Word]) -> None:
     text = "the `tip` in\n```sh\ntip\n```\n<!-- tip -->[a page](tip.html)\nthe tip\n"
     (finding,) = in_prose(prose_of(text), planted)
     assert finding.line == 6
-
-
-def test_older_sections_of_the_changelog_are_history(planted: list[Word]) -> None:
-    text = newest_section("# Changes\n\n## 2\n\n- the tip\n\n## 1\n\n- the grip\n")
-    assert [finding.word.text for finding in in_prose(text, planted)] == ["tip"]
 
 
 def test_comments_are_read_and_values_are_not(planted: list[Word]) -> None:

@@ -9,9 +9,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from controller.cache import cache_dir
+from controller.setup.software import commit, installed_version
 
 from .output import warn
-from .version import installed_version
 
 
 def report_bug(error: BaseException, argv: Sequence[str], *, verbose: bool) -> None:
@@ -25,7 +25,8 @@ def report_bug(error: BaseException, argv: Sequence[str], *, verbose: bool) -> N
     """
     details = "".join(traceback.format_exception(error))
     about = (
-        f"cellctl {installed_version()}, Python {sys.version}, {platform.platform()}\n"
+        f"cellctl {installed_version()}, commit {commit()}\n"
+        f"Python {sys.version}, {platform.platform()}\n"
         f"command line: {' '.join(argv)}\n\n{details}"
     )
     file = _write(about.encode(errors="backslashreplace"))
