@@ -11,6 +11,7 @@ from shutil import which
 import pytest
 from git_repository import commit_all, git
 from packaging.version import Version
+from ruamel.yaml import YAML
 
 from controller.setup.software import UNKNOWN, commit_of, software_versions
 
@@ -105,3 +106,20 @@ def test_a_repository_that_git_refuses_has_an_unknown_commit(tmp_path: Path) -> 
 
 def test_journal_and_reports_name_the_commit() -> None:
     assert re.fullmatch(r"[0-9a-f]{12}(-dirty)?|unknown", software_versions()["commit"])
+
+
+def test_the_citation_is_of_the_newest_version_and_names_the_paper() -> None:
+    cited = YAML(typ="safe").load(ROOT / "CITATION.cff")
+    version, day = released()[0]
+    assert (Version(cited["version"]), cited["date-released"]) == (version, day)
+    assert cited["license"] == "Apache-2.0"
+    (title,) = re.findall(r'^"(.+?)":', (ROOT / "docs" / "paper.md").read_text("utf-8"), re.M)
+    assert title in [one["title"] for one in cited["references"]]
+
+
+def test_the_supported_version_is_the_newest() -> None:
+    (stated,) = re.findall(
+        r"^\| the newest minor version \((\d+\.\d+)\) \|", (ROOT / "SECURITY.md").read_text(), re.M
+    )
+    newest, _ = released()[0]
+    assert stated == f"{newest.major}.{newest.minor}"

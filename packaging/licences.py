@@ -1,6 +1,6 @@
 """Licences of all that cellctl needs, from the metadata of what is installed.
 
-``python benchmarks/licences.py > docs/licences.md``: every package that the program, its extras
+``python packaging/licences.py > docs/licences.md``: every package that the program, its extras
 `step` and `page`, and its tests need, directly or through another, with its licence and who needs
 it, and the files of others that are kept in the repository. A licence that is not allowed is an
 error; `tests/unit/test_licences.py` holds the page against what is installed.
@@ -61,6 +61,15 @@ def kept() -> Iterator[tuple[str, str, str]]:
         for path in sorted((ROOT / folder).iterdir()):
             digest = sha256(path.read_bytes()).hexdigest()
             yield path.relative_to(ROOT).as_posix(), f"{name} {version}", digest
+
+
+def is_installed(name: str) -> bool:
+    """Return whether a package that is needed is here; some are of another platform."""
+    try:
+        distribution(name)
+    except PackageNotFoundError:
+        return False
+    return True
 
 
 def licence_of(package: Distribution) -> str:
@@ -140,7 +149,7 @@ def page() -> str:
     lines = [
         "# Licences of what cellctl needs",
         "",
-        "cellctl itself is under Apache-2.0. Made by `python benchmarks/licences.py` from the",
+        "cellctl itself is under Apache-2.0. Made by `python packaging/licences.py` from the",
         "metadata of what is installed; a test holds it against that, and every licence against",
         "those allowed: " + ", ".join(sorted(ALLOWED)) + ". Tools that only",
         "developers install are checked, too, where they are installed.",
@@ -149,10 +158,9 @@ def page() -> str:
         "|---|---|---|---|",
     ]
     for name, parents in sorted(needed().items()):
-        try:
-            licence = licence_of(distribution(name))
-        except PackageNotFoundError:
-            continue  # of another platform
+        if not is_installed(name):
+            continue
+        licence = licence_of(distribution(name))
         if not is_allowed(licence):
             raise ValueError(f"{name}: {licence} is not allowed")
         by = ", ".join(sorted(parents))
