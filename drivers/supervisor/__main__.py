@@ -1,9 +1,10 @@
-"""The supervisor's process: ``python -m drivers.supervisor CONTROL_FD SIGNALS_FD``.
+"""The supervisor's process: ``python -m drivers.supervisor CONTROL_FD SIGNALS_FD [CALLERS_FD]``.
 
 Over the control socket (one packet a message) come orders (JSON), heartbeats (an instant of the
 cell's clock, 8 bytes) and a farewell (``bye``; without one the controller was killed). Over the
 other one comes a byte per signal that the controller has got: the handler in C writes it, whatever
-its Python does.
+its Python does. The third one listens for people's programs, and is the controller's own: whoever
+calls while that is late is accepted here, is read only in passing, and goes back to it unanswered.
 """
 
 import json
@@ -27,6 +28,7 @@ LOOK_WALL_S: Final = 0.02  # how often it looks at the clock
 CONNECT_WALL_S: Final = 0.2  # a device that does not let itself be connected to holds nobody up
 AGAIN_WALL_S: Final = 1.0  # until a device that could not be asked is tried again
 PACKET_BYTES: Final = 1 << 16
+MAX_CALL_BYTES: Final = 64  # of a request, enough to tell what it asks for
 # by which people and systems end a run
 ENDS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT, signal.SIGHUP, signal.SIGTSTP)
 
@@ -38,10 +40,18 @@ class Supervisor:
     ----------
     control : socket to the controller
     signals : socket with a byte per signal
+    listening : for people's programs; None where there is none
     """
 
-    def __init__(self, control: socket.socket, signals: socket.socket) -> None:
+    def __init__(
+        self,
+        control: socket.socket,
+        signals: socket.socket,
+        listening: socket.socket | None = None,
+    ) -> None:
         self._control, self._signals = control, signals
+        self._listening = listening
+        self._callers: list[socket.socket] = []
         self._orders = Orders()
         self._shared: SharedTime | None = None
         self._beat_s: float | None = None  # the last heartbeat, by the cell's clock
@@ -89,6 +99,7 @@ class Supervisor:
             if len(packet) == 8:
                 self._beat_s = struct.unpack("d", packet)[0]
                 self._has_struck, self._signal_name = False, ""
+                self._hand_over()
             elif packet in (b"", b"bye"):
                 return "bye" if packet else "gone"
             else:
@@ -121,6 +132,26 @@ class Supervisor:
         are_over, self._are_signals_over = not found and not self._are_signals_over, not found
         return are_over
 
+    def _take_calls(self) -> str:
+        """Accept who calls, and return the first request that stops the cell; empty for none."""
+        with suppress(OSError):  # nobody more
+            while self._listening is not None:
+                self._callers.append(self._listening.accept()[0])
+        for caller in self._callers:
+            with suppress(OSError):  # nothing said yet, or hung up
+                said = caller.recv(MAX_CALL_BYTES, socket.MSG_PEEK | socket.MSG_DONTWAIT)
+                if call := next((one for one in self._orders.calls if said.startswith(one)), b""):
+                    return call.decode(errors="replace").strip()
+        return ""
+
+    def _hand_over(self) -> None:
+        """Give who has called meanwhile to the controller, which answers."""
+        for caller in self._callers:
+            with caller, suppress(OSError):
+                body = json.dumps({"caller": True}).encode()
+                socket.send_fds(self._control, [body], [caller.fileno()], socket.MSG_DONTWAIT)
+        self._callers = []
+
     def _judge(self, missed_s: float) -> None:
         """Stop the cell if its controller has missed too much."""
         beats = missed_s / self._orders.beat_s
@@ -130,6 +161,8 @@ class Supervisor:
         elif beats > BLIND_BEATS:
             if self._signal_name:
                 self._strike(f"{since}, and {self._signal_name} was sent to it")
+            elif call := self._take_calls():
+                self._strike(f"{since}, and `{call}` was asked of it")
             elif bad := next((eye.name for eye in self._eyes if not eye.is_well()), None):
                 self._strike(f"{since}, and {bad} reports an open door or an emergency stop")
 
@@ -230,12 +263,12 @@ def _send(stop: BlindStop) -> None:
 
 
 def main() -> None:
-    """Supervise over the two descriptors of the command line."""
+    """Supervise over the descriptors of the command line."""
     for number in ENDS:
         signal.signal(number, signal.SIG_IGN)  # it ends with its controller, and not before
-    control, signals = (socket.socket(fileno=int(word)) for word in sys.argv[1:3])
+    control, signals, *more = (socket.socket(fileno=int(word)) for word in sys.argv[1:])
     with control, signals, suppress(LinkError):
-        Supervisor(control, signals).run()
+        Supervisor(control, signals, *more).run()
 
 
 if __name__ == "__main__":

@@ -7,8 +7,9 @@ from typing import Any, Final, Protocol, runtime_checkable
 BEAT_S: Final = 0.1  # from one heartbeat to the next [cell s]
 # Heartbeats missed before every wire is stopped: half a second, which no healthy loop is late.
 MISSED_BEATS: Final = 5
-# Heartbeats missed before inputs or a signal count, which a loop that runs would have acted on. A
-# loop that an emulated cell's time waits for is up to half a beat late (shared-clock.md 4).
+# Heartbeats missed before inputs, a signal or a caller count, on which a loop that runs would have
+# acted. A loop that an emulated cell's time waits for is up to half a beat late (shared-clock.md
+# 4).
 BLIND_BEATS: Final = 2.0
 
 
@@ -58,6 +59,7 @@ class Orders:
     ----------
     stops : on all wires
     looks : at inputs, while the controller is late
+    calls : how requests to the controller begin that stop the cell
     clock : file of an emulated cell's clock (shared-clock.md); empty: the wall clock
     speed : cell seconds in a second of the wall clock, where no clock is shared
     beat_s : from one heartbeat to the next [cell s]
@@ -65,6 +67,7 @@ class Orders:
 
     stops: tuple[BlindStop, ...] = ()
     looks: tuple[BlindLook, ...] = ()
+    calls: tuple[bytes, ...] = ()
     clock: str = ""
     speed: float = 1.0
     beat_s: float = BEAT_S
@@ -79,6 +82,7 @@ class Orders:
             "looks": [
                 [one.name, one.place, one.request.hex(), one.mask.hex()] for one in self.looks
             ],
+            "calls": [one.hex() for one in self.calls],
             "clock": self.clock,
             "speed": self.speed,
             "beat_s": self.beat_s,
@@ -98,6 +102,7 @@ class Orders:
                 BlindLook(name, place, bytes.fromhex(request), bytes.fromhex(mask))
                 for name, place, request, mask in body["looks"]
             ),
+            tuple(map(bytes.fromhex, body["calls"])),
             body["clock"],
             body["speed"],
             body["beat_s"],

@@ -22,6 +22,8 @@ from typing import Any, cast
 
 import pytest
 
+from controller.cell.control.peer import Peer
+from controller.cell.control.serving import STOPS, serving
 from controller.cell.devices.supervision import Supervised
 from drivers.clock import CellClock
 from drivers.modbus_link import ModbusLink, RtuOverTcpAddress, TcpAddress
@@ -66,10 +68,10 @@ class Line:
 class Heart:
     """A controller in small: beats, or does not."""
 
-    def __init__(self, orders: Orders) -> None:
+    def __init__(self, orders: Orders, *listening: socket.socket) -> None:
         self.control, far = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self.signals, heard = socket.socketpair()
-        fds = (far.fileno(), heard.fileno())
+        fds = (far.fileno(), heard.fileno(), *(one.fileno() for one in listening))
         self.process = subprocess.Popen(
             [sys.executable, "-P", "-m", "drivers.supervisor", *map(str, fds)], pass_fds=fds
         )
@@ -213,6 +215,42 @@ def test_a_door_that_opens_before_a_heart_that_stands_still_is_seen(
             assert struck.count("I/O block") == 0
 
 
+@pytest.mark.parametrize(("path", "why"), [("/stop", "`POST /stop` was asked"), ("/stops", "")])
+def test_who_orders_a_stop_of_a_heart_that_stands_still_is_heard_and_handed_over(
+    line: Line, tmp_path: Path, path: str, why: str
+) -> None:
+    request = f"POST {path} HTTP/1.1\r\n".encode()
+    place = str(tmp_path / "control")
+    with (
+        socket.socket(socket.AF_UNIX) as listening,
+        socket.socket(socket.AF_UNIX) as hung_up,
+        socket.socket(socket.AF_UNIX) as caller,
+    ):
+        listening.bind(place)
+        listening.listen()
+        listening.setblocking(False)
+        hung_up.connect(place)
+        hung_up.close()
+        caller.connect(place)
+        caller.sendall(request)
+        stop = BlindStop(STOP.name, line.path, STOP.frames, STOP.spacing_s, STOP.count)
+        heart = Heart(Orders((stop,), calls=(b"POST /stop ",)), listening)
+        try:
+            heart.beat()
+            struck = str(heart.hear()["struck"])
+            assert why in struck
+            assert ("was asked" in struck) == bool(why)
+            heart.beat()
+            said, fds, _, _ = socket.recv_fds(heart.control, 100, 1)
+            os.close(fds[0])
+            assert json.loads(said) == {"caller": True}, "the one that hung up"
+            _, fds, _, _ = socket.recv_fds(heart.control, 100, 1)
+            with socket.socket(fileno=fds[0]) as handed:
+                assert handed.recv(100) == request, "nothing of it was taken away"
+        finally:
+            heart.close()
+
+
 def test_a_wire_that_cannot_be_reached_is_named_before_anything_moves(line: Line) -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         place = f"127.0.0.1:{server.getsockname()[1]}"
@@ -234,7 +272,7 @@ def test_a_wire_that_cannot_be_reached_is_named_before_anything_moves(line: Line
 def test_orders_come_out_as_they_went_in() -> None:
     orders = Orders(
         (STOP, BlindStop("g", "h:1", (b"\x00\xff",))), (BlindLook("io", "h:2", b"a", b"\x00\x07"),),
-        "/tmp/clock", 3.0, 0.3,
+        (b"POST /stop ",), "/tmp/clock", 3.0, 0.3,
     )  # fmt: skip
     assert Orders.from_bytes(orders.to_bytes()) == orders
 
@@ -352,6 +390,37 @@ def test_a_run_that_is_broken_off_has_every_wire_stopped(line: Line) -> None:
     with pytest.raises(KeyboardInterrupt):
         asyncio.run(story())
     line.wait_s(0.0)
+
+
+def test_an_order_to_stop_is_taken_by_the_supervisor_and_answered_by_the_run(
+    line: Line, tmp_path: Path
+) -> None:
+    taken = []
+
+    async def handle(peer: Peer, method: str, path: str, body: bytes) -> tuple[int, bytes]:
+        taken.append((peer.pid, method, path, body))
+        return 200, b"{}"
+
+    async def story() -> tuple[str, bytes]:
+        devices = cast(Any, SimpleNamespace(arm=UmiScara(line.path), gripper=None, io=None))
+        told: asyncio.Future[str] = asyncio.get_running_loop().create_future()
+        place = tmp_path / "control"
+        async with serving(place, handle, STOPS) as callers:
+            watch = Supervised(devices, CellClock(), "", lambda: True, told.set_result, callers)
+            async with watch.beating():
+                await asyncio.sleep(2 * BEAT_S)
+                with socket.socket(socket.AF_UNIX) as caller:
+                    caller.settimeout(LONG_S)
+                    caller.connect(str(place))
+                    caller.sendall(b"POST /stop HTTP/1.1\r\nHost: x\r\nContent-Length: 2\r\n\r\n{}")
+                    line.wait_s(0.0)  # on the event loop, which does nothing else meanwhile
+                    async with asyncio.timeout(LONG_S):
+                        return await told, await asyncio.to_thread(caller.recv, 100)
+
+    said, answer = asyncio.run(story())
+    assert "`POST /stop` was asked" in said
+    assert answer.startswith(b"HTTP/1.1 200")
+    assert taken == [(os.getpid(), "POST", "/stop", b"{}")]
 
 
 def test_a_supervisor_that_ends_is_known_at_once(line: Line) -> None:

@@ -18,7 +18,7 @@ from ..custody import Custody, custody_of, where_it_is
 from ..custody.known_journals import after_known, open_noted_journal
 from ..devices import Devices, resolve
 from ..devices.clocks import Speed
-from ..devices.supervision import Supervised
+from ..devices.supervision import Callers, Supervised
 from ..journal import (
     HOST_STAMPS,
     JOURNAL_NAME,
@@ -101,6 +101,7 @@ async def run_batch(
     outfit: Outfit = HOST,
     operator: Operator = NOBODY,
     ahead: Executor | None = None,
+    callers: Callers | None = None,
 ) -> RunResult:
     """Run a batch to rest and return its result; everything from here on is in the journal.
 
@@ -114,6 +115,7 @@ async def run_batch(
     outfit : what it works with on this computer
     operator : decides what the cell cannot
     ahead : a worker process for the next part, while the arm has the one before; None for none
+    callers : whose orders to stop the supervisor takes while the event loop is late
 
     Raises
     ------
@@ -168,7 +170,7 @@ async def run_batch(
             run = _Run(order, journal, decider, found, products, layout, devices, batch)
             supervision: AbstractAsyncContextManager[object] = nullcontext()
             if not order.clock.is_virtual:
-                supervision = _supervision(order, devices, clock, batch, on_notice)
+                supervision = _supervision(order, devices, clock, batch, on_notice, callers)
             try:
                 async with clock.attending():
                     outcome = await run.to_rest(show, supervision)
@@ -230,6 +232,7 @@ async def _supervision(
     clock: CellClock,
     batch: Batch,
     on_notice: Callable[[str], None],
+    callers: Callers | None,
 ) -> AsyncIterator[None]:
     """Have a supervisor stop the cell while the event loop cannot; say which wire it cannot reach.
 
@@ -244,6 +247,7 @@ async def _supervision(
         "" if shared is None else str(shared),
         lambda: batch.gate.permits.permit is not None,
         lambda why: batch.dispatcher.request_abort(why, "supervised"),
+        callers,
     )
     async with supervised.beating():
         for name in supervised.unreached:

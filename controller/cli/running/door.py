@@ -9,8 +9,9 @@ from pathlib import Path
 
 from controller.cell.batch import Dispatcher
 from controller.cell.control import MAX_WHY, make_folder
-from controller.cell.control.serving import Control, handle_for, serving
+from controller.cell.control.serving import STOPS, Control, handle_for, serving
 from controller.cell.devices.lock import Holder
+from controller.cell.devices.supervision import Callers
 from controller.cell.operator import Answer, Desk, OpenQuestion, Operator, Question
 
 from ..terminal.output import emit, warn
@@ -31,6 +32,7 @@ class OperatorDoor:
     Attributes
     ----------
     desk : where questions are put
+    callers : of the control socket, while it is served
     """
 
     def __init__(
@@ -54,6 +56,7 @@ class OperatorDoor:
         self._is_reading = False
         self.desk = Desk(is_attended=self._is_attended or scans, on_change=self._show)
         self._control = Control(holder.run, holder, self.desk)
+        self.callers: Callers | None = None
 
     async def decide(self, question: Question) -> Answer | None:
         """Return the answer given in advance, or else that of whoever is there."""
@@ -81,7 +84,7 @@ class OperatorDoor:
         make_folder()
         path = Path(self._holder.control)
         loop = asyncio.get_running_loop()
-        async with serving(path, handle_for(self._control)):
+        async with serving(path, handle_for(self._control), STOPS) as self.callers:
             if self._has_terminal:
                 loop.add_reader(sys.stdin.fileno(), self._hear)
             try:

@@ -458,7 +458,15 @@ async def _drive(
 
         async with door.open():
             return await run_batch(
-                order, pool, on_progress, on_dispatcher, warn, outfit, operator=door, ahead=ahead
+                order,
+                pool,
+                on_progress,
+                on_dispatcher,
+                warn,
+                outfit,
+                operator=door,
+                ahead=ahead,
+                callers=door.callers,
             )
 
 

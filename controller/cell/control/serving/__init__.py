@@ -4,7 +4,7 @@
 `openapi.py` describes it all (docs/control-api.json).
 """
 
-from .api import ENDPOINTS, Control, Endpoint
+from .api import ENDPOINTS, STOPS, Control, Endpoint
 from .openapi import DOCUMENT_PATH, document, document_bytes
 from .routes import handle_for
 from .server import MAX_BODY_BYTES, MAX_CONNECTION_COUNT, MAX_HEADER_BYTES, Door, serving
@@ -15,6 +15,7 @@ __all__ = [
     "MAX_BODY_BYTES",
     "MAX_CONNECTION_COUNT",
     "MAX_HEADER_BYTES",
+    "STOPS",
     "Control",
     "Door",
     "Endpoint",

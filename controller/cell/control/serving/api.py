@@ -39,6 +39,7 @@ class Endpoint:
     takes : model of the request's body, None where it has none
     returns : model of the answer's body where the request was taken
     call : does it
+    is_stop : whether it stops the cell, also by the supervisor while the event loop is late
     """
 
     method: str
@@ -47,6 +48,7 @@ class Endpoint:
     takes: type[BaseModel] | None
     returns: type[BaseModel]
     call: Callable[["Control", Peer, BaseModel], Awaitable[Reply]]
+    is_stop: bool = False
 
 
 class Control:
@@ -288,9 +290,12 @@ def _listed() -> tuple[Endpoint, ...]:
     for method, name, takes, returns in rows:
         call = getattr(Control, name)
         summary = str(call.__doc__).strip().removesuffix("; return the decision.")
-        found.append(Endpoint(method, f"/{name}", summary, takes, returns, call))
+        is_stop = name in ("stop", "abort")
+        found.append(Endpoint(method, f"/{name}", summary, takes, returns, call, is_stop))
     return tuple(found)
 
 
 ENDPOINTS: Final = _listed()
+# How the requests begin that stop the cell (RFC 9112, 3: method, space, target, space).
+STOPS: Final = tuple(f"{one.method} {one.path} ".encode() for one in ENDPOINTS if one.is_stop)
 BY_PATH: Final[Mapping[str, Endpoint]] = {endpoint.path: endpoint for endpoint in ENDPOINTS}

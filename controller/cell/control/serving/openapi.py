@@ -71,6 +71,12 @@ def _operation(endpoint: Endpoint) -> dict[str, Any]:
         "operationId": endpoint.path.strip("/"),
         "summary": endpoint.summary,
     }
+    if endpoint.is_stop:
+        found["description"] = (
+            "While the run is late by 0.2 s of the cell's time or more, its supervisor takes this "
+            "order and stops the cell, if the request line has no query; the answer follows when "
+            "the run can give it."
+        )
     if endpoint.takes is not None:
         found["requestBody"] = {"required": False, "content": _content(endpoint.takes)}
         replies["409"] = {

@@ -19,6 +19,8 @@ from typing import Any, Final
 
 import h11
 
+from controller.cell.devices.supervision import Callers
+
 from ..peer import Peer, peer_of
 from ..place import ControlError
 
@@ -59,13 +61,16 @@ def error_body(why: str) -> bytes:
 
 
 @asynccontextmanager
-async def serving(path: Path, handle: Handle) -> AsyncIterator[None]:
-    """Serve requests on a unix socket while the block runs.
+async def serving(
+    path: Path, handle: Handle, stops: tuple[bytes, ...] = ()
+) -> AsyncIterator[Callers]:
+    """Serve requests on a unix socket while the block runs; yield how a supervisor hears them.
 
     Parameters
     ----------
     path : of the socket, in a folder of this user alone; one left by a killed process is replaced
     handle : takes peer, method, path and body, returns HTTP status and body (JSON)
+    stops : how requests begin that stop the cell
 
     Raises
     ------
@@ -80,7 +85,7 @@ async def serving(path: Path, handle: Handle) -> AsyncIterator[None]:
         ) from error
     server = await asyncio.start_unix_server(door.on_connection, sock=listening)
     try:
-        yield
+        yield Callers(listening, stops, door.take)
     finally:
         server.close()
         await door.aclose()
@@ -140,6 +145,15 @@ class Door:
             writer.close()
             with suppress(OSError):
                 await writer.wait_closed()
+
+    def take(self, connection: socket.socket) -> None:
+        """Take one request from a connection that was accepted elsewhere, and answer it."""
+        task = asyncio.create_task(self._take(connection), name="caller")
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    async def _take(self, connection: socket.socket) -> None:
+        await self.on_connection(*await asyncio.open_unix_connection(sock=connection))
 
     async def aclose(self) -> None:
         """End what is still being answered."""

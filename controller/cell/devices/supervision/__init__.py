@@ -1,5 +1,5 @@
 """The supervisor of a run, from the controller's side: heartbeat, orders, what it reports."""
 
-from .supervised import Supervised
+from .supervised import Callers, Supervised
 
-__all__ = ["Supervised"]
+__all__ = ["Callers", "Supervised"]

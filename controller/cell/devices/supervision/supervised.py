@@ -14,6 +14,7 @@ import sys
 import threading
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager, contextmanager, suppress
+from dataclasses import dataclass
 from typing import Final
 
 from drivers.clock import CellClock
@@ -28,6 +29,22 @@ END_WALL_S: Final = 5.0
 PACKET_BYTES: Final = 1 << 16
 
 
+@dataclass(frozen=True, slots=True)
+class Callers:
+    """People's programs, to which the supervisor listens while the event loop is late.
+
+    Attributes
+    ----------
+    listening : socket that they connect to
+    stops : how their requests begin that stop the cell
+    take : serves a connection that the supervisor has accepted
+    """
+
+    listening: socket.socket
+    stops: tuple[bytes, ...]
+    take: Callable[[socket.socket], None]
+
+
 class Supervised:
     """Beats while the event loop runs, and passes on what the supervisor says.
 
@@ -38,6 +55,7 @@ class Supervised:
     clock_path : of its file, where it is shared; empty for the wall clock
     may_move : whether anything may move now
     on_stopped : called with a sentence once the supervisor has stopped the cell, or has ended
+    callers : may order a stop meanwhile; None where nobody can call
 
     Attributes
     ----------
@@ -52,12 +70,14 @@ class Supervised:
         clock_path: str,
         may_move: Callable[[], bool],
         on_stopped: Callable[[str], None],
+        callers: Callers | None = None,
     ) -> None:
         self._devices = devices
         self._clock = clock
         self._clock_path = clock_path
         self._may_move = may_move
         self._on_stopped = on_stopped
+        self._callers = callers
         self._beat_s = max(BEAT_S, MIN_BEAT_WALL_S * clock.speed)
         self._sent: Orders | None = None
         self._ready = asyncio.Event()
@@ -79,7 +99,8 @@ class Supervised:
         heard, told = socket.socketpair()
         near.setblocking(False)
         told.setblocking(False)
-        process = await asyncio.to_thread(_start, far, heard)
+        listening = () if self._callers is None else (self._callers.listening,)
+        process = await asyncio.to_thread(_start, far, heard, *listening)
         self.pid = process.pid
         far.close()
         heard.close()
@@ -130,18 +151,22 @@ class Supervised:
             if isinstance(self._devices.io, LooksBlindly):
                 look = self._devices.io.blind_look()
                 looks = () if look is None else (look,)
-        orders = Orders(stops, looks, self._clock_path, self._clock.speed, self._beat_s)
+        calls = () if self._callers is None else self._callers.stops
+        orders = Orders(stops, looks, calls, self._clock_path, self._clock.speed, self._beat_s)
         if orders != self._sent:
             control.send(orders.to_bytes())
             self._sent = orders
 
     def _hear(self, control: socket.socket) -> None:
         try:
-            packet = control.recv(PACKET_BYTES)
+            packet, fds, _, _ = socket.recv_fds(control, PACKET_BYTES, 1, socket.MSG_CMSG_CLOEXEC)
         except BlockingIOError:
             return
         except OSError:
-            packet = b""
+            packet, fds = b"", []
+        for fd in fds:
+            assert self._callers is not None, "nobody else calls"
+            self._callers.take(socket.socket(fileno=fd))
         if not packet:
             asyncio.get_running_loop().remove_reader(control)
             self._ready.set()
@@ -170,8 +195,8 @@ def _signals_to(told: socket.socket) -> Iterator[None]:
         signal.set_wakeup_fd(before)
 
 
-def _start(control: socket.socket, signals: socket.socket) -> "subprocess.Popen[bytes]":
-    fds = (control.fileno(), signals.fileno())
+def _start(*sockets: socket.socket) -> "subprocess.Popen[bytes]":
+    fds = tuple(one.fileno() for one in sockets)
     return subprocess.Popen(
         [sys.executable, "-P", "-m", "drivers.supervisor", *map(str, fds)],
         stdin=subprocess.DEVNULL,
