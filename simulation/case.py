@@ -191,13 +191,6 @@ class Attending:
     def __init__(self, cell: SimulatedCell) -> None:
         self._cell = cell
 
-    async def decide(self, question: Question) -> Answer | None:
-        """Acknowledge what held a homing cell; answer nothing else."""
-        if question.code != "guard_closed":
-            return None
-        await self._close()
-        return Answer("ack", "a person", "the cell is clear")
-
     async def attend(self, controller: Controller) -> None:
         """Have a controller go on as often as it is held."""
         while True:
@@ -302,8 +295,7 @@ class _Run:
         self.watch.permitted()
         self._arm_faults(controller)
         if self.case.fault is not None and self.case.fault[0] == "door":
-            self.cell.operator = person = Attending(self.cell)
-            self.cause.spawn(person.attend(controller))
+            self.cause.spawn(Attending(self.cell).attend(controller))
         killed = asyncio.Event()
         due = None if kill is None or kill.row else kill.steps
 

@@ -171,6 +171,7 @@ class Gripper:
         Raises
         ------
         FaultError : activation failed; the message has the reason and what to do
+        StoppedError : `stop` ended it
         """
         stop_count = self._stop_count
         async with self._verb:
@@ -376,13 +377,16 @@ class Gripper:
                 RESET_TIMEOUT_S,
                 "reset",
             )
+            self._require_not_stopped(stop_count, status)
             await self._write(encode_outputs(ACTIVATE), lambda now: now.is_powered_on, stop_count)
-        return await self._monitor.until(
-            lambda now: now.is_activated,
+        status = await self._monitor.until(
+            lambda now: now.is_activated or self._stop_count != stop_count,
             self.config.activation_timeout_s,
             "activation",
             stop_at_major=True,
         )
+        self._require_not_stopped(stop_count, status)
+        return status
 
     async def _write(
         self,

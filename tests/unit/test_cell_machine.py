@@ -43,7 +43,6 @@ held: reset>resetting stop>stopping fault>aborting unattended>held look_again>ex
     part_taken_out>execute_withdrawing
 aborted: clear>clearing
 resetting: reset_done>idle part_dropped>holding part_problem>holding stop>stopping fault>aborting
-    guard_opened>holding
 completing: part_done>execute_acquiring batch_done>complete part_dropped>holding
     part_problem>holding stop>stopping fault>aborting
 holding: hold_done>held stop>stopping fault>aborting
@@ -74,7 +73,8 @@ execute_withdrawing: withdrawn>execute_acquiring batch_done>complete
 execute_placing: placed>completing
     part_dropped>execute_withdrawing part_problem>holding stop>stopping fault>aborting
 """
-# the same of pauses; a line holds for every piece of work, and the work stays the same
+# the same of pauses; a line holds for every piece of work, and the work stays the same; homing
+# pauses for a door alone
 PAUSES = """
 execute: pause_after_step>suspending pause_at_safe_point>suspending pause_now>suspending
     step>suspending guard_opened>suspending
@@ -130,14 +130,15 @@ def parsed(text: str) -> list[tuple[str, str, str]]:
 
 def split(state: str) -> tuple[str, str]:
     """Return mode and work of a state; ("", state) where it is no work."""
-    if state == "completing":
+    if state in ("resetting", "completing"):
         return "execute", state
     mode, _, work = state.partition("_")
     return (mode, work) if work else ("", state)
 
 
 def joined(mode: str, work: str) -> str:
-    return "completing" if (mode, work) == ("execute", "completing") else f"{mode}_{work}"
+    is_alone = mode == "execute" and work in ("resetting", "completing")
+    return work if is_alone else f"{mode}_{work}"
 
 
 def listed() -> dict[tuple[str, Event], str]:
@@ -156,17 +157,20 @@ def listed() -> dict[tuple[str, Event], str]:
             continue
         works.append(work)
         for each, after in NEXT_MODE.items():
+            if event == "reset_done" and each != "execute":
+                continue
             next_mode, next_work = split(target)
             add(joined(each, work), event, joined(after, next_work) if next_mode else target)
     for mode, event, target in parsed(PAUSES):
         for work in dict.fromkeys(works):
-            add(joined(mode, work), event, joined(target, work))
+            if work != "resetting" or event not in PAUSE_NAMES | {"step", "step_begun"}:
+                add(joined(mode, work), event, joined(target, work))
     for (
         state
     ) in LOOKED_FOR:  # the check before a resume may find a part gone that nobody should have
         work = split(state)[1]
         add(joined("unsuspending", work), "part_dropped", joined("suspended", work))
-    for work in dict.fromkeys(works):  # after an open door, where no gripper has the part
+    for work in set(works) - {"resetting"}:  # after an open door, where no gripper has the part
         add(joined("unsuspending", work), "look_again", "execute_withdrawing")
     return found
 
@@ -201,8 +205,12 @@ def why_ignored(state: str, event: str) -> str:
         return "already pausing after this step or sooner"
     if event in ("resume", "step") and mode == "unsuspending":
         return "already going on"
+    if event in ("look_again", "step_begun") and state == "unsuspending_resetting":
+        return ""  # nothing was looked at yet, and homing is no step
     if event in ("paused", "resumed", "step_begun", "not_proven", "look_again") and mode:
         return "this pause is over"
+    if event == "reset_done" and work == "resetting":
+        return "homing has ended in a pause: what follows waits for its end"
     if event == "part_dropped" and mode and joined("execute", work) in LOOKED_FOR:
         return "nobody holds the part: it is being looked for already"
     if event not in SENT and state in AFTER_THE_END:
@@ -212,8 +220,8 @@ def why_ignored(state: str, event: str) -> str:
 
 def why_refused(state: str, event: str) -> str:
     """Return why an event is refused that is possible elsewhere; empty where there is none."""
-    mode, _ = split(state)
-    if state in ("resetting", "idle") and event in PAUSE_NAMES | {"step"}:
+    mode, work = split(state)
+    if (state == "idle" or work == "resetting") and event in PAUSE_NAMES | {"step"}:
         return "homing finds its references in one go: pause once it is done, or stop"
     if event == "acknowledge":
         return "nothing waits to be acknowledged"
@@ -257,9 +265,9 @@ def reachable(start: str, without: frozenset[Event] = frozenset()) -> set[str]:
 
 
 def test_the_states_are_packmls_and_those_of_work_stand_in_four_modes() -> None:
-    # ten states of the cell, and within Execute eight stages of a part (ADR 1), three of recovery,
-    # and their completion, in four modes each
-    assert len(STATES) == len(set(STATES)) == 10 + 4 * 12
+    # nine states of the cell, and within Execute eight stages of a part (ADR 1), three of recovery,
+    # their completion, and homing, in four modes each
+    assert len(STATES) == len(set(STATES)) == 9 + 4 * 13
     assert set(IN_EXECUTE) <= set(STATES)
     paused = {state for state in STATES if split(state)[0] == "suspended"}
     assert set(RESTING) == {"stopped", "idle", "complete", "held", "aborted"} | paused
@@ -328,7 +336,7 @@ def test_every_event_is_handled_somewhere() -> None:
 
 def test_every_effect_is_set_going_by_one_state_that_has_an_outcome() -> None:
     assert sorted([*ENTRY.values(), *WORK.values(), *PAUSE_EFFECTS]) == sorted(Effect)
-    for state in (*ENTRY, *IN_EXECUTE, "completing"):
+    for state in (*ENTRY, *IN_EXECUTE, "resetting", "completing"):
         outcomes = {e for s, e in HANDLED if s == state} - COMMANDS - {Event.PART_PROBLEM}
         assert outcomes, f"{state} starts work whose end nothing takes note of"
 
@@ -378,7 +386,7 @@ def test_a_stop_is_obeyed_wherever_something_moves_or_is_held(state: str) -> Non
         assert decision.answer == "ignored"
 
 
-@pytest.mark.parametrize("state", ["resetting", *IN_WORK])
+@pytest.mark.parametrize("state", IN_WORK)
 def test_trouble_with_the_part_holds_the_cell_wherever_an_effect_may_report_it(state: str) -> None:
     # homing reports a fixture that is not empty: refused, the cell would wait for ever
     decision = at(state).dispatch(Event.PART_PROBLEM)
@@ -521,7 +529,9 @@ def test_the_diagram_of_pauses_shows_exactly_what_is_listed() -> None:
     for source, target, event, works in re.findall(
         r"(\w+) --> (\w+) : (\w+)(?: \((.*)\))?", pauses_mermaid()
     ):
-        for work in works.split(", ") if works else WORK:
+        without = works.removeprefix("all but ") if works.startswith("all but ") else ""
+        every = [work for work in WORK if work not in without.split(", ")]
+        for work in works.split(", ") if works and not without else every:
             drawn.add((joined(source, work), event, joined(target, work)))
     kept = {
         (s, e.value, t)

@@ -57,7 +57,7 @@ class Cell:
         imaging: Any = ANY(all_dark=self._nothing)
         preparation: Any = ANY(begin=lambda: None)
         home = HomeAction(
-            io, layout, motion, grippers, imaging, preparation, record, self.journal
+            io, layout, motion, grippers, imaging, preparation, record, self.journal, gate
         )  # fmt: skip
         operator: Any = ANY(decide=self._decide)
         self._actions = {

@@ -21,11 +21,12 @@ from controller.cell.machine import Effect, Event, PartFault, PauseKind, SafePoi
 from controller.cell.operator import Answer, Desk, Journaled
 from controller.cell.services import Approval, Gate, Motion, NextMotion, Permits, Standstill
 from controller.cell.services.gate import JAWS_S, STOP_RAMP_S, Mover
+from controller.cell.services.motion import homing_preview
 from controller.cell.services.records import BatchRecord, Progress
 from controller.config import load_cell
 from controller.setup.layout import build_layout
 from drivers.clock import CellClock
-from drivers.errors import MotionStoppedError
+from drivers.errors import MotionStoppedError, PositionLostError
 from drivers.kinds import Signal, Stop
 
 ROOT = Path(__file__).parents[2]
@@ -45,11 +46,23 @@ class Arm:
         self.q = at(0)
         self.orders: list[int] = []
         self.stops: list[Stop] = []
+        self.is_homed = True
+        self.homing_count = 0
         self.arrive = asyncio.Event()
         self._stop = asyncio.Event()
 
+    async def enable_power(self) -> None: ...
+
+    async def home(self) -> None:
+        self.homing_count += 1
+        await self._go(self.q)
+        self.is_homed = True
+
     async def move_joints(self, q: np.ndarray) -> None:
         self.orders.append(round((q - LAYOUT.park_q)[0] * 100))
+        await self._go(q)
+
+    async def _go(self, q: np.ndarray) -> None:
         self._stop.clear()
         waits = [asyncio.ensure_future(e.wait()) for e in (self.arrive, self._stop)]
         try:
@@ -68,6 +81,8 @@ class Arm:
         self._stop.set()
 
     async def read_q(self) -> np.ndarray:
+        if not self.is_homed:
+            raise PositionLostError("arm: not homed")
         return self.q
 
 
@@ -450,6 +465,71 @@ async def test_what_was_moved_by_hand_behind_an_open_door_does_not_go_on(
     await bench.send(Event.RESUME)
     assert bench.dispatcher.state == "execute_grasping"
     assert bench.arm.orders == [1, 1]
+
+
+async def test_homing_that_an_open_door_stops_begins_anew_after_the_resume(bench: Bench) -> None:
+    async def home() -> Event:
+        await bench.motion.home()
+        return Event.RESET_DONE
+
+    bench.arm.is_homed = False
+    bench.works[Effect.HOME] = home
+    await bench.start(lambda: walk(bench))
+    assert bench.dispatcher.state == "resetting"
+    await bench.open_door()
+    status = await bench.dispatcher.status()
+    assert (status.state, status.alarm) == ("suspended_resetting", "202 the door is open")
+    assert bench.stopped == [("arm",)]
+    bench.signal = Signal.OK
+    assert await bench.send(Event.RESUME) == "refused"
+    assert await bench.send(Event.ACKNOWLEDGE) == "handled"
+    first = (await bench.dispatcher.status()).first
+    assert first is not None
+    assert first.words.startswith("the arm homes")
+    assert bench.arm.homing_count == 1
+    assert await bench.send(Event.RESUME) == "handled"
+    assert (bench.dispatcher.state, bench.arm.homing_count) == ("resetting", 2)
+    await bench.arrive()
+    assert bench.dispatcher.state == "execute_grasping"
+    assert bench.arm.orders == [1]
+
+
+async def test_a_door_that_opens_as_homing_ends_holds_what_follows(bench: Bench) -> None:
+    homed = asyncio.Event()
+
+    async def home() -> Event:
+        await homed.wait()
+        return Event.RESET_DONE
+
+    bench.works[Effect.HOME] = home
+    await bench.start(lambda: walk(bench))
+    homed.set()
+    await bench.open_door()
+    assert bench.dispatcher.state == "suspended_resetting"
+    bench.signal = Signal.OK
+    await bench.send(Event.ACKNOWLEDGE)
+    assert bench.dispatcher.state == "suspended_resetting"
+    await bench.send(Event.RESUME)
+    assert bench.dispatcher.state == "execute_grasping"
+
+
+async def test_a_cell_that_is_started_with_its_door_open_waits_for_it(bench: Bench) -> None:
+    async def admit() -> None:
+        if (violation := bench._open_door()) is not None:
+            raise InterlockError(violation.message, violation.code, holds=violation.rule.holds)
+
+    async def home() -> Event:
+        await bench.gate.until_admitted(admit, homing_preview)
+        return Event.RESET_DONE
+
+    bench.signal = Signal.NOT_OK
+    bench.works[Effect.HOME] = home
+    await bench.start(lambda: walk(bench))
+    assert bench.dispatcher.state == "suspended_resetting"
+    bench.signal = Signal.OK
+    await bench.send(Event.ACKNOWLEDGE)
+    await bench.send(Event.RESUME)
+    assert bench.dispatcher.state == "execute_grasping"
 
 
 async def test_a_door_that_opens_during_a_resume_stops_it(bench: Bench) -> None:

@@ -285,6 +285,23 @@ async def test_cancelling_an_activation_deactivates() -> None:
         assert device.action == 0
 
 
+async def test_a_stop_ends_an_activation_and_the_next_one_begins_anew() -> None:
+    device = Robotiq(is_active=False, activation_reads=1000)
+    async with gripper_on(device) as gripper:
+        activating = asyncio.create_task(gripper.activate())
+        await until(lambda: device.action == 0x01)
+        await gripper.stop()
+        with pytest.raises(StoppedError):
+            await activating
+        assert device.action == 0
+        device.writes.clear()
+        again = asyncio.create_task(gripper.activate())
+        await until(lambda: device.action == 0x01)
+        again.cancel()
+        assert device.writes[-1] == bytes([1, 0, 0, 0, 0, 0])
+        await asyncio.gather(again, return_exceptions=True)
+
+
 async def test_a_moxa_at_the_address_is_the_wrong_device() -> None:
     moxa = Map(discrete=dict.fromkeys(range(6), False))
     bus = Bus({9: moxa.answer})

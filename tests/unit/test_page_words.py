@@ -20,7 +20,7 @@ from controller.cell.devices.interlocks import REQUIRED_SIGNALS
 from controller.cell.journal import Once
 from controller.cell.machine.pauses import SafePoint
 from controller.cell.machine.recovery import Act, PartFault
-from controller.cell.machine.table import COMPLETING, STAGES
+from controller.cell.machine.table import WORK
 from controller.cell.operator.questions import question_for
 from controller.cell.recovery.beside import back_evidence, why_not_back
 from controller.cell.recovery.classify import Leaves, Opens
@@ -92,7 +92,7 @@ def test_a_screens_title_is_known_on_all_screens(package: str, language: str) ->
 @pytest.mark.parametrize("language", FOREIGN)
 def test_what_the_cell_may_be_in_is_in_the_catalogue(language: str) -> None:
     known = every_word(language, "now")
-    named = {one.value for one in Custody} | {*STAGES, COMPLETING}
+    named = {one.value for one in Custody} | set(WORK)
     named |= {one.value for one in Severity}
     assert sorted(named - set(known)) == []
     script = (PAGE / "now" / "static" / "now.js").read_text(encoding="utf-8")

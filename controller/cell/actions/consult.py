@@ -6,7 +6,6 @@ from typing import Final
 
 from controller.cell.machine import Event
 from controller.cell.operator import Operator
-from controller.cell.operator.question import ACK
 from controller.cell.operator.questions import LOOK, NOT_EMPTY, OUT, STOP, TRAY_FULL, question_for
 
 from ..services.records import BatchRecord
@@ -50,7 +49,4 @@ class ConsultAction:
             await self.record.empty_trays(self.record.trays.full())
         if code == NOT_EMPTY and answer.key == LOOK:
             return Event.RESET  # reads the gripper before anything moves
-        if answer.key == ACK:
-            self.record.note_acknowledged(code, answer.who, answer.why)
-            return Event.RESET
         return EVENT_OF[answer.key]

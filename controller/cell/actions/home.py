@@ -12,9 +12,16 @@ from controller.cell.machine import Event
 from controller.planning.model import CellLayout
 from drivers.kinds import IoBlock
 
-from ..services import Grippers, Imaging, Motion, Preparation, Resumption
-from ..services.motion import rounded
+from ..services import Gate, Grippers, Imaging, Motion, Preparation, Resumption
+from ..services.motion import homing_preview, rounded
 from ..services.records import BatchRecord
+
+
+async def _until_healthy(io: IoBlock, gate: Gate) -> None:
+    async def check() -> None:
+        check_interlocks(io)
+
+    await gate.until_admitted(check, homing_preview)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -25,7 +32,7 @@ class HomeAction:
     ----------
     io : the interlocks, which have to be healthy
     layout : has the configuration to park in, and how wide the arm gripper opens
-    motion, grippers, imaging, preparation, record, journal : services
+    motion, grippers, imaging, preparation, record, journal, gate : services
     """
 
     io: IoBlock
@@ -36,15 +43,17 @@ class HomeAction:
     preparation: Preparation
     record: BatchRecord
     journal: Journal
+    gate: Gate
 
     async def run(self) -> Event:
         """Check interlocks and fixed gripper, home both grippers at once; return ``RESET_DONE``.
 
         Raises
         ------
+        InterlockError : a safety copy is not healthy; an open door is waited for
         PartProblemError : the fixed gripper holds something
         """
-        check_interlocks(self.io)
+        await _until_healthy(self.io, self.gate)
         self.preparation.begin()
         self.record.show("homing the arm; it sweeps its whole reach")
         await self.imaging.all_dark()
@@ -78,7 +87,7 @@ class ReadyAction:
     ----------
     io : the interlocks, which have to be healthy
     resumption : whether the arm still has to home, with a part
-    motion, imaging, preparation, record, journal : services
+    motion, imaging, preparation, record, journal, gate : services
     """
 
     io: IoBlock
@@ -88,15 +97,16 @@ class ReadyAction:
     preparation: Preparation
     record: BatchRecord
     journal: Journal
+    gate: Gate
 
     async def run(self) -> Event:
         """Check interlocks, give the arm power; return ``RESET_DONE``. Opens no jaw, homes nothing.
 
         Raises
         ------
-        InterlockError : a safety copy is not healthy
+        InterlockError : a safety copy is not healthy; an open door is waited for
         """
-        check_interlocks(self.io)
+        await _until_healthy(self.io, self.gate)
         self.preparation.begin()
         self.record.show("getting ready; nothing is homed, since a gripper may hold a part")
         await self.imaging.all_dark()

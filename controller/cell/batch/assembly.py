@@ -222,8 +222,8 @@ def assemble(
 
     by_effect: dict[Effect, Action] = {
         Effect.HOME: ResetAction(
-            HomeAction(io, layout, motion, grippers, imaging, preparation, record, journal),
-            ReadyAction(io, resumption, motion, imaging, preparation, record, journal),
+            HomeAction(io, layout, motion, grippers, imaging, preparation, record, journal, gate),
+            ReadyAction(io, resumption, motion, imaging, preparation, record, journal, gate),
             resumption,
         ),
         Effect.RECOVER: RecoverAction(

@@ -25,6 +25,7 @@ from ..journal import Journal, JournalError, rows
 from ..machine import (
     PAUSE_EFFECTS,
     PAUSE_EVENTS,
+    RESETTING,
     WORK,
     CellMachine,
     Decision,
@@ -175,7 +176,7 @@ class Dispatcher:
         """
         state, progress, part = self._machine.state, self._record.progress, self._record.part
         is_paused = mode_of(state) is Mode.SUSPENDED
-        can_pause = mode_of(state) in (Mode.EXECUTE, Mode.SUSPENDING)
+        can_pause = mode_of(state) in (Mode.EXECUTE, Mode.SUSPENDING) and state != RESETTING
         alarm = alarm_of(self._code) if self._code else None
         return CellStatus(
             at_s=self._gate.now_s,
@@ -364,7 +365,8 @@ class Dispatcher:
                     self._set_gate(note.event, decision)
                 ends = await self._halt_overtaken(note, decision)
         if note.event is Event.GUARD_OPENED and mode_of(decision.source) is not None:
-            self._standstill.note_open()
+            has_looked = work_of(decision.source) != RESETTING
+            self._standstill.note_open(has_looked=has_looked)
         if note.answer is not None and not note.answer.done():
             note.answer.set_result(decision)
         if decision.answer != "handled":
@@ -393,6 +395,8 @@ class Dispatcher:
         if _lets_through(decision):
             # not before: what was overtaken waits at the gate until it is ended
             self._set_gate(note.event, decision)
+            if decision.target == RESETTING and self._work is not None and self._work[1].done():
+                self._report(Event.RESET_DONE)  # homing has ended in the pause
         for effect in decision.effects:
             task = asyncio.create_task(self._act(effect), name=f"effect {effect.value}")
             self._tasks.add(task)

@@ -38,10 +38,11 @@ An arrow from `{EXECUTE}` holds for every stage.
 PAUSES_HEAD = """
 ## Pauses
 
-Each stage, and `completing`, has a state in every mode: `suspended_grasping` is a grasp that is
-paused. `*` stands for any of them. An action begins when its stage is entered. It is not ended by a
-pause: it waits. Where a stage ends while the cell pauses, the next one is entered in the same mode,
-and waits before it moves anything. Stop and fault lead out of every mode.
+Each stage, `resetting` and `completing` have a state in every mode: `suspended_grasping` is a grasp
+that is paused. `*` stands for any of them. An action begins when its stage is entered. It is not
+ended by a pause: it waits. Where a stage ends while the cell pauses, the next one is entered in the
+same mode, and waits before it moves anything. Homing pauses for an open door alone, and begins
+anew. Stop and fault lead out of every mode.
 
 """
 IGNORED_HEAD = """
@@ -128,7 +129,10 @@ def pauses_mermaid() -> str:
         if source and target and work_of(arrow.source) == work_of(str(arrow.target)):
             found.setdefault((source, target, arrow.event), set()).add(work_of(arrow.source))
     for (source, target, event), works in found.items():
-        which = "" if works == set(WORK) else f" ({', '.join(w for w in WORK if w in works)})"
+        without = [work for work in WORK if work not in works]
+        named = [work for work in WORK if work in works]
+        few = f"all but {', '.join(without)}" if len(without) < len(named) else ", ".join(named)
+        which = f" ({few})" if without else ""
         lines.append(f"    {source} --> {target} : {event.value}{which}")
     return _text(lines)
 

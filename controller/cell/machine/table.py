@@ -105,6 +105,7 @@ STAGES: Final[Mapping[str, Effect]] = {
     "placing": Effect.PLACE,
 }
 COMPLETING: Final = "completing"
+RESETTING: Final = "resetting"
 
 
 class Mode(StrEnum):
@@ -117,13 +118,17 @@ class Mode(StrEnum):
 
 
 # What can be paused, and the effect of entering it.
-WORK: Final[Mapping[str, Effect]] = {**STAGES, COMPLETING: Effect.COMPLETE}
+WORK: Final[Mapping[str, Effect]] = {
+    RESETTING: Effect.HOME, **STAGES, COMPLETING: Effect.COMPLETE,
+}  # fmt: skip
+# PackML's own states beside Execute
+_BESIDE_EXECUTE: Final = (RESETTING, COMPLETING)
 
 
 def state_of(work: str, mode: Mode = Mode.EXECUTE) -> str:
     """Return the state in which a piece of work is done, or paused."""
-    if mode is Mode.EXECUTE and work == COMPLETING:
-        return COMPLETING
+    if mode is Mode.EXECUTE and work in _BESIDE_EXECUTE:
+        return work
     return f"{mode}{SEPARATOR}{work}"
 
 
@@ -142,7 +147,6 @@ def work_of(state: str) -> str | None:
 
 # The effect of entering a state that is no work.
 ENTRY: Final[Mapping[str, Effect]] = {
-    "resetting": Effect.HOME,
     "holding": Effect.HOLD,
     "held": Effect.CONSULT,
     "stopping": Effect.STOP_MOTION,
@@ -177,9 +181,12 @@ def effects_between(source: str, target: str) -> tuple[Effect, ...]:
     return tuple(found)
 
 
+PAUSES: Final = (Event.PAUSE_AFTER_STEP, Event.PAUSE_AT_SAFE_POINT, Event.PAUSE_NOW)
+_RUNNING: Final = (Mode.EXECUTE, Mode.SUSPENDING)
 _WORKING: Final = tuple(state_of(work) for work in WORK)
 _SUSPENDING: Final = tuple(state_of(work, Mode.SUSPENDING) for work in WORK)
 _UNSUSPENDING: Final = tuple(state_of(work, Mode.UNSUSPENDING) for work in WORK)
+_RESETTING: Final = {mode: state_of(RESETTING, mode) for mode in Mode}
 _ANY_WORK: Final = tuple(_WORK_STATES)
 # Stages in which a gripper has the part, or is about to take it.
 _HOLDING: Final = (
@@ -190,7 +197,7 @@ _HOLDING: Final = (
 _LOOKING: Final = ("acquiring", "recognising", "withdrawing")
 # Stop is taken wherever something may move; in `held` and `suspended` too, where the arm may hold a
 # part.
-_STOPPABLE: Final = ("resetting", "holding", "held", "idle", *_ANY_WORK)
+_STOPPABLE: Final = ("holding", "held", "idle", *_ANY_WORK)
 # A fault is taken even at rest: an open door or a lost device is reported at once.
 _FAULTABLE: Final = (*_STOPPABLE, "stopping", "clearing")
 
@@ -227,8 +234,8 @@ WORK_TABLE: Final[tuple[tuple[Event, tuple[str, ...], str], ...]] = (
 _MODE_AFTER: Final = {mode: mode for mode in Mode} | {Mode.UNSUSPENDING: Mode.SUSPENDED}
 
 TABLE: Final[tuple[tuple[Event, tuple[str, ...], str], ...]] = (
-    (Event.RESET, ("stopped", "complete", "held"), "resetting"),
-    (Event.RESET_DONE, ("resetting",), "idle"),
+    (Event.RESET, ("stopped", "complete", "held"), RESETTING),
+    (Event.RESET_DONE, (RESETTING,), "idle"),
     (Event.START, ("idle",), state_of("acquiring")),
     # An earlier run left a part in a gripper, and what the cell may do was accepted.
     (Event.RECOVER, ("idle",), state_of("recovering")),
@@ -241,7 +248,7 @@ TABLE: Final[tuple[tuple[Event, tuple[str, ...], str], ...]] = (
     # In these states no gripper should have a part: a person took it, or custody is wrong.
     (
         Event.PART_DROPPED,
-        ("resetting", *(state_of(COMPLETING, mode) for mode in Mode)),
+        tuple(state_of(work, mode) for work in _BESIDE_EXECUTE for mode in Mode),
         "holding",
     ),
     # The check before a resume found the part gone where it is being looked for already.
@@ -257,7 +264,7 @@ TABLE: Final[tuple[tuple[Event, tuple[str, ...], str], ...]] = (
     ),
     # Something is wrong with the part, not the cell: hold for a person. Homing may find a part in
     # the fixed gripper, and one may slip out of it until the batch is complete.
-    (Event.PART_PROBLEM, ("resetting", *_ANY_WORK), "holding"),
+    (Event.PART_PROBLEM, _ANY_WORK, "holding"),
     (Event.HOLD_DONE, ("holding",), "held"),
     # What the question of a cell on hold may be answered with; where nothing is homed yet, a reset.
     (Event.UNATTENDED, ("held",), "held"),
@@ -265,38 +272,31 @@ TABLE: Final[tuple[tuple[Event, tuple[str, ...], str], ...]] = (
     (Event.PART_TAKEN_OUT, ("held",), state_of("withdrawing")),
     # A pause that is under way may become more urgent, never less.
     *(
-        (event, (state_of(work, mode),), state_of(work, Mode.SUSPENDING))
-        for event in (Event.PAUSE_AFTER_STEP, Event.PAUSE_AT_SAFE_POINT, Event.PAUSE_NOW)
+        (event, (state_of(work, source),), state_of(work, target))
+        for event, source, target in (
+            *((event, mode, Mode.SUSPENDING) for event in PAUSES for mode in _RUNNING),
+            (Event.STEP, Mode.EXECUTE, Mode.SUSPENDING),
+            (Event.STEP, Mode.SUSPENDED, Mode.UNSUSPENDING),
+            (Event.STEP_BEGUN, Mode.UNSUSPENDING, Mode.SUSPENDING),
+            # to be paused again before anything has moved
+            *((event, Mode.UNSUSPENDING, Mode.SUSPENDED) for event in PAUSES),
+        )
         for work in WORK
-        for mode in (Mode.EXECUTE, Mode.SUSPENDING)
+        if work != RESETTING
     ),
+    # An open door holds the run and does not end it (ADR 101); homing begins anew then.
     *(
         (event, (state_of(work, source),), state_of(work, target))
         for event, source, target in (
-            (Event.STEP, Mode.EXECUTE, Mode.SUSPENDING),
+            (Event.GUARD_OPENED, Mode.EXECUTE, Mode.SUSPENDING),
+            (Event.GUARD_OPENED, Mode.SUSPENDING, Mode.SUSPENDING),
+            (Event.GUARD_OPENED, Mode.UNSUSPENDING, Mode.SUSPENDED),
             (Event.PAUSED, Mode.SUSPENDING, Mode.SUSPENDED),
             (Event.RESUME, Mode.SUSPENDED, Mode.UNSUSPENDING),
-            (Event.STEP, Mode.SUSPENDED, Mode.UNSUSPENDING),
             (Event.RESUMED, Mode.UNSUSPENDING, Mode.EXECUTE),
-            (Event.STEP_BEGUN, Mode.UNSUSPENDING, Mode.SUSPENDING),
-            # to be paused again before anything has moved
-            (Event.PAUSE_AFTER_STEP, Mode.UNSUSPENDING, Mode.SUSPENDED),
-            (Event.PAUSE_AT_SAFE_POINT, Mode.UNSUSPENDING, Mode.SUSPENDED),
-            (Event.PAUSE_NOW, Mode.UNSUSPENDING, Mode.SUSPENDED),
         )
         for work in WORK
     ),
-    # An open door holds the run and does not end it (ADR 101). Homing cannot go on half-way.
-    *(
-        (Event.GUARD_OPENED, (state_of(work, source),), state_of(work, target))
-        for source, target in (
-            (Mode.EXECUTE, Mode.SUSPENDING),
-            (Mode.SUSPENDING, Mode.SUSPENDING),
-            (Mode.UNSUSPENDING, Mode.SUSPENDED),
-        )
-        for work in WORK
-    ),
-    (Event.GUARD_OPENED, ("resetting",), "holding"),
     *((Event.ACKNOWLEDGE, (state,), state) for state in _SUSPENDED),
     # After an open door: the arm or a jaw was moved by hand, so that it cannot go on from here.
     *(
@@ -304,7 +304,11 @@ TABLE: Final[tuple[tuple[Event, tuple[str, ...], str], ...]] = (
         for work in WORK
     ),
     # After an open door, with the part in no gripper: somebody may have moved it.
-    (Event.LOOK_AGAIN, _UNSUSPENDING, state_of("withdrawing")),
+    (
+        Event.LOOK_AGAIN,
+        tuple(state for state in _UNSUSPENDING if state != _RESETTING[Mode.UNSUSPENDING]),
+        state_of("withdrawing"),
+    ),
     (Event.STOP, _STOPPABLE, "stopping"),
     (Event.STOP_DONE, ("stopping",), "stopped"),
     (Event.FAULT, (*_FAULTABLE, "stopped", "complete"), "aborting"),
@@ -313,7 +317,6 @@ TABLE: Final[tuple[tuple[Event, tuple[str, ...], str], ...]] = (
     (Event.CLEAR_DONE, ("clearing",), "stopped"),
 )
 
-PAUSES: Final = (Event.PAUSE_AFTER_STEP, Event.PAUSE_AT_SAFE_POINT, Event.PAUSE_NOW)
 # Sent by people and interlocks; all other events are outcomes of effects.
 COMMANDS: Final = (
     Event.RESET, Event.START, Event.RECOVER, Event.STOP, Event.CLEAR, Event.FAULT, *PAUSES,
@@ -396,6 +399,12 @@ IGNORED: Final[tuple[tuple[tuple[Event, ...], tuple[str, ...], str], ...]] = (
         "this pause is over",
     ),
     ((Event.LOOK_AGAIN,), (*_SUSPENDED, *_SUSPENDING, *_WORKING), "this pause is over"),
+    # The dispatcher reports it again once the pause is over: what follows is no work that waits.
+    (
+        (Event.RESET_DONE,),
+        tuple(state for mode, state in _RESETTING.items() if mode is not Mode.EXECUTE),
+        "homing has ended in a pause: what follows waits for its end",
+    ),
     *(
         (
             tuple(event for event in _OUTCOMES if event not in awaited),
@@ -410,7 +419,7 @@ IGNORED: Final[tuple[tuple[tuple[Event, ...], tuple[str, ...], str], ...]] = (
 REFUSED: Final[tuple[tuple[tuple[Event, ...], tuple[str, ...], str], ...]] = (
     (
         (*PAUSES, Event.STEP),
-        ("resetting", "idle"),
+        ("idle", *_RESETTING.values()),
         "homing finds its references in one go: pause once it is done, or stop",
     ),
     (

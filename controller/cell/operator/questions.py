@@ -6,7 +6,7 @@ The codes are those of `PartProblemError`. A choice that moves something says wh
 from collections.abc import Mapping
 from typing import Final
 
-from .question import ACK, Choice, Question
+from .question import Choice, Question
 
 LOOK: Final = "look"
 OUT: Final = "out"
@@ -18,9 +18,6 @@ NOT_EMPTY: Final = "fixture_not_empty"
 TRAY_FULL: Final = "tray_full"
 # The problem of a part whose number nobody read: to look again there is to ask for it again.
 NO_SERIAL: Final = "no_serial"
-
-# What holds a cell that homes, which begins anew once a person acknowledges it.
-HELD_HOMING: Final = ("guard_closed", "interlock")
 
 _STOP: Final = Choice(STOP, "end the run; nothing is released")
 _OUT: Final = Choice(
@@ -47,7 +44,6 @@ _FIRST: Final[Mapping[str, str]] = {
 _FIRST_UNHOMED: Final[Mapping[str, str]] = {
     LOOK: "nothing while the fixed gripper holds something; else the arm homes, which sweeps its "
     "whole reach, and both grippers open",
-    ACK: "the arm homes, which sweeps its whole reach, and both grippers open",
 }
 
 
@@ -73,9 +69,6 @@ def question_for(code: str, message: str, custody: str) -> Question:
     elif code == NOT_EMPTY:
         text = f"{message}. The cell has not been homed."
         choices = (Choice(LOOK, "I took it out: look at the fixed gripper again"), _STOP)
-    elif code in HELD_HOMING:
-        text = f"{message}. The arm was homing, and begins anew."
-        choices = (Choice(ACK, "I have looked at the cell, and it may home"), _STOP)
     else:
         text = f"{message}. {_ASKS} (by the journal: {custody})"
         choices = (
@@ -83,7 +76,7 @@ def question_for(code: str, message: str, custody: str) -> Question:
             _OUT,
             _STOP,
         )
-    first = _FIRST_UNHOMED if code in (NOT_EMPTY, *HELD_HOMING) else _FIRST
+    first = _FIRST_UNHOMED if code == NOT_EMPTY else _FIRST
     return Question(
         code=code,
         text=text,

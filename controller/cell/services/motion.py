@@ -3,7 +3,7 @@
 The journal gets each path before the arm sets out, and where the arm stood free of everything: the
 way back is known even to a later run. Every waypoint passes the gate. A pause *now* stops the arm
 between two waypoints. Afterwards it goes on to the same waypoint: that is free from wherever it
-stopped between them.
+stopped between them. Homing begins anew.
 """
 
 from collections.abc import Awaitable, Callable, Iterable
@@ -96,10 +96,18 @@ class Motion:
         NoPermitError : nothing may move
         DeviceError : the arm finds no reference
         """
-        async with self._gate.moving(_homing, Mover.ARM):
-            await self._arm.enable_power()
-            if not self._arm.is_homed:
-                await self._arm.home()
+        while True:
+            async with self._gate.moving(homing_preview, Mover.ARM):
+                await self._arm.enable_power()
+                if self._arm.is_homed:
+                    return
+                try:
+                    await self._arm.home()
+                except MotionStoppedError:
+                    if not self._gate.was_interrupted:
+                        raise
+                else:
+                    return
 
     async def home_with_part(self, row: HomingBegun, q_estimate: FloatArray) -> float:
         """Press the arm gripper and find all references, opening no jaw; return its opening [mm].
@@ -123,10 +131,11 @@ class Motion:
             except MotionStoppedError as error:
                 if not self._gate.was_interrupted:
                     raise
-                # half-way nobody knows where the arm stands; a new start bounds that anew
+                # the way that was proven free begins where the arm stood before, not half-way
                 raise InterlockError(
-                    "the door was opened while the arm homed with a part, which cannot go on from "
-                    "there; close it and start again",
+                    "the door was opened while the arm homed with a part, and nothing says where "
+                    "the arm stands now: `cellctl recover --open arm` gives you the part; then "
+                    "close the door and start again",
                     "guard_closed",
                 ) from error
         at = await self._arm.read_q()
@@ -217,15 +226,9 @@ class Motion:
 
     async def _admit(self, path: JointPath) -> None:
         """Have the interlocks admit a path; wait at the gate while what they require may come."""
-        while True:
-            try:
-                await self._interlocks.admit_path(path)
-            except InterlockError as error:
-                if not error.holds or not self._gate.guard():
-                    raise
-                await self._gate.wait(partial(self._preview, path[0]))
-            else:
-                return
+        await self._gate.until_admitted(
+            partial(self._interlocks.admit_path, path), partial(self._preview, path[0])
+        )
 
     async def _begin(self, path: Iterable[FloatArray], *, is_back: bool = False) -> None:
         """Journal a path before its first byte: a start after a power cut finds the arm on it."""
@@ -332,7 +335,8 @@ class Motion:
         )
 
 
-async def _homing() -> NextMotion:
+async def homing_preview() -> NextMotion:
+    """Return what moves first where the cell homes."""
     return NextMotion("the arm homes: it sweeps its whole reach and moves its jaws")
 
 

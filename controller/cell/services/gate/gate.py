@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Final
 
+from controller.cell.errors import InterlockError
 from controller.cell.machine import PauseKind, SafePoint
 from drivers.clock import CellClock
 
@@ -149,6 +150,28 @@ class Gate:
                 await self._next_change()
         finally:
             self._waiting.remove(preview)
+
+    async def until_admitted(self, admit: Callable[[], Awaitable[None]], preview: Preview) -> None:
+        """Return once something is admitted; what an open door bars waits until it is closed.
+
+        Parameters
+        ----------
+        admit : raises where it is not
+        preview : describes what follows
+
+        Raises
+        ------
+        InterlockError : an interlock rule does not hold
+        """
+        while True:
+            try:
+                await admit()
+            except InterlockError as error:
+                if not error.holds or not self.guard():
+                    raise
+                await self.wait(preview)
+            else:
+                return
 
     def reach(self, point: SafePoint, *, ends_step: bool = False) -> None:
         """Note that the cell stands at a safe point, until the next motion begins."""

@@ -53,15 +53,21 @@ class Standstill:
         self._record = record
         self._layout = layout
         self._left: tuple[FloatArray, tuple[float, float]] | None = None
-        self._was_open = False
+        self._was_open = self._has_looked = False
 
-    def note_open(self) -> None:
-        """Note that a door is open: from now on somebody may change what stands."""
+    def note_open(self, *, has_looked: bool) -> None:
+        """Note that a door is open: from now on somebody may change what stands.
+
+        Parameters
+        ----------
+        has_looked : pictures of the table were taken, or are being taken
+        """
         self._was_open = True
+        self._has_looked = self._has_looked or has_looked
 
     def forget(self) -> None:
         """Forget how the cell stood, since it moves on."""
-        self._left, self._was_open = None, False
+        self._left, self._was_open, self._has_looked = None, False, False
 
     async def note(self) -> None:
         """Note how the cell stands, now that nothing moves; nothing before the arm is homed.
@@ -85,7 +91,7 @@ class Standstill:
     def looks_again(self) -> bool:
         """Whether the part is looked for again: the door was open, and no gripper has it."""
         is_free = self._record.part.custody in (Custody.NONE, Custody.ON_TABLE, Custody.LOST)
-        return self._was_open and is_free and not self._record.is_once_open
+        return self._has_looked and is_free and not self._record.is_once_open
 
     async def next_motion(self) -> NextMotion | None:
         """Return what moves first when the pause ends; None while that is still being computed."""

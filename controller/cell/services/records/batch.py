@@ -301,16 +301,6 @@ class BatchRecord:
         """
         self._journal.write_about(run, rows.PartFollowed(run=self._journal.run), number)
 
-    def note_acknowledged(self, code: str, who: str, why: str) -> None:
-        """Write that a person has looked at what held the run.
-
-        Parameters
-        ----------
-        code : of what held it
-        who, why : the person, and the reason given
-        """
-        self.note(rows.Acknowledged(run=self._journal.run, code=code, who=who, why=why))
-
     def note_file(self, file: str, digest: str) -> None:
         """Write a row on a file of the run's folder, with the SHA-256 of what was written."""
         self.note(rows.FilesStored({file: digest}))
