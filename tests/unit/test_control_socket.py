@@ -128,6 +128,18 @@ async def test_an_order_goes_to_the_dispatcher_with_who_and_why() -> None:
     ]  # fmt: skip
 
 
+async def test_work_without_a_dispatcher_is_stopped_by_an_order_and_nothing_else() -> None:
+    control, stopped = control_of(), []
+    assert (await ask(control, "POST", "/stop"))[1]["reason"].startswith("the run is starting")
+    control.attach_stop(lambda message, code: stopped.append((message, code)))
+    status, reply = await ask(control, "POST", "/pause", {})
+    assert (status, reply["decision"]) == (409, "refused")
+    for path, code in (("/stop", "stop"), ("/abort", "aborted")):
+        status, reply = await ask(control, "POST", path, {"why": "smoke"})
+        assert (status, reply["decision"]) == (200, "handled")
+        assert stopped.pop() == (f"{path[1:]}{'p' * (code == 'stop')}ed by {ME.name}: smoke", code)
+
+
 HERE, THERE = (0.5, -0.25, 0.5, -100.0, -1.0, 0.25), (0.25, 0.5, 0.25, -300.0, -0.5, 0.5)
 
 

@@ -21,6 +21,7 @@ from controller.config.calibration_reference import CalibrationName
 
 from ..devices import Devices
 from ..devices.clocks import FoundClock
+from ..devices.supervision import Callers
 from ..operator import Operator
 from .evidence import Evidence
 from .person import EmulatedPerson
@@ -88,6 +89,7 @@ class Session:
     helper : does errands in an emulated cell; None where a person does
     show : takes a line for whoever watches
     build : returns the drivers, given cell, addresses and clock
+    callers : whose orders to stop the supervisor takes while the event loop is late
     """
 
     def __init__(
@@ -99,7 +101,9 @@ class Session:
         helper: EmulatedPerson | None,
         show: Callable[[str], None],
         build: Build = Devices.build,
+        callers: Callers | None = None,
     ) -> None:
+        self._callers = callers
         self._order = order
         self._emulated = emulated
         self._clock = clock
@@ -171,6 +175,7 @@ class Session:
             self._helper,
             Evidence(place, self._show),
             self._build,
+            self._callers,
         )
         self._visit = visit
         self._show(f"step {step.name}: {step.title}")

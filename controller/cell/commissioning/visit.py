@@ -39,7 +39,7 @@ from ..devices.clocks import FoundClock
 from ..devices.in_use import counted
 from ..devices.interlocks import rules_of
 from ..devices.stopping import Stopping
-from ..devices.supervision import Supervised
+from ..devices.supervision import Callers, Supervised
 from ..errors import CellError, InterlockError
 from ..journal import JOURNAL_NAME, Journal, JournalError, rows
 from ..machine import Event
@@ -118,6 +118,7 @@ class Visit:
     helper : does errands in an emulated cell; None where a person does
     evidence : keeps what is found
     build : returns the drivers, given cell, addresses and clock
+    callers : whose orders to stop the supervisor takes while the event loop is late
     """
 
     def __init__(
@@ -127,8 +128,10 @@ class Visit:
         helper: EmulatedPerson | None,
         evidence: Evidence,
         build: Build = Devices.build,
+        callers: Callers | None = None,
     ) -> None:
         self._build = build
+        self._callers = callers
         self._order = order
         self._operator = operator
         self._helper = helper
@@ -298,6 +301,7 @@ class Visit:
             "" if shared is None else str(shared),
             lambda: True,
             lambda why: self.stop(why, "supervised"),
+            self._callers,
         )
         async with supervised.beating():
             for name in supervised.unreached:

@@ -227,7 +227,7 @@ class Motion:
     async def _admit(self, path: JointPath) -> None:
         """Have the interlocks admit a path; wait at the gate while what they require may come."""
         await self._gate.until_admitted(
-            partial(self._interlocks.admit_path, path), partial(self._preview, path[0])
+            partial(self._interlocks.admit_path, path), lambda: self._preview(path[0])
         )
 
     async def _begin(self, path: Iterable[FloatArray], *, is_back: bool = False) -> None:

@@ -138,8 +138,11 @@ async def _drive(
     def on_step(record: StepRecord) -> None:
         _report_step(record, as_json=options.as_json)
 
-    session = Session(order, inside.ready, inside.clock, door, helper, show)
     async with door.open():
+        session = Session(
+            order, inside.ready, inside.clock, door, helper, show, callers=door.callers
+        )
+        door.attach_stop(session.request_stop)
         with inside.ends.stopping(session, inside.ready.get("pid")):
             return await session.run(steps, on_step)
 

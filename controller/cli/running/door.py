@@ -3,7 +3,7 @@
 import asyncio
 import sys
 import threading
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 
@@ -72,6 +72,10 @@ class OperatorDoor:
         """Let orders through to the dispatcher of the run."""
         self._control.attach(dispatcher)
         dispatcher.on_early_end(self.desk.leave)
+
+    def attach_stop(self, stop: Callable[[str, str], None]) -> None:
+        """Let stops through to work that has no dispatcher, as message and code."""
+        self._control.attach_stop(stop)
 
     @asynccontextmanager
     async def open(self) -> AsyncIterator[None]:

@@ -150,23 +150,25 @@ async def _drive(
 
     cad = files_of(recipe.part)
     files = (_recipe_path(options), options.cell_path or recipe.cell, *cad)
-    session = DrySession(
-        DryOrder(
-            recipe=recipe,
-            cell=cell,
-            files={str(path): sha256(path.read_bytes()).hexdigest() for path in files},
-            plans=(plan,),
-            emulated=inside.ready,
-            clock=inside.clock,
-            runs_dir=options.runs_dir,
-            run_id=run_id,
-            by=options.papers.operator or user_name(),
-            is_stepwise=options.is_stepwise,
-        ),
-        door,
-        show,
-    )
     async with door.open():
+        session = DrySession(
+            DryOrder(
+                recipe=recipe,
+                cell=cell,
+                files={str(path): sha256(path.read_bytes()).hexdigest() for path in files},
+                plans=(plan,),
+                emulated=inside.ready,
+                clock=inside.clock,
+                runs_dir=options.runs_dir,
+                run_id=run_id,
+                by=options.papers.operator or user_name(),
+                is_stepwise=options.is_stepwise,
+            ),
+            door,
+            show,
+            callers=door.callers,
+        )
+        door.attach_stop(session.request_stop)
         with inside.ends.stopping(session, inside.ready.get("pid")):
             return await session.run()
 

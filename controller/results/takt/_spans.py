@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from controller.cell.journal import Body, rows
-from controller.cell.machine import Mode, mode_of, work_of
+from controller.cell.machine import RESETTING, Mode, mode_of, work_of
 
 from ..run import LogEntry
 from .uses import Use
@@ -29,7 +29,7 @@ _OF_WORK: Final = {
     "withdrawing": Use.PLANNING,
     "recovering": Use.PLANNING,
 }
-_OF_STATE: Final = {"resetting": Use.HOMING, "holding": Use.PERSON, "held": Use.PERSON}
+_OF_STATE: Final = {"holding": Use.PERSON, "held": Use.PERSON}
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +92,7 @@ class _Teller:
 
     @property
     def is_execute(self) -> bool:
-        return mode_of(self._state) is Mode.EXECUTE
+        return mode_of(self._state) is Mode.EXECUTE and work_of(self._state) != RESETTING
 
     @property
     def is_open(self) -> bool:
@@ -109,6 +109,8 @@ class _Teller:
             return Use.PERSON
         if mode is None:
             return _OF_STATE.get(self._state, Use.REST)
+        if work == RESETTING:
+            return Use.HOMING
         if self._on_path:
             return Use.MOVING
         if self._jaws_count:

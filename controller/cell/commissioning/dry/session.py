@@ -22,6 +22,7 @@ from controller.setup.layout import build_layout
 from ...devices import Devices
 from ...devices.clocks import FoundClock
 from ...devices.interlocks import check_interlocks
+from ...devices.supervision import Callers
 from ...journal import rows
 from ...operator import Operator
 from ..bench import Bench
@@ -182,6 +183,7 @@ class DrySession:
     operator : answers for a person
     show : takes a line for whoever watches
     build : returns the drivers, given cell, addresses and clock
+    callers : whose orders to stop the supervisor takes while the event loop is late
     """
 
     def __init__(
@@ -190,6 +192,7 @@ class DrySession:
         operator: Operator,
         show: Callable[[str], None],
         build: Build = Devices.build,
+        callers: Callers | None = None,
     ) -> None:
         folder = order.runs_dir / order.run_id
         folder.mkdir(parents=True, exist_ok=True)
@@ -213,6 +216,7 @@ class DrySession:
             None,
             Evidence(folder, show),
             build,
+            callers,
         )
 
     def request_stop(self, message: str, code: str) -> None:

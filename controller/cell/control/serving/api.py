@@ -66,6 +66,16 @@ class Control:
         self._holder = holder
         self._desk = desk
         self._dispatcher: Dispatcher | None = None
+        self._stop: Callable[[str, str], None] | None = None
+
+    def attach_stop(self, stop: Callable[[str, str], None]) -> None:
+        """Let stops through to work that has no dispatcher: a dry run, a step of commissioning.
+
+        Parameters
+        ----------
+        stop : takes the message and the code with which it is to end
+        """
+        self._stop = stop
 
     def attach(self, dispatcher: Dispatcher) -> None:
         """Let orders through to a dispatcher; before, the run is only starting."""
@@ -205,6 +215,9 @@ class Control:
         self, event: Event, peer: Peer, body: words.Order, message: str = "", code: str = ""
     ) -> Reply:
         if self._dispatcher is None:
+            if self._stop is not None and event in (Event.STOP, Event.FAULT):
+                self._stop(message, code)
+                return Reply(200, words.DecisionReply(decision="handled", state="stopping"))
             return _refused("starting", "the run is starting: no device is connected yet")
         decision = await self._dispatcher.command(event, _who(peer, body), body.why, message, code)
         return _decided(decision)
@@ -296,6 +309,6 @@ def _listed() -> tuple[Endpoint, ...]:
 
 
 ENDPOINTS: Final = _listed()
-# How the requests begin that stop the cell (RFC 9112, 3: method, space, target, space).
+# How the requests begin that stop the cell.
 STOPS: Final = tuple(f"{one.method} {one.path} ".encode() for one in ENDPOINTS if one.is_stop)
 BY_PATH: Final[Mapping[str, Endpoint]] = {endpoint.path: endpoint for endpoint in ENDPOINTS}
