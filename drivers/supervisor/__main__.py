@@ -50,6 +50,8 @@ class Supervisor:
         listening: socket.socket | None = None,
     ) -> None:
         self._control, self._signals = control, signals
+        if listening is not None:
+            listening.setblocking(False)  # as its other owner has it: nothing here may wait
         self._listening = listening
         self._callers: list[socket.socket] = []
         self._orders = Orders()

@@ -30,3 +30,10 @@ def test_a_door_stops_the_arm_whatever_keeps_the_controller(fault: str) -> None:
     assert trial.problem == ""
     assert trial.stop_s is not None
     assert trial.stop_s < 1.5  # less than the pause of the garbage collector
+
+
+def test_an_order_to_stop_reaches_the_supervisor_of_a_controller_that_stands_still() -> None:
+    trial = try_it("gc", "homing", "stop", seed=3, watchdog_s=WATCHDOG_S)
+    assert trial.problem == ""
+    assert trial.stop_s is not None
+    assert trial.stop_s < 1.5
