@@ -29,6 +29,8 @@ app = typer.Typer(
     name="cellctl",
     help="Run a robotic inspection cell: recognise, grasp, present, inspect and sort machined "
     "parts from their CAD models.",
+    epilog="Exit codes: 0 done, and every part passed; 1 a part did not pass, or the cell stopped; "
+    "2 the command line or a file is wrong.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
@@ -36,7 +38,7 @@ app = typer.Typer(
 )
 calibration = typer.Typer(
     cls=PlainGroup,
-    help="Calibrate the cell's cameras.",
+    help="Calibrate a camera from pictures of a board.",
     no_args_is_help=True,
     rich_markup_mode=None,
 )
@@ -68,52 +70,84 @@ def _common(
     pass
 
 
-for _command, _example in (
-    (init, "cellctl init my_project"),
-    (run, "cellctl run featuretype --speed 10"),
-    (recover, "cellctl recover --cell cell.yaml --open arm"),
-    (status, "cellctl status"),
-    (watch, "cellctl watch"),
-    (pause, 'cellctl pause now --why "a screw fell on the table"'),
-    (resume, "cellctl resume"),
-    (step, "cellctl step"),
-    (stop, "cellctl stop"),
-    (abort, "cellctl abort"),
-    (ack, 'cellctl ack --why "the door was opened by mistake, the cell is clear"'),
-    (answer, 'cellctl answer look --why "the part lies beside the tray"'),
-    (serve, "cellctl serve --runs runs"),
-    (account, "cellctl account anna --role operator"),
-    (check, "cellctl check flange_xy"),
-    (compile_, "cellctl compile recipes/parts/featuretype.stl --report featuretype.html"),
-    (recognise, "cellctl recognise table.png --parts recipes/parts --calibration camera.json"),
-    (inspect, "cellctl inspect part_17/SET.json --report part_17.html"),
-    (plan, "cellctl plan --recipe featuretype --report featuretype.html"),
-    (emulate, "cellctl emulate --part recipes/parts/holder.stl --speed 5"),
-    (report, "cellctl report --format json"),
-    (history, "cellctl history --recipe holder --verdict fail --since 2026-03-01"),
-    (review, 'cellctl review SN-0042 --verdict accept --why "a reflection"'),
-    (backup, "cellctl backup /mnt/backup/cell.tar.gz"),
-    (stats, "cellctl stats featuretype --json"),
-    (gauge, "cellctl gauge A=part_a/SET.json A=part_a_regrasped/SET.json"),
-    (replay, "cellctl replay --recipe stricter.yaml"),
-    (verify, "cellctl verify 20260314-092641-512-holder"),
-    (doctor, "cellctl doctor --cell cell.yaml"),
-    (commission, "cellctl commission --cell cell.yaml"),
-    (jog, "cellctl jog --cell cell.yaml"),
-    (teach, "cellctl teach accept --cell cell.yaml"),
-    (print_target, "cellctl print-target paddle --paper a4 -o paddle.pdf"),
-):
-    app.command(
-        name=_command.__name__.rstrip("_").replace("_", "-"),
-        cls=PlainCommand,
-        epilog=f"Example: {_example}",
-    )(_command)
+# Title of each section of `cellctl --help`, its commands in order, and examples of each to copy.
+_SECTIONS = {
+    "Run a cell": (
+        (
+            run,
+            "cellctl run featuretype --speed 10",
+            "cellctl run holder=3 idler_riser=2 --on-table 2 --speed 10",
+            "cellctl run flange_xy --seed 7",
+            "cellctl run holder --at 330,40,120 --pose 1",
+        ),
+        (recover, "cellctl recover --cell cell.yaml --open arm"),
+        (status, "cellctl status"),
+        (watch, "cellctl watch"),
+        (pause, 'cellctl pause now --why "a screw fell on the table"'),
+        (resume, "cellctl resume"),
+        (step, "cellctl step"),
+        (stop, "cellctl stop"),
+        (abort, "cellctl abort"),
+        (ack, 'cellctl ack --why "the door was opened by mistake, the cell is clear"'),
+        (answer, 'cellctl answer look --why "the part lies beside the tray"'),
+        (serve, "cellctl serve --runs runs"),
+        (account, "cellctl account anna --role operator"),
+    ),
+    "Prepare a part": (
+        (init, "cellctl init my_project"),
+        (check, "cellctl check flange_xy"),
+        (compile_, "cellctl compile bracket.stl --report bracket.html"),
+        (
+            plan,
+            "cellctl plan --recipe featuretype --report featuretype.html",
+            "cellctl plan bracket.stl cover.stl --site --cell cell.yaml",
+        ),
+    ),
+    "Judge and report": (
+        (recognise, "cellctl recognise table.png --parts parts --calibration camera.json"),
+        (inspect, "cellctl inspect part_17/SET.json --report part_17.html"),
+        (report, "cellctl report --format json"),
+        (verify, "cellctl verify 20260314-092641-512-holder"),
+    ),
+    "History": (
+        (history, "cellctl history --recipe holder --verdict fail --since 2026-03-01"),
+        (review, 'cellctl review SN-0042 --verdict accept --why "a reflection"'),
+        (
+            stats,
+            "cellctl stats featuretype --report featuretype.html",
+            "cellctl stats --by day --since 2026-03-01",
+            "cellctl stats --takt",
+            "cellctl stats --review",
+        ),
+        (gauge, "cellctl gauge A=part_a/SET.json A=part_a_regrasped/SET.json"),
+        (backup, "cellctl backup /mnt/backup/cell.tar.gz"),
+    ),
+    "Commission": (
+        (doctor, "cellctl doctor --cell cell.yaml"),
+        (commission, "cellctl commission --cell cell.yaml"),
+        (jog, "cellctl jog --cell cell.yaml"),
+        (teach, "cellctl teach accept --cell cell.yaml"),
+        (print_target, "cellctl print-target paddle --paper a4 -o paddle.pdf"),
+    ),
+    "Develop": (
+        (emulate, "cellctl emulate --part bracket.stl --speed 5"),
+        (replay, "cellctl replay --recipe stricter.yaml"),
+    ),
+}
+for _title, _commands in _SECTIONS.items():
+    for _command, *_examples in _commands:
+        app.command(
+            name=_command.__name__.rstrip("_").replace("_", "-"),
+            cls=PlainCommand,
+            epilog="\n".join(_examples),
+            rich_help_panel=_title,
+        )(_command)
 calibration.command(
     name="camera",
     cls=PlainCommand,
-    epilog="Example: cellctl calibrate camera board_*.png --target board.json -o camera.json",
+    epilog="cellctl calibrate camera board_*.png --target board.json -o camera.json",
 )(camera)
-app.add_typer(calibration, name="calibrate")
+app.add_typer(calibration, name="calibrate", rich_help_panel="Commission")
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -10,6 +10,9 @@ import typer
 MAX_PART_COUNT = 100_000  # in one run; the limit of a recipe, too
 
 
+EMULATED = "Emulated cell"  # title of a section of the help
+
+
 class Unit(StrEnum):
     """A unit of length."""
 
@@ -34,17 +37,17 @@ def finite(value: float | None) -> float | None:
 RecipesArg = Annotated[
     list[str] | None,
     typer.Argument(
-        metavar="RECIPE...",
-        help="recipe files (YAML), or names of recipes that come with cellctl "
+        metavar="RECIPE",
+        help="recipe file (YAML), or name of a recipe that comes with cellctl "
         "(default: recipe.yaml in this folder, else featuretype)",
     ),
 ]
 CountedRecipesArg = Annotated[
     list[str] | None,
     typer.Argument(
-        metavar="RECIPE[=COUNT]...",
-        help="recipe files (YAML), or names of recipes that come with cellctl, each with a number "
-        "of parts (default: recipe.yaml in this folder, else featuretype)",
+        metavar="RECIPE[=COUNT]",
+        help="recipe file (YAML), or name of a recipe that comes with cellctl; with the number of "
+        "parts to inspect (default: recipe.yaml in this folder, else featuretype)",
     ),
 ]
 RecipeCellOption = Annotated[
@@ -68,7 +71,7 @@ JobsOption = Annotated[
     typer.Option(
         "--jobs",
         metavar="N",
-        help="processes that work ahead: a number, `all` for one a core, or the address of a Dask "
+        help="parallel processes: a number, `all` for one per core, or the address of a Dask "
         "scheduler (default: 1)",
     ),
 ]
@@ -81,7 +84,7 @@ DrawingsOption = Annotated[
     ),
 ]
 RunsOption = Annotated[
-    Path, typer.Option("--runs", metavar="FOLDER", help="folder of all runs and of the journal")
+    Path, typer.Option("--runs", metavar="FOLDER", help="folder of runs and journal")
 ]
 StoreOption = Annotated[
     str | None,
@@ -100,14 +103,16 @@ SpeedOption = Annotated[
         min=0.1,
         max=100,
         callback=finite,
-        help="speed of the emulated cell in times real time",
+        rich_help_panel=EMULATED,
+        help="times real time",
     ),
 ]
 WallClockOption = Annotated[
     bool,
     typer.Option(
         "--wall-clock",
-        help="let the emulated cell's time run on while this computer is late, as in a real cell",
+        rich_help_panel=EMULATED,
+        help="let time run on while this computer is late, as in a real cell",
     ),
 ]
 SeedOption = Annotated[
@@ -117,7 +122,8 @@ SeedOption = Annotated[
         metavar="N",
         min=0,
         max=2**32 - 1,
-        help="seed of the emulated cell: same seed, same world",
+        rich_help_panel=EMULATED,
+        help="seed: same seed, same world",
     ),
 ]
 AsBuiltOption = Annotated[
@@ -127,8 +133,9 @@ AsBuiltOption = Annotated[
         metavar="SEED",
         min=0,
         max=2**32 - 1,
-        help="let the emulated cell stand as real ones do, some mm and degrees off its file, by "
-        "this seed (default: exactly as the file has it)",
+        rich_help_panel=EMULATED,
+        help="misplace the devices by some mm and degrees, as in a real cell, by this seed "
+        "(default: exactly as in the cell file)",
     ),
 ]
 
@@ -144,7 +151,8 @@ SurfacesOption = Annotated[
     Surfaces | None,
     typer.Option(
         "--surfaces",
-        help="how emulated parts look: even, or with tool marks, dust, oil and light from wall "
+        rich_help_panel=EMULATED,
+        help="surface of the parts: plain, or with tool marks, dust, oil and light from wall "
         "to wall (default: machined with --as-built, else plain)",
     ),
 ]
@@ -154,7 +162,8 @@ EmulatedPoseOption = Annotated[
         "--pose",
         metavar="N",
         min=0,
-        help="stable pose of the first emulated part, by the index that `cellctl compile` lists "
+        rich_help_panel=EMULATED,
+        help="stable pose of the first part, as numbered by `cellctl compile` "
         "(default: by the seed)",
     ),
 ]
@@ -163,12 +172,18 @@ EmulatedAtOption = Annotated[
     typer.Option(
         "--at",
         metavar="X,Y,THETA_DEG",
-        help="pose of the first emulated part on the table (default: by the seed)",
+        rich_help_panel=EMULATED,
+        help="pose of the first part on the table (default: by the seed)",
     ),
 ]
 ControlOption = Annotated[
     Path | None,
-    typer.Option("--control", metavar="FILE", help="unix socket on which tests inject faults"),
+    typer.Option(
+        "--control",
+        metavar="FILE",
+        rich_help_panel=EMULATED,
+        help="unix socket on which tests inject faults",
+    ),
 ]
 UnitOption = Annotated[
     Unit | None,

@@ -26,22 +26,6 @@ def test_no_command_shows_help(capsys: pytest.CaptureFixture[str]) -> None:
     assert "report" in told.out + told.err
 
 
-@pytest.mark.parametrize(
-    "command",
-    [
-        "run", "check", "compile", "recognise", "plan", "emulate", "report", "doctor", "init",
-        "recover",
-    ],
-)  # fmt: skip
-def test_every_command_has_help_with_an_example_and_json(
-    command: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main([command, "--help"]) == 0
-    text = capsys.readouterr().out
-    assert f"Example: cellctl {command}" in text
-    assert "--json" in text
-
-
 def test_an_unknown_command_is_the_command_lines_fault(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["frobnicate"]) == 2
     assert "frobnicate" in capsys.readouterr().err

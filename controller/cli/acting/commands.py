@@ -10,11 +10,9 @@ from ..options import CellOption, JsonOption, RunsOption
 
 WhoOption = Annotated[
     str,
-    typer.Option("--who", metavar="NAME", help="who you are, beside your user's name; journaled"),
+    typer.Option("--who", metavar="NAME", help="your name, added to the user name; journaled"),
 ]
-WhyOption = Annotated[
-    str, typer.Option("--why", metavar="TEXT", help="the reason; the journal keeps it")
-]
+WhyOption = Annotated[str, typer.Option("--why", metavar="TEXT", help="the reason; journaled")]
 RUNS = Path("runs")
 
 
@@ -27,14 +25,14 @@ class Kind(StrEnum):
 
 
 def status(runs: RunsOption = RUNS, json: JsonOption = False) -> None:
-    """Show how a running cell stands, and what it waits for."""
+    """Show the state of the running cell and what it waits for."""
     from .orders import show_status
 
     raise typer.Exit(show_status(runs, as_json=json))
 
 
 def watch(runs: RunsOption = RUNS, json: JsonOption = False) -> None:
-    """Show a running cell from another terminal, until its run ends."""
+    """Show the running cell, line by line, until its run ends."""
     from .watching import watch_cell
 
     raise typer.Exit(watch_cell(runs, as_json=json))
@@ -43,14 +41,17 @@ def watch(runs: RunsOption = RUNS, json: JsonOption = False) -> None:
 def pause(
     kind: Annotated[
         Kind,
-        typer.Argument(help="when: after this step, at the next safe point, or now"),
+        typer.Argument(
+            metavar="WHEN",
+            help="`step`: after this step; `safe`: at the next safe point; `now`: at once",
+        ),
     ] = Kind.SAFE,
     who: WhoOption = "",
     why: WhyOption = "",
     runs: RunsOption = RUNS,
     json: JsonOption = False,
 ) -> None:
-    """Pause a running cell; it keeps what it holds and goes on later from there."""
+    """Pause the running cell; the grippers keep what they hold."""
     from .orders import pause_cell
 
     raise typer.Exit(pause_cell(runs, kind.value, who, why, as_json=json))
@@ -58,14 +59,14 @@ def pause(
 
 def resume(
     yes: Annotated[
-        bool, typer.Option("--yes", help="go on without asking whether the first motion is right")
+        bool, typer.Option("--yes", help="do not ask whether the first motion is right")
     ] = False,
     who: WhoOption = "",
     why: WhyOption = "",
     runs: RunsOption = RUNS,
     json: JsonOption = False,
 ) -> None:
-    """Go on after a pause; prints what moves first."""
+    """Go on after a pause; shows the first motion before."""
     from .orders import resume_cell
 
     raise typer.Exit(resume_cell(runs, who, why, is_confirmed=yes, as_json=json))
@@ -74,7 +75,7 @@ def resume(
 def step(
     who: WhoOption = "", why: WhyOption = "", runs: RunsOption = RUNS, json: JsonOption = False
 ) -> None:
-    """Have a running cell do one step of its plan, then pause."""
+    """Do one step of the plan, then pause."""
     from .orders import order_plainly
 
     raise typer.Exit(order_plainly(runs, "step", who, why, as_json=json))
@@ -83,7 +84,10 @@ def step(
 def stop(
     who: WhoOption = "", why: WhyOption = "", runs: RunsOption = RUNS, json: JsonOption = False
 ) -> None:
-    """Stop every device on a ramp and end the run; nothing is released."""
+    """Stop all devices on a ramp and end the run.
+
+    The grippers keep what they hold.
+    """
     from .orders import order_plainly
 
     raise typer.Exit(order_plainly(runs, "stop", who, why, as_json=json))
@@ -92,7 +96,10 @@ def stop(
 def abort(
     who: WhoOption = "", why: WhyOption = "", runs: RunsOption = RUNS, json: JsonOption = False
 ) -> None:
-    """Stop every device at once and end the run; nothing is released."""
+    """Stop all devices at once and end the run.
+
+    The grippers keep what they hold.
+    """
     from .orders import order_plainly
 
     raise typer.Exit(order_plainly(runs, "abort", who, why, as_json=json))
@@ -101,14 +108,17 @@ def abort(
 def ack(
     why: Annotated[
         str,
-        typer.Option("--why", metavar="TEXT", help="the reason; the journal keeps it"),
+        typer.Option("--why", metavar="TEXT", help="the reason; journaled"),
     ],
     who: WhoOption = "",
     cell: CellOption = None,
     runs: RunsOption = RUNS,
     json: JsonOption = False,
 ) -> None:
-    """Acknowledge an emergency stop or an open door: the next start is no longer barred."""
+    """Acknowledge an emergency stop or an opened door.
+
+    It bars the next start, or holds the run, until then.
+    """
     from ..inputs.part_files import cell_of_this_folder
     from .acknowledgement import acknowledge_stop
 
@@ -117,20 +127,21 @@ def ack(
 
 def answer(
     key: Annotated[
-        str, typer.Argument(metavar="ANSWER", help="one of the answers that `status` lists")
+        str, typer.Argument(metavar="ANSWER", help="one of the answers that `cellctl status` lists")
     ],
     number: Annotated[
         int | None,
-        typer.Option(
-            "--number", metavar="N", min=1, help="number of the question that you have read"
-        ),
+        typer.Option("--number", metavar="N", min=1, help="number of the question that you answer"),
     ] = None,
     who: WhoOption = "",
     why: WhyOption = "",
     runs: RunsOption = RUNS,
     json: JsonOption = False,
 ) -> None:
-    """Answer the question of a running cell; the first answer counts."""
+    """Answer the question that the running cell asks.
+
+    The first answer counts, whether it comes from here, the page or the run's own terminal.
+    """
     from .orders import answer_question
 
     raise typer.Exit(answer_question(runs, key, number, who, why, as_json=json))

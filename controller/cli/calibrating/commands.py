@@ -12,7 +12,7 @@ from ..options import JsonOption
 
 def camera(
     images: Annotated[
-        list[Path], typer.Argument(metavar="IMAGE", help="pictures of the board, flat and tilted")
+        list[Path], typer.Argument(metavar="IMAGE", help="picture of the board, flat or tilted")
     ],
     target: Annotated[
         Path,

@@ -41,9 +41,9 @@ def print_target(
     board: Annotated[
         Path,
         typer.Argument(
-            metavar="[BOARD]",
+            metavar="BOARD",
             help="board file (JSON), or the name of a board that comes with cellctl: charuco, "
-            "chessboard, paddle or gauge (default: charuco)",
+            "chessboard, paddle or gauge",
         ),
     ] = Path("charuco"),
     output: Annotated[
@@ -55,9 +55,7 @@ def print_target(
             help="PDF to write, its board file beside it (default: BOARD.pdf in this folder)",
         ),
     ] = None,
-    paper: Annotated[
-        Paper, typer.Option("--paper", help="size of the paper (default: a4)")
-    ] = Paper.A4,
+    paper: Annotated[Paper, typer.Option("--paper", help="size of the paper")] = Paper.A4,
     squares: Annotated[
         str | None,
         typer.Option(
@@ -79,15 +77,16 @@ def print_target(
             "--measured-mm",
             metavar="MM",
             callback=finite,
-            help="length of all squares across as measured on the glued board; writes the board "
-            "file with the true size and no PDF",
+            help="measured length of all squares across, on the glued board; writes the board file "
+            "with the true size, and no PDF",
         ),
     ] = None,
     json: JsonOption = False,
 ) -> None:
-    """Write a board to print, true to scale with a ruler, and its board file.
+    """Write a calibration board as PDF, true to scale.
 
-    Measure the glued board, then give its true length by --measured-mm.
+    The PDF has a ruler, and the board file beside it describes the board. Print the PDF, glue it,
+    and give the measured length by --measured-mm.
     """
     with loading():
         from .board_sheet import write_sheet
@@ -107,14 +106,14 @@ def print_target(
 def commission(
     cell: Annotated[
         Path,
-        typer.Option("--cell", metavar="FILE", help="cell file as drawn (YAML); it is not changed"),
+        typer.Option("--cell", metavar="FILE", help="cell file (YAML) as drawn; it stays as it is"),
     ],
     out: Annotated[
         Path | None,
         typer.Option(
             "--out",
             metavar="FOLDER",
-            help="folder of what is found: cell file, calibrations, evidence (default: "
+            help="folder for the new cell file, calibrations and evidence (default: "
             "commissioning/NAME of the cell)",
         ),
     ] = None,
@@ -124,23 +123,25 @@ def commission(
     ] = None,
     status: Annotated[
         bool,
-        typer.Option("--status", help="print which steps are done and which calibrations count"),
+        typer.Option(
+            "--status", help="print which steps are done and which calibrations are valid"
+        ),
     ] = False,
     yes: Annotated[
         bool,
-        typer.Option("--yes", help="answer for the person, on an emulated cell alone"),
+        typer.Option("--yes", help="answer for the person; emulated cells only"),
     ] = False,
     recipe: Annotated[
         list[Path] | None,
         typer.Option(
             "--recipe",
             metavar="FILE",
-            help="recipe whose poses the step `reach` plans; may be given again (default: the "
-            "recipes beside the cell file)",
+            help="recipe whose poses the step `reach` plans; may be repeated (default: the recipes "
+            "beside the cell file)",
         ),
     ] = None,
     operator: Annotated[
-        str, typer.Option("--operator", metavar="NAME", help="who commissions (default: the user)")
+        str, typer.Option("--operator", metavar="NAME", help="your name (default: the user)")
     ] = "",
     as_built: AsBuiltOption = None,
     seed: SeedOption = None,
@@ -149,9 +150,11 @@ def commission(
     runs: RunsOption = Path("runs"),
     json: JsonOption = False,
 ) -> None:
-    """Find out how the cell really stands: step by step, each with its own evidence.
+    """Commission the cell step by step, with evidence for each.
 
-    What is done stays; the next start goes on with what is not.
+    Finds the true poses of arm, cameras, grippers and trays, step by step: devices, light, arm and
+    cameras, grippers, trays, reach, verification. Finished steps are kept; the next start goes on
+    with the rest.
     """
     with loading():
         from ..running.entering import EmulatedOptions
@@ -180,7 +183,8 @@ CommandsOption = Annotated[
     typer.Option(
         "--commands",
         metavar="FILE",
-        help="file of orders, one a line; `-` for standard input (default: keys in this terminal)",
+        help="file of orders, one per line; `-` for standard input (default: keys of this "
+        "terminal)",
     ),
 ]
 
@@ -193,12 +197,10 @@ def jog(
     commands: CommandsOption = None,
     yes: Annotated[
         bool,
-        typer.Option(
-            "--yes", help="with --commands: answer for the person, on an emulated cell alone"
-        ),
+        typer.Option("--yes", help="with --commands: answer for the person; emulated cells only"),
     ] = False,
     operator: Annotated[
-        str, typer.Option("--operator", metavar="NAME", help="who jogs (default: the user)")
+        str, typer.Option("--operator", metavar="NAME", help="your name (default: the user)")
     ] = "",
     as_built: AsBuiltOption = None,
     seed: SeedOption = None,
@@ -207,8 +209,9 @@ def jog(
     runs: RunsOption = Path("runs"),
     json: JsonOption = False,
 ) -> None:
-    """Move the arm by keys, slowly: joint by joint, or along the axes of the world and the tool.
+    """Move the arm by keys, slowly.
 
+    Joint by joint, or along the axes of the world and of the tool; before it is calibrated, too.
     Before homing it only tries single motors and homes. Space and Esc halt it.
     """
     with loading():
@@ -233,22 +236,24 @@ def jog(
 def teach(
     what: Annotated[
         Teachable,
-        typer.Argument(metavar="WHAT", help="tray accept, reject or quarantine; park; or station"),
+        typer.Argument(
+            metavar="WHAT", help="accept, reject or quarantine (the trays), park or station"
+        ),
     ],
     cell: Annotated[
         Path,
-        typer.Option("--cell", metavar="FILE", help="cell file (YAML) that gets what was taught"),
+        typer.Option("--cell", metavar="FILE", help="cell file (YAML) to write the position to"),
     ],
     commands: CommandsOption = None,
     yes: Annotated[
         bool,
         typer.Option(
             "--yes",
-            help="with --commands: answer for the person, on an emulated cell alone, and write",
+            help="with --commands: answer for the person, and write; emulated cells only",
         ),
     ] = False,
     operator: Annotated[
-        str, typer.Option("--operator", metavar="NAME", help="who teaches (default: the user)")
+        str, typer.Option("--operator", metavar="NAME", help="your name (default: the user)")
     ] = "",
     as_built: AsBuiltOption = None,
     seed: SeedOption = None,
@@ -257,9 +262,9 @@ def teach(
     runs: RunsOption = Path("runs"),
     json: JsonOption = False,
 ) -> None:
-    """Jog to where a tray, the park or the station is, and take it.
+    """Teach the position of a tray, the park or the station.
 
-    Nothing is written before you have seen the difference.
+    Jog there and take the position. Nothing is written before you have seen the difference.
     """
     with loading():
         from ..running.entering import EmulatedOptions

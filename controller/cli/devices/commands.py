@@ -30,8 +30,8 @@ def doctor(
         typer.Option(
             "--runs",
             metavar="FOLDER",
-            help="folder of all runs: hold the cell's lock there meanwhile, so that no run is on "
-            "(default: do not)",
+            help="folder of runs whose lock to hold meanwhile, so that no run starts (default: "
+            "none)",
         ),
     ] = None,
     pictures: Annotated[
@@ -39,8 +39,7 @@ def doctor(
         typer.Option(
             "--pictures",
             metavar="FOLDER",
-            help="take a picture with each camera under two lamps, and write it there; goes with "
-            "--runs",
+            help="write a picture of each camera under two lamps there; goes with --runs",
         ),
     ] = None,
     watch: Annotated[
@@ -51,12 +50,16 @@ def doctor(
             min=0,
             max=3600,
             callback=finite,
-            help="take pictures again and again for so long; the last ones are kept",
+            help="repeat the pictures for so long; the last ones are kept",
         ),
     ] = 0.0,
     json: JsonOption = False,
 ) -> None:
-    """Check devices, versions and permissions; nothing moves."""
+    """Check devices, versions and permissions; nothing moves.
+
+    Each device has to be reachable and the right one. `pytest --cell FILE` tries what a driver
+    must do, too (docs/drivers.md).
+    """
     with loading():
         from ..inputs.part_files import cell_of_this_folder
         from .doctor_checks import Looking, examine
@@ -96,7 +99,7 @@ def emulate(
     ] = None,
     json: JsonOption = False,
 ) -> None:
-    """Start the emulated cell, for any client; Ctrl-C ends it.
+    """Start the emulated cell for any client; Ctrl-C ends it.
 
     Prints the address of every device.
     """

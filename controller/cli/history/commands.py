@@ -11,27 +11,27 @@ from ..options import JsonOption, RunsOption, StoreOption
 
 # Which parts are listed, and how many.
 OfRecipe = Annotated[str, typer.Option(metavar="NAME", help="parts of this recipe")]
-OfSerial = Annotated[str, typer.Option(metavar="SERIAL", help="parts of this serial number")]
+OfSerial = Annotated[str, typer.Option(metavar="SERIAL", help="parts with this serial number")]
 OfLot = Annotated[str, typer.Option(metavar="LOT", help="parts of this lot")]
 OfOperator = Annotated[str, typer.Option(metavar="NAME", help="parts of this operator")]
-OfRun = Annotated[str, typer.Option(metavar="RUN", help="parts of runs whose id begins like this")]
+OfRun = Annotated[
+    str, typer.Option(metavar="RUN", help="parts of the runs whose id begins with this")
+]
 Since = Annotated[
     str | None, typer.Option(metavar="DATE", help="parts begun at this date or later (UTC)")
 ]
 Until = Annotated[
     str | None, typer.Option(metavar="DATE", help="parts begun at this date or before (UTC)")
 ]
-Limit = Annotated[
-    int, typer.Option(metavar="N", min=1, max=1_000_000, help="how many parts to list")
-]
+Limit = Annotated[int, typer.Option(metavar="N", min=1, max=1_000_000, help="most parts to list")]
 
 
 def history(
     part: Annotated[
         str | None,
         typer.Argument(
-            metavar="[PART]",
-            help="serial number, or RUN/NUMBER, of a part to show with all that is known of it",
+            metavar="PART",
+            help="part to show in full, by serial number or RUN/NUMBER",
         ),
     ] = None,
     recipe: OfRecipe = "",
@@ -39,7 +39,7 @@ def history(
         str,
         typer.Option(
             metavar="VERDICT",
-            help="parts of this verdict: pass, fail, indeterminate, no verdict",
+            help="parts with this verdict: pass, fail, indeterminate, no verdict",
         ),
     ] = "",
     serial: OfSerial = "",
@@ -52,7 +52,7 @@ def history(
         bool, typer.Option("--awaiting-review", help="parts that await a person's verdict")
     ] = False,
     reviewed: Annotated[
-        bool, typer.Option("--reviewed", help="parts that a person has decided on")
+        bool, typer.Option("--reviewed", help="parts with a person's verdict")
     ] = False,
     limit: Limit = 50,
     export: Annotated[
@@ -60,22 +60,20 @@ def history(
         typer.Option(
             "--export",
             metavar="FILE",
-            help="write all these parts with their characteristics (.csv, .parquet, .qif)",
+            help="write these parts with their characteristics (.csv, .parquet, .qif)",
         ),
     ] = None,
     refill: Annotated[
         bool,
-        typer.Option(
-            "--refill", help="fill the store anew from the journals, which are right, first"
-        ),
+        typer.Option("--refill", help="first rebuild the store from the journals"),
     ] = False,
     drop_pictures_before: Annotated[
         str | None,
         typer.Option(
             "--drop-pictures-before",
             metavar="DATE",
-            help="list how much room the pictures of runs take that ended before this date (UTC); "
-            "delete them with --yes",
+            help="show the size of the pictures of runs that ended before this date (UTC); delete "
+            "them with --yes",
         ),
     ] = None,
     yes: Annotated[
@@ -85,10 +83,10 @@ def history(
     runs: RunsOption = Path("runs"),
     json: JsonOption = False,
 ) -> None:
-    """List the parts of all runs, newest first, or show one with all that is known of it.
+    """List the parts of all runs, or show one in full.
 
-    The list comes from a store that is filled from the journals before each answer; the cell knows
-    nothing of it.
+    The newest part comes first. The list comes from a store that is filled from the journals
+    before each answer.
     """
     if drop_pictures_before is not None:
         with loading():
@@ -110,23 +108,23 @@ def history(
 def review(
     part: Annotated[
         str | None,
-        typer.Argument(metavar="[PART]", help="serial number, or RUN/NUMBER, of the part to show"),
+        typer.Argument(metavar="PART", help="part to show, by serial number or RUN/NUMBER"),
     ] = None,
     verdict: Annotated[
         str | None,
         typer.Option(metavar="VERDICT", help="your verdict on PART: accept or reject"),
     ] = None,
-    why: Annotated[str, typer.Option(metavar="TEXT", help="the reason; the journal keeps it")] = "",
+    why: Annotated[str, typer.Option(metavar="TEXT", help="the reason; journaled")] = "",
     who: Annotated[
         str,
-        typer.Option(metavar="NAME", help="your name; the journal keeps it (default: the user)"),
+        typer.Option(metavar="NAME", help="your name; journaled (default: the user)"),
     ] = "",
     finding: Annotated[
         list[str] | None,
         typer.Option(
             "--finding",
             metavar="N=WORD",
-            help="with --verdict: finding N is `real` or a `false_alarm`; once for each",
+            help="with --verdict: whether finding N is `real` or a `false_alarm`; may be repeated",
         ),
     ] = None,
     output: Annotated[
@@ -134,14 +132,14 @@ def review(
         typer.Option(
             "--output",
             metavar="FILE",
-            help="page (HTML) with pictures to write (default: in the run's folder)",
+            help="page to write (HTML), with pictures (default: in the run's folder)",
         ),
     ] = None,
     open_: Annotated[
         bool, typer.Option("--open", help="open the page of PART in the browser")
     ] = False,
     all_: Annotated[
-        bool, typer.Option("--all", help="list parts that a person has decided on, too")
+        bool, typer.Option("--all", help="also list parts with a person's verdict")
     ] = False,
     recipe: OfRecipe = "",
     serial: OfSerial = "",
@@ -155,10 +153,10 @@ def review(
     runs: RunsOption = Path("runs"),
     json: JsonOption = False,
 ) -> None:
-    """List the parts that await a person, show one with its findings, or take a verdict on it.
+    """List parts that await a person, or record a verdict.
 
-    The verdict becomes a row of the journal, beside the machine's, whether or not the cell runs.
-    A later one stands in its place; nothing is deleted.
+    Shows picture, prediction and difference of each finding. The verdict becomes a row of the
+    journal, beside the machine's. A later verdict replaces it; nothing is deleted.
     """
     with loading():
         from .answering import Asked
@@ -179,20 +177,21 @@ def review(
 
 def backup(
     file: Annotated[
-        Path, typer.Argument(metavar="FILE", help="backup to write (.tar, .tar.gz), or to restore")
+        Path, typer.Argument(metavar="FILE", help="backup to write (.tar, .tar.gz) or to restore")
     ],
     restore: Annotated[
-        bool, typer.Option("--restore", help="restore FILE to the folder of --runs, new or empty")
+        bool, typer.Option("--restore", help="restore FILE to the new or empty folder of --runs")
     ] = False,
     pictures: Annotated[
-        bool, typer.Option("--pictures/--no-pictures", help="pictures of the runs, too")
+        bool,
+        typer.Option("--pictures/--no-pictures", help="include the pictures of the runs, or not"),
     ] = True,
     runs: RunsOption = Path("runs"),
     json: JsonOption = False,
 ) -> None:
-    """Back up a folder of runs: journals, reports, store, pictures; or restore a backup.
+    """Back up a folder of runs, or restore a backup.
 
-    Each file is verified by its SHA-256. A cell may run meanwhile.
+    Journals, reports, store and pictures, each verified by its SHA-256. The cell may run meanwhile.
     """
     with loading():
         from .keeping import read_backup, write_backup

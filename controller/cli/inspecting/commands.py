@@ -13,25 +13,25 @@ from ..options import JsonOption, RunsOption
 def inspect(
     views: Annotated[
         Path,
-        typer.Argument(metavar="SET", help="set of views (JSON, cellctl.views/1) of one part"),
+        typer.Argument(metavar="SET", help="set of views of one part (JSON, cellctl.views/1)"),
     ],
     recipe: Annotated[
         Path | None,
         typer.Option(
             "--recipe",
             metavar="RECIPE",
-            help="recipe (YAML, or a name as in `run`) with the limits to judge by "
-            "(default: a recipe's defaults)",
+            help="recipe (YAML, or a name as in `run`) with the limits (default: the defaults of "
+            "a recipe)",
         ),
     ] = None,
     report: Annotated[
-        Path | None, typer.Option("--report", metavar="FILE", help="report to write")
+        Path | None, typer.Option("--report", metavar="FILE", help="report to write (HTML)")
     ] = None,
     json: JsonOption = False,
 ) -> None:
     """Judge stored pictures of one part, without any device.
 
-    Prints each characteristic, each finding and the verdict; ends with exit code 0 for a pass only.
+    Prints each characteristic, each finding and the verdict. Only a pass ends with exit code 0.
     """
     with loading():
         from .stored_views import inspect_set
@@ -52,7 +52,7 @@ def replay(
         typer.Option(
             "--recipe",
             metavar="RECIPE",
-            help="recipe (YAML, or a name as in `run`) to judge by (default: the run's)",
+            help="recipe to judge by (YAML, or a name as in `run`) (default: the run's)",
         ),
     ] = None,
     wires: Annotated[
@@ -60,7 +60,7 @@ def replay(
         typer.Option(
             "--wires",
             metavar="FILE",
-            help="run the controller on the wires that `cellctl run --record` kept, instead of "
+            help="run the controller on the wires recorded by `cellctl run --record`, instead of "
             "judging pictures",
         ),
     ] = None,
@@ -73,10 +73,10 @@ def replay(
     runs: RunsOption = Path("runs"),
     json: JsonOption = False,
 ) -> None:
-    """Judge the stored pictures of a run again, and list what changes.
+    """Judge a run's stored pictures again and list changes.
 
-    With the run's own recipe nothing does: every number is the same to the last bit. With --wires
-    the whole controller runs, and the first byte that it sends otherwise is shown.
+    With the run's own recipe every number is the same to the last bit. With --wires the whole
+    controller runs on recorded wires, and the first byte that it sends differently is shown.
     """
     if wires is not None:
         if run_name is not None:
@@ -97,12 +97,15 @@ def verify(
     run_name: RunArg = None,
     head: Annotated[
         str | None,
-        typer.Option("--head", metavar="HASH", help="hash that was noted when the run was done"),
+        typer.Option("--head", metavar="HASH", help="hash that was noted at the end of the run"),
     ] = None,
     runs: RunsOption = Path("runs"),
     json: JsonOption = False,
 ) -> None:
-    """Check that pictures, results and journal of a run are as they were written."""
+    """Verify that a run's files are as they were written.
+
+    Names each picture, result and row of the journal that is not.
+    """
     with loading():
         from .verified_run import verify_run
 

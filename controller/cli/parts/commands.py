@@ -15,7 +15,7 @@ def compile_(
         list[Path] | None,
         typer.Argument(
             metavar="PART",
-            help="CAD files; FILE.step#NAME is one body of several (default: the recipe's part)",
+            help="CAD file; FILE.step#NAME is one body of several (default: the recipe's part)",
         ),
     ] = None,
     recipe: Annotated[
@@ -23,8 +23,8 @@ def compile_(
         typer.Option(
             "--recipe",
             metavar="RECIPE",
-            help="recipe (YAML, or a name as in `run`) with the cell, density, grasp and views to "
-            "plan with (default without a CAD file: recipe.yaml in this folder)",
+            help="recipe (YAML, or a name as in `run`) with cell, density, grasp and views "
+            "(default without a CAD file: recipe.yaml in this folder)",
         ),
     ] = None,
     unit: UnitOption = None,
@@ -41,35 +41,35 @@ def compile_(
     ] = None,
     cell: Annotated[
         Path | None,
-        typer.Option(
-            "--cell", metavar="FILE", help="cell file (YAML): add grasps and plans in this cell"
-        ),
+        typer.Option("--cell", metavar="FILE", help="cell file (YAML) to plan grasps and views in"),
     ] = None,
     report: Annotated[
         Path | None,
-        typer.Option("--report", metavar="FILE", help="HTML page to write, with every stable pose"),
+        typer.Option(
+            "--report", metavar="FILE", help="page to write (HTML), with every stable pose"
+        ),
     ] = None,
     drawings: DrawingsOption = None,
     no_plans: Annotated[
-        bool, typer.Option("--no-plans", help="leave out the grasps and plans of --recipe")
+        bool, typer.Option("--no-plans", help="leave out grasps and plans")
     ] = False,
     characteristics: Annotated[
         bool,
-        typer.Option("--characteristics", help="list what is to be measured of the part, too"),
+        typer.Option("--characteristics", help="also list the characteristics to measure"),
     ] = False,
     no_cache: Annotated[
-        bool, typer.Option("--no-cache", help="compile again; do not use the cache")
+        bool, typer.Option("--no-cache", help="compile afresh, without the cache")
     ] = False,
     all_bodies: Annotated[
         bool,
-        typer.Option("--all", help="compile each distinct body of STEP files of several"),
+        typer.Option("--all", help="compile each distinct body of a STEP file"),
     ] = False,
     jobs: JobsOption = None,
     json: JsonOption = False,
 ) -> None:
-    """Print what follows from a CAD file alone.
+    """Show what follows from a CAD file: poses, surfaces, edges.
 
-    Stable poses, outlines, surfaces, edges; with a cell also grasps and plans.
+    Prints features, stable poses and outlines too; with a cell, also grasps and plans.
     """
     with loading():
         from ..inputs.ahead import jobs_among

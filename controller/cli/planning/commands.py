@@ -20,10 +20,10 @@ from ..options import (
 def check(
     recipes: RecipesArg = None, cell: RecipeCellOption = None, json: JsonOption = False
 ) -> None:
-    """Check all that the files alone can show, before anything moves.
+    """Check recipe, cell file and CAD file; nothing moves.
 
-    Files, CAD, grasps, views, reach: for every likely stable pose of the recipe's part. Several
-    recipes are checked as for one run with all of them.
+    Plans every likely stable pose of the part, and states which dimensions the cell can verify.
+    Several recipes are checked as for one run with all of them.
     """
     with loading():
         from ..inputs.recipes import asked_recipes
@@ -45,9 +45,8 @@ def plan(
         typer.Option(
             "--recipe",
             metavar="RECIPE",
-            help="recipe (YAML, or a name as in `run`) with the density, grasp and views to plan "
-            "with; may be repeated with --site (default without a CAD file: recipe.yaml in this "
-            "folder)",
+            help="recipe (YAML, or a name as in `run`) with density, grasp and views; may be "
+            "repeated with --site (default without a CAD file: recipe.yaml in this folder)",
         ),
     ] = None,
     cell: Annotated[
@@ -69,30 +68,29 @@ def plan(
         typer.Option(
             "--at",
             metavar="X,Y,THETA_DEG",
-            help="pose on the table (default: middle of the drop area)",
+            help="pose on the table (default: the middle of the drop area)",
         ),
     ] = None,
     report: Annotated[
         Path | None,
-        typer.Option("--report", metavar="FILE", help="HTML page to write, with every step"),
+        typer.Option("--report", metavar="FILE", help="page to write (HTML), with every step"),
     ] = None,
     drawings: DrawingsOption = None,
     unit: UnitOption = None,
     site: Annotated[
         bool,
-        typer.Option(
-            "--site", help="compute where camera and fixed gripper should stand for these parts"
-        ),
+        typer.Option("--site", help="compute the best places for camera and fixed gripper"),
     ] = False,
     no_cache: Annotated[
-        bool, typer.Option("--no-cache", help="plan again; do not use the cache")
+        bool, typer.Option("--no-cache", help="plan afresh, without the cache")
     ] = False,
     jobs: JobsOption = None,
     json: JsonOption = False,
 ) -> None:
-    """Plan how to show a part to the inspection camera.
+    """Plan how to present a part to the inspection camera.
 
-    Prints steps, forecast and coverage, and why the rest of the surface is not shown.
+    Prints steps, forecast and coverage for every stable pose, and why the rest of the surface is
+    not covered.
     """
     with loading():
         from controller.config import ConfigError

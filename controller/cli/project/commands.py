@@ -12,9 +12,9 @@ def init(
     folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="new or empty folder")],
     json: JsonOption = False,
 ) -> None:
-    """Lay out a new project: recipe, cell file, part, script.
+    """Create a project folder: recipe, cell file, part, script.
 
-    It runs as it stands, in the emulated cell.
+    `check`, `plan` and `run` work in it at once, in the emulated cell.
     """
     from .starter_project import lay_out_project
 

@@ -22,10 +22,13 @@ class Lighting(StrEnum):
 def recognise(
     images: Annotated[
         list[Path],
-        typer.Argument(metavar="IMAGE", help="pictures of the table, or folders of them"),
+        typer.Argument(metavar="IMAGE", help="picture of the table, or folder of pictures"),
     ],
     parts: Annotated[
-        list[Path], typer.Option("--parts", metavar="PART", help="CAD files, or folders of them")
+        list[Path],
+        typer.Option(
+            "--parts", metavar="PART", help="CAD file, or folder of CAD files; may be repeated"
+        ),
     ],
     calibration: Annotated[
         Path, typer.Option("--calibration", metavar="FILE", help="camera calibration (JSON)")
@@ -39,8 +42,8 @@ def recognise(
             "--lamps",
             min=1,
             metavar="N",
-            help="pictures that show one scene, each under another lamp, N after each other in the "
-            "order named, those of a folder by name; they are judged together (default: 1)",
+            help="pictures in a row that show one scene, each under another lamp, to judge as one; "
+            "those of a folder are ordered by name (default: 1)",
             show_default=False,
         ),
     ] = 1,
@@ -49,7 +52,7 @@ def recognise(
         typer.Option(
             "--explain",
             metavar="FOLDER",
-            help="folder for a drawing and tables that explain each answer",
+            help="write a drawing and tables there that explain each answer",
         ),
     ] = None,
     unit: UnitOption = None,

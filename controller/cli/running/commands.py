@@ -9,6 +9,7 @@ import typer
 from controller.loading import loading
 
 from ..options import (
+    EMULATED,
     MAX_PART_COUNT,
     AsBuiltOption,
     CellOption,
@@ -25,6 +26,10 @@ from ..options import (
     WallClockOption,
 )
 
+# Titles of sections of the help of `run`.
+REPORTED = "Parts and their report"
+AFTER_A_STOP = "After a stop or a crash"
+
 
 def run(
     recipes: CountedRecipesArg = None,
@@ -36,9 +41,129 @@ def run(
             metavar="N",
             min=1,
             max=MAX_PART_COUNT,
-            help="number of parts of each recipe that names none (default: the recipe's)",
+            help="parts to inspect of each recipe without a count (default: the recipe's)",
         ),
     ] = None,
+    operator: Annotated[
+        str,
+        typer.Option(
+            "--operator", metavar="NAME", rich_help_panel=REPORTED, help="name of the operator"
+        ),
+    ] = "",
+    lot: Annotated[
+        str,
+        typer.Option("--lot", metavar="LOT", rich_help_panel=REPORTED, help="lot of the parts"),
+    ] = "",
+    parts_list: Annotated[
+        Path | None,
+        typer.Option(
+            "--parts-list",
+            metavar="FILE",
+            rich_help_panel=REPORTED,
+            help="list of parts (CSV: recipe, serial, lot) in place of recipes",
+        ),
+    ] = None,
+    serial_from: Annotated[
+        str | None,
+        typer.Option(
+            "--serial-from",
+            metavar="NUMBER",
+            rich_help_panel=REPORTED,
+            help="first serial number; its last digits count up with each part",
+        ),
+    ] = None,
+    across_runs: Annotated[
+        bool,
+        typer.Option(
+            "--across-runs",
+            rich_help_panel=REPORTED,
+            help="with --serial-from: continue after the last such number of earlier runs",
+        ),
+    ] = False,
+    scan: Annotated[
+        bool,
+        typer.Option(
+            "--scan",
+            rich_help_panel=REPORTED,
+            help="read each serial number first: from a scanner that types a line, or from "
+            "`cellctl answer NUMBER`",
+        ),
+    ] = False,
+    serial: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--serial",
+            metavar="NUMBER",
+            rich_help_panel=REPORTED,
+            help="serial number of a part; once per part, in order",
+        ),
+    ] = None,
+    part_temperature: Annotated[
+        float | None,
+        typer.Option(
+            "--part-temperature",
+            metavar="DEG_C",
+            min=-50,
+            max=150,
+            rich_help_panel=REPORTED,
+            help="measured temperature of the parts",
+        ),
+    ] = None,
+    part_removed: Annotated[
+        bool,
+        typer.Option(
+            "--part-removed",
+            rich_help_panel=AFTER_A_STOP,
+            help="state that you took the part out of the grippers; journaled",
+        ),
+    ] = False,
+    trays_empty: Annotated[
+        bool,
+        typer.Option(
+            "--trays-empty",
+            rich_help_panel=AFTER_A_STOP,
+            help="state that the nests of all trays are empty; journaled",
+        ),
+    ] = False,
+    auto_recover: Annotated[
+        bool,
+        typer.Option(
+            "--auto-recover",
+            rich_help_panel=AFTER_A_STOP,
+            help="go on with a part in a gripper where that is proven safe",
+        ),
+    ] = False,
+    record: Annotated[
+        Path | None,
+        typer.Option(
+            "--record",
+            metavar="FILE",
+            help="record every byte and frame on the wires, with its time, for `cellctl replay "
+            "--wires`",
+        ),
+    ] = None,
+    wait: Annotated[
+        bool,
+        typer.Option(
+            "--wait",
+            help="wait for `cellctl answer` where a person has to decide, also without a terminal",
+        ),
+    ] = False,
+    step: Annotated[
+        bool,
+        typer.Option(
+            "--step",
+            help="ask before each motion: Enter, or `cellctl answer go` from another terminal",
+        ),
+    ] = False,
+    dry: Annotated[
+        bool,
+        typer.Option(
+            "--dry",
+            help="drive all motions without a part: clear of everything, at a tenth of the speed, "
+            "grippers open; for the stable pose of --pose (default: the likeliest)",
+        ),
+    ] = False,
     speed: SpeedOption = 1.0,
     wall_clock: WallClockOption = False,
     seed: SeedOption = None,
@@ -49,7 +174,8 @@ def run(
         typer.Option(
             "--lay",
             metavar="PART",
-            help="CAD file of a part to put on the emulated table; may be repeated "
+            rich_help_panel=EMULATED,
+            help="CAD file of a part to put on the table; may be repeated "
             "(default: the part of each recipe)",
         ),
     ] = None,
@@ -59,133 +185,31 @@ def run(
             "--on-table",
             metavar="N",
             min=1,
-            help="parts on the emulated table at a time, drawn by the seed; the next one comes "
-            "once one is in its tray (default: all of them)",
+            rich_help_panel=EMULATED,
+            help="parts on the table at a time; the next one comes once one is in its tray "
+            "(default: all of them)",
         ),
     ] = None,
-    empty: Annotated[bool, typer.Option("--empty", help="leave the emulated table empty")] = False,
+    empty: Annotated[
+        bool, typer.Option("--empty", rich_help_panel=EMULATED, help="leave the table empty")
+    ] = False,
     pose: EmulatedPoseOption = None,
     at: EmulatedAtOption = None,
     control: ControlOption = None,
-    part_removed: Annotated[
-        bool,
-        typer.Option(
-            "--part-removed",
-            help="state that you took the part out of the grippers; the journal keeps it",
-        ),
-    ] = False,
-    trays_empty: Annotated[
-        bool,
-        typer.Option(
-            "--trays-empty",
-            help="state that nothing stands in the nests of the trays; the journal keeps it",
-        ),
-    ] = False,
-    auto_recover: Annotated[
-        bool,
-        typer.Option(
-            "--auto-recover",
-            help="after a crash, go on with the part in a gripper where that is proven safe",
-        ),
-    ] = False,
-    operator: Annotated[
-        str, typer.Option("--operator", metavar="NAME", help="your name, for the report")
-    ] = "",
-    lot: Annotated[
-        str, typer.Option("--lot", metavar="LOT", help="lot of the parts, for the report")
-    ] = "",
-    parts_list: Annotated[
-        Path | None,
-        typer.Option(
-            "--parts-list",
-            metavar="FILE",
-            help="list of all parts (CSV with the columns recipe, serial, lot) in place of recipes",
-        ),
-    ] = None,
-    serial_from: Annotated[
-        str | None,
-        typer.Option(
-            "--serial-from",
-            metavar="NUMBER",
-            help="first serial number; the digits at its end count up as parts are begun",
-        ),
-    ] = None,
-    across_runs: Annotated[
-        bool,
-        typer.Option(
-            "--across-runs",
-            help="with --serial-from: go on after the last such number of the earlier runs",
-        ),
-    ] = False,
-    scan: Annotated[
-        bool,
-        typer.Option(
-            "--scan",
-            help="read the serial number of each part before it is begun: a line from a scanner "
-            "that types, or `cellctl answer NUMBER`",
-        ),
-    ] = False,
-    serial: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--serial",
-            metavar="NUMBER",
-            help="serial number, for the report; once for each part, in their order",
-        ),
-    ] = None,
-    part_temperature: Annotated[
-        float | None,
-        typer.Option(
-            "--part-temperature",
-            metavar="CELSIUS",
-            min=-50,
-            max=150,
-            help="temperature of the parts as you measured it, for the report",
-        ),
-    ] = None,
-    record: Annotated[
-        Path | None,
-        typer.Option(
-            "--record",
-            metavar="FILE",
-            help="file to keep all wires of the run in: bytes, frames and their instants "
-            "(`cellctl replay --wires`)",
-        ),
-    ] = None,
-    wait: Annotated[
-        bool,
-        typer.Option(
-            "--wait",
-            help="wait for an answer where a person has to decide, also without a terminal "
-            "(`cellctl answer`)",
-        ),
-    ] = False,
-    step: Annotated[
-        bool,
-        typer.Option(
-            "--step",
-            help="show each motion before it begins, and let it begin by Enter, or by "
-            "`cellctl answer go` from another terminal",
-        ),
-    ] = False,
-    dry: Annotated[
-        bool,
-        typer.Option(
-            "--dry",
-            help="drive all motions without a part: lifted off everything, at a tenth of the "
-            "speed, grippers open; with --pose from that stable pose (default: the likeliest)",
-        ),
-    ] = False,
     runs: RunsOption = Path("runs"),
     json: JsonOption = False,
     verbose: Annotated[
         bool,
         typer.Option(
-            "--verbose", "-v", help="log to stderr, with the details of an unexpected error"
+            "--verbose", "-v", help="log to stderr; print the details of an unexpected error"
         ),
     ] = False,
 ) -> None:
-    """Inspect and sort parts: the main job. Emulated devices start beside it."""
+    """Inspect and sort parts: the main job.
+
+    Devices that the cell file calls `emulated` start with the run. Ctrl-C stops the arm, releases
+    nothing and reports where the part is.
+    """
     with loading():
         from controller.cell.batch import Papers
 
@@ -254,16 +278,14 @@ def recover(
     cell: CellOption = None,
     open_: Annotated[
         GripperOption | None,
-        typer.Option(
-            "--open", help="gripper to open while you hold the part; the arm does not move"
-        ),
+        typer.Option("--open", help="gripper to open while you hold the part; the arm stays still"),
     ] = None,
     accept: Annotated[
         bool,
         typer.Option(
             "--accept",
-            help="go on with the part as proposed, with the recipe of the interrupted run, until "
-            "it is in its tray",
+            help="go on with the part as proposed, by the recipe of the interrupted run, until it "
+            "is in its tray",
         ),
     ] = False,
     why: Annotated[
@@ -275,7 +297,10 @@ def recover(
     runs: RunsOption = Path("runs"),
     json: JsonOption = False,
 ) -> None:
-    """Report what the grippers may hold after a crash, and what may be done; do it, or open one."""
+    """After a crash: show where the part is and how to go on.
+
+    Nothing moves before a person accepts the proposal or asks for a gripper to be opened.
+    """
     with loading():
         from controller.cell.custody import GripperName
 
@@ -322,7 +347,10 @@ def report(
     runs: RunsOption = Path("runs"),
     json: JsonOption = False,
 ) -> None:
-    """Write the report of a run."""
+    """Write the report of a run: HTML, PDF, JSON, CSV, QIF, Q-DAS.
+
+    `dfq` is the Q-DAS format.
+    """
     with loading():
         from .report_file import write_report
 

@@ -28,26 +28,27 @@ def serve(
         typer.Option(
             "--host",
             metavar="ADDRESS",
-            help="where to listen; other addresses than this machine's own need --tls-cert and "
-            "--tls-key, or --behind",
+            help="address to listen on; any but this machine's own needs --tls-cert and --tls-key, "
+            "or --behind",
         ),
     ] = "127.0.0.1",
     port: Annotated[
-        int, typer.Option("--port", metavar="PORT", min=1, max=65535, help="where to listen")
+        int, typer.Option("--port", metavar="PORT", min=1, max=65535, help="port to listen on")
     ] = 8470,
     tls_cert: Annotated[
-        Path | None, typer.Option("--tls-cert", metavar="FILE", help="certificate (PEM), for https")
+        Path | None, typer.Option("--tls-cert", metavar="FILE", help="certificate for https (PEM)")
     ] = None,
     tls_key: Annotated[
-        Path | None, typer.Option("--tls-key", metavar="FILE", help="its private key (PEM)")
+        Path | None,
+        typer.Option("--tls-key", metavar="FILE", help="private key of the certificate (PEM)"),
     ] = None,
     behind: Annotated[
         str | None,
         typer.Option(
             "--behind",
             metavar="ORIGIN",
-            help="a reverse proxy serves the page as https://NAME; it runs on this machine, or at "
-            "the addresses of --proxy",
+            help="origin https://NAME under which a reverse proxy on this machine, or at the "
+            "addresses of --proxy, serves the page",
         ),
     ] = None,
     proxy: Annotated[
@@ -65,13 +66,16 @@ def serve(
         typer.Option(
             "--recipes",
             metavar="FOLDER",
-            help="folder of the project's recipes and cell file, which engineers may change "
-            "(default: this folder)",
+            help="folder of the recipes and the cell file that engineers may change (default: "
+            "this folder)",
         ),
     ] = None,
     json: JsonOption = False,
 ) -> None:
-    """Serve a page that shows the cell in a browser and acts on it; prints a link that logs in."""
+    """Serve the web page that shows and operates the cell.
+
+    Prints a link that logs in. Needs `pip install 'cellctl[page]'`.
+    """
     with loading():
         from .server import serve_page
 
@@ -92,16 +96,16 @@ def serve(
 
 def account(
     name: Annotated[
-        str | None, typer.Argument(metavar="NAME", help="of the account (default: list all)")
+        str | None, typer.Argument(metavar="NAME", help="name of the account (default: list all)")
     ] = None,
     role: Annotated[
         RoleName | None,
-        typer.Option("--role", help="add the account, or change it; asks for a password"),
+        typer.Option("--role", help="add the account, or change its role; asks for a password"),
     ] = None,
     remove: Annotated[bool, typer.Option("--remove", help="remove the account")] = False,
     json: JsonOption = False,
 ) -> None:
-    """List, add, change or remove who may log in to the page."""
+    """List, add, change or remove accounts of the page."""
     with loading():
         from .people import change_accounts
 

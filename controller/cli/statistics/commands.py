@@ -12,27 +12,26 @@ from ..options import JsonOption, RunsOption, StoreOption
 
 def stats(
     recipe: Annotated[
-        str | None, typer.Argument(metavar="[RECIPE]", help="name of the recipe (default: all)")
+        str | None, typer.Argument(metavar="RECIPE", help="name of the recipe (default: all)")
     ] = None,
     by: Annotated[
         str | None,
         typer.Option(
             "--by",
             metavar="GROUP",
-            help="yield, time against forecast, findings and recoveries by day, run, recipe, lot "
-            "or operator (default without RECIPE: recipe); with --takt also by part",
+            help="group by day, run, recipe, lot or operator, with --takt also by part (default "
+            "without RECIPE: recipe)",
         ),
     ] = None,
     takt: Annotated[
         bool,
-        typer.Option("--takt", help="what the arm's time went into, and what it waited for"),
+        typer.Option("--takt", help="how long the arm moved, and what it waited for"),
     ] = False,
     review: Annotated[
         bool,
         typer.Option(
             "--review",
-            help="how often persons agree with the machine, and likely false alarms, by kind and "
-            "face",
+            help="how often persons agree with the machine, and likely false alarms",
         ),
     ] = False,
     lot: Annotated[
@@ -57,18 +56,18 @@ def stats(
     store: StoreOption = None,
     report: Annotated[
         Path | None,
-        typer.Option("--report", metavar="FILE", help="page (HTML) with run charts to write"),
+        typer.Option("--report", metavar="FILE", help="page to write (HTML), with run charts"),
     ] = None,
     runs: RunsOption = Path("runs"),
     json: JsonOption = False,
 ) -> None:
-    """Report how the measured values of a recipe's parts scatter, or the yield of many parts.
+    """Report process capability, yield, takt or reviews.
 
     Of a recipe, for each characteristic: count, mean, spread, Cp, Cpk, Pp and Ppk with their 95 %
     intervals, and the rules of Nelson that the values break. With --by, or of all recipes: yield,
-    time against forecast, findings by kind and face, recoveries and alarms, from the history.
-    With --review: how often persons agree with findings and verdicts, from their reviews.
-    With --takt: how long the arm moved, and what it waited for, from the journal.
+    time against forecast, findings by kind and face, recoveries and alarms. With --review: how
+    often persons agree with findings and verdicts. With --takt: how long the arm moved, and what
+    it waited for.
     """
     if review:
         if takt or by or report:
@@ -107,35 +106,36 @@ def gauge(
         list[str] | None,
         typer.Argument(
             metavar="[PART[/START[/GRASP]]=]SOURCE",
-            help="sets of views, and runs by name or folder; before the = which part it is, from "
-            "which start pose, in which grasp (default: by the run, one part, a grasp each)",
+            help="set of views, or run by name or folder; before the = its part, start pose and "
+            "grasp (default: by the run, one part, one grasp each)",
         ),
     ] = None,
     recipe: Annotated[
         Path | None,
-        typer.Option("--recipe", metavar="RECIPE", help="recipe to measure sets of views by"),
+        typer.Option("--recipe", metavar="RECIPE", help="recipe by which to measure sets of views"),
     ] = None,
     reference: Annotated[
         Path | None,
         typer.Option(
             "--reference",
             metavar="FILE",
-            help="true values (CSV: characteristic, value, U, part)",
+            help="reference values (CSV: characteristic, value, U, part)",
         ),
     ] = None,
     report: Annotated[
-        Path | None, typer.Option("--report", metavar="FILE", help="page (HTML) to write")
+        Path | None, typer.Option("--report", metavar="FILE", help="page to write (HTML)")
     ] = None,
     list_: Annotated[
-        bool, typer.Option("--list", help="list the studies that are kept with the runs")
+        bool, typer.Option("--list", help="list the studies kept with the runs")
     ] = False,
     runs: RunsOption = Path("runs"),
     json: JsonOption = False,
 ) -> None:
-    """Report what the measuring itself scatters, from parts measured again.
+    """Report the spread of the measurement itself (gauge study).
 
-    For each characteristic: six standard deviations in one grasp, with re-grasps and from other
-    start poses, the share of the tolerance, ndc, bias, Cg and Cgk. The study is kept with the runs.
+    From parts measured repeatedly, for each characteristic: six standard deviations in one grasp,
+    with re-grasps and from other start poses, the share of the tolerance, ndc, bias, Cg and Cgk.
+    The study is kept with the runs.
     """
     with loading():
         from .gauge_study import list_studies, report_gauge
