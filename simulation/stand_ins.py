@@ -25,6 +25,13 @@ from controller.cell.devices.lamps import STATION_PANEL, TABLE_PANEL
 from controller.cell.services import plain_name
 from controller.config.view_set import load_view_set, parse_view_set
 from controller.imaging import Camera, inverse_pose, transform
+from controller.inspection.characteristics import (
+    Characteristic,
+    CharacteristicKind,
+    Measured,
+    Rim,
+    RimGeometry,
+)
 from controller.planning import Look, NoPlanError, Plan, Present, ShortFace, Start
 from controller.planning.geometry import Box, segments_hit
 from controller.recognition import Alternative, Sighting
@@ -40,6 +47,30 @@ SLIPPED_MM, SLIPPED_RAD = 4.0, 0.12  # inspection's own limits (`inspecting.Insp
 FOUND_MM, FOUND_RAD = 16.0, 0.55  # as far as the search for a slipped part goes
 MEASURED_MM, MEASURED_RAD = 0.15, 0.002  # how well a view measures the pose in the gripper
 SIZE_PX: Final = (1280, 1024)  # of both cameras: stored pictures are checked against it
+
+# A value of every judged part, so that what counts values has one to count.
+_RIM: Final = Rim(
+    np.zeros(3), np.array([0.0, 0.0, 1.0]), 4.0, np.array([1.0, 0.0, 0.0]), 2 * np.pi, 1, 0, True
+)
+BORE: Final = Measured(
+    Characteristic(
+        id="d1",
+        balloon=1,
+        kind=CharacteristicKind.DIAMETER,
+        label="bore 8.0 mm",
+        nominal_mm=8.0,
+        lower_mm=7.9,
+        upper_mm=8.1,
+        source="stand-in",
+        geometry=RimGeometry((_RIM,)),
+        faces=(1,),
+    ),
+    8.01,
+    0.02,
+    inspecting.Verdict.PASS,
+    (),
+    "",
+)
 
 
 def stamped_picture(
@@ -389,7 +420,8 @@ class StandIns(Compute):
         verdict = inspecting.Verdict.PASS if enough else inspecting.Verdict.INDETERMINATE
         reason = f"{100 * share:.0f} % of the surface was in sight"
         ledger = inspecting.PartVerdict(verdict, (reason,), (), share, (), share, "a good part")
-        return inspecting.PartInspection(verdict, (reason,), (), (), (), ledger)
+        off = tuple(inspecting.ViewOff(f"V{i}", 0, MEASURED_MM, MEASURED_RAD) for i in range(3))
+        return inspecting.PartInspection(verdict, (reason,), (), (BORE,), (), ledger, off=off)
 
     def _off(self, T: Array, T_expected: Array) -> tuple[float, float]:
         moved = T[:3, :3] @ T_expected[:3, :3].T

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 
 import pytest
 
-from controller.history import Filters, export, figures, fill, find_parts, list_parts, open_store
+from controller.history import Filters, figures, list_parts
 from controller.results import counted_parts, list_runs, load_run
 from simulation.case import Case, Ended, Kill, run_case
 from simulation.cell import Scene
+from tests.unit.outlets import OUTLETS, store_of
 
 PART = Scene("holder")
 KILLED_AT = tuple(range(12, 132, 8))
@@ -21,24 +21,15 @@ def counted_once(runs: Path, ended: Ended) -> None:
     records = [load_run(runs, one.run_id) for one in list_runs(runs)]
     (judged,) = (part for record in records for part in counted_parts(record))
     assert (judged.verdict, judged.part.tray) == ("pass", "accept"), ended.killed_in
-    store = open_store(f"sqlite:///{runs / 'history.sqlite'}")
-    try:
-        fill(store, runs)
-        listed = list_parts(store, Filters(), 9)
-        assert (listed.count, len(listed.parts)) == (1, 1)
-        (part,) = listed.parts
+    for name, outlet in OUTLETS.items():
+        found = outlet(runs)
+        assert len(found) == 1, f"{name}: {found}, {ended.killed_in}"
+    with store_of(runs) as store:
+        (part,) = list_parts(store, Filters(), 9).parts
         assert (part["verdict"], part["tray"], part["custody"]) == ("pass", "accept", "placed")
         (group,) = figures(store, Filters()).groups
         counts = (group.part_count, group.judged_count, group.pass_count, group.first_count)
         assert counts == (1, 1, 1, 1)
-        assert len(find_parts(store, str(part["part"]))) == 1
-        export(store, Filters(), runs / "all.csv", runs)
-        with (runs / "all.csv").open(encoding="utf-8-sig") as file:
-            assert {(row["run"], row["number"]) for row in csv.DictReader(file)} == {
-                (str(part["run"]), str(part["number"]))
-            }
-    finally:
-        store.close()
 
 
 @pytest.mark.parametrize(

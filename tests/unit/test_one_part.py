@@ -6,11 +6,15 @@ from pathlib import Path
 
 import pytest
 
+from controller.cell.batch import Papers
 from controller.cell.custody import Custody, GripperName, Held
 from controller.cell.custody.start_check import note_taken_out
 from controller.cell.journal import JOURNAL_NAME, Journal, read_rows, rows
 from controller.history import Filters, fill, list_parts, open_store
 from controller.results import counted_parts, load_run, report_json
+from controller.results.takt import takt_of, takts_of
+from tests.unit.outlets import OUTLETS
+from tests.unit.results_bench import RunWriter, verdict, view
 
 JUDGED = rows.PartJudged(verdict="pass", reasons=(), compared_fraction=1.0, faces=())
 
@@ -121,3 +125,72 @@ def test_a_part_that_could_not_be_taken_counts_where_the_run_came_to_its_end(
     first.write(rows.AtRest(state=end))
     first.close()
     assert listed(tmp_path) == [("first/1", "no verdict", "on_table")]
+
+
+MEASURED = rows.PartMeasured(
+    characteristics=(
+        rows.CharacteristicFields(
+            id="d1", balloon=1, kind="diameter", label="bore 8", nominal=8.0, lower=7.9, upper=8.1,
+            source="recipe", faces=(1,), measured=8.03, U=0.02, verdict="pass",
+        ),
+    )
+)  # fmt: skip
+POSED = rows.ViewsPosed(
+    views=tuple(
+        rows.ViewOffFields(view=f"G1-V{i}", grasp=0, off_mm=0.2, off_deg=0.0) for i in range(3)
+    )
+)
+
+
+def taken_and_judged(writer: RunWriter) -> None:
+    """Let a run have its part in the arm, and judge it; it is not put down yet."""
+    writer.look()
+    writer.plan()
+    writer.grasp()
+    for one in (view("G1-V0"), view("G1-V3")):
+        writer.show("show with grasp G1", one, 4.0)
+        writer.judge_view(one)
+    writer.write(POSED)
+    writer.write(MEASURED)
+    writer.judge(verdict())
+
+
+@pytest.fixture(scope="module")
+def recovered(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Runs of one part: killed before its sort, taken over by a run that was killed, then whole."""
+    runs = tmp_path_factory.mktemp("recovered")
+    papers = Papers(serials=("SN1",))
+    names = [f"2026030{day}-120000-000-featuretype" for day in (1, 2, 3)]
+    before: list[str] = []
+    for name in names:
+        writer = RunWriter(runs, name, papers=papers)
+        if before:
+            writer.journal.write(rows.PartResumed(run=before[-1], serial="SN1"), 1)
+        taken_and_judged(writer)
+        for run in before[-2:]:
+            writer.journal.write_about(run, rows.PartFollowed(run=name), 1)
+        if name == names[-1]:
+            writer.place("accept")
+            writer.moved("batch_done", "execute_placing", "completing")
+            writer.end()
+        else:
+            writer.close()
+        before.append(name)
+    return runs
+
+
+@pytest.mark.parametrize("outlet", OUTLETS)
+def test_a_part_that_went_on_in_other_runs_is_one_part_in_each_outlet(
+    recovered: Path, outlet: str
+) -> None:
+    found = OUTLETS[outlet](recovered)
+    assert len(found) == 1, f"{outlet}: {found}"
+
+
+def test_the_time_of_a_run_that_took_a_part_over_is_whole(recovered: Path) -> None:
+    """A row that it adds to the run before it is in the middle of its own."""
+    *killed, whole = takts_of(recovered)
+    assert takt_of(load_run(recovered, whole.run_id)) == whole
+    assert [(part.is_done, part.is_counted) for part in whole.parts] == [(True, True)]
+    for one in (*killed, *(takt_of(load_run(recovered, run.run_id)) for run in killed)):
+        assert [(part.is_done, part.is_counted) for part in one.parts] == [(False, False)]

@@ -17,7 +17,7 @@ from controller.setup.software import software_versions
 from ..custody import CellIdentity, Held, fold_custody, left_in_trays
 from ..custody.known_journals import note_journal, rows_of_all_journals
 from ..devices.clocks import devices_with_time
-from ..journal import Journal, Row, Stamps, is_of, read_rows_named, rows
+from ..journal import Journal, Row, Stamps, is_of, read_rows_counted, rows
 from ..journal.usage import usage_of
 from ..services.records import RECIPE_COPY, inputs_of
 from .order import RunOrder
@@ -186,7 +186,7 @@ def _note_standing(journal: Journal, cell_path: Path, cell: Cell, now: datetime)
     names = (rows.RunBegan.row_name, rows.ViewsPosed.row_name)
     before = (
         row
-        for row in (read_rows_named(journal.path, names) if found else ())
+        for row in (read_rows_counted(journal.path, names) if found else ())
         if row.run != journal.run
     )
     standing = standing_of(cell.calibration, found, now, usage_of(before))

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
-from controller.cell.journal import JOURNAL_NAME, read_rows_named, rows
+from controller.cell.journal import JOURNAL_NAME, read_rows_counted, rows
 from controller.cell.journal.usage import usage_of
 from controller.commissioning.procedure import Folder
 from controller.config.calibrations import Usage, read_calibrations, standing_of
@@ -62,7 +62,7 @@ def calibration_lines(folder: Folder, runs: Path, now: datetime) -> tuple[Calibr
     found = read_calibrations(folder.cell_file, references)
     journal = runs / JOURNAL_NAME
     names = (rows.RunBegan.row_name, rows.ViewsPosed.row_name)
-    usage = usage_of(read_rows_named(journal, names)) if journal.exists() else {}
+    usage = usage_of(read_rows_counted(journal, names)) if journal.exists() else {}
     standing = standing_of(references, found, now, usage)
     return tuple(
         CalibrationLine(

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from controller.cell.commissioning import CommissionOrder
-from controller.cell.journal import JOURNAL_NAME, JournalError, read_rows_named, rows
+from controller.cell.journal import JOURNAL_NAME, JournalError, read_rows_counted, rows
 from controller.cell.journal.usage import usage_of, views_off_mm
 from controller.commissioning.procedure import Folder
 from controller.config import (
@@ -158,7 +158,7 @@ def read_past(journal: Path) -> Past:
         return Past({})
     began, posed, connected = rows.RunBegan.row_name, rows.ViewsPosed.row_name, "connected"
     try:
-        found = list(read_rows_named(journal, (began, posed, connected)))
+        found = list(read_rows_counted(journal, (began, posed, connected)))
     except JournalError as error:
         return Past({}, problem=str(error))
     emulated: dict[str, tuple[str, ...]] = {}

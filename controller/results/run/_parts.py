@@ -140,9 +140,7 @@ class PartFold:
         the next run, which gives it a record of its own. So does a run that was killed while it
         took a part over, before it had its custody.
         """
-        if self.followed is not None and not self.followed.custody:
-            return False
-        if self.resumed is not None and not self.is_custody_known:
+        if not rows.has_record(self.followed, self.resumed, is_custody_known=self.is_custody_known):
             return False
         is_on_table = self.custody is Custody.ON_TABLE and not self.pending
         is_judged = self.verdict is not None or bool(self.characteristics)

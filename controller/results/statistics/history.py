@@ -7,7 +7,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, Final
 
-from controller.cell.journal import JournalError, Row, read_row, read_rows_named, rows
+from controller.cell.journal import JournalError, Row, read_row, read_rows_counted, rows
 from controller.cell.journal.usage import views_off_mm
 from controller.config.calibrations import MAX_OFF_MM
 
@@ -71,6 +71,8 @@ class Series:
 def series_of(runs_dir: Path, recipe: str) -> tuple[Series, ...]:
     """Return the series of all characteristics measured in runs of a recipe, oldest value first.
 
+    A part that went on in a later run has its values once, in the run that has its record.
+
     Parameters
     ----------
     runs_dir : folder with the journal
@@ -89,7 +91,7 @@ def series_of(runs_dir: Path, recipe: str) -> tuple[Series, ...]:
         return of_part.get((row.run, row.part), names.get(row.run)) == recipe
 
     try:
-        for row in read_rows_named(path, NAMES):
+        for row in read_rows_counted(path, NAMES):
             if row.name == rows.RunBegan.row_name:
                 names[row.run] = str(row.body.get("recipe", {}).get("name", ""))
             elif row.name == rows.PartIdentified.row_name:

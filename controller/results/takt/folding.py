@@ -1,14 +1,14 @@
 """Adds up what the arm's time went into: by part, and before and after the parts of a run."""
 
 import sqlite3
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from itertools import groupby
 from pathlib import Path
 from typing import Final
 
-from controller.cell.journal import JournalError, read_rows_of_kinds, rows
+from controller.cell.journal import JournalError, read_rows_of_kinds, records_elsewhere, rows
 from controller.cell.machine import Event
 
 from ..run import LogEntry, ResultsError, RunRecord, entry_of, whole_journal
@@ -16,10 +16,11 @@ from ._spans import Span, instants, spans
 from .uses import BUSY, Use
 
 KINDS: Final = ("event", "intent", "outcome", "observation", "decision")
-# Long rows that nothing here asks for.
+# Rows that nothing here asks for: long ones, and those that others write about a run, perhaps in
+# the middle of the rows of a later one.
 WITHOUT: Final = (
     rows.PartMeasured.row_name, rows.PartFindings.row_name, rows.PartJudged.row_name,
-    rows.ViewJudged.row_name, rows.FilesStored.row_name, rows.ViewsPosed.row_name,
+    rows.ViewJudged.row_name, rows.ViewsPosed.row_name, *(body.row_name for body in rows.ADDED),
 )  # fmt: skip
 
 
@@ -37,6 +38,7 @@ class PartTakt:
     late_wall_s : for how long the controller itself was late [wall s]; within the seconds above
     is_done : it is in its tray
     is_planned_ahead : its plan was made while the arm still had the part before it
+    is_counted : this run has its record (ADR 96)
     """
 
     number: int
@@ -48,6 +50,7 @@ class PartTakt:
     late_wall_s: float = 0.0
     is_done: bool = False
     is_planned_ahead: bool = False
+    is_counted: bool = True
 
     @property
     def total_s(self) -> float:
@@ -84,7 +87,12 @@ def takt_of(record: RunRecord) -> RunTakt:
     ----------
     record : of the run
     """
-    return _fold(record.run_id, record.log)
+    elsewhere = {
+        (record.run_id, part.number)
+        for part in record.parts
+        if not part.is_counted and (part.followed is not None or part.resumed is not None)
+    }
+    return _fold(record.run_id, record.log, elsewhere)
 
 
 def takts_of(runs_dir: Path) -> Iterator[RunTakt]:
@@ -100,26 +108,31 @@ def takts_of(runs_dir: Path) -> Iterator[RunTakt]:
     """
     path = whole_journal(runs_dir)
     try:
+        elsewhere = records_elsewhere(path)
         found = read_rows_of_kinds(path, KINDS, (), WITHOUT)
         # two runs may share a journal, but never write to it at once: a cell has one controller
         for run_id, rows_of_run in groupby(found, key=lambda row: row.run):
             first, *rest = rows_of_run
             log = [entry_of(row, first.t_mono_s) for row in (first, *rest)]
             if any(isinstance(entry.row, rows.RunBegan) for entry in log):
-                yield _fold(run_id, log)
+                yield _fold(run_id, log, elsewhere)
     except (JournalError, sqlite3.Error, ValueError) as error:
         raise ResultsError(f"journal {path}: {error}") from error
 
 
-def _fold(run_id: str, log: Sequence[LogEntry]) -> RunTakt:
-    log = _until_its_end(log)
+def _fold(run_id: str, log: Sequence[LogEntry], elsewhere: Set[tuple[str, int | None]]) -> RunTakt:
+    log = _until_its_end([entry for entry in log if not isinstance(entry.row, rows.ADDED)])
     at_s, has_cell_clock = instants(log)
     began = next((e.row for e in log if isinstance(e.row, rows.RunBegan)), None) or rows.RunBegan()
     recipe = str(began.recipe.get("name", "unknown"))
     pieces = list(_pieces(log))
     found = list(spans(log, at_s))
     parts = tuple(
-        _part(number, recipe, log[begin:end], found[begin:end]) for number, begin, end in pieces
+        replace(
+            _part(number, recipe, log[begin:end], found[begin:end]),
+            is_counted=(run_id, number) not in elsewhere,
+        )
+        for number, begin, end in pieces
     )
     inside = {k for _, begin, end in pieces for k in range(begin, end)}
     around = _part(0, recipe, (), [span for k, span in enumerate(found) if k not in inside])

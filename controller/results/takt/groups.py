@@ -26,7 +26,8 @@ class TaktGroup:
     Attributes
     ----------
     name : of the group
-    part_count, unjudged_count : parts in their tray; parts begun that have no verdict
+    part_count, unjudged_count : parts in their tray; parts begun that have no verdict, but for
+        those whose record another run has
     planned_ahead_count : of them, whose plan was made while the arm had the part before
     seconds : by use, with what belongs to no part of these runs, such as homing, if any
     execute_s, busy_s : of Execute, and of that what the arm did by its plan
@@ -101,7 +102,9 @@ def _group(name: str, members: Iterable[tuple[RunTakt, PartTakt]]) -> TaktGroup:
     return TaktGroup(
         name=name,
         part_count=sum(part.is_done for part in parts),
-        unjudged_count=sum(part.number > 0 and not part.is_done for part in parts),
+        unjudged_count=sum(
+            part.number > 0 and part.is_counted and not part.is_done for part in parts
+        ),
         planned_ahead_count=sum(part.is_planned_ahead for part in parts),
         seconds={use: sum(part.seconds.get(use, 0.0) for part in parts) for use in Use},
         execute_s=sum(part.execute_s for part in parts),

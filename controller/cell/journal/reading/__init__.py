@@ -15,8 +15,10 @@ from ._reader import (
     newest_run,
     read_rows,
     read_rows_after,
+    read_rows_counted,
     read_rows_named,
     read_rows_of_kinds,
+    records_elsewhere,
 )
 
 __all__ = [
@@ -29,8 +31,10 @@ __all__ = [
     "newest_run",
     "read_rows",
     "read_rows_after",
+    "read_rows_counted",
     "read_rows_named",
     "read_rows_of_kinds",
+    "records_elsewhere",
     "row_at",
     "rows_of_parts",
     "whole_up_to",

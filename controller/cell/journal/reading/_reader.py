@@ -9,7 +9,15 @@ from typing import Any, Final
 
 from .._form import EARLIER_KINDS, GENESIS, JournalError, Row, RowKind, digest_of, kind_of
 from .._writer import require_known_version
-from ..rows import ADDED, Acknowledged
+from ..rows import (
+    ADDED,
+    Acknowledged,
+    CustodyChanged,
+    PartFollowed,
+    PartResumed,
+    has_record,
+    is_of,
+)
 
 # of rows that are written about a run, and not by it
 ADDED_NAMES: Final = (*(body.row_name for body in ADDED), Acknowledged.row_name)
@@ -72,6 +80,45 @@ def read_rows_named(path: Path, names: Sequence[str]) -> Iterator[Row]:
     JournalError : no journal there, or one of another version
     """
     yield from _rows(path, f" WHERE name IN ({_marks(names)})", [*names])
+
+
+def read_rows_counted(path: Path, names: Sequence[str]) -> Iterator[Row]:
+    """Yield the rows of some names, of all runs, in order; of each part from one run alone.
+
+    A part that went on in a later run has its rows in both. Those of the run that has its record
+    count (ADR 96).
+
+    Raises
+    ------
+    JournalError : no journal there, or one of another version
+    """
+    elsewhere = records_elsewhere(path)
+    for row in read_rows_named(path, names):
+        if (row.run, row.part) not in elsewhere:
+            yield row
+
+
+def records_elsewhere(path: Path) -> frozenset[tuple[str, int | None]]:
+    """Return runs and numbers of parts whose record another run has (ADR 96).
+
+    Raises
+    ------
+    JournalError : no journal there, or one of another version
+    """
+    resumed: dict[tuple[str, int | None], PartResumed] = {}
+    followed: dict[tuple[str, int | None], PartFollowed] = {}
+    for row in read_rows_named(path, (PartResumed.row_name, PartFollowed.row_name)):
+        if is_of(row, PartResumed):
+            resumed[row.run, row.part] = PartResumed.model_validate(row.body)
+        else:
+            followed[row.run, row.part] = PartFollowed.model_validate(row.body)
+    changes = read_rows_of_kinds(path, (CustodyChanged.kind,), ()) if resumed else ()
+    known = {(row.run, row.part) for row in changes}
+    return frozenset(
+        key
+        for key in {*resumed, *followed}
+        if not has_record(followed.get(key), resumed.get(key), is_custody_known=key in known)
+    )
 
 
 def read_rows_after(path: Path, seq: int, run: str) -> Iterator[Row]:

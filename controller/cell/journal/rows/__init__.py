@@ -54,6 +54,7 @@ from ._decisions import (
     StartRefused,
     StoodStill,
     UnseenFields,
+    has_record,
     label_of,
 )
 from ._deeds import (
@@ -233,6 +234,7 @@ __all__ = [
     "ViewOffFields",
     "ViewPicturesTaken",
     "ViewsPosed",
+    "has_record",
     "is_of",
     "is_once",
     "label_of",

@@ -167,6 +167,21 @@ class PartFollowed(Body):
     custody: str = ""
 
 
+def has_record(
+    followed: PartFollowed | None, resumed: PartResumed | None, *, is_custody_known: bool
+) -> bool:
+    """Return whether a run has the record of a part, not the one before or after it (ADR 96).
+
+    Parameters
+    ----------
+    followed, resumed : the last of these rows of the part, None without
+    is_custody_known : a row of the run says who had the part
+    """
+    if followed is not None and not followed.custody:
+        return False
+    return resumed is None or is_custody_known
+
+
 class PartIdentified(Body):
     """The part at hand is of one of the run's recipes, and has this number, if it has any.
 
