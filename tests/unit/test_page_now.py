@@ -93,6 +93,18 @@ def test_park_is_ticked_off_with_what_it_took(tmp_path: Path) -> None:
     assert took == [9.5, 10.5, 3.6]
 
 
+def test_a_path_that_the_arm_was_at_the_end_of_already_leaves_it_there(tmp_path: Path) -> None:
+    writer = journal(tmp_path / "runs")
+    for waypoints in ((HERE,), ()):
+        writer.write(rows.PathBegun(waypoints=waypoints), 1)
+        writer.write(rows.PathEnded(), 1)
+    writer.close()
+    at = bench(tmp_path)
+    at.read()
+    assert at.live.fold is not None
+    assert (at.live.fold.arm.q, at.live.fold.arm.path) == (HERE, None)
+
+
 def test_steps_have_their_forecast_and_what_they_took(tmp_path: Path) -> None:
     writer = journal(tmp_path)
     writer.write(plan_row(), 1)

@@ -224,11 +224,12 @@ class RunFold:
                 self.inputs |= {
                     name: sha256 for name, sha256 in body.root.items() if name.startswith("inputs/")
                 }
-            case rows.PathBegun():
+            case rows.PathBegun() if body.waypoints:  # without any, the arm was there already
                 began_s = datetime.fromisoformat(row.t_utc).timestamp()
                 self.arm.path = Path(self.arm.q, body.waypoints, began_s)
-            case rows.PathEnded() if self.arm.path is not None:
-                self.arm.q, self.arm.path = self.arm.path.waypoints[-1], None
+            case rows.PathEnded():
+                if self.arm.path is not None:
+                    self.arm.q, self.arm.path = self.arm.path.waypoints[-1], None
                 self._park(row)
             case rows.StoodFree() | rows.HomedWithPart() | rows.PositionsTakenOver():
                 self.arm.q, self.arm.path = body.q, None
