@@ -133,8 +133,9 @@ def statistics(runs: Path) -> Counted:
 
 
 def takt(runs: Path) -> Counted:
+    """Parts that `stats --takt` divides the time by; tries that it leaves out are no parts."""
     groups = grouped(takts_of(runs), "run")
-    return [one.name for one in groups for _ in range(one.part_count + one.unjudged_count)]
+    return [one.name for one in groups for _ in range(one.part_count)]
 
 
 def agreement_of_cameras(runs: Path) -> Counted:
