@@ -44,7 +44,7 @@ def make_codec(kind: object, special: Mapping[Any, Codec] | None = None) -> Code
     Parameters
     ----------
     kind : dataclass, tuple, mapping, union, literal, enum, NDArray of a dtype, bool, int, float,
-        str, None
+        str, None, an alias of one of them
     special : codecs of types without annotations
 
     Raises
@@ -110,6 +110,8 @@ def _make(kind: object, special: Mapping[Any, Codec], path: tuple[object, ...]) 
     if isinstance(kind, NewType):
         return inner(kind.__supertype__)
     origin, args = get_origin(kind), get_args(kind)
+    if hasattr(kind, "__value__"):
+        return inner(_unaliased(kind if origin is None else origin, args))
     if origin is Annotated:
         return inner(args[0])
     if origin is Literal:
@@ -133,6 +135,22 @@ def _make(kind: object, special: Mapping[Any, Codec], path: tuple[object, ...]) 
         return _record(kind, {field.name: inner(hints[field.name]) for field in fields(kind)})
     where = " in ".join(getattr(k, "__name__", str(k)) for k in reversed((*path, kind)))
     raise TypeError(f"{where}: cannot be stored")
+
+
+def _unaliased(alias: Any, args: tuple[object, ...]) -> object:  # noqa: ANN401 - two classes are it
+    """Return what a type alias of PEP 695 stands for, as NumPy's `NDArray` is one from 2.5 on.
+
+    Parameters
+    ----------
+    alias : of `typing` or of typing_extensions
+    args : what stands in its brackets, none where it has no brackets
+    """
+    value = alias.__value__
+    if not args:
+        return value
+    of = dict(zip(alias.__type_params__, args, strict=True))
+    named = tuple(of[parameter] for parameter in getattr(value, "__parameters__", ()))
+    return value[named] if named else value
 
 
 def _dtype_of(annotation: object) -> np.dtype[Any] | None:

@@ -10,7 +10,7 @@ import zipfile
 from dataclasses import dataclass
 from enum import Enum, IntEnum
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 import pytest
@@ -19,6 +19,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from numpy.typing import NDArray
 from same_values import assert_same
+from typing_extensions import TypeAliasType
 
 from controller.cache import CacheError, DiskCache, disk, make_codec, source_hash
 from controller.cache import file as file_module
@@ -149,6 +150,40 @@ class Knot:
 def test_a_type_that_cannot_be_stored_is_refused_before_anything_is_written(kind: Any) -> None:
     with pytest.raises(TypeError, match="stored"):
         make_codec(kind)
+
+
+First, Second = TypeVar("First"), TypeVar("Second")
+Scalar = TypeVar("Scalar", bound=np.generic)
+Alias: Any = TypeAliasType  # mypy takes only aliases that stand as statements
+# as NumPy has NDArray from 2.5 on, where Python is 3.12 or newer
+Array = Alias("Array", np.ndarray[tuple[Any, ...], np.dtype[Scalar]], type_params=(Scalar,))
+Swapped = Alias("Swapped", tuple[Second, First], type_params=(First, Second))
+Nested = Alias("Nested", tuple[Array[Scalar], ...] | None, type_params=(Scalar,))
+Word = Alias("Word", str | None)
+
+
+@pytest.mark.parametrize(
+    ("kind", "same_as"),
+    [
+        (Array[np.float64], NDArray[np.float64]),
+        (Array[Any], NDArray[Any]),
+        (Array, np.ndarray[tuple[Any, ...], np.dtype[Any]]),
+        (Nested[np.int32], tuple[NDArray[np.int32], ...] | None),
+        (Swapped[int, str], tuple[str, int]),
+        (Word, str | None),
+    ],
+    ids=str,
+)
+def test_an_alias_is_stored_as_what_it_stands_for(kind: Any, same_as: Any) -> None:
+    assert make_codec(kind).name == make_codec(same_as).name
+
+
+def test_an_array_comes_back_by_either_form_of_its_annotation() -> None:
+    for kind in (Array[np.float32], NDArray[np.float32]):
+        back = round_trip(np.float32([1, 2]), kind)
+        assert (back.dtype, back.tolist()) == (np.float32, [1, 2])
+        with pytest.raises(TypeError, match="float32 is declared"):
+            make_codec(kind).write(np.array(["a"]), ArrayWriter())
 
 
 def test_a_file_holds_pieces_as_it_would_hold_them_joined() -> None:
