@@ -283,6 +283,18 @@ def test_a_place_that_cannot_be_written_is_told_in_a_sentence(tmp_path: Path) ->
     assert (tmp_path / "letter.sqlite").read_text().startswith("Dear operator")
 
 
+def test_a_journal_that_cannot_be_begun_is_not_left_open(tmp_path: Path) -> None:
+    (tmp_path / "letter.sqlite").write_text("Dear operator, " * 100)
+    newer = sqlite3.connect(tmp_path / "newer.sqlite")
+    newer.execute("PRAGMA user_version = 9999")
+    newer.close()
+    for name in ("letter.sqlite", "newer.sqlite"):
+        with pytest.raises(JournalError) as caught:  # it keeps what the journal had
+            Journal(tmp_path / name, "run")
+        opened = [str(fd.readlink()) for fd in Path("/proc/self/fd").iterdir() if fd.exists()]
+        assert str(tmp_path / name) not in opened, caught.value
+
+
 async def test_a_full_disk_is_a_journal_error_and_what_was_there_stays(
     journal: Journal, path: Path
 ) -> None:

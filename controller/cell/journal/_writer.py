@@ -67,8 +67,12 @@ class Journal:
             self._db = sqlite3.connect(
                 path, isolation_level=None, check_same_thread=False, timeout=BUSY_WALL_S
             )
-            self._begin()
-            self._files = OpenFiles(path)
+            try:
+                self._begin()
+                self._files = OpenFiles(path)
+            except BaseException:
+                self._close()
+                raise
         except (sqlite3.Error, OSError) as error:
             raise JournalError(f"journal {path}: {error}; nothing moves without it") from error
 
