@@ -28,7 +28,7 @@ from emulators.camera_v4l2 import unmount
 from emulators.control_port import ControlPort
 from emulators.owned import owned_folder
 from emulators.register import registered
-from emulators.world import LayoutError
+from emulators.world import EngineError, LayoutError
 
 log = logging.getLogger(__name__)
 
@@ -249,7 +249,7 @@ async def _stdin_closed() -> None:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run ``python -m emulators``; return 0, 1 (it broke) or 2 (command line or files).
+    """Run ``python -m emulators``; return 0, 1 (it broke) or 2: command line, files, no pybullet.
 
     The line on stdout: ``{"event": "ready", "speed", "wall_clock", "seed", "devices": {"arm",
     "gripper", "lights", "io", <camera>...}, "camera_transport", "why_not_fuse", "pid",
@@ -268,7 +268,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             if args.ready_fd is not None:
                 ready = stack.enter_context(os.fdopen(args.ready_fd, "w"))
             asyncio.run(serve(options, args.control, ready, args.die_with_parent))
-    except LayoutError as error:
+    except (LayoutError, EngineError) as error:
         log.error("%s", error)
         return 2
     return 0

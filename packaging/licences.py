@@ -42,6 +42,8 @@ SPDX = {
 }
 # metadata that names none; read in the package's own licence file
 READ = {"embreex": "BSD-2-Clause", "atheris": "Apache-2.0", "manifold3d": "Apache-2.0"}
+# each Python needs one of these and has metadata of no other (pyproject.toml)
+BY_PYTHON = {"pybullet": "Zlib", "pybullet-arm64": "Zlib"}
 BUNDLED = {
     "cadquery-ocp-novtk": "OpenCASCADE, LGPL-2.1-only WITH OCCT-exception-1.0",
     "opencv-python-headless": "FFmpeg, LGPL-2.1-or-later, as a library of its own",
@@ -157,10 +159,11 @@ def page() -> str:
         "| package | licence | needed by | holds as well |",
         "|---|---|---|---|",
     ]
-    for name, parents in sorted(needed().items()):
-        if not is_installed(name):
+    listed = {name: {PROJECT} for name in BY_PYTHON} | needed()
+    for name, parents in sorted(listed.items()):
+        if name not in BY_PYTHON and not is_installed(name):
             continue
-        licence = licence_of(distribution(name))
+        licence = BY_PYTHON.get(name) or licence_of(distribution(name))
         if not is_allowed(licence):
             raise ValueError(f"{name}: {licence} is not allowed")
         by = ", ".join(sorted(parents))

@@ -18,6 +18,7 @@ from .layout import (
     read_layout,
 )
 from .matter.collide import Collision
+from .matter.engine import EngineError
 from .matter.solid import MAX_REST_OFF_RAD, Rest, Solid, load_solid
 from .pictures import (
     Picture,
@@ -35,6 +36,7 @@ __all__ = [
     "CameraLayout",
     "Collision",
     "DriverChoice",
+    "EngineError",
     "Event",
     "LampLayout",
     "Layout",

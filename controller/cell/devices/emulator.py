@@ -19,7 +19,7 @@ from controller.config import ConfigError
 # is decomposed into convex pieces.
 READY_TIMEOUT_S = 900.0
 STOP_TIMEOUT_S = 60.0
-WRONG_COMMAND_LINE = 2  # the emulator's exit code for a wrong option or cell file
+CANNOT_START = 2  # the emulator's exit code for a wrong option or file, or a library not installed
 
 
 class EmulatorError(Exception):
@@ -105,7 +105,7 @@ def emulated_cell(command: Sequence[str], log_path: Path | None = None) -> Itera
 
     Raises
     ------
-    ConfigError : the emulator refuses an option or a file
+    ConfigError : the emulator refuses an option or a file, or a library of its is missing
     EmulatorError : it did not become ready
     """
     if log_path is not None:
@@ -149,7 +149,7 @@ def _ready(process: "subprocess.Popen[bytes]", log: IO[bytes], where: str) -> di
         if not line:
             code = process.wait()
             words = _last_words(log)
-            if code == WRONG_COMMAND_LINE:
+            if code == CANNOT_START:
                 raise ConfigError(words.removeprefix("emulators.app: "))
             raise EmulatorError(f"the emulated cell ended with code {code}: {words}{where}")
         try:

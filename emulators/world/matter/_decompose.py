@@ -6,7 +6,7 @@
 import sys
 from typing import Final
 
-import pybullet
+from .engine import load_engine
 
 RESOLUTION: Final = 300_000  # voxels: 1 mm across on a 130 mm part, 1 to 4 s of time
 CONCAVITY: Final = 0.001
@@ -17,7 +17,7 @@ MAX_VERTICES: Final = 64
 def main(argv: list[str]) -> int:
     """Decompose ``argv[0]`` into ``argv[1]``, log in ``argv[2]``; return the exit code."""
     mesh_path, pieces_path, log_path = argv
-    pybullet.vhacd(
+    load_engine().vhacd(
         mesh_path,
         pieces_path,
         log_path,

@@ -3,10 +3,10 @@
 from typing import Final
 
 import numpy as np
-import pybullet
 
 from ..layout import MM_PER_M, Array, Box
 from ..poses import invert, quat_xyzw_of, rotation_of
+from .engine import load_engine
 from .solid import Solid
 
 STEP_S: Final = 1.0 / 240.0
@@ -22,10 +22,12 @@ class Bodies:
 
     Raises
     ------
-    RuntimeError : pybullet has no free client
+    EngineError : pybullet is not installed
+    RuntimeError : it has no free client
     """
 
     def __init__(self) -> None:
+        pybullet = self._pybullet = load_engine()
         self._client = pybullet.connect(pybullet.DIRECT)
         # where boxes are due: most are moved many times before pybullet is asked about them
         self._due: dict[int, tuple[Array, Array]] = {}
@@ -47,11 +49,11 @@ class Bodies:
     def close(self) -> None:
         """Give the client back."""
         if self._client >= 0:
-            pybullet.disconnect(physicsClientId=self._client)
+            self._pybullet.disconnect(physicsClientId=self._client)
             self._client = -1
 
     def _rub(self, body: int) -> None:
-        pybullet.changeDynamics(
+        self._pybullet.changeDynamics(
             body,
             -1,
             lateralFriction=FRICTION,
@@ -64,10 +66,10 @@ class Bodies:
     def add_box(self, box: Box, T_world_frame: Array) -> int:
         """Add a box that stays put, its frame its own (see `place_box`); return its body."""
         half = [float(v) / MM_PER_M for v in box.half_mm]
-        shape = pybullet.createCollisionShape(
-            pybullet.GEOM_BOX, halfExtents=half, physicsClientId=self._client
+        shape = self._pybullet.createCollisionShape(
+            self._pybullet.GEOM_BOX, halfExtents=half, physicsClientId=self._client
         )
-        body = int(pybullet.createMultiBody(0.0, shape, physicsClientId=self._client))
+        body = int(self._pybullet.createMultiBody(0.0, shape, physicsClientId=self._client))
         self._rub(body)
         self.place_box(body, box.centre_mm, T_world_frame)
         self._reset_due()
@@ -93,16 +95,18 @@ class Bodies:
 
     def add_part(self, solid: Solid) -> tuple[int, int]:
         """Add a part twice, far away; return the body that falls and the one that is carried."""
-        shape = pybullet.createCollisionShape(
-            pybullet.GEOM_MESH, fileName=str(solid.pieces_path), physicsClientId=self._client
+        shape = self._pybullet.createCollisionShape(
+            self._pybullet.GEOM_MESH, fileName=str(solid.pieces_path), physicsClientId=self._client
         )
         c = self._client
         far = [float(v) / MM_PER_M for v in _FAR_MM]
-        falling = int(pybullet.createMultiBody(solid.mass_kg, shape, -1, far, physicsClientId=c))
-        carried = int(pybullet.createMultiBody(0.0, shape, -1, far, physicsClientId=c))
+        falling = int(
+            self._pybullet.createMultiBody(solid.mass_kg, shape, -1, far, physicsClientId=c)
+        )
+        carried = int(self._pybullet.createMultiBody(0.0, shape, -1, far, physicsClientId=c))
         for body in (falling, carried):
             self._rub(body)
-        pybullet.changeDynamics(
+        self._pybullet.changeDynamics(
             falling,
             -1,
             localInertiaDiagonal=[float(v) for v in solid.inertia_kg_m2],
@@ -115,7 +119,9 @@ class Bodies:
     def switch(self, body: int, on: bool) -> None:
         """Let a body touch others, or take it out of the world."""
         group = 1 if on else 0
-        pybullet.setCollisionFilterGroupMask(body, -1, group, group, physicsClientId=self._client)
+        self._pybullet.setCollisionFilterGroupMask(
+            body, -1, group, group, physicsClientId=self._client
+        )
         if not on:
             self._reset(body, _FAR_MM, np.eye(3))
 
@@ -128,7 +134,9 @@ class Bodies:
         touch : True: contacts between them act
         """
         flag = 1 if touch else 0
-        pybullet.setCollisionFilterPair(one, other, -1, -1, flag, physicsClientId=self._client)
+        self._pybullet.setCollisionFilterPair(
+            one, other, -1, -1, flag, physicsClientId=self._client
+        )
 
     def place_part(self, body: int, solid: Solid, T_world_part: Array) -> None:
         """Put a part at rest at a pose of its CAD frame.
@@ -144,7 +152,7 @@ class Bodies:
 
     def _reset(self, body: int, position_mm: Array, R: Array) -> None:
         x, y, z = position_mm.tolist()
-        pybullet.resetBasePositionAndOrientation(
+        self._pybullet.resetBasePositionAndOrientation(
             body,
             (x / MM_PER_M, y / MM_PER_M, z / MM_PER_M),
             quat_xyzw_of(R),
@@ -154,11 +162,13 @@ class Bodies:
     def halt(self, body: int) -> None:
         """Take a body's speed away."""
         zero = (0.0, 0.0, 0.0)
-        pybullet.resetBaseVelocity(body, zero, zero, physicsClientId=self._client)
+        self._pybullet.resetBaseVelocity(body, zero, zero, physicsClientId=self._client)
 
     def part_pose(self, body: int, solid: Solid) -> Array:
         """Return where a falling part is, T_world_part [mm]."""
-        position, quat = pybullet.getBasePositionAndOrientation(body, physicsClientId=self._client)
+        position, quat = self._pybullet.getBasePositionAndOrientation(
+            body, physicsClientId=self._client
+        )
         T = np.eye(4)
         T[:3, :3] = rotation_of(quat)
         T[:3, 3] = np.array(position) * MM_PER_M
@@ -167,13 +177,13 @@ class Bodies:
 
     def speed(self, body: int) -> tuple[float, float]:
         """Return how fast a body moves and turns [mm/s, rad/s]."""
-        v, w = pybullet.getBaseVelocity(body, physicsClientId=self._client)
+        v, w = self._pybullet.getBaseVelocity(body, physicsClientId=self._client)
         return MM_PER_M * sum(a * a for a in v) ** 0.5, sum(a * a for a in w) ** 0.5
 
     def step(self) -> None:
         """Let one `STEP_S` pass."""
         self._reset_due()
-        pybullet.stepSimulation(physicsClientId=self._client)
+        self._pybullet.stepSimulation(physicsClientId=self._client)
 
     def deepest(
         self, one: int, other: int, within_mm: float = 0.0
@@ -189,7 +199,7 @@ class Bodies:
         within_mm : how far apart they may be to be looked at
         """
         self._reset_due(one, other)
-        contacts = pybullet.getClosestPoints(
+        contacts = self._pybullet.getClosestPoints(
             one, other, within_mm / MM_PER_M, physicsClientId=self._client
         )
         if not contacts:

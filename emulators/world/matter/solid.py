@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from ..layout import MM_PER_M, Array, LayoutError
 from ..poses import invert, transform, turn_z
 from . import _decompose
+from .engine import load_engine
 
 if TYPE_CHECKING:  # slow to load, and the picture process reads no part
     import trimesh
@@ -337,6 +338,7 @@ def _decomposed(mesh: "trimesh.Trimesh", folder: Path) -> list[Array]:
     """Return the corners of the convex pieces of a mesh, (n, 3) each; files go to a folder."""
     from trimesh.exchange.obj import export_obj
 
+    load_engine()  # says what is missing, where the process would only fail
     raw, mesh_path = folder / "pieces.obj", folder / "mesh.obj"
     mesh_path.write_text(export_obj(mesh, include_normals=False))
     arguments = (str(mesh_path), str(raw), str(folder / "log.txt"))
