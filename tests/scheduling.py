@@ -12,6 +12,7 @@ made once is held by `test_shared_work.py`.
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 HERE = Path(__file__).parent
 # CPU seconds of each unit of one and more, as `benchmarks/bench_suite.py --keep` last wrote them
 TYPICAL = HERE / "data" / "typical_seconds.json"
+SHORT_CPU_S = 2.0  # what a file may take that is run on a second Python, too: 250 of 315 do
 # Each of these starts processes of its own that keep time: two of them at once would only wait. A
 # file belongs to the first group that names the start of its path.
 GROUPS = {
@@ -66,3 +68,15 @@ class LongestFirst(LoadScopeScheduling):
 def typical_seconds() -> dict[str, float]:
     """Return the CPU seconds that each unit took when they were last kept."""
     return {str(k): float(v) for k, v in json.loads(TYPICAL.read_text()).items()}
+
+
+def short_files() -> list[str]:
+    """Return the files of unit tests that take `SHORT_CPU_S` at most, from the root on."""
+    seconds = typical_seconds()
+    files = sorted((HERE / "unit").glob("test_*.py"))
+    names = [str(file.relative_to(HERE.parent)) for file in files]
+    return [name for name in names if seconds.get(unit_of(name), 0.0) <= SHORT_CPU_S]
+
+
+if __name__ == "__main__":
+    sys.stdout.write(" ".join(short_files()) + "\n")
