@@ -8,6 +8,8 @@ import os
 import select
 import signal
 import struct
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -26,6 +28,14 @@ pytestmark = pytest.mark.skipif(WHY_NOT is not None, reason=f"no FUSE: {WHY_NOT}
 
 PATIENCE_MS = 10_000
 SPEED = 4.0
+DYING = """
+import os, signal, sys
+from test_emu_camera_fuse import OpenCamera
+
+file = OpenCamera(sys.argv[1])
+file.client.request_buffers(4)
+os.kill(os.getpid(), signal.SIGKILL)
+"""
 
 
 @pytest.fixture(scope="module")
@@ -223,15 +233,10 @@ def test_a_camera_comes_back_under_its_name_while_the_old_file_is_open(
 
 
 def test_a_client_that_dies_frees_the_camera(camera: CameraProcess) -> None:
-    pid = os.fork()
-    if pid == 0:  # not a line of pytest may run in the child
-        try:
-            file = OpenCamera(camera["video0"])
-            file.client.request_buffers(4)
-            os.kill(os.getpid(), signal.SIGKILL)
-        finally:
-            os._exit(1)
-    assert os.waitpid(pid, 0)[1] == signal.SIGKILL
+    dying = (sys.executable, "-c", DYING, camera["video0"])
+    path = os.pathsep.join(sys.path)
+    died = subprocess.run(dying, env=os.environ | {"PYTHONPATH": path}, check=False)
+    assert died.returncode == -signal.SIGKILL
     with OpenCamera(camera["video0"]) as file:
         file.start()
         assert file.next()[0].used_bytes == 1280 * 1024
