@@ -123,3 +123,29 @@ def test_by_a_whole_journal_a_gripper_that_cannot_be_read_is_not_called_empty(
     said = capsys.readouterr().out
     assert "Nothing is held" not in said
     assert "the arm gripper cannot be read. Look at its jaws" in said
+
+
+@pytest.mark.parametrize("as_json", [False, True])
+def test_without_journal_and_note_a_gripper_that_cannot_be_read_is_unknown(
+    cell_path: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    *,
+    as_json: bool,
+) -> None:
+    """As after all state of a user is lost, or for another user: a visit records nothing either."""
+    without_power(monkeypatch)
+    for _ in range(2):
+        code = release.recover_cell(
+            cell_path, tmp_path / "other", None, is_confirmed=False, as_json=as_json
+        )
+        said = capsys.readouterr().out
+        assert code == 1
+        if as_json:
+            assert json.loads(said)["unknown"] == ["arm gripper"]
+        else:
+            assert "Nothing is held" not in said
+            assert "no gripper holds" not in said
+            assert "what the arm gripper holds is unknown: no run of this cell" in said
+            assert "cellctl recover --open arm" in said

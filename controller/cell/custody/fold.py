@@ -198,6 +198,27 @@ def fold_custody(found: Iterable[Row], here: CellIdentity) -> tuple[Held, ...]:
     return tuple(held[gripper] for gripper in GripperName if gripper in held)
 
 
+def recorded_grippers(found: Iterable[Row], here: CellIdentity) -> frozenset[GripperName]:
+    """Return the grippers of a cell of which some run has recorded what they held.
+
+    Of the others the journals know nothing, which is not that they are empty.
+
+    Parameters
+    ----------
+    found : as `read_folded` yields them, of all runs, in order
+    here : the cell whose grippers are in question
+    """
+    cells: dict[str, CellIdentity] = {}
+    recorded: set[GripperName] = set()
+    for row in found:
+        if is_of(row, rows.RunBegan):
+            with suppress(ValueError):
+                cells[row.run] = CellIdentity.of(rows.RunBegan.model_validate(row.body))
+        elif row.kind == "custody" and (cell := cells.get(row.run)) is not None:
+            recorded |= {gripper for gripper in GripperName if here.shares(gripper, cell)}
+    return frozenset(recorded)
+
+
 def _held(gripper: GripperName, custody: Custody, row: Row, detail: str) -> Held:
     return Held(gripper, custody, row.run, row.part, row.t_utc, detail)
 

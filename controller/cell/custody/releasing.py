@@ -18,7 +18,14 @@ from ..devices.clocks import FoundClock
 from ..devices.interlocks import check_interlocks
 from ..errors import CellError
 from ..journal import JOURNAL_NAME, Journal, Once, rows
-from .fold import CellIdentity, Custody, GripperName, Held, fold_custody
+from .fold import (
+    CellIdentity,
+    Custody,
+    GripperName,
+    Held,
+    fold_custody,
+    recorded_grippers,
+)
 from .known_journals import (
     after_known,
     lost_rows,
@@ -29,7 +36,7 @@ from .known_journals import (
     why_lost,
 )
 from .left_leases import LeftLease, read_left_leases
-from .openings import Opening, read_openings
+from .openings import Occupancy, Opening, read_openings
 from .start_check import note_taken_out, openings_row
 
 # Enough to take a part out, and too little for the jaws to meet anything beside it.
@@ -54,12 +61,14 @@ class Standing:
     openings : from the grippers themselves
     notice : what was wrong with the journal; empty if nothing was
     leases : what the last run had when its controller died
+    unknown : grippers that cannot be read, and of which no journal has recorded anything
     """
 
     known: tuple[Held, ...]
     openings: tuple[Opening, Opening]
     notice: str
     leases: tuple[LeftLease, ...] = ()
+    unknown: frozenset[GripperName] = frozenset()
 
 
 class ReleaseVisit:
@@ -152,9 +161,13 @@ class ReleaseVisit:
             path = self._runs_dir / JOURNAL_NAME
             known = fold_custody(lost_rows(path, self._lost), here)
             return Standing(known, openings, lost_words(path, self._lost))
-        known = fold_custody(rows_of_all_journals(self._journal.path, self._began), here)
+        found = rows_of_all_journals(self._journal.path, self._began)
+        known = fold_custody(found, here)
+        unread = {one.gripper for one in openings if one.occupancy is Occupancy.UNREADABLE}
+        unknown = frozenset(unread - recorded_grippers(found, here))
         self._note(openings_row(openings))
-        return Standing(known, openings, self._notice, read_left_leases(self._journal.path, here))
+        leases = read_left_leases(self._journal.path, here)
+        return Standing(known, openings, self._notice, leases, unknown)
 
     async def open(self, gripper: GripperName, known: Sequence[Held]) -> Custody:
         """Open one gripper while a person holds the part; return the custody that follows.

@@ -117,9 +117,11 @@ async def _proposal(
 
 def _may_hold(standing: Standing) -> set[GripperName]:
     holding = (Occupancy.HOLDS, Occupancy.MAY_HOLD)
-    return {one.gripper for one in standing.known} | {
-        one.gripper for one in standing.openings if one.occupancy in holding
-    }
+    return (
+        {one.gripper for one in standing.known}
+        | {one.gripper for one in standing.openings if one.occupancy in holding}
+        | standing.unknown
+    )
 
 
 def _report(standing: Standing, found: Proposal | str | None) -> None:
@@ -127,8 +129,14 @@ def _report(standing: Standing, found: Proposal | str | None) -> None:
         warn(standing.notice)
     for one in standing.known:
         print_line(f"journal: the {one.gripper.value} may hold a part: {known_words(one)}")
-    if not standing.known:
+    if not standing.known and not standing.unknown:
         print_line("journal: no gripper holds a part")
+    for gripper in GripperName:
+        if gripper in standing.unknown:
+            print_line(
+                f"journal: what the {gripper.value} holds is unknown: no run of this cell has "
+                "recorded it. Look at its jaws"
+            )
     for lease in standing.leases:
         print_line(f"lease: {lease.words}")
     for opening in standing.openings:
@@ -232,6 +240,7 @@ def _json(
             {"resources": list(one.resources), "by": one.by, "run": one.run, "since": one.since}
             for one in standing.leases
         ],
+        "unknown": [one.value for one in GripperName if one in standing.unknown],
         "notice": standing.notice,
         "proposal": _proposal_json(found),
         "custody": custody,
