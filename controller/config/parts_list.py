@@ -30,17 +30,25 @@ class ListReader:
 
     def titles(self) -> list[str]:
         """Return the titles, in small letters; to be called first, once."""
-        return [title.strip().lower() for title in next(self._reader, [])]
+        return [title.strip().lower() for title in _cut(next(self._reader, []), 0)]
 
     def rows(self, titles: list[str]) -> Iterator[dict[str, str] | None]:
         """Yield each line's values by title; None where they are more or fewer than the titles.
 
-        The values have the blanks about them that the list has.
+        The values have the blanks about them that the list has. Spreadsheets end lines with empty
+        columns: these are none.
         """
-        for values in self._reader:
+        for line in self._reader:
+            values = _cut(line, len(titles))
             if any(value.strip() for value in values):
                 fits = len(values) == len(titles)
                 yield dict(zip(titles, values, strict=True)) if fits else None
+
+
+def _cut(values: list[str], least: int) -> list[str]:
+    """Return values without blank ones at the end, but so many at least."""
+    last = next((i for i in range(len(values), 0, -1) if values[i - 1].strip()), 0)
+    return values[: max(last, least)]
 
 
 def table_of(text: str) -> tuple[str, str, int]:

@@ -32,9 +32,9 @@ def load_calibration(path: Path) -> Camera:
     body = parse_json(read_text(path, "a calibration", MAX_BYTES), path, "a calibration")
     try:
         width, height = (_count(number) for number in body["size_px"])
-        K = np.array(body["K"], dtype=float).reshape(3, 3)
-        distortion = np.array(body["distortion"], dtype=float).reshape(5)
-        T = np.array(body["T_world_cam"], dtype=float).reshape(4, 4)
+        K = _numbers(body, "K", 3, 3)
+        distortion = _numbers(body, "distortion", 5)
+        T = _numbers(body, "T_world_cam", 4, 4)
     except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
         raise ConfigError(
             f"{path}: no camera calibration ({type(error).__name__}: {error!s:.120}); required "
@@ -42,6 +42,17 @@ def load_calibration(path: Path) -> Camera:
         ) from error
     _check(path, (width, height), K, T)
     return Camera((width, height), K, distortion, T)
+
+
+def _numbers(body: Mapping[str, Any], key: str, *shape: int) -> FloatArray:
+    """Return the numbers of a key; raise ValueError, which names it, if they are others."""
+    try:
+        return np.array(body[key], dtype=float).reshape(shape)
+    except ValueError:
+        size = " x ".join(map(str, shape))
+        raise ValueError(
+            f"`{key}` is not {size} numbers; a decimal comma would make two of one"
+        ) from None
 
 
 def _count(number: object) -> int:

@@ -64,6 +64,11 @@ def read_references(path: Path, known: Collection[str], parts: Collection[str]) 
     for row in table:
         where = f"{path}:{table.line_num + skipped}"
         one = {key: (value or "").strip() for key, value in row.items() if isinstance(key, str)}
+        if any(value.strip() for value in row.get(table.restkey, ())):
+            raise ConfigError(
+                f"{where}: more values than columns; where numbers have decimal commas, semicolons "
+                "or tabs stand between the values"
+            )
         if mark != ",":  # then a comma in a number is a decimal sign
             for key in NUMBERS:
                 one[key] = DECIMAL_COMMA.sub(r"\1.\2", one.get(key, ""))
