@@ -1,13 +1,16 @@
 """One wrong byte at every place of whole sessions of the arm: what moved, what was said.
 
 python benchmarks/bench_wire_faults.py [--json] [--sample N] [--seed S] [--flips N] [--jobs N]
-    [--minutes M] | --cost
+    [--minutes M] | --cost | --noise [--sessions N] [--seed S] [--rate R]
 
 Two sessions: cold open, moves of every axis, gripper, grip with a part, stops, park; and warm open,
 homing, a move. At every byte of both directions: bits flipped (by default one, by the seed; 8 for
 all), the byte lost, doubled, late by two amounts. Judged by the emulated motors. With --sample, so
 many faults drawn at random; with --minutes, as many as fit, in an order that the seed draws.
 With --cost, what connecting, homing and moves take without a fault, in exact cell time.
+With --noise, bursts of 1 to 5 random bytes in R of the gaps between exchanges, N sessions of each
+kind and direction with the seeds from S on; told apart by how many bursts a session had. One step
+of an axis (STEP_COUNTS) cannot be prevented, for the noise itself is the command: farther is bad.
 Exit code 1 when an axis moved that was not asked to, when something was said to be done that is
 not, or when a session did not end.
 """
@@ -34,9 +37,11 @@ sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "cross"), str(ROOT / "tests" / "
 from test_umi_over_pty import random_targets  # noqa: E402  (path set above)
 from umi_line_faults import (  # noqa: E402  (path set above)
     LineFault,
+    Noise,
     Result,
     Session,
     SessionName,
+    Way,
     faults_at,
     quiet,
     run_session,
@@ -45,6 +50,9 @@ from umi_line_faults import (  # noqa: E402  (path set above)
 from drivers.umi_scara import Axis, UmiScara, kinematics  # noqa: E402
 from drivers.umi_scara.model.kinematics import COUNTS_ORDER  # noqa: E402
 
+# Largest way of one interpolation command, which moves without an order to go: umi_rtx.md 2.7.
+STEP_COUNTS = 8.0
+WAYS: tuple[Way, ...] = ("to the arm", "from the arm")
 SESSIONS: tuple[SessionName, ...] = ("moves", "homing")
 Case = tuple[SessionName, LineFault]
 
@@ -137,6 +145,73 @@ def tally(found: Iterable[tuple[Case, Result]]) -> tuple[list[dict[str, Any]], l
     ], bad
 
 
+NoisyCase = tuple[SessionName, Way, int, float]
+
+
+def run_noisy(case: NoisyCase) -> tuple[NoisyCase, Result]:
+    name, way, seed, rate = case
+    with quiet():
+        return case, run_session(name, noise=Noise(seed, rate, (way,)))
+
+
+def noise_rows(found: Iterable[tuple[NoisyCase, Result]]) -> tuple[list[dict[str, Any]], list[Any]]:
+    """Return a row per session, direction and number of bursts (3: more), and what is bad."""
+    rows: dict[tuple[str, str, int], Counter[str]] = defaultdict(Counter)
+    farthest: dict[tuple[str, str, int], float] = defaultdict(float)
+    bad = []
+    for (name, way, seed, _), result in found:
+        key = (name, way, min(result.burst_count, 3))
+        row = rows[key]
+        far = result.largest_counts > STEP_COUNTS
+        is_bad = far or result.false_done or result.runs_on or result.end in ("bug", "hangs")
+        row["sessions"] += 1
+        row["fault" if result.end == "fault" else "done"] += 1
+        row["bad"] += bool(is_bad)
+        farthest[key] = max(farthest[key], result.largest_counts)
+        if is_bad:
+            bad.append({"session": name, "way": way, "seed": seed, "result": asdict(result)})
+    return [
+        {"session": name, "way": way, "bursts": bursts}
+        | {
+            column: rows[name, way, bursts][column]
+            for column in ("sessions", "done", "fault", "bad")
+        }
+        | {"largest_unasked_counts": farthest[name, way, bursts]}
+        for name, way, bursts in sorted(rows)
+    ], bad
+
+
+def noise(args: argparse.Namespace) -> int:
+    cases: list[NoisyCase] = [
+        (name, way, seed, args.rate)
+        for name in SESSIONS
+        for way in WAYS
+        for seed in range(args.seed, args.seed + args.sessions)
+    ]
+    if args.jobs == 1:
+        rows, bad = noise_rows(map(run_noisy, cases))
+    else:
+        with ProcessPoolExecutor(args.jobs) as pool:
+            rows, bad = noise_rows(pool.map(run_noisy, cases, chunksize=5))
+    noisy = [row for row in rows if row["bursts"]]
+    whole = {name: sum(row[name] for row in noisy) for name in ("sessions", "done", "fault", "bad")}
+    if args.json:
+        print(json.dumps({"noisy": whole, "rows": rows, "bad": bad, "rate": args.rate}))
+        return 1 if bad else 0
+    print("session way           bursts sessions  done fault  bad  largest")
+    for row in rows:
+        more = "+" if row["bursts"] == 3 else " "
+        print(
+            f"{row['session']:7} {row['way']:13} {row['bursts']:5d}{more} {row['sessions']:8d}"
+            f" {row['done']:5d} {row['fault']:5d} {row['bad']:4d}"
+            f" {row['largest_unasked_counts']:8.1f}"
+        )
+    print("with noise: " + ", ".join(f"{name} {value}" for name, value in whole.items()))
+    for one in bad:
+        print(json.dumps(one))
+    return 1 if bad else 0
+
+
 def print_table(rows: list[dict[str, Any]], bad: list[Any]) -> None:
     print("session way           kind       runs  recov.  went on  fault  moved  false  largest")
     for row in rows:
@@ -159,7 +234,12 @@ def main() -> int:
     parser.add_argument("--jobs", type=int, default=1, help="processes (default: 1)")
     parser.add_argument("--minutes", type=float, default=float("inf"), help="time to stop after")
     parser.add_argument("--cost", action="store_true", help="time of verbs without a fault")
+    parser.add_argument("--noise", action="store_true", help="random bytes between exchanges")
+    parser.add_argument("--sessions", type=int, default=50, help="with --noise (default: 50)")
+    parser.add_argument("--rate", type=float, default=0.0003, help="of gaps with noise")
     args = parser.parse_args()
+    if args.noise:
+        return noise(args)
     if args.cost:
         rows = asyncio.run(cost())
         print(json.dumps({"rows": rows}) if args.json else "\n".join(map(str, rows)))

@@ -21,7 +21,7 @@ from drivers.wires import LineTap
 
 from ._config import ArmConfig, check_speeds
 from ._session import ArmIdentity, ArmSession
-from .line import Guard, LineUncertainError, Trace, Transport
+from .line import Guard, Trace, Transport
 from .model import OutOfRangeError, kinematics
 from .model.limits import COUNTS_ORDER, check_limits
 from .motion import (
@@ -258,7 +258,7 @@ class UmiScara:
         AxisStalledError : an axis stalled or stopped short on the way to the park
         MotionStoppedError : `stop` was called
         """
-        await self._home(None)
+        await self._session.until_certain(lambda: self._home(None))
 
     async def _home(self, confirm: Confirm | None) -> None:
         async with self._session.motion(needs_home=False) as guard:
@@ -434,7 +434,7 @@ class UmiScara:
         if self._session.is_moving:
             counts = await self.axes.read_actuals(Axis)
         else:
-            counts = await self.positions.read(self.axes)
+            counts = await self._session.until_certain(lambda: self.positions.read(self.axes))
         self._session.require_homed()  # another request may have found the position lost meanwhile
         return counts
 
@@ -568,6 +568,11 @@ class UmiScara:
             raise ValueError(f"a grasp needs a force of 1 to 100, not {force}")
         if not 0.0 < speed_share <= 1.0:
             raise ValueError(f"a share of the speed is above 0 to 1, not {speed_share:g}")
+        return await self._session.until_certain(
+            lambda: self._grasp_once(force, deadline_s, speed_share)
+        )
+
+    async def _grasp_once(self, force: int, deadline_s: float, speed_share: float) -> float:
         gripper = Axis.GRIPPER
         async with self._session.motion() as guard:
             await self.positions.make_sure(self.axes, guard)
@@ -589,7 +594,9 @@ class UmiScara:
         if self._session.is_moving:
             counts = await self.axes.read_actual(Axis.GRIPPER)
         else:
-            counts = await self.axes.read_actual_twice(Axis.GRIPPER)
+            counts = await self._session.until_certain(
+                lambda: self.axes.read_actual_twice(Axis.GRIPPER)
+            )
         self._session.require_homed()
         return self._config.gripper.opening_mm(counts)
 
@@ -655,15 +662,13 @@ class UmiScara:
     ) -> dict[Axis, int]:
         """Move as `move_counts` does, with speeds that follow from the distances [counts].
 
-        A move that ended because a request may have been garbled is started once more from where
-        the arm stands, if its counters can be trusted.
+        A move that ended because a request may have been garbled is begun again from where the arm
+        stands, if its counters can be trusted.
         """
         wanted = {axis: int(counts) for axis, counts in targets.items()}
-        try:
-            return await self._move_once(wanted, deadline_s, speeds_for, forces, takes_up_play)
-        except LineUncertainError as error:
-            log.warning("the move is begun again: %s", error)
-            return await self._move_once(wanted, deadline_s, speeds_for, forces, takes_up_play)
+        return await self._session.until_certain(
+            lambda: self._move_once(wanted, deadline_s, speeds_for, forces, takes_up_play)
+        )
 
     async def _move_once(
         self,

@@ -10,10 +10,19 @@ from contextlib import suppress
 
 import pytest
 from umi_bench import EMULATED
-from umi_line_faults import LineFault, Session, SessionName, faults_at, quiet, run_session
+from umi_line_faults import (
+    LineFault,
+    Noise,
+    Session,
+    SessionName,
+    Way,
+    faults_at,
+    quiet,
+    run_session,
+)
 
 from drivers.errors import DeviceError, PositionLostError
-from drivers.umi_scara import Axis
+from drivers.umi_scara import Axis, LineUncertainError, MotionStoppedError
 
 
 @pytest.mark.parametrize("name", ["moves", "homing"])
@@ -37,6 +46,56 @@ def test_one_wrong_byte_moves_no_other_axis_and_makes_nothing_false(seed: int) -
                 fault = rng.choice(faults_at(way, place, [rng.randrange(8)]))
                 result = run_session(name, fault)
                 assert not result.is_bad, (fault, result)
+
+
+class OneBurst(Noise):
+    """Noise of given bytes in the gap before one byte of ours."""
+
+    def __init__(self, line: "Session", at: int, data: bytes) -> None:
+        super().__init__(0, 0.0)
+        self._session, self._at, self._data = line, at, data
+
+    def burst(self, now_s: float) -> tuple[Way, list[tuple[float, bytes]]] | None:
+        if self.burst_count or self._session.line.counts["to the arm"] < self._at:
+            return None
+        self.burst_count = 1
+        return "to the arm", [(now_s + 0.001, self._data)]
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "share"),
+    [("moves", "24", 0.3), ("moves", "17", 0.7), ("homing", "38", 0.5), ("homing", "24", 0.8)],
+)
+def test_a_session_goes_on_after_noise_that_the_arm_has_answered(
+    name: SessionName, data: str, share: float
+) -> None:
+    """Questions and stops that nobody sent: whatever verb is at work is begun again."""
+    with quiet():
+        place = int(share * run_session(name).place_counts["to the arm"])
+        session = Session()
+        session.line.noise = OneBurst(session, place, bytes.fromhex(data))
+        result = asyncio.run(session.run(name))
+    assert result.end == "recovered", result.errors
+    assert not result.is_bad, result
+
+
+def test_nothing_moves_again_after_a_stop_that_came_while_the_line_was_uncertain() -> None:
+    session = Session()
+    arm, tried = session.arm, []
+
+    async def move() -> None:
+        tried.append(True)
+        await arm.stop()
+        raise LineUncertainError("noise")
+
+    async def story() -> None:
+        await arm.connect()
+        with pytest.raises(MotionStoppedError):
+            await arm._session.until_certain(move)
+
+    with quiet():
+        asyncio.run(story())
+    assert len(tried) == 1
 
 
 def test_the_judge_sees_an_axis_that_nobody_asked() -> None:

@@ -8,6 +8,7 @@ Sections (§) are those of umi_rtx.md.
 """
 
 import asyncio
+import random
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -29,6 +30,8 @@ STILL_COUNTS = 4.0  # DEAD_BAND and the driver's slack of 2: less is no motion
 NEAR_COUNTS = 4.5  # of a target; half a count more, since counters are whole
 HOMED_COUNTS = 6.5  # of a label: one count of rounding at the elbow's stop (§4.2), and a dither
 WIDTH_MM = 0.5  # of a jaw width; 5 counts are 0.4 mm
+MAX_BURST = 5  # bytes; the longest command has 3, and the gap before a request room for 8
+BYTE_S = 10 / 9600  # umi_rtx.md 1.1: 9600 baud, 10 bits a byte
 PATIENCE_S = 400.0  # a session that takes longer hangs
 PARK = {axis: -18 if axis is Axis.ZED else 0 for axis in Axis}
 # umi_rtx.md 1.3, 2.6, 2.7: which motor a bit of a go means
@@ -63,6 +66,38 @@ class LineFault:
     kind: Kind
     bit: int = 0
     late_s: float = 0.0
+
+
+@dataclass(slots=True)
+class Noise:
+    """Bursts of random bytes on the idle line, between two exchanges.
+
+    Attributes
+    ----------
+    seed : draws when a burst comes, which way, and its bytes
+    rate : share of the gaps between exchanges that have a burst
+    ways : in which direction bursts go
+    burst_count : how many there were
+    """
+
+    seed: int
+    rate: float
+    ways: tuple[Way, ...] = ("to the arm", "from the arm")
+    burst_count: int = 0
+    _rng: random.Random = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._rng = random.Random(self.seed)
+
+    def burst(self, now_s: float) -> tuple[Way, list[tuple[float, bytes]]] | None:
+        """Return what a gap that begins now gets: a way, and bytes with their instants."""
+        if self._rng.random() >= self.rate:
+            return None
+        self.burst_count += 1
+        at_s = now_s + self._rng.uniform(0.0005, 0.003)
+        data = [self._rng.randrange(256) for _ in range(self._rng.randint(1, MAX_BURST))]
+        timed = [(at_s + BYTE_S * i, bytes([byte])) for i, byte in enumerate(data)]
+        return self._rng.choice(self.ways), timed
 
 
 class LineClock(CellClock):
@@ -103,6 +138,7 @@ class JumpingLine:
     model: ArmModel
     wire: ArmWire
     fault: LineFault | None = None
+    noise: Noise | None = None
     asked: set[Axis] = field(default_factory=set)
     moved: dict[Axis, float] = field(default_factory=dict)
     counts: dict[Way, int] = field(default_factory=lambda: {"to the arm": 0, "from the arm": 0})
@@ -200,9 +236,19 @@ class JumpingLine:
             self._from_arm = [one for one in self._from_arm if one[0] > now_s]
             left_s = until_s - self.clock.now_s()
             if data or left_s <= 0:
+                self._disturb(data)
                 return data
             next_s = min([self._next_s(until_s), *(at_s for at_s, _ in self._from_arm), until_s])
             self.pass_time(max(next_s - self.clock.now_s(), 1e-6))
+
+    def _disturb(self, reply: bytes) -> None:
+        """Put noise on the line once a reply is through, and nothing else is on its way."""
+        if self.noise is None or not reply or self._to_arm or self._from_arm:
+            return
+        if (burst := self.noise.burst(self.clock.now_s())) is not None:
+            self.has_struck = True
+            way, timed = burst
+            (self._to_arm if way == "to the arm" else self._from_arm).extend(timed)
 
     async def aclose(self) -> None:
         pass
@@ -214,7 +260,8 @@ class Result:
 
     Attributes
     ----------
-    end : the session went through without an error, went on after one, or ended with one
+    end : the session went through without an error; went on after one, with all verbs done in the
+        end; or ended with one: a verb was not done, or the arm does not know where it is
     moved : ways of axes that were not asked to move, above STILL_COUNTS [counts]
     largest_counts : the largest such way, however small
     false_done : what the driver said was done and is not
@@ -230,6 +277,7 @@ class Result:
     place_counts: dict[Way, int]
     exchange_count: int
     cell_s: float
+    burst_count: int = 0
 
     @property
     def is_bad(self) -> bool:
@@ -246,17 +294,24 @@ def axes_of(arm: UmiScara) -> Axes | None:
 class Session:
     """The verbs of a session, each judged by the motors when it says that it is done."""
 
-    def __init__(self, fault: LineFault | None = None, silence_s: float = 0.5) -> None:
+    def __init__(
+        self,
+        fault: LineFault | None = None,
+        silence_s: float = 0.5,
+        noise: Noise | None = None,
+    ) -> None:
         self.clock = LineClock()
         self.model = ArmModel(seed=3)
         self.wire = ArmWire(self.model)
-        self.line = JumpingLine(self.clock, self.model, self.wire, fault)
+        self.line = JumpingLine(self.clock, self.model, self.wire, fault, noise)
         self.clock.attach(self.line)
         self.wire._line_free_s = self.wire._reply_free_s = self.clock.now_s()
         self.line.on_write = self._hear
+        self.noise = noise
         self.errors: list[str] = []
         self.false_done: list[str] = []
-        self.is_homing = False
+        self.undone: set[str] = set()
+        self.is_homing = self.was_homed = False
         self.stop_after = 0
         self.stop_kind = Stop.DEAD
         self.stopping: asyncio.Task[None] | None = None
@@ -307,6 +362,7 @@ class Session:
             said = await verb()
         except DeviceError as error:
             self.errors.append(f"{what}: {type(error).__name__}: {error}")
+            self.undone.add(what)
             if axes_of(self.arm) is not None and "connect" not in what:
                 try:
                     await self.arm.stop()
@@ -314,6 +370,7 @@ class Session:
                     self.errors.append(f"stop: {type(second).__name__}: {second}")
                 self.clock.advance(0.3)
             return False
+        self.undone.discard(what)
         for axis, counts in (goal or {}).items():
             if abs(self.line.true(axis) - counts) > near:
                 self.false_done.append(
@@ -448,6 +505,8 @@ class Session:
         try:
             await (self.moves() if name == "moves" else self.homing())
             self.line.allow(set(Axis))
+            self.was_homed = self.arm.is_homed
+            self.line.noise = None  # what noise starts after the last stop, no driver sees
             await self.arm.aclose()
             if self.arm.is_homed:
                 raise AssertionError("closed, and homed")
@@ -472,6 +531,7 @@ class Session:
             dict(self.line.counts),
             self.line.exchange_count,
             cell_s,
+            0 if self.noise is None else self.noise.burst_count,
         )
 
     def _end(self, cell_s: float) -> str:
@@ -481,13 +541,14 @@ class Session:
             return "clean"
         if not self.errors:
             return "recovered"
-        last = self.errors[-1]
-        return "fault" if "PositionLost" in last or "stop" in last else "went on after a fault"
+        return "fault" if self.undone or not self.was_homed else "went on after a fault"
 
 
-def run_session(name: SessionName, fault: LineFault | None = None) -> Result:
+def run_session(
+    name: SessionName, fault: LineFault | None = None, noise: Noise | None = None
+) -> Result:
     """Run one session on a loop of its own."""
-    return asyncio.run(Session(fault).run(name))
+    return asyncio.run(Session(fault, noise=noise).run(name))
 
 
 def faults_at(way: Way, place: int, bits: Iterator[int] | list[int]) -> list[LineFault]:

@@ -44,12 +44,20 @@ class Axes:
     link : the line of both IPs
     clock : the cell's clock
     on_position_lost : called with every 0E and 0F: an IP has restarted
+    on_doubt : called when something else than was asked may have been carried out
     """
 
-    def __init__(self, link: Link, clock: CellClock, on_position_lost: Callable[[], None]) -> None:
+    def __init__(
+        self,
+        link: Link,
+        clock: CellClock,
+        on_position_lost: Callable[[], None],
+        on_doubt: Callable[[LineUncertainError], None] = lambda _: None,
+    ) -> None:
         self.link = link
         self.clock = clock
         self._on_position_lost = on_position_lost
+        self._on_doubt = on_doubt
         self._written: dict[tuple[Axis, Parameter], int] = {}
 
     # ---- time ----------------------------------------------------------------------------------
@@ -82,9 +90,13 @@ class Axes:
         except PositionLostError:
             self._lose()
             raise
-        except LineUncertainError:
-            self._written.clear()
+        except LineUncertainError as error:
+            self._doubt(error)
             raise
+
+    def _doubt(self, error: LineUncertainError) -> None:
+        self._written.clear()
+        self._on_doubt(error)
 
     async def halt_uncertain(self, why: str) -> NoReturn:
         """Dead-stop both IPs because of what was seen, and raise LineUncertainError.
@@ -93,9 +105,10 @@ class Axes:
         ------
         LineUncertainError : always; both IPs have had a dead stop by then
         """
-        self._written.clear()
+        error = LineUncertainError(f"arm: {why}; both boards were stopped")
+        self._doubt(error)
         await self.halt(Simple.DEAD_STOP)
-        raise LineUncertainError(f"arm: {why}; both boards were stopped")
+        raise error
 
     def forget(self) -> None:
         """Forget all parameter values: each is read again before it is trusted."""
@@ -148,6 +161,9 @@ class Axes:
             await self.link.halt(codec.encode_simple(command), verifies=verifies)
         except PositionLostError:
             self._lose()
+            raise
+        except LineUncertainError as error:
+            self._doubt(error)
             raise
 
     # ---- reading -------------------------------------------------------------------------------
