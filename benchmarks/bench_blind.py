@@ -6,8 +6,8 @@
 
 `cellctl run` on real wires, on an emulated cell whose time waits for nobody (``--wall-clock``, ADR
 99). Once the run is in a stage, and a random moment later, something makes the controller late;
-LEAD_S later comes an event that must stop the arm. Counted is from that event to the last bit of
-the first stop that each board of the arm has heard, on the clock of the cell and as the emulator
+``--lead`` later comes an event that must stop the arm. Counted is from that event to the last bit
+of the first stop that each board of the arm has heard, on the clock of the cell and as the emulator
 heard it (verb ``arm_stops``); for SIGSTOP, from it to the loss of motor power.
 
 Asked: 0.3 s (p99) to the stop of both boards, 1 s to the loss of power. A trial without a stop
@@ -293,7 +293,9 @@ class Trial:
     problem: str = ""
 
 
-def try_it(fault: str, stage: str, event: str, seed: int, watchdog_s: float) -> Trial:
+def try_it(
+    fault: str, stage: str, event: str, seed: int, watchdog_s: float, lead_s: float = LEAD_S
+) -> Trial:
     """Bring up a cell, make its controller late, let something happen, and see."""
     trial = Trial(fault, stage, event, seed)
     delay_s = random.Random(seed).uniform(0.0, STAGES[stage].within_s)
@@ -313,7 +315,7 @@ def try_it(fault: str, stage: str, event: str, seed: int, watchdog_s: float) -> 
             try:
                 if run.until(STAGES[stage]):
                     time.sleep(delay_s)
-                    _observe(trial, run, world, clock)
+                    _observe(trial, run, world, clock, lead_s)
                 else:
                     trial.problem = f"never came to this stage: {' / '.join(run.seen[-2:])[:300]}"
             finally:
@@ -322,10 +324,10 @@ def try_it(fault: str, stage: str, event: str, seed: int, watchdog_s: float) -> 
     return trial
 
 
-def _observe(trial: Trial, run: Run, world: KillWorld, clock: CellClock) -> None:
+def _observe(trial: Trial, run: Run, world: KillWorld, clock: CellClock, lead_s: float) -> None:
     late_from_s = clock.now_s()
     with FAULTS[trial.fault](run):
-        time.sleep(LEAD_S)
+        time.sleep(lead_s)
         happened_s = clock.now_s()
         EVENTS[trial.event](run, world)
         until_s = happened_s + GIVE_UP_S
@@ -400,6 +402,9 @@ def main() -> int:
         metavar="SECONDS",
         help="of the I/O block, in the motors' supply (ADR 100); 0: none",
     )
+    parser.add_argument(
+        "--lead", type=float, default=LEAD_S, metavar="SECONDS", help="from the fault to the event"
+    )
     parser.add_argument("--json", action="store_true")
     args = parser.parse_args()
     trials: list[Trial] = []
@@ -407,7 +412,7 @@ def main() -> int:
     if not args.json:
         print(row.format("late by", "stage", "event", "stop s", "power s", ""), flush=True)
     for fault, stage, event, seed in drawn(args):
-        trial = try_it(fault, stage, event, seed, args.watchdog)
+        trial = try_it(fault, stage, event, seed, args.watchdog, args.lead)
         trials.append(trial)
         if not args.json:
             shown = [
