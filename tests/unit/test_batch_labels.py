@@ -153,7 +153,7 @@ def test_a_list_names_recipes_numbers_and_lots(tmp_path: Path, mark: str) -> Non
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("", "titles recipe, serial and lot are expected"),
+        ("", "expected the column titles recipe, serial and lot"),
         ("recipe,number\nholder,1\n", "unknown or repeated title `number`"),
         ("recipe,serial\n", "no parts"),
         ("recipe,serial\nholder,A\nholder,B\nholder,A\n", "line 4: .* A is in line 2 already"),
@@ -205,7 +205,7 @@ def test_a_count_stands_behind_its_recipe() -> None:
 
 @pytest.mark.parametrize("word", ["holder=0", "holder=x", "holder=", "holder=1000000", "holder=-1"])
 def test_what_is_no_number_of_parts_is_refused(word: str) -> None:
-    with pytest.raises(ConfigError, match="a number of parts is expected"):
+    with pytest.raises(ConfigError, match="expected a number of parts"):
         asked_recipes([word])
 
 
@@ -221,7 +221,7 @@ def test_two_recipes_of_one_part_are_refused(tmp_path: Path) -> None:
     one = recipe("one.yaml", "one", "a.stl")
     with pytest.raises(ConfigError, match="recipes of the same part"):
         ordered_recipes(asked_recipes([one, recipe("two.yaml", "two", "a.stl")]))
-    with pytest.raises(ConfigError, match="different files of one name"):
+    with pytest.raises(ConfigError, match="have the same name"):
         ordered_recipes(asked_recipes([one, recipe("two.yaml", "two", "sub/a.stl")]))
     with pytest.raises(ConfigError, match="have the same name, one"):
         ordered_recipes(asked_recipes([one, recipe("two.yaml", "one", "sub/a.stl")]))
@@ -257,9 +257,9 @@ def test_numbers_that_earlier_parts_have_are_not_counted_again(tmp_path: Path) -
     [
         ({"serials": ("A",), "is_read": True}, "exclude each other"),
         ({"serials": ("A", "A")}, "given twice"),
-        ({"serials": ("A",), "recipe_count": 2}, "nobody knows whose part comes first"),
-        ({"goes_on": True}, "goes with --serial-from"),
-        ({"counted_from": "A"}, "has to end in a number"),
+        ({"serials": ("A",), "recipe_count": 2}, "the order of the parts is not known"),
+        ({"goes_on": True}, "requires --serial-from"),
+        ({"counted_from": "A"}, "must end in a number"),
         ({"serials": ("",)}, "printable"),
     ],
 )

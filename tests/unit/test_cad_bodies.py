@@ -485,7 +485,7 @@ def test_a_refused_body_leaves_the_others(
     assert "stable poses" in lines["plate"]
     assert "5 of 6 compiled" in out
     assert "rack.step#left: a surface is missing" in err
-    assert "skin has surfaces that enclose no solid" in err
+    assert "skin is left out: its surfaces enclose no solid" in err
 
 
 @needs_kernel

@@ -416,5 +416,5 @@ def test_drawings_of_two_parts_are_refused(
 ) -> None:
     folder = tmp_path / "drawings"
     assert main(["compile", str(plate), str(HOLDER), "--drawings", str(folder)]) == 2
-    assert "one part at a time" in capsys.readouterr().err
+    assert "takes one part" in capsys.readouterr().err
     assert not folder.exists()

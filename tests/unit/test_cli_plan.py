@@ -354,7 +354,7 @@ def test_a_wrong_option_is_answered_in_a_sentence(
 
 def test_several_parts_are_for_a_site_only(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["plan", str(HOLDER), str(HOLDER), "--cell", str(CELL)]) == 2
-    assert "one part is planned at a time" in capsys.readouterr().err
+    assert "`plan` takes one part" in capsys.readouterr().err
     assert main(["plan", str(HOLDER), "--cell", str(CELL), "--site", "--pose", "1"]) == 2
     assert "goes without --pose" in capsys.readouterr().err
 

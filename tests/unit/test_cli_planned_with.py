@@ -364,10 +364,10 @@ def test_a_bare_recipe_plans_as_no_recipe_does(
             ["compile", "--recipe", "RECIPE", "--density", "2"],
             "--density is not allowed with --recipe",
         ),
-        (["plan", "--recipe", "RECIPE", "--recipe", "RECIPE"], "one part is planned at a time"),
+        (["plan", "--recipe", "RECIPE", "--recipe", "RECIPE"], "`plan` takes one part"),
         (
             ["plan", "a.stl", "--site", "--recipe", "RECIPE", "--recipe", "RECIPE"],
-            "several recipes name their parts themselves",
+            "recipes name their own parts",
         ),
     ],
 )

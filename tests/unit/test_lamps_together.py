@@ -118,4 +118,4 @@ def test_pictures_that_make_no_whole_scenes_are_refused_before_anything_is_compi
     files: Files, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main([*files.command(*kept(files)), "--lamps", "3"]) == 2
-    assert "2 pictures make no whole scenes of 3" in capsys.readouterr().err
+    assert "2 pictures cannot be divided into scenes of 3" in capsys.readouterr().err

@@ -361,4 +361,4 @@ def test_a_set_of_another_part_is_refused(
 
     mesh_of(blank()).export(cad)
     assert main(["gauge", str(one), str(other), "--runs", str(tmp_path)]) == 2
-    assert "a study is of one product" in capsys.readouterr().err
+    assert "a study takes one product" in capsys.readouterr().err

@@ -411,11 +411,11 @@ def test_the_command_lists_shows_and_decides(
         (["--verdict", "accept", "--why", "x"], "need PART"),
         (["SN7", "--verdict", "accept"], "needs --why"),
         (["SN7", "--verdict", "ok", "--why", "x"], "one of accept, reject"),
-        (["SN7", "--why", "x"], "go with --verdict"),
-        (["SN7", "--lot", "L1"], "goes without filters"),
-        (["SN7", "--verdict", "accept", "--why", "x", "--finding", "one=real"], "write N=real"),
-        (["SN7", "--verdict", "accept", "--why", "x", "--finding", "1"], "write N=real"),
-        (["--since", "yesterday"], "name a date"),
+        (["SN7", "--why", "x"], "require --verdict"),
+        (["SN7", "--lot", "L1"], "cannot be combined with filters"),
+        (["SN7", "--verdict", "accept", "--why", "x", "--finding", "one=real"], "must be N=real"),
+        (["SN7", "--verdict", "accept", "--why", "x", "--finding", "1"], "must be N=real"),
+        (["--since", "yesterday"], "must be a date"),
     ],
 )
 def test_wrong_words_are_refused_in_a_sentence(

@@ -44,7 +44,7 @@ def acknowledge_stop(cell_file: Path, runs_dir: Path, who: str, why: str, *, as_
         if as_json:
             emit({"event": "ack", "acknowledged": None})
         else:
-            warn("cellctl: nothing waits to be acknowledged")
+            warn("cellctl: there is nothing to acknowledge")
         return 1
     run = f"{datetime.now(UTC):%Y%m%d-%H%M%S}-ack"
     with hold_cell(runs_dir, cell, run) as holder:

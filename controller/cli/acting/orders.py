@@ -191,7 +191,7 @@ def answer_question(
     _check(who, why)
     if not 0 < len(key) <= MAX_KEY:
         raise ConfigError(
-            f"an answer is one word, or a serial number, of at most {MAX_KEY} characters"
+            f"ANSWER must be one word, or a serial number, of at most {MAX_KEY} characters"
         )
     order = AnswerOrder(key=key, number=number, who=who, why=why)
     return print_decision(RunningCell(runs_dir).order("answer", order), "answered", as_json=as_json)
@@ -200,7 +200,7 @@ def answer_question(
 def _check(who: str, why: str) -> None:
     for option, text, most in (("--who", who, MAX_WHO), ("--why", why, MAX_WHY)):
         if len(text) > most:
-            raise ConfigError(f"{option}: {len(text)} characters, {most} at most")
+            raise ConfigError(f"{option}: {len(text)} characters; at most {most} are allowed")
 
 
 def print_decision(reply: DecisionReply, words: str, *, as_json: bool) -> int:

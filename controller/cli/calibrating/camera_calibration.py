@@ -96,8 +96,8 @@ def _by_entry(images: list[Path], target: CalibrationTarget, target_file: Path) 
         name = target.entry_of(path)
         if name is None:
             raise ConfigError(
-                f"{path}: `images` of {target_file} does not list it; add it there with how "
-                "the board is placed, or leave it out"
+                f"{path}: `images` of {target_file} does not list it; add it there, "
+                "with the pose of the board, or leave it out"
             )
         if name in found:
             raise ConfigError(

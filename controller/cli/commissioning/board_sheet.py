@@ -53,7 +53,7 @@ def write_sheet(
     board = _changed(load_board(source), squares, square_mm)
     pdf = output or Path(f"{source.stem}.pdf")
     if pdf.suffix.lower() != ".pdf":
-        raise ConfigError(f"--output {pdf}: the sheet is written as PDF; name a file that ends so")
+        raise ConfigError(f"--output {pdf}: the sheet is a PDF; name a file that ends in .pdf")
     target = pdf.with_suffix(".json")
     check_writable_folder(pdf.parent, "--output in")
     written = {"board": str(target)}
@@ -126,8 +126,8 @@ def _measured(board: BoardSection, measured_mm: float) -> BoardSection:
     scale = measured_mm / nominal_mm
     if not abs(scale - 1) <= SCALE_LIMIT:
         raise ConfigError(
-            f"--measured-mm {measured_mm:g}: {nominal_mm:g} mm were to be printed, which is "
-            f"{100 * abs(scale - 1):.3g} % off. Print it at 100 %, without fitting to the page, "
+            f"--measured-mm {measured_mm:g}: {100 * abs(scale - 1):.3g} % off the nominal "
+            f"{nominal_mm:g} mm. Print it at 100 %, without fitting to the page, "
             "and measure all squares across"
         )
     changes: dict[str, Any] = {"square_mm": board.square_mm * scale}

@@ -70,14 +70,14 @@ def check_jog(options: JogOptions, cell: Cell) -> None:
     require_drivers(options.cell_path, cell)
     if options.commands is None:
         if options.as_json:
-            raise ConfigError("--json goes with --commands; keys need a terminal")
+            raise ConfigError("--json requires --commands: keys need a terminal")
         if not (sys.stdin.isatty() and sys.stdout.isatty()):
             raise ConfigError(
                 "standard input or output is no terminal: start it in one, or give orders by "
                 "--commands FILE (`-` for standard input)"
             )
         if options.emulated.answers:
-            raise ConfigError("--yes goes with --commands; at a terminal you answer yourself")
+            raise ConfigError("--yes requires --commands: at a terminal you answer yourself")
     elif options.commands != STDIN:
         script_text(options.commands)
     check_entering(options.emulated, cell, options.runs_dir, "--runs")

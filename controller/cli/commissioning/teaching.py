@@ -192,7 +192,9 @@ class Teacher:
 
     def _park(self, text: str, taken: Taken) -> Change:
         if not isinstance(self._cell.arm, UmiSection):
-            raise ConfigError("the park of an arm of another make is its driver's: `arm.shape`")
+            raise ConfigError(
+                "park can be taught for the UMI RTX only; other arms have theirs in `arm.shape`"
+            )
         self._require_drawing()
         q = taken.q
         degrees = dict(zip(("shoulder", "elbow", "yaw"), np.degrees(q[:3]), strict=True)) | dict(
@@ -215,8 +217,8 @@ class Teacher:
             and (self._path.parent / "steps").is_dir()
         ):
             raise ConfigError(
-                f"{self._path}: was written by `cellctl commission`, which writes it anew from the "
-                f"drawing; teach `{self._what}` there: --cell DRAWING"
+                f"{self._path}: `cellctl commission` wrote this file and overwrites it; teach "
+                f"`{self._what}` in the cell file as drawn: --cell DRAWING"
             )
 
     def _known_trays(self) -> TraysCalibration | None:
@@ -266,8 +268,8 @@ class Teacher:
         path = self._path.parent / self._trays_file()
         if known is None and path.exists():
             raise ConfigError(
-                f"{path}: is there, and `calibration` of the cell file does not name it; name it "
-                "with its hash, or move it away"
+                f"{path}: exists, but `calibration` of the cell file does not name it; name it "
+                "there with its hash, or move it away"
             )
         old = "" if known is None else _centres(known)
         return [*_unified(old, _centres(change.trays), str(path)), *lines]
@@ -294,7 +296,9 @@ def _tray(what: str) -> TrayName:
     for name in names:
         if name == what:
             return name
-    raise ConfigError(f"{what:.40}: there are {', '.join((*get_args(TrayName), PARK, STATION))}")
+    raise ConfigError(
+        f"{what:.40}: must be one of {', '.join((*get_args(TrayName), PARK, STATION))}"
+    )
 
 
 def _short(value: float) -> str:

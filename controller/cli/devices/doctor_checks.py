@@ -59,12 +59,11 @@ class Looking:
         """
         if self.pictures is None:
             if self.watch_s:
-                raise ConfigError("--watch: goes with --pictures")
+                raise ConfigError("--watch requires --pictures")
             return
         if self.runs_dir is None:
             raise ConfigError(
-                "--pictures switches lamps: give the folder of the runs by --runs, so that no run "
-                "is on meanwhile"
+                "--pictures switches lamps: add --runs FOLDER, so that no run can start meanwhile"
             )
         make_folder(self.pictures, "--pictures")
 

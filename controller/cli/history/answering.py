@@ -39,7 +39,7 @@ class Asked:
         """
         verdict = self.verdict.lower().replace("_", " ")
         if verdict and verdict not in VERDICTS:
-            raise ConfigError(f"--verdict {self.verdict}: one of {', '.join(VERDICTS)}")
+            raise ConfigError(f"--verdict {self.verdict}: must be one of {', '.join(VERDICTS)}")
         return Filters(
             recipe=self.recipe,
             verdict=verdict,
@@ -84,7 +84,7 @@ def answer(
     """
     filters = asked.filters()
     if part is not None and (file is not None or asked != Asked()):
-        raise ConfigError(f"PART {part}: goes without filters and --export, as it names the part")
+        raise ConfigError(f"PART {part}: cannot be combined with filters or --export")
     if file is not None:
         if file.suffix.lower() not in FORMS or file.is_dir():
             raise ConfigError(f"--export {file}: name a file that ends in {', '.join(FORMS)}")

@@ -94,7 +94,7 @@ def history(
 
         raise typer.Exit(make_room(drop_pictures_before, runs, store, is_dry=not yes, as_json=json))
     if yes:
-        raise typer.BadParameter("--yes goes with --drop-pictures-before")
+        raise typer.BadParameter("--yes requires --drop-pictures-before")
     with loading():
         from .answering import Asked, answer
 

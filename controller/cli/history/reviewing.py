@@ -92,14 +92,14 @@ def _check(order: Order, asked: Asked) -> None:
     if order.part is None and (order.verdict or order.output or order.is_opened):
         raise ConfigError("--verdict, --output and --open need PART: a serial number or RUN/NUMBER")
     if order.part is not None and (order.is_all or asked != Asked()):
-        raise ConfigError(f"PART {order.part}: goes without filters, as it names the part")
+        raise ConfigError(f"PART {order.part}: cannot be combined with filters")
     if order.verdict is None and (order.why or order.who or order.findings):
-        raise ConfigError("--why, --who and --finding go with --verdict")
+        raise ConfigError("--why, --who and --finding require --verdict")
     if order.verdict is not None:
         if order.output or order.is_opened:
-            raise ConfigError("--output and --open go without --verdict")
+            raise ConfigError("--output and --open cannot be combined with --verdict")
         if order.verdict not in VERDICTS:
-            raise ConfigError(f"--verdict {order.verdict}: one of {', '.join(VERDICTS)}")
+            raise ConfigError(f"--verdict {order.verdict}: must be one of {', '.join(VERDICTS)}")
         if not order.why.strip():
             raise ConfigError("--verdict needs --why: the journal keeps the reason")
     if order.output is not None:
@@ -210,5 +210,5 @@ def _named(text: str) -> tuple[int, str]:
     number, _, word = text.partition("=")
     word = word.strip().replace("-", "_")
     if not number.strip().isdecimal() or word not in WORDS:
-        raise ConfigError(f"--finding {text}: write N=real or N=false_alarm")
+        raise ConfigError(f"--finding {text}: must be N=real or N=false_alarm")
     return int(number), word

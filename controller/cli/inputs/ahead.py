@@ -28,7 +28,7 @@ def jobs_among(text: str | None, *, use_cache: bool = True) -> Jobs:
     """
     jobs = catalogue.jobs_among(text)
     if not jobs.is_alone and not use_cache:
-        raise ConfigError("--jobs fills the cache: it goes without --no-cache")
+        raise ConfigError("--jobs cannot be combined with --no-cache: it fills the cache")
     return jobs
 
 
@@ -71,7 +71,7 @@ def working_ahead(jobs: Jobs, works: Sequence[Work]) -> Iterator[MadeAhead]:
             if not is_kept(works[number].path, works[number].options):
                 is_elsewhere = True
                 warn(
-                    "cellctl: the other processes keep another cache; give them the same "
+                    "cellctl: the other processes use another cache; give them the same "
                     "XDG_CACHE_HOME, the same files and the same cellctl"
                 )
             return made

@@ -68,10 +68,13 @@ def _check(path: Path, size_px: tuple[int, int], K: FloatArray, T: FloatArray) -
     if not (width > 0 and height > 0 and width * height <= MAX_PIXELS):
         raise ConfigError(f"{path}: `size_px`: no camera has {width} x {height} px")
     if min(K[0, 0], K[1, 1]) <= 0 or not np.array_equal(K[2], [0, 0, 1]):
-        raise ConfigError(f"{path}: `K`: focal lengths are more than 0, its last row is 0 0 1")
+        raise ConfigError(f"{path}: `K`: focal lengths must be positive, and the last row 0 0 1")
     R = T[:3, :3]
     if not np.allclose(R @ R.T, np.eye(3), atol=1e-3) or np.linalg.det(R) < 0:
-        raise ConfigError(f"{path}: `T_world_cam`: is not a pose: its axes are not square")
+        raise ConfigError(
+            f"{path}: `T_world_cam`: not a pose: its axes must be orthogonal, "
+            "right-handed and of length 1"
+        )
     if not MIN_HEIGHT_MM <= T[2, 3] <= MAX_HEIGHT_MM:
         raise ConfigError(
             f"{path}: `T_world_cam`: the camera would stand {T[2, 3]:g} mm above the table; "

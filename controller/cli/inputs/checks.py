@@ -58,7 +58,7 @@ def check_drawings(folder: Path | None, part_count: int) -> None:
     if folder is None:
         return
     if part_count != 1:
-        raise ConfigError(f"--drawings {folder}: is for one part at a time")
+        raise ConfigError(f"--drawings {folder}: takes one part")
     make_folder(folder, "--drawings")
 
 
@@ -141,14 +141,12 @@ def parse_place(at: str | None, cell: Cell, *, is_on_table: bool = True) -> Plac
     except ValueError:
         numbers = []
     if len(numbers) != 3 or not all(isfinite(number) for number in numbers):
-        raise ConfigError(
-            f"--at {at:.80}: three numbers are required, X,Y,THETA_DEG, as in 350,20,45"
-        )
+        raise ConfigError(f"--at {at:.80}: must be three numbers, X,Y,THETA_DEG, such as 350,20,45")
     (x0, x1), (y0, y1) = cell.table.glowing_area.x, cell.table.glowing_area.y
     x_mm, y_mm, theta_deg = numbers
     if is_on_table and not (x0 <= x_mm <= x1 and y0 <= y_mm <= y1):
         raise ConfigError(
-            f"--at {at}: is off the table, which has x {x0:g} to {x1:g} and y {y0:g} to {y1:g} mm"
+            f"--at {at}: off the table, which is x {x0:g} to {x1:g} mm, y {y0:g} to {y1:g} mm"
         )
     return x_mm, y_mm, theta_deg % 360 if abs(theta_deg) > 360 else theta_deg
 

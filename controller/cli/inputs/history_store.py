@@ -67,5 +67,6 @@ def instant(text: str, option: str, *, is_end: bool = False) -> datetime:
         return found.astimezone(UTC).replace(tzinfo=None) if found.tzinfo else found
     except (ValueError, OverflowError) as error:
         raise ConfigError(
-            f"{option} {text}: name a date as 2026-03-01 or a time as 2026-03-01T14:30 (UTC)"
+            f"{option} {text}: must be a date such as 2026-03-01 or a time such as "
+            "2026-03-01T14:30 (UTC)"
         ) from error

@@ -41,5 +41,5 @@ def judging_of(set_path: Path, file: ViewSetFile, recipe_path: Path | None) -> J
         for cad in (recipe.part, file.part)
     )
     if own != other:
-        warn(f"{path}: its CAD file differs from {file.part}, which the part is judged by")
+        warn(f"{path}: its CAD file differs from {file.part}; the part is judged by the latter")
     return Judging(recipe, path, set_path)

@@ -64,7 +64,7 @@ def part_files(
     if recipes and unit is not None:
         raise ConfigError("--unit is not allowed with --recipe: the recipe has `unit:`")
     if len(recipes) > 1 and parts:
-        raise ConfigError(f"{parts[0]}: several recipes name their parts themselves; leave it out")
+        raise ConfigError(f"{parts[0]}: recipes name their own parts; leave it out")
     if not recipes and not parts:
         raise ConfigError("a CAD file or --recipe is required")
     require_files(parts)
@@ -96,8 +96,8 @@ def stable_pose(part: CompiledPart, index: int) -> StablePose:
             return pose
     name, known = part.solid.name, sorted(pose.index for pose in part.poses)
     if not known:
-        raise ConfigError(f"{name} has no stable pose: it rolls in every one")
-    have = f"poses {known[0]} to {known[-1]}" if len(known) > 1 else f"pose {known[0]} alone"
+        raise ConfigError(f"{name} has no stable pose: it rolls in every pose")
+    have = f"poses {known[0]} to {known[-1]}" if len(known) > 1 else f"pose {known[0]} only"
     raise ConfigError(f"--pose {index}: {name} has stable {have} (`cellctl compile` lists them)")
 
 

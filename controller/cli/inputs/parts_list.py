@@ -120,8 +120,8 @@ def _rows(path: Path) -> Iterator[tuple[int, dict[str, str] | None]]:
 def _check_titles(path: Path, titles: Sequence[str]) -> None:
     if "recipe" not in titles:
         raise ConfigError(
-            f"{path}: line 1: the titles recipe, serial and lot are expected, the first of them "
-            f"at least; found: {', '.join(titles) or 'nothing'}"
+            f"{path}: line 1: expected the column titles recipe, serial and lot, at least the "
+            f"first; found: {', '.join(titles) or 'nothing'}"
         )
     for title in titles:
         if title not in COLUMNS or titles.count(title) > 1:

@@ -42,11 +42,9 @@ def _asked(word: str, *, has_counts: bool) -> AskedRecipe:
     if not mark or Path(word).exists():
         return AskedRecipe(find_recipe(Path(word)))
     if not has_counts:
-        raise ConfigError(f"{word}: nothing is counted here; leave out `={tail}`")
+        raise ConfigError(f"{word}: no count is allowed here; leave out `={tail}`")
     if not (tail.isascii() and tail.isdigit() and 1 <= int(tail) <= MAX_PART_COUNT):
-        raise ConfigError(
-            f"{word}: behind the = a number of parts is expected, 1 to {MAX_PART_COUNT}"
-        )
+        raise ConfigError(f"{word}: expected a number of parts after the =, 1 to {MAX_PART_COUNT}")
     return AskedRecipe(find_recipe(Path(name)), int(tail))
 
 
@@ -89,8 +87,8 @@ def require_apart(ordered: Sequence[OrderedRecipe]) -> None:
         part = one.recipe.part.resolve()
         if part in parts:
             raise ConfigError(
-                f"{parts[part]} and {one.path} are recipes of the same part, {part.name}: nobody "
-                "can tell which of them a part on the table is for; leave one out"
+                f"{parts[part]} and {one.path} are recipes of the same part, {part.name}: a part "
+                "on the table fits both; leave one out"
             )
         if one.recipe.name in names:
             raise ConfigError(
@@ -104,8 +102,8 @@ def require_apart(ordered: Sequence[OrderedRecipe]) -> None:
             known = called.setdefault(part_name(file), file.resolve())
             if known != file.resolve():
                 raise ConfigError(
-                    f"{one.path}: {file} and {known} are different files of one name, and parts "
-                    "on the table are told apart by it; rename one"
+                    f"{one.path}: {file} and {known} have the same name, and parts are identified "
+                    "by file name; rename one"
                 )
 
 

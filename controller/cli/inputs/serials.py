@@ -84,21 +84,21 @@ def _check(options: SerialOptions, listed: PartsList | None, recipe_count: int) 
         raise ConfigError(f"{' and '.join(given)} exclude each other: each names the parts")
     if options.serials and recipe_count > 1:
         raise ConfigError(
-            "--serial: of several recipes nobody knows whose part comes first; name the numbers in "
-            "a list by --parts-list"
+            "--serial requires a single recipe: with several, the order of the parts is not known; "
+            "give the numbers in a list with --parts-list"
         )
     for serial in options.serials:
         if why := why_no_serial(serial):
             raise ConfigError(f"--serial {serial!r}: {why}")
     twice = [serial for serial in options.serials if options.serials.count(serial) > 1]
     if twice:
-        raise ConfigError(f"--serial {twice[0]}: is given twice; each part has its own")
+        raise ConfigError(f"--serial {twice[0]}: given twice; each part needs its own")
     if options.goes_on and options.counted_from is None:
-        raise ConfigError("--across-runs: goes with --serial-from")
+        raise ConfigError("--across-runs requires --serial-from")
     if options.is_read and listed is not None:
         without = [label for _, label in listed.labels if not label.serial]
         if without:
-            raise ConfigError("--scan: the list has parts without a serial number to read")
+            raise ConfigError("--scan: some parts of the list have no serial number")
 
 
 def _first_counted(first: str, part_count: int, runs_dir: Path, *, goes_on: bool) -> str:
@@ -107,7 +107,7 @@ def _first_counted(first: str, part_count: int, runs_dir: Path, *, goes_on: bool
         raise ConfigError(f"--serial-from {first!r}: {why}")
     head, digits = parted(first)
     if not digits:
-        raise ConfigError(f"--serial-from {first}: it has to end in a number, such as A0001")
+        raise ConfigError(f"--serial-from {first}: must end in a number, such as A0001")
     known = serials_in(runs_dir)
     if goes_on:
         given = map(parted, known)

@@ -86,7 +86,7 @@ def replay(
 
         raise typer.Exit(replay_wire_file(wires, recipe, cell, as_json=json))
     if cell is not None:
-        raise typer.BadParameter("--cell goes with --wires")
+        raise typer.BadParameter("--cell requires --wires")
     with loading():
         from .replayed_run import replay_run
 

@@ -75,7 +75,7 @@ def replay_run(runs_dir: Path, run: str | None, recipe_path: Path | None, *, as_
     require_files(picture for view in views for picture in view.pictures.values())
     tampered = prove_run(record.folder.parent, record.run_id).tampered
     for one in tampered:
-        warn(f"{one.subject}: {one.problem}; what follows is of what is there now")
+        warn(f"{one.subject}: {one.problem}; the results below are of the files as they are now")
     changed = [
         _replay(part, set_path, file, recipe_path, as_json=as_json)
         for part, set_path, file in zip(judged, sets, files, strict=True)

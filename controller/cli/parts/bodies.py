@@ -108,7 +108,7 @@ def every_body(files: Sequence[PartFile]) -> BodyFiles:
     for file in files:
         source = split_cad(file.path)
         if file.recipe_path is not None:
-            raise ConfigError("--all compiles the bodies of a file; name the file, too")
+            raise ConfigError("--all requires a CAD file")
         if source.body is not None:
             raise ConfigError(f"{file.path}: --all compiles every body; leave out #{source.body}")
         if source.ending not in STEP_FORMATS:
@@ -125,7 +125,7 @@ def every_body(files: Sequence[PartFile]) -> BodyFiles:
             warn(f"cellctl: {file.path}: {missing_text(file.path, bodies)}")
             is_whole = False
         for name in bodies.open_names:
-            warn(f"{file.path}: {name} has surfaces that enclose no solid; it is left out")
+            warn(f"{file.path}: {name} is left out: its surfaces enclose no solid")
         found += _bodies(file, bodies)
     return BodyFiles(tuple(found), is_whole)
 

@@ -104,7 +104,7 @@ def plan(
         given["--drawings"] = drawings
         for name, value in given.items():
             if value is not None:
-                raise ConfigError(f"--site is about the cell: it goes without {name}")
+                raise ConfigError(f"--site cannot be combined with {name}")
         with loading():
             from .site import site_parts
 
@@ -112,7 +112,7 @@ def plan(
         raise typer.Exit(code)
     if len(files) > 1:
         second = files[1].path
-        raise ConfigError(f"{second}: one part is planned at a time; several only with --site")
+        raise ConfigError(f"{second}: `plan` takes one part; only --site takes several")
     with loading():
         from .part_plan import plan_part_file
 

@@ -158,7 +158,7 @@ def _asked(part: CompiledPart, pose_index: int | None) -> tuple[StablePose, ...]
     """Return the poses to try, the likeliest first."""
     poses = sorted(part.poses, key=lambda p: (-p.probability, p.index))
     if not poses:
-        raise ConfigError(f"{part.solid.name} has no stable pose: it rolls in every one")
+        raise ConfigError(f"{part.solid.name} has no stable pose: it rolls in every pose")
     return tuple(poses) if pose_index is None else (stable_pose(part, pose_index),)
 
 

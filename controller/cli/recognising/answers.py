@@ -70,8 +70,8 @@ def recognise_images(
         warn(remark)
     if len(paths) % lamps:
         raise ConfigError(
-            f"--lamps {lamps}: {len(paths)} pictures make no whole scenes of {lamps}; "
-            "name as many for each scene"
+            f"--lamps {lamps}: {len(paths)} pictures cannot be divided into scenes of "
+            f"{lamps}; give {lamps} for each scene"
         )
     once = SaidOnce()
     library: Library | None = None

@@ -70,7 +70,7 @@ def go_on_with_part(cell_path: Path, runs_dir: Path, why: str, *, as_json: bool)
     held = _left(load_cell(cell_path), runs_dir)
     if not held or held[0].part is None:
         raise ConfigError(
-            f"{runs_dir}: no run has left a part in a gripper of {cell_path}; nothing to go on with"
+            f"{runs_dir}: no run has left a part in a gripper of {cell_path}; nothing to recover"
         )
     left = _interrupted(runs_dir, held[0].run, held[0].part)
     began = left.began
@@ -121,7 +121,7 @@ def _interrupted(runs_dir: Path, run: str, part: int) -> Interrupted:
     left = fold_interrupted(read_rows(runs_dir / JOURNAL_NAME, run), run, part)
     if left is None:
         raise ConfigError(
-            f"run {run} is in the journal of another folder of runs: give it by --runs"
+            f"run {run} is in the journal of another folder of runs; name it with --runs"
         )
     return left
 

@@ -67,9 +67,9 @@ def _recipe_path(options: RunOptions) -> Path:
     """
     asked, *more = options.recipes
     if more:
-        raise ConfigError(f"{more[0].path}: a dry run drives the motions of one recipe")
+        raise ConfigError(f"{more[0].path}: --dry takes one recipe")
     if asked.count is not None:
-        raise ConfigError(f"={asked.count}: a dry run has no part; leave it out")
+        raise ConfigError(f"={asked.count}: --dry takes no part; leave it out")
     return asked.path
 
 
@@ -95,12 +95,12 @@ def _check_options(options: RunOptions) -> None:
     }
     for option, is_given in given.items():
         if is_given:
-            raise ConfigError(f"{option}: a dry run has no part; leave it out")
+            raise ConfigError(f"{option}: --dry takes no part; leave it out")
     has_terminal = sys.stdin.isatty() and sys.stderr.isatty() and not options.as_json
     if options.is_stepwise and not options.waits and not has_terminal:
         raise ConfigError(
-            "--step: a person has to let each motion begin, and there is no terminal; add --wait, "
-            "and let it begin by `cellctl answer go` from another one"
+            "--step asks before each motion, and there is no terminal to ask at: add --wait, and "
+            "give `cellctl answer go` in another terminal"
         )
 
 
@@ -116,8 +116,8 @@ def _plan(job: Job, cell: Cell, pose_index: int | None) -> DryPlan:
     certificate = PlanCache(c.part, c.layout, c.setup.options).certified(pose).certificate
     if certificate.plan is None:
         raise ConfigError(
-            f"{job.recipe_path}: from stable pose {pose.index} there is no plan to drive: "
-            f"{certificate.reason}; name another one by --pose"
+            f"{job.recipe_path}: stable pose {pose.index} has no plan to drive: "
+            f"{certificate.reason}; choose another with --pose"
         )
     return dry_plan(cell, pose.index, certificate.plan)
 

@@ -97,7 +97,7 @@ def check_entering(options: EmulatedOptions, cell: Cell, folder: Path, folder_op
     if options.answers and not is_all_emulated(cell):
         raise ConfigError(
             "--yes answers for a person, and this cell has real devices: somebody has to stand "
-            "at the emergency stop. Start it in a terminal, without --yes"
+            "at the emergency stop. Start the command in a terminal, without --yes"
         )
     if not cell.emulated_devices:
         given = {

@@ -324,12 +324,12 @@ def _check_options(options: RunOptions, cell: Cell) -> FoundClock:
     has_terminal = sys.stdin.isatty() and sys.stderr.isatty() and not options.as_json
     if options.is_stepwise and not options.waits and not has_terminal:
         raise ConfigError(
-            "--step: a person has to let each motion begin, and there is no terminal; add --wait, "
-            "and let it begin by `cellctl answer go` from another one"
+            "--step asks before each motion, and there is no terminal to ask at: add --wait, and "
+            "give `cellctl answer go` in another terminal"
         )
     if options.record is not None and len(options.recipes) > 1:
         raise ConfigError(
-            "--record: keeps the wires of runs of one recipe; leave it out, or the other recipes"
+            "--record takes a run of one recipe; leave out --record or the other recipes"
         )
     if options.record is not None and options.record.exists():
         raise ConfigError(f"--record {options.record}: exists already; name another file")

@@ -78,7 +78,7 @@ def note_report(runs_dir: Path, run_id: str, file: Path) -> None:
     try:
         note_results(runs_dir, run_id, [file])
     except (JournalError, OSError) as error:
-        warn(f"{file}: its hash is not in the journal, and `cellctl verify` will say so: {error}")
+        warn(f"{file}: its hash is not in the journal, which `cellctl verify` will report: {error}")
 
 
 def warn_no_report(error: OSError, path: Path, run_id: str, runs_dir: Path) -> None:

@@ -33,7 +33,7 @@ def change_accounts(name: str | None, role: str | None, *, is_removed: bool, as_
                 raise ConfigError("--remove and --role exclude each other")
             accounts.remove(name)
         elif role is None:
-            raise ConfigError(f"what about `{name}`? --role ROLE adds or changes it, or --remove")
+            raise ConfigError(f"{name}: give --role ROLE to add or change the account, or --remove")
         else:
             require_name(name)  # before a password is typed for nothing
             accounts.put(name, Role[role.upper()], _password())

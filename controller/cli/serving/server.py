@@ -50,16 +50,16 @@ def serve_page(
 
     cert, key = tls
     if (cert is None) != (key is None):
-        raise ConfigError("--tls-cert and --tls-key belong together")
+        raise ConfigError("--tls-cert and --tls-key require each other")
     if behind is not None and cert is not None:
         raise ConfigError(
             "--behind: the proxy speaks https, this server does not; leave out --tls-*"
         )
     if proxies and behind is None:
-        raise ConfigError("--proxy: name the proxy's origin with --behind")
+        raise ConfigError("--proxy requires --behind ORIGIN")
     if cert is None and behind is None and not is_loopback(host):
         raise ConfigError(
-            f"--host {host}: others could read along there; give --tls-cert and --tls-key, or the "
+            f"--host {host}: others could read what is sent; give --tls-cert and --tls-key, or the "
             "origin of a reverse proxy with --behind"
         )
     try:

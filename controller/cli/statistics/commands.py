@@ -71,7 +71,7 @@ def stats(
     """
     if review:
         if takt or by or report:
-            raise typer.BadParameter("--review goes without --takt, --by and --report")
+            raise typer.BadParameter("--review cannot be combined with --takt, --by or --report")
         with loading():
             from .agreeing import report_agreement
             from .yields import Chosen
@@ -84,7 +84,7 @@ def stats(
             from .yields import Chosen
 
         if report or store:
-            raise typer.BadParameter("--report and --store do not go with --takt")
+            raise typer.BadParameter("--takt cannot be combined with --report or --store")
         chosen = Chosen(recipe or "", lot, operator, since, until)
         raise typer.Exit(report_takt(runs, chosen, by or "recipe", as_json=json))
     if recipe is None or by is not None:
@@ -97,7 +97,7 @@ def stats(
         from .series_table import report_series
 
     if lot or operator or since or until or store:
-        raise typer.BadParameter("--lot, --operator, --since, --until and --store go with --by")
+        raise typer.BadParameter("--lot, --operator, --since, --until and --store require --by")
     raise typer.Exit(report_series(runs, recipe, report, as_json=json))
 
 

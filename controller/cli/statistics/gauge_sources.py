@@ -68,8 +68,8 @@ class Sources:
             self.part, self.cad_sha256 = part, cad_sha256
         elif cad_sha256 != self.cad_sha256:
             raise ConfigError(
-                f"{source}: shows {part} by another CAD file than the sources before it, which "
-                f"show {self.part}; a study is of one product"
+                f"{source}: the CAD file of its part, {part}, is not that of the sources before "
+                f"it, {self.part}; a study takes one product"
             )
 
     def take(self, reading: Reading, sha256: Mapping[str, str]) -> None:
@@ -124,7 +124,9 @@ def _split(word: str) -> tuple[tuple[str, ...], str]:
         return (), word
     names = tuple(name.strip() for name in label.split("/"))
     if not source or len(names) > 3 or not all(names):
-        raise ConfigError(f"{word}: PART=SOURCE, PART/START=SOURCE or PART/START/GRASP=SOURCE")
+        raise ConfigError(
+            f"{word}: must be PART=SOURCE, PART/START=SOURCE or PART/START/GRASP=SOURCE"
+        )
     return names, source
 
 
@@ -159,7 +161,7 @@ def _take_run(found: Sources, record: RunRecord, names: tuple[str, ...]) -> None
     if record.first_broken_row is not None:
         raise ConfigError(
             f"run {record.run_id}: the chain of hashes breaks at row {record.first_broken_row}; "
-            "numbers that may have been changed make no study"
+            "its numbers may have been changed and cannot be used"
         )
     if record.emulated_devices:
         found.remark("Runs of an emulated cell: its figures hold for no real one.")

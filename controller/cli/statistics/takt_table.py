@@ -47,7 +47,7 @@ def report_takt(runs_dir: Path, chosen: Chosen, by: str, *, as_json: bool) -> in
     ResultsError : no journal, or one that cannot be read
     """
     if by not in GROUPS:
-        raise ConfigError(f"--by {by}: with --takt one of {', '.join(GROUPS)}")
+        raise ConfigError(f"--by {by}: with --takt it must be one of {', '.join(GROUPS)}")
     filters = chosen.filters()
     of_it = (of_recipe(one, chosen.recipe) for one in takts_of(runs_dir))
     runs = [run for run in of_it if _fits(run, filters)]

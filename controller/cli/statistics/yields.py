@@ -77,9 +77,9 @@ def report_yields(
     HistoryError : there is nothing to read
     """
     if by not in GROUPS:
-        raise ConfigError(f"--by {by}: one of {', '.join(GROUPS)}")
+        raise ConfigError(f"--by {by}: must be one of {', '.join(GROUPS)}")
     if report is not None:
-        raise ConfigError(f"--report {report}: goes with RECIPE, without --by")
+        raise ConfigError(f"--report {report}: requires RECIPE, and cannot be combined with --by")
     filters = chosen.filters()
     with filled_store(runs_dir, url) as store:
         found = figures(store, filters, by)

@@ -39,7 +39,7 @@ def report_failure(error: BaseException, words: Sequence[str]) -> int:
     words : the command line, for the report of a bug
     """
     if isinstance(error, KeyboardInterrupt):
-        warn("cellctl: given up")
+        warn("cellctl: interrupted")
         return 1
     if isinstance(error, WRONG_INPUT):
         warn(f"cellctl: {error}")
