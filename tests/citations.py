@@ -61,6 +61,8 @@ def files_of(root: Path) -> Iterator[Path]:
         for path in sorted((root / place).rglob("*")):
             parts = path.relative_to(root).parts
             is_hidden = any(part.startswith((".", "__pycache__")) for part in parts)
+            # as other programs write them, in any encoding: they cite nothing of ours
+            is_hidden |= parts[:3] == ("tests", "data", "foreign") and path.suffix != ".py"
             if path.suffix in ENDINGS and path.is_file() and not is_hidden:
                 yield path
 

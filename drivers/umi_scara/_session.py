@@ -98,7 +98,7 @@ class ArmSession:
         self._is_powered = False
         self._jaws_found = StatusBits(0)
         self.positions = Positions(self._lose_position)
-        self._stop_count = self._doubt_count = 0
+        self._stop_count = self._uncertain_count = 0
         self._one_motion = asyncio.Lock()
 
     # ---- connection ----------------------------------------------------------------------------
@@ -116,7 +116,7 @@ class ArmSession:
     async def _connect_once(self) -> ArmIdentity:
         await self._disconnect()
         link = Link(self._open_transport(), self._clock, self._config, self._trace, self._tap)
-        axes = Axes(link, self._clock, self._lose_position, self._doubt)
+        axes = Axes(link, self._clock, self._lose_position, self._note_uncertain)
         try:
             gripper = ADDRESSES[Axis.GRIPPER]
             restarted = await link.open(encode_controller_status(gripper.ctl))
@@ -192,9 +192,9 @@ class ArmSession:
             log.error("arm: positions are lost")
         self._forget_position()
 
-    def _doubt(self, error: LineUncertainError) -> None:
+    def _note_uncertain(self, error: LineUncertainError) -> None:
         """Note that something else may have been carried out, whoever's request has shown it."""
-        self._doubt_count += 1
+        self._uncertain_count += 1
         self.positions.note_failure(error)
 
     def _forget_position(self) -> None:
@@ -273,16 +273,16 @@ class ArmSession:
         PositionLostError : not homed, or an IP has restarted
         MotionStoppedError : `stop` was called while the motion waited for the arm
         """
-        stop_count, doubt_count = self._stop_count, self._doubt_count
+        stop_count, uncertain_count = self._stop_count, self._uncertain_count
 
         def guard() -> None:
             if self._stop_count != stop_count:
                 raise MotionStoppedError("arm: the motion was stopped on request")
-            if self._doubt_count != doubt_count:
+            if self._uncertain_count != uncertain_count:
                 raise LineUncertainError("arm: the line is uncertain; both boards were stopped")
 
         async with self._one_motion:
-            doubt_count = self._doubt_count
+            uncertain_count = self._uncertain_count
             guard()
             if not self._is_powered:
                 self.require_connected()

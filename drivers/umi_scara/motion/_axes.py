@@ -44,7 +44,7 @@ class Axes:
     link : the line of both IPs
     clock : the cell's clock
     on_position_lost : called with every 0E and 0F: an IP has restarted
-    on_doubt : called when something else than was asked may have been carried out
+    on_uncertain : called when something else than was asked may have been carried out
     """
 
     def __init__(
@@ -52,12 +52,12 @@ class Axes:
         link: Link,
         clock: CellClock,
         on_position_lost: Callable[[], None],
-        on_doubt: Callable[[LineUncertainError], None] = lambda _: None,
+        on_uncertain: Callable[[LineUncertainError], None] = lambda _: None,
     ) -> None:
         self.link = link
         self.clock = clock
         self._on_position_lost = on_position_lost
-        self._on_doubt = on_doubt
+        self._on_uncertain = on_uncertain
         self._written: dict[tuple[Axis, Parameter], int] = {}
 
     # ---- time ----------------------------------------------------------------------------------
@@ -91,12 +91,12 @@ class Axes:
             self._lose()
             raise
         except LineUncertainError as error:
-            self._doubt(error)
+            self._note_uncertain(error)
             raise
 
-    def _doubt(self, error: LineUncertainError) -> None:
+    def _note_uncertain(self, error: LineUncertainError) -> None:
         self._written.clear()
-        self._on_doubt(error)
+        self._on_uncertain(error)
 
     async def halt_uncertain(self, why: str) -> NoReturn:
         """Dead-stop both IPs because of what was seen, and raise LineUncertainError.
@@ -106,7 +106,7 @@ class Axes:
         LineUncertainError : always; both IPs have had a dead stop by then
         """
         error = LineUncertainError(f"arm: {why}; both boards were stopped")
-        self._doubt(error)
+        self._note_uncertain(error)
         await self.halt(Simple.DEAD_STOP)
         raise error
 
@@ -163,7 +163,7 @@ class Axes:
             self._lose()
             raise
         except LineUncertainError as error:
-            self._doubt(error)
+            self._note_uncertain(error)
             raise
 
     # ---- reading -------------------------------------------------------------------------------
