@@ -1,8 +1,9 @@
 """The Python interface: what scripts may rely on (docs/python.md).
 
 `open_cell` opens the devices of a cell one by one, when a script first uses them.
-`recognise_picture` and `plan_part` need no device. Nothing here watches over a script: it makes by
-itself, or goes without, the checks that `cellctl run` makes before and during each motion.
+`recognise_picture`, `judge_pictures` and `plan_part` need no device. Nothing here watches over a
+script: it makes by itself, or goes without, the checks that `cellctl run` makes before and during
+each motion.
 """
 
 import tempfile
@@ -30,7 +31,9 @@ from controller.cell.errors import InterlockError
 from controller.cell.plans import PlanCache
 from controller.cell.services import CameraName, Imaging
 from controller.config import EMULATED_CELL, SHIPPED, Cell, ConfigError, load_cell, load_recipe
+from controller.config.view_set import load_view_set
 from controller.imaging import Camera as CameraModel
+from controller.inspection import PartInspection
 from controller.planning import NoPlanError, Plan
 from controller.recognition import Sighting, recognise
 from controller.recognition.stored import open_library
@@ -38,6 +41,7 @@ from controller.setup.drivers import require_drivers
 from controller.setup.optics import build_camera
 from controller.setup.planner import planner_setup
 from controller.setup.samples import sampled_for
+from controller.stored import Judging, compiled_part, judge_views, read_pictures
 from drivers.clock import CellClock
 from drivers.errors import DeviceError
 from drivers.kinds import Arm, Camera, FixedGripper, IoBlock, LampUnit
@@ -51,9 +55,11 @@ __all__ = [
     "InterlockError",
     "NoPlanError",
     "OpenCell",
+    "PartInspection",
     "Picture",
     "Plan",
     "Sighting",
+    "judge_pictures",
     "open_cell",
     "plan_part",
     "recognise_picture",
@@ -289,6 +295,24 @@ def recognise_picture(
     files = [(Path(part), options_among(Path(part), None)) for part in parts]
     library = open_library(files, picture.camera)
     return recognise(picture.grey, picture.camera, library, lighting).sightings
+
+
+def judge_pictures(view_set: FileName, *, recipe: FileName | None = None) -> PartInspection:
+    """Return what the stored pictures of a part come to, as `cellctl inspect` judges them.
+
+    Parameters
+    ----------
+    view_set : file of the form that docs/inspect.md describes, as a run writes it for each part
+    recipe : recipe with the limits (default: a recipe's default limits)
+
+    Raises
+    ------
+    ConfigError, CadError : a file is wrong, a picture is missing or damaged
+    """
+    path = Path(view_set)
+    file = load_view_set(path)
+    by = Judging(None if recipe is None else load_recipe(Path(recipe)), Path(recipe or path), path)
+    return judge_views(file, compiled_part(path, file), read_pictures(path, file), by)
 
 
 def plan_part(

@@ -33,7 +33,7 @@ GROUPS = {
     "whole cells": (
         "cell/",
         "cross/test_emulated_cell",
-        "cross/test_python_page",
+        "cross/test_examples",
         "unit/test_emu_world_app",
     ),
     "wires": ("cross/", "unit/test_emu_camera", "unit/test_conformance_plugin"),

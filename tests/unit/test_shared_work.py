@@ -35,7 +35,7 @@ def test_it(shared, number):
     note("ended")
 """
 FILES = (
-    "cell/test_one.py", "cross/test_python_page.py", "cross/test_line.py",
+    "cell/test_one.py", "cross/test_examples.py", "cross/test_line.py",
     "unit/test_emu_camera_a.py", "unit/test_long.py", "unit/test_middle.py", "unit/test_new.py",
 )  # fmt: skip
 SECONDS = {"unit/test_middle.py": 20.0, "unit/test_long.py": 30.0}
@@ -87,7 +87,7 @@ def test_tests_that_are_handed_out_one_by_one_prepare_more_than_once(tmp_path: P
     [
         ("tests/unit/test_cache.py::test_a[x::y]", "unit/test_cache.py"),
         ("tests/cell/test_ends.py::test_a", "whole cells"),
-        ("tests/cross/test_python_page.py::test_a", "whole cells"),
+        ("tests/cross/test_examples.py::test_a", "whole cells"),
         ("tests/cross/test_chute.py::test_a", "wires"),
         ("tests/unit/test_emu_camera_fuse.py::test_a", "wires"),
         ("tests/unit/test_emu_surfaces.py::test_a", "unit/test_emu_surfaces.py"),

@@ -91,10 +91,10 @@ class Curve:
         arrays = ("before_mm", "points_mm", "after_mm", "shift", "out", "design", "chord_mm")
         return replace(self, **{name: getattr(self, name)[which] for name in arrays})
 
-    def moved(self, way_mm: FloatArray) -> "Curve":
-        """Return the curve moved as a whole by a way (3,), CAD frame."""
+    def moved(self, by_mm: FloatArray) -> "Curve":
+        """Return the curve moved as a whole by a vector (3,), CAD frame."""
         points = ("before_mm", "points_mm", "after_mm")
-        return replace(self, **{name: getattr(self, name) + way_mm for name in points})
+        return replace(self, **{name: getattr(self, name) + by_mm for name in points})
 
 
 def rim_curve(

@@ -48,13 +48,13 @@ class PartEdges:
     into: FloatArray
     is_closed: BoolArray
 
-    def moved(self, chosen: Iterable[int], way_mm: FloatArray) -> "PartEdges":
+    def moved(self, chosen: Iterable[int], by_mm: FloatArray) -> "PartEdges":
         """Return some of the edges, moved as a whole.
 
         Parameters
         ----------
         chosen : numbers of edges in the boundary
-        way_mm : (3,) CAD frame
+        by_mm : (3,) CAD frame
         """
         mine = np.isin(self.edge, list(chosen))
         firsts = np.flatnonzero(np.diff(self.edge, prepend=-1))
@@ -62,8 +62,8 @@ class PartEdges:
         arrays = ("edge", "length_mm", "faces", "normals", "into", "is_closed")
         return replace(
             self,
-            curves=tuple(curve.moved(way_mm) for curve in curves),
-            points_mm=self.points_mm[mine] + way_mm,
+            curves=tuple(curve.moved(by_mm) for curve in curves),
+            points_mm=self.points_mm[mine] + by_mm,
             **{name: getattr(self, name)[mine] for name in arrays},
         )
 

@@ -24,7 +24,7 @@ from ._edges import PartEdges
 from ._looks import BEYOND_PX, EdgeLook, K, look_at_edges
 from ._recesses import Recess
 
-LEAST_VIEWS: Final = 2  # that have to agree on a depth
+MIN_VIEWS: Final = 2  # that have to agree on a depth
 DEEPEST: Final = 1.0  # how much deeper a floor is looked for, of its depth
 MAX_COUNT: Final = 40  # of depths; a deeper hole is looked into at fewer places
 
@@ -74,11 +74,11 @@ def _depths(recess: Recess, pixel_mm: float) -> Iterator[float]:
     yield from (low + step * (np.arange(count) + 0.5)).tolist()
 
 
-def _with_floor_moved(solid: Solid, recess: Recess, way_mm: FloatArray) -> Solid:
+def _with_floor_moved(solid: Solid, recess: Recess, by_mm: FloatArray) -> Solid:
     """Return the part with a floor elsewhere, its walls reaching it."""
     vertices = np.array(solid.mesh.vertices, dtype=np.float64)
     bottom = np.isin(solid.face_of_triangle, sorted(recess.bottom(solid)))
-    vertices[np.unique(solid.mesh.faces[bottom])] += way_mm
+    vertices[np.unique(solid.mesh.faces[bottom])] += by_mm
     return replace(solid, mesh=trimesh.Trimesh(vertices, solid.mesh.faces, process=False))
 
 
@@ -94,7 +94,7 @@ def _agreed(found: Sequence[FloorLook]) -> tuple[FloorLook, ...]:
         )
         groups.append(tuple({(one.view_id, one.lamp): one for one in alike}.values()))
     most = max(groups, key=lambda group: (_view_count(group), len(group)), default=())
-    return most if _view_count(most) >= LEAST_VIEWS else ()
+    return most if _view_count(most) >= MIN_VIEWS else ()
 
 
 def _view_count(looks: Sequence[FloorLook]) -> int:
