@@ -82,7 +82,7 @@ def check_soundness(mesh: trimesh.Trimesh, where: str) -> None:
 
 
 def touch_of(mesh: trimesh.Trimesh) -> float:
-    """Return how deep [mm] a surface may run into itself and count as touching only."""
+    """Return the largest overlap of a surface with itself that still counts as touching [mm]."""
     reach = float(np.abs(mesh.vertices).max())
     return max(TOUCH_MM, FLOAT32_ULPS * float(np.finfo(np.float32).eps) * reach)
 
@@ -142,7 +142,7 @@ def _shells(mesh: trimesh.Trimesh, sides: _Sides) -> tuple[Int32Array, FloatArra
 
 
 def _check_outwards(volumes: FloatArray, size_mm: float, where: str) -> int:
-    """Return how many shells are bodies and not voids."""
+    """Return the number of shells that are bodies, not voids."""
     if np.abs(volumes).max() <= 1e-9 * size_mm**3:
         raise OpenCadError(
             f"{where}: the surface is flat and encloses no volume; "
@@ -201,7 +201,7 @@ def _check_edges(
 def _pierces(
     a: FloatArray, b: FloatArray, corners: FloatArray, touch_mm: float
 ) -> tuple[BoolArray, FloatArray]:
-    """Return which segments a-b (n, 3) run clearly through their triangle (n, 3, 3), and where.
+    """Return a mask (n,) of segments a-b (n, 3) that clearly pierce their triangle, and the points.
 
     Clearly: both ends at least ``touch_mm`` off its plane, the crossing as far inside its sides.
     """
@@ -290,7 +290,7 @@ def _winding(
     shell: Int32Array | None = None,
     own_shell: IntArray | None = None,
 ) -> IntArray:
-    """Return how often the surface goes round each point: 0 outside, 1 inside, (n,).
+    """Return the winding number of the surface about each point: 0 outside, 1 inside, (n,).
 
     Counts the surfaces a ray leaves by less those it enters by; ``own_shell`` (n,) is not counted.
     """

@@ -104,7 +104,7 @@ class Camera:
         return self.sight_lines(pixels).reshape(height, width, 3).astype(np.float32)
 
     def on_plane(self, pixels: FloatArray, height_mm: float = 0.0) -> FloatArray:
-        """Return where the sight lines of pixels (n, 2) meet the plane z = height, (n, 3)."""
+        """Return the points (n, 3) where sight lines of pixels (n, 2) meet the plane z = height."""
         d = self.sight_lines(pixels)
         s = (height_mm - self.position_mm[2]) / d[:, 2]
         points: FloatArray = self.position_mm + s[:, None] * d

@@ -62,7 +62,7 @@ def _median_level(counts: IntArray) -> float:
 
 
 def mask_rim(mask: BoolArray) -> BoolArray:
-    """Return which pixels of a mask (height, width) are next to one outside it, or to the edge."""
+    """Return the border of a mask (height, width): pixels next to the outside or to the edge."""
     inner = cv2.erode(mask.astype(np.uint8), np.ones((3, 3), np.uint8), borderValue=0)
     return np.asarray(mask & (inner == 0))
 

@@ -141,7 +141,7 @@ def sample_rays(
 def step_heights(
     picture: Grey, origins_px: FloatArray, directions: FloatArray, reach_px: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return where along rays steps may be (k,), and how high each is (n, k), 0 where none is.
+    """Return the offsets (k,) of possible steps along rays and their heights (n, k), 0 for no step.
 
     A step is where the picture changes most, along the ray, over two pixels.
 
@@ -162,7 +162,7 @@ def step_heights(
 
 
 def blur_shift_px(width_px: FloatArray | float, curvature: FloatArray | float) -> FloatArray:
-    """Return how far blur moves a curved edge towards its centre of curvature.
+    """Return the distance by which blur moves a curved edge towards its centre of curvature [px].
 
     A blurred disc is smaller than the disc, a blurred hole than the hole (references.md L19).
 

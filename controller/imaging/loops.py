@@ -77,7 +77,7 @@ def trace_loops(
 def _crossings(
     x: IndexArray, y: IndexArray, code: IndexArray, shape: tuple[int, ...], field: Float32Array
 ) -> FloatArray:
-    """Return where the border crosses the raster lines between pixels and their neighbours."""
+    """Return the points where the border crosses the raster lines between neighbouring pixels."""
     height, width = shape
     dx, dy = STEP_X[code], STEP_Y[code]
     nx, ny = x + dx, y + dy

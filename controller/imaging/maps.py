@@ -78,7 +78,7 @@ def meet_part(
 def render_maps(
     caster: RayCaster, T_world_part: FloatArray, camera: Camera, roi: Roi, step_px: int = 1
 ) -> ViewMaps:
-    """Return what every ``step_px``-th pixel of a region shows of a posed part.
+    """Return triangle and depth maps of a posed part at every ``step_px``-th pixel of a region.
 
     Parameters
     ----------

@@ -56,7 +56,7 @@ class RayCaster:
         directions: FloatArray,
         max_distance_mm: float | FloatArray | None = None,
     ) -> BoolArray:
-        """Return which rays (n,) meet anything.
+        """Return a mask (n,) of the rays that hit anything.
 
         Parameters
         ----------

@@ -68,7 +68,7 @@ def keep_entry(path: Path, options: CompileOptions, camera: Camera) -> None:
 
 
 def is_entry_kept(path: Path, options: CompileOptions, camera: Camera) -> bool:
-    """Return whether the cache has a file of what a library keeps of a part, sound or not.
+    """Return True if the cache has a file of a part's library entry, sound or not.
 
     Parameters
     ----------

@@ -33,7 +33,7 @@ def part_characteristics(
     part: CompiledPart,
     given: Sequence[GivenSection] | None = None,
 ) -> tuple[Characteristic, ...]:
-    """Return what is to be measured of a part.
+    """Return the characteristics to be measured on a part.
 
     Parameters
     ----------
@@ -96,12 +96,12 @@ def _given(section: GivenSection) -> Asked:
 
 
 def build_accuracy(section: AccuracySection) -> Accuracy:
-    """Return what measuring in a cell is uncertain by."""
+    """Return the measuring accuracy of a cell."""
     return Accuracy(**section.model_dump())
 
 
 def measuring_settings(section: AccuracySection) -> MeasuringSettings:
-    """Return what measuring takes as uncertain before any picture, as the cell states it."""
+    """Return the uncertainties of measuring that the cell file states, before any picture."""
     return MeasuringSettings(
         lit_edge_px=section.light_px,
         lens_px=section.lens_px,

@@ -197,7 +197,7 @@ def require_force(path: Path, force_n: float, cell: Cell) -> None:
 
 
 def _max_force_n(cell: Cell) -> float:
-    """Return how hard the fixed gripper of a cell presses at the most [N].
+    """Return the largest force of a cell's fixed gripper [N].
 
     Raises
     ------

@@ -16,7 +16,7 @@ _RUN = re.compile(r"f(\d{1,6}) to f(\d{1,6})")
 def faces_left_out(
     path: Path, recipe: Recipe, faces: Sequence[Face], features: Sequence[Feature]
 ) -> dict[int, str]:
-    """Return which faces of its part a recipe leaves out, by face id, each with the reason.
+    """Return the faces that a recipe excludes from inspection: the reason of each, by face id.
 
     A name is a face's number (``F12``), a range of numbers (``F12 to F15``), a label (``F12 bore
     8.0 mm``), or a label without its number, which means all such faces (``bore 8.0 mm``,

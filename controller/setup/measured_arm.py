@@ -48,13 +48,13 @@ class MeasuredArm:
 
 
 def measured_arm(layout: CellLayout) -> MeasuredArm | None:
-    """Return what of a cell's arm can be measured; None of an arm that is no UMI RTX."""
+    """Return the figures of a cell's arm that can be measured; None unless it is a UMI RTX."""
     model = layout.arm
     return MeasuredArm(UmiFigures(model.geometry)) if isinstance(model, UmiModel) else None
 
 
 def rounding(layout: CellLayout, rows: FloatArray) -> tuple[float, float]:
-    """Return how far whole counts leave the TCP from where it is sent, [mm] and [deg], rms.
+    """Return the rms error of the TCP from rounding to whole motor counts, in [mm] and [deg].
 
     Parameters
     ----------

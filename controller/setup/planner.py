@@ -1,4 +1,4 @@
-"""Return what the planner needs of a part in a cell: one function for every command that plans.
+"""Planner inputs for a part in a cell: one function for every command that plans.
 
 `run`, `check`, `plan`, `plan --site` and `compile --cell` all call it, so that one recipe has one
 plan, and every command makes the same assumptions and prints them.
@@ -113,7 +113,7 @@ def planner_setup(
     part: CompiledPart,
     density_g_cm3: float | None = None,
 ) -> PlannerSetup:
-    """Return what the planner needs of a part in a cell.
+    """Return the planner's inputs for a part in a cell.
 
     Parameters
     ----------

@@ -7,7 +7,7 @@ from controller.config import Recipe
 
 
 def sampled_for(recipe: Recipe | None, options: CompileOptions) -> CompileOptions:
-    """Return what a part is compiled with, its samples as near as a recipe's defects require.
+    """Return compile options with samples as dense as a recipe's smallest defect requires.
 
     Parameters
     ----------

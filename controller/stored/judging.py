@@ -118,7 +118,7 @@ def judge_views(
     judging: Judging,
     kept: Kept | None = None,
 ) -> PartInspection:
-    """Return what all views of a part come to.
+    """Return the inspection result of a part from all its views.
 
     Parameters
     ----------
@@ -171,7 +171,7 @@ def judge_ahead(
 def _asked(
     file: ViewSetFile, part: CompiledPart, pictures: Pictures, judging: Judging, kept: Kept
 ) -> tuple[ViewSet, tuple[Characteristic, ...], PartSettings]:
-    """Return what a part is inspected by: views, characteristics, settings."""
+    """Return the inputs of a part's inspection: views, characteristics, settings."""
     try:
         planned = planned_samples(file, part)
         views = build_view_set(file, part, pictures, _limits(judging), kept)
@@ -215,7 +215,7 @@ def _settings(
 def _characteristics(
     file: ViewSetFile, part: CompiledPart, judging: Judging, views: ViewSet, kept: Kept
 ) -> tuple[Characteristic, ...]:
-    """Return what is measured: the set's characteristics, else those of CAD file and recipe.
+    """Return the characteristics to measure: the set's own, else those of CAD file and recipe.
 
     General tolerances that the camera cannot verify are marked, by the first view in a gripper.
     """

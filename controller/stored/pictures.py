@@ -222,7 +222,7 @@ def _range_of(levels: NDArray[Any], high: int) -> tuple[float, str]:
 
 
 def _empty_bits(levels: NDArray[Any]) -> int:
-    """Return how many of the lowest bits are 0 in every level."""
+    """Return the number of lowest bits that are 0 in every level."""
     used = int(np.bitwise_or.reduce(levels, axis=None))
     return (used & -used).bit_length() - 1 if used else 0
 

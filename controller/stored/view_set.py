@@ -259,7 +259,7 @@ def _grasps(views: Sequence[SetView], tasks: Sequence[ViewTask]) -> list[int]:
 
 
 def _is_same_grasp(one: ViewTask, other: ViewTask) -> bool:
-    """Return whether the boxes of two views stand alike to the part."""
+    """Return True if the holder's boxes have the same poses relative to the part in both views."""
     if len(one.holder) != len(other.holder):
         return False
     to_one, to_other = inverse_pose(one.T_world_part), inverse_pose(other.T_world_part)

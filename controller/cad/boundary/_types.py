@@ -25,7 +25,7 @@ _ARC_SHARES: Final = np.sin(_ARCS_RAD / 2) / (_ARCS_RAD / 2)
 
 
 def turn_of(mean_share: float) -> float:
-    """Return how far normals turn, whose mean is so long [rad]: of an arc it is sin(a/2) / (a/2).
+    """Return the angle of an arc [rad] from the length of its mean normal, sin(a/2) / (a/2).
 
     Parameters
     ----------

@@ -55,7 +55,7 @@ def load_part(
 def cached_part(
     path: Path, options: CompileOptions | None = None, cache: Path | None = None
 ) -> CompiledPart | None:
-    """Return what is kept of a CAD file, None where nothing sound is there.
+    """Return the cached compiled part of a CAD file, None where the cache has no sound one.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def cached_part(
 
 
 def is_kept(path: Path, options: CompileOptions | None = None, cache: Path | None = None) -> bool:
-    """Return whether the cache has a file of a CAD file's compiled part, sound or not.
+    """Return True if the cache has a file of a CAD file's compiled part, sound or not.
 
     Parameters
     ----------
@@ -144,7 +144,7 @@ def _sampled(part: CompiledPart, options: CompileOptions, file: Path | None) -> 
 
 
 def _is_of(samples: SurfaceSamples, part: CompiledPart) -> bool:
-    """Return whether samples can be of a part: they are on the same faces, and of as much area."""
+    """Return True if samples fit a part: the same faces and the same area."""
     own = part.samples
     same_faces = np.array_equal(np.unique(samples.face_ids), np.unique(own.face_ids))
     return same_faces and bool(np.isclose(samples.areas_mm2.sum(), own.areas_mm2.sum()))
@@ -176,7 +176,7 @@ def samples_cache() -> DiskCache[SurfaceSamples]:
 
 
 def _file_of(path: Path, options: CompileOptions, cache: Path | None) -> Path | None:
-    """Return where a CAD file's compiled part is kept, None where the file cannot be read."""
+    """Return the cache file of a CAD file's compiled part, None for an unreadable CAD file."""
     key = cache_key(path, options)
     if key is None:
         return None
@@ -184,7 +184,7 @@ def _file_of(path: Path, options: CompileOptions, cache: Path | None) -> Path | 
 
 
 def cache_key(path: Path, options: CompileOptions) -> str | None:
-    """Return what tells one compiled part from another, None where the file cannot be read."""
+    """Return the cache key of a compiled part, None where its CAD file cannot be read."""
     source = split_cad(path)
     try:
         # a pipe or a device would keep us for ever, what is larger is refused before it is read

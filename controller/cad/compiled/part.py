@@ -73,7 +73,7 @@ class CompileOptions:
 
 
 def part_name(path: Path) -> str:
-    """Return what a part is called by its file, or by the name of its body, as reading has it."""
+    """Return a part's name, from its file or from the name of its body in that file."""
     return split_cad(path).part_name
 
 
@@ -83,7 +83,7 @@ def options_among(path: Path, unit: str | None) -> CompileOptions:
 
 
 def spacing_for(smallest_defect_mm: float) -> float:
-    """Return how far apart samples are where defects of a size are looked for [mm]."""
+    """Return the sample spacing for a smallest defect [mm]."""
     return SAMPLE_SHARE * smallest_defect_mm
 
 
@@ -163,7 +163,7 @@ class CompiledPart:
         return asked or self.solid.density_g_cm3 or USUAL_DENSITY_G_CM3
 
     def remarks(self, pose: StablePose) -> tuple[str, ...]:
-        """Return what else is known of a pose, in words."""
+        """Return further remarks on a pose, in words."""
         found = []
         for family in self.resting.families:
             if family.pose == pose.index:
@@ -294,7 +294,7 @@ def _views(solid: Solid, poses: Sequence[StablePose], on_stage: OnStage) -> tupl
 
 
 def _likeliest(resting: Resting, count: int) -> Resting:
-    """Return what is known of the likeliest poses alone."""
+    """Return the ``count`` likeliest poses with their families and facets."""
     if len(resting.poses) <= count:
         return resting
     return replace(

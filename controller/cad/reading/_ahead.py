@@ -38,7 +38,7 @@ def size_of(path: Path) -> int:
 
 
 def is_binary_stl(path: Path) -> bool:
-    """Return whether a file is STL of the binary kind, whole, by its name, header and size."""
+    """Return True for a complete binary STL file, judged by name, header and size."""
     if path.suffix.lower() != ".stl":
         return False
     try:
@@ -49,7 +49,7 @@ def is_binary_stl(path: Path) -> bool:
 
 
 def no_file(path: Path, error: Exception) -> UnreadableCadError:
-    """Return what to say of a file the system does not give us."""
+    """Return the error for a file that the system cannot read."""
     reason = error.strerror if isinstance(error, OSError) else None
     return UnreadableCadError(f"{path}: {reason or error}; check the path")
 

@@ -93,7 +93,7 @@ class _Builder:
         return self._make(self._model.part, ("part",))
 
     def _cost(self, shape: Shape, at: Location, users: tuple[str, ...]) -> tuple[int, int]:
-        """Return how many shapes a shape unfolds into and how many triangles these have."""
+        """Return the number of shapes that a shape unfolds into, and of their triangles."""
         if shape.use is not None:
             return self._cost_of_named(shape.use, (*at, "use"), users)
         if shape.kind in SET_OPERATIONS:
@@ -127,7 +127,7 @@ class _Builder:
         return sides * (2 * len(shape.revolve.outline) if shape.revolve is not None else 4)
 
     def _sides(self, shape: Shape, at: Location) -> int:
-        """Return how many sides keep a shape's widest circle within the tolerance."""
+        """Return the number of sides that keep a shape's widest circle within the tolerance."""
         if shape.cylinder is not None:
             radius = shape.cylinder.radius_units
         elif shape.cone is not None:

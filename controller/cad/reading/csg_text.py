@@ -63,7 +63,7 @@ DIALECT: Final = Dialect(
 
 
 def read_csg_text(data: bytes, path: Path) -> tuple[CsgText, YamlText]:
-    """Return what a CSG text says, and where it says it.
+    """Return the contents of a CSG text, and the text with the lines of its entries.
 
     Raises
     ------

@@ -79,7 +79,7 @@ class _Drawing:
     tree: cKDTree
 
     def gaps(self, points: FloatArray) -> FloatArray:
-        """Return how far points (n, 2) are from the lines (n,)."""
+        """Return the distances (n,) of points (n, 2) from the lines."""
         if not len(self.points):
             return np.full(len(points), np.inf)
         far, nearest = self.tree.query(points)
@@ -166,7 +166,7 @@ def search_look_alikes(
 
 
 def _could_be(a: LineView, b: LineView, allowed: float) -> bool:
-    """Return whether areas and moments of two outlines are near enough for a closer look."""
+    """Return True if areas and moments of two outlines are close enough for a full comparison."""
     if not a.loops or not b.loops:
         return False
     if abs(a.area - b.area) > allowed * max(a.perimeter, b.perimeter):
@@ -214,7 +214,7 @@ def _points(lines: list[FloatArray], view: LineView, reach: float) -> _Drawing:
 def _compare(
     a: tuple[_Drawing, _Drawing], b: tuple[_Drawing, _Drawing], allowed: float, *, same: bool
 ) -> tuple[Evidence, float, float] | None:
-    """Return what two drawings share, under which turn, and how well; None if not the outline.
+    """Return the evidence two drawings share, its turn and gap; None where the outlines differ.
 
     ``same`` poses, which a symmetry of the part relates, look the same if their outlines do.
     """

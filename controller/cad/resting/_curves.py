@@ -56,7 +56,7 @@ class Strips:
 
 
 def find_strips(hull: Hull) -> Strips:
-    """Return which facets of a hull are pieces of a curve: planes are taken out first."""
+    """Return the strips of a hull, facets that are pieces of a curve; planes are removed first."""
     first, second = hull.edge_facets[:, 0], hull.edge_facets[:, 1]
     n1, n2 = hull.normals[first], hull.normals[second]
     angle = 2 * np.arcsin(np.clip(np.linalg.norm(n2 - n1, axis=1) / 2, 0, 1))
@@ -95,7 +95,7 @@ def find_strips(hull: Hull) -> Strips:
 
 
 def _bulges(hull: Hull, angle: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """Return how far a curve would stand out over both facets of each edge, and along which (e, 2).
+    """Return the bulge of a curve over both facets of each edge (e, 2), and a mask of long sides.
 
     Along the sides of a facet, not across its ends, is where a strip is recognised.
     """

@@ -95,7 +95,7 @@ class Curves:
         self._edges = hull.edge_facets[inner]
 
     def roll_at(self, bottom: int, held: IntArray) -> Roll | None:
-        """Return how a part rests in the hollow whose lowest strip is ``bottom``; None if flat.
+        """Return the `Roll` in the hollow with the lowest strip ``bottom``; None where it is flat.
 
         ``held`` are the strips (m,) of the hollow that hold the part by themselves.
         """
@@ -140,7 +140,7 @@ class Curves:
         return Roll(rolls, down, kind, axis, centre, float(arc), reach)
 
     def _is_flat(self, bottom: int, reach: IntArray) -> bool:
-        """Return whether a facet, much larger than those it runs into, bridges or is ground."""
+        """Return True for a facet much larger than those it runs into: a chord or a ground flat."""
         hull, strips = self._hull, self._strips
         if strips.is_band[bottom]:
             return False
@@ -152,7 +152,7 @@ class Curves:
         return bool(hull.areas_mm2[bottom] > ratio * np.median(hull.areas_mm2[others]))
 
     def _is_dome(self, axis: FloatArray, tilt: float, heights: FloatArray) -> bool:
-        """Return whether a narrow ring of directions goes round a dip: a dome's top, no cone."""
+        """Return True for a narrow ring of directions round a dip: a dome's top, not a cone."""
         top = float(self._hull.extent_mm(axis[None])[0])
         return tilt < DOME_RAD and top < float(heights.max()) + self._strips.lift_mm
 

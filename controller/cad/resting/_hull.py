@@ -54,7 +54,7 @@ class Hull:
         return len(self.areas_mm2)
 
     def extent_mm(self, directions: FloatArray) -> FloatArray:
-        """Return how high the centre of mass stands with directions (n, 3) pointing down, (n,)."""
+        """Return the height (n,) of the centre of mass with each of the directions (n, 3) down."""
         return np.asarray((directions @ self.corners_mm.T).max(axis=1))
 
 

@@ -41,7 +41,7 @@ class Profile:
     rims: FloatArray
 
     def is_flat(self, band: int, cap_mm: float) -> bool:
-        """Return whether a side of the profile is straight, not one chord of a curved wall."""
+        """Return True if a side of the profile is straight, not one chord of a curved wall."""
         lengths, turns = self._lengths, self._turns
         here = lengths[band]
         for beside, turn in ((band - 1, turns[band]), (band + 1, turns[band + 1])):
@@ -171,7 +171,7 @@ def _across(rims: FloatArray) -> FloatArray:
 
 
 def _spans(hull: Hull, axis: FloatArray, out: FloatArray, is_off: BoolArray) -> FloatArray:
-    """Return how far each facet goes round an axis (f,) [rad]; an apex on it counts nothing."""
+    """Return each facet's extent round an axis (f,) [rad]; an apex on the axis counts nothing."""
     e1 = square_to(axis)[0]
     e2 = np.cross(axis, e1)
     facing = np.arctan2(hull.normals @ e2, hull.normals @ e1)[hull.facet]

@@ -56,7 +56,7 @@ class Surface:
         self._probes = probes[rng.permutation(len(probes))]
 
     def maps_to_itself(self, R: FloatArray, shift: FloatArray | None = None) -> bool:
-        """Return whether an orthogonal matrix (3, 3) and a small shift carry the part to itself."""
+        """Return True if an orthogonal matrix (3, 3) and a small shift carry the part to itself."""
         shift = np.zeros(3) if shift is None else shift
         return self._carries(R, shift) and self._carries(R.T, -R.T @ shift)
 
@@ -89,7 +89,7 @@ class Surface:
         return R
 
     def _is_far(self, R: FloatArray) -> bool:
-        """Return whether many of a few points moved by R (3, 3) are nowhere near a target."""
+        """Return True if many of a few points moved by R (3, 3) are far from every target."""
         near = LOOSE * self.tolerance_mm + self._cover_mm
         moved = self._probes[:FEW_COUNT] @ R.T
         far, _ = self._tree.query(moved, distance_upper_bound=near)
@@ -110,7 +110,7 @@ class Surface:
         return True
 
     def _touches(self, point: FloatArray) -> bool:
-        """Return whether a point (3,) is on the surface, trying every triangle that is near."""
+        """Return True if a point (3,) is on the surface, by a test of every near triangle."""
         far = self.tolerance_mm
         ids = np.concatenate(
             [some.start + self._boxes_round(point, some) for some in spans(len(self._triangles))]
@@ -122,7 +122,7 @@ class Surface:
         return bool(np.linalg.norm(foot - point, axis=1).min() <= far)
 
     def _boxes_round(self, point: FloatArray, some: slice) -> IntArray:
-        """Return which of some triangles have a point (3,) in their box, or near it."""
+        """Return the indices of a slice's triangles with a point (3,) in or near their box."""
         far = self.tolerance_mm
         corners = self.vertices[self._triangles[some]]
         low, high = corners.min(axis=1), corners.max(axis=1)
@@ -144,7 +144,7 @@ class Surface:
 
 
 def bulge_of(mesh: trimesh.Trimesh) -> float:
-    """Return how far the chords of a mesh's curved walls stay inside the curves at most [mm]."""
+    """Return the largest gap between a curved wall and the chords of its mesh [mm]."""
     angles = np.asarray(mesh.face_adjacency_angles)
     smooth = (angles < SMOOTH_RAD) & (angles > 1e-4)
     if not smooth.any():

@@ -50,7 +50,7 @@ class PartSymmetry:
     mirror: FloatArray | None
 
     def related(self, a: FloatArray, b: FloatArray, within_rad: float = SAME_POSE_RAD) -> bool:
-        """Return whether a symmetry carries one direction of the part to another.
+        """Return True if a symmetry carries one direction of the part to another.
 
         Parameters
         ----------
@@ -178,7 +178,7 @@ def _many_fold(surface: Surface, axis: FloatArray) -> list[FloatArray]:
 
 
 def _order(guesses: list[FloatArray], axis: FloatArray) -> int:
-    """Return how many-fold an axis is by the smallest turn about it among rotations."""
+    """Return the order of an axis of symmetry, from the smallest turn about it among rotations."""
     turns = [g for g in guesses if np.linalg.det(g) > 0 and np.linalg.norm(g @ axis - axis) < 1e-9]
     angles = [rotation_angle(g) for g in turns]
     return max((round(2 * np.pi / a) for a in angles if a > 1e-6), default=1)

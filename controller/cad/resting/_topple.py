@@ -36,7 +36,7 @@ class Landscape:
 
 
 def landscape_of(hull: Hull) -> Landscape:
-    """Return where a part ends from each facet of its hull, and how high the passes are."""
+    """Return rest facets, probabilities and pass heights of a part that topples over its hull."""
     to_edge = _distances_mm(hull)
     stays = _stays(hull, to_edge)
     share = _shares(hull)
@@ -53,7 +53,7 @@ def landscape_of(hull: Hull) -> Landscape:
 
 
 def _distances_mm(hull: Hull) -> FloatArray:
-    """Return how far inside its two facets' edge the centre stands (e, 2), negative outside."""
+    """Return the depth (e, 2) of the centre inside its two facets' edge, negative outside [mm]."""
     start, end = hull.corners_mm[hull.edge_ends[:, 0]], hull.corners_mm[hull.edge_ends[:, 1]]
     along = end - start
     along /= np.maximum(np.linalg.norm(along, axis=1), 1e-300)[:, None]
@@ -134,7 +134,7 @@ def _over(hull: Hull) -> IntArray:
 
 
 def _follow(step: IntArray) -> IntArray:
-    """Return where each chain of steps ends (t,); a chain that runs in a circle ends inside it."""
+    """Return the last facet of each chain of steps (t,); for a circle, a facet within it."""
     for _ in range(max(1, int(np.ceil(np.log2(len(step)))) + 1)):
         further = step[step]
         if np.array_equal(further, step):

@@ -129,7 +129,7 @@ def fillets(solid: Solid, walls: dict[int, Wall]) -> list[Band]:
 
 
 def _turns(solid: Solid) -> FloatArray:
-    """Return how far the normals of each face turn from its mean normal, both ways (f,)."""
+    """Return the turn of each face's normals about its mean normal, to both sides (f,) [rad]."""
     normals = np.asarray(solid.mesh.face_normals)
     mean = np.array([face.normal for face in solid.faces])[solid.face_of_triangle]
     cosine = np.clip((normals * mean).sum(axis=1), -1.0, 1.0)

@@ -83,7 +83,7 @@ def counted_defect_mm(samples: SurfaceSamples, smallest_mm: float) -> float:
 
 
 def count_caution(samples: SurfaceSamples, smallest_mm: float) -> str:
-    """Return what a count by samples cannot vouch for, in a sentence; empty where it is nothing.
+    """Return a sentence on the defects that coverage samples may miss; empty where there are none.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ def count_caution(samples: SurfaceSamples, smallest_mm: float) -> str:
 
 
 def _apart(places: FloatArray, rng: np.random.Generator) -> IntArray:
-    """Return which of many places (n, d) to keep: none nearer than `APART`, and no room for more.
+    """Return the indices of places (n, d) kept by thinning, none nearer to another than `APART`.
 
     Each is kept that has none before it, in a drawn order, that is kept and near. The first of them
     decide about most of the others, so that few are compared in pairs.
@@ -120,7 +120,7 @@ def _apart(places: FloatArray, rng: np.random.Generator) -> IntArray:
 
 
 def _first_apart(places: FloatArray) -> IntArray:
-    """Return which places to keep that none kept before them is near.
+    """Return the indices of the places kept by greedy thinning in the given order.
 
     In rounds: of those near each other the one that comes first is kept.
     """

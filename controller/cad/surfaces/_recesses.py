@@ -68,7 +68,7 @@ def _rings(solid: Solid, left_out: set[int]) -> Iterator[tuple[FloatArray, list[
 def _recess(
     solid: Solid, sides: list[list[int]], lengths: FloatArray, ring: list[int], along: FloatArray
 ) -> Slot | None:
-    """Return what a ring of walls is; None where neither of its ends is open."""
+    """Return the slot that a ring of walls forms; None where neither of its ends is open."""
     points = np.concatenate([points_of(solid, i) for i in ring])
     heights = points @ along
     low, high = float(heights.min()), float(heights.max())

@@ -45,7 +45,7 @@ class SurfaceSamples:
 
 
 def by_face(points_mm: FloatArray, face_ids: NDArray[np.integer]) -> FloatArray:
-    """Return places (n, 4) of points such that the nearest place is on the same face.
+    """Return places (n, 4) of points in which a nearest neighbour is on the same face.
 
     Parameters
     ----------

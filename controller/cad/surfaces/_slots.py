@@ -110,7 +110,7 @@ def _floors(
 def _kind(
     solid: Solid, sides: list[list[int]], walls: tuple[int, ...], along: FloatArray
 ) -> Literal["slot", "keyway"]:
-    """Return what a slot is: a keyway where both its walls open along it into a round surface."""
+    """Return the kind of a slot: a keyway where both walls open along it into a round surface."""
     b = solid.boundary
     along = along / max(float(np.linalg.norm(along)), 1e-9)
     for wall in walls:
@@ -177,7 +177,7 @@ def grooves(solid: Solid, taken: set[int]) -> list[Slot]:
 def _open_at_both_ends(
     solid: Solid, edges: list[int], along: FloatArray, reach: FloatArray
 ) -> bool:
-    """Return whether a floor drops off at either end of its reach along its walls."""
+    """Return True if a floor drops off at both ends of its reach along its walls."""
     b = solid.boundary
     dropping = [h for h in edges if b.crease[h // 2] == Crease.CONVEX]
     chains = [b.chain_of(h // 2)[[0, -1]] for h in dropping]

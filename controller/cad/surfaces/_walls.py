@@ -62,7 +62,7 @@ def loop_points(solid: Solid, loop: int) -> FloatArray:
 
 
 def winding(points: FloatArray, axis: FloatArray, centre_mm: FloatArray) -> int:
-    """Return how often a closed run of points goes round an axis, anticlockwise seen against it.
+    """Return the number of turns of a closed run of points about an axis, anticlockwise positive.
 
     Parameters
     ----------
@@ -130,7 +130,7 @@ def find_walls(solid: Solid) -> dict[int, Wall]:
 
 
 def coaxial(one: Face, other: Face) -> bool:
-    """Return whether two round surfaces share their axis."""
+    """Return True if two round surfaces share their axis."""
     if abs(float(one.axis @ other.axis)) < COAXIAL_COS:
         return False
     offset = other.centre_mm - one.centre_mm

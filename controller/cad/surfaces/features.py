@@ -184,7 +184,7 @@ def _planes(solid: Solid, end: End) -> tuple[int, ...]:
 
 
 def _is_free(solid: Solid, stack: list[Wall], end: End) -> bool:
-    """Return whether a boss ends here: a hollow round at its foot is a fillet, not an end."""
+    """Return True if a boss ends here; a hollow round at its foot is a fillet, not an end."""
     if not end.is_open:
         return False
     for wall in stack:

@@ -53,7 +53,7 @@ class ViewModel:
 
 
 def prepare_views(solid: Solid) -> ViewModel:
-    """Return what all views of a solid share."""
+    """Return the data that all views of a solid share."""
     vertices = np.asarray(solid.mesh.vertices, dtype=np.float64)
     triangles = np.asarray(solid.mesh.faces, dtype=np.int32)
     ends, sides, across = _mesh_edges(triangles, len(vertices))

@@ -130,7 +130,7 @@ def _moved(
 
 
 def _count(pair: _Pair, placing: FloatArray, tolerance: float) -> int:
-    """Return how many points of both have no partner at one placing (3,)."""
+    """Return the number of points of both without a partner at one placing (3,)."""
     count = 0
     for k in (0, 1):
         moved = _moved(pair.points[k], pair.pivot, placing[None], k == 1)
@@ -141,7 +141,7 @@ def _count(pair: _Pair, placing: FloatArray, tolerance: float) -> int:
 def _area(
     a: BoolArray, b: BoolArray, ignore: BoolArray, pivot: FloatArray, p: FloatArray, tol: float
 ) -> int:
-    """Return how many cells only one of both covers, farther than the tolerance from the other."""
+    """Return the number of cells that only one of both covers, beyond the tolerance."""
     c, s = np.cos(p[0]), np.sin(p[0])
     R = np.array([[c, -s], [s, c]])
     motion = np.column_stack([R, pivot + p[1:] - R @ pivot])

@@ -58,7 +58,7 @@ def discriminate(
     edges_px: FloatArray | None = None,
     rules: DisambiguationRules | None = None,
 ) -> Identification:
-    """Return which hypotheses a picture leaves.
+    """Return the hypotheses that are left after a picture.
 
     One that fits worse than the best one is out when it fits worse by half of what the two of them
     look different by, and that is enough for a picture to tell: what a picture lacks or has too

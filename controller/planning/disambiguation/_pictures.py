@@ -114,7 +114,7 @@ def predict(
     arm_gripper: ViewMaps | None,
     rules: DisambiguationRules,
 ) -> EdgePicture:
-    """Return what the camera would see of one hypothesis.
+    """Return the predicted picture of one hypothesis.
 
     Parameters
     ----------
@@ -162,7 +162,7 @@ def predict(
 
 
 def see_boxes(boxes: Sequence[Box], camera: Camera, roi: Roi, step_px: int) -> ViewMaps:
-    """Return where boxes in the world are in the picture.
+    """Return triangle and depth maps of boxes in the world.
 
     Parameters
     ----------
@@ -185,7 +185,7 @@ def stance_of(
     roi: Roi,
     rules: DisambiguationRules,
 ) -> Stance:
-    """Return how hypotheses held by one gripper may be off in one view.
+    """Return the possible shift and tilt of hypotheses in one gripper, as one view sees them.
 
     To first order: what lies at depth z from the gripper's TCP moves by the tilt times z across the
     picture. The mean of it is a shift of all; what is left is tolerated.

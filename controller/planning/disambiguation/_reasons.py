@@ -71,7 +71,7 @@ def why_alike(
 
 
 def distance_mm(a: HeldHypothesis, samples: SurfaceSamples, b: HeldHypothesis) -> FloatArray:
-    """Return how far each sample (n,) of one hypothesis is from the surface of another [mm].
+    """Return the distance of each sample (n,) of one hypothesis from the surface of another [mm].
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ def _shown(
     q: FloatArray,
     opening_mm: float,
 ) -> bool:
-    """Return whether any of the samples meant is in sight in one configuration."""
+    """Return True if any of the given samples is in sight in one configuration."""
     if not members.any():
         return False
     T = tcp_pose(layout, q) @ c.T_tcp_part

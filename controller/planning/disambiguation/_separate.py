@@ -67,7 +67,7 @@ class Model:
 
 
 def model_of(hypothesis: HeldHypothesis) -> Model:
-    """Return what predicting pictures of a hypothesis takes."""
+    """Return the model by which pictures of a hypothesis are predicted."""
     return Model(RayCaster(hypothesis.solid.mesh), outer_points(hypothesis.solid))
 
 
@@ -120,7 +120,7 @@ def separations(
     opening_mm: float,
     rules: DisambiguationRules | None = None,
 ) -> Separations:
-    """Return how well each of some configurations (k, 6) separates the hypotheses.
+    """Return the separation of the hypotheses in each of some configurations (k, 6).
 
     The gripper holds whichever it is. They are looked at in thinned pictures, the cheapest ones
     first, until a dearer one cannot begin a cheaper tree; the cheapest and the clearest of each
@@ -195,10 +195,10 @@ def _margins(
 
 
 def cost_s(seconds: FloatArray, margin: FloatArray) -> FloatArray:
-    """Return what views (n,) cost, with the chance that they have to be followed by another."""
+    """Return the expected cost of views (n,) [s], with the chance that one more must follow."""
     return np.asarray(seconds * (1.0 + FAILS / margin))
 
 
 def needed_px(light: Light, rules: DisambiguationRules) -> float:
-    """Return how many pixels must differ to tell two hypotheses apart under a light."""
+    """Return the difference that tells two hypotheses apart under a light [px]."""
     return rules.min_area_px if light == "backlight" else rules.min_edge_px

@@ -181,7 +181,7 @@ class _View:
 
 
 def _worth_asking(found: Separations, seconds: FloatArray) -> list[_View]:
-    """Return, for each set of pairs that some view parts, the cheapest such view."""
+    """Return the cheapest view for each set of pairs that some view separates."""
     kept: dict[frozenset[int], _View] = {}
     for k in range(len(found.margins)):
         for row, light in enumerate(LIGHTS):

@@ -91,7 +91,7 @@ def stack(boxes: Sequence[SolidBox]) -> tuple[FloatArray, FloatArray]:
 
 
 def overlap(T_a: FloatArray, half_a: FloatArray, T_b: FloatArray, half_b: FloatArray) -> BoolArray:
-    """Return which pairs of boxes touch (n,).
+    """Return a mask (n,) of the pairs of boxes that touch.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def overlap(T_a: FloatArray, half_a: FloatArray, T_b: FloatArray, half_b: FloatA
 def overlap_turned(
     R_a: FloatArray, a: FloatArray, R_b: FloatArray, b: FloatArray, offset: FloatArray
 ) -> BoolArray:
-    """Return which pairs of boxes touch (n,).
+    """Return a mask (n,) of the pairs of boxes that touch.
 
     Gottschalk's 15 axes, all pairs at once; pairs that a face separates never see the edges' nine.
 
@@ -138,7 +138,7 @@ def overlap_turned(
 def segments_hit(
     start: FloatArray, end: FloatArray, boxes: list[Box] | tuple[Box, ...], grow_mm: float = 0.0
 ) -> BoolArray:
-    """Return which segments pass through any of the boxes (n,).
+    """Return a mask (n,) of the segments that pass through any of the boxes.
 
     Parameters
     ----------

@@ -81,7 +81,7 @@ class PartShape:
         return self._model
 
     def holds(self, point_mm: FloatArray) -> bool:
-        """Return whether a point (3,) lies inside: the triangles are seen from it all round."""
+        """Return True for a point (3,) inside the mesh, by the solid angle of its triangles."""
         if np.any(np.abs(point_mm - self.box.T[:3, 3]) > self.box.half_mm):
             return False
         a, b, c = np.moveaxis(self._vertices_mm[self._faces] - point_mm, 1, 0)
@@ -121,7 +121,7 @@ class Triangles:
         self._object.setTransform(fcl.Transform(T_world_part[:3, :3], T_world_part[:3, 3]))
 
     def meets(self, other: Triangles) -> bool:
-        """Return whether the surfaces of two placed parts cut each other."""
+        """Return True if the surfaces of two placed parts intersect."""
         result = fcl.CollisionResult()
         return bool(fcl.collide(self._object, other._object, self._request, result))
 
@@ -130,7 +130,7 @@ class Triangles:
         return float((self._shape.hull_mm @ self._T[2, :3]).min() + self._T[2, 3])
 
     def touch(self, R: FloatArray, centre_mm: FloatArray, half_mm: FloatArray) -> bool:
-        """Return whether the part touches a solid box, or holds it within.
+        """Return True if the part touches a solid box, or encloses it.
 
         Parameters
         ----------

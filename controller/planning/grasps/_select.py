@@ -37,7 +37,7 @@ def resting_pose(
 
 
 def clear_of_table(T_world_part: FloatArray, grasps: Sequence[Grasp], jaw: Jaw) -> FloatArray:
-    """Return which grasps keep the open gripper off the table and come from above (n,).
+    """Return a mask (n,) of the grasps from above whose open gripper clears the table.
 
     Parameters
     ----------

@@ -92,7 +92,7 @@ def synthesise_grasps(
 
 
 def _refusal(problem: GraspProblem, jaw: Jaw, holder: Holder, stages: Sequence[FilterStage]) -> str:
-    """Return which stage left no grasp, with the number that fails."""
+    """Return a message that names the stage with no grasp left, and the figure that fails."""
     solid, rules = problem.solid, problem.rules.for_pads_of(jaw)
     last = next(s for s in stages if s.left == 0)
     name = f"{solid.name}: the {holder} cannot hold it"
@@ -336,7 +336,7 @@ def _measured(
     down: FloatArray | None = None,
     table_mm2: float | None = None,
 ) -> _Measured:
-    """Return which of the candidates numbered hold by fine rays and at wrong poses.
+    """Return the candidates of those numbered that hold by fine rays and at wrong poses.
 
     Of a part that lies on a table (`down`, (3,) in the part frame) only place and heading may be
     wrong, and less contact will do: `table_mm2`, None for what two lines give.

@@ -32,7 +32,7 @@ class PartTriangles:
         self._request = fcl.CollisionRequest()
 
     def touches(self, T: FloatArray, half_mm: FloatArray) -> bool:
-        """Return whether any of the boxes, poses (n, 4, 4) and half edges (n, 3), touches it."""
+        """Return True if any box, of poses (n, 4, 4) and half edges (n, 3), touches the part."""
         for pose, half in zip(T, half_mm, strict=True):
             box = fcl.CollisionObject(
                 fcl.Box(*(2 * half)), fcl.Transform(pose[:3, :3], pose[:3, 3])
@@ -50,7 +50,7 @@ def clear_of_part(
     jaw: Jaw,
     rules: GraspRules,
 ) -> BoolArray:
-    """Return which open grippers (n, 4, 4) come straight in and close on nothing but their contact.
+    """Return a mask (n,) of grippers that approach and close without touching but at the contact.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ def _swept(box: Box, behind_mm: float) -> Box:
 def lifts_off_table(
     T: FloatArray, gap_open: FloatArray, jaw: Jaw, hull: FloatArray, down: FloatArray
 ) -> BoolArray:
-    """Return which open grippers come from above and stay off the table the part lies on (n,).
+    """Return a mask (n,) of the open grippers that come from above and clear the table.
 
     Parameters
     ----------

@@ -55,7 +55,7 @@ class Tally:
     def require(
         self, name: str, values: FloatArray, limit: float, unit: str = "", *, most: bool = False
     ) -> BoolArray:
-        """Return which values reach a limit, and remember how many did and the best.
+        """Return a mask (n,) of the values that reach a limit; keep their number and the best.
 
         Parameters
         ----------
@@ -113,7 +113,7 @@ class Judge:
     def close(
         self, T: FloatArray, gap: FloatArray, inner: BoolArray, grid: PadGrid, slopes: bool = False
     ) -> Contacts:
-        """Return what the pads touch, as `close_pads`.
+        """Return the contacts of the pads, as `close_pads`.
 
         Parameters
         ----------
@@ -146,13 +146,13 @@ class Judge:
         )
 
     def in_width(self, found: Contacts, inner: BoolArray) -> BoolArray:
-        """Return which were touched by both pads within what the jaw opens to (n,)."""
+        """Return a mask (n,) of contacts by both pads, within the opening range of the jaw."""
         low = np.where(inner, narrowest_inner(self.jaw, self.rules), 1.0)
         high = np.where(inner, widest_inner(self.jaw), self.jaw.max_mm - self.rules.jaw_reserve_mm)
         return np.asarray(found.touched & (found.opening >= low) & (found.opening <= high))
 
     def holds(self, found: Contacts, inner: BoolArray, contact_mm2: float) -> BoolArray:
-        """Return which contacts are good for every rule (n,).
+        """Return a mask (n,) of the contacts that meet every rule.
 
         Parameters
         ----------

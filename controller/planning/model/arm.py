@@ -86,7 +86,7 @@ class TimingModel(Protocol):
     def courses(
         self, q_from: FloatArray, q_to: FloatArray, count: int
     ) -> tuple[FloatArray, FloatArray]:
-        """Return where one move (6,) to (6,) may have the arm as time goes by.
+        """Return the possible courses of the arm over time in one move (6,) to (6,).
 
         Parameters
         ----------
@@ -189,7 +189,7 @@ class ArmModel(Protocol):
         """
 
     def within_limits(self, q: FloatArray) -> BoolArray:
-        """Return which configurations (..., 6) the arm would accept: (...) bool; NaN is outside."""
+        """Return a mask (...) of configurations (..., 6) within the limits; NaN is outside."""
 
     def limit_report(self, q: FloatArray) -> str:
         """Return the worst passed limit of one q (6,), and by how much, in words."""
@@ -226,10 +226,10 @@ class ArmModel(Protocol):
         """
 
     def retreats(self, q: FloatArray, count: int) -> FloatArray:
-        """Return how the arm gets out of the crowd from (n, 6): (n, count, 6), from there on."""
+        """Return the retreats (n, count, 6) of the arm from crowded configurations (n, 6)."""
 
     def homing_sweep(self, low: FloatArray, high: FloatArray) -> Sequence[SweepPhase]:
-        """Return where homing that opens no jaw takes the joints, phase by phase.
+        """Return the range of the joints in each phase of a homing that opens no jaw.
 
         Empty for an arm that has no such homing.
 
@@ -239,7 +239,7 @@ class ArmModel(Protocol):
         """
 
     def move_sweep(self, q_from: FloatArray, q_to: FloatArray) -> SweepPhase:
-        """Return where one move (6,) to (6,) takes the joints, however its motors keep step."""
+        """Return the range of the joints in one move (6,) to (6,), with motors in step or not."""
 
     def describe(self, q: FloatArray) -> str:
         """Return one q (6,) for people, in degrees and mm."""

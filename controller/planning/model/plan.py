@@ -19,7 +19,7 @@ JointPath = tuple[FloatArray, ...]
 
 
 def lit_count(*, is_square: bool) -> int:
-    """Return how many pictures a view has beside the backlit one, each under another lamp.
+    """Return the number of pictures of a view beside the backlit one, each under another lamp.
 
     On a plane seen squarely, the side lamp's shadows reveal pockets and steps. In slanting views
     they fall mostly where the prediction is not trusted.

@@ -1,4 +1,4 @@
-"""Where a plan may begin: whoever has the part just now, as it was measured, not as planned."""
+"""Possible starts of a plan: where the part is now, as measured and not as planned."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ def inverse_rows(
 
 
 def passed_limit(layout: CellLayout, T_world_tcp: FloatArray) -> str:
-    """Return which joint limit TCP poses (n, 4, 4) pass, in words; empty where no branch exists."""
+    """Return the joint limit that TCP poses (n, 4, 4) pass, in words; empty without a branch."""
     q = layout.arm.branches(np.linalg.inv(layout.T_world_arm) @ T_world_tcp).reshape(-1, 6)
     q = q[np.isfinite(q).all(axis=1)]
     return layout.arm.limit_report(q[0]) if len(q) else ""

@@ -48,7 +48,7 @@ def fewest_waypoints(layout: CellLayout, q: FloatArray, sag_mm: float = 1.5) -> 
 
 
 def _sag(layout: CellLayout, q_begin: FloatArray, q_end: FloatArray, tip_mm: FloatArray) -> float:
-    """Return how far the TCP leaves (k, 3) places when the joints go straight between the ends."""
+    """Return the TCP's largest distance from (k, 3) positions on a straight joint path [mm]."""
     share = np.linspace(0, 1, len(tip_mm))[:, None]
     straight = tcp_pose(layout, q_begin + share * (q_end - q_begin))[:, :3, 3]
     return float(np.linalg.norm(straight - tip_mm, axis=1).max())

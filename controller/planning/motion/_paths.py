@@ -22,7 +22,7 @@ from .trees import rrt_connect
 
 
 def path_free(scene: Scene, path: Sequence[FloatArray]) -> bool:
-    """Return whether joint moves through waypoints are free, with thinner margins at both ends."""
+    """Return True if joint moves through waypoints are free, with thinner margins at both ends."""
     ends = Ends.of(scene.layout, path[0], path[-1])
     return all(segment_free(scene, a, b, ends) for a, b in pairwise(path))
 

@@ -90,7 +90,7 @@ class Scene:
         ]
 
     def reach_mm(self) -> tuple[float, float]:
-        """Return how far gripper and part reach from the wrist's centre and the approach axis."""
+        """Return the reach of gripper and part from wrist centre and approach axis [mm]."""
         boxes = [
             *self.layout.arm_gripper.body,
             *self.layout.arm_gripper.fingers(self.arm_opening_mm),
@@ -104,7 +104,7 @@ class Scene:
         return float(away[0].max()), float(away[1].max())
 
     def names(self) -> tuple[str, ...]:
-        """Return what the indices of `contacts` stand for."""
+        """Return the names of the indices of `contacts`."""
         return ("table", *(name for name, _ in self.statics()), "the arm itself", "column")
 
     def free(
@@ -115,7 +115,7 @@ class Scene:
         arm_gripper: GripperBoxes | None = None,
         part: tuple[PartShape, FloatArray] | None = None,
     ) -> BoolArray:
-        """Return which configurations keep the margins (n,).
+        """Return a mask (n,) of the configurations that keep the margins.
 
         Parameters
         ----------
@@ -235,7 +235,7 @@ class Scene:
     def _touching(
         self, moving: _Moving, margin: FloatArray, floor: FloatArray, own: FloatArray
     ) -> tuple[IntArray, IntArray, IntArray]:
-        """Return what touches, all of it as boxes: rows, moving bodies, indices in `names`."""
+        """Return the contacts of all bodies, as boxes: rows, moving bodies, indices in `names`."""
         still = self._still()
         R, centre, half = moving.turns, moving.centres, moving.halves
         k = centre.shape[1]
@@ -286,7 +286,7 @@ class Scene:
         return np.concatenate(rows), np.concatenate(bodies), np.concatenate(names)
 
     def _own_pairs(self, moving: int) -> tuple[IntArray, IntArray]:
-        """Return which of the moving boxes are kept from which links: two of (p,)."""
+        """Return the moving boxes and the links that must keep clear of each other: two of (p,)."""
         arm = self.layout.arm
         kept_from = tuple(link.keeps_clear_of for link in arm.links)
         return _pairs(kept_from, tuple(arm.link_pairs), moving, len(self.layout.arm_gripper.body))
@@ -306,7 +306,7 @@ class Scene:
 
 
 def _first(flags: Iterable[bool]) -> int:
-    """Return where the first link is that has a flag, as many as there are links where none has."""
+    """Return the index of the first link that has a flag, the number of links where none has."""
     count = 0
     for flag in flags:
         if flag:
@@ -319,7 +319,7 @@ def _first(flags: Iterable[bool]) -> int:
 def _pairs(
     kept_from: tuple[str, ...], links: tuple[tuple[int, int], ...], moving: int, body: int
 ) -> tuple[IntArray, IntArray]:
-    """Return which boxes of the arm are kept from which links: two of (p,).
+    """Return the arm's boxes and the links that must keep clear of each other: two of (p,).
 
     Parameters
     ----------
@@ -394,7 +394,7 @@ class _Exact:
             self._standing.append(triangles)
 
     def stands(self, row: int, body: int, name: int) -> bool:
-        """Return whether a contact between boxes is one of triangles as well."""
+        """Return True if a contact between boxes is one between triangles as well."""
         moving, margin = self._moving, float(self._margin[row])
         part = self._part if body == moving.centres.shape[1] - 1 else None
         if part is not None and moving.T_part is not None:

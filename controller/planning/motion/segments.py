@@ -46,13 +46,13 @@ class Ends:
         return cls(tcp_pose(layout, np.stack([q_from, q_to]))[:, :3, 3])
 
     def near(self, tcps_mm: FloatArray) -> BoolArray:
-        """Return which TCP positions (n, 3) are near one of the ends."""
+        """Return a mask (n,) of the TCP positions (n, 3) near one of the ends."""
         away = np.linalg.norm(tcps_mm[:, None] - self.tcps_mm[None], axis=2)
         return np.asarray(away.min(axis=1) < END_LENGTH_MM)
 
 
 def segment_free(scene: Scene, q_from: FloatArray, q_to: FloatArray, ends: Ends) -> bool:
-    """Return whether one joint move keeps the margins all the way, between its states as well.
+    """Return True if one joint move keeps the margins all the way, between its states as well.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ def segment_free(scene: Scene, q_from: FloatArray, q_to: FloatArray, ends: Ends)
 def segment_seems_free(
     scene: Scene, q_from: FloatArray, q_to: FloatArray, ends: Ends, tube_mm: float = 0.0
 ) -> bool:
-    """Return whether one look at states along a move finds nothing; `segment_free` is to follow.
+    """Return True if sampled states of a move are free; `segment_free` must follow.
 
     Parameters
     ----------

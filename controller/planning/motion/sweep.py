@@ -53,7 +53,7 @@ class Swept:
 def prove_sweep(
     scene: Scene, phases: Sequence[SweepPhase], margin_mm: float = SWEEP_MARGIN_MM
 ) -> Swept:
-    """Return whether each configuration of phases keeps the margin, or the first that does not.
+    """Return the proof that phases keep the margin, or their first configuration that does not.
 
     Parameters
     ----------
@@ -149,7 +149,7 @@ def _prove(scene: Scene, phase: SweepPhase, margin_mm: float) -> Swept:
 def _radii(
     scene: Scene, phase: SweepPhase, q: FloatArray, half: FloatArray, far: tuple[float, float]
 ) -> FloatArray:
-    """Return how far any point moves with each independent angle (n, 6) [mm per rad or mm]."""
+    """Return the largest travel of any point per independent angle (n, 6) [mm per rad or mm]."""
     ends = phase.low @ phase.join.T, phase.high @ phase.join.T
     radii = scene.layout.arm.radii_mm(*ends, *far)
     return np.broadcast_to(np.abs(phase.join).T @ radii, q.shape)

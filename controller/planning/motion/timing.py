@@ -56,7 +56,7 @@ def move_seconds(layout: CellLayout, path: Sequence[FloatArray] | FloatArray) ->
 def segment_tube(
     layout: CellLayout, q_from: FloatArray, q_to: FloatArray, at: FloatArray
 ) -> FloatArray:
-    """Return how far gripper and part will be from where the joint line has them (k,) [mm].
+    """Return the deviation of gripper and part from the straight joint line (k,) [mm].
 
     Parameters
     ----------

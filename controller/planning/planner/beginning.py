@@ -57,7 +57,7 @@ class Beginning:
 def from_table(
     part: PreparedPart, layout: CellLayout, start: OnTable, inspected: BoolArray
 ) -> Beginning:
-    """Return how a plan begins with the part on the table.
+    """Return the beginning of a plan for a part on the table.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ def from_table(
 
 
 def from_arm(part: PreparedPart, layout: CellLayout, start: InArm) -> Beginning:
-    """Return how a plan begins with the part in the arm gripper.
+    """Return the beginning of a plan for a part in the arm gripper.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ def from_arm(part: PreparedPart, layout: CellLayout, start: InArm) -> Beginning:
 
 
 def from_fixed_gripper(part: PreparedPart, layout: CellLayout, start: InFixedGripper) -> Beginning:
-    """Return how a plan begins with the part in the fixed gripper.
+    """Return the beginning of a plan for a part in the fixed gripper.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A sequence of grasps and views worked out to the last waypoint, or what of it cannot be driven.
+"""Full construction of a sequence of grasps and views, down to the last waypoint.
 
 What has no path is named, so that the search can go on without it and without anything else
 (planning-facts.md 1.3, lazy verification).
@@ -388,7 +388,7 @@ class Builder:
         )
 
     def sort(self, build: Build, g: int) -> tuple[dict[str, Place], dict[str, Park]]:
-        """Return how the part gets into each tray, and the arm home from there.
+        """Return the part's path into each tray, and the arm's path home from there.
 
         Raises
         ------
@@ -447,7 +447,7 @@ class Builder:
 
 
 def tray_distance_mm(layout: CellLayout, tray: Tray) -> float:
-    """Return how far from the arm's axis a tray's middle is."""
+    """Return the distance of a tray's middle from the arm's axis [mm]."""
     T_arm = layout.T_world_arm
     return float(np.hypot(*(np.array(tray.centre_mm) - T_arm[:2, 3])))
 
@@ -474,6 +474,6 @@ def check_trays_in_reach(name: str, layout: CellLayout) -> None:
 
 
 def _standing_opening(build: Build, layout: CellLayout) -> float:
-    """Return how wide the empty gripper stands: as it let go last, else as wide as it gets."""
+    """Return the opening of the empty gripper: as it last let go, else the widest [mm]."""
     last = build.steps[-1] if build.steps else None
     return last.arm_open_mm if isinstance(last, GiveStep) else layout.arm_gripper.max_mm

@@ -121,7 +121,7 @@ def into_wedges(
 
 
 def worth_of(points: SurfaceSamples) -> FloatArray:
-    """Return what it is worth to show each point (k,): together 1 or more is worth a view."""
+    """Return the worth of showing each point (k,); a sum of 1 or more is worth a view."""
     face_mm2 = np.bincount(points.face_ids, points.areas_mm2)
     enough_mm2 = np.minimum(FACE_SHARE * face_mm2, SPOT_MM2)
     return np.asarray(points.areas_mm2 / enough_mm2[points.face_ids])

@@ -65,12 +65,12 @@ class EdgeCosts:
 
 
 def view_seconds(layout: CellLayout) -> float:
-    """Return what a view costs where it is not known yet which [s]."""
+    """Return the cost of a view that is not chosen yet [s]."""
     return layout.cell_times.look_s(lit_count(is_square=False)) + TRAVEL_S
 
 
 def risk_s(grasp: Grasp) -> float:
-    """Return what the chance that a grasp fails is worth [s]."""
+    """Return the expected cost of a grasp that fails [s]."""
     return RECOVERY_S * (1.0 - MIN_SURE) * (1.0 - grasp.score)
 
 

@@ -48,7 +48,7 @@ def count_shown(
 
 
 def counted_as(part: PreparedPart, able: BoolArray, seen: BoolArray) -> BoolArray:
-    """Return which points counted by could be shown (m,).
+    """Return a mask (m,) of the counted points that could be shown.
 
     Parameters
     ----------

@@ -140,7 +140,7 @@ def identify(
     backlit: Grey,
     lit: Sequence[Grey],
 ) -> Identification:
-    """Return which hypotheses the pictures of a `Present.ambiguity` leave.
+    """Return the hypotheses that are left after the pictures of a `Present.ambiguity`.
 
     Parameters
     ----------
@@ -215,7 +215,7 @@ def _holds_too(
     area: float,
     tolerance_mm: float,
 ) -> bool:
-    """Return whether jaws that close on another solid there stop as they would on the part."""
+    """Return True if jaws stop on another solid at the same place as on the part."""
     other, width = _closed(caster, T_part_tcp, layout.arm_gripper, grasp.pre_open_mm)
     return other >= MIN_SHARE * area and abs(width - grasp.opening_mm) <= tolerance_mm
 

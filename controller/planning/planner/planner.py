@@ -160,7 +160,7 @@ class _Task:
         )
 
     def is_shown_by(self, solution: Solution | None) -> bool:
-        """Return whether a solution shows what any grasp shows, even one that nothing leads to."""
+        """Return True if a solution shows all that any grasp shows, even an unreachable one."""
         if solution is None:
             return False
         able = self.part.covered.any(axis=0) & ~self.seen
@@ -233,7 +233,7 @@ def _plan(task: _Task, seed: int) -> Plan:
 
 
 def _is_of_second_choice(error: RefutedError, solution: Solution, costs: EdgeCosts) -> bool:
-    """Return whether only views cannot be driven that the search has not chosen."""
+    """Return True if the refuted edges are only views that the search did not choose."""
     chosen = {
         (g, int(costs.views[g][row]))
         for g, rows in zip(solution.grasps, solution.views, strict=True)

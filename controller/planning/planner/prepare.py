@@ -262,7 +262,7 @@ def among_neighbours(part: PreparedPart, layout: CellLayout) -> PreparedPart:
 
 
 def _is_joined(part: PreparedPart, layout: CellLayout) -> bool:
-    """Return whether the fixed gripper alone leads from every pose to all that can be shown."""
+    """Return True if the fixed gripper alone leads from every pose to all that can be shown."""
     count = len(part.arm_grasps)
     can = np.zeros((count, count), dtype=bool)
     for table in part.hand_offs:

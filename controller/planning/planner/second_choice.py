@@ -107,7 +107,7 @@ class SecondChoice:
         return left
 
     def _shown(self, rows: _Rows, probes: IntArray) -> BoolArray:
-        """Return which rows show which of some probes, (r, k)."""
+        """Return a mask (r, k) of the probes that each row shows."""
         counter = self._counter.of_rows(probes)
         return np.stack([self._shown_by(counter, rows, k) for k in range(len(rows.views))])
 

@@ -57,7 +57,7 @@ def unseen_pieces(
     lies_in: int = -1,
     counted_seen: BoolArray | None = None,
 ) -> tuple[Unseen, ...]:
-    """Return what is not seen per face with its reason.
+    """Return the unseen pieces of each face, with the reason.
 
     Parameters
     ----------
@@ -139,7 +139,7 @@ def _counted(
 
 
 def nothing_shown(part: PreparedPart, layout: CellLayout, seen: BoolArray) -> OutOfReachError:
-    """Return why not one view of the part can be had, with the number that fails.
+    """Return the reason why no view of the part is possible, with the figure that fails.
 
     Parameters
     ----------
@@ -278,7 +278,7 @@ def _fingers(part: PreparedPart, layout: CellLayout, piece: BoolArray) -> tuple[
 
 
 def _distinct(part: PreparedPart) -> int:
-    """Return how many arm grasps come before the first one turned over."""
+    """Return the number of arm grasps before the first one that is turned over."""
     for k, grasp in enumerate(part.arm_grasps):
         if grasp.id.endswith("'"):
             return max(k, 1)
@@ -347,7 +347,7 @@ def _out_of_picture(part: PreparedPart, layout: CellLayout) -> tuple[str, str]:
 
 
 def _better_place(part: PreparedPart, layout: CellLayout, pairs: Sequence[tuple[int, ...]]) -> str:
-    """Return where a camera would have to stand for the arm to show one of some views to it."""
+    """Return advice on the place of camera or station by which one of some views is possible."""
     for name, towards in SENSOR_PLACES.items():
         for grasp, view in pairs:
             T = _poses_towards(part, layout, part.directions.vectors[view], np.array(towards))
@@ -427,7 +427,7 @@ def _no_path(
 
 
 def _starts(part: PreparedPart, layout: CellLayout, pose_index: int, wanted: Sequence[int]) -> bool:
-    """Return whether one of some grasps picks the part as it lies in a stable pose."""
+    """Return True if one of some grasps picks the part from a stable pose."""
     pose = next(p for p in part.poses if p.index == pose_index)
     x, y = layout.set_down_mm.mean(axis=1)
     T = resting_pose(part.solid, pose, float(x), float(y))

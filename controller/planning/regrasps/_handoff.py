@@ -27,7 +27,7 @@ PART_MARGIN_MM = 5.0
 def hand_offs(
     layout: CellLayout, part: PartShape, fixed_grasp: Grasp, arm_gripper_grasps: Sequence[Grasp]
 ) -> dict[int, HandOff]:
-    """Return how each arm grasp (by its place in the sequence) meets one of the fixed gripper.
+    """Return the hand-offs of one fixed grasp with arm grasps, by their place in the sequence.
 
     Parameters
     ----------

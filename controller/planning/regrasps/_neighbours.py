@@ -31,7 +31,7 @@ def beside_alone(layout: CellLayout) -> CellLayout:
 
 
 def lift_mm(part: PreparedPart, layout: CellLayout, T_world_part: FloatArray) -> float:
-    """Return how high the part is lifted before it goes anywhere: over its near neighbours.
+    """Return the height by which the part is lifted over its near neighbours [mm].
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ def lift_mm(part: PreparedPart, layout: CellLayout, T_world_part: FloatArray) ->
 
 
 def what_covers(part: PreparedPart, layout: CellLayout, T_world_part: FloatArray) -> str | None:
-    """Return why the part cannot be lifted straight up, a clause; None where it can.
+    """Return the obstacle to lifting the part straight up, as a clause; None where there is none.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ def _bounds(placed: PlacedShape) -> tuple[FloatArray, FloatArray]:
 
 
 def _gap_mm(one: PlacedShape, other: PlacedShape) -> float:
-    """Return how far apart two placed parts' bounds are on the table; 0 where they overlap."""
+    """Return the distance of two placed parts' bounds on the table; 0 where they overlap."""
     (low_a, high_a), (low_b, high_b) = _bounds(one), _bounds(other)
     apart = np.maximum(np.maximum(low_a - high_b, low_b - high_a), 0.0)
     return float(np.linalg.norm(apart[:2]))

@@ -41,7 +41,7 @@ class PickPath:
 
 
 def pick_paths(part: PreparedPart, layout: CellLayout, T_world_part: FloatArray) -> list[PickPath]:
-    """Return how each arm grasp that can takes the part where it lies.
+    """Return the pick paths of all arm grasps that can take the part where it lies.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ def pick_paths(part: PreparedPart, layout: CellLayout, T_world_part: FloatArray)
 
 
 def is_pickable(part: PreparedPart, layout: CellLayout, T_world_part: FloatArray) -> bool:
-    """Return whether any arm grasp can take the part where it lies.
+    """Return True if any arm grasp can take the part where it lies.
 
     Parameters
     ----------
@@ -181,7 +181,7 @@ def _stacked(grippers: Sequence[list[Box]], layout: CellLayout) -> tuple[FloatAr
 
 
 def _no_grasp_from_above(part: PreparedPart, layout: CellLayout, T_world_part: FloatArray) -> str:
-    """Return why there is nothing to grasp, what would help, and which other stable poses do."""
+    """Return a message: the reason for no grasp, the remedy, and the stable poses that have one."""
     hull = part.solid.hull_mm @ T_world_part[:3, :3].T
     high = float(np.ptp(hull[:, 2]))
     text = f"no pick in this pose: in it the part is {high:.1f} mm high"

@@ -27,12 +27,12 @@ FROM_ABOVE_RAD = np.radians(30.0)  # below the horizontal, at least, the arm gri
 
 
 def is_steady(pose: StablePose) -> bool:
-    """Return whether a part that is let go of in a stable pose stays there."""
+    """Return True if a part released in a stable pose stays there."""
     return bool(not pose.rolling and pose.topple_rad >= STEADY_RAD)
 
 
 def stands_steadily(part: PreparedPart, grasp: Grasp) -> bool:
-    """Return whether a grasp can put the part down, from above, in a pose in which it stays."""
+    """Return True if a grasp can put the part down from above in a pose in which it stays."""
     fingers = grasp.T_part_tcp[:3, 0]
     lowest = -np.sin(FROM_ABOVE_RAD)
     return any(bool(p.R[2] @ fingers <= lowest) for p in part.poses if is_steady(p))
@@ -150,7 +150,7 @@ def _all_free(
     margin_mm: float = MARGIN_MM,
     table_margin_mm: float | None = None,
 ) -> BoolArray:
-    """Return which paths (n, k, 6) are free all along (n,)."""
+    """Return a mask (n,) of the paths (n, k, 6) that are free all along."""
     n, k = paths.shape[:2]
     free = scene.free(paths.reshape(-1, 6), margin_mm, table_margin_mm)
     return np.asarray(free.reshape(n, k).all(axis=1))

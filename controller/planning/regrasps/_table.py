@@ -29,7 +29,7 @@ PART_TABLE_MARGIN_MM = -1.0
 
 
 def rests(solid: Solid, poses: Sequence[StablePose], layout: CellLayout) -> tuple[Rest, ...]:
-    """Return where and how the part may be set down: stably, in the middle of the area for that.
+    """Return the stable poses for setting the part down, in the middle of the area for that.
 
     With neighbours on the table it is where the area is farthest from them.
 
@@ -54,7 +54,7 @@ def rests(solid: Solid, poses: Sequence[StablePose], layout: CellLayout) -> tupl
 def set_downs(
     layout: CellLayout, part: PartShape, rest: Rest, arm_gripper_grasps: Sequence[Grasp]
 ) -> dict[int, HandOff]:
-    """Return how each arm grasp (by its place in the sequence) puts the part down at one place.
+    """Return the ways to set the part down in one rest, by place of the arm grasp in the sequence.
 
     Parameters
     ----------

@@ -150,7 +150,7 @@ class _Left:
         self.bound_s = min([self._limit_s, *(node.bound_s for node in tree)])
 
     def _branches(self, node: _Node) -> list[_Node]:
-        """Return what is left of a node: without a view, and, to be looked into first, with it."""
+        """Return the branches of a node: without a view and, to be searched first, with it."""
         if node.bound_s >= self._limit_s - SAME_S:
             return []
         if not len(node.columns):
@@ -185,7 +185,7 @@ class _Left:
         ]
 
     def _whole(self, cost_s: FloatArray) -> FloatArray:
-        """Return what covers cost that cost no less than some lower bounds."""
+        """Return lower bounds on a cover's cost, rounded up to whole views of equal cost."""
         if self._step_s <= 0.0:
             return cost_s
         return np.asarray(np.ceil(cost_s / self._step_s - ROUNDING) * self._step_s)

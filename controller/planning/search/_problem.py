@@ -131,7 +131,7 @@ def live_grasps(problem: Problem, max_grasps: int = MAX_GRASP_COUNT) -> IndexArr
 
 
 def _steps(sources: BoolArray, regrasp: BoolArray) -> FloatArray:
-    """Return how many regrasps each grasp is from the sources, inf = out of reach."""
+    """Return the number of regrasps from the sources to each grasp, inf = out of reach."""
     steps = np.where(sources, 0.0, np.inf)
     reached, front, k = sources.copy(), sources, 0
     while front.any():
@@ -151,7 +151,7 @@ def needed_of(problem: Problem, max_grasps: int = MAX_GRASP_COUNT) -> BoolArray:
 
 
 def cost_of(problem: Problem, grasps: Sequence[int], views: Sequence[Sequence[int]]) -> float:
-    """Return what grasps in order and the views under each cost [s], inf if that is impossible.
+    """Return the cost of a sequence of grasps with their views [s], inf if it is impossible.
 
     Parameters
     ----------

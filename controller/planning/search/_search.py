@@ -261,7 +261,7 @@ class Search:
                     self._dive(k)
 
     def _goals(self, path_s: FloatArray) -> FloatArray:
-        """Return which lower bound in units would rule each set out."""
+        """Return the lower bound in units that would rule out each set."""
         tables = self.tables
         if not np.isfinite(self.best_s) or tables.dearest_s <= 0.0:
             return np.full(len(path_s), np.inf if tables.dearest_s > 0.0 else 0.0)

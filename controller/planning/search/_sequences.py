@@ -131,7 +131,7 @@ def _keys(sets: IndexArray, last: IndexArray, n: int) -> IndexArray:
 
 
 def showing_all(covered: BoolArray, sets: IndexArray) -> BoolArray:
-    """Return which sets (k, w) of grasps show every element; covered is (n, m)."""
+    """Return a mask (k,) of the sets (k, w) of grasps that show every element of covered (n, m)."""
     n, m = covered.shape
     bits = np.packbits(np.concatenate([covered, np.zeros((1, m), dtype=bool)]), axis=1)
     full = np.packbits(np.ones(m, dtype=bool))

@@ -51,7 +51,7 @@ class Tables:
     dearest_s: float
 
     def views_bound_s(self, units: FloatArray) -> FloatArray:
-        """Return what views cost at least [s] if their unit costs sum to at least `units`."""
+        """Return the lowest cost of views [s] with unit costs of at least `units` in sum."""
         whole = np.ceil(np.maximum(units, 0.0) - 1e-6)  # no unit cost exceeds 1: as many views
         return np.maximum(np.maximum(units, 0.0) * self.dearest_s, whole * self.least_s)
 
@@ -73,7 +73,7 @@ class Core:
 
 
 def make_tables(problem: Problem, max_grasps: int) -> Tables:
-    """Return what some sequence of grasps from start to finish can use of the problem."""
+    """Return the part of the problem that sequences of grasps from start to finish can use."""
     grasps = live_grasps(problem, max_grasps)
     possible = [np.isfinite(problem.view_s[g]) for g in grasps]
     shown = np.zeros((len(grasps), len(problem.weights)), dtype=bool)

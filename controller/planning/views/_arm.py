@@ -58,7 +58,7 @@ class ViewCone:
         return cls(T, half)
 
     def meets(self, T_box: FloatArray, half_mm: FloatArray) -> BoolArray:
-        """Return which boxes (n, 4, 4), (n, 3) may stand in the cone (n,)."""
+        """Return a mask (n,) of the boxes (n, 4, 4), (n, 3) that may stand in the cone."""
         met = np.zeros(len(T_box), dtype=bool)
         for T, half in zip(self.T, self.half_mm, strict=True):
             (left,) = np.nonzero(~met)
@@ -68,7 +68,7 @@ class ViewCone:
 
 
 def seen_extent(layout: CellLayout, points_mm: FloatArray) -> FloatArray:
-    """Return how far points (..., n, 3) reach in the picture each way: (..., DIRECTION_COUNT).
+    """Return the extent of points (..., n, 3) in the picture: (..., DIRECTION_COUNT).
 
     Ways are directions square to the line from the camera to the station, evenly turned; lengths
     are tangents. Points beside or behind the camera reach infinitely far every way.
@@ -95,7 +95,7 @@ def seen_extent(layout: CellLayout, points_mm: FloatArray) -> FloatArray:
 def may_cover(
     layout: CellLayout, T_box: FloatArray, half_mm: FloatArray, extent: FloatArray
 ) -> BoolArray:
-    """Return which boxes overlap a part in the picture (n,).
+    """Return a mask (n,) of the boxes that overlap a part in the picture.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ def standing_between(
 
 
 def holds(box: Box, point: FloatArray) -> bool:
-    """Return whether a point (3,) is in a box, or within a millimetre of it."""
+    """Return True if a point (3,) is in a box, or within a millimetre of it."""
     inside = np.abs(box.T[:3, :3].T @ (point - box.T[:3, 3])) <= box.half_mm + 1.0
     return bool(inside.all())
 
@@ -143,7 +143,7 @@ def hidden_by_boxes(
     points_mm: FloatArray,
     shown: BoolArray,
 ) -> BoolArray:
-    """Return which of the samples shown boxes in the world hide of a part held up (n,).
+    """Return a mask (n,) of the samples of a part held up that boxes in the world hide.
 
     Parameters
     ----------

@@ -62,7 +62,7 @@ class SureRegion:
         )
 
     def holds(self, x: FloatArray, y: FloatArray) -> BoolArray:
-        """Return which points of the plane (n,) are in the rectangle (n,)."""
+        """Return a mask (n,) of the points of the plane (n,) in the rectangle."""
         (x0, y0), (x1, y1) = self.low, self.high
         return np.asarray((x >= x0) & (x <= x1) & (y >= y0) & (y <= y1))
 

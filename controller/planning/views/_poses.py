@@ -43,7 +43,7 @@ class Showing:
 def view_poses(
     solid: Solid, layout: CellLayout, vectors: FloatArray
 ) -> tuple[FloatArray, BoolArray]:
-    """Return how to hold the part for each direction and camera roll.
+    """Return the part's pose at the station for each direction and camera roll.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ def view_poses(
 
 
 def _whole(solid: Solid, camera: Camera, T: FloatArray) -> BoolArray:
-    """Return which poses (v, r, 4, 4) have the whole part inside the picture (v, r)."""
+    """Return a mask (v, r) of the poses (v, r, 4, 4) with the whole part in the picture."""
     hull = solid.hull_mm - solid.centroid_mm
     centre = T[0, 0, :3, :3] @ solid.centroid_mm + T[0, 0, :3, 3]
     radius = float(np.linalg.norm(hull, axis=1).max())
@@ -108,7 +108,7 @@ def _rim_of_ball(camera: Camera, centre: FloatArray, radius: float) -> FloatArra
 def hold_up(
     solid: Solid, samples: SurfaceSamples, layout: CellLayout, vectors: FloatArray
 ) -> Showing:
-    """Return how to hold the part up for each direction and roll, and what is then in the picture.
+    """Return the poses of the part for each direction and roll, and what the picture then shows.
 
     Of a part larger than the picture only the samples inside it count.
 
@@ -131,7 +131,7 @@ def hold_up(
 
 
 def _extent(samples: SurfaceSamples, layout: CellLayout, T: FloatArray) -> FloatArray:
-    """Return how far the part reaches in the picture each way, (v, r, k); of `seen_extent`."""
+    """Return the part's extent in the picture by direction, (v, r, k); see `seen_extent`."""
     flat = T[:, 0]
     points = np.einsum("vij,nj->vni", flat[:, :3, :3], samples.points_mm) + flat[:, None, :3, 3]
     first = seen_extent(layout, points)

@@ -90,17 +90,17 @@ class Counter:
         return some
 
     def held_up(self, grasp: Grasp, q: FloatArray) -> BoolArray:
-        """Return what the inspection camera shows (m,) of a part in a grasp, the arm at q (6,)."""
+        """Return a mask (m,) of what the inspection camera shows in a grasp, the arm at q (6,)."""
         return self.shown(self.sighting(grasp, q))
 
     def on_table(self, T_world_part: FloatArray) -> BoolArray:
-        """Return what the overhead camera shows of the part at rest (m,)."""
+        """Return a mask (m,) of what the overhead camera shows of the part at rest."""
         layout = self._layout
         T_cam_part = inverse_pose(layout.overhead.T_world_cam) @ T_world_part
         return self.shown(Sighting(layout.overhead, layout.overhead_sharp_mm, T_cam_part, ()))
 
     def sighting(self, grasp: Grasp, q: FloatArray) -> Sighting:
-        """Return how the inspection camera sees a part in a grasp, the arm at q (6,)."""
+        """Return the inspection camera's sighting of a part in a grasp, the arm at q (6,)."""
         layout = self._layout
         camera = layout.inspection
         T_world_part = shown_pose(layout, q, grasp.T_part_tcp)
@@ -118,7 +118,7 @@ class Counter:
         return Sighting(camera, layout.inspection_sharp_mm, T_cam_part, tuple(boxes))
 
     def shown(self, sighting: Sighting) -> BoolArray:
-        """Return what a camera shows of the part (m,)."""
+        """Return a mask (m,) of the samples that a camera shows."""
         samples, options, camera = self._samples, self._options, sighting.camera
         T_cam_part, (sharp_from, sharp_to) = sighting.T_cam_part, sighting.sharp_mm
         shown = np.zeros(len(samples.points_mm), dtype=bool)
@@ -153,7 +153,7 @@ class Counter:
         return self._sure[id(camera)]
 
     def _is_in_picture(self, camera: Camera, p_cam_mm: FloatArray) -> BoolArray:
-        """Return which points before a camera (k, 3) are in its picture, clear of the border."""
+        """Return a mask (k,) of camera points (k, 3) in the picture, clear of its border."""
         sure = self._sure_of(camera)
         inside = sure.holds(p_cam_mm[:, 0] / p_cam_mm[:, 2], p_cam_mm[:, 1] / p_cam_mm[:, 2])
         (rows,) = np.nonzero(~inside)
@@ -168,7 +168,7 @@ class Counter:
         members: IntArray,
         T_cam_part: FloatArray,
     ) -> BoolArray:
-        """Return which points of a picture (k,) have pixels enough to the millimetre."""
+        """Return a mask (k,) of the points with enough pixels to the millimetre."""
         least, (low_px, high_px) = self._options.min_px_per_mm, self._sure_of(camera).focal_px
         # straight ahead a surface looked at askance has fewest pixels, so this is a bound
         fine = np.asarray(low_px * cosine >= least * p_cam_mm[:, 2])
@@ -185,7 +185,7 @@ class Counter:
 
 
 def behind_boxes(p_cam_mm: FloatArray, boxes: Sequence[Box], grow_mm: float) -> BoolArray:
-    """Return which points a camera sees past none of some boxes (k,).
+    """Return a mask (k,) of the points that some box hides from the camera.
 
     Parameters
     ----------
@@ -240,7 +240,7 @@ def px_per_mm(camera: Camera, points_mm: FloatArray, normals: FloatArray) -> Flo
 
 
 def pinhole_per_mm(p_cam_mm: FloatArray, normals: FloatArray) -> FloatArray:
-    """Return how far a millimetre along a surface reaches in the plane at depth 1, at least (n,).
+    """Return the least length (n,) of a surface millimetre in the plane at depth 1.
 
     Parameters
     ----------

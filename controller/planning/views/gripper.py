@@ -37,7 +37,7 @@ def hidden_by_gripper(
     T_part_tcp: FloatArray,
     boxes: Sequence[Box],
 ) -> BoolArray:
-    """Return which visible samples a gripper hides (v, n).
+    """Return a mask (v, n) of the visible samples that a gripper hides.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def _crossed(
     view: IntArray,
     sample: IntArray,
 ) -> BoolArray:
-    """Return which lines of sight (m,) cross one of the boxes, upright in a frame of the part.
+    """Return a mask (m,) of lines of sight that cross a box upright in a frame of the part.
 
     All boxes share one division per axis; in single precision, good to 1e-4 mm here.
     """

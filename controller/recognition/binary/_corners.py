@@ -70,7 +70,7 @@ def _box_car(values: NDArray[Number], length: int) -> NDArray[Number]:
 def find_corners(
     filtered: IntArray | FloatArray, threshold: float = 10, reach: int = 15
 ) -> BoundaryCorners:
-    """Return where a filtered curvature is a peak of either sign.
+    """Return the corners of a boundary: peaks of its filtered curvature, of either sign.
 
     Parameters
     ----------

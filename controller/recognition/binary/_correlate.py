@@ -299,7 +299,7 @@ def _matched(
     moves: tuple[IntArray, NDArray[np.complex128], NDArray[np.complex128]],
     reach_mm: float,
 ) -> IntArray:
-    """Return how many features of models, moved, meet a like one of the object, one to one.
+    """Return the number of features of moved models that match one of the object, one to one.
 
     Parameters
     ----------
@@ -328,7 +328,7 @@ def _matched(
 
 
 def _turn_is_free(observed: BoundaryString, limits: BinaryTolerances) -> bool:
-    """Return whether nothing shows how an object is turned: a circle, holes only at its middle."""
+    """Return True if nothing shows the turn of an object: a circle, holes only at its middle."""
     radius = np.linalg.norm(observed.outline_mm - observed.centroid_mm, axis=1)
     if float(np.ptp(radius)) > 2 * limits.round_mm:
         return False

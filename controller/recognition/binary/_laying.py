@@ -195,7 +195,7 @@ def _distances(
     turn: FloatArray,
     shift: NDArray[np.complex128],
 ) -> tuple[NDArray[np.complex128], NDArray[np.complex128], FloatArray]:
-    """Return where samples come to lie, the normals there and their distances from the outline."""
+    """Return the moved samples, the outline's normals there, and the distances from the outline."""
     moved = np.exp(1j * turn)[:, None] * samples + shift[:, None]
     foot, normal = nearest.look(moved)
     gap = moved - foot

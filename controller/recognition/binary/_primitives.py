@@ -144,7 +144,7 @@ def fit_runs(
 
 
 def is_circle(sums: RunningSums, count: int, limits: BinaryTolerances) -> bool:
-    """Return whether all points of a loop are one arc.
+    """Return True if all points of a loop are one arc.
 
     Parameters
     ----------
@@ -159,7 +159,7 @@ def is_circle(sums: RunningSums, count: int, limits: BinaryTolerances) -> bool:
 def _cost(
     sums: RunningSums, first: IntArray, last: IntArray, limits: BinaryTolerances
 ) -> tuple[FloatArray, BoolArray]:
-    """Return what runs cost as one primitive each, and which are cheaper as an arc."""
+    """Return the cost of runs as one primitive each, and a mask of those cheaper as an arc."""
     line, arc, square = sums.residuals(first, last)
     per_noise = 1.0 / limits.line_noise_mm**2
     bend = arc * per_noise + limits.arc_cost
@@ -171,7 +171,7 @@ def _cost(
 def _best_cuts(
     sums: RunningSums, a: int, b: int, limits: BinaryTolerances
 ) -> tuple[IntArray, BoolArray]:
-    """Return where a run is best parted, its ends included, and which parts are arcs."""
+    """Return the best cuts of a run, its ends included, and a mask of the parts that are arcs."""
     count = (b - a) // SHORTEST_RUN + 1
     knots = np.round(np.linspace(a, b, count)).astype(np.int64)
     # primitives of up to BAND knots; longer ones come in pieces, which are joined afterwards

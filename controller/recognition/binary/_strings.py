@@ -353,7 +353,7 @@ def _equal_steps(points: FloatArray, spacing_mm: float) -> tuple[FloatArray, flo
 
 
 def next_of(values: NDArray[Number]) -> NDArray[Number]:
-    """Return what comes next round a loop (n, ...)."""
+    """Return the values (n, ...) of a loop, each replaced by the next."""
     return np.concatenate([values[1:], values[:1]])
 
 

@@ -209,7 +209,7 @@ def _correlated(
     limits: BinaryTolerances,
     prepared: dict[int, ViewModel],
 ) -> tuple[StringMatch | None, ...]:
-    """Return how each candidate's outline, drawn where it would lie, correlates with the object."""
+    """Return each candidate's correlation with the object, with its outline drawn at its pose."""
     if string is None:
         return (None,) * len(candidates)
     table = shadow_camera(camera.position_mm)

@@ -137,7 +137,7 @@ def _off(down: int, aspect: float) -> float:
 
 
 def _column(height: int, seen: Recognition, facts: Sequence[ObjectFacts], title: str) -> Picture:
-    """Return what is said beside the picture."""
+    """Return the column of text beside the picture."""
     s = seen.segmentation
     lines: list[tuple[str, Colour]] = []
     if title:

@@ -59,7 +59,7 @@ class Sheet:
     scale: FloatArray
 
     def at(self, pixels: FloatArray) -> FloatArray:
-        """Return where pixels (n, 2) of the picture lie on the canvas."""
+        """Return the positions on the canvas of pixels (n, 2) of the picture."""
         return np.asarray((pixels - self.origin_px + 0.5) * self.scale - 0.5)
 
     def line(
@@ -163,7 +163,7 @@ def polyline(
 
 
 def text_width(text: str, size: float = SIZE) -> int:
-    """Return how many pixels wide a text is."""
+    """Return the width of a text in pixels."""
     (width, _), _ = cv2.getTextSize(text, FONT, size, 1)
     return int(width)
 

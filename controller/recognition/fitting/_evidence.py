@@ -59,7 +59,7 @@ class ImageEdges:
         return len(self.points_px) * self.every
 
     def length_mm(self, mm_per_px: float) -> float:
-        """Return how long they are together, those left out among them."""
+        """Return the length of all edges together [mm], those left out among them."""
         return self.length_px * mm_per_px
 
     def at(self, which: BoolArray) -> "ImageEdges":
@@ -339,7 +339,7 @@ def longest_alone_mm(
     grey: GreyMeasure,
     shade: Shade | None,
 ) -> float:
-    """Return how long the longest sharp edge is of those that nothing predicted is near.
+    """Return the length of the longest sharp edge without a predicted one near it [mm].
 
     Parameters
     ----------
@@ -362,7 +362,7 @@ def longest_alone_mm(
 
 
 def _connected_mm(edges: ImageEdges, mm_per_px: float) -> float:
-    """Return how long the longest edge is that hangs together."""
+    """Return the length of the longest connected edge [mm]."""
     count = len(edges.points_px)
     if count == 0:
         return 0.0
@@ -374,7 +374,7 @@ def _connected_mm(edges: ImageEdges, mm_per_px: float) -> float:
 def shown_edges(
     edges: EdgePoints, grey: GreyMeasure, mm_per_px: float, others: Sequence[EdgePoints] = ()
 ) -> tuple[FloatArray, float]:
-    """Return how far off the nearest edge of any lamp is (n,), and how often one is by chance.
+    """Return the distances (n,) to the nearest edge under any lamp, and the rate of chance hits.
 
     Parameters
     ----------
@@ -400,7 +400,7 @@ def shown_edges(
 
 
 def _off_px(pixels: FloatArray, edges: EdgePoints, greys: Sequence[GreyMeasure]) -> FloatArray:
-    """Return how far off the nearest edge of any picture is (n,), of points (n, 2) beside edges."""
+    """Return the distance of points (n, 2) beside edges from any picture's nearest edge, (n,)."""
     off = np.full(len(pixels), FAR_PX)
     for grey in greys:
         off = np.fmin(off, np.abs(grey.gaps(pixels, edges.normals, edges, FAR_PX).gap_px))
@@ -415,7 +415,7 @@ def _explained(image_edges: ImageEdges, edges: EdgePoints, mm_per_px: float) -> 
 
 
 def is_predicted(points_px: FloatArray, edges: EdgePoints, step_px: float) -> BoolArray:
-    """Return which points of a picture lie on predicted edges.
+    """Return a mask (n,) of the points of a picture that lie on predicted edges.
 
     Parameters
     ----------

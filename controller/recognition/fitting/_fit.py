@@ -168,7 +168,7 @@ def first_edges(
 
 
 def _away(T_world_part: FloatArray, prior: Prior, centroid_mm: FloatArray) -> FloatArray:
-    """Return how far a pose is from the one expected, (6,): centre of mass, rotation vector."""
+    """Return a pose's deviation from the expected one, (6,): centre of mass, rotation vector."""
     if prior.T_world_part is None:
         return np.zeros(6)
     before = transform(prior.T_world_part, centroid_mm[None])[0]
@@ -244,7 +244,7 @@ def twist(rotation: FloatArray, shift: FloatArray, pivot: FloatArray) -> FloatAr
 def edge_jacobian(
     points_mm: FloatArray, normals: FloatArray, pivot: FloatArray, camera: Camera
 ) -> FloatArray:
-    """Return how far edge points move along their normals in the picture as a part moves, (n, 6).
+    """Return the derivatives (n, 6) of edge points along their normals by the part's motion.
 
     Columns are d(pixel) / d(shift along x, y, z [mm], rotation about x, y, z [rad]).
 
@@ -268,7 +268,7 @@ def edge_jacobian(
 
 
 def sample_information(step_mm: float, sigma_px: float) -> float:
-    """Return what one edge sample says of where its edge is [1 / px²].
+    """Return the information of one edge sample on the place of its edge [1 / px²].
 
     Parameters
     ----------

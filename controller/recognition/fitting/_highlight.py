@@ -34,7 +34,7 @@ def are_highlights(
     points_px: FloatArray,
     normals: FloatArray,
 ) -> BoolArray:
-    """Return which edges of a picture may be highlights of a posed part, (n,).
+    """Return a mask (n,) of the picture's edges that may be highlights of a posed part.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def are_highlights(
 def are_shaded(
     model: EdgeModel, T_world_part: FloatArray, camera: Camera, points_px: FloatArray
 ) -> BoolArray:
-    """Return which points of a picture (n,) lie where a posed part hides most of the sky.
+    """Return a mask (n,) of the points of a picture where a posed part hides most of the sky.
 
     Parameters
     ----------

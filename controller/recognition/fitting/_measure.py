@@ -59,7 +59,7 @@ class Measure(Protocol):
     def gaps(
         self, pixels: FloatArray, normals: FloatArray, edges: EdgePoints, reach_px: float
     ) -> Gaps:  # pragma: no cover - protocol
-        """Return what lies within reach of predicted points.
+        """Return the edges within reach of predicted points.
 
         Parameters
         ----------
@@ -111,7 +111,7 @@ class OutlineMeasure:
         )
 
     def is_judged(self, pixels: FloatArray) -> BoolArray:
-        """Return which points (n, 2) of the picture lie where the outline is the part's own."""
+        """Return a mask (n,) of the points (n, 2) of the picture with the part's own outline."""
         if self._judged is None:
             return np.ones(len(pixels), dtype=np.bool_)
         height, width = self._judged.shape
@@ -290,7 +290,7 @@ class GreyMeasure:
         return np.asarray(gap)
 
     def are_sharp(self, points_px: FloatArray, normals: FloatArray) -> BoolArray:
-        """Return which edges of the crop (n,) are as sharp as a part's own, on one side at least.
+        """Return a mask (n,) of edges of the crop as sharp as a part's own, on one side at least.
 
         Where a lamp's half-shadow begins or ends, brightness changes slowly on both sides.
 
@@ -304,7 +304,7 @@ class GreyMeasure:
         return np.asarray(slope[1:].min(axis=0) < SOFT * slope[0])
 
     def are_seen_twice(self, points_px: FloatArray, normals: FloatArray) -> BoolArray:
-        """Return which edges of the crop (n,) more than one lamp shows: no shadow's border is.
+        """Return a mask (n,) of edges of the crop shown by several lamps, as no shadow's border is.
 
         Parameters
         ----------
@@ -366,7 +366,7 @@ def _tree(points: FloatArray) -> cKDTree:
 
 
 def _is_anothers(pixels: FloatArray, normals: FloatArray, gap: FloatArray) -> BoolArray:
-    """Return which edges found (n,) belong to another predicted edge that lies nearer.
+    """Return a mask (n,) of the edges found that belong to another, nearer predicted edge.
 
     Where a narrow chamfer is nearly as dark as the table only one of its two edges shows, and
     the other must not claim it.
@@ -385,7 +385,7 @@ def _is_anothers(pixels: FloatArray, normals: FloatArray, gap: FloatArray) -> Bo
 
 
 def visibility(edges: EdgePoints) -> FloatArray:
-    """Return how surely predicted edges show under lamps, (n,) 0..1.
+    """Return the visibility of predicted edges under lamps, (n,) 0..1.
 
     What is turned another way is lit another way; a step throws a shadow or hides light. An
     outline shows by the surface beside it: a wall that is seen edge-on is as dark as a table.

@@ -85,7 +85,7 @@ class EdgeModel:
 
 
 def edge_shape(solid: Solid) -> EdgeShape:
-    """Return what of a part may show as an edge."""
+    """Return the lines of a part that may show as edges."""
     model = prepare_views(solid)
     normals = _normals(model.vertices_mm, model.triangles)
     sides = model.sides
@@ -101,7 +101,7 @@ def edge_shape(solid: Solid) -> EdgeShape:
 
 
 def edge_model(shape: EdgeShape | Solid) -> EdgeModel:
-    """Return what `predict_edges` needs of a part."""
+    """Return the data that `predict_edges` needs of a part."""
     if isinstance(shape, Solid):
         shape = edge_shape(shape)
     vertices, triangles = shape.vertices_mm, shape.triangles

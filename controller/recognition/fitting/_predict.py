@@ -162,7 +162,7 @@ def _eye(T_world_part: FloatArray, camera: Camera) -> FloatArray:
 
 
 def _rims(model: EdgeModel, eye: FloatArray) -> tuple[BoolArray, BoolArray]:
-    """Return which edges are rims, (e,), and which are creases with a side to the eye, (e,)."""
+    """Return masks (e,) of the rims, and of the creases with a side that faces the eye."""
     first = model.first[:, :3] @ eye > model.first[:, 3]
     second = model.second[:, :3] @ eye > model.second[:, 3]
     return first != second, model.is_crease & (first | second)
@@ -214,7 +214,7 @@ def _look(model: EdgeModel, eye: FloatArray, looks: FloatArray) -> tuple[Int32Ar
 
 
 def _is_free(model: EdgeModel, eye: FloatArray, looks: FloatArray, parts: int) -> BoolArray:
-    """Return which looks meet nothing, in so many rows."""
+    """Return a mask of the rays from the eye that hit nothing, in ``parts`` rows."""
     return ~model.caster.blocked(eye, looks).reshape(parts, -1)
 
 
@@ -264,7 +264,7 @@ def cross(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def _seen_length(model: EdgeModel, chosen: IntArray, eye: FloatArray) -> FloatArray:
-    """Return how long edges look from the eye [mm]: upright ones are seen end-on."""
+    """Return the apparent lengths of edges from the eye [mm]: upright ones are seen end-on."""
     along2, middle2, middle_along = model.seen_by[:, chosen]
     # |a x b|^2 = |a|^2 |b|^2 - (a b)^2, of the way to an edge's middle and along it
     way_along = middle_along - (model.along_mm @ eye)[chosen]

@@ -40,7 +40,7 @@ class Shading:
 
     @staticmethod
     def of_all(shadings: Sequence["Shading"]) -> "Shading":
-        """Return what a pose explains of one region under several lamps, each counting alike."""
+        """Return one pose's shading of a region under several lamps, with equal weights."""
         # a bright picture must not outvote a dark one: what counts is by what ratio a pose is worse
         residual = np.exp(np.mean(np.log([max(one.residual, 1e-6) for one in shadings])))
         return Shading(
@@ -59,7 +59,7 @@ def shading_fits(
     corner_px: tuple[int, int],
     inside: BoolArray,
 ) -> tuple[Shading, ...]:
-    """Return how well a pose explains the grey levels of a region, picture by picture.
+    """Return the fit of a pose to the grey levels of a region, picture by picture.
 
     Parameters
     ----------

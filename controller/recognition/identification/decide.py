@@ -81,12 +81,12 @@ def decide(hypotheses: Sequence[Hypothesis], *, is_backlit: bool) -> Decision:
 
 
 def has_other_inside(h: Hypothesis) -> bool:
-    """Return whether a picture shows a hole, a step or a groove that the hypothesis has not."""
+    """Return True if a picture shows a hole, step or groove that the hypothesis lacks."""
     return h.evidence.unexplained_mm > MAX_UNEXPLAINED_MM
 
 
 def part_score(best: Hypothesis, hypotheses: Sequence[Hypothesis]) -> float:
-    """Return how likely an object is the best hypothesis' part there, however turned, 0..1.
+    """Return the probability that an object is the best hypothesis' part there, however turned.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ def part_score(best: Hypothesis, hypotheses: Sequence[Hypothesis]) -> float:
 
 
 def _claims(best: Hypothesis, others: Sequence[Hypothesis]) -> float:
-    """Return what other hypotheses claim of the best one's score: all where equally likely."""
+    """Return the claim of other hypotheses on the best one's score: all where equally likely."""
     was_looked_into = best.evidence.area_mm2 > 0
     gaps = [
         best.log_odds - h.log_odds for h in others if (h.evidence.area_mm2 > 0) == was_looked_into
@@ -111,7 +111,7 @@ def _claims(best: Hypothesis, others: Sequence[Hypothesis]) -> float:
 
 
 def is_convincing(hypotheses: Sequence[Hypothesis]) -> bool:
-    """Return whether one of the hypotheses about a front-lit object needs no others beside it."""
+    """Return True if one of the hypotheses on a front-lit object needs no others beside it."""
     return any(
         h.probability > CONVINCING
         and h.evidence.misfit_px < CONVINCING_PX
@@ -121,7 +121,7 @@ def is_convincing(hypotheses: Sequence[Hypothesis]) -> bool:
 
 
 def looks_same(a: EdgePoints, b: EdgePoints, *, outline_only: bool) -> bool:
-    """Return whether two predictions are one drawing, both ways, to what a picture resolves.
+    """Return True if two predictions are one drawing, both ways, to the picture's resolution.
 
     Parameters
     ----------

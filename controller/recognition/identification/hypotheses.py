@@ -287,7 +287,7 @@ def is_tried(
     hypotheses: Sequence[Candidate | Hypothesis],
     library: Library,
 ) -> bool:
-    """Return whether a candidate is one of some others, or has led to one of the hypotheses.
+    """Return True if a candidate is among some others, or has led to one of the hypotheses.
 
     Parameters
     ----------
@@ -313,7 +313,7 @@ def is_same_reading(
     library: Library,
     within_mm: float = SAME_PLACE_MM,
 ) -> bool:
-    """Return whether two hypotheses are one part, in one stable pose, at one position.
+    """Return True if two hypotheses are one part, in one stable pose, at one position.
 
     Parameters
     ----------
@@ -329,7 +329,7 @@ def is_same_reading(
 
 
 def is_same_turn(a_rad: float, b_rad: float, turns_rad: FloatArray) -> bool:
-    """Return whether two turns are the same up to those that leave the pose as it is.
+    """Return True if two turns are equal up to those that leave the pose unchanged.
 
     Parameters
     ----------

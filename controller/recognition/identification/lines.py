@@ -16,7 +16,7 @@ PER_VIEW = 3  # turns of one part in one stable pose, before others are tried
 def by_lines(
     crop: Grey, corner_px: tuple[int, int], camera: Camera, library: Library, most: int
 ) -> list[Candidate]:
-    """Return what the grey levels of a crop propose, the likeliest first.
+    """Return the candidates proposed by the grey levels of a crop, the likeliest first.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ def by_sweep(
     library: Library,
     most: int,
 ) -> list[Candidate]:
-    """Return what edges alone propose, whatever the outline is, the likeliest first.
+    """Return the candidates proposed by edges alone, without an outline, the likeliest first.
 
     Parameters
     ----------

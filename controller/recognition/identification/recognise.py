@@ -73,7 +73,7 @@ def recognise(
     lit: Sequence[Grey] = (),
     limits: RecognitionLimits | None = None,
 ) -> Recognition:
-    """Return what lies on the table, largest object first.
+    """Return the things on the table, the largest first.
 
     An empty table is an empty answer.
 
@@ -185,12 +185,12 @@ def _identify(
 
 
 def _is_crowded(silhouette: Silhouette, library: Library) -> bool:
-    """Return whether more views are like a silhouette than the first search compares."""
+    """Return True if more views are like a silhouette than the first search compares."""
     return library.index.near_count(silhouette, CROWD) > FEW_VIEWS
 
 
 def _may_be_several(sighting: Sighting, trace: Trace, mm_per_px: float) -> bool:
-    """Return whether an outline is no known part's, or one's with something smaller beside it."""
+    """Return True if an outline is no known part's, or one's with something smaller beside it."""
     if sighting.part is None:
         return True
     best = trace.hypotheses[0]
@@ -203,7 +203,7 @@ def _may_be_several(sighting: Sighting, trace: Trace, mm_per_px: float) -> bool:
 
 
 def _named(answers: Sequence[tuple[Sighting, Trace]]) -> int:
-    """Return how many parts are named."""
+    """Return the number of parts identified."""
     return sum(seen.part is not None for seen, _ in answers)
 
 
@@ -213,7 +213,7 @@ def _may_lean(
     library: Library,
     pixel_mm2: float,
 ) -> bool:
-    """Return whether what is unknown of a backlit thing may lean on a part, or be several."""
+    """Return True if the unknown rest of a backlit thing may lean on a part, or be several."""
     named = _named(answers)
     if named == len(answers):
         return False
@@ -340,12 +340,12 @@ def each_once(every: Sequence[Answers]) -> list[Answers]:
 
 
 def _are_one(a: Sighting, b: Sighting) -> bool:
-    """Return whether two sightings have one kind of part in one place."""
+    """Return True if two sightings have one kind of part in one place."""
     return a.part == b.part and bool(np.hypot(a.x_mm - b.x_mm, a.y_mm - b.y_mm) < SAME_PLACE_MM)
 
 
 def _is_in(piece: Region, region: Region) -> bool:
-    """Return whether most of a piece is part of a region."""
+    """Return True if most of a piece is part of a region."""
     return 2 * int((within(piece, region) & region.mask).sum()) > int(piece.mask.sum())
 
 
@@ -357,7 +357,7 @@ def _by_edges_about(
     library: Library,
     limits: RecognitionLimits,
 ) -> tuple[Sighting, Trace] | None:
-    """Return what one thing is whose pieces are known as nothing; None if it stays unknown.
+    """Return the one part that several unknown pieces make up; None if it stays unknown.
 
     Parameters
     ----------

@@ -55,7 +55,7 @@ INNER_HALF_MM = 20.0  # of inner edges, that count half beside the outline
 
 
 def probability(evidence: Evidence, weights: Weights) -> float:
-    """Return how likely a hypothesis with this evidence is right, 0..1."""
+    """Return the probability that a hypothesis with this evidence is right, 0..1."""
     share = evidence.inner_mm / (evidence.inner_mm + INNER_HALF_MM)
     # several lamps show more edges by chance than the one that the curve is of
     outline = beyond_chance(evidence.outline, evidence.chance)
@@ -133,7 +133,7 @@ def _limited(lead: FloatArray) -> FloatArray:
 
 
 def _edges(evidence: Evidence, is_lit: bool, chance: float | None) -> float:
-    """Return what the edges inside say; without ``chance``, by what they count in general."""
+    """Return the log odds of the inner edges; without ``chance``, by their general weight."""
     found, absent = FOUND, ABSENT_LIT if is_lit else ABSENT_DARK
     if chance is not None:
         chance = min(max(chance, CHANCE_MIN), SHOWS)

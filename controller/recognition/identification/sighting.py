@@ -1,4 +1,4 @@
-"""What recognition answers, and what it keeps of its way there for whoever wants to look."""
+"""Recognition's answers, with the intermediate results that explain them."""
 
 from dataclasses import dataclass, field, replace
 
@@ -75,7 +75,7 @@ class Sighting:
     is_covered: bool = False
 
     def read_as(self, name: str, library: Library) -> "Sighting":
-        """Return what this is if it is that part, this hypothesis being the alternative then.
+        """Return the sighting as that part, with this hypothesis as the alternative.
 
         Unchanged where it is that part already, or where the pictures rule that part out.
 

@@ -124,7 +124,7 @@ def _evidence(fit: PartialFit, explained: float, mm_per_px: float) -> Evidence:
 
 
 def _is_certain(best: Hypothesis, library: Library) -> bool:
-    """Return whether what is free of a part fixes where it lies."""
+    """Return True if the uncovered edges of a part fix its position."""
     spread = best.fit.covariance
     return bool(np.sqrt(max(spread[0, 0], spread[1, 1])) < MAX_SIGMA_MM)
 
@@ -142,7 +142,7 @@ def _own_region(fit: PartialFit, cluster: Cluster) -> Region:
 
 
 def cut_out(mask: BoolArray, whole: Region, is_cut: bool) -> Region:
-    """Return what of a region a mask of its box names.
+    """Return the piece of a region that a mask of its box marks.
 
     Parameters
     ----------

@@ -114,20 +114,20 @@ def _edges_about(cutout: ObjectCutout, free: BoolArray, band_px: int) -> ImageEd
 def _is_taken(
     h: Hypothesis, wide: Region, free: BoolArray, camera: Camera, library: Library
 ) -> bool:
-    """Return whether a hypothesis has the part where another thing is, for the most part."""
+    """Return True if a hypothesis puts most of the part where another thing is."""
     covered = _covered(h, wide, camera, library)
     return 2 * int((covered & ~free).sum()) > int(covered.sum())
 
 
 def _is_whole(h: Hypothesis, picture: Grey) -> bool:
-    """Return whether all of a part is in the picture, if a hypothesis is right."""
+    """Return True if the whole part is in the picture, under a hypothesis."""
     height, width = picture.shape
     low, high = h.fit.edges.pixels.min(axis=0), h.fit.edges.pixels.max(axis=0)
     return bool((low >= 1).all() and (high < np.array([width, height]) - 2).all())
 
 
 def _free(wide: Region, others: Sequence[Region]) -> BoolArray:
-    """Return where in a region's box no other thing is, (h, w)."""
+    """Return a mask (h, w) of a region's box without the other things."""
     taken = np.zeros(wide.mask.shape, dtype=np.uint8)
     for other in others:
         taken |= within(other, wide)
@@ -136,7 +136,7 @@ def _free(wide: Region, others: Sequence[Region]) -> BoolArray:
 
 
 def _covered(h: Hypothesis, wide: Region, camera: Camera, library: Library) -> BoolArray:
-    """Return where in a region's box a hypothesis has the part, (h, w)."""
+    """Return a mask (h, w) of a region's box covered by the part of a hypothesis."""
     x0, y0, x1, y1 = wide.box_px
     seen = h.fit.edges.pixels
     low = np.maximum(np.floor(seen.min(axis=0)).astype(int) - 1, [x0, y0])

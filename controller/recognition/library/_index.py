@@ -205,7 +205,7 @@ class ViewIndex:
         return np.asarray(points[0], dtype=np.float64)
 
     def near_count(self, seen: Silhouette, far: float) -> int:
-        """Return how many views lie within a distance of a silhouette in the index."""
+        """Return the number of views within a distance of a silhouette in the index."""
         return int(self._tree.query_ball_point(self._point_of(seen), far, return_length=True))
 
     def search(
@@ -217,7 +217,7 @@ class ViewIndex:
         far: float = 0.6,
         silhouette: int = 0,
     ) -> list[Candidate]:
-        """Return what a silhouette may be, best overlap first.
+        """Return the candidates for a silhouette, best overlap first.
 
         Parameters
         ----------
@@ -309,7 +309,7 @@ def _turned(c: FloatArray, s: FloatArray, points: FloatArray) -> FloatArray:
 
 
 def _vertex(before: FloatArray, at: FloatArray, after: FloatArray) -> FloatArray:
-    """Return how far (n,) from the middle of three values the top of their parabola is."""
+    """Return the offset (n,) of the peak of a parabola through three values from their middle."""
     bow = before - 2 * at + after
     top = np.clip(0.5 * (before - after) / np.minimum(bow, -1e-9), -0.5, 0.5)
     return np.asarray(np.where(bow > -1e-9, 0.0, top))
@@ -318,7 +318,7 @@ def _vertex(before: FloatArray, at: FloatArray, after: FloatArray) -> FloatArray
 def _distinct(
     part: Int32Array, pose: Int32Array, theta_rad: FloatArray, apart_rad: float = 0.09
 ) -> list[int]:
-    """Return which (n,) are not the same part, pose and turn again, from a neighbouring view."""
+    """Return the indices of distinct parts, poses and turns, one for neighbouring views."""
     kept: list[int] = []
     turns: dict[tuple[int, int], list[float]] = {}
     for k, (*name, theta) in enumerate(

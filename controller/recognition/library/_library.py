@@ -122,7 +122,7 @@ class Library:
 
 
 def station_of(camera: Camera) -> Station:
-    """Return where a camera looks from and how far from below it it sees the table.
+    """Return a camera's height and the radius of the table that it sees from there.
 
     Rounded, so that a new calibration of the same camera does not void what was worked out.
     """
@@ -138,7 +138,7 @@ def station_of(camera: Camera) -> Station:
 def make_entry(
     part: CompiledPart, station: Station, min_probability: float = MIN_PROBABILITY
 ) -> tuple[Entry, EdgeShape]:
-    """Return what a library keeps of a part, and what its edges are made from.
+    """Return the library's entry for a part, and the shape from which its edges are made.
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ def make_entry(
 
 
 def _features(solid: Solid, pose: StablePose, station: Station) -> ModelFeatures:
-    """Return what a pose shows straight below the camera, in mm on the table."""
+    """Return the features of a pose straight below the camera, in mm on the table."""
     eye = station.eye_mm
     above = shadow_camera(np.array([0.0, 0.0, eye]))
     T = pose_on_table(solid, pose, 0.0, 0.0, 0.0)
@@ -203,7 +203,7 @@ def turns_that_keep(R: FloatArray, symmetry: PartSymmetry) -> FloatArray:
 
 
 def _turns_over(symmetry: PartSymmetry, up: FloatArray) -> bool:
-    """Return whether a round part on its side looks the same with its ends changed over.
+    """Return True if a round part on its side looks the same with its ends swapped.
 
     The half turn about the vertical is one that reverses the axis, and some turn about the axis.
     """
@@ -261,7 +261,7 @@ def check_fits(entry: Entry, camera: Camera) -> None:
 
 
 def place_of(entry: Entry, T_world_part: FloatArray) -> FloatArray:
-    """Return where a posed part's centre of mass stands over the table, (2,)."""
+    """Return the position of a posed part's centre of mass over the table, (2,)."""
     at: FloatArray = (T_world_part[:3, :3] @ entry.centroid_mm + T_world_part[:3, 3])[:2]
     return at
 

@@ -172,7 +172,7 @@ def view_part(
 
 
 def _places(extents_mm: FloatArray, station: Station) -> list[tuple[FloatArray, float]]:
-    """Return where a pose is to be looked at, each with how far around it speaks for.
+    """Return the positions at which to view a pose, each with the radius that it covers.
 
     Parameters
     ----------

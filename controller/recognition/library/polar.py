@@ -107,7 +107,7 @@ def spectra(grids: NDArray[np.uint8]) -> NDArray[np.complex64]:
 
 
 def features(grids: NDArray[np.uint8]) -> Float32Array:
-    """Return what does not change with the turn: magnitudes of the spectrum by ring, (n, f)."""
+    """Return rotation-invariant features (n, f): magnitudes of the spectrum by ring."""
     magnitude = np.abs(spectra(grids))[..., :FEATURE_HARMONICS] / ANGLES
     magnitude[..., 1:] *= 2.0
     paired = magnitude.reshape(*magnitude.shape[:-2], FEATURE_RINGS, -1, FEATURE_HARMONICS)

@@ -49,7 +49,7 @@ def propose_partial(
     per_place: int = PER_POSE,
     most_weighed: int | None = MAX_WEIGHED,
 ) -> list[Candidate]:
-    """Return what stretches of a cluster's outline may be of, most outline found first.
+    """Return the candidates for stretches of a cluster's outline, most outline found first.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ def _from_stretches(cluster: Cluster, library: Library, is_open: BoolArray) -> _
 
 
 def _apart_mm(poses: _Poses, library: Library) -> FloatArray:
-    """Return how far (n,) poses are from the place their views were made for."""
+    """Return the distances (n,) of poses from the place for which their views were made [mm]."""
     index = library.index
     c, s = np.cos(poses.turn_rad), np.sin(poses.turn_rad)
     x, y = index.place_mm[poses.view].T
@@ -132,7 +132,7 @@ def _with_turns(poses: _Poses, library: Library) -> _Poses:
 def _weighed(
     poses: _Poses, cluster: Cluster, library: Library, is_open: BoolArray, count: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Return which shares (n,) of views' outlines are found, and lie where nothing is."""
+    """Return the shares (n,) of views' outlines that are found, and that lie where nothing is."""
     found, outside = np.zeros(len(poses.view)), np.zeros(len(poses.view))
     if len(found) == 0:
         return found, outside

@@ -49,7 +49,7 @@ class Cluster:
         self.points_px, self.normals_px = every.points[self._own], every.normals[self._own]
 
     def is_beyond(self, pixels: FloatArray) -> BoolArray:
-        """Return which points (n, 2) of the picture lie where nothing is known."""
+        """Return a mask (n,) of the points (n, 2) of the picture where nothing is known."""
         height, width = self._hidden.shape
         x, y = np.round(np.nan_to_num(pixels, nan=-1.0)).astype(np.int64).T
         outside = (x < 0) | (y < 0) | (x >= width) | (y >= height)
@@ -57,7 +57,7 @@ class Cluster:
         return np.asarray(outside | hidden)
 
     def is_inside(self, pixels: FloatArray) -> BoolArray:
-        """Return which points (n, 2) of the picture lie on the cluster."""
+        """Return a mask (n,) of the points (n, 2) of the picture on the cluster."""
         x0, y0, x1, y1 = self.region.box_px
         x, y = np.round(np.nan_to_num(pixels, nan=-1.0)).astype(np.int64).T
         within = (x >= x0) & (y >= y0) & (x < x1) & (y < y1)
@@ -129,7 +129,7 @@ class Cluster:
         return np.asarray(grid[at[:, 1], at[:, 0]] > 0)
 
     def thick(self, cells: BoolArray, width_mm: float) -> BoolArray:
-        """Return which cells (m,) are of a piece of some cells so wide, or close beside it."""
+        """Return a mask (m,) of the cells in or beside a piece of some cells that is so wide."""
         height, width = self.region.mask.shape
         grid = cells.reshape(-(-height // CELL_PX), -(-width // CELL_PX)).astype(np.uint8)
         cell_mm = CELL_PX * self.camera.mm_per_px(np.zeros(3))
@@ -249,7 +249,7 @@ def _directed(loop: FloatArray, is_outer: bool) -> FloatArray:
 
 
 def _beyond(camera: Camera, usable: BoolArray | None) -> BoolArray:
-    """Return where (height, width) nothing is known of an outline."""
+    """Return a mask (height, width) of where nothing is known of an outline."""
     width, height = camera.size_px
     out = np.zeros((height, width), dtype=np.uint8)
     if usable is not None:

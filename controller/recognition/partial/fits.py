@@ -143,7 +143,7 @@ class PartialFit:
         return enter, leave
 
     def lacks_cover(self, others: Sequence["PartialFit"]) -> bool:
-        """Return whether what would have to cover it is neither a part nor an object of its own.
+        """Return True if its hidden edges have no part or object that could cover them.
 
         Parameters
         ----------
@@ -223,7 +223,7 @@ def _nearness(fit: EdgeFit, cluster: Cluster) -> float:
 def _ends_at_meetings(
     edges: EdgePoints, covered: BoolArray, beyond: BoolArray, cluster: Cluster, mm_per_px: float
 ) -> BoolArray:
-    """Return which covered edges (n,) are of a stretch that ends where outlines meet."""
+    """Return a mask (n,) of covered edges in a stretch that ends where outlines meet."""
     answer = covered.copy()
     at = np.flatnonzero(covered)
     if len(at) == 0:
@@ -249,7 +249,7 @@ def _ends_at_meetings(
 
 
 def _are_near(points: FloatArray, others: FloatArray, within_px: float) -> BoolArray:
-    """Return which points (n, 2) have one of some others (m, 2) near them."""
+    """Return a mask (n,) of the points (n, 2) with one of some others (m, 2) near them."""
     if len(others) == 0:
         return np.zeros(len(points), dtype=np.bool_)
     tree = cKDTree(others, balanced_tree=False, compact_nodes=False)

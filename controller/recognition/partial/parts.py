@@ -179,7 +179,7 @@ def _not_buried(place: Sequence[PartialFit], others: Sequence[PartialFit]) -> li
 
 
 def are_buried(a: PartialFit, b: PartialFit) -> bool:
-    """Return whether two parts would have to be in one place."""
+    """Return True if two parts overlap in space."""
     (enter_a, leave_a), (enter_b, leave_b) = a.depths, b.depths
     with np.errstate(invalid="ignore"):
         shared = np.fmin(leave_a, leave_b) - np.fmax(enter_a, enter_b)
@@ -189,7 +189,7 @@ def are_buried(a: PartialFit, b: PartialFit) -> bool:
 
 
 def _gain(fit: PartialFit, points: float) -> float:
-    """Return what a fit counts for by how many outline points it explains that others do not."""
+    """Return the gain of a fit, by the outline points that it explains and others do not."""
     return points - PART_COST - 4.0 * fit.misfit_px
 
 
@@ -209,7 +209,7 @@ def _explained_about(fit: PartialFit, chosen: Sequence[PartialFit]) -> float:
 
 
 def _left(fits: Sequence[PartialFit], cluster: Cluster) -> BoolArray:
-    """Return what of a cluster (h, w) none of the fits covers, but for their rims."""
+    """Return a mask (h, w) of the cluster that no fit covers, without the fits' rims."""
     left = cluster.cells[2].copy()
     for fit in fits:
         left &= ~fit.shadow

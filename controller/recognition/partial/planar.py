@@ -56,7 +56,7 @@ class _Outlines:
 def shares_met(
     candidates: Sequence[Candidate], cluster: Cluster, library: Library, reach_mm: float
 ) -> FloatArray:
-    """Return which share (n,) of each view's outline can be made to lie on the one seen.
+    """Return the share (n,) of each view's outline that can be matched to the observed one.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def shares_met(
 def predicted_shares(
     candidates: Sequence[Candidate], cluster: Cluster, library: Library, reach_mm: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return what `shares_met` does of outlines predicted where parts may lie.
+    """Return the same shares as `shares_met`, of outlines predicted at the parts' own places.
 
     Where a part's place is uncertain its outline is predicted once more where the first one came
     to lie, since a tall part looks another there.

@@ -27,7 +27,7 @@ Fit = TypeVar("Fit", bound=Shown)
 
 
 def are_one_place(a: Shown, b: Shown, share: float) -> bool:
-    """Return whether two fits are of one thing.
+    """Return True if two fits are of one thing.
 
     Parameters
     ----------

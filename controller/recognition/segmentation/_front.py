@@ -144,7 +144,7 @@ def _within(
 
 
 def _lit(crop: Crop, table: Float32Array, bright: ByteArray) -> BoolArray:
-    """Return what is bright, less most of the outer half of its blurred rim.
+    """Return a mask of the bright pixels, less most of the outer half of their blurred rim.
 
     At half the level dim flanks beside bright ones would go with the rim.
     """
@@ -193,7 +193,7 @@ def _less_slope(grey: Grey, fine: NDArray[np.int16]) -> NDArray[np.int16]:
 def _is_ridge(
     sharp: NDArray[np.int16], at: IndexArray, gx: NDArray[np.int16], gy: NDArray[np.int16]
 ) -> BoolArray:
-    """Return which pixels are the sharpest across the border, to the nearest eighth of a turn.
+    """Return a mask (n,) of the pixels sharpest across the border, to an eighth of a turn.
 
     Parameters
     ----------
@@ -258,7 +258,7 @@ def _holes(
 
 
 def _trimmed(solid: ByteArray, bright: ByteArray) -> ByteArray:
-    """Return what is solid less narrow dark fringes: the table is darkest where things touch it."""
+    """Return the solid mask less narrow dark fringes: the table is darkest beside things."""
     dark = solid & (1 - bright)
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (FRINGE_PX, FRINGE_PX))
     wide = cv2.morphologyEx(dark, cv2.MORPH_OPEN, disc)

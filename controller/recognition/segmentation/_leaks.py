@@ -22,7 +22,7 @@ BORDERED = 0.35  # of the circumference of what they enclose, at least
 
 
 def leaked(border: ByteArray, solid: ByteArray, mixed_px: int) -> BoolArray | None:
-    """Return what open borders enclose (h, w); None where no border lies open.
+    """Return the area that open borders enclose (h, w); None where no border lies open.
 
     Parameters
     ----------

@@ -152,7 +152,7 @@ def regions_of(
 
 
 def _meet(rect: Sequence[int], box: Box, crop_box: Box) -> bool:
-    """Return whether a rectangle (left, top, width, height) of the crop meets a box."""
+    """Return True if a rectangle (left, top, width, height) of the crop meets a box."""
     x, y = rect[0] + crop_box[0], rect[1] + crop_box[1]
     return x < box[2] and y < box[3] and x + rect[2] > box[0] and y + rect[3] > box[1]
 
@@ -195,7 +195,7 @@ def _with_margin(box: Box, crop: Crop, margin_px: int = 4) -> tuple[tuple[slice,
 
 
 def _is_cut(thing: BoolArray, window: tuple[slice, slice], crop: Crop) -> bool:
-    """Return whether a thing reaches the crop's rim (it has none but the picture's) or beyond."""
+    """Return True if a thing reaches the rim of the picture, or of the crop, or beyond."""
     rows, columns = window
     height, width = crop.grey.shape
     if (

@@ -139,7 +139,7 @@ def _reduced(picture: Grey, factor: int) -> Grey:
 
 
 def _lighting(shares: FloatArray, typical: float) -> Lighting:
-    """Return what the picture looks like: much darker things, much brighter ones, or neither."""
+    """Return the lighting of a picture: backlit for darker things, front for brighter ones."""
     total = max(float(shares.sum()), 1.0)
     dark = float(shares[: int(DARK_THING * GROUND_BIN)].sum()) / total
     bright = float(shares[int(BRIGHT_THING * GROUND_BIN) + 1 :].sum()) / total
@@ -158,7 +158,7 @@ def _remarks(
     is_something: bool,
     specks: int,
 ) -> list[str]:
-    """Return what an operator should know about the picture."""
+    """Return remarks on the picture for the operator."""
     out = []
     if levels.saturated_share > 0.01:
         out.append(

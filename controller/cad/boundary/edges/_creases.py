@@ -37,7 +37,7 @@ def find_creases(
     faces: Sequence[Face],
     face_of: IntArray,
 ) -> Creases:
-    """Return how surfaces meet along edges.
+    """Return the kind and the angle of the crease along each edge between two surfaces.
 
     Parameters
     ----------

@@ -150,7 +150,7 @@ class _Runs:
         )
 
     def off_line(self) -> FloatArray:
-        """Return how far points lie from the line through both ends; closed runs are no lines."""
+        """Return each run's largest distance from the line through its ends; infinite if closed."""
         last = self.start + self.sizes - 1
         along = self.points[last] - self.points[self.start]
         span = np.linalg.norm(along, axis=1, keepdims=True)

@@ -49,7 +49,7 @@ def face_genera(
 
 
 def euler_defect(boundary: Boundary, genera: Sequence[int] | NDArray[np.integer]) -> int:
-    """Return what Euler-Poincare is short of, 0 for a right boundary.
+    """Return the shortfall of the Euler-Poincare formula, 0 for a valid boundary.
 
     Vertices - edges + faces - holes = 2 (shells - handles), where a face with loops counts
     2 - 2 x its own handles - its loops: a disc 1, the wall of a bore 0, a ball 2.
@@ -68,7 +68,7 @@ def euler_defect(boundary: Boundary, genera: Sequence[int] | NDArray[np.integer]
 
 
 def check_boundary(boundary: Boundary) -> list[str]:
-    """Return what is wrong with a boundary's pointers, one sentence each; empty for a right one."""
+    """Return the faults of a boundary's pointers, one sentence each; empty for a valid boundary."""
     b = boundary
     count = len(b.origin)
     here = np.arange(count)

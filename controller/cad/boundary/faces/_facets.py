@@ -54,7 +54,7 @@ class Facets:
 
 
 def rounding_mm(mesh: trimesh.Trimesh) -> float:
-    """Return how far a file's rounding may have moved a corner."""
+    """Return the largest displacement of a corner by a file's rounding [mm]."""
     return max(ROUNDING_MM, ROUNDING_SHARE * float(np.abs(mesh.bounds).max()))
 
 
@@ -109,7 +109,7 @@ def _measured(mesh: trimesh.Trimesh) -> tuple[FloatArray, FloatArray]:
 
 
 def _lengths(mesh: trimesh.Trimesh, edges: IntArray) -> FloatArray:
-    """Return how long edges (e, 2) between two vertices each are [mm]."""
+    """Return the lengths of edges (e, 2), each between two vertices [mm]."""
     vertices, lengths = np.asarray(mesh.vertices), np.empty(len(edges))
     for some in spans(len(edges)):
         ends = vertices[edges[some]]
@@ -173,7 +173,7 @@ def _slivers_joined(
 
 
 def true_corners(mesh: trimesh.Trimesh, of_triangle: IntArray) -> BoolArray:
-    """Return which corners of triangles (n, 3) lie on the surface that is tessellated.
+    """Return a mask (n, 3) of the triangle corners that lie on the tessellated surface itself.
 
     Where two facets meet only, or on a sharp edge that does not turn, a vertex may lie on the
     chord of a wall and not on the wall. Such vertices come from neighbours with other segments.

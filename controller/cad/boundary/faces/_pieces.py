@@ -52,7 +52,7 @@ class Pieces:
         return Cloud(points, f.normals[facets], f.centres[facets], f.areas[facets])
 
     def is_on(self, primitive: Primitive, facets: IntArray, tolerance_mm: float) -> BoolArray:
-        """Return which facets (k,) lie on a surface: with all corners, and facing as it does.
+        """Return a mask (k,) of the facets with all corners on a surface and the same normal.
 
         Parameters
         ----------
@@ -146,7 +146,7 @@ class Pieces:
         return ring
 
     def is_within(self, patch: IntArray, other: IntArray) -> bool:
-        """Return whether all facets of one piece belong to another."""
+        """Return True if all facets of one piece belong to another."""
         self._tick += 1
         self._seen[other] = self._tick
         return bool((self._seen[patch] == self._tick).all())

@@ -84,7 +84,7 @@ def search_faces(mesh: trimesh.Trimesh, max_seeds: int = MAX_SEEDS) -> FaceSearc
 
 
 def _planes(facets: Facets) -> BoolArray:
-    """Return which facets (m,) are planes for their size alone."""
+    """Return a mask (m,) of the facets that count as planes by their size alone."""
     largest = np.zeros(facets.count)
     np.maximum.at(largest, facets.a, facets.areas[facets.b])
     np.maximum.at(largest, facets.b, facets.areas[facets.a])

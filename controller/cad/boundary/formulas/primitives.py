@@ -24,7 +24,7 @@ class Primitive:
     half_angle_rad: float = 0.0
 
     def distances(self, points: FloatArray) -> FloatArray:
-        """Return how far points (..., 3) lie off the surface, signed."""
+        """Return the signed distances of points (..., 3) from the surface."""
         offset = points - self.centre_mm
         if self.kind == "sphere":
             return np.asarray(np.sqrt((offset * offset).sum(axis=-1)) - self.radius_mm)
@@ -61,7 +61,7 @@ class Primitive:
     def seen_from(
         self, points: FloatArray, normals: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return how far points (..., 3) lie off, how normals there agree, how far the axis is.
+        """Return distances of points (..., 3), agreement of normals, and distances from the axis.
 
         The agreement is the size of the cosine between a normal (..., 3) and the surface's; of
         cylinders and cones about the axis only. The distances are unsigned, and so is the last.

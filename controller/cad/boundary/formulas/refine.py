@@ -56,7 +56,7 @@ class _Place:
         self.cost = float(self.residual @ self.residual)
 
     def slopes(self, scale: float) -> FloatArray:
-        """Return how distances (n,) change with the parameters, as rows.
+        """Return the derivatives of distances (n,) by the parameters, one row for each parameter.
 
         First the centre across, then turns about it, then sizes; all in units of length.
         """

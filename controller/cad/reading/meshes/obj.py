@@ -54,7 +54,7 @@ def read_obj(data: bytes, path: Path) -> tuple[FloatArray, IntArray]:
 
 
 def _index(text: MeshText, at: int, token: bytes, corner_count: int) -> int:
-    """Return which corner, from 0, a token of a face names."""
+    """Return the index of the corner, from 0, that a token of a face names."""
     match = INDEX.fullmatch(token)
     index = int(match[1]) if match and len(match[1]) < 12 else 0
     found = index - 1 if index > 0 else corner_count + index

@@ -30,7 +30,7 @@ SOLID_END: Final = re.compile(rb"(?i)\bend\s*solid\b")
 
 
 def is_binary(head: bytes, size: int) -> bool:
-    """Return whether an STL is binary: its size fits the count in its header.
+    """Return True for a binary STL, whose size agrees with the count in its header.
 
     Binary files too may begin with "solid", so the beginning does not decide.
 
@@ -43,7 +43,7 @@ def is_binary(head: bytes, size: int) -> bool:
 
 
 def promised(head: bytes) -> int:
-    """Return how many triangles the header of a binary STL promises."""
+    """Return the number of triangles stated in the header of a binary STL."""
     return int.from_bytes(head[HEADER_BYTES - 4 : HEADER_BYTES], "little")
 
 

@@ -85,7 +85,7 @@ def _match(
     mean_mm: FloatArray,
     rank: IntArray,
 ) -> list[int | None]:
-    """Return our id of each face of the other run; None where the solid has no such face."""
+    """Return the id here of each face of the other run; None where the solid has no such face."""
     if len(area) == 0:
         return []
     ours = np.column_stack([mean_mm, np.sqrt(np.abs(area_mm2))])

@@ -148,7 +148,7 @@ def place_text(body: Body) -> str:
 
 
 def missing_text(path: Path, bodies: Bodies) -> str:
-    """Return which files that a file names are missing, and what to do about it."""
+    """Return a sentence that lists the missing files of an assembly, and the remedy."""
     names = ", ".join(bodies.missing[:MAX_LISTED])
     folder = path.absolute().parent
     return (

@@ -160,7 +160,7 @@ class KernelRun:
 
 
 def kept_waiting_s(pid: int) -> float:
-    """Return how long a process has been ready to run and got no processor [s]."""
+    """Return the time for which a process was ready to run and had no processor [s]."""
     try:
         return int(Path(f"/proc/{pid}/schedstat").read_text().split()[1]) * 1e-9
     except (OSError, IndexError, ValueError):

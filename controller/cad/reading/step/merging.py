@@ -24,7 +24,7 @@ SAME_COS: Final = 1 - 5e-7  # 0.06 degrees: small faces say little about their o
 
 
 def merge_faces(found: dict[str, Any]) -> tuple[dict[str, Any], IntArray]:
-    """Return what the kernel leaves with one face for each surface, and whose each face was.
+    """Return the kernel's arrays with one face for each surface, and the new number of each face.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def _are_one(found: dict[str, Any], a: int, b: int, points: list[FloatArray]) ->
 
 
 def distance(found: dict[str, Any], face: int, points: FloatArray) -> FloatArray:
-    """Return how far points are from the surface of a face, outside its borders too (n,) [mm].
+    """Return the distances (n,) of points from a face's surface, extended past its borders [mm].
 
     Parameters
     ----------

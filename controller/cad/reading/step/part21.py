@@ -204,7 +204,7 @@ class Part21:
         return Measure(raw, raw * factor, is_angle)
 
     def _unit(self, number: Any, depth: int = 0) -> tuple[float, bool]:  # noqa: ANN401
-        """Return what one of a unit is in mm or rad, and whether it is an angle."""
+        """Return the factor of a unit to mm or rad, and True if it is an angle."""
         record = self.record(number)
         if depth > DEEPEST:
             raise Part21Error("units that refer to each other")
@@ -281,7 +281,7 @@ def _parts(text: str) -> dict[str, Arguments]:
 
 
 def _arguments(text: str, at: int, depth: int) -> tuple[Arguments, int]:
-    """Return what is between the bracket at ``at`` and its partner, and where that ends."""
+    """Return the arguments between the bracket at ``at`` and its partner, and the end position."""
     if depth > DEEPEST:
         raise Part21Error("brackets in brackets without end")
     found: Arguments = []

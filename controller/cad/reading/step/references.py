@@ -96,7 +96,7 @@ def collect(path: Path, data: bytes) -> References:
 
 
 def is_there(folder: Path, name: PurePosixPath) -> bool:
-    """Return whether a name leads to a file in a folder or below it."""
+    """Return True if a name leads to a file in a folder or below it."""
     if name.is_absolute() or ".." in name.parts or (name.parts and ":" in name.parts[0]):
         return False
     try:

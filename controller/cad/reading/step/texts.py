@@ -22,7 +22,7 @@ CODE_PAGE_TEXT: Final = "Names in the file are not UTF-8; they were read as code
 
 
 def has_code_page(data: bytes) -> bool:
-    """Return whether a file's text is in a code page that it does not name."""
+    """Return True if a file's text is in a code page that it does not name."""
     if encoding_of(data) != "utf-8-sig":
         return False
     try:

@@ -79,7 +79,7 @@ def aside(model: ViewModel, edges: Int32Array, side: Int32Array | int) -> FloatA
 def _is_covered(
     model: ViewModel, view: Projection, edges: Int32Array, side: Int32Array
 ) -> BoolArray:
-    """Return which edges (n,), on the given side (n,) of each, one sheet hides from end to end."""
+    """Return a mask (n,) of edges that one sheet hides from end to end on their given side (n,)."""
     is_covered = np.zeros(len(edges), dtype=np.bool_)
     step = aside(model, edges, side)
     start = model.vertices_mm[model.ends[edges, 0]] + step

@@ -108,7 +108,7 @@ def _crossings(
     rim_tree: STRtree,
     some: slice,
 ) -> tuple[IntArray, FloatArray]:
-    """Return which edges, of some of them, are cut (m,), and where (m,), in no order."""
+    """Return the edges of a slice that are cut (m,), and where each is cut (m,), unordered."""
     gap = SHORTEST_MM * view.scale
     p, q = view.points[model.ends[edges, 0]], view.points[model.ends[edges, 1]]
     a, b = view.points[model.ends[rims, 0]], view.points[model.ends[rims, 1]]
@@ -143,7 +143,7 @@ def _crossings(
 
 
 def is_seen(model: ViewModel, view: Projection, pieces: Pieces) -> BoolArray:
-    """Return which pieces (n,) the eye sees: those with one of their faces in sight beside them.
+    """Return a mask (n,) of the visible pieces: those with one of their faces in sight beside them.
 
     Parameters
     ----------
@@ -161,7 +161,7 @@ def is_seen(model: ViewModel, view: Projection, pieces: Pieces) -> BoolArray:
 
 
 def in_sight(model: ViewModel, view: Projection, p_cad_mm: FloatArray) -> BoolArray:
-    """Return which points (n,) are seen by the eye.
+    """Return a mask (n,) of the points that the eye sees.
 
     Parameters
     ----------
@@ -224,7 +224,7 @@ def plane_at(
 
 
 def plane_ends(model: ViewModel, view: Projection, pieces: Pieces) -> tuple[FloatArray, FloatArray]:
-    """Return where pieces start and end in the plane, (n, 2) each.
+    """Return start and end points of pieces in the plane, (n, 2) each.
 
     Parameters
     ----------

@@ -139,7 +139,7 @@ def close_pads(
     rules: GraspRules,
     slopes: bool = False,
 ) -> Contacts:
-    """Return what both pads touch when they close straight on to the part, ray by ray.
+    """Return the contacts of both pads as they close straight on to the part, ray by ray.
 
     Parameters
     ----------
@@ -219,7 +219,7 @@ def _slope(normal: FloatArray, axis: FloatArray) -> FloatArray:
 
 
 def edges(touch: BoolArray, grid: PadGrid) -> FloatArray:
-    """Return how far contacts reach in each edge direction (n, EDGE_COUNT), from the pad's origin.
+    """Return the reach of contacts in each edge direction (n, EDGE_COUNT), from the pad's origin.
 
     -inf where a pad touches nothing.
     """

@@ -88,7 +88,7 @@ def loads(
 
 
 def still_gravities(T_world_tcp: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return where down is in the TCP frame of a jaw that does not turn: unit vectors (3,).
+    """Return gravity's direction in the TCP frame of a still jaw, and turned over: unit (3,).
 
     And once more for the same grasp turned over, half a turn about the approach.
     """

@@ -97,7 +97,7 @@ def _approaches(axis: FloatArray, downs: FloatArray, spin_count: int) -> FloatAr
 
 
 def axis_distance(T: FloatArray, centroid_mm: FloatArray, jaw: Jaw) -> FloatArray:
-    """Return how far the centre of mass is from the line through both pads' middles (n,) [mm].
+    """Return the distances (n,) of the centre of mass from the line through both pad centres [mm].
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ def axis_distance(T: FloatArray, centroid_mm: FloatArray, jaw: Jaw) -> FloatArra
 
 
 def approach_seems_free(found: Candidates, seeds: Seeds, jaw: Jaw, rules: GraspRules) -> BoolArray:
-    """Return which candidates have no point of the surface in their way (n,).
+    """Return a mask (n,) of the candidates without a point of the surface in their approach.
 
     Necessary, not sufficient: some of the samples are looked at.
 

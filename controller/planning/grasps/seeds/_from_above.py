@@ -74,7 +74,7 @@ def from_above(
 def _walls(
     T: FloatArray, hull: FloatArray, caster: RayCaster, jaw: Jaw
 ) -> tuple[FloatArray, FloatArray]:
-    """Return where along the jaws' axis both closing pads meet the part first, (n,) and (n,).
+    """Return the first contacts (n,) and (n,) of both closing pads, along the jaws' axis.
 
     Measured from the TCP; inf and -inf where a pad meets nothing. A few rays of each pad: those at
     the fingertips, where a flat part is.

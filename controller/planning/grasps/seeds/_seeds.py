@@ -54,7 +54,7 @@ def find_seeds(
     rules: GraspRules,
     spreading: Sequence[Jaw] = (),
 ) -> Seeds:
-    """Return where to try jaws of up to a width: the same for both holders.
+    """Return the seeds of grasps for jaws of up to a width: the same for both grippers.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ def narrowest_inner(jaw: Jaw, rules: GraspRules) -> float:
 
 
 def widest_inner(jaw: Jaw) -> float:
-    """Return how far apart the backs of the fingers get [mm]."""
+    """Return the largest distance between the backs of the fingers [mm]."""
     return jaw.max_mm + 2 * jaw.finger_thickness_mm
 
 

@@ -236,7 +236,7 @@ def hidden_ones(
     rules: VisibilityRules,
     directions: FloatArray,
 ) -> HiddenEvidence:
-    """Return which of many samples no direction shows, looked for as `look_out` does.
+    """Return the evidence on samples that no direction shows, searched for as by `look_out`.
 
     Parameters
     ----------

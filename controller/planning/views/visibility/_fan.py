@@ -67,7 +67,7 @@ def closest_free(
 def eyes_along(
     solid: Solid, points: FloatArray, along: FloatArray, rules: VisibilityRules
 ) -> FloatArray:
-    """Return where lines from points meet the sphere the camera can stand on (n, 3).
+    """Return the points (n, 3) where lines meet the sphere of camera positions.
 
     Parameters
     ----------

@@ -74,7 +74,7 @@ class VisibilityRules:
         return np.stack([middle - spread, middle + spread])
 
     def shows(self, cosine: FloatArray, depth_mm: FloatArray) -> BoolArray:
-        """Return which surfaces are shown well enough, sight lines aside.
+        """Return a mask of the surfaces shown well enough, apart from free lines of sight.
 
         Parameters
         ----------
@@ -86,11 +86,11 @@ class VisibilityRules:
         )
 
     def is_square_enough(self, cosine: FloatArray) -> BoolArray:
-        """Return what is not looked at too flatly (...)."""
+        """Return a mask (...) of the surfaces that are not seen too flatly."""
         return np.asarray(cosine >= np.cos(self.max_incidence_rad))
 
     def is_fine(self, cosine: FloatArray, depth_mm: FloatArray) -> BoolArray:
-        """Return where a millimetre of surface has pixels enough, foreshortened as it is (...).
+        """Return a mask (...) of surfaces with enough pixels to the foreshortened millimetre.
 
         Exact on the axis; off it a flat surface has more pixels than this says, by 2 % at most in
         a picture 20 degrees wide.
@@ -98,13 +98,13 @@ class VisibilityRules:
         return np.asarray(self.focal_px * cosine >= self.min_px_per_mm * depth_mm[1])
 
     def is_sharp(self, depth_mm: FloatArray) -> BoolArray:
-        """Return what lies within the depth of field (...)."""
+        """Return a mask (...) of what lies within the depth of field."""
         low, high = self.sharp_mm
         return np.asarray((depth_mm[0] >= low) & (depth_mm[1] <= high))
 
 
 def in_picture(camera: Camera, p_world_mm: FloatArray) -> BoolArray:
-    """Return which world points (..., 3) are in the picture, clear of its border (...)."""
+    """Return a mask (...) of world points (..., 3) in the picture, clear of its border."""
     flat = p_world_mm.reshape(-1, 3)
     pixels = camera.project(flat)
     limit = np.array(camera.size_px) - 1 - PICTURE_MARGIN_PX

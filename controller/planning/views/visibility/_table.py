@@ -21,7 +21,7 @@ def table_views(
     max_incidence_rad: float,
     min_px_per_mm: float,
 ) -> BoolArray:
-    """Return which samples the camera shows well enough of a part at rest at each pose (k, n).
+    """Return a mask (k, n) of the samples that the camera shows well of a part in each pose.
 
     The rules are those of the inspection camera: incidence, own shadow, resolution, depth of field
     and picture. The table hides nothing that faces upwards.

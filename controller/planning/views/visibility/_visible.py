@@ -18,7 +18,7 @@ CHUNK_SIZE = 200_000
 
 
 def eyes_of(solid: Solid, vectors: FloatArray, rules: VisibilityRules) -> FloatArray:
-    """Return where the camera stands for each direction (v, 3) [mm, CAD frame].
+    """Return the camera positions for directions (v, 3) [mm, CAD frame].
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ def visible_from(
     vectors: FloatArray,
     rules: VisibilityRules,
 ) -> BoolArray:
-    """Return which samples the bare part shows well enough in each direction: (v, n) bool.
+    """Return a mask (v, n) of the samples that the bare part shows well in each direction.
 
     The same for all rolls about the sight line; which part of it is in the picture is not, see
     `hold_up`.
@@ -75,7 +75,7 @@ def cosines(samples: SurfaceSamples, eyes: FloatArray) -> FloatArray:
 def free_sight_lines(
     samples: SurfaceSamples, caster: RayCaster, asked: BoolArray, eyes: FloatArray
 ) -> BoolArray:
-    """Return which samples see an eye past the part itself (v, n).
+    """Return a mask (v, n) of the samples with a free line of sight to an eye past the part.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ def free_sight_lines(
 def free_pairs(
     samples: SurfaceSamples, caster: RayCaster, member: IntArray, eyes: FloatArray
 ) -> BoolArray:
-    """Return whether each of some samples (k,) sees its own eye (k, 3) past the part (k,).
+    """Return a mask (k,) of samples with a free line of sight to their own eye (k, 3).
 
     Parameters
     ----------

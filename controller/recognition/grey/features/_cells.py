@@ -100,7 +100,7 @@ def _cells(points: FloatArray, side_px: float) -> tuple[IntArray, FloatArray]:
 
 
 def _radii(tol: GreyTolerances) -> int:
-    """Return how many bins of radius a cell has."""
+    """Return the number of radius bins of a cell."""
     return 2 * (int(np.ceil(tol.cell_px * 0.75)) + 1)
 
 

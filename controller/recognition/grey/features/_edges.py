@@ -125,7 +125,7 @@ def _floor(grey: Grey, tol: GreyTolerances) -> float:
 
 
 def _enlargement(shape: tuple[int, ...], to_plane: ToPlane, tol: GreyTolerances) -> int:
-    """Return how many times a picture is enlarged for cells to be smaller than features."""
+    """Return the factor by which a picture is enlarged to make cells smaller than features."""
     middle = np.array([shape[1] - 1, shape[0] - 1]) / 2
     at = np.asarray(to_plane(middle + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])))[:, :2]
     a, b = at[1] - at[0], at[2] - at[0]

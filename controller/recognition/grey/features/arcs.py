@@ -110,7 +110,7 @@ def find_circles(
 
 
 def _inliers(seeds: FloatArray, pieces: Moments) -> tuple[BoolArray, FloatArray, FloatArray]:
-    """Return which pieces (s, n) lie on which seed, its sign, and how much of its turn they are.
+    """Return a mask (s, n) of the pieces on each seed, its sign, and their share of its turn.
 
     The sign is 1 where it is bright outside.
     """

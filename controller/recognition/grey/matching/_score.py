@@ -116,7 +116,7 @@ def _look_up(
 
 
 def quick_scores(seen: EdgeMap, index: FeatureIndex, poses: FloatArray, most: int) -> IntArray:
-    """Return which hypotheses are the best, best first, by how much of the view has an edge near.
+    """Return the indices of the best hypotheses, best first, by the share of edges matched.
 
     A few edgelets of each first: those that cannot reach the ``most``-th best, were all the rest of
     theirs found, are not asked further.

@@ -63,7 +63,7 @@ def propose(
     most: int = 10,
     tol: GreyTolerances | None = None,
 ) -> tuple[ViewHypothesis, ...]:
-    """Return what a picture may show, best first; references.md P3.2.
+    """Return the hypotheses for a picture, best first; references.md P3.2.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def rate(
     most: int = 10,
     tol: GreyTolerances | None = None,
 ) -> tuple[ViewHypothesis, ...]:
-    """Return what somebody else proposes, fitted and scored, best first.
+    """Return hypotheses proposed elsewhere, fitted and scored, best first.
 
     Parameters
     ----------

@@ -31,7 +31,7 @@ def matches(
     foot_mm: tuple[float, float] = (0.0, 0.0),
     tol: GreyTolerances | None = None,
 ) -> Matches:
-    """Return which features are which once a view is placed on the picture; references.md P3.2.
+    """Return the pairs of features of a picture and a view placed on it; references.md P3.2.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def _gaps(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def _beside(seen: FloatArray, model: FloatArray) -> FloatArray:
-    """Return how far (n, m) lines of the picture are beside those of the view, inf if apart."""
+    """Return the offset (n, m) of the picture's lines beside those of the view, inf if apart."""
     wx, wy = model[:, 2] - model[:, 0], model[:, 3] - model[:, 1]
     length = np.maximum(np.hypot(wx, wy), 1e-9)
     wx, wy = wx / length, wy / length

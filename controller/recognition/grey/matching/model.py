@@ -160,7 +160,7 @@ def _circles(runs: list[Run]) -> FloatArray:
 
 
 def _bends(points: FloatArray) -> IntArray:
-    """Return which points of a run are its corners."""
+    """Return the indices of a run's corners."""
     if len(points) == 2:
         return np.array([0, 1])
     line = shapely.simplify(shapely.LineString(points), BEND_MM, preserve_topology=False)

@@ -42,7 +42,7 @@ def swept(
     most: int,
     tol: GreyTolerances | None = None,
 ) -> tuple[ViewHypothesis, ...]:
-    """Return what a thing may be by its edges alone, best first.
+    """Return the hypotheses for a thing by its edges alone, best first.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ def _placed(
 
 
 def _near_map(every: Edgelets, foot: FloatArray, low: FloatArray, high: FloatArray) -> ByteArray:
-    """Return how near (directions, h, w) an edge of a direction is, 0 for not at all to 255."""
+    """Return a map of the nearness (directions, h, w) of an edge, 0 for far to 255."""
     width, height = (np.ceil((high - low) / CELL_MM).astype(int) + 2).tolist()
     cell = np.floor((every.points_mm - foot - low) / CELL_MM).astype(np.int64)
     is_in = ((cell >= 0) & (cell < np.array([width, height]))).all(axis=1)
@@ -148,7 +148,7 @@ def _cells(
     begin: FloatArray,
     shape: tuple[int, ...],
 ) -> tuple[IntArray, FloatArray]:
-    """Return where in the map (t, k) edgelets are, and their weights (k,).
+    """Return the map cells (t, k) of edgelets, and their weights (k,).
 
     Parameters
     ----------

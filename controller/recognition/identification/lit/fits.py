@@ -142,7 +142,7 @@ class LitFit:
         return np.asarray(np.isfinite(self.depth_mm))
 
     def is_outside(self, pixels: FloatArray) -> BoolArray:
-        """Return which points (n, 2) of the picture are beside the part, not in a hole of it."""
+        """Return a mask (n,) of the picture points (n, 2) beside the part, not in a hole."""
         rims, _ = cv2.findContours(
             self.shadow.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE
         )
@@ -156,19 +156,19 @@ class LitFit:
         return _extent(self.shadow)
 
     def is_near(self, other: "LitFit", area: BoolArray) -> bool:
-        """Return whether another part may change what is seen of this one, or of an area (h, w)."""
+        """Return True if another part may change the view of this one, or of an area (h, w)."""
         theirs = other.extent
         reach_px = NEXT_PX + self.fit.edges.step_mm / self.mm_per_px
         reach_px += other.fit.edges.step_mm / self.mm_per_px
         return any(_meet(mine, theirs, reach_px) for mine in (self.extent, _extent(area)))
 
     def is_above(self, other: "LitFit") -> bool:
-        """Return whether it lies before another part by more than chance."""
+        """Return True if it lies in front of another part by more than chance."""
         nearer = other.shadow & (self.depth_mm < other.depth_mm - HIDDEN_MM)
         return int(nearer.sum()) > BURIED_CELLS * STRIDE_PX**2
 
     def is_hidden(self, others: Sequence["LitFit"]) -> BoolArray:
-        """Return which of its edges (n,) others lie before."""
+        """Return a mask (n,) of its edges behind other parts."""
         edges = self.fit.edges
         eye = self.cluster.camera.position_mm
         axis = self.cluster.camera.T_world_cam[:3, 2]
@@ -180,7 +180,7 @@ class LitFit:
         return answer
 
     def visible_mask(self, others: Sequence["LitFit"]) -> BoolArray:
-        """Return where (h, w) it is seen and others do not lie before it."""
+        """Return the mask (h, w) of the part where no other lies in front of it."""
         seen = self.shadow
         for other in others:
             seen = seen & ~(other.depth_mm < self.depth_mm)
@@ -209,7 +209,7 @@ class LitFit:
         return EdgeFit(fit.T_world_part, fit.edges.at(seen), gaps, fit.sigma_px, fit.covariance)
 
     def has_ends(self, seen: EdgeFit, shown: tuple[FloatArray, float] | None = None) -> bool:
-        """Return whether its edges are there that do not run along a curved surface.
+        """Return True if the picture shows those edges that do not run along a curved surface.
 
         What runs along a cylinder is there for a shorter or longer one as well, wherever along it
         that is, and so are the streaks on it: its ends and steps are what tells it.
@@ -232,7 +232,7 @@ class LitFit:
         return share > ENDS
 
     def evidence(self, others: Sequence["LitFit"], area: BoolArray | None = None) -> Evidence:
-        """Return what the picture says of it, where others are what they are.
+        """Return the evidence of the picture for this part beside others.
 
         Parameters
         ----------
@@ -319,7 +319,7 @@ class LitFit:
         return out
 
     def holds(self, points_mm: FloatArray) -> BoolArray:
-        """Return which points (n, 3) of the world are inside the part."""
+        """Return a mask (n,) of the points (n, 3) of the world inside the part."""
         T = inverse_pose(self.T)
         up = T[:3, :3] @ np.array([0.0, 0.0, 1.0])
         triangle, _ = self.model.caster.first_hit(transform(T, points_mm), up)
@@ -346,7 +346,7 @@ def _meet(a: tuple[int, ...], b: tuple[int, ...], reach_px: float) -> bool:
 
 
 def are_in_one_place(a: LitFit, b: LitFit) -> bool:
-    """Return whether two parts would have to be in one place."""
+    """Return True if two parts overlap in space."""
     enter_a, enter_b = (one.depth_mm[::STRIDE_PX, ::STRIDE_PX] for one in (a, b))
     with np.errstate(invalid="ignore"):
         first, last = np.maximum(enter_a, enter_b), np.minimum(a.leave_mm, b.leave_mm)

@@ -96,13 +96,13 @@ def parts_of_lit(
 
 
 def _with(places: Sequence[Place], named: Sequence[LitFit]) -> list[LitFit]:
-    """Return what seems to be there, and what is named where nothing seems to be."""
+    """Return the parts placed so far, and the named ones where none is placed."""
     there = [place.fit for place in places]
     return there + [f for f in named if not any(are_one_place(f, o, SAME_SHADOW) for o in there)]
 
 
 def _looking_like(places: Sequence[Place], search: Search) -> list[Proposed]:
-    """Return which other parts have about the outline of those that seem to be there.
+    """Return other parts with about the same outline as those placed so far.
 
     Of parts that differ by what is in them alone one may have been proposed and the other not.
     """
@@ -234,7 +234,7 @@ def is_detail(
     pieces: Sequence[BoolArray],
     given_up: Sequence[BoolArray] = (),
 ) -> bool:
-    """Return whether what seems to be a part is a detail of an unknown piece.
+    """Return True if an apparent part is a detail of an unknown piece.
 
     A strip between two grooves has the outline of a washer that stands on its rim: beside most of
     it is more of the same thing. A section of a long rail has that of a short one but for where it
@@ -287,7 +287,7 @@ def sure_beside_unknown(
 
 
 def _has_edges(piece: Region, there: Sequence[LitFit], search: Search) -> bool:
-    """Return whether a piece has borders that no part explains: shadows and glare have none."""
+    """Return True if a piece has borders that no part explains: shadows and glare have none."""
     mask = within(piece, search.region).astype(np.uint8)
     near = cv2.dilate(mask, np.ones((RIM_PX, RIM_PX), np.uint8)) > 0
     edges = ImageEdges.of(search.cluster.grey, np.asarray(near))
@@ -330,7 +330,7 @@ def _below(fit: LitFit, fits: Sequence[LitFit]) -> tuple[int, ...]:
 
 
 def _is_overlaid(fit: LitFit, others: Sequence[LitFit], pieces: Sequence[BoolArray]) -> bool:
-    """Return whether an unknown piece takes the place of some of a part's outline."""
+    """Return True if an unknown piece covers a stretch of a part's outline."""
     if not pieces:
         return False
     left = np.any(pieces, axis=0).astype(np.uint8)

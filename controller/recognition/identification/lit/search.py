@@ -110,7 +110,7 @@ class Search:
         self._weighed: dict[tuple[LitFit, frozenset[LitFit], int], Hypothesis] = {}
 
     def proposed(self, pieces: Sequence[Region], *, is_first: bool) -> list[Proposed]:
-        """Return what pieces of the cluster may be, those of one kind in order.
+        """Return the candidates for pieces of the cluster, those of one kind in order.
 
         Parameters
         ----------
@@ -156,7 +156,7 @@ class Search:
         return sorted(found, key=lambda c: -c.overlap)[:MAX_BY_OUTLINE]
 
     def like(self, piece: Region) -> list[Proposed]:
-        """Return what has about the outline of a piece, likest first.
+        """Return the candidates with about the outline of a piece, the most similar first.
 
         Parameters
         ----------
@@ -243,19 +243,19 @@ class Search:
         return out
 
     def alone(self, fit: LitFit) -> float:
-        """Return how likely a fit is right, with nothing known beside it."""
+        """Return the probability that a fit is right, with nothing known beside it."""
         if fit not in self._alone:
             self._alone[fit] = probability(fit.evidence_alone, FRONT)
         return self._alone[fit]
 
     def _may_lean(self, flat: LitFit) -> bool:
-        """Return whether what fits as if it lay flat may lean all the same."""
+        """Return True if a part that fits as if it lay flat may lean all the same."""
         if self.alone(flat) > CONVINCING:
             return flat.evidence_alone.misfit_px >= CONVINCING_PX
         return self.alone(flat) >= TILTED
 
     def worth(self, fit: LitFit) -> float:
-        """Return how many pixels of the cluster's edges a fit explains, by how likely it is."""
+        """Return the number of the cluster's edge pixels a fit explains, times its probability."""
         return float(fit.explains.sum()) * self.cluster.image_edges.every * self.alone(fit)
 
     def hypothesis(self, fit: LitFit, others: Sequence[LitFit], area: BoolArray) -> Hypothesis:
@@ -387,7 +387,7 @@ class Search:
         return bool(is_in) and self.alone(fit) >= MIN_PROBABILITY
 
     def _is_one(self, a: Candidate, T_a: FloatArray, b: Candidate, T_b: FloatArray) -> bool:
-        """Return whether two posed candidates are one part, in one stable pose, in one place."""
+        """Return True if two posed candidates are one part, in one stable pose, in one place."""
         if (a.part, a.pose) != (b.part, b.pose):
             return False
         entry = self._library.entries[a.part]
