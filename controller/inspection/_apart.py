@@ -12,7 +12,7 @@ SAME_PIXELS_PX: Final = 4.0  # nearer in two pictures it may be dirt on the lens
 
 
 def is_turned(T_world_part: FloatArray, T_other: FloatArray) -> bool:
-    """Return whether the part is turned from one view to another so far that light errs anew.
+    """Return True if the part is turned so far between two views that light errs independently.
 
     Parameters
     ----------

@@ -116,7 +116,7 @@ def _rank(look: tuple[str, Finding, Verdict]) -> tuple[bool, bool, int, float]:
 
 
 def _is_one(one: Finding, other: Finding) -> bool:
-    """Return whether two looks show one thing: their extents meet.
+    """Return True if two looks show one thing: their extents meet.
 
     An edge or a face that is out of place is long, and what lies near its middle need not be its
     doing: that has to be on a face of it.

@@ -243,7 +243,7 @@ def _any(samples: SurfaceSamples, masks: Iterator[BoolArray]) -> BoolArray:
 
 
 def _claim(views: Sequence[ViewResult]) -> str:
-    """Return what all checks together looked for; the bluntest of them counts."""
+    """Return a sentence on what all checks together looked for; the coarsest of them counts."""
     made = [c for view in views for c in view.checks if not c.reason and c.compared.any()]
     outlines = [c for c in made if c.name == OUTLINE]
     lit = [c for c in made if c.name != OUTLINE]
@@ -295,7 +295,7 @@ def _confirm(
 def _is_on_lens(
     view: ViewResult, finding: Finding, others: Sequence[tuple[ViewResult, Finding]]
 ) -> bool:
-    """Return whether another pose shows something in the same pixels, elsewhere on the part.
+    """Return True if another pose shows something in the same pixels, elsewhere on the part.
 
     Dirt on the lens stays in its pixels as the part turns; what is on a face leaves them. Of an
     outline nobody knows how deep it lies, so that only lit pictures tell.
@@ -325,7 +325,7 @@ def _is_argued_away(
     samples: SurfaceSamples,
     asked_mm: float,
 ) -> bool:
-    """Return whether other looks would have shown a mark and did not: light made it, not the part.
+    """Return True if other looks would have shown a mark and did not: light made it.
 
     What is on the part stays where it is as the part turns. A dent may hide under one lamp, so that
     more than one look is needed; a mark far beyond all texture is not argued away. One that looks
@@ -360,7 +360,7 @@ def _is_other_look(
     other: Finding,
     limits: InspectionLimits,
 ) -> bool:
-    """Return whether no one error explains two findings.
+    """Return True if no single error explains two findings.
 
     Two lamps in one pose share its error, and their prediction's. The part turned, that error
     would move; not so the light model's about a finish, so that two lit pictures decide only where
@@ -387,7 +387,7 @@ def _is_other_look(
 
 
 def _turns_with_the_lamp(finding: Finding, other: Finding) -> bool:
-    """Return whether two lamps show a bright and a dark side, and not the same ones."""
+    """Return True if two lamps show a bright and a dark side each, and not the same ones."""
     if finding.lamp == other.lamp:
         return False
     lengths = [float(np.hypot(*f.dipole_px)) for f in (finding, other)]
@@ -429,7 +429,7 @@ def _not_made_good(
 
 
 def _unjudged(samples: SurfaceSamples, views: Sequence[ViewResult]) -> NDArray[np.uint8]:
-    """Return why samples in sight were not compared, (n,), as in `ViewResult.unjudged`.
+    """Return the reasons for samples in sight not compared, (n,), as in `ViewResult.unjudged`.
 
     Of several views the one that came closest counts: the latest reason in `Unjudged`'s order.
     """
@@ -492,7 +492,7 @@ def _face(
 
 
 def _by_check(areas: FloatArray, views: Sequence[ViewResult]) -> tuple[tuple[str, float], ...]:
-    """Return which share of a face each check compared; areas (n,) are 0 off the face."""
+    """Return the share of a face that each check compared; areas (n,) are 0 off the face."""
     mine, compared = areas > 0.0, dict[str, BoolArray]()
     for check in (check for view in views for check in view.checks if not check.reason):
         here = check.compared & mine

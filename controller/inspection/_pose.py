@@ -64,7 +64,7 @@ class PosedPart:
 
     @cached_property
     def edges(self) -> EdgeModel:
-        """What of it shows as an edge."""
+        """Edges that the part may show."""
         return edge_model(self.solid)
 
     @property
@@ -165,7 +165,7 @@ def pose_steps(part: PosedPart, task: ViewTask, fit: PoseFit) -> FloatArray:
 def point_spread(
     part: PosedPart, task: ViewTask, fit: PoseFit, points_mm: FloatArray
 ) -> FloatArray:
-    """Return how far points (n, 3) of the part, world, may be off in the picture (n,) [px].
+    """Return the uncertainty (n,) of points (n, 3) of the part, world, in the picture [px].
 
     One standard deviation, from what the outline leaves open of the pose.
 
@@ -186,7 +186,7 @@ def point_spread(
 
 
 def moved(part: PosedPart, task: ViewTask, fit: PoseFit) -> tuple[float, float]:
-    """Return how far the centre of mass is from where it was expected [mm], and the turn [rad].
+    """Return the displacement of the centre of mass from the expected one [mm] and the turn [rad].
 
     Parameters
     ----------

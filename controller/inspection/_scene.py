@@ -57,7 +57,7 @@ def box_mesh(boxes: tuple[WorldBox, ...]) -> trimesh.Trimesh:
 
 
 def make_scene(task: ViewTask) -> ViewScene:
-    """Return what stands in a view besides the part."""
+    """Return the scene of a view: everything in it but the part."""
     width, height = task.camera.size_px
     holder: RayCaster | None = None
     holder_mask = np.zeros((height, width), dtype=bool)
@@ -119,7 +119,7 @@ def lamp_points(lamp: PointLamp) -> FloatArray:
 def samples_in_sight(
     part: PosedPart, samples: SurfaceSamples, camera: Camera, T: FloatArray, scene: ViewScene
 ) -> Visibility:
-    """Return which surface samples are in sight, and which of them beside the gripper.
+    """Return the surface samples in sight, and those of them beside the gripper.
 
     Parameters
     ----------

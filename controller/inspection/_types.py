@@ -286,7 +286,7 @@ class ViewResult:
         )
 
     def within(self, samples: BoolArray) -> "ViewResult":
-        """Return what this view says of some samples (n,) only."""
+        """Return this view's result on some samples (n,) only."""
         return replace(
             self,
             compared=self.compared & samples,

@@ -124,14 +124,14 @@ def detections(
 
 
 def in_words(found: Sequence[Detection]) -> str:
-    """Return what would have been found as a sentence without a full stop; empty for nothing."""
+    """Return the detectable defects as a sentence without a full stop; empty for none."""
     if not found:
         return ""
     return f"found with 90 % probability: {'; '.join(d.sentence for d in found)}"
 
 
 def stops(found: Sequence[Detection], solid: Solid) -> tuple[str, ...]:
-    """Return what the recipe asks to be found and would not have been, in sentences.
+    """Return the defects that the recipe asks for and the pictures would miss, in sentences.
 
     Parameters
     ----------
@@ -213,7 +213,7 @@ def _at_outline_mm(kind: str, check: Check) -> float:
 
 @lru_cache(maxsize=KEPT_PARTS)
 def _near_edges(solid: Solid, samples: SurfaceSamples, reach_mm: float) -> BoolArray:
-    """Return which samples (n,) a defect of an edge would reach."""
+    """Return a mask of the samples (n,) that a defect of an edge would reach."""
     edges = find_edges(solid, reach_mm / 2)
     if edges is None:
         return np.zeros(len(samples.points_mm), dtype=bool)

@@ -43,7 +43,7 @@ class Kept:
         return len(self._made)
 
     def once(self, make: Callable[[], Made], *key: Hashable) -> Made:
-        """Return what was made for a key, made now if it was not.
+        """Return the value kept for a key; make it if there is none.
 
         Parameters
         ----------

@@ -237,7 +237,7 @@ def inspect_part(
     settings: PartSettings,
     kept: Kept | None = None,
 ) -> PartInspection:
-    """Return what all views of a part come to.
+    """Return the inspection result of a part from all its views.
 
     Parameters
     ----------
@@ -343,7 +343,7 @@ class PosedViews:
 
 
 def pose_views(views: ViewSet, settings: PoseSettings, kept: Kept | None = None) -> PosedViews:
-    """Return where the part is in all its views, one fit for each grasp.
+    """Return the poses of the part in all its views, one fit for each grasp.
 
     Parameters
     ----------
@@ -382,7 +382,7 @@ def _outline_of(view: HeldView, kept: Kept) -> OutlineView | None:
 def inspect_views(
     views: ViewSet, posed: PosedViews, settings: PartSettings, kept: Kept
 ) -> tuple[ViewResult, ...]:
-    """Return what each view showed at its pose.
+    """Return each view's result at its pose.
 
     Parameters
     ----------
@@ -423,7 +423,7 @@ def inspect_edges(
     settings: PartSettings,
     kept: Kept,
 ) -> EdgeEvidence:
-    """Return what the edges of a part prove, in all pictures that passed their self-checks.
+    """Return the evidence of a part's edges, from all pictures that passed their self-checks.
 
     Parameters
     ----------
@@ -523,7 +523,7 @@ def _identity(views: ViewSet) -> PartFinding:
 def _result(
     views: ViewSet, view: HeldView, posed: PosedViews, strictness: Strictness, kept: Kept
 ) -> ViewResult:
-    """Return what a view showed, on the samples that it counts for."""
+    """Return a view's result on the samples that it counts for."""
     seen, pose = posed.seen[view.task.view_id], posed.pose(view.task.view_id)
     result = kept.once(
         lambda: compare_view(

@@ -50,7 +50,7 @@ class Registration:
 def register(
     picture: Grey, edge_px: FloatArray, normals: FloatArray, expected: Float32Array | None = None
 ) -> Registration | None:
-    """Return how a picture lies on an outline (n, 2) with normals (n, 2); None if nothing tells.
+    """Return the shift and blur of a picture on an outline (n, 2); None if nothing shows it.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ def _steps(
     edge_px: FloatArray,
     normals: FloatArray,
 ) -> tuple[BoolArray, FloatArray, FloatArray]:
-    """Return which profiles show one step, where on the normal it is, and how wide; (n,) each."""
+    """Return a mask of profiles with one step, its place on the normal and its width; (n,) each."""
     offsets = np.arange(-REACH_PX, REACH_PX + STEP_PX / 2, STEP_PX)
     where = edge_px[:, None, :] + offsets[None, :, None] * normals[:, None, :]
     profile = sample_picture(picture, where[..., 0], where[..., 1]).astype(np.float64)
@@ -142,7 +142,7 @@ FALL_SHARE: Final = 0.08  # of the peak that must be gone so far aside, whicheve
 
 
 def register_edges(picture: Grey, edge_px: FloatArray, normals: FloatArray) -> Registration | None:
-    """Return how a picture lies on predicted edges (n, 2), bright or dark beside; None if untold.
+    """Return the shift and blur of a picture on predicted edges (n, 2); None if nothing shows it.
 
     For pictures whose outline hardly shows: each shift is weighed by the slopes that it puts on
     the edges, outline and inner edges alike. The width is of those that show clearly.
@@ -200,7 +200,7 @@ def register_edges(picture: Grey, edge_px: FloatArray, normals: FloatArray) -> R
 
 
 def _stacked_width(picture: Grey, edge_px: FloatArray, normals: FloatArray) -> float | None:
-    """Return how wide edges are in the mean of all that show at all; None where none does.
+    """Return the width of the averaged edge profile; None where no edge shows.
 
     Faint steps are wider by noise alone; their mean, each turned to rise, is not.
     """

@@ -148,7 +148,7 @@ class LocatedView:
 
 
 def locate_view(part: PosedPart, task: ViewTask, pictures: ViewPictures) -> LocatedView:
-    """Return where one view of a held part shows it; nothing is compared yet.
+    """Return the pose of a held part in one view; nothing is compared yet.
 
     Parameters
     ----------
@@ -176,7 +176,7 @@ def inspect_view(
     pictures: ViewPictures,
     located: LocatedView | None = None,
 ) -> ViewResult:
-    """Return what one view of a held part showed by itself: findings, what each check compared.
+    """Return one view's result on a held part by itself: findings, and samples compared.
 
     Parameters
     ----------
@@ -202,7 +202,7 @@ def compare_view(
     pose: ViewPose | None,
     strictness: Strictness,
 ) -> ViewResult:
-    """Return what a view showed of a part whose pose is known: findings, what was compared.
+    """Return a view's result on a part of known pose: findings, and samples compared.
 
     Parameters
     ----------
@@ -241,7 +241,7 @@ def _stand_of(
     pose: ViewPose | None,
     strictness: Strictness,
 ) -> Stand:
-    """Return how a part stands in a view; see `compare_view`."""
+    """Return the stand of a part in a view; see `compare_view`."""
     limits = task.limits
     if seen.backlit is None:
         return Stand(seen.reason)
@@ -277,7 +277,7 @@ def _compare(
     stand: Stand,
     strictness: Strictness,
 ) -> ViewResult:
-    """Return what a view showed of a part that stands so; see `compare_view`."""
+    """Return a view's result on a part at a stand; see `compare_view`."""
     pose, fit, sharp = stand.pose, stand.fit, stand.sharp
     if stand.reason or seen.backlit is None or pose is None or fit is None:
         return _not_evaluated(task, samples, stand.reason)
@@ -337,7 +337,7 @@ def _as_fit(part: PosedPart, task: ViewTask, backlit: Backlit, pose: ViewPose) -
 
 
 def _explains_more(result: ViewResult, best: ViewResult) -> bool:
-    """Return whether half of the findings go, or more, and every check is still made."""
+    """Return True if at least half of the finding area goes, and every check is still made."""
     if len(result.failures) > len(best.failures):
         return False
     left, before = (sum(f.area_mm2 for f in view.findings) for view in (result, best))
@@ -357,7 +357,7 @@ class _View:
     outline: OutlineResult
 
     def compare_at(self, fit: PoseFit) -> ViewResult:
-        """Return what the pictures tell of the part if this is its pose."""
+        """Return the result of the pictures if this is the part's pose."""
         part, samples, task = self.part, self.samples, self.task
         scene = before_part(self.scene, fit.maps, task.camera)
         shift, turn = moved(part, task, fit)
@@ -397,7 +397,7 @@ class _View:
 
 
 def _pose_refusal(fit: PoseFit, shift: float, turn: float, limits: InspectionLimits) -> str:
-    """Return what speaks against a fitted pose, empty if nothing does."""
+    """Return the objection to a fitted pose, empty if there is none."""
     if fit.paired < limits.min_outline_share:
         return (
             f"{100 * fit.paired:.0f} % of the part's outline found, "

@@ -152,7 +152,7 @@ Geometry = RimGeometry | EdgePairGeometry
 
 
 def place_of(geometry: Geometry) -> tuple[FloatArray, FloatArray]:
-    """Return where a characteristic is, (3,) CAD frame, and its axis or direction, (3,) unit."""
+    """Return a characteristic's position (3,), CAD frame, and its axis or direction (3,), unit."""
     if isinstance(geometry, RimGeometry):
         return np.mean([rim.centre_mm for rim in geometry.rims], axis=0), geometry.rims[0].axis
     return geometry.middle_mm, geometry.direction

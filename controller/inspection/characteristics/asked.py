@@ -83,7 +83,7 @@ def characteristics_of(
     given: Sequence[Asked] | None = None,
     changes: Sequence[Asked] = (),
 ) -> tuple[Characteristic, ...]:
-    """Return what is to be measured of a part.
+    """Return the characteristics to be measured on a part.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ def _found(
     index: int,
     tolerance_class: ToleranceClass,
 ) -> list[int]:
-    """Return which of the known characteristics an entry means; a new distance is added to them."""
+    """Return the indices of the known characteristics an entry means; a new distance is added."""
     if asked.faces:
         return _by_faces(solid, known, asked, index, tolerance_class)
     if asked.p_part_mm is not None:
@@ -149,7 +149,7 @@ def _found(
 
 
 def _names(characteristic: Characteristic) -> set[str]:
-    """Return what a characteristic may be called, in small letters."""
+    """Return the possible names of a characteristic, in small letters."""
     full = characteristic.id.lower()
     feature = full.removesuffix(f" {characteristic.kind.value}")
     return {full, feature, _NUMBER.sub("", full), _NUMBER.sub("", feature)}
@@ -208,7 +208,7 @@ def _by_place(known: list[Characteristic], asked: Asked, index: int) -> int:
 def _distance_mm(
     characteristic: Characteristic, p_mm: FloatArray, axis: FloatArray | None
 ) -> float:
-    """Return how far a place is from a characteristic's rims' axis, or from its edges' span."""
+    """Return the distance of a point from a characteristic's rim axis, or from its edges' span."""
     geometry = characteristic.geometry
     middle, own = place_of(geometry)
     if axis is not None and abs(float(axis @ own)) < PARALLEL_COS * float(np.linalg.norm(axis)):

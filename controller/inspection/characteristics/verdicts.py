@@ -61,7 +61,7 @@ def verdict_of(
     U_mm: float,
     probability: float = CONFORMANCE_PROBABILITY,
 ) -> Verdict:
-    """Return whether a measured value fits; what is ideal at 0 has no lower limit.
+    """Return the verdict on a measured value; what is ideal at 0 has no lower limit.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def with_capability(
 
 
 def standing_of(measured: Sequence[Measured]) -> Standing:
-    """Return what measured characteristics come to.
+    """Return the standing of a part by its measured characteristics.
 
     Each that a PASS needs has to be proven, but for general tolerances, which nobody stated: there
     a value within the limits will do where it proves that they are not plainly missed
@@ -147,7 +147,7 @@ def standing_of(measured: Sequence[Measured]) -> Standing:
 
 
 def is_near_enough(one: Measured) -> bool:
-    """Return whether an unproven value does not stop a PASS (ADR 28).
+    """Return True if an unproven value does not stop a PASS (ADR 28).
 
     Its limits are general tolerances, it lies within them, no look contradicts it, and the true
     value does not miss them plainly, which is by half the tolerance or 0.15 mm, whichever is less,
@@ -174,7 +174,7 @@ def is_near_enough(one: Measured) -> bool:
 
 
 def _says_nothing(one: Measured) -> bool:
-    """Return whether a value beyond its limits is so unsure that it would not be measured at all.
+    """Return True if a value beyond its limits is too uncertain to say anything.
 
     Twice its U is more than the whole tolerance, and it is not plainly beyond: by no more than its
     standard uncertainty, or than `is_near_enough` has it.
@@ -188,12 +188,12 @@ def _says_nothing(one: Measured) -> bool:
 
 
 def _gross_mm(asked: Characteristic) -> float:
-    """Return how far beyond its limits a general tolerance is plainly missed."""
+    """Return how far beyond its limits a general tolerance is plainly missed [mm]."""
     return min(GROSS_SHARE * zone_mm(asked), GROSS_MM)
 
 
 def _why_open(one: Measured) -> str:
-    """Return why a value decides nothing."""
+    """Return the reason why a value decides nothing."""
     asked = one.characteristic
     if one.is_disputed:
         return one.reason

@@ -40,7 +40,7 @@ class PictureKind:
 
 
 def lean_px(found: EdgeFits, good: BoolArray, picture: PictureKind) -> FloatArray:
-    """Return how far steps (n,) lie from where they were found, since their profile leads back.
+    """Return the lean of steps (n,) from their true place, where the profile falls back [px].
 
     Beside a dark line, as the shaded foot of a bore's wall, a blurred step does not come to rest:
     its fit is too narrow, and leans away from the line by `LEAN` times that.
@@ -64,7 +64,7 @@ def lean_px(found: EdgeFits, good: BoolArray, picture: PictureKind) -> FloatArra
 def form_of(
     answer: Solution, rays: Rays, curve: IndexArray, found: EdgeFits
 ) -> tuple[float, float]:
-    """Return how far the form of an edge goes, peak to valley, and its standard uncertainty [mm].
+    """Return the form deviation of an edge, peak to valley, and its standard uncertainty [mm].
 
     Walls seen flat and faint edges show no form. Neighbours are averaged, edge by edge.
 
@@ -156,7 +156,7 @@ def failure_of(
 
 
 def sharpness_of(found: EdgeFits) -> Sharpness | None:
-    """Return what the sure ones of edges have in common; None where these are too few."""
+    """Return the common width and contrast of the sure edges; None where these are too few."""
     sure = found.is_found & (found.sigma_px < SURE_PX)
     if sure.sum() < MIN_SURE:
         return None

@@ -38,7 +38,7 @@ class Chords:
     height_mm: float
 
     def depth_mm(self, at_rad: FloatArray, radius_mm: float) -> FloatArray:
-        """Return how far the mesh's edge lies inside the circle at angles (n,).
+        """Return the depth of the mesh's edge inside the circle at angles (n,) [mm].
 
         Parameters
         ----------

@@ -35,7 +35,7 @@ def is_explained(
     rays: Rays,
     place_px: FloatArray,
 ) -> bool:
-    """Return whether something else of the part as drawn shows where an edge was found.
+    """Return True if another edge of the part as drawn shows where the edge was found.
 
     Parameters
     ----------

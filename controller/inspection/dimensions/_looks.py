@@ -79,7 +79,7 @@ class Estimate:
 
 
 def features_of(characteristic: Characteristic) -> tuple[Feature, ...]:
-    """Return what has to be fitted for a characteristic: one feature, two, or three.
+    """Return the features to fit for a characteristic: one, two, or three.
 
     There are none where the CAD model has no edge that shows it, or no edge can.
     """
@@ -147,7 +147,7 @@ class Sought:
 
 
 def seek(characteristic: Characteristic, solid: Solid) -> Sought | None:
-    """Return what pictures are looked at for; None where no edge of the part shows it.
+    """Return the edges to look for in pictures; None where no edge of the part shows it.
 
     Parameters
     ----------
@@ -165,7 +165,7 @@ def seek(characteristic: Characteristic, solid: Solid) -> Sought | None:
 
 
 def feature_key(feature: Feature) -> tuple[object, ...]:
-    """Return what is the same for features that need fitting but once."""
+    """Return a key that is equal for features that need fitting but once."""
     if isinstance(feature, RimFeature):
         return tuple(id(rim) for rim in feature.rims)
     edges = (*feature.lines, *feature.rims)
@@ -180,7 +180,7 @@ def estimate(
     settings: MeasuringSettings,
     only: int | None = None,
 ) -> Estimate:
-    """Return what one picture says of a characteristic, or of one of its two features.
+    """Return one picture's estimate of a characteristic, or of one of its two features.
 
     Parameters
     ----------
@@ -292,7 +292,7 @@ def _parts(
 def _rows(
     characteristic: Characteristic, features: Sequence[Feature], solid: Solid
 ) -> tuple[list[FloatArray], float]:
-    """Return how the value follows from the features' unknowns, and over what length [mm]."""
+    """Return the derivatives of the value by the features' unknowns, and its length [mm]."""
     kind, geometry = characteristic.kind, characteristic.geometry
     if isinstance(geometry, RimGeometry):
         rim = geometry.rims[0]
@@ -337,7 +337,7 @@ def _rows(
 
 
 def _across(own: FloatArray, feature: Feature) -> FloatArray:
-    """Return how a place in directions of its own (2, 3) follows from a feature's unknowns."""
+    """Return the derivatives (2, 3) of a place in its own directions by a feature's unknowns."""
     assert isinstance(feature, RimFeature)
     directions = np.array(rim_directions(feature.rims[0].axis))
     return np.column_stack([own @ directions.T, np.zeros(2)])

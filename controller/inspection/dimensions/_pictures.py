@@ -69,7 +69,7 @@ class Prediction:
 
 
 def predict(part: PosedPart, view: PosedView, features: Sequence[Feature]) -> Prediction:
-    """Return where a view must show features, one at least.
+    """Return the predicted edges of one or more features in a view.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ def fit_features(
     sharpness: Sharpness | None,
     settings: MeasuringSettings,
 ) -> tuple[list[FeatureFit], Sharpness | None]:
-    """Return what one picture shows of each feature, and how sharp its edges are.
+    """Return one picture's fit of each feature, and the sharpness of its edges.
 
     Parameters
     ----------
@@ -356,7 +356,7 @@ def _fit(
 def _chords_made(
     design: FloatArray, rays: Rays, offset: FloatArray, variance: FloatArray
 ) -> tuple[float, float]:
-    """Return how much of the chords of its mesh a round edge has, and the standard uncertainty.
+    """Return the share of its mesh's chords in a round edge, and the standard uncertainty.
 
     A mesh's corners lie on the circle, its chords inside. A part that was turned is round; one that
     was printed or emulated from the mesh has the chords, and is narrower by two thirds of their
@@ -401,7 +401,7 @@ def _modes(feature: Feature, rays: Rays) -> FloatArray:
 
 
 def answer_place(feature: Feature, rays: Rays, curve: IndexArray, answer: Solution) -> FloatArray:
-    """Return where on each ray (n,) the fitted shape is [px].
+    """Return the place of the fitted shape on each ray (n,) [px].
 
     Parameters
     ----------

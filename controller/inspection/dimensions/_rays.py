@@ -254,7 +254,7 @@ def _reach(
     T_world_part: FloatArray,
     camera: Camera,
 ) -> FloatArray:
-    """Return how far along rays an edge is theirs, (n, 2) before the panel and under a lamp.
+    """Return the range along rays of their own edge, (n, 2), before the panel and under a lamp.
 
     Parameters
     ----------
@@ -298,7 +298,7 @@ def _is_clear(
     camera: Camera,
     scene: ViewScene,
 ) -> BoolArray:
-    """Return which edge points (n,) the camera sees, nothing standing before or beside them."""
+    """Return a mask (n,) of the edge points with a free line of sight to the camera."""
     width, height = camera.size_px
     reach = BESIDE_PX[-1]
     inside = ((rays.pixels > reach) & (rays.pixels < [width - 1 - reach, height - 1 - reach])).all(
@@ -319,7 +319,7 @@ def _is_clear(
 def _seen(
     part: PosedPart, T_world_part: FloatArray, camera: Camera, pixels: FloatArray
 ) -> tuple[Int32Array, FloatArray]:
-    """Return which face (n,) pixels show, `NONE` beside the part, and the cosine of incidence."""
+    """Return the faces (n,) that pixels show, `NONE` beside the part, and cosines of incidence."""
     T_part_world = inverse_pose(T_world_part)
     eye = transform(T_part_world, camera.position_mm[None])[0]
     lines = camera.sight_lines(pixels) @ T_part_world[:3, :3].T
@@ -338,7 +338,7 @@ def _on_panel(scene: ViewScene, pixels: FloatArray) -> BoolArray:
 
 
 def _projection(world_mm: FloatArray, camera: Camera) -> FloatArray:
-    """Return how pixels move with world points, (n, 2, 3) [px/mm], by central differences."""
+    """Return the derivatives of pixels by world points, (n, 2, 3) [px/mm], central differences."""
     step = 0.01
     moved = np.concatenate(
         [world_mm + sign * step * axis for axis in np.eye(3) for sign in (1.0, -1.0)]

@@ -35,7 +35,7 @@ def rival_px(
     values_mm: FloatArray,
     contrast: float,
 ) -> float:
-    """Return how far from a fitted shape another edge shows, the farthest; 0 where none does.
+    """Return the distance from a fitted shape to the farthest other edge; 0 where there is none.
 
     Parameters
     ----------

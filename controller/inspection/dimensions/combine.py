@@ -69,7 +69,7 @@ def combine(
     settings: MeasuringSettings,
     halves: Sequence[Sequence[Estimate]] = (),
 ) -> Combined:
-    """Return what all looks at a characteristic come to.
+    """Return the combined value of all looks at a characteristic.
 
     Looks that show too little of an edge make a value only where no others do, and they agree; it
     stays open.
@@ -227,7 +227,7 @@ def _total(parts: Mapping[str, FloatArray]) -> FloatArray:
 
 
 def is_independent(one: Estimate, other: Estimate, settings: MeasuringSettings) -> bool:
-    """Return whether light errs differently in two looks.
+    """Return True if light errs independently in two looks.
 
     Parameters
     ----------
@@ -260,7 +260,7 @@ def _mean(
 
 
 def _is_shared(name: str, one: Estimate, other: Estimate, settings: MeasuringSettings) -> bool:
-    """Return whether an error is the same in two looks."""
+    """Return True if an error is the same in two looks."""
     if name in (SCALE, TEMPERATURE, FACETS):
         return True
     if name == POSE:
@@ -306,7 +306,7 @@ def _beside(
     vector_mm: FloatArray,
     settings: MeasuringSettings,
 ) -> tuple[bool, bool]:
-    """Return whether looks that show a part of the edge confirm others, or contradict them.
+    """Return two flags: looks at a part of the edge confirm others, or contradict them.
 
     An independent one confirms where it finds the edge at the same place. They are contradicted
     where none confirms, and one that is as sure as they are finds it elsewhere: that needs no
@@ -330,7 +330,7 @@ def _beside(
 def _is_outvoted(
     used: Sequence[Estimate], estimates: Sequence[Estimate], vector_mm: FloatArray
 ) -> bool:
-    """Return whether two looks that do not count find an edge at one place, which is another.
+    """Return True if two looks that do not count find an edge at one place, which is another.
 
     Each is as sure as those that count, but failed a check, mostly since a part of its edge lies
     elsewhere. Together they tell that those that count may be on another edge.
@@ -357,7 +357,7 @@ def _is_outvoted(
 
 
 def _are_apart(one: FloatArray, other: FloatArray, u_one: float, u_other: float) -> bool:
-    """Return whether two values are farther apart than their standard uncertainties explain."""
+    """Return True if two values differ by more than their standard uncertainties explain."""
     return float(np.linalg.norm(one - other)) > COVERAGE * float(np.hypot(u_one, u_other))
 
 
@@ -368,7 +368,7 @@ def _has_two(used: Sequence[Estimate], settings: MeasuringSettings) -> bool:
 
 
 def _why_none(looks: Sequence[Look]) -> str:
-    """Return why no look counts: the reasons of those that came closest."""
+    """Return the reason why no look counts: that of the looks that came closest."""
     if not looks:
         return "no view of it"
     rank = sorted(looks, key=lambda look: look.points_px is None or len(look.points_px) == 0)

@@ -71,7 +71,7 @@ def measure_ahead(
 def _sought(
     part: PosedPart, characteristics: tuple[Characteristic, ...], kept: Kept
 ) -> tuple[Sought, ...]:
-    """Return what pictures are looked at for, of the characteristics that one may show."""
+    """Return the features to look for in pictures, of the characteristics that one may show."""
     return kept.once(partial(_all_sought, part, characteristics), _all_sought, characteristics)
 
 
@@ -93,7 +93,7 @@ def _kept_looks(
 
 
 def _why_not(characteristic: Characteristic) -> str:
-    """Return why no picture can show a characteristic, empty where one may."""
+    """Return the reason why no picture can show a characteristic, empty where one may."""
     if not characteristic.is_measured:
         return characteristic.exempt or "it is not to be measured"
     if not features_of(characteristic):
@@ -121,7 +121,7 @@ def look(
     view: PosedView,
     settings: MeasuringSettings = DEFAULT,
 ) -> list[list[Estimate]]:
-    """Return what each picture of a view says of each characteristic.
+    """Return each picture's estimates of each characteristic in a view.
 
     Parameters
     ----------
@@ -200,7 +200,7 @@ def result_of(characteristic: Characteristic, found: Combined) -> Measured:
 
 
 def _why(characteristic: Characteristic, value: float, U: float, verdict: Verdict) -> str:
-    """Return which limit a value is beyond or too near to, empty for one that fits.
+    """Return the limit that a value is beyond or too near to, in words; empty for one that fits.
 
     Parameters
     ----------

@@ -107,7 +107,7 @@ def _least_squares(design: FloatArray, y: FloatArray, weight: FloatArray) -> Flo
 
 
 def _sharing(residuals: FloatArray, used: BoolArray) -> float:
-    """Return how many neighbours tell one thing, from how alike their residuals are."""
+    """Return the number of neighbours that share one error, by the likeness of their residuals."""
     both = used[1:] & used[:-1]
     if both.sum() < 8:
         return 1.0

@@ -239,7 +239,7 @@ def _moved(
 
 
 def _is_agreed(edges: PartEdges, moved: Sequence[MovedEdge], looks: Sequence[EdgeLook]) -> bool:
-    """Return whether two pictures show an edge out of its place, and no more show it in there.
+    """Return True if two pictures show an edge out of its place, and no more show it in there.
 
     A picture that the same shift would leave within its limits says nothing.
     """
@@ -270,7 +270,7 @@ def _finding(
     area_mm2: float,
     words: str,
 ) -> Finding:
-    """Return what a picture shows along some points (k,) of edges."""
+    """Return the finding of a picture along some points (k,) of edges."""
     at = look.pixels[points]
     low, high = at.min(axis=0), at.max(axis=0)
     x, y = at.mean(axis=0).tolist()

@@ -120,7 +120,7 @@ def find_floor(
     settings: MeasuringSettings,
     by_light: Sequence[FloorLook] = (),
 ) -> Floor:
-    """Return where pictures show the floor of a blind hole.
+    """Return the floor of a blind hole as the pictures show it.
 
     Parameters
     ----------
@@ -141,7 +141,7 @@ def floor_look(
     settings: MeasuringSettings,
     raised: tuple[float, PartEdges, EdgeLook] | None = None,
 ) -> FloorLook | None:
-    """Return how much higher than nominal a picture shows a floor by its edges, None if not shown.
+    """Return the height of a floor above nominal by its edges in a picture, None if not shown.
 
     Mouth and floor share how far the recess is out of place across its axis. What is less sure than
     the hole is deep says nothing. What lies as high as the mouth is the mouth's own edge, which the

@@ -84,7 +84,7 @@ class Course:
 def wave_of(
     look: EdgeLook, pixel_mm: float, allowances: Allowances, settings: MeasuringSettings
 ) -> float:
-    """Return what light and form move neighbouring points of an edge by, standard deviation [px].
+    """Return the deviation of neighbouring edge points by light and form, one sigma [px].
 
     Light on the edge as a whole is in its course.
 
@@ -100,7 +100,7 @@ def wave_of(
 
 
 def known_points(look: EdgeLook) -> BoolArray:
-    """Return which points (n,) a picture shows in the light that is theirs.
+    """Return a mask (n,) of the points that a picture shows in their own light.
 
     Elsewhere a wall may throw the panel's light back, or the gripper's shadow may end, whose border
     beside an edge looks like damage.
@@ -241,7 +241,7 @@ def _whole_run(look: EdgeLook, known: IndexArray, off: FloatArray, run: Run) -> 
 
 
 def _off_course(edges: PartEdges, look: EdgeLook, known: IndexArray) -> FloatArray:
-    """Return how far points (k,) of one edge are off its own course [px].
+    """Return the distances of points (k,) of one edge from its own course [px].
 
     A straight edge may be shifted and turned; one that closes on itself moved, grown and out of
     round.

@@ -146,7 +146,7 @@ def find_edges(solid: Solid, pixel_mm: float) -> PartEdges | None:
 
 
 def _places(length_mm: float, pixel_mm: float, is_closed: bool) -> tuple[FloatArray, float]:
-    """Return where along an edge points are [mm], and what length each stands for."""
+    """Return the places of points along an edge [mm], and the length that each stands for."""
     corner = 0.0 if is_closed else min(CORNER_PX * pixel_mm, MAX_CORNER * length_mm)
     wanted = (length_mm - 2 * corner) / (SPACING_PX * pixel_mm)
     count = int(np.clip(wanted, MIN_POINTS, MAX_POINTS))

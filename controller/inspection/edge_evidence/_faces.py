@@ -49,7 +49,7 @@ class FaceEdges:
 
 
 def floor_words(off_mm: float) -> str:
-    """Return where pictures show a floor that is elsewhere, in words.
+    """Return the words for a floor that shows out of its place.
 
     Parameters
     ----------
@@ -206,7 +206,7 @@ def _prove_floor(
 def _is_open(
     solid: Solid, face: int, recess_of: Mapping[int, Recess], faces: Mapping[int, FaceEdges]
 ) -> bool:
-    """Return whether a cone is no hollow, or light is shown to pass the bore that it leads to."""
+    """Return True if a cone is no hollow, or if light passes the bore that it leads to."""
     if not solid.faces[face].concave:
         return True
     sides = solid.boundary.face.reshape(-1, 2)
@@ -279,7 +279,7 @@ def _blind(
     face: int,
     floor: Floor,
 ) -> tuple[float, str, str]:
-    """Return what share of a wall's mouth is shown, by what where it is enough, why not where not.
+    """Return the share of a wall's mouth shown, the proof if it is enough, the reason if not.
 
     Parameters
     ----------

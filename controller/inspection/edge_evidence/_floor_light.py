@@ -86,7 +86,7 @@ def blind_bore(solid: Solid, recess: Recess) -> BlindBore | None:
 
 
 def rise_by_light(part: PosedPart, bore: BlindBore, view: PosedView, lamp: str) -> FloorLook | None:
-    """Return how much higher than nominal a floor is lit; None if not shown.
+    """Return the height of a floor above nominal by its lit area; None if not shown.
 
     Parameters
     ----------
@@ -211,7 +211,7 @@ def _patch(
 def _is_open(
     part: PosedPart, view: PosedView, bore: BlindBore, axes: FloatArray, sources: FloatArray
 ) -> bool:
-    """Return whether nothing stands between the mouth and the lamp, or the camera."""
+    """Return True if nothing stands between the mouth and the lamp, or the camera."""
     eye = (
         transform(inverse_pose(view.T_world_part), view.task.camera.position_mm[None])[0]
         - bore.mouth_mm
@@ -292,7 +292,7 @@ def _light(
 
 
 def _vertex(shares: FloatArray, worse: FloatArray) -> tuple[float, float]:
-    """Return where a parabola through three points is least, and where it has risen by one."""
+    """Return the minimum of a parabola through three points, and its distance to a rise by one."""
     a, b, _ = np.polyfit(shares, worse, 2)
     if a <= 0:
         return float(shares[1]), float(np.ptp(shares))

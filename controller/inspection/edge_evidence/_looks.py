@@ -99,7 +99,7 @@ def look_at_edges(
     smallest_mm: float,
     settings: MeasuringSettings,
 ) -> list[EdgeLook]:
-    """Return where a view's pictures show the edges of a part.
+    """Return the places where a view's pictures show the edges of a part.
 
     Parameters
     ----------
@@ -155,7 +155,7 @@ def look_at_edges(
 
 
 def _gripper_about(task: ViewTask, margin_mm: float) -> RayCaster | None:
-    """Return what holds the part as large as it may be, in the world; None where nothing does."""
+    """Return the gripper as large as it may be, in the world; None where nothing holds the part."""
     if not task.holder:
         return None
     return RayCaster(box_mesh(tuple(WorldBox(b.T, b.half_mm + margin_mm) for b in task.holder)))
@@ -176,7 +176,7 @@ def _in_gripper_shadow(
 
 
 def _play(edges: PartEdges, across: FloatArray, allowed_mm: FloatArray) -> FloatArray:
-    """Return how far along their rays edges of a good part may be (n,) [px]."""
+    """Return the allowed offsets of a good part's edges along their rays (n,) [px]."""
     grown, moved = allowed_mm[edges.faces, 0], allowed_mm[edges.faces, 1]
     by = np.abs(np.einsum("nj,nkj->nk", across, edges.normals))
     size = np.linalg.norm(across, axis=1)[:, None]
@@ -229,7 +229,7 @@ def _measured(
 def _agree(
     place: FloatArray, found: EdgeFits, edge: NDArray[np.intp], index: NDArray[np.intp]
 ) -> BoolArray:
-    """Return which of the edges found (n,) go on in their neighbours': texture does not."""
+    """Return a mask (n,) of found edges that continue in their neighbours, as texture does not."""
     count = len(place)
     agree = np.zeros(count)
     known = np.zeros(count)

@@ -59,7 +59,7 @@ def refuted(
 
 
 def _is_clear(edges: PartEdges, run: Displaced, look: EdgeLook, wave_px: float) -> bool:
-    """Return whether a look had to show a run, and shows the edge on its course there."""
+    """Return True if a look had to show a run, and shows the edge on its course there."""
     is_outline = look.faces_camera[run.points].sum(axis=1) == 1
     is_known = known_points(look)
     if not (is_outline & is_known[run.points]).all():
@@ -77,7 +77,7 @@ def _is_clear(edges: PartEdges, run: Displaced, look: EdgeLook, wave_px: float) 
 
 
 def _expected_px(edges: PartEdges, run: Displaced, look: EdgeLook) -> float:
-    """Return how far a look's outline would be off along a run, in the mean.
+    """Return the mean offset of a look's outline along a run [px].
 
     A broken edge ends on either face as far from the edge as it is deep, or farther; the outline
     goes through the end that is farther out.

@@ -81,7 +81,7 @@ def find_evidence(
     settings: MeasuringSettings,
     kept: Kept | None = None,
 ) -> EdgeEvidence:
-    """Return what the edges of a part prove of its faces, and what is damaged of them.
+    """Return the evidence of a part's edges on its faces, and the damage to the edges.
 
     Parameters
     ----------

@@ -55,7 +55,7 @@ class Backlit:
 def backlit_outline(
     picture: Grey, scene: ViewScene, levels: tuple[float, float, float] | None = None
 ) -> Backlit:
-    """Return what a picture before the panel shows of the part.
+    """Return the part's outline in a picture before the panel, and where it may be judged.
 
     A panel is darker at its rim and a lens towards its corners: one level for all would shift
     edges by a twentieth of a pixel.
@@ -89,7 +89,7 @@ def backlit_outline(
 
 
 def chord_px(slope: float) -> float:
-    """Return how far off the half level is, rms, where a blurred edge is taken for a line.
+    """Return the rms error of the half level of a blurred edge that is taken for a line [px].
 
     Between two pixels an edge rises like an error function; its half level is looked for on their
     chord.

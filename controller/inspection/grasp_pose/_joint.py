@@ -298,7 +298,7 @@ def _predict(part: PosedPart, placed: _Placed, number: int, count: int) -> _Pred
 
 
 def _edges(rims: Rims) -> IntArray:
-    """Return which edge each outline point is of (n,): two faces, and which way it runs."""
+    """Return the number (n,) of each outline point's edge: two faces, and a direction."""
     normals = rims.points.normals
     sector = np.round(np.arctan2(normals[:, 1], normals[:, 0]) / SPLIT_RAD).astype(np.int64)
     key = np.column_stack([np.sort(rims.faces, axis=1), sector])
@@ -314,7 +314,7 @@ def _left(
     start: FloatArray,
     shape: tuple[int, ...],
 ) -> list[FloatArray]:
-    """Return how far the observed outlines are beyond the moved prediction, faces not moved."""
+    """Return the offsets of observed outlines from the moved prediction, faces not moved."""
     out = []
     size = int(np.prod(shape))
     now = _placed(part, views, x[:size].reshape(shape))
@@ -355,7 +355,7 @@ def _weights(
 def _common(
     one: _Predicted, left: FloatArray, weight: FloatArray, settings: PoseSettings
 ) -> tuple[FloatArray, FloatArray]:
-    """Return what each edge's points have in common (e,), and the information of it."""
+    """Return the common offset of each edge's points (e,), and the information of it."""
     information = one.edges.T @ weight + 1.0 / settings.light_px**2
     return (one.edges.T @ (weight * np.nan_to_num(left))) / information, information
 

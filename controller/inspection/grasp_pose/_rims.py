@@ -161,7 +161,7 @@ def _those(edges: EdgePoints, which: IntArray) -> EdgePoints:
 def _per_face(
     along: FloatArray, first: FloatArray, second: FloatArray, is_plane: FloatArray
 ) -> FloatArray:
-    """Return how outline points move as faces do, (n, 2, 4).
+    """Return the derivatives of outline points by the motion of faces, (n, 2, 4).
 
     A sharp edge goes where its two faces go: d with n1 d = s1 and n2 d = s2, as short as can be.
     Two sides that run smoothly into each other move their outline together.
@@ -180,7 +180,7 @@ def _per_face(
 def _facets(
     part: PosedPart, edge: IntArray, triangles: IntArray, faces: IntArray, px_per_mm: FloatArray
 ) -> FloatArray:
-    """Return how far beside a curved face its facets are there [px], (n,): about w a / 8."""
+    """Return the distance of facets beside their curved face [px], (n,): about w a / 8."""
     model = part.edges
     inside = faces[:, 0] == faces[:, 1]
     normals = model.normals[triangles]

@@ -63,7 +63,7 @@ def mirror_image(solid: Solid) -> Solid:
 
 
 def is_suspect(fits: Sequence[GraspPose | None]) -> bool:
-    """Return whether the outlines leave it open if it is the part expected."""
+    """Return True if the outlines leave it open whether this is the part expected."""
     poses = [view for fit in fits if fit is not None for view in fit.views]
     if not poses or any(fit is None or fit.missing for fit in fits):
         return True
@@ -117,7 +117,7 @@ def _turned(views: Sequence[OutlineView], part: PosedPart, axis: int) -> list[Ou
 
 
 def _offs(fit: GraspPose) -> list[tuple[FloatArray, float]]:
-    """Return how far outlines are off, lost points counted, faces not moved; and px a point."""
+    """Return the offsets of outlines, lost points counted, faces not moved; and px a point."""
     out = []
     for view in fit.views:
         off = np.nan_to_num(np.abs(view.gap_px[view.judged]), nan=LOST_PX)

@@ -27,7 +27,7 @@ class Allowances:
 
 
 def allowed_mm(part: PosedPart, tolerance_class: ToleranceClass) -> FloatArray:
-    """Return how far each face may lie off, either way, (f, 2): grown, and moved.
+    """Return the allowed deviation of each face to either side, (f, 2): grown, and moved [mm].
 
     A plane is held to the size of the part across it, a round face to its diameter and its centre
     to the size of the part.

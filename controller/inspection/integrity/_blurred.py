@@ -24,7 +24,7 @@ def blur_rounds_px(
     at_px: FloatArray,
     normals: FloatArray,
 ) -> FloatArray:
-    """Return how far outwards the blurred outline of a part lies from the sharp one, (n,) [px].
+    """Return the distance (n,) of a part's blurred outline outside the sharp one [px].
 
     Parameters
     ----------

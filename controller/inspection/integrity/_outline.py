@@ -67,7 +67,7 @@ def compare_outline(
     settings: PoseSettings,
     view_count: int = 1,
 ) -> OutlineResult:
-    """Return where the silhouette of a view differs from the CAD, and what it compared.
+    """Return the differences of a view's silhouette from the CAD, and the area compared.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ class _Look:
         self.off_px = self._off()
 
     def _off(self) -> FloatArray:
-        """Return how far beyond what is allowed the observed outline is, (n,); nan: not known."""
+        """Return the excess of the observed outline over the allowance, (n,); nan: not known."""
         pose = self.pose
         shape = pose.gap_px - pose.left_px
         moves = np.abs(pose.rims.per_face)
@@ -179,7 +179,7 @@ class _Look:
         return np.asarray(self.backlit.share[y, x] < HALF)
 
     def _is_surely(self, at_px: FloatArray, *, part: bool) -> BoolArray:
-        """Return where places (n, 2) are of the part, or not, with the pixels beside them."""
+        """Return a mask of the places (n, 2) on the part, or off it, and not on its rim."""
         mask = self.maps.mask if part else ~self.maps.mask
         beside = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
         all_about = cv2.erode(mask.astype(np.uint8), beside) > 0
@@ -195,7 +195,7 @@ class _Look:
         return np.asarray(grow(~self.backlit.judged, NEAR_PX)[y, x])
 
     def compared(self, limit_px: float) -> BoolArray:
-        """Return which outline points (n,) lie where a run would have been seen, and none was."""
+        """Return a mask (n,) of outline points where a run would have been seen, and none was."""
         good: BoolArray = np.abs(np.nan_to_num(self.off_px, nan=np.inf)) <= limit_px
         if not good.any():
             return good
@@ -228,7 +228,7 @@ class _Look:
             self.off_px[near] -= np.nan_to_num(shift)
 
     def is_moved(self, points: IntArray) -> bool:
-        """Return whether faces out of place, farther than allowed, are what points show."""
+        """Return True if points show faces out of place, farther than allowed."""
         beyond = self.beyond_px[points]
         here = np.isfinite(beyond)
         if not here.any():
@@ -244,7 +244,7 @@ class _Look:
         return np.flatnonzero(inside)
 
     def finding(self, run: Run) -> Finding | None:
-        """Return what a run is, None for what may as well be dust."""
+        """Return the finding of a run, None for what may as well be dust."""
         kind = self._kind(run)
         if kind is None:
             return None
@@ -287,7 +287,7 @@ class _Look:
         return border_of(mask > 0, (float(corner[0]), float(corner[1])), 1 / zoom)
 
     def _is_sure(self, run: Run) -> bool:
-        """Return whether neither light nor dust can be what a run shows."""
+        """Return True if neither light nor dust explains a run."""
         if run.depth_px < 0:
             return run.depth_px < -SURE_PX and run.length_px >= CHIP_PX
         grain_px = GRAINS * self.task.limits.dust_mm / self.mm
@@ -356,7 +356,7 @@ def _areas(look: _Look, maps: ViewMaps) -> list[Finding]:
 
 
 def _touches_part(finding: Finding, expected: BoolArray, corner: tuple[int, int]) -> bool:
-    """Return whether a difference is at the part: what hangs free before the panel is dirt."""
+    """Return True if a difference touches the part: what hangs free before the panel is dirt."""
     x0, y0, x1, y1 = finding.box_px
     left, top = corner
     window = expected[max(y0 - top - 3, 0) : y1 - top + 3, max(x0 - left - 3, 0) : x1 - left + 3]

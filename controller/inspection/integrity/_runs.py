@@ -42,7 +42,7 @@ class RunTest:
     view_count: int = 1
 
     def limit(self, point_count: int) -> float:
-        """Return how many standard deviations a window's mean may be off, of so many points."""
+        """Return the limit of a window's mean in standard deviations, for so many points."""
         windows = len(WINDOWS_PX) * max(point_count / BLUR_PX, 1.0) * max(self.view_count, 1)
         return -float(ndtri(self.false_alarms / (2 * windows)))
 
@@ -105,7 +105,7 @@ def find_runs(
 
 
 def crowded(at_px: FloatArray, normals: FloatArray, reach_px: float) -> BoolArray:
-    """Return which points (n,) of an outline have its other side so near that blur joins the two.
+    """Return a mask (n,) of outline points whose other side is within the reach of blur.
 
     Parameters
     ----------

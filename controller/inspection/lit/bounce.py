@@ -85,7 +85,7 @@ def find_neighbours(
     camera: Camera,
     others: RayCaster | None,
 ) -> Neighbours:
-    """Return what part and gripper have standing about a surface.
+    """Return the surfaces of part and gripper that throw light on to a surface.
 
     Parameters
     ----------
@@ -195,7 +195,7 @@ def bounced_light(about: Neighbours, source: FloatArray, reference: float) -> Bo
 
 
 def _unevenness(distance_mm: FloatArray, spread_rad: float) -> FloatArray:
-    """Return what share (k,) of light from a distance may change within a defect's width."""
+    """Return the share (k,) of light from a distance that may change within a defect's width."""
     return 1.0 / (1.0 + (spread_rad * distance_mm / UNEVEN_MM) ** 2)
 
 

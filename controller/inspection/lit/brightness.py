@@ -136,7 +136,7 @@ def _shares(lights: FloatArray, b: FloatArray, count: int) -> tuple[FloatArray, 
 
 
 def _gloss(shares: FloatArray, information: FloatArray) -> float:
-    """Return how polished a finish may be, by the most highlight that two deviations allow.
+    """Return the highest possible polish of a finish, by highlights up to two deviations.
 
     A finish whose highlights are half as bright has wider ones, so that a mirror image in it is a
     quarter as bright in one place.

@@ -11,7 +11,7 @@ from controller.arrays import BoolArray, Float32Array, Int32Array
 
 
 def share_of_face(mask: BoolArray, face: Int32Array, size_nodes: float) -> Float32Array:
-    """Return which share of a defect about each node, cut by its face, lies on a mask (h, w).
+    """Return the share of a defect about each node, cut by its face, on a mask (h, w).
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ def share_of_face(mask: BoolArray, face: Int32Array, size_nodes: float) -> Float
 
 
 def near_own_face(mask: BoolArray, face: Int32Array, size_nodes: float) -> BoolArray:
-    """Return which nodes (h, w) have a mask's nearest node on their own face, half a defect off.
+    """Return the nodes (h, w) with a mask's nearest node on their own face, half a defect off.
 
     Parameters
     ----------

@@ -55,7 +55,7 @@ class Compared:
 
 
 def in_penumbra(light: Light) -> BoolArray:
-    """Return where (h, w) a shadow's border may fall."""
+    """Return a mask (h, w) of the nodes on which a shadow's border may fall."""
     return np.asarray(light.most - light.least >= PENUMBRA_SHARE * light.open)
 
 
@@ -82,7 +82,7 @@ def compare(
     limits: InspectionLimits,
     flattest: float,
 ) -> Compared:
-    """Return where a lit picture's light is not what it must be.
+    """Return the differences of a lit picture from the predicted light.
 
     Parameters
     ----------

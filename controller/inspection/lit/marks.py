@@ -78,7 +78,7 @@ class Answers:
 def answers(
     texture: Texture, noise: Float32Array, bounced: Float32Array, rate: float, weak_rate: float
 ) -> Answers:
-    """Return what spot and line filters answer, and what is beyond chance.
+    """Return the responses of spot and line filters, and the part of them beyond chance.
 
     Parameters
     ----------
@@ -157,7 +157,7 @@ class Tail:
 
 
 def _filtered(values: Float32Array, inside: Float32Array, weights: Weights) -> Float32Array:
-    """Return what each filter answers (filters, h, w).
+    """Return the responses of the filters (filters, h, w).
 
     Parameters
     ----------
@@ -301,7 +301,7 @@ def smallest_nodes(
 def finds(
     answer: Answers, texture: Texture, cosine: Float32Array, kind: str, width_nodes: Float32Array
 ) -> BoolArray:
-    """Return where (h, w) a round mark would be found by any filter.
+    """Return a mask (h, w) of where a round mark would be found by any filter.
 
     A round mark on a surface seen aslant is an ellipse in the picture, and answered less.
 
@@ -349,7 +349,7 @@ class _Nodes:
     def found(
         self, kind: str, width_nodes: Float32Array, shares: Sequence[Float32Array]
     ) -> BoolArray:
-        """Return where (n,) a round mark would be found by any filter.
+        """Return a mask (n,) of where a round mark would be found by any filter.
 
         Parameters
         ----------

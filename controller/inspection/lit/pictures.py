@@ -168,7 +168,7 @@ class LitPictures:
         return usable & (self._surface.cosine > MAX_INCIDENCE_COS)
 
     def _spread_px(self) -> Float32Array:
-        """Return how far off the pose may be at the nodes (h, w), one standard deviation."""
+        """Return the uncertainty of the pose at the nodes (h, w), one standard deviation [px]."""
         surface = self._surface
         rows, columns = np.nonzero(surface.seen)
         some = np.flatnonzero((rows % SPREAD_NODES == 0) & (columns % SPREAD_NODES == 0))
@@ -181,7 +181,7 @@ class LitPictures:
         return np.asarray(full[: surface.seen.shape[0], : surface.seen.shape[1]])
 
     def check(self, lamp_name: str) -> tuple[Check, list[Finding], NDArray[np.uint8]]:
-        """Return what a lamp's picture compared, what it found, and why not the rest (n,).
+        """Return the check of a lamp's picture, its findings, and the reasons for the rest (n,).
 
         Parameters
         ----------
@@ -281,7 +281,7 @@ class LitPictures:
         return min(told, default=1.0)
 
     def _other_lamp(self, mine: "_LitPicture", brightness: Brightness) -> str:
-        """Return which other lamp of the view explains a picture far better, empty if none."""
+        """Return another lamp of the view that explains a picture far better, empty if none."""
         for lamp in self._task.lamps:
             if lamp.name == mine.name:
                 continue
@@ -308,7 +308,7 @@ class LitPictures:
         return np.zeros(len(self._samples.points_mm), dtype=bool)
 
     def _unlike(self, lit: "_LitPicture", brightness: Brightness) -> str:
-        """Return why a picture cannot be of this lamp on this part, empty if it can."""
+        """Return the reason why a picture cannot be of this lamp on this part, empty if it can."""
         limits = self._task.limits
         fitted = lit.observed[lit.fitting]
         if float((fitted >= BURNT_GREY).mean()) > MAX_BURNT:
@@ -365,7 +365,7 @@ class LitPictures:
         return texture, noise, np.asarray(bounced + veil, np.float32)
 
     def _misfit(self, lit: "_LitPicture") -> str:
-        """Return why a lit picture does not lie on the pose, or is not sharp; empty if it does."""
+        """Return the reason why a lit picture misses the pose or is not sharp; empty if neither."""
         limits, fit = self._task.limits, self._fit
         steps = register(lit.picture, fit.edge_px, fit.edge_normals, self._expected(lit))
         # the expected picture is blurred by a good lens; the backlit one tells how good this one is
@@ -427,7 +427,7 @@ class LitPictures:
     def _per_sample(
         self, outcome: Compared, answer: Answers, texture: Texture
     ) -> tuple[BoolArray, NDArray[np.uint8]]:
-        """Return which samples a picture compared (n,), and why not the others (n,)."""
+        """Return a mask (n,) of the samples a picture compared, and reasons for the others (n,)."""
         limits = self._task.limits
         side = np.maximum(self._surface.node_mm, 1e-6)
         width = np.asarray(limits.smallest_defect_mm / side, np.float32)
@@ -449,7 +449,7 @@ class LitPictures:
 
 
 def _error(observed: Float32Array, predicted: Float32Array) -> float:
-    """Return how far nodes (n,) of a picture are off its light, in the mean, as a share."""
+    """Return the mean relative error of nodes (n,) of a picture against its predicted light."""
     scale = np.maximum(observed + predicted, FAINT_GREY)
     return float(np.mean(np.abs(observed - predicted) / scale))
 
@@ -457,7 +457,7 @@ def _error(observed: Float32Array, predicted: Float32Array) -> float:
 def _refusal(
     steps: Registration, growth_px: float, lens_px: float, limits: InspectionLimits
 ) -> str:
-    """Return what speaks against a lit picture, empty if nothing does.
+    """Return the objection to a lit picture, empty if there is none.
 
     Parameters
     ----------
@@ -481,7 +481,7 @@ def _refusal(
 
 
 def _ground_level(picture: Grey, maps: ViewMaps, scene: ViewScene) -> float:
-    """Return how bright the wall behind the part is under a lamp, where no shadow falls."""
+    """Return the brightness of the wall behind the part under a lamp, where no shadow falls."""
     clear = scene.panel & ~scene.holder_mask
     x0, y0, x1, y1 = maps.roi
     clear[y0:y1, x0:x1] = False

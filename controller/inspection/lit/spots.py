@@ -161,7 +161,7 @@ def is_dust(
     surface: Surface,
     length_mm: float,
 ) -> bool:
-    """Return whether a mark is no larger than a speck of dust, the lens's blur taken off.
+    """Return True if a mark is no larger than a speck of dust, less the lens's blur.
 
     Parameters
     ----------

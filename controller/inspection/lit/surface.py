@@ -38,7 +38,7 @@ class Surface:
 def find_surface(
     solid: Solid, maps: ViewMaps, T_world_part: FloatArray, camera: Camera, step_px: int
 ) -> Surface:
-    """Return what a grid of pixels sees of a posed part.
+    """Return the surface of a posed part on a grid of pixels.
 
     Parameters
     ----------

@@ -50,7 +50,7 @@ class Texture:
 
 
 def feature_edges(surface: Surface) -> BoolArray:
-    """Return which nodes (h, w) lie where the CAD model shows an edge, a crease or an outline."""
+    """Return a mask (h, w) of nodes where the CAD model shows an edge, a crease or an outline."""
     seen = surface.seen
     normal = np.zeros((*seen.shape, 3), dtype=np.float32)
     normal[seen] = surface.normals
@@ -147,7 +147,7 @@ def _smooth(
 
 
 def _ruled(rest: FloatArray, normals: Float32Array) -> FloatArray:
-    """Return what a face bent one way only has alike along its straight lines (n,), else zeros.
+    """Return the values common to each straight line of a face bent one way (n,), else zeros.
 
     Along a cylinder's lines the normal is the same, and so is what the lamp makes of it.
     """

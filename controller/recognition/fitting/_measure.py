@@ -260,7 +260,7 @@ class GreyMeasure:
         reach_px: float,
         noise: float,
     ) -> FloatArray:
-        """Return where (n,) each profile's strongest peak is, nearer ones preferred; NaN if none.
+        """Return the place (n,) of each profile's strongest peak, near ones preferred; NaN if none.
 
         Parameters
         ----------

@@ -87,7 +87,7 @@ def _put_dimension(
 
 
 def _joins(characteristic: Characteristic, drawn: Dimension) -> bool:
-    """Return whether a distance is between the ends that a drawing names."""
+    """Return True if a distance is between the ends that a drawing names."""
     geometry = characteristic.geometry
     if isinstance(geometry, EdgePairGeometry) and geometry.one_face == geometry.other_face:
         return False  # the size of a feature that nothing measures

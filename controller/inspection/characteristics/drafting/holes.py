@@ -105,7 +105,7 @@ def inner_faces(solid: Solid, features: Iterable[RoundFeature]) -> frozenset[int
 
 
 def ends_inside(solid: Solid, wall: RoundWall, inner: frozenset[int]) -> bool:
-    """Return whether a wall of a hole ends at a ledge or a bottom, below its mouth.
+    """Return True if a wall of a hole ends at a ledge or a bottom, below its mouth.
 
     Parameters
     ----------

@@ -167,7 +167,7 @@ class _Opposites:
             self._through.append(dict(zip(keys, share.tolist(), strict=True)))
 
     def share(self, one: _Plane, other: _Plane, *, gap: bool) -> float:
-        """Return how much of the smaller of two planes lies opposite the other."""
+        """Return the share of the smaller of two planes that lies opposite the other."""
         small, large = sorted((one, other), key=lambda plane: plane.area_mm2)
         return self._through[0 if gap else 1].get((small.face, large.face), 0.0)
 
@@ -178,7 +178,7 @@ _Joined = tuple[_Plane, _Plane, CharacteristicKind, str]
 def _joined(
     solid: Solid, direction: FloatArray, planes: list[_Plane], opposite: _Opposites
 ) -> list[_Joined]:
-    """Return which planes of one direction are dimensioned together, and as what."""
+    """Return the planes of one direction that are dimensioned together, and as what."""
     reach = np.asarray(solid.mesh.vertices) @ direction
     ends = [
         [

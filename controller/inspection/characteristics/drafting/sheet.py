@@ -12,7 +12,7 @@ AXES: Final = ((2, 1), (1, 1), (0, 1), (2, -1), (1, -1), (0, -1))  # the top vie
 
 
 def across(axis: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return what is right and what is up in the view against an axis (3,), both (3,)."""
+    """Return the directions right and up in the view against an axis (3,), both (3,)."""
     main = int(np.abs(axis).argmax())
     up = np.eye(3)[1 if main == 2 else 2]
     up = up - (up @ axis) * axis

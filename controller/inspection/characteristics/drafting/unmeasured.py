@@ -196,23 +196,23 @@ class _Known:
         self._is_plane = np.array([face.kind == "plane" for face in solid.faces])
 
     def has(self, face: int, *kinds: CharacteristicKind) -> bool:
-        """Return whether a face has a characteristic of one of some kinds."""
+        """Return True if a face has a characteristic of one of some kinds."""
         return not self._kinds.get(face, set()).isdisjoint(kinds)
 
     def has_depth(self, faces: Sequence[int]) -> bool:
-        """Return whether a wall among the faces has a depth."""
+        """Return True if a wall among the faces has a depth."""
         return bool(self._depths & set(faces))
 
     def has_length(self, faces: Sequence[int]) -> bool:
-        """Return whether the faces of a slot have a length, measured at its round ends."""
+        """Return True if the faces of a slot have a length, measured at its round ends."""
         return any(own <= set(faces) for own in self._lengths)
 
     def are_joined(self, one: int, other: int) -> bool:
-        """Return whether the distance of two planes follows from characteristics."""
+        """Return True if the distance of two planes follows from characteristics."""
         return bool(self._level[one] == self._level[other])
 
     def is_placed(self, planes: Sequence[int], own: Sequence[int]) -> bool:
-        """Return whether characteristics say how far planes are from others of the part.
+        """Return True if characteristics fix the distance of planes from others of the part.
 
         Parameters
         ----------
@@ -226,7 +226,7 @@ class _Known:
         )
 
     def why_no_rim(self, step: FeatureWall, kind: CharacteristicKind) -> str:
-        """Return why a wall of a hole or a boss has no diameter or no position."""
+        """Return the reason for a hole's or boss's wall without a diameter or a position."""
         wall = self._wall.get(step.face)
         if kind is _KIND.POSITION and self.has(step.face, _KIND.DIAMETER):
             return OWN_DATUM

@@ -288,7 +288,7 @@ def _datums(features: Sequence[RoundFeature]) -> list[RoundFeature | None]:
 
 
 def _is_single(sizes: Sequence[float], size: float) -> bool:
-    """Return whether sorted sizes have a size once."""
+    """Return True if sorted sizes have a size exactly once."""
     return bisect_left(sizes, size + SAME_SIZE_MM) - bisect_right(sizes, size - SAME_SIZE_MM) == 1
 
 

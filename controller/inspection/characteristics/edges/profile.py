@@ -45,7 +45,7 @@ class Profile:
         self._caster = caster
 
     def of_line(self, line: EdgeLine) -> BoolArray:
-        """Return from which of the lines of sight a straight edge shows (s,)."""
+        """Return a mask (s,) of the lines of sight from which a straight edge shows."""
         along = line.end_mm - line.start_mm
         points = line.start_mm + STEPS[:, None] * along
         outward = self._normals[list(line.faces)].sum(axis=0)
@@ -55,7 +55,7 @@ class Profile:
         return (share >= MIN_SHARE) & (np.abs(self._sights @ along) < ALONG_COS)
 
     def of_rim(self, rim: Rim) -> BoolArray:
-        """Return from which of the lines of sight an outer rim shows (s,)."""
+        """Return a mask (s,) of the lines of sight from which an outer rim shows."""
         across = np.cross(rim.axis, rim.start)
         turns = (RIM_STEPS * rim.sweep_rad)[:, None]
         radial = np.cos(turns) * rim.start + np.sin(turns) * across
@@ -63,7 +63,7 @@ class Profile:
         return self._in_sight(points) >= MIN_RIM_SHARE
 
     def of_plane(self, lines: Sequence[EdgeLine], rims: Sequence[Rim]) -> BoolArray:
-        """Return from which of the lines of sight any edge of a plane shows (s,)."""
+        """Return a mask (s,) of the lines of sight from which any edge of a plane shows."""
         shown = [self.of_line(line) for line in lines] + [self.of_rim(rim) for rim in rims]
         return np.any(shown, axis=0) if shown else np.zeros(len(self._sights), dtype=bool)
 

@@ -164,7 +164,7 @@ def _is_same_cylinder(one: Face, other: Face) -> bool:
 def are_coaxial(
     axis: FloatArray, centre_mm: FloatArray, other_axis: FloatArray, other_mm: FloatArray
 ) -> bool:
-    """Return whether two axes are one.
+    """Return True if two axes coincide.
 
     Parameters
     ----------

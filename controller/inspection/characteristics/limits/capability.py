@@ -104,7 +104,7 @@ def promised_mm(length_mm: float, station: Station, accuracy: Accuracy) -> float
 def capability_of(
     characteristic: Characteristic, station: Station, accuracy: Accuracy
 ) -> Capability:
-    """Return how well a cell can verify a characteristic.
+    """Return a cell's capability to verify a characteristic.
 
     Parameters
     ----------

@@ -56,7 +56,7 @@ def decide(
 
 
 def _probability_below(limit: float, value: float, U: float) -> float:
-    """Return how probable it is that the true value is below a limit."""
+    """Return the probability that the true value is below a limit."""
     if U == 0 or limit in (-inf, inf):
         return float(value < limit)
     return 0.5 * (1.0 + erf((limit - value) / (U / COVERAGE_FACTOR) / sqrt(2.0)))
