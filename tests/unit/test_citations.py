@@ -139,13 +139,13 @@ def test_a_golden_file_cites_by_its_sections(plant: Path) -> None:
 MAY_NOT_RUN = re.compile(r"mark\.(?:skipif|skip|xfail)\b|pytest\.skip\(|importorskip|@needs_kernel")
 
 
-def test_the_readme_names_every_file_whose_tests_may_not_run() -> None:
+def test_the_page_on_tests_names_every_file_whose_tests_may_not_run() -> None:
     """What is skipped on some machines, or expected to fail, is told where the tests are."""
     files = {
         path.name
         for path in (ROOT / "tests").rglob("test_*.py")
         if path != Path(__file__) and MAY_NOT_RUN.search(path.read_text(encoding="utf-8"))
     }
-    readme = (ROOT / f"README{DOT_MD}").read_text(encoding="utf-8")
-    section = readme[readme.index("## Tests") :]
+    page = (ROOT / "docs" / f"testing{DOT_MD}").read_text(encoding="utf-8")
+    section = page[page.index("## What a machine may skip") :]
     assert files == set(re.findall(r"test_\w+\.py", section))
