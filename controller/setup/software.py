@@ -21,7 +21,7 @@ UNKNOWN: Final = "unknown"
 
 
 def installed_version() -> str:
-    """Version of the installed package; cellctl may run without being installed."""
+    """Return the version of the installed package; cellctl may run without being installed."""
     try:
         return version("cellctl")
     except PackageNotFoundError:
@@ -30,7 +30,7 @@ def installed_version() -> str:
 
 @cache
 def commit() -> str:
-    """Commit that this code is from: 12 hex digits, with `-dirty` where files were changed since.
+    """Return the commit of this code: 12 hex digits, with `-dirty` where files were changed since.
 
     `unknown` in a copy without git's data, and where git is missing or refuses to answer.
     """
@@ -41,7 +41,7 @@ def commit() -> str:
 
 
 def commit_of(checkout: Path) -> str:
-    """Commit of a checkout, as `commit` returns it.
+    """Return the commit of a checkout, as `commit` does.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def commit_of(checkout: Path) -> str:
 
 
 def software_versions() -> dict[str, str]:
-    """Versions by name, for journal and reports."""
+    """Return versions by name, for journal and reports."""
     return {
         "cellctl": version("cellctl"),
         "commit": commit(),
