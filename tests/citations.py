@@ -12,6 +12,7 @@ import tokenize
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from os.path import normpath
 from pathlib import Path
 
 PLACES = ("controller", "drivers", "emulators", "tests", "benchmarks", "recipes", "docs")
@@ -116,7 +117,7 @@ class Checkout:
         """
         if name == PLACEHOLDER:
             return []
-        paths = [by.parent / name, Path(name)] if "/" in name else self.keys
+        paths = [Path(normpath(by.parent / name)), Path(name)] if "/" in name else self.keys
         found = [page for page in paths if page in self.keys and page.name == Path(name).name]
         if not found:
             return [f"{name} is not in the repository"]

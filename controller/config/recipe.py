@@ -32,19 +32,22 @@ class InspectionSection(Section):
 
     Attributes
     ----------
+    max_incidence_deg : a surface that a view shows flatter than this does not count as seen there:
+        angle between its normal and the line of sight
     min_coverage : share of the surface that must have been compared for a pass, above 0
-    not_inspected : faces that need not be inspected, by name, each with the reason; see
-        `controller.setup.faces`
+    not_inspected : faces that need not be inspected, by name as
+        `cellctl compile` lists them, each with the reason
     tolerance_class : of ISO 2768-1, for all that has no limits of its own
     required : which characteristics a PASS needs to be verified: all, or those alone whose limits
         somebody stated, in the recipe or in the CAD file; the rest is measured where a view shows
         it, and still fails the part where it is beyond its limits
+    smallest_defect_mm : smallest defect to look for, of kinds that `find` does not name
     find : by kind of defect the size that has to be found for a PASS, in mm; of a kind that is not
         named the report states what would have been found
     calibration : which a PASS needs of the cell: `any`, also that of the drawing; `current`, none
         of its calibrations stale; `verified`, and its verification passed with them
     characteristics : limits of single characteristics, distances between further planes, and what
-        is not measured; see `controller.setup.characteristics`
+        is not measured
     """
 
     max_incidence_deg: float = Field(70.0, ge=20, le=85)
@@ -94,9 +97,11 @@ class Recipe(Section):
     unit : of CAD files that name none, such as STL; a file that names its unit keeps it
     density_g_cm3 : of the material, for the part's weight (default: the CAD file's, else 2.7,
         aluminium)
-    cell : cell file, relative to the recipe (default: `DEFAULT_CELL` beside the recipe, else the
+    cell : cell file, relative to the recipe (default: that file beside the recipe, else the
         emulated cell that comes with cellctl)
-    faults : what replaces the cell's policy about faults (`controller.config.faults`)
+    grasp : how the part may be held; JSON keeps the old name
+    faults : what replaces the cell's policy about faults, class by class
+    count : parts to inspect, where the command line names no number
     """
 
     name: Annotated[str, AfterValidator(_fit_for_a_folder)]
@@ -107,7 +112,6 @@ class Recipe(Section):
     density_g_cm3: float | None = Field(None, gt=0, le=25)
     cell: Path = DEFAULT_CELL
     inspection: InspectionSection = InspectionSection()
-    # files may have the old name, and JSON keeps it
     grasp: GraspSection = Field(
         GraspSection(),
         validation_alias=AliasChoices("grasp", "grip"),

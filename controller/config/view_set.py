@@ -116,7 +116,15 @@ def unpacked(text: str, count: int) -> BoolArray:
 
 
 class SetCamera(Section):
-    """The calibrated camera of a set, or of one view."""
+    """The calibrated camera of a set, or of one view.
+
+    Attributes
+    ----------
+    size_px : width and height
+    K : camera matrix
+    distortion : k1, k2, p1, p2, k3 of OpenCV's model
+    T_world_cam : pose of the camera
+    """
 
     size_px: tuple[
         Annotated[int, Field(ge=16, le=MAX_SIZE_PX)], Annotated[int, Field(ge=16, le=MAX_SIZE_PX)]
@@ -127,7 +135,13 @@ class SetCamera(Section):
 
 
 class SetBox(Section):
-    """A box of the gripper: pose of its centre, half edges."""
+    """A box of the gripper: pose of its centre, half edges.
+
+    Attributes
+    ----------
+    T : pose of its centre in the world
+    half_mm : along its axes
+    """
 
     T: PoseRows
     half_mm: tuple[HalfEdge, HalfEdge, HalfEdge]
@@ -138,6 +152,7 @@ class SetView(Section):
 
     Attributes
     ----------
+    id : of the view; results name it
     T_world_part : where the part is expected
     prior_mm, prior_deg : standard deviations of that
     gripper_boxes : what holds the part and may stand in the picture
@@ -163,7 +178,13 @@ class SetView(Section):
 
 
 class SetCalibration(Section):
-    """What of a cell's calibrations no longer counted, in sentences; empty while all did."""
+    """What of a cell's calibrations no longer counted, in sentences; empty while all did.
+
+    Attributes
+    ----------
+    stale : one sentence for each that was stale
+    why_not_verified : why its verification did not count
+    """
 
     stale: Annotated[tuple[str, ...], Field(max_length=20)] = ()
     why_not_verified: str = ""

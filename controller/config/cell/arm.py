@@ -10,7 +10,12 @@ from .values import MAX_OFF_MM, MAX_ZERO_DEG, Box, Length, Pose
 
 
 class ParkSection(Section):
-    """The position where the arm waits, out of both cameras' sight."""
+    """The position where the arm waits, out of both cameras' sight.
+
+    Attributes
+    ----------
+    shoulder, elbow, yaw, pitch, roll : joints, in degrees
+    """
 
     shoulder: float
     elbow: float
@@ -20,7 +25,15 @@ class ParkSection(Section):
 
 
 class LinksSection(Section):
-    """The boxes that the arm's links take up, each in its own frame."""
+    """The boxes that the arm's links take up, each in its own frame.
+
+    Attributes
+    ----------
+    column : in the world
+    carriage : origin on the shoulder's axis at the height of the wrist; does not turn
+    upper : the same origin, x along the upper arm
+    fore : origin on the elbow's axis at the height of the wrist, x along the forearm
+    """
 
     column: Box
     carriage: Box
@@ -29,7 +42,13 @@ class LinksSection(Section):
 
 
 class ArmSection(Section):
-    """The keys of any arm: its pose in the world, and the gripper on it."""
+    """The keys of any arm: its pose in the world, and the gripper on it.
+
+    Attributes
+    ----------
+    jaw_max_mm : widest opening of its gripper
+    arm_gripper : boxes of the gripper in the frame of its TCP
+    """
 
     pose: Pose
     jaw_max_mm: Width
@@ -45,7 +64,12 @@ Small = Annotated[float, Field(ge=-MAX_OFF_MM, le=MAX_OFF_MM)]
 
 
 class ZerosSection(Section):
-    """Where joints are when their counters mean 0, in degrees."""
+    """Where joints are when their counters mean 0, in degrees.
+
+    Attributes
+    ----------
+    shoulder, elbow, yaw, pitch, roll : by joint
+    """
 
     shoulder: Zero = 0.0
     elbow: Zero = 0.0
@@ -73,7 +97,12 @@ class CorrectionsSection(Section):
 
 
 class UncertaintySection(Section):
-    """Standard uncertainty of a pose."""
+    """Standard uncertainty of a pose.
+
+    Attributes
+    ----------
+    position_mm, angle_deg : of its position, of its orientation
+    """
 
     position_mm: float = Field(0.0, ge=0, le=MAX_OFF_MM)
     angle_deg: float = Field(0.0, ge=0, le=MAX_ZERO_DEG)
@@ -84,6 +113,9 @@ class UmiSection(ArmSection):
 
     Attributes
     ----------
+    upper_mm, fore_mm : from shoulder to elbow, from elbow to wrist
+    tool_mm : from the wrist's centre to the TCP
+    wrist_height_mm : of the wrist's axis above the table, with zed at the top
     park_zed_mm : zed where the arm waits, below the noisy last counts under its top stop
         (umi_rtx.md 5.2)
     column_pose : of the column's box in the world, once the base that it stands on was measured;

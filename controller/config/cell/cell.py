@@ -28,12 +28,23 @@ REQUIRED_LAMPS = (
 
 
 class Cell(Section):
-    """One cell, as its file describes it."""
+    """One cell, as its file describes it.
+
+    Attributes
+    ----------
+    name : of the cell, for people
+    calibration : files of what was measured; they take the place of the drawing's values
+    clock : of the emulator whose addresses are given in `devices`
+    arm : a UMI RTX, or an arm of another make, which has `shape`
+    obstacles : further boxes in the world that nothing may touch
+    interlock_rules : rules beside those that every cell has, by name
+    on_alarm : program, with its arguments, that is called when an alarm is raised
+    """
 
     name: str
     devices: DevicesSection
     calibration: dict[CalibrationName, CalibrationReference] = Field(default_factory=dict)
-    clock: Path | None = None  # of the emulator whose addresses are given in `devices`
+    clock: Path | None = None
     timing: TimingSection = TimingSection()
     table: TableSection
     cameras: CamerasSection
@@ -51,7 +62,7 @@ class Cell(Section):
     accuracy: AccuracySection = AccuracySection()
     faults: FaultsSection = FaultsSection()
     detection: DetectionSection = DetectionSection()
-    on_alarm: tuple[str, ...] = Field((), max_length=50)  # program and arguments
+    on_alarm: tuple[str, ...] = Field((), max_length=50)
     _folder: Path = PrivateAttr(default=Path())
 
     @model_validator(mode="before")

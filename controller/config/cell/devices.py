@@ -74,7 +74,12 @@ class LineSection(DeviceSection):
 
 
 class ModbusSection(LineSection):
-    """A Modbus device with one unit id."""
+    """A Modbus device with one unit id.
+
+    Attributes
+    ----------
+    unit : its id on the line
+    """
 
     unit: int = Field(1, ge=1, le=247)
 
@@ -92,7 +97,12 @@ class IoDevice(ModbusSection):
 
 
 class LightsSection(LineSection):
-    """The two light modules on one line."""
+    """The two light modules on one line.
+
+    Attributes
+    ----------
+    analog_unit, relay_unit : unit ids of the module that dims, of the one that switches
+    """
 
     driver: DriverName = "waveshare"
     analog_unit: int = Field(1, ge=1, le=247)
@@ -118,7 +128,15 @@ class DevicesSection(Section):
 
 
 class InterlocksSection(Section):
-    """Inputs of the I/O block, counted from 0."""
+    """Inputs of the I/O block, counted from 0.
+
+    Attributes
+    ----------
+    emergency_stop, door, supply : the copy of the emergency stop, the door, the
+        motors' supply; 1 is healthy
+    part_in_nest, part_in_fixed_gripper : sensors of a part
+    acknowledge : the button that acknowledges
+    """
 
     emergency_stop: Annotated[int, Field(ge=0, le=5)] = 0
     door: Annotated[int, Field(ge=0, le=5)] = 1

@@ -25,7 +25,14 @@ class CameraSection(Section):
 
     Attributes
     ----------
+    size_px : width and height of a picture
     focal_px, focal_y_px : along the rows, and along the columns if that is not the same
+    centre_px : principal point; 0, 0 is the middle of the first pixel
+    distortion : k1, k2, p1, p2, k3 of OpenCV's model
+    exposure_s, fps : exposure and pictures a second that the camera is set to
+    formats : pixel formats to ask for, the first that the camera has
+    settle_frames : frames discarded after the stream starts
+    margin_s : how far a frame's time stamp may be off; None for the driver's own figure
     calibrated : when; the report states it
     """
 
@@ -38,8 +45,7 @@ class CameraSection(Section):
     exposure_s: float = Field(0.01, gt=0, le=1)
     fps: float = Field(10, gt=0, le=240)
     formats: tuple[Literal["GREY", "YUYV", "MJPG", "Y16"], ...] = ("GREY", "YUYV", "MJPG")
-    settle_frames: int = Field(3, ge=0, le=30)  # frames discarded after the stream starts
-    # how far a frame's time stamp may be off; None for the driver's own figure
+    settle_frames: int = Field(3, ge=0, le=30)
     margin_s: float | None = Field(None, ge=0, le=1)
     calibrated: date | None = None
 
@@ -71,13 +77,28 @@ class CamerasSection(Section):
 
 
 class StationSection(Section):
-    """The station: where the arm shows the part to the inspection camera."""
+    """The station: where the arm shows the part to the inspection camera.
+
+    Attributes
+    ----------
+    position : in the world; the part's centre of mass is brought here
+    """
 
     position: Vec3
 
 
 class LightSection(Section):
-    """The light of a lamp: where it comes from."""
+    """The light of a lamp: where it comes from.
+
+    Attributes
+    ----------
+    kind : a panel that glows, a ring about a lens, or a spot
+    centre : of the light, in the world
+    normal, up : of a panel: where it shines, and the direction of its height
+    size : of a panel: width, height
+    radius, width : of a ring: to the middle of its light, and across it
+    diameter : of a spot
+    """
 
     kind: Literal["panel", "ring", "spot"]
     centre: Vec3
@@ -85,8 +106,8 @@ class LightSection(Section):
     up: Vec3 | None = None
     size: Size | None = None
     radius: float | None = Field(None, gt=0)
-    width: float | None = Field(None, gt=0)  # of a ring, measured along its radius
-    diameter: float | None = Field(None, gt=0)  # of a spot
+    width: float | None = Field(None, gt=0)
+    diameter: float | None = Field(None, gt=0)
 
     @model_validator(mode="after")
     def _panels_are_whole(self) -> Self:
@@ -105,6 +126,7 @@ class LampSection(LightSection):
 
     Attributes
     ----------
+    analog, relay : its channels on the two light modules, counted from 0
     drive : share of its full dimming that it is used with
     settle_s : until its light is steady after a change (default: the driver's own figure)
     full_grey : by design, the mean grey level (of 255) over the dark one that the lamp alone makes

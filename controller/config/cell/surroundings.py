@@ -13,14 +13,25 @@ MIN_AREA_MM = 10.0  # side of an area in which parts lie
 
 
 class Range2(Section):
-    """A rectangle on the table."""
+    """A rectangle on the table.
+
+    Attributes
+    ----------
+    x, y : from, to, in the world
+    """
 
     x: Range
     y: Range
 
 
 class TableSection(Section):
-    """The light table, and the area on it where parts can be expected."""
+    """The light table, and the area on it where parts can be expected.
+
+    Attributes
+    ----------
+    glowing_area : what is lit from below
+    drop_area : where parts are looked for and planned from
+    """
 
     glowing_area: Range2
     drop_area: Range2
@@ -35,7 +46,12 @@ class TableSection(Section):
 
 
 class HeldSection(Section):
-    """By how much a pose may be off, at most, where nothing was measured."""
+    """By how much a pose may be off, at most, where nothing was measured.
+
+    Attributes
+    ----------
+    mm, deg : its position, its orientation
+    """
 
     mm: float = Field(0.0, ge=0, le=MAX_OFF_MM)
     deg: float = Field(0.0, ge=0, le=MAX_ZERO_DEG)
@@ -46,6 +62,10 @@ class FixedGripperSection(Section):
 
     Attributes
     ----------
+    pose : of its TCP: x is the approach, along y the pads open
+    jaw_max_mm : its widest opening
+    body : boxes in the frame of its TCP
+    post : box in the world: what it is bolted to
     opening_zero_mm, opening_scale : its jaws are ``zero + scale * reported`` apart
     held : by how much it may stand elsewhere along its pads, where only its plane was measured
     """
@@ -65,6 +85,12 @@ class PlateSection(Section):
     """A plate: from its corner two edges span the face that parts slide on.
 
     The plate's matter is on the other side: that face looks along ``along`` x ``across``.
+
+    Attributes
+    ----------
+    corner : in the world
+    along, across : the two edges from it
+    thickness_mm : of the plate
     """
 
     corner: Vec3
@@ -89,7 +115,7 @@ class ChuteSection(Section):
     Attributes
     ----------
     plates : what the part slides on
-    walls : boxes in the world that keep it on the way, and on the table
+    walls : boxes in the world that keep it on the plates, and on the table
     """
 
     plates: dict[str, PlateSection]
@@ -130,6 +156,8 @@ class TraySection(Section):
 
     Attributes
     ----------
+    centre : x, y of its middle in the world
+    size : along x and y
     nests : places for one part each, filled in order and counted; None for a tray with one place
         in its middle that nobody counts: somebody empties it after each part
     walls_mm : height of the tray's walls above its floor

@@ -79,7 +79,13 @@ Box = Annotated[tuple[float, float, float, float, float, float], AfterValidator(
 
 
 class Pose(Section):
-    """A frame in the world: its origin and two of its axes."""
+    """A frame in the world: its origin and two of its axes.
+
+    Attributes
+    ----------
+    position : of the origin
+    x_axis, y_axis : directions, of length 1 and at right angles
+    """
 
     position: Vec3
     x_axis: Vec3 = (1, 0, 0)
