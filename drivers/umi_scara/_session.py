@@ -236,7 +236,7 @@ class ArmSession:
         await self.until_certain(lambda: run_to_end(self.axes.halt(_STOP_COMMANDS[kind])))
 
     async def until_certain(self, verb: Callable[[], Awaitable[T]]) -> T:
-        """Do what a verb does; begin it again where the line has become uncertain (ADR 15).
+        """Return what a verb returns; begin it again where the line has become uncertain (ADR 15).
 
         Both boards have been stopped and are at rest by then, and the verb begins by proving
         registers and counters. After `stop` nothing begins again but a stop.

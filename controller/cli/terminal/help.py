@@ -21,7 +21,7 @@ class PlainCommand(TyperCommand):
     """A command whose help shows no Python types; its epilog is one example a line."""
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:  # noqa: ANN401 - click's or typer's own
-        """Words of the usage line, required arguments without braces."""
+        """Return the words of the usage line, required arguments without braces."""
         return [
             piece.replace("{", "").replace("}", "") for piece in super().collect_usage_pieces(ctx)
         ]
@@ -48,22 +48,22 @@ class PlainGroup(TyperGroup):
 
 
 def summary(command: Any) -> str:  # noqa: ANN401
-    """First line of a command's help: one sentence."""
+    """Return the first line of a command's help: one sentence."""
     return str(command.help).strip().partition("\n")[0]
 
 
 def details(command: Any) -> str:  # noqa: ANN401
-    """Help of a command after its summary, paragraphs apart by an empty line; may be empty."""
+    """Return a command's help after its summary: paragraphs with empty lines between; or none."""
     return str(command.help).strip().partition("\n")[2].strip()
 
 
 def examples(command: Any) -> list[str]:  # noqa: ANN401
-    """Command lines to copy."""
+    """Return command lines to copy."""
     return (command.epilog or "").splitlines()
 
 
 def command_sections(group: Any, ctx: Any) -> dict[str, Rows]:  # noqa: ANN401
-    """Name and summary of each command, by the title of its section."""
+    """Return name and summary of each command, by the title of its section."""
     sections: dict[str, Rows] = {}
     for name in group.list_commands(ctx):
         command = group.get_command(ctx, name)
@@ -74,7 +74,7 @@ def command_sections(group: Any, ctx: Any) -> dict[str, Rows]:  # noqa: ANN401
 
 
 def parameter_sections(command: Any, ctx: Any) -> dict[str, Rows]:  # noqa: ANN401
-    """Names and texts of arguments and options, by the title of their section."""
+    """Return names and texts of arguments and options, by the title of their section."""
     sections: dict[str, Rows] = {"Arguments": [], "Options": []}
     for parameter in command.get_params(ctx):
         record = parameter.get_help_record(ctx)
