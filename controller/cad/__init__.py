@@ -1,4 +1,4 @@
-"""What follows from the CAD model alone: solid, surfaces, stable poses, what a camera would see.
+"""Everything that follows from the CAD model alone: solid, surfaces, stable poses, views.
 
 Plain functions: a file or arrays in, dataclasses out. Facts: references.md P2.0 to
 P2.2, planning-facts.md 4.

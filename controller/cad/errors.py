@@ -1,4 +1,4 @@
-"""What can be wrong with a CAD file; each message says which file and what to do about it."""
+"""Errors of CAD files; each message names the file and what to do about it."""
 
 
 class CadError(Exception):

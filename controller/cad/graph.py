@@ -1,4 +1,4 @@
-"""Which things hang together: triangles over their sides, facets over smooth edges."""
+"""Connected components: triangles over their sides, facets over smooth edges."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,4 +1,4 @@
-"""How a mesh of a million triangles is gone through without holding all its corners at once.
+"""Passes over a mesh of a million triangles without all its corners in memory.
 
 Nine numbers a triangle are 90 MB at 1.2 million triangles, and each step of a formula makes as many
 again. What is worked out triangle by triangle is so done in spans; the results are the same.

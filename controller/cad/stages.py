@@ -1,4 +1,4 @@
-"""How a caller hears which stage of compiling a part has begun."""
+"""Report of the stages of compiling a part, as each begins."""
 
 from collections.abc import Callable
 

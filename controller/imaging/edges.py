@@ -1,4 +1,4 @@
-"""Where an edge crosses a short ray of a picture, to a hundredth of a pixel.
+"""Edge positions on short rays of a picture, to a hundredth of a pixel.
 
 Along each ray the grey levels are fitted with ``a + b Phi((t - m) / s)``: a step blurred by lens
 and pixel (references.md L18). The picture is sampled by a cubic spline, which adds no blur of its
@@ -66,7 +66,7 @@ class EdgeFits:
 
     @property
     def is_found(self) -> BoolArray:
-        """Which rays (n,) crossed a step."""
+        """Mask (n,) of the rays that crossed a step."""
         return np.isfinite(self.offset_px)
 
 

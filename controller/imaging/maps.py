@@ -1,4 +1,4 @@
-"""What a calibrated camera sees of a posed mesh: the triangle in each pixel, and its depth.
+"""Maps of a posed mesh for a calibrated camera: the triangle in each pixel, and its depth.
 
 This is the controller's only picture predictor: recognition, planning and inspection compare with
 its pictures.
@@ -33,7 +33,7 @@ class ViewMaps:
 
     @property
     def mask(self) -> BoolArray:
-        """Where the part is seen, (height, width)."""
+        """Mask (height, width) of the visible part."""
         return self.triangle >= 0
 
 

@@ -1,4 +1,4 @@
-"""When two views are two looks, which one error cannot explain."""
+"""Independence of two views: one error cannot explain both."""
 
 from typing import Final
 

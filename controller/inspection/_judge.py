@@ -1,4 +1,4 @@
-"""From views to a verdict: per surface, per part. What no check compared has not been inspected.
+"""Verdict from views: per surface, per part. Surface that no check compared is not inspected.
 
 A pass needs every surface compared for the greater part, or named by the recipe as not inspected,
 or shown by its edges where there is no room for a comparison (docs/adr/0034); every failed
@@ -58,7 +58,7 @@ EDGES: Final = "edges"
 
 @dataclass(frozen=True, slots=True)
 class FaceVerdict:
-    """What is known of one surface.
+    """Verdict on one surface.
 
     Attributes
     ----------

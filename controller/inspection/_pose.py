@@ -1,4 +1,4 @@
-"""What is compared with a view at a pose, and other poses that its outline leaves open.
+"""The pose at which a view is compared, and other poses that its outline leaves open.
 
 A round part shows hardly how it is turned about its axis, a part seen squarely not how deep it is.
 Such a pose is one of many that the outline allows alike. What a lit picture tells against the one

@@ -1,4 +1,4 @@
-"""What stands in a view besides the part, and which surface samples are in sight."""
+"""The scene of a view besides the part, and the surface samples in sight."""
 
 from dataclasses import dataclass, replace
 from typing import Final, cast
@@ -34,7 +34,7 @@ SHADOW_OFFSET_MM: Final = 0.05  # off the surface, or it would shadow itself
 
 @dataclass(frozen=True, eq=False, slots=True)
 class ViewScene:
-    """What the prediction needs besides the part."""
+    """The scene of a view besides the part, for the prediction."""
 
     holder: RayCaster | None
     holder_mask: BoolArray  # (height, width), grown
@@ -43,7 +43,7 @@ class ViewScene:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Visibility:
-    """Which samples are in sight, and where; (n,) each, pixels (n, 2)."""
+    """Visibility of samples, and their pixels; (n,) each, pixels (n, 2)."""
 
     free: BoolArray
     beside_gripper: BoolArray

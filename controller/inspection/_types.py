@@ -1,4 +1,4 @@
-"""What inspection takes and gives: one shown view in, what differs from the CAD out."""
+"""Inputs and results of inspection: one shown view in, differences from the CAD out."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -21,7 +21,7 @@ class Verdict(StrEnum):
 
 
 class Unjudged(StrEnum):
-    """Why a sample in sight was compared by no check; the first that applies, in this order."""
+    """Reason why no check compared a sample in sight; the first that applies, in this order."""
 
     HOLDER = "beside the gripper, whose place is known to a millimetre"
     FLAT = "seen too flat for the smallest defect to show"
@@ -36,12 +36,12 @@ class Unjudged(StrEnum):
 
     @property
     def number(self) -> int:
-        """What stands for it in `ViewResult.unjudged`, from 1; 0 is no reason."""
+        """Number of the reason in `ViewResult.unjudged`, from 1; 0 is no reason."""
         return 1 + list(Unjudged).index(self)
 
 
 class FindingKind(StrEnum):
-    """What a finding is."""
+    """Kind of a finding."""
 
     MISSING = "missing material"
     EXTRA = "extra material"
@@ -68,7 +68,7 @@ class FindingKind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class InspectionLimits:
-    """When a difference is a finding; each with its reason.
+    """Limits above which a difference is a finding; each with its reason.
 
     Attributes
     ----------
@@ -226,7 +226,7 @@ OUTLINE = "outline"
 
 @dataclass(frozen=True, eq=False, slots=True)
 class ViewResult:
-    """What one view showed.
+    """Result of one view.
 
     Attributes
     ----------
@@ -266,7 +266,7 @@ class ViewResult:
 
     @property
     def in_sight(self) -> BoolArray:
-        """Which samples (n,) were in sight of this view in pictures that were judged."""
+        """Mask (n,) of the samples in sight of this view in pictures that were judged."""
         if not self.evaluated:
             return np.zeros_like(self.compared)
         is_lit = any(not c.reason for c in self.checks if c.name != OUTLINE)
@@ -276,7 +276,7 @@ class ViewResult:
 
     @property
     def failures(self) -> tuple[str, ...]:
-        """What failed its self-check: the whole view, or lamps, with the reason."""
+        """Failed self-checks: the whole view, or lamps, with the reason."""
         if not self.evaluated:
             return (f"view {self.view_id} not evaluated: {self.reason}",)
         return tuple(

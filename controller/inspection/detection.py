@@ -1,4 +1,4 @@
-"""What would have been found: by kind of defect the smallest size, and on how much of the surface.
+"""Detectable defects: by kind the smallest size, and the share of the surface.
 
 Every check records at each sample how small a mark would have passed its limit, and an outline how
 far off it may be unnoticed. A mark of just that size passes the limit in half of cases, since
@@ -54,7 +54,7 @@ NO_FACES: Final[Mapping[int, str]] = MappingProxyType({})
 
 @dataclass(frozen=True, slots=True)
 class Detection:
-    """What would have been found of one kind of defect, with a probability of 90 %.
+    """Detectability of one kind of defect, with a probability of 90 %.
 
     Attributes
     ----------

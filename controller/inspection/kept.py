@@ -1,4 +1,4 @@
-"""What was worked out before, so that a part's views need not be worked out twice.
+"""Kept results, so that a part's views need not be evaluated twice.
 
 Each entry follows from objects that never change, and from nothing else: pictures, a view, a pose.
 What is kept is what working it out again would give, so that a part that was worked on ahead, view
@@ -32,14 +32,14 @@ class Same:
 
 
 class Kept:
-    """What was made of a part's pictures, by what it was made of."""
+    """Results from a part's pictures, by their inputs."""
 
     def __init__(self) -> None:
         self._made: dict[Hashable, Any] = {}
 
     @property
     def count(self) -> int:
-        """How much was made so far."""
+        """Number of results so far."""
         return len(self._made)
 
     def once(self, make: Callable[[], Made], *key: Hashable) -> Made:

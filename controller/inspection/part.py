@@ -84,7 +84,7 @@ class ViewSet:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class PartSettings:
-    """How strictly a part is judged.
+    """Strictness with which a part is judged.
 
     Attributes
     ----------
@@ -147,7 +147,7 @@ class PartFinding:
 
 @dataclass(frozen=True, slots=True)
 class ViewOff:
-    """How far arm and camera disagree in one view of a held part.
+    """Disagreement of arm and camera in one view of a held part.
 
     Attributes
     ----------
@@ -164,7 +164,7 @@ class ViewOff:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class PartInspection:
-    """What all views of a part come to.
+    """Inspection result of a part from all its views.
 
     Attributes
     ----------
@@ -306,7 +306,7 @@ def inspect_part(
 
 @dataclass(frozen=True, eq=False, slots=True)
 class PosedViews:
-    """Where the part is in all views.
+    """Poses of the part in all views.
 
     Attributes
     ----------
@@ -326,7 +326,7 @@ class PosedViews:
 
     @property
     def off(self) -> tuple[ViewOff, ...]:
-        """How far arm and camera disagree, view by view."""
+        """Disagreement of arm and camera, view by view."""
         return tuple(
             ViewOff(view.view_id, grasp, view.deviation_mm, view.deviation_rad)
             for grasp, fit in sorted(self.fits.items())

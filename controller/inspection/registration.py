@@ -32,7 +32,7 @@ SHIFT_PRIOR: Final = 20.0
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Registration:
-    """How a picture lies on the predicted outline.
+    """Shift and blur of a picture against the predicted outline.
 
     Attributes
     ----------

@@ -63,7 +63,7 @@ class SeenView:
 
 @dataclass(frozen=True, slots=True)
 class Strictness:
-    """What a good part may show, and what is known before the pictures.
+    """Differences allowed of a good part, and knowledge before the pictures.
 
     Attributes
     ----------
@@ -125,7 +125,7 @@ def outline_view(
 
 @dataclass(frozen=True, eq=False, slots=True)
 class LocatedView:
-    """Where one view by itself shows a part: all that the arm has to know of it.
+    """Pose of a part by one view alone: all that the arm has to know of it.
 
     Attributes
     ----------
@@ -138,7 +138,7 @@ class LocatedView:
 
     @property
     def reason(self) -> str:
-        """Why the view is not evaluated; empty where it is."""
+        """Reason why the view is not evaluated; empty where it is."""
         return self.stand.reason
 
     @property
@@ -219,7 +219,7 @@ def compare_view(
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Stand:
-    """How a part stands in a view, or why the view is not evaluated.
+    """Pose of a part in a view, or the reason why the view is not evaluated.
 
     Attributes
     ----------

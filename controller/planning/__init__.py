@@ -1,4 +1,4 @@
-"""How a part gets shown: grasps, views, hand-offs, motions, their forecast, and "why not".
+"""Planning of a part's inspection: grasps, views, hand-offs, motions, forecast, and "why not".
 
 Arrays and dataclasses in, dataclasses out; no files, no clock, no device; same input, same plan.
 The approach is that of planning-facts.md 1.3 and 2.2.

@@ -16,7 +16,7 @@ from drivers.umi_scara import UmiFigures, UmiModel, kinematics
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeasuredArm:
-    """What of an arm can be measured.
+    """Figures of an arm that can be measured.
 
     Attributes
     ----------
@@ -27,7 +27,7 @@ class MeasuredArm:
 
     @property
     def motors(self) -> Mapping[str, FloatArray]:
-        """How the joints (6,) turn with each motor whose gears have play, per rad of it."""
+        """Turn of the joints (6,) with each motor whose gears have play, per rad of it."""
         return self.figures.motors
 
     def fields(self, found: Mapping[str, float]) -> dict[str, Any]:

@@ -33,7 +33,7 @@ _DENSITY_WORDS: dict[DensityFrom, str] = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlannerSetup:
-    """What the planner needs of a part in a cell.
+    """The planner's inputs for a part in a cell.
 
     Attributes
     ----------
@@ -85,7 +85,7 @@ class PlannerSetup:
 
     @property
     def sentence(self) -> str:
-        """What plans depend on, in one sentence."""
+        """Assumptions of the plans, in one sentence."""
         density = _DENSITY_WORDS[self.density_from].format(f"{self.density_g_cm3:g}")
         fixed_gripper, gain = self.layout.fixed_gripper, self.options.least_gain
         fixed = "" if fixed_gripper is None else f", {fixed_gripper.force_n:g} N (fixed gripper)"

@@ -1,4 +1,4 @@
-"""How densely a part is sampled: one function for every command that counts coverage."""
+"""Sample density of a part: one function for every command that counts coverage."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""What the state of a cell's calibrations makes of a verdict."""
+"""Effect of a cell's calibration state on a verdict."""
 
 from dataclasses import replace
 

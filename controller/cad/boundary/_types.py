@@ -69,7 +69,7 @@ class Face:
 
     @property
     def label(self) -> str:
-        """How people call it, as in ``F3 bore 8.0 mm``."""
+        """The name that people use, as in ``F3 bore 8.0 mm``."""
         match self.kind:
             case "cylinder" if self.turn_rad < HALF_TURN_RAD:
                 name = "fillet" if self.concave else "round"
@@ -84,7 +84,7 @@ class Face:
 
 
 class Curve(IntEnum):
-    """What an edge is, whatever its polyline."""
+    """Kind of curve of an edge, whatever its polyline."""
 
     LINE = 0
     CIRCLE = 1
@@ -92,7 +92,7 @@ class Curve(IntEnum):
 
 
 class Crease(IntEnum):
-    """How the two faces meet along an edge."""
+    """Kind of crease between the two faces at an edge."""
 
     CONVEX = 0
     CONCAVE = 1
@@ -153,7 +153,7 @@ class Boundary:
 
     @property
     def edge_count(self) -> int:
-        """How many edges there are."""
+        """Number of edges."""
         return len(self.curve)
 
     def loop_edges(self, loop: int) -> Iterator[int]:

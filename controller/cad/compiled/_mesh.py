@@ -20,7 +20,7 @@ from ..solid import Solid
 
 @dataclass(frozen=True, eq=False, slots=True)
 class StoredMesh:
-    """What of a mesh is kept."""
+    """The arrays of a mesh that the cache keeps."""
 
     vertices: FloatArray
     faces: IntArray

@@ -1,4 +1,4 @@
-"""What follows from a part alone: computed here, kept by `_cache`."""
+"""The compiled part: all that follows from a part alone; `_cache` keeps it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -48,7 +48,7 @@ USUAL_DENSITY_G_CM3 = 2.7  # aluminium, as in a recipe that does not say
 
 @dataclass(frozen=True, slots=True)
 class CompileOptions:
-    """What a part is compiled with, beside its file.
+    """Options with which a part is compiled.
 
     Density is none of them: the stable poses depend on its ratios only, and a part is of one.
 
@@ -129,20 +129,20 @@ class CompiledPart:
 
     @property
     def sample_counts(self) -> IntArray:
-        """How many samples each surface has, (f,)."""
+        """Number of samples on each surface, (f,)."""
         counts = np.bincount(self.samples.face_ids, minlength=len(self.solid.faces))
         return np.asarray(counts, dtype=np.int64)
 
     @property
     def euler_defect(self) -> int:
-        """What Euler-Poincare is short of, 0 for a right boundary."""
+        """Shortfall of the Euler-Poincare formula, 0 for a valid boundary."""
         solid = self.solid
         genera = face_genera(solid.mesh, solid.face_of_triangle, len(solid.faces))
         return euler_defect(solid.boundary, genera)
 
     @property
     def cautions(self) -> tuple[str, ...]:
-        """What a reader has to know first, one sentence each."""
+        """Cautions for the reader, one sentence each."""
         found = list(self.warnings)
         if not self.solid.unit_is_declared:
             found.append(

@@ -1,4 +1,4 @@
-"""What a CAD file's size and beginning tell before it is read whole.
+"""Checks of a CAD file's size and first bytes before it is read whole.
 
 So that a header of four bytes costs neither time nor memory.
 """

@@ -1,4 +1,4 @@
-"""What a CSG text may say (docs/csg.md): shapes, what joins them, where they are placed."""
+"""Models of a CSG text (docs/csg.md): shapes, set operations, placements."""
 
 from typing import Annotated, Any, Final, Literal, Self
 
@@ -175,7 +175,7 @@ class Shape(_Section):
 
     @property
     def kind(self) -> str:
-        """Which of `KINDS` it is."""
+        """The one of `KINDS` that the shape is."""
         return next(kind for kind in KINDS if getattr(self, kind) is not None)
 
 

@@ -1,4 +1,4 @@
-"""What the header of a mesh file promises, held against the file's size before it is read."""
+"""Check of a mesh file's header against the file's size, before the file is read."""
 
 from collections.abc import Mapping
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Which stable poses look the same from above: pairs of views that coincide under some turn.
+"""Look-alikes: pairs of stable poses whose views from above coincide under some turn.
 
 A camera above sees a pose up to a turn and a shift on the table. Most pairs differ in area or
 moments already. For the rest, turns are guessed by correlating how the lines lie round the middle,
@@ -56,7 +56,7 @@ class LookAlike:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class AlikeSearch:
-    """What a search for look-alikes found, and how far it went.
+    """Result of a search for look-alikes, and its extent.
 
     Attributes
     ----------

@@ -63,7 +63,7 @@ class RollingFamily:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Roll:
-    """What the hollow of a curve is like; all from the centre of mass, in the CAD frame's axes.
+    """The hollow of a curve; all from the centre of mass, in the CAD frame's axes.
 
     Attributes
     ----------

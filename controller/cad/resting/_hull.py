@@ -50,7 +50,7 @@ class Hull:
 
     @property
     def count(self) -> int:
-        """How many facets there are."""
+        """Number of facets."""
         return len(self.areas_mm2)
 
     def extent_mm(self, directions: FloatArray) -> FloatArray:

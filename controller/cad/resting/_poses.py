@@ -1,4 +1,4 @@
-"""How a solid can lie: hull facets over which its centre of mass stands (references.md P2.1).
+"""Stable poses of a solid: hull facets below its centre of mass (references.md P2.1).
 
 Each pose has two probabilities. The quasi-static one follows from geometry alone: where a part ends
 that topples without a bounce. Parts that drop and bounce follow the product of that and the energy
@@ -61,7 +61,7 @@ class StablePose:
 
     @property
     def topple_rad(self) -> float:
-        """How far it can be turned before it tips over its easiest edge."""
+        """Largest turn before the part tips over its easiest edge."""
         lift_mm = self.tip_energy_mj_per_kg / GRAVITY_M_S2
         return float(np.arccos(self.com_height_mm / (self.com_height_mm + lift_mm)))
 
@@ -72,7 +72,7 @@ class StablePose:
 
     @property
     def is_distinct(self) -> bool:
-        """Whether no symmetry of the part makes it a likelier pose."""
+        """True if no symmetry of the part makes it a likelier pose."""
         return self.first_alike == self.index
 
 

@@ -1,4 +1,4 @@
-"""Where a body of revolution rolls: bands of hull facets between two rims, or a rim and an apex.
+"""Rolling of bodies of revolution: bands of hull facets between two rims, or a rim and an apex.
 
 Seen by facets alone such a band is hard to tell from planes: two rims that are divided differently
 are bridged by triangles of very unequal areas, and a chamfer beside a band looks like a curve that
@@ -57,7 +57,7 @@ class Profile:
 
     @property
     def _turns(self) -> FloatArray:
-        """How far the profile turns at each rim (k,) [rad]; at the ends to the disc there."""
+        """Turn of the profile at each rim (k,) [rad]; at the ends to the disc there."""
         along = np.diff(self.rims, axis=0)
         ways = np.arctan2(along[:, 1], along[:, 0])
         ways = np.concatenate([[np.pi / 2], ways, [-np.pi / 2]])

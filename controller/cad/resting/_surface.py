@@ -1,4 +1,4 @@
-"""How far a turned or mirrored part is from itself: the judge of symmetries.
+"""Distance of a turned or mirrored part from itself: the judge of symmetries.
 
 Points of the surface, every corner among them, are moved, and each is measured to the nearest
 triangles. One way suffices for a turn that carries a closed surface near itself, but a hole the

@@ -1,4 +1,4 @@
-"""Which turns leave a part as it is, and whether its mirror image is another part.
+"""Symmetries: turns that leave a part unchanged, and mirror images that are another part.
 
 The principal axes of inertia are the only candidates for axes when the three moments differ. Where
 two are equal the third axis may be many-fold or of revolution, and half turns square to it are

@@ -1,4 +1,4 @@
-"""Where a dropped part ends that does not bounce: the quasi-static probabilities, and the passes.
+"""Toppling of a dropped part without a bounce: quasi-static probabilities, and the passes.
 
 Goldberg and others, "Part pose statistics" (references.md L1): a part lands on
 a hull facet as often as that facet fills the sphere round the centre of mass, and topples on from

@@ -1,4 +1,4 @@
-"""What has to be inspected: points on every surface, features, tolerances."""
+"""Surfaces to be inspected: sample points, features, tolerances."""
 
 from ._counted import SAMPLE_SHARE, count_caution, counted_defect_mm, counted_samples
 from ._samples import SurfaceSamples, by_face, sample_surface

@@ -1,4 +1,4 @@
-"""Which share of a surface some of its samples stand for, and how well that is known."""
+"""Share of a surface that some of its samples stand for, and its uncertainty."""
 
 from __future__ import annotations
 

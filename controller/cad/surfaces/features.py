@@ -72,7 +72,7 @@ class Feature:
 
     @property
     def label(self) -> str:
-        """How people call it, as in ``hole 8.0 mm through``."""
+        """The name that people use, as in ``hole 8.0 mm through``."""
         match self.kind:
             case "hole":
                 depth = "through" if self.is_through else f"{self.depth_mm:.1f} mm deep"

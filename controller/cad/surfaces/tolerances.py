@@ -1,4 +1,4 @@
-"""What a drawing demands of a part: dimensions, geometric tolerances, datums (ISO 1101, 5459).
+"""Requirements of a drawing: dimensions, geometric tolerances, datums (ISO 1101, 5459).
 
 They come with the model where a STEP file (AP242) holds them as meaning, not as drawn text; all
 in mm and rad, whatever units the designer wrote.

@@ -1,4 +1,4 @@
-"""What a camera sees of a posed solid: as pixels (maps), as lines (views)."""
+"""Views of a posed solid by a camera: as pixels (maps), as lines (views)."""
 
 from ._model import ViewModel, prepare_views
 from ._types import DrawnEdge, LineView, Loop, Stroke

@@ -1,4 +1,4 @@
-"""What a line drawing needs of a solid whatever the direction it is seen from.
+"""Data for line drawings of a solid in any direction.
 
 Worked out once per part: which two triangles meet along each mesh edge, which CAD edge the mesh
 edge is part of, whether it is a ridge or a valley, and the rays' search tree.

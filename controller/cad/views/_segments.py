@@ -1,4 +1,4 @@
-"""Which of many line segments of the plane come near each other."""
+"""Pairs of line segments in the plane that come near each other."""
 
 import numpy as np
 import shapely

@@ -1,4 +1,4 @@
-"""What a view is: an outline in loops, and the visible edges, as lines and arcs.
+"""Views: an outline in loops, and the visible edges, as lines and arcs.
 
 Coordinates of a view are those of its plane. Orthographic, seen from above: mm, x right and y up,
 the centre of mass at the origin. Through a calibrated camera: pixels, u right and v down, lens
@@ -90,7 +90,7 @@ class DrawnEdge:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class LineView:
-    """What can be seen of a part as a line drawing.
+    """A part as a line drawing.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What is asked of a part, and how a measured value is decided upon."""
+"""Characteristics required of a part, and the decision on a measured value."""
 
 from ._types import (
     GENERAL,

@@ -1,4 +1,4 @@
-"""What a drawing asks of a part, and what was measured of it: the words of a characteristic.
+"""Characteristics that a drawing requires, and their measured values.
 
 A characteristic is measured at edges of the part that show in pictures: rims of holes and bosses,
 straight edges. So its geometry is given by those edges, in the CAD frame, nominal.
@@ -17,7 +17,7 @@ from .._types import Verdict
 
 
 class CharacteristicKind(StrEnum):
-    """What is asked for; the value is what files and JSON call it."""
+    """Kind of a characteristic; the value is its name in files and JSON."""
 
     DIAMETER = "diameter"
     POSITION = "position"
@@ -39,7 +39,7 @@ ONE_SIDED: Final = frozenset(
 
 @dataclass(frozen=True, eq=False, slots=True)
 class RimCourse:
-    """How a rim that lies in no plane goes round its cylinder, where a slope or a round cuts it.
+    """Course of a rim out of plane round its cylinder, cut by a slope or a round.
 
     Attributes
     ----------
@@ -212,12 +212,12 @@ class Characteristic:
 
     @property
     def is_general(self) -> bool:
-        """Whether its limits are general tolerances, which nobody stated for it."""
+        """True if its limits are general tolerances, which nobody stated for it."""
         return self.source.startswith(GENERAL)
 
     @property
     def is_one_sided(self) -> bool:
-        """Whether it is a departure from what is ideal, which cannot be below 0."""
+        """True if it is a departure from an ideal, which cannot be below 0."""
         return self.kind in ONE_SIDED
 
     def as_stated(self) -> "Characteristic":
@@ -229,7 +229,7 @@ class Characteristic:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Look:
-    """What one picture says of a characteristic.
+    """One picture's measurement of a characteristic.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What a recipe or a set of views asks of a part's characteristics: limits of its own, or none.
+"""Requests of a recipe or a set of views on characteristics: limits of their own, or none.
 
 An entry names characteristics as people read them in the list, or by faces, or by kind and place.
 """
@@ -72,7 +72,7 @@ class Asked:
 
     @property
     def has_limits(self) -> bool:
-        """Whether it states limits or a nominal value of its own."""
+        """True if it states limits or a nominal value of its own."""
         numbers = self.lower_mm, self.upper_mm, self.plus_mm, self.minus_mm, self.nominal_mm
         return bool(self.fit) or any(number is not None for number in numbers)
 

@@ -1,4 +1,4 @@
-"""What has to be measured of a part, found from its CAD file (docs/characteristics.md)."""
+"""Characteristics of a part, derived from its CAD file (docs/characteristics.md)."""
 
 from controller.cad import Solid, find_features
 from controller.cad.compiled import CompiledPart

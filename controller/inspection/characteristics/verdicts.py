@@ -35,7 +35,7 @@ BADNESS: Final = {
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """What the characteristics of a part come to.
+    """Standing of a part by its characteristics.
 
     Attributes
     ----------

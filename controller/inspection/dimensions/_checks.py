@@ -1,4 +1,4 @@
-"""What edges that were found say of themselves: how sharp, how round, and whether they count."""
+"""Self-checks of found edges: their sharpness, their roundness, and whether they count."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -24,7 +24,7 @@ LEAN: Final = 2.0
 
 @dataclass(frozen=True, slots=True)
 class Sharpness:
-    """What the edges of a backlit picture have in common: width [px] and contrast [grey]."""
+    """Common properties of the edges of a backlit picture: width [px] and contrast [grey]."""
 
     width_px: float
     contrast: float
@@ -32,7 +32,7 @@ class Sharpness:
 
 @dataclass(frozen=True, slots=True)
 class PictureKind:
-    """What the edges of a picture are judged by: its light, noise [grey] and sharpness."""
+    """Properties by which a picture's edges are judged: light, noise [grey] and sharpness."""
 
     is_backlit: bool
     noise: float

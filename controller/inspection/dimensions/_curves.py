@@ -24,7 +24,7 @@ NEIGHBOUR: Final = 0.02  # step along a curve for its tangent and bend, of its l
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Chords:
-    """What a mesh makes of a rim: chords between points on it.
+    """A rim as the mesh has it: chords between points on it.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What is fitted in a picture: a hole or boss by its rims, a face by its straight edges."""
+"""Features that are fitted in a picture: a hole or boss by its rims, a face by its edges."""
 
 from dataclasses import dataclass, field
 from typing import Final
@@ -60,7 +60,7 @@ class RimFeature:
         ]
 
     def design(self, rays: Rays, curve: FloatArray) -> FloatArray:
-        """Return how offsets (n, 3) grow with the unknowns; `curve` (n,) counts from its first."""
+        """Return the derivatives (n, 3) of offsets; `curve` (n,) is the edge of each, from 0."""
         return rays.design[:, :3]
 
     def light_angles(self, rays: Rays) -> FloatArray:
@@ -139,7 +139,7 @@ class FaceFeature:
         ]
 
     def design(self, rays: Rays, curve: FloatArray) -> FloatArray:
-        """Return how offsets (n, p) grow with the unknowns; `curve` (n,) counts from its first."""
+        """Return the derivatives (n, p) of offsets; `curve` (n,) is the edge of each, from 0."""
         out = np.zeros((len(rays.pixels), self.unknown_count))
         out[:, 0] = rays.design[:, 0]
         out[np.arange(len(out)), 1 + curve.astype(np.intp)] = rays.design[:, 1]
@@ -172,7 +172,7 @@ Feature = RimFeature | FaceFeature
 
 @dataclass(frozen=True, eq=False, slots=True)
 class FeatureFit:
-    """What one picture shows of a feature.
+    """One picture's fit of a feature.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What else than the edge sought shows beside it on a part as drawn: other edges, and shadows.
+"""Other edges and shadows that show beside the edge sought, on a part as drawn.
 
 Where an edge is found beside its nominal place, what was found may be something else that is where
 it belongs: the next edge of the part, the border of a shadow that the part or the gripper throws.

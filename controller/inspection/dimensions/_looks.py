@@ -1,4 +1,4 @@
-"""From fitted features to what one picture says of a characteristic, with its uncertainty by name.
+"""One picture's value of a characteristic from fitted features, with its uncertainty by name.
 
 Every source of error is carried as a covariance of the value: so what two edges have in common, as
 the pose, falls out of their difference by itself, and depth becomes scale.
@@ -57,7 +57,7 @@ NOTHING: Final[Mapping[str, FloatArray]] = MappingProxyType({})
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Estimate:
-    """What a picture says of a characteristic, before looks are put together.
+    """One picture's estimate of a characteristic, before looks are combined.
 
     Attributes
     ----------
@@ -137,7 +137,7 @@ class Sought:
 
     @property
     def is_halved(self) -> bool:
-        """Whether the value is made of two features, which two pictures may show."""
+        """True if the value is made of two features, which two pictures may show."""
         is_angle = self.characteristic.kind is CharacteristicKind.ANGLE
         return not is_angle and len(self.features) == 2
 

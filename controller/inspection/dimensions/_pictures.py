@@ -44,7 +44,7 @@ WAVES: Final = 3  # round a circle, in which light moves its edge
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Prediction:
-    """What a view must show of features.
+    """Predicted edges of features in a view.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Where in a picture a part's edges must show: rays across them, and what is to either side.
+"""Rays across the predicted edges of a part in a picture, and the surfaces on either side.
 
 Before a backlight panel an edge shows where the panel is seen on one side of it and the part on the
 other: of a hole seen obliquely that is the near rim on one side and the far rim on the other. So

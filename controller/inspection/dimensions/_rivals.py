@@ -1,4 +1,4 @@
-"""Whether another edge shows between where an edge was found and where it should be.
+"""Search for another edge between the place where an edge was found and its nominal place.
 
 Under a lamp what is found need not be the edge: light inside a bore begins where its wall is lit, a
 rounding or a shadow beside an edge makes a line with two sides. Where the edge was found beside its

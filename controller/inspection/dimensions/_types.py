@@ -1,4 +1,4 @@
-"""What measuring takes, and what it knows of camera, light and part before a picture."""
+"""Inputs of measuring, and knowledge of camera, light and part before a picture."""
 
 from dataclasses import dataclass
 
@@ -38,7 +38,7 @@ class PosedView:
 
 @dataclass(frozen=True, slots=True)
 class MeasuringSettings:
-    """What is known before a picture, and when a measurement does not count.
+    """Knowledge before a picture, and limits beyond which a measurement does not count.
 
     Uncertainties are standard ones. The light's are halves of a rectangle over the square root of
     three, of an edge that may show 0.1 px beside its place before a panel, 0.12 px under a lamp, as

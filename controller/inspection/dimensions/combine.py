@@ -39,7 +39,7 @@ NAMED: Final = 2  # reasons that are named; more say the same
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Combined:
-    """What all looks come to.
+    """Combined result of all looks.
 
     Attributes
     ----------

@@ -138,7 +138,7 @@ def look(
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _Looks:
-    """What the pictures of a view say of a characteristic, and of each of its features."""
+    """A view's estimates of a characteristic, and of each of its features."""
 
     whole: list[Estimate]
     halves: tuple[list[Estimate], list[Estimate]]

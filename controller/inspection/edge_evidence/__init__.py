@@ -1,4 +1,4 @@
-"""Where the edges of a part show, whether they are in place, and what that proves of the part."""
+"""Edges of a part in pictures: their places, and the evidence that they give on the part."""
 
 from ._damage import find_damage
 from ._depth import Floor, FloorLook, find_floor

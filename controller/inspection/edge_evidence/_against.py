@@ -1,4 +1,4 @@
-"""What the edges of a part say against it: floors at another depth, edges out of their place.
+"""Evidence of the edges against a part: floors at another depth, edges out of their place.
 
 Edges that are not shown in place prove nothing. Here is what pictures do show: the same edge, whole
 and on a course of its own, where no good part's can be. It counts whatever else is compared, or
@@ -47,7 +47,7 @@ class MovedEdge:
 
     @property
     def off_mm(self) -> float:
-        """How far it is off there on the part, across its course in the picture."""
+        """Distance from its place on the part, across its course in the picture."""
         return abs(self.off_px) / float(np.linalg.norm(self.look.across[self.farthest]))
 
 

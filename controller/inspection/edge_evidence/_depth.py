@@ -1,4 +1,4 @@
-"""How deep a blind hole is, as far as pictures show it: never half as deep as it must be.
+"""Depth of a blind hole, as far as pictures show it: never half as deep as it must be.
 
 Seen along its axis a floor shows at the same place however deep it is. What shows its depth is how
 its edges lie against those of the mouth, in a view that is turned a little; or how much of a lamp's
@@ -31,7 +31,7 @@ LIT_SHARE: Final = 0.3  # the same of a floor that is placed by light, whose mod
 
 @dataclass(frozen=True, eq=False, slots=True)
 class FloorLook:
-    """How much higher than nominal a picture shows the floor of a blind hole.
+    """Height of a blind hole's floor above nominal in one picture.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class FloorLook:
 
     @property
     def room_mm(self) -> float:
-        """What it may be off by."""
+        """Possible error of the height."""
         return K * self.u_mm
 
 
@@ -68,7 +68,7 @@ class Floor:
 
     @property
     def bound_mm(self) -> float:
-        """How far out of place it may be at most; inf where that is too much.
+        """Largest possible displacement of the floor; inf where that is too much.
 
         One picture that shows it is enough, unless any shows it out of place.
         """

@@ -1,4 +1,4 @@
-"""Where an edge leaves its own course: broken off, or with something on it.
+"""Stretches where an edge leaves its own course: broken off, or with something on it.
 
 An edge as a whole may lie off its place within tolerances, and light may move it as a whole. What
 is left once its own course is taken off is tested as outlines are (`integrity`): windows of

@@ -1,4 +1,4 @@
-"""Which faces their edges stand for: walls of holes, and faces with no room for a comparison."""
+"""Faces that are verified by their edges: walls of holes, and faces too small to compare."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -30,7 +30,7 @@ PER_FACE: Final = 400  # random points on a face find its largest disc to some p
 
 @dataclass(frozen=True, slots=True)
 class FaceEdges:
-    """What its edges prove of a face.
+    """Evidence of its edges on a face.
 
     Attributes
     ----------

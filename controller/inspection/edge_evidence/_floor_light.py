@@ -1,4 +1,4 @@
-"""How deep a round blind hole is, by the light that a lamp near the camera sends to its floor.
+"""Depth of a round blind hole, by the light that a lamp near the camera sends to its floor.
 
 Seen along its axis a floor shows at the same place however deep it is. But the mouth lets less of a
 ring's light to the border of a floor the deeper that lies: what is lit of it is the overlap of

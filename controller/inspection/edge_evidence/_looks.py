@@ -36,7 +36,7 @@ OWN_WALL: Final = 0.5  # of a step along a wall's normal that must show beside l
 
 
 class State(IntEnum):
-    """What a picture shows at a point of an edge."""
+    """State of a point of an edge in a picture."""
 
     HIDDEN = 0
     IN_PLACE = 1

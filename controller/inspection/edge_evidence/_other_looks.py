@@ -1,4 +1,4 @@
-"""What other looks at an edge had to show of damage, and do not.
+"""Other looks at an edge that had to show damage, and do not.
 
 Material that is missing or too much is there in every view; the border of a shadow, a highlight
 and light from a neighbour are not. A look counts where it had to show the damage, whatever the

@@ -1,4 +1,4 @@
-"""What the edges of a part prove of its faces, from all pictures in which they show (ADR 34)."""
+"""Evidence of a part's edges on its faces, from all pictures in which they show (ADR 34)."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""Where a held part is: one pose for each grasp, from the outlines of all its views together.
+"""Pose of a held part: one for each grasp, from the outlines of all its views together.
 
 What a part's size or form is off by stays in the residuals: a pose has six freedoms, faces have
 their own, small ones, and neither scale nor thickness is among them.

@@ -123,7 +123,7 @@ def _prior(views: Sequence[OutlineView], settings: PoseSettings) -> FloatArray:
 
 
 class _Prior:
-    """What is known before the pictures of all unknowns of the fine rounds."""
+    """Knowledge before the pictures of all unknowns of the fine rounds."""
 
     def __init__(
         self, part: PosedPart, views: Sequence[OutlineView], settings: PoseSettings
@@ -138,12 +138,12 @@ class _Prior:
 
     @property
     def first_face(self) -> int:
-        """Where the faces' unknowns begin."""
+        """Index of the first unknown of the faces."""
         return len(self.poses)
 
     @property
     def first_size(self) -> int:
-        """Where those of the whole part's size begin."""
+        """Index of the first unknown of the whole part's size."""
         return len(self.poses) + FREEDOMS * self.face_count
 
     def information(self, x: FloatArray, *, is_free: bool) -> FloatArray:

@@ -1,4 +1,4 @@
-"""What the fit of a grasp takes and gives."""
+"""Inputs and results of the fit of a grasp."""
 
 from dataclasses import dataclass
 
@@ -13,7 +13,7 @@ from ._rims import Rims
 
 @dataclass(frozen=True, slots=True)
 class PoseSettings:
-    """What is known of arm, parts and light before a picture; all are standard deviations.
+    """Knowledge of arm, parts and light before a picture; all are standard deviations.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class OutlineView:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class ViewPose:
-    """Where the part is in one view, and how well its outline agrees.
+    """Pose of the part in one view, and the agreement of its outline.
 
     Attributes
     ----------
@@ -93,7 +93,7 @@ class ViewPose:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class FaceShift:
-    """How far a face lies from where the CAD model has it, as outlines show it.
+    """Displacement of a face from its place in the CAD model, as outlines show it.
 
     Attributes
     ----------

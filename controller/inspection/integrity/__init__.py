@@ -1,4 +1,4 @@
-"""What an outline before the panel proves of a part: material missing, too much, out of place."""
+"""Proofs of an outline before the panel: material missing, too much, or out of place."""
 
 from ._allowed import Allowances, allowed_mm
 from ._blurred import blur_rounds_px

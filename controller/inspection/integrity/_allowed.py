@@ -1,4 +1,4 @@
-"""How far the faces of a good part may be from where the CAD model has them."""
+"""Allowed deviations of a good part's faces from the CAD model."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,7 @@ from ..characteristics.limits import ToleranceClass, linear_tolerance_mm
 
 @dataclass(frozen=True, slots=True)
 class Allowances:
-    """What a good part, clean but for dust, may show of differences.
+    """Differences that a good part, clean but for dust, may show.
 
     Attributes
     ----------

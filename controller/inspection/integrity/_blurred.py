@@ -1,4 +1,4 @@
-"""What blur does to an outline: it rounds corners, fills notches and wears teeth down."""
+"""Effect of blur on an outline: it rounds corners, fills notches and wears teeth down."""
 
 from typing import Final
 

@@ -50,7 +50,7 @@ CROWDED: Final = 4.0  # standard deviations of blur: two edges nearer than this 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class OutlineResult:
-    """What the silhouette showed: findings, and the check with what it compared."""
+    """Result of the silhouette: findings, and the check with the samples that it compared."""
 
     findings: list[Finding]
     check: Check

@@ -1,4 +1,4 @@
-"""Where an outline is off all along a run: means over windows of many lengths, against their noise.
+"""Runs of an outline that are off: means over windows of many lengths, against their noise.
 
 A short deep notch and a long shallow one are both rare by chance. Each window's mean is compared
 with what noise, light and uneven edges make of it; the limit follows from how many windows a part
@@ -26,7 +26,7 @@ BELONGS: Final = 0.4  # share of a run's largest difference that still belongs t
 
 @dataclass(frozen=True, slots=True)
 class RunTest:
-    """How a run and chance are told apart.
+    """Test that tells a run from chance.
 
     Attributes
     ----------

@@ -43,7 +43,7 @@ EVEN_NORMALS: Final = 0.999  # length of the mean of unit normals that differ by
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Met:
-    """What one ray from each of some nodes meets.
+    """Hits of one ray from each of some nodes.
 
     Attributes
     ----------
@@ -60,7 +60,7 @@ class Met:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Neighbours:
-    """What stands about a surface, whatever the lamp.
+    """Surroundings of a surface, for any lamp.
 
     Attributes
     ----------

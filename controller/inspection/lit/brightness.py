@@ -1,4 +1,4 @@
-"""How bright a part's surface looks under a lamp: fitted to the picture itself, with its own error.
+"""Brightness of a part's surface under a lamp: fitted to the picture, with its own error.
 
 A finish throws back a matt share of the light, a highlight that is the sum of several lobes, and
 light that came from neighbouring surfaces. How much of each is found from the whole part in one

@@ -1,4 +1,4 @@
-"""Where a defect would show: how much of one about each node lies on what was compared.
+"""Area where a defect would show: the share of one about each node that was compared.
 
 A face ends at its edges, and so does a defect on it: of one that reaches over an edge, what counts
 is the part on the face itself. The rest belongs to the neighbour.

@@ -1,4 +1,4 @@
-"""How bright a posed part may look under a lamp: bounds, not a picture.
+"""Bounds on the brightness of a posed part under a lamp: not a picture.
 
 What is known: where the part is, to a fraction of a millimetre, and about where the lamp's light
 comes from. What is not: how large the lamp is, how its light spreads, how the finish throws it

@@ -58,7 +58,7 @@ Weights = Mapping[float, Float32Array]
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Answers:
-    """What the filters answer to a texture; (filters, h, w).
+    """Responses of the filters to a texture; (filters, h, w).
 
     Attributes
     ----------

@@ -85,7 +85,7 @@ class _LitPicture:
 
     @property
     def is_told(self) -> bool:
-        """Whether enough of what is in sight is known to be lit."""
+        """True if enough of the surface in sight is known to be lit."""
         return bool(self.fitting.sum() >= FITTED_COUNT)
 
 
@@ -252,7 +252,7 @@ class LitPictures:
 
     @cached_property
     def _about(self) -> Neighbours:
-        """What part and gripper have standing about what is seen."""
+        """Surroundings of the visible surface: part and gripper."""
         return find_neighbours(
             self._surface, self._part.caster, self._fit.T_world_part, self._task.camera,
             self._scene.holder,
@@ -272,7 +272,7 @@ class LitPictures:
 
     @cached_property
     def _gloss(self) -> float:
-        """How polished the finish may be, by the lamp that tells most of it."""
+        """Highest possible polish of the finish, by the lamp that shows most of it."""
         told = [
             self._brightness(lamp.name).gloss
             for lamp in self._task.lamps
@@ -406,7 +406,7 @@ class LitPictures:
 
     @cached_property
     def _at_samples(self) -> tuple[BoolArray, NDArray[np.intp], NDArray[np.intp]]:
-        """Which samples (n,) fall on the grid, and the rows and columns of these."""
+        """Mask of the samples (n,) on the grid, and the rows and columns of these."""
         x0, y0, x1, y1 = self._fit.maps.roi
         u, v = ((self._visibility.pixels - [x0, y0]) // STEP_PX).T
         height, width = -(-(y1 - y0) // STEP_PX), -(-(x1 - x0) // STEP_PX)

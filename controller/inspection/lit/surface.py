@@ -1,4 +1,4 @@
-"""What a grid of a picture's pixels sees of a posed part."""
+"""Surface of a posed part on a grid of a picture's pixels."""
 
 from dataclasses import dataclass
 
@@ -11,7 +11,7 @@ from controller.imaging import Camera, ViewMaps, inverse_pose, transform
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Surface:
-    """What the sight lines of a grid of pixels meet; all arrays are of that grid.
+    """Surface met by the lines of sight of a grid of pixels; all arrays are of that grid.
 
     Attributes
     ----------

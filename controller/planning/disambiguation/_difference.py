@@ -1,4 +1,4 @@
-"""How many pixels of two pictures differ, however the part may sit in the arm gripper."""
+"""Least number of pixels by which two pictures differ, for any seat of the part in the gripper."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which hypothesis a picture shows, or that the ambiguity stays."""
+"""Identification of the hypothesis in a picture, or the ambiguity that stays."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ CONVINCED = 0.5  # of what two predictions differ by, the measured picture must 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Identification:
-    """What one view said.
+    """Result of one disambiguation view.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What was photographed, on the grid of the predictions it is to be compared with."""
+"""Measured pictures on the grid of the predictions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a camera would see of each hypothesis: outline, edges that show, the arm gripper."""
+"""Predicted pictures of each hypothesis: outline, visible edges, the arm gripper."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class EdgePicture:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stance:
-    """How a held part may be off in one view, in pixels of its picture.
+    """Possible offset of a held part in one view, in pixels of its picture.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Why no view tells two hypotheses apart."""
+"""Reasons why no view tells two hypotheses apart."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What counts as a difference between two pictures of a part that is held nearly as planned."""
+"""Rules for a difference between two pictures of a part that is held nearly as planned."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 @dataclass(frozen=True, slots=True)
 class DisambiguationRules:
-    """How well the hold is known and how much of a picture must differ; each with its reason."""
+    """Uncertainty of the hold, and the difference required of a picture; each with its reason."""
 
     shift_mm: float = 1.0  # a part moves this much when the jaws close on it
     turn_rad: float = float(np.radians(2.0))  # and turns this much about any axis

@@ -1,4 +1,4 @@
-"""How well each reachable view tells each pair of hypotheses apart."""
+"""Separation of each pair of hypotheses by each reachable view."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ FAILS = 0.5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Separations:
-    """What each view, an arm configuration and a light, makes of each pair.
+    """Separation of each pair by each view, which is an arm configuration and a light.
 
     Attributes
     ----------
@@ -60,7 +60,7 @@ class Predicted:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Model:
-    """What predicting pictures of a hypothesis takes: a caster of its mesh, its outer points."""
+    """Model that predicts pictures of a hypothesis: a caster of its mesh, its outer points."""
 
     caster: RayCaster
     outer_mm: FloatArray

@@ -40,7 +40,7 @@ class DecidingView:
 
     @property
     def view_count(self) -> int:
-        """How many views are taken at most."""
+        """Largest number of views taken."""
         return 1 + max((t.view_count for t in self.then if t is not None), default=0)
 
     def after(self, left: Sequence[int]) -> tuple[tuple[int, ...], DecidingView | None] | None:
@@ -73,7 +73,7 @@ class Indistinguishable:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DisambiguationTree:
-    """What to look at to know which hypothesis it is.
+    """Decision tree of views that identify the hypothesis.
 
     Attributes
     ----------

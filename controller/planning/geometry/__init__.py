@@ -1,4 +1,4 @@
-"""What touches what: boxes many at a time, and a part's triangles."""
+"""Contact tests: boxes many at a time, and a part's triangles."""
 
 from .boxes import Box, SolidBox, lowest_z, overlap, overlap_turned, segments_hit, stack
 from .shape import PartShape, PlacedShape, Triangles

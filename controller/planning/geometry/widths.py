@@ -1,4 +1,4 @@
-"""How wide an outline is."""
+"""Width of an outline."""
 
 import numpy as np
 from scipy.spatial import ConvexHull

@@ -1,4 +1,4 @@
-"""Where a jaw can hold a part, and which of many grasps to plan with."""
+"""Grasps of a part by a jaw, and the choice of those to plan with."""
 
 from ._select import clear_of_table, resting_pose, select_arm_grasps, spread, turned_over
 from ._synthesis import GraspProblem, Synthesis, judge_grasps, synthesise_grasps

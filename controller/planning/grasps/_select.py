@@ -1,4 +1,4 @@
-"""Which of many grasps to plan with: few, sure, different; planning-facts.md 2.2, step 7."""
+"""Choice of grasps to plan with: few, sure, different; planning-facts.md 2.2, step 7."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a parallel jaw can hold a part: seeds, one evaluator, what friction and pose errors leave.
+"""Grasp synthesis for a parallel jaw: seeds, one evaluator, friction and pose errors.
 
 Each stage is cheaper than the next and counts what it leaves and how near the best came, so that
 a part which cannot be held is refused with the number that fails (planning-facts.md 2.2).

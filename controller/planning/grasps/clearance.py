@@ -1,4 +1,4 @@
-"""Whether an open gripper comes straight in, and closes, without touching the part elsewhere.
+"""Clearance of an open gripper that comes straight in and closes.
 
 On the exact triangles of the part (python-fcl); boxes are those of the jaw. Source:
 planning-facts.md 2.2, step 5. Clearance of the table is asked of many grasps at once.

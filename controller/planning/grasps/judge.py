@@ -1,4 +1,4 @@
-"""What each stage of the synthesis requires of a grasp, and the tally of what each left."""
+"""Requirements of each stage of the synthesis, and the tally of grasps that each left."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ NO_OFFSET_MM = 12.0  # contacts this far apart leave nothing of a grasp's score
 
 @dataclass(frozen=True, slots=True)
 class FilterStage:
-    """What one requirement left: how many grasps, and the best value of what it measures.
+    """Result of one requirement: the number of grasps left, and the best value measured.
 
     `best` and `limit` are nan for a requirement without a limit.
     """

@@ -1,4 +1,4 @@
-"""How often a grasp still holds when the part does not lie quite where it was seen.
+"""Robustness of a grasp against errors of the part's pose.
 
 Flat pads turn a part until its walls lie against them, so a wrong pose is first closed on, then
 turned by what the walls' normals ask, and judged as any grasp is (planning-facts.md 2.2, step 6;

@@ -1,4 +1,4 @@
-"""What planning speaks of: the cell, grasps, visibility, steps and plans, and why there is none.
+"""Data of planning: the cell, grasps, visibility, steps and plans, and reasons for no plan.
 
 Dataclasses and names; nothing here plans. mm, rad and seconds; poses in the world frame.
 """

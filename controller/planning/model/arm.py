@@ -1,4 +1,4 @@
-"""What planning has to know of an arm, whichever it is.
+"""The planner's interface to an arm of any kind.
 
 An arm has six joints; a configuration is a row q (6,) in rad and mm. Poses are in the arm's own
 frame: origin on the floor of the cell, z up; `CellLayout.T_world_arm` says where that is. The
@@ -22,7 +22,7 @@ JOINT_COUNT = 6
 
 
 class ArmLink(SolidBox, Protocol):
-    """What one moving link takes up, as a box in the link's frame.
+    """One moving link, as a box in the link's frame.
 
     Neighbours along the chain are kept apart by the joint limits, not by these coarse boxes; so
     each link says what it has to be checked against. Links count from the base, and what one link
@@ -31,7 +31,7 @@ class ArmLink(SolidBox, Protocol):
 
     @property
     def name(self) -> str:
-        """What people call it."""
+        """The name that people use."""
 
     @property
     def may_touch_base(self) -> bool:
@@ -43,7 +43,7 @@ class ArmLink(SolidBox, Protocol):
 
     @property
     def keeps_clear_of(self) -> Literal["gripper", "fingers", "nothing"]:
-        """What of the arm gripper it may touch.
+        """The bodies of the arm gripper with which it may collide.
 
         `gripper`: body, fingers and held part; `fingers`: these without the body, which is its
         neighbour; `nothing`: none of them.
@@ -55,7 +55,7 @@ class JointLimit(Protocol):
 
     @property
     def name(self) -> str:
-        """What people call it."""
+        """The name that people use."""
 
     @property
     def weights(self) -> FloatArray:
@@ -71,7 +71,7 @@ class JointLimit(Protocol):
 
 
 class TimingModel(Protocol):
-    """How long joint moves take, and where the arm is meanwhile."""
+    """Duration of joint moves, and the arm's course during them."""
 
     @property
     def joint_speeds(self) -> FloatArray:
@@ -120,7 +120,7 @@ class SweepPhase(Protocol):
 
     @property
     def join(self) -> FloatArray:
-        """From these angles to the joints, (6, 6)."""
+        """Matrix from these angles to the joints, (6, 6)."""
 
 
 class ArmModel(Protocol):
@@ -131,11 +131,11 @@ class ArmModel(Protocol):
 
     @property
     def tool_mm(self) -> float:
-        """From the wrist's centre to the TCP, along the approach axis."""
+        """Distance from the wrist's centre to the TCP, along the approach axis."""
 
     @property
     def reach_mm(self) -> float:
-        """How far the wrist's centre gets from the arm's vertical axis."""
+        """Largest distance of the wrist's centre from the arm's vertical axis."""
 
     @property
     def joint_names(self) -> Sequence[str]:
@@ -143,7 +143,7 @@ class ArmModel(Protocol):
 
     @property
     def joint_limits(self) -> Sequence[JointLimit]:
-        """What every configuration within limits fulfils; `within_limits` may be narrower.
+        """Limits that every allowed configuration meets; `within_limits` may be narrower.
 
         By no more than the rounding of a target to whole steps of the motors.
         """
@@ -158,11 +158,11 @@ class ArmModel(Protocol):
 
     @property
     def swept(self) -> Mapping[str, SolidBox]:
-        """What links sweep wherever the arm goes: name -> box in the arm's frame."""
+        """Volumes that links sweep wherever the arm goes: name -> box in the arm's frame."""
 
     @property
     def timing(self) -> TimingModel:
-        """How long its moves take."""
+        """Timing model of its moves."""
 
     def forward(self, q: FloatArray) -> FloatArray:
         """Return T_arm_tcp (..., 4, 4) of configurations (..., 6); limits are not checked."""

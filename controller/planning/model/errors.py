@@ -1,4 +1,4 @@
-"""Why there is no plan, sorted by what the caller can do about it."""
+"""Reasons for no plan, sorted by what the caller can do about it."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ TABLE_MARGIN_MM = 1.0
 
 @dataclass(frozen=True, slots=True)
 class GraspRules:
-    """What counts as a grasp, and how hard to look for one; each with its reason."""
+    """Rules for a grasp, and the effort of the search; each with its reason."""
 
     friction: float = 0.6  # rubber pads on machined aluminium, dry; where a jaw names none
     density_kg_mm3: float = 2.7e-6  # aluminium
@@ -75,7 +75,7 @@ class GraspRules:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Grasp:
-    """How a gripper holds the part.
+    """One hold of the part by a gripper.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What the part in the arm gripper may be, and the light under which that is decided."""
+"""Hypotheses for the part in the arm gripper, and the light that decides between them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What stands where in the cell, as the planner needs it: boxes, frames, cameras, joint speeds.
+"""The cell's layout for the planner: boxes, frames, cameras, joint speeds.
 
 Lengths in mm, angles in rad, poses in the world frame (table plane z = 0, z up). Nothing here
 reads a file: `controller.config` builds a `CellLayout` from the cell's YAML.
@@ -20,7 +20,7 @@ from .arm import ArmModel
 
 @dataclass(frozen=True, slots=True)
 class Pads:
-    """What the pads of a gripper are like.
+    """Properties of a gripper's pads.
 
     Attributes
     ----------
@@ -75,7 +75,7 @@ class Jaw:
 
     @property
     def pad_centre_mm(self) -> float:
-        """How far behind the fingertips the middle of the pads is."""
+        """Distance from the fingertips back to the middle of the pads."""
         return self.pad_length_mm / 2
 
 
@@ -98,7 +98,7 @@ class Nest:
 
 @dataclass(frozen=True, slots=True)
 class Tray:
-    """Where parts of one verdict are put down.
+    """A place where parts of one verdict are put down.
 
     Attributes
     ----------
@@ -118,7 +118,7 @@ class Tray:
 
     @property
     def target_mm(self) -> tuple[float, float]:
-        """Where the next part's centre of mass is put, or the middle of its outline in a nest."""
+        """Target of the next part's centre of mass, or of the middle of its outline in a nest."""
         return self.centre_mm if self.nest is None else self.nest.centre_mm
 
 

@@ -1,4 +1,4 @@
-"""What a plan is: steps to drive, their forecast, what they show and why not the rest.
+"""Plans: steps to drive, their forecast, the surface shown, and reasons for the rest.
 
 A motion is a tuple of waypoints q (6,), the last one being where the arm shall stand; where it
 starts is where the step before ended. Joints are those of the layout's arm.
@@ -56,7 +56,7 @@ class Pick(Step):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ambiguity:
-    """What a view has to tell apart.
+    """Hypotheses that a view has to tell apart.
 
     Attributes
     ----------
@@ -188,7 +188,7 @@ class Park(Step):
 
 
 class Reason(StrEnum):
-    """Why a piece of surface cannot be shown; the first that applies (planning-facts.md 1.3)."""
+    """Reason for a piece of surface not shown; the first that applies (planning-facts.md 1.3)."""
 
     HIDDEN_BY_PART = "hidden by the part"
     FINGERS = "fingers"
@@ -221,7 +221,7 @@ class Unseen:
 
 @dataclass(frozen=True, slots=True)
 class Proof:
-    """How good a plan is proven to be, and among what.
+    """Proven quality of a plan, and the scope of the proof.
 
     The cost is that of regrasps (seconds and risk) and of views at a fixed cost each; in which
     order views are driven is not in it.
@@ -243,7 +243,7 @@ class Proof:
 
     @property
     def is_optimal(self) -> bool:
-        """Whether no plan of the scope is cheaper."""
+        """True if no plan of the scope is cheaper."""
         return self.gap < 1e-9
 
 
@@ -286,5 +286,5 @@ class Plan:
 
     @property
     def regrasp_count(self) -> int:
-        """How often the part changes grasp."""
+        """Number of times the part changes grasp."""
         return sum(isinstance(s, ReceiveStep | SetDown) for s in self.steps)

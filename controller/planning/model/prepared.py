@@ -1,4 +1,4 @@
-"""What the rooms of the planner pass to each other about one part in one cell."""
+"""Data on one part in one cell that the planner's packages share."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .visibility import Counted, Directions, VisibilityTable
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HandOff:
-    """How an arm grasp meets what takes the part: the fixed gripper, or a place on the table.
+    """The meeting of an arm grasp with what takes the part: the fixed gripper, or the table.
 
     Attributes
     ----------
@@ -34,7 +34,7 @@ class HandOff:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rest:
-    """Where on the table the part may be set down: its stable pose, and T_world_part (4, 4)."""
+    """A pose in which the part may be set down on the table: stable pose, T_world_part (4, 4)."""
 
     pose_index: int
     T_world_part: FloatArray
@@ -42,7 +42,7 @@ class Rest:
 
 @dataclass(frozen=True, slots=True)
 class PlanOptions:
-    """What the planner aims at."""
+    """Aims of the planner."""
 
     max_incidence_deg: float = 70.0  # a surface seen flatter than this shows too little
     # pixels per millimetre along the surface, foreshortening included, that a view must give

@@ -44,7 +44,7 @@ class VisibilityTable:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HiddenEvidence:
-    """Which of n samples no direction shows of the bare part, and why; of others it holds nothing.
+    """Samples, of n, that the bare part hides in all directions, with the evidence.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Where the arm can be, what it touches there, and its paths from one configuration to another."""
+"""Reach, contacts and paths of the arm, from one configuration to another."""
 
 from ..geometry import PartShape, PlacedShape
 from ._kinematics import inverse_rows, link_boxes, passed_limit, shown_pose, tcp_pose

@@ -1,4 +1,4 @@
-"""Where the TCP and links are in the world, and which joints bring the TCP to a pose."""
+"""Kinematics in the world: poses of TCP and links, and joints for a pose of the TCP."""
 
 from __future__ import annotations
 

@@ -32,7 +32,7 @@ GripperBoxes = tuple[FloatArray, FloatArray]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scene:
-    """What the arm may not touch just now, and what it carries.
+    """The load of the arm, and the obstacles it must not touch.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Whether one joint move is free of contact all the way, for the arm as it will really go.
+"""Collision check of one joint move all the way, for the path the arm really takes.
 
 The move is cut into pieces. A piece is free if the arm, at its middle, has more clearance than any
 of its points travels to either end; else the piece is cut into four. So no contact between two

@@ -1,4 +1,4 @@
-"""Whether all that a motion without known ends may pass is free of contact.
+"""Collision proof of a motion without known ends, for all configurations it may pass.
 
 A phase is a box in joint space, proven as a whole: a piece of it is free if the arm, at its middle,
 has more clearance than any of its points travels to the piece's border; else the piece is halved
@@ -29,7 +29,7 @@ _MOVE_COUNTS = (1, 4, 16)  # short moves that one may be made of
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Swept:
-    """What a proof of swept space has found.
+    """Result of a proof of swept space.
 
     Attributes
     ----------
@@ -46,7 +46,7 @@ class Swept:
 
     @property
     def is_free(self) -> bool:
-        """Whether all of it keeps the margin."""
+        """True if all of it keeps the margin."""
         return not self.phase
 
 

@@ -1,4 +1,4 @@
-"""How long joint moves take, and how far from the joint line gripper and part stray meanwhile.
+"""Duration of joint moves, and the deviation of gripper and part from the joint line.
 
 How long, and where the joints are meanwhile, the arm's timing model says (planning-facts.md 3.3).
 """

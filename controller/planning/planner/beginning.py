@@ -1,4 +1,4 @@
-"""Where the part is when a plan begins: on the table, in the arm gripper, in the fixed gripper."""
+"""Beginnings of a plan: the part on the table, in the arm gripper, in the fixed gripper."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ AMONG_COUNT = 8  # the same among neighbours, which are in the way of many
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Beginning:
-    """Where the part is when a plan begins, and how the arm gripper comes to hold it.
+    """Beginning of a plan: the place of the part, and the ways into an arm grasp.
 
     Attributes
     ----------

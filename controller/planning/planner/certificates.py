@@ -24,7 +24,7 @@ TURN_COUNT = 4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Certificate:
-    """What can be promised of a part that starts in one stable pose.
+    """Promise for a part that starts in one stable pose.
 
     Attributes
     ----------
@@ -43,7 +43,7 @@ class Certificate:
 
     @property
     def is_complete(self) -> bool:
-        """Whether all is shown that any grasp and any view could show, as far as can be counted."""
+        """True if all is shown that any grasp and view could show, as far as can be counted."""
         plan = self.plan
         if plan is None:
             return False

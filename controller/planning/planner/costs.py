@@ -1,4 +1,4 @@
-"""What it costs to get the part into a grasp, from grasp to grasp, and what each grasp can show.
+"""Costs of the first grasp and of regrasps, and the views of each grasp.
 
 Costs are seconds between home configurations (one per grasp, in the midst of its views) plus the
 seconds a failure would cost times how likely it is (planning-facts.md 1.3, "Cost").
@@ -28,7 +28,7 @@ UNSTEADY_S = 60.0  # what may be spent so that the part does not fall over in it
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RegraspSite:
-    """What holds the part while the arm gripper changes its grasp.
+    """A place or grasp that holds the part while the arm gripper changes its grasp.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What the steps of a plan show, counted by points that their views were not chosen by (ADR 57)."""
+"""Coverage of a plan's steps, counted by points by which its views were not chosen (ADR 57)."""
 
 from __future__ import annotations
 

@@ -61,7 +61,7 @@ PAD_GIVES_MM = 0.4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TableHypothesis:
-    """What the part may be as well: which solid, and T_world_part (4, 4) if it is that."""
+    """Another hypothesis for the part on the table: its solid, and T_world_part (4, 4)."""
 
     name: str
     solid: Solid

@@ -135,7 +135,7 @@ def plan_from(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Task:
-    """What one plan has to show, of which part, and from where.
+    """Task of one plan: the part, its start, and the surface to show.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What can be worked out for a part in a cell before one is on the table; the caller caches it."""
+"""Preparation of a part in a cell before one is on the table; the caller caches it."""
 
 from __future__ import annotations
 

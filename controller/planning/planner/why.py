@@ -1,4 +1,4 @@
-"""Why a piece of surface is not shown: one limit lifted at a time, the first that helps named.
+"""Reasons for surface not shown: one limit lifted at a time, the first that helps named.
 
 The order of the questions is that of planning-facts.md 1.3: hidden by the part itself, by the
 fingers, out of reach, no path from this start, too weak a grasp. With each reason goes the
@@ -38,7 +38,7 @@ SENSOR_PLACES = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Missing:
-    """Which samples (n,) are not shown for one reason, in a sentence, and what would help."""
+    """Samples (n,) not shown for one reason, the reason as a sentence, and advice."""
 
     kind: Reason
     mask: BoolArray

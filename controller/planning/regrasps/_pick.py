@@ -33,7 +33,7 @@ RIM_STEP_MM = 0.5  # between the heights at which pads are tried
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PickPath:
-    """How one arm grasp takes the part: joints down (k, 6) to the hold and up (k, 6) from it."""
+    """Pick path of one arm grasp: joints down (k, 6) to the hold and up (k, 6) from it."""
 
     grasp: int
     down: FloatArray
@@ -181,7 +181,7 @@ def _stacked(grippers: Sequence[list[Box]], layout: CellLayout) -> tuple[FloatAr
 
 
 def _no_grasp_from_above(part: PreparedPart, layout: CellLayout, T_world_part: FloatArray) -> str:
-    """Return a message: the reason for no grasp, the remedy, and the stable poses that have one."""
+    """Return a message: the reason for no grasp, advice, and the stable poses that have one."""
     hull = part.solid.hull_mm @ T_world_part[:3, :3].T
     high = float(np.ptp(hull[:, 2]))
     text = f"no pick in this pose: in it the part is {high:.1f} mm high"

@@ -1,4 +1,4 @@
-"""Which grasps to hold the part with in turn, and which views to take under each."""
+"""Search for the sequence of grasps, and for the views under each."""
 
 from ._exact import exact_cover
 from ._greedy import greedy

@@ -1,4 +1,4 @@
-"""What showing everything costs at least under a set of grasps, without solving the cover.
+"""Lower bounds on the cost of showing everything under a set of grasps, without a cover.
 
 Costs u >= 0 put on elements give, for any views, the lower bound ``sum(u) + sum over views of
 min(0, cost - u of what the view shows)`` (Lagrange). It is a sum over grasps, so one u bounds all

@@ -109,7 +109,7 @@ def exact_cover(
 
 
 class _Left:
-    """What is left to be covered once what must be is taken: by branch and bound on views.
+    """Cover of the elements left after the forced views: branch and bound on views.
 
     The relaxation, in which fractions of views may be taken, is within one view of the truth on
     nearly all covers of plans; then some ten relaxations decide, where a solver of mixed integer

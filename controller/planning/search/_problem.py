@@ -21,7 +21,7 @@ SAME_S = 1e-7  # costs closer than this [s] are one
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Problem:
-    """Which grasps show what by which views, and what everything costs.
+    """A problem of the search: grasps, the elements that their views show, and all costs.
 
     Attributes
     ----------
@@ -103,12 +103,12 @@ class Solution:
 
     @property
     def is_complete(self) -> bool:
-        """Whether all that is needed is shown."""
+        """True if all that is needed is shown."""
         return not bool((self.needed & ~self.covered).any())
 
     @property
     def is_optimal(self) -> bool:
-        """Whether all is shown and nothing cheaper does."""
+        """True if all is shown and nothing cheaper does so."""
         return self.is_complete and self.cost_s <= self.bound_s
 
     @property

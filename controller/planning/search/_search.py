@@ -28,7 +28,7 @@ from ._tables import Core, Tables, hard_elements, learn_core, make_core, quick_c
 
 @dataclass(frozen=True, slots=True)
 class Effort:
-    """How much work may be done, counted so that the same problem always gets as far.
+    """Limits on the work, as counts, so that the same problem always gets as far.
 
     Attributes
     ----------

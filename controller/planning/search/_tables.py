@@ -24,7 +24,7 @@ _LEARN_PICKS = 10
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tables:
-    """What matters of a problem: live grasps, views to be had, elements needed.
+    """The parts of a problem that matter: live grasps, available views, needed elements.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What can be seen of a part, and from where: what itself, gripper and arm leave in sight.
+"""Visibility of a part: directions, and the surface that part, gripper and arm leave in sight.
 
 Directions are unit vectors in the part frame from its centre of mass to the camera.
 """

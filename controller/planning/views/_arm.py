@@ -1,4 +1,4 @@
-"""What stands between the camera and the part: the arm's links, the fixed gripper, posts.
+"""Obstacles between camera and part: the arm's links, the fixed gripper, posts.
 
 The part's centre of mass is always at the station, so all its sight lines lie in one fixed cone:
 boxes that miss it hide nothing, and in most configurations all of them do.

@@ -1,4 +1,4 @@
-"""Where in front of a camera a point needs no look at its lens: surely in the picture, or fine.
+"""Regions before a camera without need of its lens: surely in the picture, or fine.
 
 Projection with distortion is dear. Most points are far from the picture's border and have many
 pixels more than are required; for these a rectangle and a product are enough.

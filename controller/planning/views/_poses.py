@@ -1,4 +1,4 @@
-"""How to hold the part before the inspection camera for each direction and camera roll."""
+"""Poses of the part before the inspection camera for each direction and camera roll."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ RIM_COUNT = 72
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Showing:
-    """How the part is held up for each direction and roll, whatever the grasp.
+    """Poses of the part held up for each direction and roll, for any grasp.
 
     Attributes
     ----------

@@ -25,7 +25,7 @@ FIRST_TRIED_BETWEEN_COUNT = 12
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GraspViews:
-    """What one grasp can show.
+    """Views that one grasp can show.
 
     Attributes
     ----------

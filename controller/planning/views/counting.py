@@ -1,4 +1,4 @@
-"""What a planned view shows, counted by points that the plan was not fitted to (ADR 57).
+"""Coverage of a planned view, counted by points to which the plan was not fitted (ADR 57).
 
 At the pose the view is taken at, so that depth, pixels and the border of the picture are exact
 where the tables that plans are chosen by have to hold for every roll.
@@ -37,7 +37,7 @@ def nearest_on_face(samples: SurfaceSamples, points: SurfaceSamples) -> IntArray
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sighting:
-    """How a camera sees a part, and what stands before it.
+    """A camera's sighting of a part, with the boxes in front of it.
 
     Attributes
     ----------

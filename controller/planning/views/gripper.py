@@ -1,4 +1,4 @@
-"""What the arm gripper that holds the part hides of it."""
+"""Surface of a part hidden by the arm gripper that holds it."""
 
 from __future__ import annotations
 

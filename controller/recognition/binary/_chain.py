@@ -37,7 +37,7 @@ class Chain:
 
     @property
     def is_hole(self) -> bool:
-        """Whether the ground is inside."""
+        """True if the ground is inside."""
         return self.area_px < 0
 
     @property

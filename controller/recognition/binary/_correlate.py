@@ -1,4 +1,4 @@
-"""Which model view an observed boundary is, and how it is turned: strings are correlated.
+"""Correlation of boundary strings: the model view of an observed boundary, and its turn.
 
 The paper (references.md P3.1): from each corner of the object as reference, against each model
 corner of like sign and size, corners at about equal distance along the perimeter are compared, and

@@ -1,4 +1,4 @@
-"""Why recognition answered what it did: a picture and the numbers of all stages."""
+"""Explanation of a recognition: a picture, and the figures of all stages."""
 
 from ._explain import Explanation, explain
 from ._tables import StageTable

@@ -17,7 +17,7 @@ from ._tables import StageTable, stage_tables
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Explanation:
-    """How a recognition came about.
+    """The stages of a recognition, in a picture and in tables.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What is reported of an object: the stages of its recognition, once for picture and table.
+"""Facts of an object: the stages of its recognition, once for picture and table.
 
 Recognition keeps what its search needs; what a reader wants besides, the paper's corner list, the
 primitives, the grey features, is computed here from what was kept, by the same functions.
@@ -49,7 +49,7 @@ FAINT_JUMP_MM = 1.0  # nor a step so low, by its shadow
 
 @dataclass(frozen=True, eq=False, slots=True)
 class EdgeState:
-    """What became of predicted edges.
+    """State of predicted edges.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What is drawn of one object: outline with corners and primitives, grey features, poses."""
+"""Panels of one object: outline with corners and primitives, grey features, poses."""
 
 import cv2
 import numpy as np

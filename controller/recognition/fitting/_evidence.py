@@ -55,7 +55,7 @@ class ImageEdges:
 
     @property
     def length_px(self) -> int:
-        """How many pixels they are together, those left out among them."""
+        """Length of all edges together in pixels, those left out among them."""
         return len(self.points_px) * self.every
 
     def length_mm(self, mm_per_px: float) -> float:
@@ -98,7 +98,7 @@ class ImageEdges:
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """What a picture says of a pose; shares are of length, 0..1.
+    """Evidence of a picture for a pose; shares are of length, 0..1.
 
     Attributes
     ----------

@@ -30,7 +30,7 @@ CALIBRATION_MM = 0.02  # what the camera's own calibration leaves, whatever the 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Prior:
-    """What is known of a pose before the picture.
+    """Knowledge of a pose before the picture.
 
     Attributes
     ----------
@@ -56,7 +56,7 @@ def at_rest(tilt_rad: float = 0.0) -> Prior:
 
 @dataclass(frozen=True, slots=True)
 class FitOptions:
-    """How a fit goes.
+    """Options of a fit.
 
     Attributes
     ----------

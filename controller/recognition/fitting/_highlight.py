@@ -1,4 +1,4 @@
-"""Which edges of a picture a part makes by itself: flanks of highlights, borders of its own shade.
+"""Edges that a part makes by itself: flanks of highlights, borders of its own shade.
 
 A lamp is mirrored on a cylinder as a streak along it, whose flanks are as sharp as a part's own
 edges. On a surface that is straight in one direction, brightness changes across that direction

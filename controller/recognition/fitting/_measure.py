@@ -1,4 +1,4 @@
-"""Where in the picture the edge is that a prediction puts at a place: two ways of looking.
+"""Two measures of an edge near its predicted place: by the outline, and by grey levels.
 
 Before a backlight the outline is known whole. Elsewhere an edge is looked for in the grey
 levels, along the normal of the predicted one.
@@ -34,7 +34,7 @@ SIDE_PX = 1.0  # profiles are sampled at whole pixels, peaks between them by a p
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Gaps:
-    """What was found beside predicted edge points.
+    """Edges found beside predicted points.
 
     Attributes
     ----------

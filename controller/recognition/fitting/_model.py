@@ -1,4 +1,4 @@
-"""What of a part shows as an edge, prepared once so that any view of it takes a millisecond."""
+"""Lines of a part that show as edges, prepared once so that any view takes a millisecond."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -17,7 +17,7 @@ FLAT = 1e-4  # |n1 - n2| of triangles that lie in one plane: the edge between th
 
 @dataclass(frozen=True, eq=False, slots=True)
 class EdgeShape:
-    """What an `EdgeModel` is made from: little enough to be kept for a thousand parts.
+    """The data for an `EdgeModel`: small enough to be kept for a thousand parts.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Which edges of a posed part a camera sees, under full perspective.
+"""Prediction of the edges of a posed part that a camera sees, under full perspective.
 
 An edge shows where the surface turns away from the eye (a rim), and where two surfaces meet at an
 angle (a crease). Both are sampled along their length; a sight line to each sample tells whether

@@ -1,4 +1,4 @@
-"""How well a pose explains the grey levels inside a part, whatever the lamps are.
+"""Fit of a pose to the grey levels inside a part, without knowledge of the lamps.
 
 Every surface that is turned the same way is about as bright: brightness is fitted as a smooth
 function of the normal, and what of the picture's variation that explains is the score. It tells
@@ -23,7 +23,7 @@ RIDGE = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class Shading:
-    """What a pose explains of the brightness inside the part.
+    """Share of the brightness inside the part that a pose explains.
 
     Attributes
     ----------

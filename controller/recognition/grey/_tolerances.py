@@ -1,4 +1,4 @@
-"""What the grey chain calls near, straight, or round, each with its reason."""
+"""Tolerances of the grey chain for near, straight, and round, each with its reason."""
 
 from dataclasses import dataclass
 from math import radians

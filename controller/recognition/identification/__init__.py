@@ -1,1 +1,1 @@
-"""From the objects of a picture to an answer: hypotheses proposed, fitted, weighed, decided."""
+"""Identification of a picture's objects: hypotheses proposed, fitted, weighed, decided."""

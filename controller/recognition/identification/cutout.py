@@ -1,4 +1,4 @@
-"""What of the pictures belongs to one object, worked out when it is asked for."""
+"""Cutouts of the pictures about one object, computed on demand."""
 
 from collections.abc import Sequence
 from functools import cached_property
@@ -47,7 +47,7 @@ class ObjectCutout:
 
     @property
     def corner_px(self) -> tuple[int, int]:
-        """Where its crops begin in the picture."""
+        """First pixel of its crops in the picture."""
         return self.region.box_px[0], self.region.box_px[1]
 
     @cached_property
@@ -80,12 +80,12 @@ class ObjectCutout:
 
     @property
     def measure(self) -> Measure:
-        """What poses are fitted to."""
+        """The measure to which poses are fitted."""
         return self.outline if self.is_backlit else self.greys[0]
 
     @cached_property
     def inside(self) -> BoolArray:
-        """Which pixels of the crop are the part's, without its blurred rim, (h, w)."""
+        """Mask (h, w) of the part's pixels in the crop, without its blurred rim."""
         rim = 2 * max(1, round(RIM_MM / self.mm_per_px)) + 1
         mask = self.region.mask.astype(np.uint8)
         return np.asarray(cv2.erode(mask, np.ones((rim, rim), np.uint8)) > 0)

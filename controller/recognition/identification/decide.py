@@ -1,4 +1,4 @@
-"""From fitted hypotheses to an answer: which, its score, what else, or "unknown"."""
+"""Decision on fitted hypotheses: the best, its score, its rivals, or "unknown"."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -30,7 +30,7 @@ MAX_UNEXPLAINED_MM = 40.0
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Decision:
-    """What a list of hypotheses comes to.
+    """Decision on a list of hypotheses.
 
     Attributes
     ----------

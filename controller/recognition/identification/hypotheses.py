@@ -1,4 +1,4 @@
-"""From what an object may be to how well each of that explains the picture: best first.
+"""Search over an object's hypotheses: each fitted to the picture, best first.
 
 Fitting is what costs time. Candidates are tried in the order of their silhouettes' overlap; a
 coarse fit with few samples weeds out most, and what cannot come near the best is not fitted at
@@ -54,7 +54,7 @@ OUTLINE_DECIDES = 15.0  # log-odds between fits of one outline, which what lies 
 
 @dataclass(frozen=True, slots=True)
 class SearchLimits:
-    """How much is tried, each with its reason.
+    """Limits of the search, each with its reason.
 
     Attributes
     ----------
@@ -109,7 +109,7 @@ class SearchLimits:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Hypothesis:
-    """What an object may be, fitted to the picture.
+    """One hypothesis for an object, fitted to the picture.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What lines, corners and circles of a picture propose; references.md P3.2."""
+"""Proposals from lines, corners and circles of a picture; references.md P3.2."""
 
 from collections.abc import Sequence
 

@@ -1,4 +1,4 @@
-"""Which part, which way up, where: a picture of the table -> sightings.
+"""Recognition: from a picture of the table to sightings of part, stable pose and place.
 
 The order is the paper's (references.md P3.0): what lies there is cut out, its size and outline
 search the library, the best hypotheses are fitted edge by edge under full perspective, and the

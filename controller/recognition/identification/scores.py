@@ -133,7 +133,7 @@ def _limited(lead: FloatArray) -> FloatArray:
 
 
 def _edges(evidence: Evidence, is_lit: bool, chance: float | None) -> float:
-    """Return the log odds of the inner edges; without ``chance``, by their general weight."""
+    """Return the score of the inner edges; without ``chance``, by their general weight."""
     found, absent = FOUND, ABSENT_LIT if is_lit else ABSENT_DARK
     if chance is not None:
         chance = min(max(chance, CHANCE_MIN), SHOWS)

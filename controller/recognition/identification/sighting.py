@@ -118,7 +118,7 @@ class Sighting:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Trace:
-    """How one sighting came about, stage by stage.
+    """Record of one sighting's recognition, stage by stage.
 
     Attributes
     ----------

@@ -74,7 +74,7 @@ class Candidate:
 
     @property
     def place_mm(self) -> FloatArray:
-        """Where the centre of mass stands, (2,)."""
+        """Position of the centre of mass, (2,)."""
         return np.array([self.x_mm, self.y_mm])
 
 
@@ -120,7 +120,7 @@ class ViewIndex:
 
     @property
     def view_count(self) -> int:
-        """How many views there are."""
+        """Number of views."""
         return len(self.part)
 
     def outline_samples(

@@ -1,4 +1,4 @@
-"""How each stable pose looks from the camera's place: silhouettes cast as shadows on the table.
+"""Views of each stable pose from the camera's place: silhouettes as shadows on the table.
 
 A shadow cast from the camera's centre onto z = 0 is what the picture's outline becomes when its
 pixels are taken to the table plane. It depends on the camera's place alone, not on its lens, and
@@ -35,7 +35,7 @@ TALL_SHARE = 0.35  # perspective that moves it so much makes twice the views
 
 @dataclass(frozen=True, slots=True)
 class Station:
-    """Where parts are looked at from.
+    """The camera's place above the table.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What a picture shows of a cluster that is more, or less, than one part.
+"""A cluster: the outline of more, or less, than one part in a picture.
 
 Its outline is taken as it is, but for where the picture or the backlit area ends: there nothing is
 known of the part. Where parts meet, the outline turns inwards: corners of the paper's boundary
@@ -79,7 +79,7 @@ class Cluster:
 
     @cached_property
     def measure(self) -> OutlineMeasure:
-        """What poses are fitted to."""
+        """The measure to which poses are fitted."""
         return OutlineMeasure(Contour(self.points_px, self.normals_px))
 
     @cached_property

@@ -1,4 +1,4 @@
-"""Which parts a cluster is made of: fitted poses, those taken that explain it together.
+"""Parts of a cluster: poses are fitted, and the set that explains it best is taken.
 
 Two parts cannot be where the other one is: along each line of sight they have to lie one behind
 the other. Of all sets of parts that can be so, the one is taken whose outlines explain most of
@@ -32,7 +32,7 @@ LEFT_CELLS = 1.5  # half the width of what is left over when all is explained, i
 
 @dataclass(frozen=True, slots=True)
 class PartialLimits:
-    """What is tried, and what an answer needs, each with its reason.
+    """Limits of the search and conditions for an answer, each with its reason.
 
     Attributes
     ----------
@@ -62,7 +62,7 @@ class PartialLimits:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Place:
-    """Where a part is.
+    """A place with a part.
 
     Attributes
     ----------
@@ -77,7 +77,7 @@ class Place:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Explained:
-    """What a cluster is made of.
+    """The parts that explain a cluster.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""How much of their outlines parts can have in common with what is seen, many at once.
+"""Shares of outline that parts can have in common with the picture, many at once.
 
 Outlines are moved in the table plane until they lie on the one that is seen. That lacks what
 perspective makes of another place, but takes a fraction of a fit's time, and what falls far short

@@ -1,4 +1,4 @@
-"""Which of many fits to one cluster are there together: by places, then the set that explains most.
+"""Choice among many fits to one cluster: by places, then the set that explains most.
 
 Before a light table and under lamps alike; what a fit is and what it is worth differs.
 """
@@ -16,7 +16,7 @@ class Shown(Protocol):
 
     @property
     def shadow(self) -> BoolArray:
-        """Where of the cluster the part is seen, if nothing hides it."""
+        """Mask of the cluster where the part would be seen if nothing hid it."""
 
     @property
     def explains(self) -> BoolArray:

@@ -1,4 +1,4 @@
-"""From a rough mask to things with outlines: borders moved to the half level between both sides."""
+"""Things with outlines, from a rough mask: borders at the half level between both sides."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""What a segmentation answers."""
+"""Results of a segmentation."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -37,7 +37,7 @@ class Region:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Segmentation:
-    """What lies on the table, and what the histogram says.
+    """The things on the table, and the evidence of the histogram.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""How two surfaces meet along an edge: convex, concave or smooth.
+"""Creases, the meeting of two surfaces along an edge: convex, concave or smooth.
 
 The angle is taken between the true normals at the edge's own points, not between facets: where a
 coarse fillet runs into a plane, facets kink by half a segment and the surfaces do not.

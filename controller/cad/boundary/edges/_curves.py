@@ -1,4 +1,4 @@
-"""What curve a polyline of an edge stands for: a line, a circle, or neither.
+"""The curve behind an edge's polyline: a line, a circle, or neither.
 
 Vertices of a tessellation lie on the true curve, so the fit is judged at the vertices alone. The
 axis of a neighbouring cylinder, cone or torus is a better axis than any fit to a short arc.

@@ -1,1 +1,1 @@
-"""From triangles to faces: facets, pieces, what grows of them, and what has no formula."""
+"""Faces from triangles: facets, pieces, their growth, and freeform surfaces."""

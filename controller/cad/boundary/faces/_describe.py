@@ -1,4 +1,4 @@
-"""From triangles with an owner to the list of `Face`."""
+"""The list of `Face`, from triangles with an owner."""
 
 import numpy as np
 import trimesh

@@ -49,7 +49,7 @@ class Facets:
 
     @property
     def count(self) -> int:
-        """How many facets there are."""
+        """Number of facets."""
         return len(self.areas)
 
 

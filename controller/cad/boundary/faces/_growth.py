@@ -62,7 +62,7 @@ class Grower:
 
     @property
     def is_spent(self) -> bool:
-        """Whether seeds ran out, so that surfaces with a formula may count as free-form."""
+        """True if no seeds are left, so that surfaces with a formula may count as free-form."""
         return self._seeds_left <= 0
 
     def whole(self, facets: IntArray) -> Found | None:

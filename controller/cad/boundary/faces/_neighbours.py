@@ -1,4 +1,4 @@
-"""Which facets meet smoothly, and which of them along their long sides."""
+"""Pairs of facets that meet smoothly, and those of them that meet along a long side."""
 
 import numpy as np
 

@@ -25,7 +25,7 @@ LARGEST_HALF_ANGLE_RAD = np.radians(89.0)
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Cloud:
-    """What is known of a piece of surface: corners (n, 3) and facets (m, 3) with areas (m,)."""
+    """Data of a piece of surface: corners (n, 3), facets (m, 3) and their areas (m,)."""
 
     points: FloatArray
     normals: FloatArray

@@ -152,7 +152,7 @@ def _dimensions(
 
 
 def _is_same(stated: dict[str, Any], written: Written) -> bool:
-    """Whether the kernel's dimension, unsigned and half converted, can be that of the text."""
+    """Return True if the kernel's dimension, unsigned and half converted, can be the text's."""
     limits, deviations = stated.get("limits"), stated.get("deviations")
     if limits is not None and written.deviations is not None and written.nominal is not None:
         # of deviations whose upper one comes first the kernel makes these limits
@@ -178,7 +178,7 @@ def _is_same(stated: dict[str, Any], written: Written) -> bool:
 
 
 def _are_close(stated: ArrayLike, converted: ArrayLike, raw: ArrayLike) -> bool:
-    """Whether numbers are those of the text; the kernel converts some kinds of record only."""
+    """Return True if numbers are those of the text; the kernel converts only some records."""
     return any(
         bool(np.allclose(stated, written, rtol=SAME, atol=1e-12)) for written in (converted, raw)
     )

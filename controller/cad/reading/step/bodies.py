@@ -29,7 +29,7 @@ MAX_KEPT: Final = 2  # files whose bodies are kept in memory, for who asks for o
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Occurrence:
-    """Where a body is placed.
+    """One placement of a body in the file.
 
     Attributes
     ----------
@@ -89,7 +89,7 @@ class Bodies:
 
     @property
     def count(self) -> int:
-        """How many bodies are placed in all."""
+        """Number of placed bodies."""
         return sum(len(body.occurrences) for body in self.distinct)
 
 

@@ -1,4 +1,4 @@
-"""Which body of a STEP file is meant, and what to write where it is not clear."""
+"""Choice of a body in a STEP file, and the message where the choice is not clear."""
 
 import difflib
 import shlex
@@ -148,7 +148,7 @@ def place_text(body: Body) -> str:
 
 
 def missing_text(path: Path, bodies: Bodies) -> str:
-    """Return a sentence that lists the missing files of an assembly, and the remedy."""
+    """Return a sentence that lists the missing files of an assembly, with advice."""
     names = ", ".join(bodies.missing[:MAX_LISTED])
     folder = path.absolute().parent
     return (

@@ -21,7 +21,7 @@ MAX_CHOSEN_FROM: Final = 500  # points that are looked at for a rare one
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Marks:
-    """What tells one body from another, n points.
+    """Properties that distinguish one body from another, n points.
 
     Attributes
     ----------

@@ -98,7 +98,7 @@ class StepEdges:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class StepPart:
-    """What a STEP file says.
+    """Contents of a STEP file.
 
     Attributes
     ----------
@@ -215,7 +215,7 @@ class BodyOfFile:
 
     @property
     def is_whole_file(self) -> bool:
-        """Whether it is all bodies of the file in one."""
+        """True if it is all bodies of the file in one."""
         return not self.body.name
 
     @property

@@ -35,7 +35,7 @@ PATIENCE: Final = 4.0  # times the time of computing; then a child that could ha
 
 @dataclass(frozen=True, slots=True)
 class KernelLimits:
-    """What the kernel may take.
+    """Limits on the kernel's time and memory.
 
     Attributes
     ----------

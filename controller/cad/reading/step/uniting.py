@@ -23,7 +23,7 @@ MAX_TRIED: Final = 50  # bodies that are united only to see whether they touch
 
 @dataclass(frozen=True, slots=True, eq=False)
 class United:
-    """What the bodies of a file make together.
+    """The union of a file's bodies.
 
     Attributes
     ----------
@@ -42,7 +42,7 @@ class United:
 
     @property
     def caution(self) -> str:
-        """What to know of a part that was put together so."""
+        """A caution about a part that is such a union."""
         text = f"{self.count} bodies of the file were united by the STEP kernel"
         if self.overlap_mm3:
             text += f"; they ran into each other by {self.overlap_mm3:.3g} mm3"

@@ -1,1 +1,1 @@
-"""Which edges of a solid the eye sees, and how they are drawn."""
+"""Visible edges of a solid, and how they are drawn."""

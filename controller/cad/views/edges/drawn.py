@@ -1,4 +1,4 @@
-"""From visible pieces to drawn edges: runs from corner to corner of the part."""
+"""Drawn edges from visible pieces: runs from corner to corner of the part."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Which pieces of the edges the eye sees.
+"""Hidden-line removal: the pieces of the edges that the eye sees.
 
 Along an edge, visibility changes only where a rim of the part passes in front of it (Appel's
 observation, 1967). Every edge is cut there, exactly, and one ray per piece decides: it starts

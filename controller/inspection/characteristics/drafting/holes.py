@@ -39,7 +39,7 @@ class RoundFeature:
 
     @property
     def name(self) -> str:
-        """What it is and how large, as in ``hole 6.76 mm``."""
+        """Kind and size, as in ``hole 6.76 mm``."""
         return f"{'hole' if self.is_hole else 'boss'} {size_text(2 * self.walls[0].radius_mm)}"
 
 

@@ -147,7 +147,7 @@ def _directions(solid: Solid, left_out: frozenset[int]) -> Iterator[tuple[FloatA
 
 
 class _Opposites:
-    """Which plane lies opposite of which, through air and through material."""
+    """Pairs of planes that lie opposite each other, through air and through material."""
 
     def __init__(self, solid: Solid, caster: RayCaster) -> None:
         spacing = 1.0 / np.sqrt(SAMPLES_PER_MM2)

@@ -26,7 +26,7 @@ class Round:
 
     @property
     def name(self) -> str:
-        """What it is: a fillet in an inner corner, a round about an outer one."""
+        """Kind of round: a fillet in an inner corner, a round about an outer one."""
         return "fillet" if self.wall.is_hole else "round"
 
 

@@ -172,7 +172,7 @@ def _recess(solid: Solid, feature: Feature, known: "_Known") -> Iterator[_Wanted
 
 
 class _Known:
-    """What the characteristics of a part say: of which face, and which planes they join."""
+    """Known characteristics of a part, by face, and the planes that they join."""
 
     def __init__(
         self, solid: Solid, rows: Sequence[Characteristic], walls: Sequence[RoundWall]

@@ -293,7 +293,7 @@ def _is_single(sizes: Sequence[float], size: float) -> bool:
 
 
 class _Outline:
-    """How far a part reaches, direction by direction."""
+    """Extent of a part, direction by direction."""
 
     def __init__(self, solid: Solid) -> None:
         self._vertices = np.asarray(solid.mesh.vertices)

@@ -1,4 +1,4 @@
-"""From which sides the edges of a plane show in profile, where its level can be measured.
+"""Sides from which the edges of a plane show in profile, where its level can be measured.
 
 A level is measured where a camera looks along the plane, more or less: an edge of it then stands
 against what is behind. Rays along such lines of sight tell whether the part itself is in the way;

@@ -52,7 +52,7 @@ class RoundWall:
 
     @property
     def sweep_rad(self) -> float:
-        """How far its longest rim goes round."""
+        """Angle over which its longest rim goes round."""
         return max((rim.sweep_rad for rim in self.rims), default=0.0)
 
 

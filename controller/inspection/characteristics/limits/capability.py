@@ -1,4 +1,4 @@
-"""How well a cell can measure before it has measured: what it may promise of a characteristic.
+"""Capability of a cell before any measurement: the uncertainty it may promise.
 
 The uncertainty is that of one length between two edges in one picture, from the camera, the lens,
 the depth at which the part is held, scale and temperature; each with its share, in
@@ -20,7 +20,7 @@ EXPANSION_PER_K: Final = 23e-6  # of aluminium, the metal in the cell that grows
 
 @dataclass(frozen=True, slots=True)
 class Accuracy:
-    """What a measurement in a cell is uncertain by: standard uncertainties.
+    """Accuracy of measurement in a cell: standard uncertainties.
 
     Attributes
     ----------
@@ -51,7 +51,7 @@ class Station:
 
 @dataclass(frozen=True, slots=True)
 class Capability:
-    """How well a cell can verify a characteristic.
+    """Capability of a cell to verify a characteristic.
 
     Attributes
     ----------
@@ -66,7 +66,7 @@ class Capability:
 
     @property
     def is_capable(self) -> bool:
-        """Whether the cell can verify the tolerance."""
+        """True if the cell can verify the tolerance."""
         return self.share <= MAX_SHARE
 
 

@@ -1,4 +1,4 @@
-"""From a measured value and its uncertainty to a verdict (references.md S8, S16).
+"""Verdict on a measured value with its uncertainty (references.md S8, S16).
 
 Conformity has to be proven, and so has non-conformity; what is neither is open. So parts near a
 limit are neither accepted nor rejected on the strength of noise.

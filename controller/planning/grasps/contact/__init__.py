@@ -1,4 +1,4 @@
-"""What the pads of a gripper touch, and how much of the friction limit the part's weight uses."""
+"""Contacts of a gripper's pads, and the share of the friction limit that the weight uses."""
 
 from ._pads import Contacts, PadGrid, close_pads
 from ._strength import GRAVITY_N_PER_KG, least_load, loads, still_gravities

@@ -1,4 +1,4 @@
-"""What two pads touch when they close on a part: a height field of rays from each pad.
+"""Contacts of two pads that close on a part: a height field of rays from each pad.
 
 One evaluator for flat, curved, stepped, holed and slanted walls, and for pads that spread inside a
 bore (planning-facts.md 2.2, step 3). A pad is rigid but for its compliance, so only what lies
@@ -26,7 +26,7 @@ EDGE_DIRECTIONS = np.column_stack([np.cos(_TURN), np.sin(_TURN)])
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PadGrid:
-    """Where rays leave a pad, in its own plane: along the approach and across.
+    """Rays of a pad, in its own plane: along the approach and across.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class PadGrid:
 
 @dataclass(slots=True)
 class Contacts:
-    """What n closed jaws touch; TCP frames, mm.
+    """Contacts of n closed jaws; TCP frames, mm.
 
     Attributes
     ----------
@@ -89,7 +89,7 @@ class Contacts:
 
     @property
     def offset(self) -> FloatArray:
-        """How far apart the contacts' centres are along the pads (n,) [mm]."""
+        """Distance between the contacts' centres along the pads (n,) [mm]."""
         return np.asarray(np.linalg.norm(self.middle[0] - self.middle[1], axis=1))
 
     def take(self, rows: IntArray) -> Contacts:

@@ -1,4 +1,4 @@
-"""Whether friction and the pads' width hold a part against its weight, however the gripper turns.
+"""Strength of a grasp against the part's weight, by friction and pad width, in any attitude.
 
 Two soft contacts of a known force: slip and twist together within the ellipse of the limit
 surface, tipping within the pads' edges (planning-facts.md 2.2, step 4).

@@ -1,4 +1,4 @@
-"""Where to try a gripper on a part: opposed walls, seeds between them, candidates round each."""
+"""Grasp candidates on a part: opposed walls, seeds between them, candidates round each."""
 
 from ._candidates import (
     Candidates,

@@ -1,4 +1,4 @@
-"""Where to try a jaw: exactly opposed faces, walls across a ray, and walls facing each other.
+"""Grasp seeds: exactly opposed faces, walls across a ray, and walls facing each other.
 
 A seed is a point between two walls and the direction in which the jaws close there (or spread,
 for a seed inside a bore or a channel). Source: planning-facts.md 2.2, steps 1 and 2.
@@ -24,7 +24,7 @@ MAIN_DIRECTIONS = 40  # of walls, that are tried as partners of every sample
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Seeds:
-    """Where to try: between two walls, the jaws moving along an axis.
+    """Grasp seeds: points between two walls, and the axis along which the jaws move.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What a camera sees of the bare part from each direction, on the table, and why not the rest."""
+"""Visibility of the bare part from each direction, on the table, and reasons for the rest."""
 
 from ._directions import (
     candidate_directions,

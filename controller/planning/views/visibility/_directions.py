@@ -163,7 +163,7 @@ def look_out(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Search:
-    """What many directions (d, 3) show (d, n) of the hard spots, and of those nothing shows why."""
+    """Hard spots shown by many directions (d, 3), as (d, n), and evidence on the others."""
 
     vectors: FloatArray
     shows: BoolArray

@@ -1,4 +1,4 @@
-"""Why no view shows a piece of the bare part, with the evidence and what would help."""
+"""Reasons why no view shows a piece of the bare part, with evidence and advice."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""When a camera shows a piece of surface well enough: incidence, resolution, depth of field."""
+"""Rules for a piece of surface shown well enough: incidence, resolution, depth of field."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ PICTURE_MARGIN_PX = 12.0  # nearer to the border the hold's millimetre may carry
 
 @dataclass(frozen=True, slots=True)
 class VisibilityRules:
-    """How the camera stands to the station, and what it asks of a surface (planning-facts.md 1.3).
+    """The camera's geometry at the station, and its demands on a surface (planning-facts.md 1.3).
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What the overhead camera shows of a part that lies on the table."""
+"""Surface that the overhead camera shows of a part on the table."""
 
 from __future__ import annotations
 

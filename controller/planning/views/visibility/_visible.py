@@ -1,4 +1,4 @@
-"""What the bare part shows in each direction, by rays through the real, perspective camera."""
+"""Visibility of the bare part by direction, by rays through the real, perspective camera."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""What a grey picture shows: edge points, lines, corners, circles and arcs."""
+"""Features of a grey picture: edge points, lines, corners, circles and arcs."""

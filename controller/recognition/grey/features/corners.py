@@ -32,7 +32,7 @@ class Corners:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Junctions:
-    """Where lines meet otherwise: at (n, 2), and whether three ends meet (Y) or one a line (T)."""
+    """Meetings of lines other than corners: at (n, 2), of three ends (Y) or one end (T)."""
 
     positions: FloatArray
     is_y: BoolArray

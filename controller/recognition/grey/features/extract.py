@@ -40,7 +40,7 @@ class Edgelets:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class ImageFeatures:
-    """What is seen in a picture, in the table plane [mm], x right and y up as in the world.
+    """Features of a picture, in the table plane [mm], x right and y up as in the world.
 
     Attributes
     ----------

@@ -1,1 +1,1 @@
-"""Which view of a library a picture's features may be of: keys, index, scores, hypotheses."""
+"""Search for the library view behind a picture's features: keys, index, scores, hypotheses."""

@@ -1,4 +1,4 @@
-"""How well views placed on a picture agree with its edges: many at once, coarse and fine.
+"""Agreement of placed views with a picture's edges: many at once, coarse and fine.
 
 The picture's edgelets are written once into a map over place and direction, each with its number,
 out to the tolerance; a model's edgelet is then looked up, not searched for.

@@ -1,4 +1,4 @@
-"""Which view, turned and shifted how, explains a picture's features: best first.
+"""Hypotheses for a picture's features: a view, its turn and its shift, best first.
 
 The method is the paper's (references.md P3.2). The scale is known, so one feature of the model put
 on one feature of the picture fixes the whole transformation. A transformation is scored by the

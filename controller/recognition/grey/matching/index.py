@@ -1,4 +1,4 @@
-"""Where each key is in the library: tables sorted by the first key, searched by bisection.
+"""Index of the library's keys: tables sorted by the first key, searched by bisection.
 
 A library may hold thousands of views, so what the index holds of them is in small numbers: 7 kB
 a view.

@@ -1,4 +1,4 @@
-"""Which feature of the picture is which of a view placed on it: one to one, the nearest first."""
+"""Matches of a picture's features with a placed view's: one to one, the nearest first."""
 
 from dataclasses import dataclass
 

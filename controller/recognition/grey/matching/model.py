@@ -28,7 +28,7 @@ OUTLINE_WEIGHT = 1.5  # before a table of another grey an outline is seen surely
 
 @dataclass(frozen=True, eq=False, slots=True)
 class ModelFeatures:
-    """What a part would show, in mm on the table; the view's origin is that of its shifts.
+    """Features that a part would show, in mm on the table; the origin is that of its shifts.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Which of the fits about a cluster are there together, and what each place is with the rest known.
+"""Choice of the fits that explain a cluster together, and of each place given the rest.
 
 Two parts cannot be in one place, and each counts by what it explains that others do not. A place
 of which nothing is sure once its neighbours are known is given up, and the rest chosen anew.
@@ -41,7 +41,7 @@ class Place:
 
     @property
     def sureness(self) -> float:
-        """How likely it is this part, in whatever pose or turn, 0..1."""
+        """Probability that it is this part, in any pose or turn, 0..1."""
         best = self.decision.best
         return 0.0 if best is None else part_score(best, self.hypotheses)
 

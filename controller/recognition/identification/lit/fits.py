@@ -117,7 +117,7 @@ class LitFit:
 
     @property
     def is_curved(self) -> bool:
-        """Whether some of its surfaces are curved."""
+        """True if some of its surfaces are curved."""
         return bool(np.isfinite(self.model.straight[:, 0]).any())
 
     @cached_property
@@ -290,7 +290,7 @@ class LitFit:
 
     @cached_property
     def evidence_alone(self) -> Evidence:
-        """What the picture says of it, with nothing known beside it."""
+        """Evidence of the picture for it, with nothing known beside it."""
         return self.evidence(())
 
     @cached_property

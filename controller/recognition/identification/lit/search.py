@@ -1,4 +1,4 @@
-"""What a cluster under lamps may be made of: poses proposed, fitted, and weighed one by one.
+"""Search for the parts of a cluster under lamps: poses proposed, fitted, weighed one by one.
 
 Stretches of outlines and lines inside propose parts as if they lay flat on the table. A part that
 lies on another leans: one side of it on the table, the other on its neighbour. Such poses are
@@ -78,7 +78,7 @@ Proposed = tuple[Candidate, str]  # and what proposed it
 
 
 class Search:
-    """What is tried on one cluster.
+    """Search for the parts of one cluster.
 
     Parameters
     ----------
