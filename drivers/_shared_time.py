@@ -71,7 +71,7 @@ class SharedTime:
             raise
 
     def close(self) -> None:
-        """Unmap it; a second call does nothing. Whoever still asks it gets what it said last."""
+        """Unmap it; a second call does nothing. Later calls get the last values."""
         if self._fd < 0:
             return
         if hasattr(self, "_words"):
@@ -148,7 +148,7 @@ class SharedTime:
             self._held_ns += self._now_ns() - self._held_from_ns
 
     def held_s(self) -> float:
-        """Return how much time has passed while it was held, in all [cell s]."""
+        """Return the total time that passed while time was held [cell s]."""
         since_ns = self._now_ns() - self._held_from_ns if self._hold_count else 0
         return (self._held_ns + since_ns) * _NS
 

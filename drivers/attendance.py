@@ -40,7 +40,7 @@ class Attendance:
         self.longest_s = 0.0
 
     def lost_s(self) -> float:
-        """Return what has been lost so far, a delay that still goes on included [s]."""
+        """Return the time lost so far, including a delay that is still going on [s]."""
         return self._lost_s + self._late_s()
 
     def _late_s(self) -> float:

@@ -107,7 +107,7 @@ class CellClock:
         return self.attended_s() - (0.0 if self.shared is None else self.shared.held_s())
 
     def to_wall_s(self, duration_s: float) -> float:
-        """Return how long a duration [cell s] takes on the wall clock at least [s]."""
+        """Return the least time that a duration [cell s] takes on the wall clock [s]."""
         return duration_s / self.speed
 
     # --- waiting ------------------------------------------------------------------------------
@@ -123,7 +123,7 @@ class CellClock:
             await asyncio.sleep(max(left_s / self.speed, MIN_WAIT_WALL_S))
 
     def patience_s(self, duration_s: float) -> float:
-        """Return how long a time-out of ``duration_s`` really is [cell s].
+        """Return the real length of a time-out of ``duration_s`` [cell s].
 
         A shared clock is exact to its window only; on a clock that is not shared the jitter of
         the host does not shrink with ``speed``.

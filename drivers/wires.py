@@ -68,7 +68,7 @@ class CameraTap(Protocol):
     """One camera: its calls in order, and its frames as they come."""
 
     def call(self, what: str, sent: bytes, do: Callable[[], bytes]) -> bytes:
-        """Return what a call answers; an error of ``do`` passes through.
+        """Return a call's answer; an error of ``do`` passes through.
 
         Parameters
         ----------
@@ -87,7 +87,7 @@ class CameraTap(Protocol):
         ...
 
     def readiness_fd(self, do: Callable[[], int]) -> int:
-        """Return what to wait on for the next frame."""
+        """Return the descriptor to wait on for the next frame."""
         ...
 
     def other(self, do: Callable[[], Any]) -> Any:  # noqa: ANN401  (whatever the call returns)
@@ -103,7 +103,7 @@ class Wires(Protocol):
         ...
 
     def modbus(self, address: Address) -> tuple[Address, LineTap | None]:
-        """Return where to connect in place of ``address``, and the line's tap."""
+        """Return the address to connect to in place of ``address``, and the line's tap."""
         ...
 
     def camera(self, name: str) -> CameraTap | None:
@@ -111,7 +111,7 @@ class Wires(Protocol):
         ...
 
     def thread(self, name: str) -> Executor:
-        """Return what makes the blocking calls of one device, in order."""
+        """Return the executor that makes one device's blocking calls, in order."""
         ...
 
 

@@ -250,7 +250,7 @@ class Cell:
                 self._require_kept(index, rest)
 
     def _drawn_to_wait(self) -> set[int]:
-        """Return which parts are not on the table yet; the first one is, if it has a pose."""
+        """Return the parts not on the table yet; the first part is on it if it has a pose."""
         count = len(self.solids)
         over = 0 if self.options.on_table is None else max(count - self.options.on_table, 0)
         has_pose = self.options.at is not None or self.options.orientation is not None
@@ -258,7 +258,7 @@ class Cell:
         return {int(k) for k in self._feed_rng.permutation(may_wait)[:over]}
 
     def _require_kept(self, index: int, rest: Rest) -> None:
-        """Raise LayoutError if a part that was put down in a rest has tipped out of it."""
+        """Raise LayoutError if a part that was put down in a stable pose has tipped out of it."""
         part = self.world.parts[index]
         down = part.T_world_part[:3, :3] @ rest.down
         off_rad = math.acos(max(-1.0, min(1.0, -float(down[2]))))
@@ -392,7 +392,7 @@ class Cell:
             self._shared_clock.close()
 
     def announcement(self) -> dict[str, Any]:
-        """Return what clients need to know: where everything is."""
+        """Return the addresses and settings that clients need."""
         host, port = self.io_line.address
         lights = self._where(self.lights_line)
         return {
@@ -478,7 +478,7 @@ class Cell:
             self.world.place(index, self._kept_apart(index, self.world.draw(index)))
 
     def _empty_trays(self) -> None:
-        """Take away what is in a tray without nests once the arm holds another part."""
+        """Empty a tray without nests once the arm holds another part."""
         if self.world.arm_gripper.hold is None:
             return
         kept = {tray.name for tray in self.layout.trays if tray.has_nests}
@@ -505,7 +505,7 @@ class Cell:
         return min(due, default=None)
 
     def timing(self) -> dict[str, Any]:
-        """Return how far the world is, and what was lost."""
+        """Return the world's time, and the losses."""
         return {
             "world_s": self.now_s,
             "behind_s": self.behind_s,
@@ -517,7 +517,7 @@ class Cell:
     # --- what pictures show ----------------------------------------------------------------------
 
     def poses(self) -> dict[str, Any]:
-        """Return where everything that moves is."""
+        """Return the poses of all that moves."""
         return self.world.snapshot().poses
 
     def levels(self) -> dict[int, float]:

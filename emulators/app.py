@@ -114,7 +114,7 @@ def build_parser() -> argparse.ArgumentParser:
 
 
 def options_of(args: argparse.Namespace) -> CellOptions:
-    """Return what the command line asks for.
+    """Return the options on the command line.
 
     Raises
     ------

@@ -73,7 +73,7 @@ class AsBuilt:
     fixed_jaws: JawErrors = field(default_factory=JawErrors)
 
     def truth(self) -> dict[str, Any]:
-        """Return what a benchmark may compare a calibration with, as plain values."""
+        """Return the true parameters to compare a calibration with, as plain values."""
         layout, arm = self.layout, self.arm
         return {
             "cameras": {
@@ -121,13 +121,13 @@ class AsBuilt:
 
 
 def as_drawn(layout: Layout) -> AsBuilt:
-    """Return the installation that is exactly as its cell file has it."""
+    """Return the installation that matches its cell file exactly."""
     lamps = {name: LampCharacter() for name in layout.lamps}
     return AsBuilt(layout, ArmErrors(), lamps, 0.0, (0.0, 0.0))
 
 
 def draw_as_built(layout: Layout, seed: int) -> AsBuilt:
-    """Return an installation that differs from its cell file as real ones do.
+    """Return an installation that differs from its cell file as a real one does.
 
     Parameters
     ----------

@@ -40,7 +40,7 @@ class ByteFault:
             raise ValueError(f"late by {self.late_s} s: no byte comes before it is sent")
 
     def apply(self, byte: int) -> list[tuple[int, float]]:
-        """Return what arrives in the byte's place: bytes, each with its delay [world s]."""
+        """Return the bytes that arrive in the byte's place, each with its delay [world s]."""
         match self.harm:
             case Harm.LOST:
                 return []
@@ -83,7 +83,7 @@ class LineNoise:
         self.planned.append((skip_count, fault))
 
     def pass_on(self, byte: int) -> list[tuple[int, float]]:
-        """Return what arrives of a byte that is sent: bytes, each with its delay [world s]."""
+        """Return the bytes that arrive for a byte sent, each with its delay [world s]."""
         fault = self._next_fault()
         if fault is None:
             return [(byte, 0.0)]

@@ -70,7 +70,7 @@ WINDOW_S: Final = 0.05
 
 
 def clock_folder() -> Path:
-    """Return where clocks are kept: in memory, where that can be had."""
+    """Return the folder for clocks: in memory, if that is possible."""
     shm = Path("/dev/shm")  # nosec B108: the name in it is made by mkstemp
     return shm if os.access(shm, os.W_OK) else Path(tempfile.gettempdir())
 

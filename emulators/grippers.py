@@ -38,7 +38,7 @@ class FixedGripper:
 
 @dataclass(frozen=True, slots=True)
 class JawErrors:
-    """How the fixed gripper's true opening differs from what it reads: ``wider + stretch * it``."""
+    """Difference of the fixed gripper's true opening from its reading: ``wider + stretch * it``."""
 
     wider_mm: float = 0.0
     stretch: float = 1.0
@@ -68,7 +68,7 @@ def make_fixed_gripper(
     choice: DriverChoice | None,
     errors: JawErrors = JawErrors(),
 ) -> FixedGripper:
-    """Return the gripper that a driver of the cell file speaks to.
+    """Return the gripper for a driver of the cell file.
 
     Parameters
     ----------

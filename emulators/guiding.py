@@ -35,7 +35,7 @@ _JOINTS: Final = ("shoulder_rad", "elbow_rad", "zed_mm")
 def aimed_at(
     layout: Layout, tcp_mm: Array, tray: str | None, corner: tuple[int, int], seed: int
 ) -> Array:
-    """Return where a person sets the finger tips down (3,).
+    """Return the point (3,) where a person sets the fingertips down.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def aimed_at(
 
 
 def tcp_of(arm: ArmModel, layout: Layout) -> Array:
-    """Return where the point between the finger tips is (3,)."""
+    """Return the point between the fingertips (3,)."""
     return _tips(layout, arm.joints())
 
 

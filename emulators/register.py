@@ -52,7 +52,7 @@ def registered(announcement: Mapping[str, Any]) -> Iterator[None]:
 
 
 def _is_ours(folder: Path) -> bool:
-    """Return whether the folder, which is made if need be, belongs to this user."""
+    """Return whether the folder, which is made if missing, belongs to this user."""
     while True:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         with suppress(FileNotFoundError):  # the last one to leave took it away meanwhile

@@ -30,7 +30,7 @@ class CellConnection(http.client.HTTPConnection):
 
 
 def status() -> dict[str, object] | None:
-    """Return how the cell stands; None while nobody listens."""
+    """Return the cell's status; None while nobody listens."""
     connection = CellConnection("cell", timeout=5)
     try:
         connection.request("GET", "/status")

@@ -86,7 +86,7 @@ class TruthCamera:
         self._is_open = False
 
     async def frame_after(self, t_s: float, timeout_s: float | None = None) -> TruthFrame:
-        """Return a picture that tells where the part is, exposed after an instant.
+        """Return a picture that holds the part's true pose, exposed after an instant.
 
         Raises
         ------

@@ -140,7 +140,7 @@ class Ended:
 
 
 def run_case(case: Case, folder: Path | None = None) -> Ended:
-    """Run a case and return what became of it.
+    """Run a case and return its end.
 
     Parameters
     ----------
@@ -165,7 +165,7 @@ def _memory() -> Path | None:
 
 @cache
 def hold_lengths(scene: Scene) -> Lengths:
-    """Return how long each kind of hold lasts in a run of a scene without faults [s]."""
+    """Return the durations of each kind of hold in a run of a scene without faults [s]."""
     where = Path(tempfile.mkdtemp(prefix="cellctl-simulation-", dir=_memory()))
     try:
         run = _Run(Case(LENGTHS_SEED, scene), where / "cell")
@@ -192,7 +192,7 @@ class Attending:
         self._cell = cell
 
     async def attend(self, controller: Controller) -> None:
-        """Have a controller go on as often as it is held."""
+        """Have a controller go on each time it is held."""
         while True:
             await asyncio.sleep(LOOK_S)
             dispatcher = controller.dispatcher
@@ -280,7 +280,7 @@ class _Run:
         return not end.startswith(("refused", "complete"))
 
     def _put_right(self) -> None:
-        """Close the door, pull the emergency stop out and reset it, as whoever looks does."""
+        """Close the door, pull the emergency stop out and reset it, as a person would."""
         self.cell.befall("door", closed=True)
         self.cell.befall("estop", pressed=False)
         self.cell.befall("reset")

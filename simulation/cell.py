@@ -159,7 +159,7 @@ class SimulatedCell:
         self.loop.kill(self.process)
 
     def close(self) -> None:
-        """Give back what the world holds; nothing of it can be read any more."""
+        """Release the world's resources; nothing of it can be read any more."""
         if self._state_home is None:
             os.environ.pop(STATE_HOME, None)
         else:
@@ -247,7 +247,7 @@ class SimulatedCell:
         return self.cell.faults.do(verb, **order)
 
     def truth(self) -> dict[str, Any]:
-        """Return what is so in the world."""
+        """Return the true state of the world."""
         return truth(self.cell.world)
 
     def catch_up(self) -> None:

@@ -167,7 +167,7 @@ class Cause:
     tasks: set["asyncio.Task[None]"] = field(default_factory=set)
 
     def now(self, fault: Fault, controller: Controller | None = None) -> None:
-        """Let a fault befall the cell; one that does not fit the moment is noted as such."""
+        """Cause a fault in the cell; a fault that does not fit the moment is noted."""
         world = self.cell.cell.world
         try:
             if fault.touches_part:
@@ -261,7 +261,7 @@ class Cause:
     async def _while_in_fixed(
         self, fault: Fault, then: Callable[[], None], controller: Controller
     ) -> None:
-        """Let a fault befall a cell whose fixed gripper alone has the part, at any such moment."""
+        """Cause a fault at a random moment at which the fixed gripper alone has the part."""
         delay_s = self.rng.uniform(0.0, FIXED_S)
         while delay_s > 0:
             await asyncio.sleep(STAND_S / 4)

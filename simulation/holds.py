@@ -92,7 +92,7 @@ class Holds:
         return sum(hold.was_hit for hold in self.made)
 
     def lengths_seen(self) -> dict[str, list[float]]:
-        """Return how long holds were alone, by kind and in order [s]."""
+        """Return the durations of single holds, by kind and in order [s]."""
         seen: dict[str, list[float]] = {}
         for hold in self.made:
             seen.setdefault(hold.kind, []).append(hold.alone_s)

@@ -139,7 +139,7 @@ class Watch:
         self.violations.append(Violation(rule, self.cell.cell.world.time_s, what))
 
     def excuse(self) -> None:
-        """Take what happens to the part from now on, and what it meets, for the simulation's doing.
+        """Blame the simulation for whatever happens to the part, and meets it, from now on.
 
         A part that fell or was moved may be touched by an arm that cannot know it.
         """

@@ -38,7 +38,7 @@ _owner: contextvars.ContextVar["SimulatedProcess | None"] = contextvars.ContextV
 
 
 class SimulatedProcess:
-    """What is started and ended together, such as one controller.
+    """Tasks that are started and ended together, such as one controller.
 
     Attributes
     ----------
@@ -156,7 +156,7 @@ class SimulatedLoop(VirtualTimeLoop):
                 self.after_step(owner)
 
     def _shuffled(self, batch: list[Any]) -> list[Any]:
-        """Return what is ready, the steps of tasks among it in an order drawn from the seed."""
+        """Return the ready handles, with the steps of tasks in an order drawn from the seed."""
         steps = [
             (number, place)
             for place, handle in enumerate(batch)
@@ -224,7 +224,7 @@ class SimulatedLoop(VirtualTimeLoop):
     # --- the end --------------------------------------------------------------------------------
 
     def bury(self) -> None:
-        """Let go of killed processes and of what is still pending; call it when all has been read.
+        """Drop killed processes and pending tasks; call it when all has been read.
 
         Their `finally` blocks run now, on wires that are cut, and can do nothing.
         """

@@ -79,7 +79,7 @@ def stamped_picture(
     *further: tuple[Array | None, str],
     is_dark: bool = False,
 ) -> Grey:
-    """Return a picture that says where each part is.
+    """Return a picture that holds each part's pose.
 
     Parameters
     ----------
@@ -115,7 +115,7 @@ class TruthFrame:
 
 @dataclass(slots=True)
 class Seen:
-    """One view as it was judged.
+    """One view as judged.
 
     Attributes
     ----------
@@ -237,13 +237,13 @@ class StandIns(Compute):
         raise AssertionError("a doubt about a part that was read without one")
 
     async def recognise(self, backlit: Grey, lit: Mapping[str, Grey]) -> tuple[Sighting, ...]:
-        """Return where parts truly lie, with noise; nothing outside the camera's picture."""
+        """Return the true places of parts, with noise; none outside the camera's picture."""
         await self._take("recognise")
         found = (one.sighted(backlit) for one in (self, *self.beside))
         return tuple(one for one in found if one is not None)
 
     def sighted(self, backlit: Grey) -> Sighting | None:
-        """Return where the recipe's part truly lies, with noise; None where it is not seen."""
+        """Return the true place of the recipe's part, with noise; None if it is not seen."""
         T, custody = read_truth(backlit, self._number)
         c = self._context
         centre = transform(T, c.solid.centroid_mm[None])[0]
@@ -296,7 +296,7 @@ class StandIns(Compute):
         lit: Mapping[str, Grey],
         is_hold_measured: bool,
     ) -> Located:
-        """Return where the camera sees the part, if it is near where it should be."""
+        """Return the part's place in the picture, if it is near the expected one."""
         await self._take("locate")
         T, custody = read_truth(backlit, self._number)
         shift, turn = self._off(T, T_world_part)
@@ -318,7 +318,7 @@ class StandIns(Compute):
         lit: Mapping[str, Grey],
         is_hold_measured: bool,
     ) -> inspecting.ViewResult:
-        """Return what the camera sees of the part where it truly is in the gripper."""
+        """Return the view of the part at its true place in the gripper."""
         await self._take("inspect")
         where = self._located.pop(view_id, None) or await self.locate(
             view_id, T_world_part, holder, backlit, lit, is_hold_measured
@@ -349,7 +349,7 @@ class StandIns(Compute):
     async def inspect_on_table(
         self, view_id: str, T_world_part: Array, backlit: Grey, lit: Mapping[str, Grey]
     ) -> inspecting.ViewResult:
-        """Return what the camera over the table sees of the part where it truly lies."""
+        """Return the table camera's view of the part at its true place."""
         await self._take("inspect")
         T, custody = read_truth(backlit, self._number)
         is_there = custody == "free"
@@ -379,7 +379,7 @@ class StandIns(Compute):
         holder: Holder,
         backlit: Grey,
     ) -> Array | None:
-        """Return where the part truly is, if that is within what the real search tries."""
+        """Return the part's true pose, if it is within the range of the real search."""
         await self._take("inspect")
         T, custody = read_truth(backlit, self._number)
         shift, turn = self._off(T, T_world_part)
@@ -393,13 +393,13 @@ class StandIns(Compute):
         text: str,
         view_count: int,
     ) -> bool:
-        """Read what is to be judged ahead, as the worker process does; nothing is left to do."""
+        """Read the views to judge ahead, as the worker process does; no work is left to do."""
         await self._take("judge_ahead")
         assert parse_view_set(set_path, text).views
         return False
 
     async def judge(self, set_path: Path) -> inspecting.PartInspection:
-        """Return the verdict on a good part by how much of it was in sight."""
+        """Return the verdict on a good part by the share of it that was in sight."""
         await self._take("judge")
         c = self._context
         seen = np.zeros(len(c.samples.points_mm), dtype=bool)

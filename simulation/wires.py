@@ -47,13 +47,13 @@ class _End(asyncio.Transport):
     # --- as asyncio's transports ----------------------------------------------------------------
 
     def write(self, data: bytes | bytearray | memoryview) -> None:
-        """Send; what is sent on a closed or cut end is lost."""
+        """Send; data for a closed or cut end is lost."""
         if self._is_closing or self.other is None or not data:
             return
         self.other.deliver(bytes(data))
 
     def close(self) -> None:
-        """Close; the other end sees it after what was sent before."""
+        """Close; the other end sees it after the data sent before."""
         self._close(None)
 
     def abort(self) -> None:
@@ -61,7 +61,7 @@ class _End(asyncio.Transport):
         self._close(None)
 
     def is_closing(self) -> bool:
-        """Return whether nothing more can be sent."""
+        """Return whether the end takes no more data."""
         return self._is_closing
 
     def set_protocol(self, protocol: asyncio.BaseProtocol) -> None:
@@ -80,7 +80,7 @@ class _End(asyncio.Transport):
         """See `pause_reading`."""
 
     def get_write_buffer_size(self) -> int:
-        """Return 0: what is sent is on its way."""
+        """Return 0: all data is on its way."""
         return 0
 
     def can_write_eof(self) -> bool:
@@ -90,7 +90,7 @@ class _End(asyncio.Transport):
     # --- the way of the bytes -------------------------------------------------------------------
 
     def deliver(self, data: bytes) -> None:
-        """Let bytes arrive here a moment later, after what is on its way already."""
+        """Let bytes arrive here a moment later, after data already on its way."""
         self._later(self._arrive, data)
 
     def cut(self) -> None:
@@ -110,7 +110,7 @@ class _End(asyncio.Transport):
             self._protocol.data_received(data)  # type: ignore[union-attr]
 
     def lose(self) -> None:
-        """See the connection close, after what is on its way."""
+        """See the connection close, after data on its way."""
         self._later(self._close, None)
 
     def _close(self, error: Exception | None) -> None:
@@ -147,7 +147,7 @@ class _Listener:
         self.sockets = (_Socket(address),)
 
     def get_loop(self) -> asyncio.AbstractEventLoop:
-        """Return the loop that it listens on."""
+        """Return the loop on which it listens."""
         return self._ports.loop
 
     def close(self) -> None:
@@ -188,7 +188,7 @@ class Ports:
         self._next_port = FIRST_PORT
 
     def latency_s(self) -> float:
-        """Return how long bytes are on their way [s]."""
+        """Return the latency of bytes [s]."""
         return self._rng.uniform(MIN_LATENCY_S, MAX_LATENCY_S)
 
     def listen(
@@ -226,7 +226,7 @@ class Ports:
         self._ends.pop(id(end), None)
 
     def cut(self, process: "SimulatedProcess") -> None:
-        """Cut all ends of a process, and close what it listens on."""
+        """Cut all ends of a process, and close its listeners."""
         for end in [end for end in self._ends.values() if end.owner is process]:
             self.forget(end)
             end.cut()
@@ -316,7 +316,7 @@ class ArmTransport:
         self._line.send(self, data)
 
     async def read(self, timeout_wall_s: float) -> bytes:
-        """Return what has arrived, after waiting [s] for a first byte; b"" if none came.
+        """Return the bytes received, after waiting [s] for a first one; b"" if none came.
 
         Raises
         ------

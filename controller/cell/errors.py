@@ -23,7 +23,7 @@ class InterlockError(CellError):
 
 
 class NotProvenError(CellError):
-    """After an open door the cell does not stand as it was left, so it cannot go on from there."""
+    """The cell moved while a door was open, so it cannot go on from there."""
 
 
 class NoPermitError(CellError):

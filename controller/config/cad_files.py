@@ -70,7 +70,7 @@ def split_cad(path: Path) -> CadSource:
 
 
 def cad_identity(name: str, sha256: str) -> str:
-    """Return what tells one product from another: the hash of its CAD file, and its body.
+    """Return the identity of a product: the hash of its CAD file, and its body.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ def body_path(file: Path, body: str) -> Path:
 
 
 def body_name(text: str) -> str:
-    """Return the name of a body as it is written behind `MARK`: fit for the name of a file.
+    """Return a body's name as written behind `MARK`: fit for a file's name.
 
     Parameters
     ----------

@@ -120,7 +120,7 @@ class GivenSection(LimitsSection):
     @model_validator(mode="before")
     @classmethod
     def _without_results(cls, tree: Any) -> Any:  # noqa: ANN401 - pydantic's signature
-        """Leave out what a line of results has besides, so that such a line can be given back."""
+        """Leave out the fields of a result, so that a line of results can be given as input."""
         if not isinstance(tree, dict):
             return tree
         return {key: value for key, value in tree.items() if key not in RESULTS}

@@ -31,7 +31,7 @@ class Condition:
     parts: "tuple[Condition, ...]" = ()
 
     def names(self) -> frozenset[str]:
-        """Return the facts that it depends on."""
+        """Return the facts that the condition depends on."""
         own = {self.name} if self.op == "fact" else set()
         return frozenset(own.union(*(part.names() for part in self.parts)))
 

@@ -122,7 +122,7 @@ def text_of(data: bytes, path: Path, *, is_lenient: bool = False) -> str:
 
 
 def parse_json(text: str | bytes, path: Path, what: str) -> Any:  # noqa: ANN401 - any JSON
-    """Return what a JSON text holds.
+    """Return the value of a JSON text.
 
     Parameters
     ----------
@@ -152,7 +152,7 @@ def parse_json(text: str | bytes, path: Path, what: str) -> Any:  # noqa: ANN401
 
 
 def is_sensible(number: float) -> bool:
-    """Return whether a number of a file can be worked with: finite, up to `LARGEST_NUMBER`."""
+    """Return whether a number from a file is usable: finite, up to `LARGEST_NUMBER`."""
     return abs(number) <= LARGEST_NUMBER
 
 
@@ -212,7 +212,7 @@ def encoding_of(data: bytes) -> str:
 
 
 def file_within(folder: Path, name: str) -> Path | None:
-    """Return a file below a folder, None where its name or a link leads out of it.
+    """Return a file below a folder; None if its name or a link leads outside.
 
     Parameters
     ----------

@@ -51,7 +51,7 @@ def find_recipe(name: Path | None) -> Path:
 
 
 def _may_be_there(name: Path) -> bool:
-    """Return whether a name may be a file, so that reading it reports what is wrong with it."""
+    """Return whether a name may be a file, so that reading it reports its faults."""
     try:
         return name.exists()
     except (OSError, ValueError):

@@ -316,7 +316,7 @@ def parse_view_set(path: Path, text: str) -> ViewSetFile:
 
 
 def _tree(path: Path, text: str) -> dict[str, Any]:
-    """Return the object that a JSON text holds."""
+    """Return the object in a JSON text."""
     if not text.strip():
         raise ConfigError(f"{path}: is empty; a set of views ({SCHEMA}) is expected")
     tree = parse_json(text, path, f"a set of views ({SCHEMA})")

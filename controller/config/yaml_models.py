@@ -155,7 +155,7 @@ def line_in(path: Path, location: Location) -> int | None:
 
 
 def yaml_tree(path: Path, draft: str | None = None) -> dict[str, Any]:
-    """Return what a YAML file holds, as mappings, lists and values, whatever its keys are.
+    """Return the content of a YAML file as mappings, lists and values, whatever its keys.
 
     Parameters
     ----------

@@ -91,7 +91,7 @@ def fill(
     anew: bool = False,
     on_run: Callable[[str, int], None] = lambda run, parts: None,
 ) -> Filled:
-    """Fill the store with what the journals have that it has not, and return what was done.
+    """Fill the store with everything new in the journals; return a summary.
 
     Parameters
     ----------
@@ -142,7 +142,7 @@ def folded(path: Path, run: str, parts: Sequence[int], last_seq: int | None = No
 
 
 def _source(store: Store, path: Path, filled: Filled, *, anew: bool) -> _Source | None:
-    """Return a journal with what is known of it; None where there is nothing to read."""
+    """Return a journal with the store's knowledge of it; None if it has no rows."""
     first = row_at(path, 1)
     if first is None:
         return None
@@ -271,7 +271,7 @@ def _fill_run(
 def _records(
     source: _Source, run: str, chunk: Sequence[int]
 ) -> Iterator[tuple[RunRecord | int, str]]:
-    """Yield a run with parts of it, and the number and reason of each that cannot be read."""
+    """Yield a run with parts of it, and the number and reason of each part that is unreadable."""
     try:
         yield folded(source.path, run, chunk, source.whole.seq), ""
     except ResultsError as error:
@@ -305,7 +305,7 @@ def _take_back(db: Connection, source: _Source, run: str, number: int) -> None:
 
 
 def _write(store: Store, source: _Source, record: RunRecord) -> int:
-    """Write a run and parts of it; return how many parts."""
+    """Write a run and parts of it; return the number of parts."""
     if not any(isinstance(entry.row, rows.RunBegan) for entry in record.log):
         return 0  # an acknowledgement, or a report noted later: no run of its own
     found, count = part_rows(record), 0

@@ -162,7 +162,7 @@ def _moments(plan: Plan, layout: CellLayout) -> Iterator[Moment]:
 
 
 def view_count(plan: Plan) -> int:
-    """Return how many views a plan has, in the arm gripper or on the table."""
+    """Return the number of views of a plan, in the arm gripper or on the table."""
     return sum(isinstance(step, Present | Look) for step in plan.steps)
 
 

@@ -17,7 +17,7 @@ OWN_ADDRESS: Final = "page:///"
 
 
 class PdfError(ResultsError):
-    """No PDF can be made on this machine; the message says what is missing."""
+    """No PDF can be made on this machine; the message names the missing program."""
 
 
 MM_PER_POINT: Final = 25.4 / 72

@@ -8,7 +8,7 @@ K_U: Final = 2
 
 
 def num(value: float | None, decimals: int = 1) -> str:
-    """Return a number with a fixed count of decimals; a dash for what is not known."""
+    """Return a number with a fixed count of decimals; a dash if it is unknown."""
     return "–" if value is None else f"{value:.{decimals}f}"
 
 

@@ -45,7 +45,7 @@ class FileFrame:
 
 
 class FileCamera:
-    """Pictures from files, shown as a camera shows what it sees.
+    """Pictures from files, shown as a camera would show its view.
 
     It exposes at the cell file's rate and for its exposure, as far as the clock is concerned: no
     frame is there before a camera could have had it.

@@ -207,7 +207,7 @@ class Folder:
 
 
 def _by_value(path: Path) -> list[tuple[int, str]]:
-    """Return what sorts ``9.png`` before ``10.png``."""
+    """Return the sort key that puts ``9.png`` before ``10.png``."""
     parts = _NUMBER.split(path.name)
     return [(int(part), part) if part.isdigit() else (0, part) for part in parts]
 

@@ -42,7 +42,7 @@ _LAST_RETRY_S: Final = 1.0
 
 
 def system_calls_for(device: str) -> SysCalls:
-    """Return how this address is spoken to: a unix socket, or the kernel."""
+    """Return the system calls for this address: over a unix socket, or the kernel's."""
     return SocketCalls() if device.startswith(UNIX_PREFIX) else KernelCalls()
 
 
@@ -196,7 +196,7 @@ class Camera:
         return dataclasses.replace(self._stats)
 
     def identity(self) -> CameraIdentity:
-        """Return what the camera reports about itself."""
+        """Return the camera's own identity."""
         return self._open().identity()
 
     async def controls(self) -> tuple[ControlInfo, ...]:

@@ -152,7 +152,7 @@ class Gripper:
         return await self._monitor.status()
 
     async def hold(self) -> Hold:
-        """Return what has become of the part of the last grasp. A loss stays a loss."""
+        """Return the state of the last grasp's hold. A loss stays a loss."""
         status = await self.status()
         if self._monitor.lost.is_set():
             return Hold.LOST
@@ -253,7 +253,7 @@ class Gripper:
         )
 
     def blind_stop(self) -> BlindStop | None:
-        """Return the stop in bytes, for whoever stops the jaws in our place.
+        """Return the jaws' stop in bytes, for the supervisor to send if this process cannot.
 
         None unless the gripper was last seen active: the command carries rACT = 1 (see `stop`).
         """

@@ -88,7 +88,7 @@ RELEASING_FAULT: Final = 0x0B
 
 
 def fault_of(code: int) -> Fault:
-    """Return what a gFLT number means."""
+    """Return the fault with a gFLT number."""
     return FAULTS.get(code, _UNLISTED)
 
 

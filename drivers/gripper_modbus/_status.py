@@ -50,7 +50,7 @@ class GripperStatus:
 
     @classmethod
     def of(cls, inputs: Inputs, config: GripperConfig, at_s: float) -> "GripperStatus":
-        """Return the status that the registers hold.
+        """Return the status in the registers.
 
         Parameters
         ----------

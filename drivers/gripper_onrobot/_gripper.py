@@ -175,7 +175,7 @@ class RgGripper:
         return reading
 
     async def hold(self) -> Hold:
-        """Return what has become of the part of the last grasp. A loss stays a loss."""
+        """Return the state of the last grasp's hold. A loss stays a loss."""
         reading = await self.status()
         if self._grasped_mm is None:
             return Hold.NOTHING
@@ -266,7 +266,7 @@ class RgGripper:
         return RgGrasp(reading.has_contact, reading.opening_mm)
 
     def blind_stop(self) -> BlindStop | None:
-        """Return the stop in bytes, for whoever stops the jaws in our place."""
+        """Return the jaws' stop in bytes, for the supervisor to send if this process cannot."""
         return self._unit.blind_write(CONTROL_REGISTER, STOP)
 
     async def stop(self) -> RgReading:

@@ -83,7 +83,7 @@ PLANNED_OUTPUTS: Final = (
 
 @dataclass(frozen=True, slots=True)
 class IoConfig:
-    """The I/O block and what is wired to it.
+    """The I/O block and its wiring.
 
     Attributes
     ----------

@@ -115,13 +115,13 @@ class CellIo:
         await self.aclose()
 
     def blind_stop(self) -> BlindStop | None:
-        """Return how the motors' supply is taken away; None where no relay of ours is in it."""
+        """Return the switch that cuts the motors' supply; None if no relay of ours is in it."""
         if self.watchdog_s is None:
             return None
         return self._unit.blind_switch(FIRST_RELAY + self._relay_of[MOTOR_RELAY], is_on=False)
 
     def blind_look(self) -> BlindLook | None:
-        """Return a reading of emergency stop, door and supply, for whoever looks in our place.
+        """Return a reading of emergency stop, door and supply, for the supervisor to make.
 
         None where the line has no room for a second reader. A look feeds the block's watchdog, so
         whoever looks has `blind_stop` as well, and does not go on looking after that.
@@ -185,13 +185,13 @@ class CellIo:
     # --- inputs ---
 
     def snapshot(self) -> Snapshot:
-        """Return what is known of all inputs at this moment; stale readings count as unknown."""
+        """Return the known state of all inputs now; stale readings count as unknown."""
         if self._is_stale():
             return Snapshot(self._read_at_s, dict.fromkeys(self._believer.signals, Signal.UNKNOWN))
         return Snapshot(self._read_at_s, dict(self._believer.signals))
 
     def signal(self, name: str) -> Signal:
-        """Return what is known of one input at this moment.
+        """Return the known state of one input now.
 
         Raises
         ------
@@ -252,13 +252,13 @@ class CellIo:
             self._relays = tuple(wanted)
 
     async def read_outputs(self) -> dict[str, bool]:
-        """Return which relays are closed, by name, as the block reads them back."""
+        """Return whether each relay is closed, by name, as the block reads them back."""
         async with self._switching:
             self._relays = await self._unit.read_coils(FIRST_RELAY, self._count)
             return {name: self._relays[channel] for name, channel in self._relay_of.items()}
 
     async def has_watchdog_tripped(self) -> bool:
-        """Return whether the block missed us and put its outputs into their safe state."""
+        """Return whether the block's watchdog put its outputs into their safe state."""
         return (await self._unit.read_coils(WATCHDOG_COIL, 1))[0]
 
     async def clear_watchdog(self) -> None:
@@ -389,7 +389,7 @@ class CellIo:
         return bits
 
     def _fail(self, error: DeviceError) -> None:
-        """Note that a reading failed; what was read before stays known until it is stale."""
+        """Note that a reading failed; the last reading stays known until it is stale."""
         self._relays = None  # it may be restarting, with all relays open
         age_s = self._clock.attended_s() - self._attended_at_s
         if age_s <= self._stale_s:

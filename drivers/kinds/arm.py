@@ -159,11 +159,11 @@ class Arm(Protocol):
         ...
 
     async def read_opening_mm(self) -> float:
-        """Return the opening of the jaws as it is now [mm]."""
+        """Return the present opening of the jaws [mm]."""
         ...
 
     async def read_jaws(self) -> JawReading:
-        """Return how the jaws stand, homed or not; nothing moves."""
+        """Return the state of the jaws, homed or not; nothing moves."""
         ...
 
     async def drive_jaws(self, by_mm: float) -> float:

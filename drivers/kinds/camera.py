@@ -81,7 +81,7 @@ class Camera(Protocol):
     def is_paused(self) -> bool: ...  # noqa: D102  (an attribute)
 
     async def connect(self) -> Any:  # noqa: ANN401  (whatever the driver says of it)
-        """Find and open the camera, start the frames; return what it is, for the log."""
+        """Find and open the camera, start the frames; return its identity, for the log."""
         ...
 
     async def pause(self) -> None:

@@ -35,7 +35,7 @@ Model = TypeVar("Model", covariant=True)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Site:
-    """Where a device is, and what the cell around it expects of it.
+    """The place of a device, and the cell's requirements on it.
 
     Attributes
     ----------

@@ -59,5 +59,5 @@ class Encoders(Protocol):
     """An arm whose encoders can be read before it is homed, too."""
 
     async def read_encoders(self) -> Mapping[str, int]:
-        """Return what the encoder of each motor counts, by name; nothing moves."""
+        """Return each motor's encoder count, by name; nothing moves."""
         ...

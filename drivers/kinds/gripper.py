@@ -85,7 +85,7 @@ class FixedGripper(Protocol):
         ...
 
     async def hold(self) -> Hold:
-        """Return what has become of the part of the last grasp. A loss stays a loss."""
+        """Return the state of the last grasp's hold. A loss stays a loss."""
         ...
 
     async def wait_lost(self) -> None:

@@ -82,7 +82,7 @@ class IoBlock(Protocol):
         ...
 
     def signal(self, name: str) -> Signal:
-        """Return what is known of an input now."""
+        """Return the known state of an input now."""
         ...
 
     def watch(self) -> Changes:

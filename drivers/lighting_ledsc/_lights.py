@@ -42,7 +42,7 @@ class PwmLamp:
 
 
 class _Controller:
-    """One controller of four channels; what it is set to is forgotten when a write may have failed.
+    """One controller of four channels; its settings are forgotten when a write may have failed.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ class _Controller:
             )
 
     async def read(self) -> State:
-        """Return what it is set to.
+        """Return the controller's settings.
 
         Raises
         ------
@@ -100,11 +100,11 @@ class _Controller:
         return state
 
     async def known(self) -> State:
-        """Return what it is set to; read it only if it is not known."""
+        """Return the controller's settings; read them only if they are not known."""
         return await self.read() if self._state is None else self._state
 
     async def write(self, state: State, values: Sequence[int], *, force: bool) -> bool:
-        """Make the channels what is wanted, in one FC16; return whether anything was sent.
+        """Set the channels to the wanted levels in one FC16; return whether anything was sent.
 
         Parameters
         ----------

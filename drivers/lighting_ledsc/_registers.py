@@ -35,7 +35,7 @@ class State:
 
     @property
     def is_ready(self) -> bool:
-        """Whether what is written is so at once."""
+        """Whether a written value takes effect at once."""
         return self.is_live and self.transition_ms == AT_ONCE_MS
 
 

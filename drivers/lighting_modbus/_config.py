@@ -60,7 +60,7 @@ class LampChannel:
         return round(self.min_on_mv + level * (self.full_scale_mv - self.min_on_mv))
 
     def mv_to_level(self, voltage_mv: int) -> float:
-        """Return the level that a dimming voltage [mV] stands for, relay closed."""
+        """Return the level of a dimming voltage [mV], relay closed."""
         return max(0.0, (voltage_mv - self.min_on_mv) / (self.full_scale_mv - self.min_on_mv))
 
 

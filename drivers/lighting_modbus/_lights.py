@@ -167,7 +167,7 @@ class Lights:
             return await self._since(settle=settle)
 
     async def read_back(self) -> LightsReading:
-        """Return how the lamps are, as both modules read it back."""
+        """Return the state of the lamps, as both modules read it back."""
         async with self._changing:
             at_s = self._clock.now_s()
             outputs_mv = await self._analog.read()

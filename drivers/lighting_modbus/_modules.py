@@ -63,7 +63,7 @@ class AnalogModule:
         return await self.read() if self._known_mv is None else self._known_mv
 
     async def write(self, wanted_mv: Sequence[int], *, force: bool) -> bool:
-        """Make the outputs what is wanted, in one FC16; return whether anything was sent."""
+        """Set the outputs to the wanted voltages in one FC16; return whether anything was sent."""
         known_mv = self._known_mv
         first, last = 0, CHANNEL_COUNT - 1
         if known_mv is not None and not force:
@@ -113,7 +113,7 @@ class RelayModule:
         return await self.read() if self._known is None else self._known
 
     async def write(self, wanted: Sequence[bool], *, force: bool) -> bool:
-        """Make the relays what is wanted, in one FC15; return whether anything was sent."""
+        """Set the relays to the wanted state in one FC15; return whether anything was sent."""
         if self._known == tuple(wanted) and not force:
             return False
         self._known = None

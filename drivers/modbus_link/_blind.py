@@ -15,7 +15,7 @@ _NUMBER: Final = 0xB11D  # of the transaction; our own connection has no other
 
 
 def place_of(address: Address) -> str:
-    """Return where a line is: the device node, or ``host:port``."""
+    """Return the place of a line: the device node, or ``host:port``."""
     return address.device if isinstance(address, RtuAddress) else f"{address.host}:{address.port}"
 
 

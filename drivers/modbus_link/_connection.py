@@ -79,7 +79,7 @@ class Connection:
         return self._client.connected and not self._lost.is_set()
 
     async def aclose(self) -> None:
-        """Close it; what was written is not waited for."""
+        """Close it, without waiting for data written."""
         self._client.close()
         await asyncio.sleep(0)  # the socket itself is closed by the loop's next turn
 

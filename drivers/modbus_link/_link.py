@@ -58,7 +58,7 @@ Again = Callable[[], Awaitable[bool]]
 
 
 async def always() -> bool:
-    """Return that it may be: for a write that says what should be so and sets nothing in motion."""
+    """Return True: a write that sets a state and starts no motion may always be repeated."""
     return True
 
 
@@ -453,7 +453,7 @@ class ModbusUnit:
         return f"{self.name} (unit {self.unit} at {self.link.address})"
 
     def blind_write(self, register: int, value: int) -> BlindStop:
-        """Return a write of one register (FC06), for whoever stops the device in our place.
+        """Return a write of one register (FC06), for the supervisor to send.
 
         Parameters
         ----------
@@ -463,7 +463,7 @@ class ModbusUnit:
         return self._blind(write_frame(self.link.address, self.unit, register, value))
 
     def blind_switch(self, coil: int, *, is_on: bool) -> BlindStop:
-        """Return a switch of one coil (FC05), for whoever stops the device in our place.
+        """Return a switch of one coil (FC05), for the supervisor to send.
 
         Parameters
         ----------
@@ -476,7 +476,7 @@ class ModbusUnit:
         return BlindStop(self.name, place_of(self.link.address), (frame,), BLIND_SPACING_WALL_S, 2)
 
     def blind_look(self, count: int, wanted: tuple[int, ...]) -> BlindLook | None:
-        """Return a reading of the first discrete inputs (FC02), for whoever looks in our place.
+        """Return a reading of the first discrete inputs (FC02), for the supervisor to make.
 
         None on a line that lets one look alone: only Modbus TCP has room for a second connection.
 

@@ -72,7 +72,7 @@ class Request:
         return f"{what} x {self.count}" if self.is_read else f"{what} = {list(self.values)}"
 
     def is_answered_by(self, reply: ModbusPDU) -> bool:
-        """Return whether a reply can be the answer: same function, place, size and echo."""
+        """Return whether a reply fits the request: same function, place, size and echo."""
         if isinstance(reply, ExceptionResponse):
             return reply.function_code & 0x7F == self.function
         if reply.function_code != self.function:

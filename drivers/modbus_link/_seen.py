@@ -12,7 +12,7 @@ _EXCEPTION: Final = 0x80
 
 
 def _rtu_frame_in(received: bytes) -> tuple[int, bytes] | None:
-    """Return where the first whole frame stands in the bytes, and the frame."""
+    """Return the start of the first whole frame in the bytes, and the frame."""
     for begin in range(len(received) - MIN_RTU_SIZE + 1):
         # carried on from byte to byte: this runs on the event loop, for as much noise as came
         crc = crc16(received[begin : begin + MIN_RTU_SIZE - 1])
@@ -24,7 +24,7 @@ def _rtu_frame_in(received: bytes) -> tuple[int, bytes] | None:
 
 
 def seen_instead(sent: bytes, received: bytes, *, is_tcp: bool) -> tuple[str, str]:
-    """Return what came instead of an answer, and what to check for that; empty for nothing.
+    """Return what came instead of an answer, and what to check; empty if nothing came.
 
     Parameters
     ----------

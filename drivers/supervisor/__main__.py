@@ -204,7 +204,7 @@ class _Eye:
         self._not_before_s = 0.0
 
     def is_well(self) -> bool:
-        """Return whether all is well; a device that does not answer is none of our business."""
+        """Return whether all is well; an unreachable device counts as well."""
         if self._socket is None and time.monotonic() < self._not_before_s:
             return True
         try:
@@ -249,7 +249,7 @@ def _is_there(place: str) -> bool:
 
 
 def _send(stop: BlindStop) -> None:
-    """Send one stop as often as it is to be sent."""
+    """Send one stop, with its repetitions."""
     is_serial = _host_of(stop.place) is None
     flags = os.O_WRONLY | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC
     fd = os.open(stop.place, flags) if is_serial else _connected(stop.place).detach()

@@ -91,7 +91,7 @@ class Orders:
 
     @classmethod
     def from_bytes(cls, data: bytes) -> "Orders":
-        """Return the orders that `to_bytes` wrote."""
+        """Return the orders written by `to_bytes`."""
         body = json.loads(data)
         return cls(
             tuple(

@@ -139,7 +139,7 @@ class UmiScara:
         await self._session.stop(kind)
 
     def blind_stop(self) -> BlindStop | None:
-        """Return the dead stop of both IPs in bytes, for whoever stops the arm in our place.
+        """Return the dead stop of both IPs in bytes, for the supervisor to send.
 
         Stop, hand over, stop (§1.4, §2.3), several times: nobody sees whether it was understood. An
         even number, so that the line is as it was. None where the line is no serial port's.
@@ -186,7 +186,7 @@ class UmiScara:
 
     @property
     def axes(self) -> Axes:
-        """The motors; what is sent to them here is checked by nobody.
+        """The motors; nothing checks the orders sent to them here.
 
         Raises
         ------
@@ -200,7 +200,7 @@ class UmiScara:
         return await self.axes.read(axis, parameter)
 
     async def read_motor_supply(self) -> bool:
-        """Return whether the motors have their supply: a user line of IP1 has it (§8.9)."""
+        """Return whether the motors have their supply, by a user line of IP1 (§8.9)."""
         lines = await self.axes.read(Axis.SHOULDER, Parameter.USER_IO)
         return bool(lines & SUPPLY_LINE)
 
@@ -285,7 +285,7 @@ class UmiScara:
         return await read_registers(self.axes)
 
     async def read_encoders(self) -> dict[str, int]:
-        """Return what each motor's encoder counts, homed or not (§10, step 5); nothing moves."""
+        """Return each motor's encoder count, homed or not (§10, step 5); nothing moves."""
         self._session.require_connected()
         counts = await self.axes.read_actuals(Axis)
         return {axis.name.lower(): counts[axis] for axis in Axis}
@@ -589,7 +589,7 @@ class UmiScara:
         return self._config.gripper.opening_mm(counts)
 
     async def read_opening_mm(self) -> float:
-        """Return the jaw opening [mm] as it is now; raises as `read_counts`."""
+        """Return the present jaw opening [mm]; raises as `read_counts`."""
         self._session.require_homed()
         if self._session.is_moving:
             counts = await self.axes.read_actual(Axis.GRIPPER)
@@ -601,7 +601,7 @@ class UmiScara:
         return self._config.gripper.opening_mm(counts)
 
     async def read_jaws(self) -> JawReading:
-        """Return how the jaws stand, homed or not; nothing moves."""
+        """Return the state of the jaws, homed or not; nothing moves."""
         self._session.require_connected()
         bits = await self.axes.status(Axis.GRIPPER)
         # a status has no checksum: a bit seen once counts
@@ -714,7 +714,7 @@ class UmiScara:
         return {axis: got.get(axis, wanted[axis]) for axis in wanted}
 
     def _with_play(self, joints: Mapping[Axis, int], motors: Mapping[Axis, int]) -> dict[Axis, int]:
-        """Return where the motors go to for joints; where a limit is near, without their play."""
+        """Return the motor targets for joints; near a limit, without the motors' play."""
         targets = self._play.targets(joints, motors)
         try:
             self._check_targets({**motors, **targets}, targets)
@@ -740,7 +740,7 @@ class UmiScara:
         return known or c.NOMINAL_SPEED
 
     async def _starts(self, targets: Iterable[Axis]) -> dict[Axis, int]:
-        """Return where the axes of a move are now, and those that share a limit with them."""
+        """Return the positions of the axes of a move, and of those that share a limit with them."""
         needed = {*targets, *(_PARTNERS[axis] for axis in targets if axis in _PARTNERS)}
         at_rest = {axis: self.positions.at_rest(axis) for axis in needed}
         read = await self.axes.read_actuals(

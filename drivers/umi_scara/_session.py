@@ -193,7 +193,7 @@ class ArmSession:
         self._forget_position()
 
     def _note_uncertain(self, error: LineUncertainError) -> None:
-        """Note that something else may have been carried out, whoever's request has shown it."""
+        """Note that another command may have run, whichever request has shown it."""
         self._uncertain_count += 1
         self.positions.note_failure(error)
 

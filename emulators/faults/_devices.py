@@ -59,7 +59,7 @@ class DevicesAndWires:
         self._plant.arm.push(Axis(axis), counts)
 
     def _arm_stops(self) -> Answer:
-        """Return the stops that its boards have heard, and when its motors lost their supply."""
+        """Return the stops that the arm's boards have heard, and its motors' losses of supply."""
         plant = self._plant
         return {
             "stops": [asdict(stop) for stop in plant.arm_wire.stops],

@@ -82,7 +82,7 @@ class Installation(Protocol):
     """How a cell really stands."""
 
     def truth(self) -> dict[str, Any]:
-        """Return that as plain values."""
+        """Return the true parameters of the installation as plain values."""
         ...
 
 
@@ -145,5 +145,5 @@ class Plant(Protocol):
         """Move a camera by T (4, 4) in its own frame [mm]."""
 
     def timing(self) -> dict[str, Any]:
-        """Return how far the world is, and what it has lost."""
+        """Return the world's time, and the losses."""
         ...

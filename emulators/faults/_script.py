@@ -75,7 +75,7 @@ class Script:
     def advance(
         self, now_s: float, events: Sequence[tuple[float, str, str]]
     ) -> list[tuple[int, Mapping[str, Any]]]:
-        """Return the orders that have come due: number of the step and the order, in time's order.
+        """Return the orders now due: number of the step and the order, in order of time.
 
         Parameters
         ----------

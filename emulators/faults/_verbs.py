@@ -53,7 +53,7 @@ class Verbs:
         return self._verbs[verb](**order) or {}
 
     def obey(self, line: bytes) -> Answer:
-        """Carry out one line of JSON and return its answer, which names what is wrong with it."""
+        """Carry out one line of JSON and return its answer, which names any fault in the line."""
         try:
             order = json.loads(line)
             return {"ok": True, **self.do(order.pop("do"), **order)}

@@ -91,7 +91,7 @@ class JawScale:
         return min(max(round(counts), 0), FULL_COUNTS)
 
     def opening_mm(self, counts: int) -> float:
-        """Return the opening that rPR asks for; beyond the ends of the stroke it is the end."""
+        """Return the opening for a value of rPR; beyond the ends of the stroke it is the end."""
         span = self.closed_counts - self.open_counts
         by_design_mm = STROKE_MM - STROKE_MM * (counts - self.open_counts) / span
         return min(max(self.wider_mm + self.stretch * by_design_mm, 0.0), STROKE_MM)

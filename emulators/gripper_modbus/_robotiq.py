@@ -277,7 +277,7 @@ class RobotiqDevice:
         self._status, self._fault = GripperStatus.RESET, Fault.RELEASED
 
     def _wait(self, dt_s: float) -> None:
-        """Let the delay of fault 05 run out, then do what was asked for meanwhile."""
+        """Let the delay of fault 05 run out, then carry out the orders given meanwhile."""
         if self._delay_left_s <= 0.0:
             return
         self._delay_left_s -= dt_s

@@ -119,7 +119,7 @@ class RelayChannel:
 
 @dataclass(slots=True)
 class BlockState:
-    """All of it, fresh at power-up.
+    """The whole state, fresh at power-up.
 
     Attributes
     ----------

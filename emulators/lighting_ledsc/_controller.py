@@ -104,7 +104,7 @@ class LedscDevice:
         return min(self._shown[colour], most) / self._cycle
 
     def _set_out(self) -> None:
-        """Begin the change to what is to be shown; all outputs arrive at the same time."""
+        """Begin the change to the wanted outputs, which all arrive at the same time."""
         for colour in range(OUTPUTS):
             output = self._wiring[colour]
             way = abs(self._target(colour) - self._output[output])
@@ -177,7 +177,7 @@ class LedscSupply:
         self._devices = tuple(devices)
 
     def drive(self, wiring: LampWiring, character: LampCharacter, *, is_wire_broken: bool) -> float:
-        """Return what a lamp's LEDs get, 0 to 1.
+        """Return the drive of a lamp's LEDs, 0 to 1.
 
         Parameters
         ----------

@@ -16,7 +16,7 @@ _FUNCTIONS: Final = frozenset({0x03, 0x06, 0x10})
 
 
 class AnalogOutput8Device(WaveshareModule):
-    """The module. Registers read back what was written, outputs are what the DAC makes of it."""
+    """The module. Registers read back the values written, outputs are the DAC's voltages."""
 
     def __init__(self, unit: int = 1) -> None:
         super().__init__(unit)

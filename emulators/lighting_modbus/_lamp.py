@@ -50,7 +50,7 @@ class LampSupply(Protocol):
     """What the electronics of a make give the lamps."""
 
     def drive(self, wiring: LampWiring, character: LampCharacter, *, is_wire_broken: bool) -> float:
-        """Return what a lamp's LEDs get, 0 to 1.
+        """Return the drive of a lamp's LEDs, 0 to 1.
 
         Parameters
         ----------
@@ -75,7 +75,7 @@ class WaveshareSupply:
         self._relays = relays
 
     def drive(self, wiring: LampWiring, character: LampCharacter, *, is_wire_broken: bool) -> float:
-        """Return what a lamp's LEDs get, 0 to 1.
+        """Return the drive of a lamp's LEDs, 0 to 1.
 
         Parameters
         ----------

@@ -99,7 +99,7 @@ def encode_mbap(transaction: int, unit: int, pdu: bytes) -> bytes:
 
 
 def request_length(data: bytes | bytearray) -> int | None:
-    """Return how many bytes the RTU request has that begins with these.
+    """Return the length in bytes of the RTU request that begins with these.
 
     Returns
     -------
@@ -188,7 +188,7 @@ class MbapReader:
 
 
 def characters_s(count: float, baudrate: int) -> float:
-    """Return how long characters of 8N1 take on a serial line [s]."""
+    """Return the duration of characters of 8N1 on a serial line [s]."""
     return count * BITS_PER_CHARACTER / baudrate
 
 

@@ -36,7 +36,7 @@ class ArmErrors:
     sag_mm: float = 0.0
 
     def joints(self, nominal: ArmJoints) -> ArmJoints:
-        """Return where the joints truly are, from where the gears' far sides have them."""
+        """Return the true joints for the joints by the gears' far sides."""
         turned = {name: getattr(nominal, name) + off for name, off in self.zero_rad.items()}
         joints = replace(nominal, **turned)
         reach = math.cos(joints.elbow_rad / 2.0)  # as a share of the stretched arm

@@ -96,7 +96,7 @@ class ArmModel:
     # --- what the world does and sees -------------------------------------------------------
 
     def joints(self) -> ArmJoints:
-        """Return where the joints truly are."""
+        """Return the true joints."""
         counts = {axis: motor.position for axis, motor in self.axes.items()}
         if self._is_perfect:
             return joints_of(counts)

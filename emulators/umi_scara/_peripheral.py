@@ -26,7 +26,7 @@ SUPPLY_LINE: Final = 0x01  # IP1's line 0: motor power present; umi_rtx.md 8.9
 
 
 def request_length(opcode: int) -> int:
-    """Return how many bytes the request has that begins with ``opcode``; umi_rtx.md 2.1."""
+    """Return the length in bytes of a request that begins with ``opcode``; umi_rtx.md 2.1."""
     is_long = (
         0x18 <= opcode <= 0x1D or 0x58 <= opcode <= 0x67 or 0x70 <= opcode <= 0x80 or opcode >= 0xC0
     )

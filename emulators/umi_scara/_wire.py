@@ -132,7 +132,7 @@ class ArmWire:
         return bytes(out)
 
     def next_due_s(self) -> float | None:
-        """Return when `due` has something to do next [world s]; None if only `feed` can tell."""
+        """Return the time at which `due` is next needed [world s]; None if only `feed` can tell."""
         deadline_s = self._request_started_s + FRAME_S if self._request else None
         if not self._replies:
             return deadline_s

@@ -17,7 +17,7 @@ class ArmBody(Protocol):
         ...
 
     def joints(self) -> Joints:
-        """Return where the joints truly are."""
+        """Return the true joints."""
         ...
 
 

@@ -88,7 +88,7 @@ class World:
     # --- time -------------------------------------------------------------------------------
 
     def advance(self, dt_s: float) -> None:
-        """Let time pass [s]; what is less than a step is kept for the next call."""
+        """Let time pass [s]; time short of a step is kept for the next call."""
         self._owed_s += dt_s
         while self._owed_s >= STEP_S - 1e-9:
             count = 1
@@ -166,7 +166,7 @@ class World:
         self._block_jaws(gripper)
 
     def _block_jaws(self, gripper: Gripper) -> None:
-        """Let what is between the pads stop the jaws, or nothing."""
+        """Let a part between the pads stop the jaws; without a part they are free."""
         if gripper is self.arm_gripper:
             self._arm.grasp_limit_mm = gripper.limit_mm
         else:
@@ -388,7 +388,7 @@ class World:
         rest: int | Rest | None = None,
         theta_rad: float | None = None,
     ) -> Array:
-        """Return where a part is to be dropped, (4, 4); what is not given is drawn at random.
+        """Return the pose to drop a part at, (4, 4); values not given are drawn at random.
 
         Parameters
         ----------
@@ -476,7 +476,7 @@ class World:
         part.state = AWAY
 
     def empty(self, index: int, tray: str) -> None:
-        """Take a part out of a tray, as whoever empties it does."""
+        """Take a part out of a tray, as a person who empties it does."""
         self._note("emptied", self.parts[index], tray)
         self.remove(index)
 
@@ -581,7 +581,7 @@ class World:
     # --- what can be seen, and what only a test may know ----------------------------------------
 
     def snapshot(self) -> Snapshot:
-        """Return where everything that moves is now."""
+        """Return the present poses of all that moves."""
         poses = dict(self._links)
         for gripper in (self.arm_gripper, self.fixed_gripper):
             for side, box in enumerate(gripper.finger_boxes):

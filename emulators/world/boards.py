@@ -224,7 +224,7 @@ def _with_margin(lines: Array, low: float, high: float) -> tuple[Array, tuple[in
 
 
 def _chess(columns: int, rows: int) -> NDArray[np.bool_]:
-    """Return which squares are dark: the one at the lower left, and every other one."""
+    """Return a mask of the dark squares: the one at the lower left, and every other one."""
     row, column = np.mgrid[:rows, :columns]
     return np.asarray((row + column) % 2 == 0)[:, :, None, None]
 

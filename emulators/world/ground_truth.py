@@ -16,7 +16,7 @@ def part_pose(world: World, index: int) -> Array | None:
 
 
 def custody(world: World, index: int) -> str:
-    """Return who has a part: `away`, `free`, `arm`, `fixture` (the fixed gripper) or `both`."""
+    """Return a part's holder: `away`, `free`, `arm`, `fixture` (the fixed gripper) or `both`."""
     if world.parts[index].state == AWAY:
         return "away"
     holders = [

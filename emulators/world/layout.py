@@ -33,7 +33,7 @@ class LayoutError(Exception):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Box:
-    """An upright box in the frame of what it belongs to.
+    """An upright box in the frame of its owner.
 
     Attributes
     ----------
@@ -257,7 +257,7 @@ def read_layout(path: Path) -> Layout:
 
 
 def load_plain(path: Path) -> Any:  # noqa: ANN401  (of a file)
-    """Return what a YAML or JSON file holds; a small text must not unfold into gigabytes.
+    """Return the content of a YAML or JSON file; a small text must not unfold into gigabytes.
 
     Raises
     ------
@@ -334,7 +334,7 @@ def _layout(raw: dict[str, Any]) -> Layout:
 
 
 def _drivers(devices: dict[str, Any]) -> dict[str, DriverChoice]:
-    """Return which drivers are to meet an emulated device; of real ones nothing is known here."""
+    """Return the drivers for emulated devices; nothing is known here of real ones."""
     return {
         name: DriverChoice(str(one.get("driver") or ""), one.get("settings") or {})
         for name, one in devices.items()

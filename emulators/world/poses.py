@@ -80,7 +80,7 @@ def turn_z(angle_rad: float, x_mm: float = 0.0, y_mm: float = 0.0, z_mm: float =
 
 
 def forward(arm: ArmLayout, joints: Joints) -> dict[str, Array]:
-    """Return where the links are: poses ``T_world_*`` of carriage, upper, fore and arm gripper.
+    """Return the links' poses ``T_world_*``: carriage, upper, fore and arm gripper.
 
     Heading psi = shoulder + elbow / 2 + yaw, R = Rz(psi) Ry(-pitch) Rx(roll); umi_rtx.md 6.4.
     """

@@ -41,7 +41,7 @@ class Actions:
         self._leases = leases
 
     async def perform(self, effect: Effect) -> Event:
-        """Run one effect to its end, with what it needs; return its event, or that of a recovery.
+        """Run one effect to its end, with its resources; return its event or its recovery's.
 
         Raises
         ------

@@ -31,7 +31,7 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlanAction:
-    """Plans what is still to do; what was in sight is left out.
+    """Plans the views still to do; surface already in sight is left out.
 
     Attributes
     ----------
@@ -93,7 +93,7 @@ class PlanAction:
         return Event.PLANNED if isinstance(start, OnTable) else Event.PLANNED_ON
 
     async def _is_worth(self, plan: Plan) -> bool:
-        """Return whether a plan shows enough that is new, or faces from other grasps."""
+        """Return whether a plan shows enough new surface, or shows faces from other grasps."""
         part = self.record.part
         if part.short:
             return bool(plan.presents)
@@ -140,7 +140,7 @@ class PlanAction:
         raise AssertionError("the second try returns or raises")
 
     async def _start(self) -> Start:
-        """Return which gripper or table has the part, as measured."""
+        """Return the gripper or table that has the part, with its measured pose."""
         part = self.record.part
         match part.custody:
             case Custody.ON_TABLE:
@@ -178,7 +178,7 @@ class PlanAction:
 
 
 def _new(plan: Plan, in_sight: BoolArray | None) -> BoolArray:
-    """Return which samples (n,) a plan would show for the first time."""
+    """Return a mask (n,) of the samples that a plan would show for the first time."""
     promised = merged([s.seen for s in plan.steps if isinstance(s, Present | Look)])
     if promised is None:
         return np.zeros(0 if in_sight is None else len(in_sight), dtype=bool)

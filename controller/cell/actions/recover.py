@@ -25,7 +25,7 @@ UNDOES: Final = {Opens.FIXED: Once.HAND_OFF, Opens.ARM: Once.RECEIVE}
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecoverAction:
-    """Does what was accepted: confirms the holder, and moves the arm to where it stands free.
+    """Carries out an accepted proposal: confirms the holder, and moves the arm clear.
 
     Attributes
     ----------
@@ -78,7 +78,7 @@ class RecoverAction:
         return await self._go_on(proposal)
 
     async def _set_custody(self, proposal: Proposal) -> None:
-        """Journal who has the part: that resolves what was cut off."""
+        """Journal who has the part, which resolves the interrupted step."""
         intent, custody = proposal.left.intent, proposal.case.custody
         detail = "as the grippers report after a crash"
         if custody is Custody.PLACED and intent is not None and intent.tray is not None:

@@ -287,5 +287,5 @@ def assemble(
 
 
 def _is_ok(signal: Signal) -> bool | None:
-    """Return whether an input is OK; None where nobody knows."""
+    """Return whether an input is OK; None if its state is unknown."""
     return None if signal is Signal.UNKNOWN else signal.is_ok

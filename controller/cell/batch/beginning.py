@@ -48,7 +48,7 @@ async def begin(
     stamps: Stamps,
     on_notice: Callable[[str], None],
 ) -> Beginning:
-    """Write the first rows of a run, and keep its files; return what it finds.
+    """Write the first rows of a run, and keep its files; return the state left by earlier runs.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ async def begin(
 
 
 def input_files(order: RunOrder) -> tuple[Path, ...]:
-    """Return the files that a run is started with."""
+    """Return the paths of all files that a run is started with."""
     parts = [part for one in order.ordered for part in (one.recipe.part, *one.recipe.others)]
     return (
         order.recipe_path,
@@ -205,7 +205,7 @@ def _note_standing(journal: Journal, cell_path: Path, cell: Cell, now: datetime)
 
 
 def _left_by_runs(journal: Journal, began: rows.RunBegan) -> tuple[tuple[Held, ...], list[str]]:
-    """Return which grippers may hold a part, and notices of parts gone with an emulated cell."""
+    """Return the grippers that may hold a part, and notices of parts gone with an emulated cell."""
     note_journal(journal, began)
     here = CellIdentity.of(began)
     found = rows_of_all_journals(journal.path, began)
@@ -228,7 +228,7 @@ def _gone_with_its_emulator(found: Sequence[Row], here: CellIdentity, run: str) 
 def _stand_in_trays(
     order: RunOrder, journal: Journal, began: rows.RunBegan
 ) -> tuple[rows.StoredFields, ...]:
-    """Return what stands in the nests, by earlier runs at this cell; nothing if they are empty."""
+    """Return the parts that earlier runs at this cell left in the nests; () if those are empty."""
     if order.are_trays_empty:
         return ()
     return left_in_trays(journal.path, journal.run, began)

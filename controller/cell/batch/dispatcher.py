@@ -168,7 +168,7 @@ class Dispatcher:
         return self._machine.state
 
     async def status(self) -> CellStatus:
-        """Return how the cell stands.
+        """Return the cell's status.
 
         Raises
         ------
@@ -288,7 +288,7 @@ class Dispatcher:
     def _hear_of_the_journal(
         self, loop: asyncio.AbstractEventLoop
     ) -> Callable[[JournalError], None]:
-        """Return what takes the failure of a row from the thread that was to write it."""
+        """Return the callback by which the writer thread reports a row that it failed to write."""
 
         def hear(error: JournalError) -> None:
             with suppress(RuntimeError):  # the loop has ended meanwhile
@@ -407,7 +407,7 @@ class Dispatcher:
                 self._work = (effect, task)
 
     def _report_open(self) -> bool:
-        """Return whether a door is open, and have it hold the run."""
+        """Return whether a door is open; if so, hold the run."""
         violation = self._interlocks.holding()
         if violation is None:
             return False
@@ -415,7 +415,7 @@ class Dispatcher:
         return True
 
     def _refusal(self, event: Event) -> Decision | None:
-        """Return why an event is not taken for now, for reasons that are no state of the cell."""
+        """Return the decision that ignores or refuses an event outside the state table, or None."""
         state = self._machine.state
         mode = mode_of(state)
         if event is Event.GUARD_OPENED and mode is Mode.SUSPENDING and self._held_by is not None:
@@ -426,7 +426,7 @@ class Dispatcher:
         return Decision("refused", state, state, reason=reason) if reason else None
 
     def _why_barred(self, event: Event) -> str:
-        """Return what a paused cell needs before a command is taken; empty if nothing."""
+        """Return what a paused cell needs before it takes a command; empty if nothing."""
         if event not in (Event.RESUME, Event.STEP, Event.ACKNOWLEDGE):
             return ""
         violation = self._interlocks.holding()
@@ -453,7 +453,7 @@ class Dispatcher:
         )
 
     def _step_of(self, note: _Note) -> str:
-        """Return the action that a note is of, or in which a watcher reported it."""
+        """Return the action that a note comes from or was reported during; empty if none."""
         effect = note.of or (None if self._work is None else self._work[0])
         return "" if effect is None else effect.value
 
@@ -601,5 +601,5 @@ def _alarm(code: str, message: str, step: str) -> dict[str, rows.AlarmFields]:
 
 
 def _explain_stall(error: ArmStalledError) -> str:
-    """Return what a stalled axis means for the operator."""
+    """Return the message to the operator about a stalled axis."""
     return f"the arm met something it should not have: {error}; look before you clear it"

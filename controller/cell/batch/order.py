@@ -44,7 +44,7 @@ NO_PAPERS: Final = Papers()
 
 @dataclass(frozen=True, slots=True)
 class OrderedRecipe:
-    """One recipe of an order: its file, as it was read, and how many parts of it."""
+    """One recipe of an order: its file, its content when read, and the number of parts."""
 
     path: Path
     recipe: Recipe
@@ -57,7 +57,7 @@ RecoveryPolicy = Literal["refuse", "ask", "auto"]
 
 
 def jobs_of(ordered: Sequence[OrderedRecipe], cell_path: Path) -> tuple[Job, ...]:
-    """Return what the compute service of each recipe of a batch works on.
+    """Return the compute service's job for each recipe of a batch.
 
     Parameters
     ----------

@@ -111,7 +111,7 @@ def _may_hold(openings: Sequence[Opening]) -> bool:
 async def _arm_alone(
     devices: Devices, journal: Journal, began: rows.RunBegan, layout: CellLayout
 ) -> Proposal | None:
-    """Return how the arm of a killed run, whose part no gripper has, leaves; None if it homes.
+    """Return how to move the arm clear after a killed run left no part in a gripper; None: home it.
 
     Homing sweeps the whole reach from wherever the arm stands, past all that stands there.
     """
@@ -159,7 +159,7 @@ async def find_proposal(
     *,
     has_recipe: bool = True,
 ) -> Proposal | str:
-    """Return what may be done with the part, or why nothing can be proposed; nothing moves.
+    """Return the proposal for the part, or the reason why there is none; nothing moves.
 
     Parameters
     ----------
@@ -198,7 +198,7 @@ async def find_proposal(
 
 
 def _why_not_here(left: Interrupted, began: rows.RunBegan, *, has_recipe: bool) -> str:
-    """Return why a part cannot go on in this run; empty if it can."""
+    """Return the reason why a part cannot go on in this run; empty if it can."""
     if not same_cell(left.began.cell, began.cell):
         return "the cell file has changed since: paths and grasps of that run mean nothing here"
     if has_recipe and recipe_for(left, began) is None:
@@ -208,7 +208,7 @@ def _why_not_here(left: Interrupted, began: rows.RunBegan, *, has_recipe: bool) 
 
 
 def recipe_for(left: Interrupted, began: rows.RunBegan) -> int | None:
-    """Return which recipe of a run is for the part that another one left; None if it has none.
+    """Return the index of the recipe that fits the part another run left; None if none does.
 
     Parameters
     ----------
@@ -229,7 +229,7 @@ def _part(ordered: rows.RecipeOrdered, began: rows.RunBegan) -> tuple[str, str |
 async def _decided(
     order: RunOrder, operator: Operator, proposal: Proposal
 ) -> rows.RecoveryProposed:
-    """Return the proposal as a row, with what was decided, by whom and why."""
+    """Return the proposal as a row, with the decision, who made it and the reason."""
     decision, who, why, shown = "refused", "", proposal.person, ""
     if not proposal.person and order.recovery == "auto":
         who = BY_OPTION

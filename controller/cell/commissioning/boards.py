@@ -328,7 +328,7 @@ class PlateInJaws:
         await put_away(bench, self.file, "Put the plate away. Is it away?")
 
     def within_reach(self, q: FloatArray) -> bool:
-        """Return whether the arm also gets to where it approaches (6,) from, on either side."""
+        """Return whether the arm also reaches the approach positions on either side of q (6,)."""
         arm, scene = self._bench.layout.arm, self.scene
         rows = np.stack([q, q - APPROACH, q + APPROACH])
         return bool(arm.within_limits(rows).all() and scene.free(rows, 10.0).all())

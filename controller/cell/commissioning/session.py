@@ -58,7 +58,7 @@ class CommissionOrder:
         return load_yaml(self.cell_path, Cell).read_from(self.cell_path)
 
     def standings(self, now: datetime) -> tuple[Standing, ...]:
-        """Return what holds of each step.
+        """Return the state of each step.
 
         Raises
         ------

@@ -62,7 +62,7 @@ MAX_LOCATED_COUNT: Final = 8
 
 
 def recognise(job: Job, backlit: Grey, lit: Mapping[str, Grey]) -> tuple[recognising.Sighting, ...]:
-    """Return what is on the table.
+    """Return the objects recognised on the table.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ class Pickable:
 
 
 def pickable(job: Job, sightings: tuple[SightingFields, ...]) -> tuple[Pickable, ...]:
-    """Return how each part could be taken from among the others; other recipes' parts cannot.
+    """Return the ways to take each part from among the others; other recipes' parts have none.
 
     Parameters
     ----------
@@ -170,7 +170,7 @@ def pickable(job: Job, sightings: tuple[SightingFields, ...]) -> tuple[Pickable,
 
 @lru_cache(maxsize=MAX_RECIPE_COUNT)
 def _forecasts(job: Job) -> Mapping[int, float]:
-    """Return how long a part takes from each stable pose that has a certificate [cell s]."""
+    """Return the forecast duration [cell s] per stable pose with a certificate."""
     c = context(job)
     cache = PlanCache(c.part, c.layout, c.setup.options)
     plans = {pose.index: cache.known_plan(pose) for pose in c.poses}
@@ -199,7 +199,7 @@ def unseen_turns(
 
 
 def plan_to_trays(job: Job, start: Start, avoid: frozenset[str], around: Around = ALONE) -> Plan:
-    """Return a plan that brings the part to a tray and shows nothing on the way.
+    """Return a plan that brings the part to a tray without showing it on the way.
 
     Parameters
     ----------
@@ -236,7 +236,7 @@ def identify(
     backlit: Grey,
     lit: tuple[Grey, ...],
 ) -> tuple[int, ...]:
-    """Return which hypotheses agree with the pictures of the disambiguation view; () if none.
+    """Return the hypotheses that agree with the pictures of the disambiguation view; () if none.
 
     Parameters
     ----------
@@ -287,7 +287,7 @@ def homing_swept(
     T_part_fixed: FloatArray | None,
     around: Around = ALONE,
 ) -> Swept:
-    """Return whether homing that opens no jaw touches nothing on all its way.
+    """Return whether homing without opening a jaw is free of contact all the way.
 
     Parameters
     ----------
@@ -356,7 +356,7 @@ def _held(
 
 
 def _part_box(job: Job, T: FloatArray) -> Box:
-    """Return the box that bounds the part, placed by T (4, 4)."""
+    """Return the part's bounding box, placed by T (4, 4)."""
     low, high = context(job).solid.mesh.bounds
     return Box.from_bounds(*np.column_stack([low, high]).ravel()).placed(T)
 
@@ -397,7 +397,7 @@ def locate(
     lit: Mapping[str, Grey],
     is_hold_measured: bool,
 ) -> Located:
-    """Return where one view shows the part in the arm gripper.
+    """Return the pose of the part in the arm gripper, as located in one view.
 
     It is the quick half of `inspect`, which goes on from it.
 
@@ -439,7 +439,7 @@ def inspect(
     lit: Mapping[str, Grey],
     is_hold_measured: bool,
 ) -> inspecting.ViewResult:
-    """Return what one view of the part in the arm gripper showed.
+    """Return the result of one view of the part in the arm gripper.
 
     Parameters
     ----------
@@ -479,7 +479,7 @@ def _held_task(
 def inspect_on_table(
     job: Job, view_id: str, T_world_part: FloatArray, backlit: Grey, lit: Mapping[str, Grey]
 ) -> inspecting.ViewResult:
-    """Return what the pictures of the table showed as a view; nothing hides the part there.
+    """Return the table pictures' result as a view; nothing hides the part there.
 
     Parameters
     ----------
@@ -509,7 +509,7 @@ def _inspected(
     lit: Mapping[str, Grey],
     located: inspecting.LocatedView | None = None,
 ) -> inspecting.ViewResult:
-    """Return what a view showed, with the surface of each sample."""
+    """Return the result of a view, with the CAD face of each sample."""
     pictures = inspecting.ViewPictures(backlit=backlit, lit=lit)
     result = inspecting.inspect_view(c.posed, c.samples, task, pictures, located)
     return replace(result, face_ids=c.samples.face_ids)
@@ -565,7 +565,7 @@ def judge_ahead(job: Job, set_path: Path, text: str, view_count: int) -> bool:
 
 
 def judge(job: Job, set_path: Path) -> inspecting.PartInspection:
-    """Return what all views of a part come to.
+    """Return the inspection of a part from all its views.
 
     Parameters
     ----------
@@ -586,7 +586,7 @@ def judge(job: Job, set_path: Path) -> inspecting.PartInspection:
 
 @lru_cache(maxsize=1)
 def _kept(set_path: Path) -> inspecting.Kept:
-    """Return what was worked out ahead of one part; of the one before nobody asks any more."""
+    """Return the intermediate results kept for one part; those of the part before are dropped."""
     return inspecting.Kept()
 
 

@@ -86,7 +86,7 @@ def _shadow(
 
 
 def _overlap(expected: BoolArray, seen: BoolArray) -> float:
-    """Return intersection over union near the expected shadow; what is far off is not counted."""
+    """Return intersection over union near the expected shadow; pixels far off are not counted."""
     rows, columns = np.nonzero(expected)
     if len(rows) == 0:
         return 0.0

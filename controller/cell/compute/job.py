@@ -178,5 +178,5 @@ def glowing_mask(camera: Camera, corners_mm: FloatArray) -> BoolArray:
 
 
 def inspection_limits(recipe: Recipe) -> inspecting.InspectionLimits:
-    """Return the tolerances that a recipe sets for inspection."""
+    """Return the inspection limits that a recipe sets."""
     return inspecting.InspectionLimits(smallest_defect_mm=recipe.inspection.smallest_defect_mm)

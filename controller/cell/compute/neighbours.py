@@ -76,7 +76,7 @@ def _placed(known: Context, seen: SightingFields) -> list[PlacedShape]:
 
 @lru_cache(maxsize=32)
 def _shape(known: Context, name: str) -> PartShape | None:
-    """Return the triangles of a part of the recipe, None where it has no such part."""
+    """Return the triangles of a part of the recipe; None if the recipe has no part of that name."""
     for number, entry in enumerate(known.library.entries):
         if entry.name == name:
             return PartShape.of(known.library.solid(number))

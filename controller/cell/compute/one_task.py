@@ -16,7 +16,7 @@ class OneTask(Generic[Answer]):
         self._task: asyncio.Task[Answer] | None = None
 
     def begin(self, work: Coroutine[Any, Any, Answer]) -> None:
-        """Begin work in place of what was begun before; returns at once."""
+        """Begin work in place of any begun before; returns at once."""
         self.drop()
         self._task = begin(work)
 
@@ -31,7 +31,7 @@ class OneTask(Generic[Answer]):
             task.cancel()
 
     async def aclose(self) -> None:
-        """Drop it, and wait until nothing of it runs in this process."""
+        """Drop the work, and wait until none of it runs in this process."""
         task = self._task
         self.drop()
         if task is not None:

@@ -45,7 +45,7 @@ class Question(Generic[Arguments, Answer]):
 
 
 def begin(answer: Coroutine[Any, Any, Answer]) -> asyncio.Task[Answer]:
-    """Return a task that computes an answer beside other work.
+    """Return a task that computes an answer concurrently.
 
     Its error is raised to whoever awaits it. Where nobody does any more, since the run has ended,
     it is of no interest: whoever ended the worker process has said so.
@@ -67,7 +67,7 @@ class Compute:
         self.pool = pool
 
     def answering(self) -> "Compute":
-        """Return the service that answers."""
+        """Return the service that computes the answers."""
         return self
 
     prepare = Question(answers.prepare)

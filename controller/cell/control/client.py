@@ -64,7 +64,7 @@ class RunningCell:
         self._runs_dir = runs_dir
 
     def status(self) -> StatusReply:
-        """Return how the cell stands.
+        """Return the cell's status.
 
         Raises
         ------
@@ -78,7 +78,7 @@ class RunningCell:
         return _reply_of(StatusReply, body)
 
     def order(self, name: str, body: BaseModel) -> DecisionReply:
-        """Give an order; return what the cell made of it.
+        """Give an order; return the cell's decision.
 
         Parameters
         ----------
@@ -118,7 +118,7 @@ class RunningCell:
             connection.close()
 
     def _holder(self) -> Holder:
-        """Return the run that holds the cell's lock; the lock names its control socket, too."""
+        """Return the run that holds the cell's lock file, which also names its control socket."""
         holder = read_holder(self._runs_dir / LOCK_NAME)
         if holder is None:
             raise NoRunError(

@@ -32,7 +32,7 @@ class Peer:
 
 
 def peer_of(connected: socket.socket) -> Peer:
-    """Return who has connected."""
+    """Return the process and user at the other end of a connection."""
     packed = connected.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _UCRED.size)
     pid, uid, _ = _UCRED.unpack(packed)
     return Peer(pid, uid)

@@ -31,7 +31,7 @@ class PauseOrder(Order):
 
 
 class ResumeOrder(Order):
-    """What moves first, as it was shown; if something else would move by now, nothing does."""
+    """The first motion, as shown; the order is refused if another would come first by now."""
 
     first: str | None = Field(default=None, max_length=1000)
 

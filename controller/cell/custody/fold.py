@@ -158,7 +158,7 @@ def read_folded(path: Path) -> Iterator[Row]:
 
 
 def fold_custody(found: Iterable[Row], here: CellIdentity) -> tuple[Held, ...]:
-    """Return which of a cell's grippers may hold a part, from the rows of all its runs.
+    """Return the grippers of a cell that may hold a part, from the rows of all its runs.
 
     An action that is never repeated blindly (grasp, release, hand-off, sort) makes custody unknown
     from its intent until the next custody row, whether or not its outcome was written.
@@ -224,7 +224,7 @@ def _held(gripper: GripperName, custody: Custody, row: Row, detail: str) -> Held
 
 
 def custody_of(known: Sequence[Held]) -> Custody:
-    """Return where the part is by what the journals know of the grippers; NONE for nothing."""
+    """Return the part's custody, by what the journals say of the grippers; NONE for nothing."""
     return known[0].custody if known else Custody.NONE
 
 

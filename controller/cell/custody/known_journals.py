@@ -76,7 +76,7 @@ class _Note:
     flaw: str = ""
 
     def concerns(self, here: CellIdentity, clock: str | None) -> bool:
-        """Return whether it is, or may be, about a cell."""
+        """Return whether the note is, or may be, about a cell."""
         if self.began is None:
             return clock is None
         cell = CellIdentity.of(self.began)
@@ -144,7 +144,7 @@ def open_noted_journal(
 
 
 def why_lost(path: Path, began: RunBegan | None = None) -> str:
-    """Return why the journal that is noted at a path is not there; empty if it is, or none is.
+    """Return why the journal noted at a path is lost; empty if it exists or none was noted.
 
     Parameters
     ----------
@@ -169,7 +169,7 @@ def why_lost(path: Path, began: RunBegan | None = None) -> str:
 
 
 def lost_words(path: Path, why: str) -> str:
-    """Return what follows from a lost journal, and what to do, as sentences.
+    """Return the consequences of a lost journal and the remedies, as sentences.
 
     Parameters
     ----------
@@ -187,7 +187,7 @@ def lost_words(path: Path, why: str) -> str:
 
 
 def lost_rows(path: Path, why: str) -> list[Row]:
-    """Return what stands for a journal that is lost, before any is made.
+    """Return the rows that stand in for a lost journal until a new one is begun.
 
     Parameters
     ----------
@@ -258,7 +258,7 @@ def note_journal(journal: Journal, began: RunBegan) -> None:
 
 
 def _note_path(journal: Path, cell: CellIdentity, clock: str | None) -> Path:
-    """Return where it is noted that a journal records a cell; one journal may record several."""
+    """Return the path of the note that a journal records a cell; one journal may record several."""
     which = json.dumps([cell.name, sorted(cell.grippers.items()), clock])
     names = [sha256(one).hexdigest()[:24] for one in (bytes(journal), which.encode())]
     return state_dir() / FOLDER / f"{'-'.join(names)}.json"
@@ -269,7 +269,7 @@ def _head_of(note: Path) -> Path:
 
 
 def rows_of_all_journals(own: Path, began: RunBegan) -> list[Row]:
-    """Return the rows that `fold_custody` needs, of all journals of a cell, in their order.
+    """Return the rows that `fold_custody` needs, from all journals of a cell, in order.
 
     A journal that is lost or damaged may have recorded a part, so a row stands for it that says it
     cannot be read.

@@ -37,7 +37,7 @@ class LeftLease:
 
 
 def read_left_leases(path: Path, here: CellIdentity) -> tuple[LeftLease, ...]:
-    """Return what the last controller of a cell had when it died, by the cell's journal.
+    """Return the leases that the last controller of a cell held when it died, by its journal.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def read_left_leases(path: Path, here: CellIdentity) -> tuple[LeftLease, ...]:
 
 
 def left_leases(found: Iterable[Row]) -> tuple[LeftLease, ...]:
-    """Return the leases that the newest run with any lease has not given back.
+    """Return the leases not given back by the newest run that took any.
 
     Parameters
     ----------

@@ -38,7 +38,7 @@ class Opening:
 
 
 async def read_openings(devices: Devices) -> tuple[Opening, Opening]:
-    """Return what the first readings of the arm gripper and the fixed gripper mean.
+    """Return the occupancy of the arm gripper and the fixed gripper by their first readings.
 
     Nothing moves.
 
@@ -71,7 +71,7 @@ async def presses_on_something(devices: Devices) -> bool:
 
 
 def judge_arm(jaws: JawReading, identity: ArmIdentity, open_mm: float) -> Opening:
-    """Return what the arm gripper's reading means.
+    """Return the arm gripper's occupancy by its reading.
 
     Jaws that press on nothing prove nothing: a stop may have taken the pressure off a part. Jaws
     that stalled on a part stay where they are after it was taken out, too (umi_rtx.md 7).
@@ -98,7 +98,7 @@ def judge_arm(jaws: JawReading, identity: ArmIdentity, open_mm: float) -> Openin
 
 
 def judge_fixed(status: GripperReading, barrier: Signal, open_mm: float) -> Opening:
-    """Return what the fixed gripper's reading and its light barrier mean.
+    """Return the fixed gripper's occupancy by its reading and light barrier.
 
     Parameters
     ----------

@@ -124,7 +124,7 @@ class ReleaseVisit:
             self._journal.close()
 
     def _note(self, row: rows.Body) -> None:
-        """Journal what was found; where the noted journal is lost, nothing is begun for it."""
+        """Write a row to the journal; does nothing if the noted journal is lost."""
         if self._journal is not None:
             self._journal.write(row)
 
@@ -154,7 +154,7 @@ class ReleaseVisit:
         )
 
     async def look(self) -> Standing:
-        """Return what the grippers may hold; nothing moves."""
+        """Return the parts that the grippers may hold; nothing moves."""
         here = CellIdentity.of(self._began)
         openings = await read_openings(self._devices)
         if self._journal is None:

@@ -116,7 +116,7 @@ def _custody_of(known: Sequence[Held], holding: Sequence[Opening]) -> Custody:
 def _refusal(
     known: Sequence[Held], openings: Sequence[Opening], *, is_part_removed: bool, why: str
 ) -> str:
-    """Return what is where and since when; that nothing has moved; the ways on."""
+    """Return the refusal: the holder and since when, that nothing has moved, and the ways on."""
     named = {one.gripper for one in known} | {one.gripper for one in openings}
     holders = " and ".join(f"the {name.value}" for name in GripperName if name in named)
     is_sure = any(one.occupancy is Occupancy.HOLDS for one in openings)

@@ -77,7 +77,7 @@ def next_nest(stored: Iterable[rows.StoredFields], tray: str, count: int) -> int
 
 
 def left_in_trays(journal: Path, run: str, began: rows.RunBegan) -> tuple[rows.StoredFields, ...]:
-    """Return what earlier runs at a cell have left in its trays; nothing in a new emulated one.
+    """Return the parts that earlier runs at a cell left in its trays; () in a new emulated cell.
 
     Parameters
     ----------

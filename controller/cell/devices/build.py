@@ -63,7 +63,7 @@ def _modbus_address(device: str, section: Mapping[str, Any]) -> Address:
 
 
 def polling_of(cell: Cell, clock: CellClock) -> Polling:
-    """Return how often the inputs are read, on a clock that may be faster than the wall's."""
+    """Return the polling period of the inputs, on a clock that may run faster than the wall's."""
     timing = cell.timing
     return Polling(
         # a faster clock does not shorten the host's own pauses
@@ -73,7 +73,7 @@ def polling_of(cell: Cell, clock: CellClock) -> Polling:
 
 
 def resolve(cell: Cell, emulated: Addresses) -> dict[str, dict[str, Any]]:
-    """Return where every device is: from the cell file, or from what the emulator printed.
+    """Return each device's address: from the cell file, or as printed by the emulator.
 
     Parameters
     ----------
@@ -199,7 +199,7 @@ class DeviceBuilder:
         )
 
     def _inputs(self) -> dict[str, int]:
-        """Return the input that each signal is on, as the cell file has it."""
+        """Return the input number of each signal, from the cell file."""
         wired = self._cell.interlocks
         return {
             "estop_ok": wired.emergency_stop,

@@ -135,7 +135,7 @@ def _plain(address: str) -> str:
 
 
 def _emulators() -> list[dict[str, Any]]:
-    """Return the entries that this user's emulators have made in the register."""
+    """Return the entries of this user's emulators in the register."""
     folders = [Path(tempfile.gettempdir()) / f"cellctl-emulators-{os.getuid()}"]
     if runtime := os.environ.get("XDG_RUNTIME_DIR"):
         folders.insert(0, Path(runtime) / "cellctl-emulators")

@@ -96,7 +96,7 @@ def emulator_args(
 
 @contextmanager
 def emulated_cell(command: Sequence[str], log_path: Path | None = None) -> Iterator[dict[str, Any]]:
-    """Start the emulator, yield what it prints about itself, end it.
+    """Start the emulator, yield the addresses that it prints, end it.
 
     Parameters
     ----------

@@ -54,7 +54,7 @@ class InUse:
             self._last_s = self._clock.now_s()
 
     def idle_s(self) -> float:
-        """Return how long nothing has been asked of the device [cell s]; 0 while a verb runs."""
+        """Return the time since the device was last used [cell s]; 0 while a verb runs."""
         return 0.0 if self._count else self._clock.now_s() - self._last_s
 
 

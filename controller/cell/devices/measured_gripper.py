@@ -18,7 +18,7 @@ class Openings:
     scale: float = 1.0
 
     def true_mm(self, reading_mm: float) -> float:
-        """Return the opening that a reading means."""
+        """Return the true opening at a reading."""
         return max(0.0, self.zero_mm + self.scale * reading_mm)
 
     def reading_mm(self, true_mm: float, widest_mm: float) -> float:
@@ -73,7 +73,7 @@ class MeasuredGripper:
         return self._measured(await self._device.status())
 
     async def hold(self) -> Hold:
-        """Return what has become of the part of the last grasp."""
+        """Return the state of the last grasp's hold."""
         return await self._device.hold()
 
     async def wait_lost(self) -> None:

@@ -73,7 +73,7 @@ def open_cell_journal(path: Path, run: str, stamps: Stamps = HOST_STAMPS) -> Cel
 
 
 def first_flaw(path: Path) -> str | None:
-    """Return what is wrong with a journal that was damaged, cut, emptied or changed; None if whole.
+    """Return the flaw of a journal that was damaged, cut, emptied or changed; None if it is whole.
 
     A journal that has not begun is whole, and so is one without rows that no head names. Rows cut
     off the end are noticed up to the row that the head names; a loss of later rows, written after
@@ -157,7 +157,7 @@ def _has_secured(path: Path) -> bool:
 
 
 def _flaw_of_the_table(db: sqlite3.Connection) -> str | None:
-    """Return what is wrong with the table, its index and its triggers; None if nothing is."""
+    """Return the flaw of the table, its index or its triggers; None if they are sound."""
     (version,) = db.execute("PRAGMA user_version").fetchone()
     if version == 0:
         return None  # opening the journal makes what is missing

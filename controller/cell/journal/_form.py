@@ -73,7 +73,7 @@ class Row:
 
 
 def kind_of(kind: str, name: str) -> str:
-    """Return the kind that a row written with ``kind`` has now."""
+    """Return today's kind of a row that was written with ``kind``."""
     was, now = EARLIER_KINDS.get(name, (kind, kind))
     return now if kind == was else kind
 

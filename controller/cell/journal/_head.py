@@ -45,7 +45,7 @@ def read_head(journal: Path) -> Head | None:
 
 
 def read_head_file(path: Path) -> Head | None:
-    """Return what a file says that is a head; None if there is no file.
+    """Return the head that a file holds; None if there is no file.
 
     Raises
     ------

@@ -273,7 +273,7 @@ class Journal:
         return Head(int(seq), digest)
 
     def _has(self, seq: int, run: str, t_utc: str, t_mono: float) -> bool:
-        """Return whether a row of a run, stamped so, is already there."""
+        """Return whether the journal already has a row of this run with these stamps."""
         query = "SELECT 1 FROM journal WHERE seq = ? AND run = ? AND t_utc = ? AND t_mono = ?"
         return self._db.execute(query, (seq, run, t_utc, t_mono)).fetchone() is not None
 
@@ -300,7 +300,7 @@ class Journal:
             one.write(head)
 
     def leave(self) -> None:
-        """Close the file as it is, beside another writer, which is not made to wait."""
+        """Close the file without a checkpoint, so that another writer need not wait."""
         with self._lock:
             self._close()
 

@@ -85,12 +85,12 @@ def file_system_of(path: Path, mounts: Path = MOUNTS) -> FileSystem | None:
 
 
 def _unescaped(text: str) -> str:
-    r"""Return a field as it is: blanks are written as \040 there."""
+    r"""Return a field with its escapes resolved: blanks are written as \040 there."""
     return re.sub(r"\\([0-7]{3})", lambda found: chr(int(found[1], 8)), text)
 
 
 def why_not_there(path: Path, mounts: Path | None = None) -> str:
-    """Return why a journal may not stand at a path; empty if it may.
+    """Return the reason why a journal must not be at a path; empty if it may be.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ class OpenFiles:
         self._were = self._are()
 
     def _are(self) -> dict[Path, tuple[int, int]]:
-        """Return which file is at each path, without opening one.
+        """Return the device and inode of the file at each path, without opening it.
 
         To close a file that SQLite has open would drop SQLite's locks (sqlite.org/howtocorrupt,
         2.2).

@@ -16,7 +16,7 @@ MIN_VIEWS: Final = 3  # of a grasp: fewer agree whatever has moved
 
 
 def usage_of(found: Iterable[Row]) -> Mapping[str, Usage]:
-    """Return what runs have made of calibrations, by the hash of the calibration's file.
+    """Return the runs' use of calibrations, by the hash of the calibration's file.
 
     Parameters
     ----------

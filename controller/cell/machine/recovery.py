@@ -139,7 +139,7 @@ def next_rung(ladder: Sequence[Rung], done_count: int) -> Rung:
 def decide(
     policy: FaultPolicy, fault: PartFault, past: Sequence[Recovery], *, is_parked: bool = False
 ) -> Rung:
-    """Return what to do about a part fault.
+    """Return the next rung of the fault's ladder.
 
     Parameters
     ----------

@@ -126,7 +126,7 @@ _BESIDE_EXECUTE: Final = (RESETTING, COMPLETING)
 
 
 def state_of(work: str, mode: Mode = Mode.EXECUTE) -> str:
-    """Return the state in which a piece of work is done, or paused."""
+    """Return the state in which a piece of work is done, or is paused."""
     if mode is Mode.EXECUTE and work in _BESIDE_EXECUTE:
         return work
     return f"{mode}{SEPARATOR}{work}"
@@ -136,12 +136,12 @@ _WORK_STATES: Final = {state_of(work, mode): (mode, work) for mode in Mode for w
 
 
 def mode_of(state: str) -> Mode | None:
-    """Return whether work goes on in a state or is paused; None where there is none."""
+    """Return the mode of a state: work goes on or is paused; None outside of work."""
     return _WORK_STATES[state][0] if state in _WORK_STATES else None
 
 
 def work_of(state: str) -> str | None:
-    """Return which piece of work a state is of; None where there is none."""
+    """Return the piece of work of a state; None outside of work."""
     return _WORK_STATES[state][1] if state in _WORK_STATES else None
 
 
@@ -169,7 +169,7 @@ STATES: Final = (
 
 
 def effects_between(source: str, target: str) -> tuple[Effect, ...]:
-    """Return what a transition sets going: the work it begins, then what its pause needs."""
+    """Return the effects of a transition: the work it begins, then those of its pause."""
     if source == target:
         return ()
     found = [ENTRY[target]] if target in ENTRY else []

@@ -89,7 +89,7 @@ def _is_latching(body: Mapping[str, Any]) -> bool:
 async def require_acknowledged(
     journal: Journal, cell_name: str, operator: Operator
 ) -> Latch | None:
-    """Return the latch that bars a start; None where there is none, or somebody acknowledges it.
+    """Return the latch that bars a start; None if there is none or it was acknowledged.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ async def require_acknowledged(
 
 
 def acknowledge(latch: Latch, who: str, why: str) -> Acknowledged:
-    """Return the row that takes a latch away.
+    """Return the row that clears a latch.
 
     Parameters
     ----------

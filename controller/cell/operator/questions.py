@@ -48,7 +48,7 @@ _FIRST_UNHOMED: Final[Mapping[str, str]] = {
 
 
 def question_for(code: str, message: str, custody: str) -> Question:
-    """Return the question that a problem raises.
+    """Return the question to the operator about a problem.
 
     Parameters
     ----------

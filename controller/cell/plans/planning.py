@@ -177,7 +177,7 @@ class PlanCache:
         return None if found is None else found.certificate.plan
 
     def is_certified(self, pose: StablePose) -> bool:
-        """Return whether the cache has a file of a stable pose's certificate, sound or not."""
+        """Return whether the cache has a certificate file for a stable pose, valid or not."""
         return self._certificate_file(pose).exists()
 
     def _certificate_file(self, pose: StablePose) -> Path:

@@ -84,7 +84,7 @@ class Certified:
 
 
 class Kept:
-    """The caches of one part: its plans, certificates, and what is prepared of it."""
+    """The caches of one part: its plans, certificates and prepared data."""
 
     def __init__(self, part: CompiledPart) -> None:
         self._part = part

@@ -41,7 +41,7 @@ Back = Callable[[Interrupted, Beside], Awaitable[ProvenMove]]
 
 
 def beside_path(left: Interrupted, world: World, case: Case) -> Beside | None:
-    """Return where the arm stands beside its path, if a proof is to decide; None if none can.
+    """Return the arm's state beside its path for a proof to decide; None if no proof can.
 
     Only with the part in one gripper, and no jaw that has to open first.
 
@@ -71,7 +71,7 @@ def beside_path(left: Interrupted, world: World, case: Case) -> Beside | None:
 
 
 def why_not_back(proven: ProvenMove | None) -> str:
-    """Return why an arm beside its path cannot go back.
+    """Return the reason why an arm beside its path cannot go back.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ def why_not_back(proven: ProvenMove | None) -> str:
 
 
 def back_evidence(proven: ProvenMove) -> str:
-    """Return what was checked, as a sentence.
+    """Return the evidence for the proven move, as a sentence.
 
     Parameters
     ----------

@@ -88,7 +88,7 @@ Rule = Callable[[Interrupted, World], Case]
 
 
 def classify(left: Interrupted, world: World) -> Case:
-    """Return what is so of a part that a run has left, with the evidence."""
+    """Return the case of a part that a run left, with the evidence."""
     activates = not world.is_fixed_ready and _may_activate(left, world)
     if not world.is_fixed_ready and not activates:
         return Case(left.custody, evidence=_evidence(left, world), person=_NOT_ACTIVE)
@@ -138,7 +138,7 @@ def _is_unconfirmed(left: Interrupted, world: World) -> bool:
 
 
 def _is_fixed_on_part(left: Interrupted, world: World) -> bool:
-    """Return whether the fixed gripper reports its hold, or a press has to confirm it."""
+    """Return whether the fixed gripper reports its hold, or needs a press to confirm it."""
     return world.does_fixed_hold or world.may_fixed_hold(_mm(left.fixed_hold))
 
 
@@ -190,7 +190,7 @@ def _lost(left: Interrupted, world: World) -> Case:
 
 
 def _in_no_gripper(left: Interrupted, world: World) -> Case:
-    """Return that only the arm has to leave; a part is then looked for as at every start.
+    """Return the case in which only the arm has to leave; a part is then looked for as always.
 
     Homing from low over the table, or from beside a tray, would meet the column.
     """
@@ -235,7 +235,7 @@ def _hand_off(left: Interrupted, world: World) -> Case:
 
 
 def _release_arm(left: Interrupted, world: World) -> Case:
-    """Return what is so where the arm gripper was to open, as the giver."""
+    """Return the case of a run that stopped while the arm gripper opened to give the part."""
     jaws = world.arm_jaws(_mm(left.arm_hold))
     if jaws is Jaws.ON_PART:
         return Case(Custody.IN_BOTH, opens=Opens.FIXED, done="not done")
@@ -261,7 +261,7 @@ def _receive(left: Interrupted, world: World) -> Case:
 
 
 def _release_fixed(left: Interrupted, world: World) -> Case:
-    """Return what is so where the fixed gripper was to open, as the giver."""
+    """Return the case of a run that stopped while the fixed gripper opened to give the part."""
     jaws = world.arm_jaws(_mm(left.arm_hold))
     if world.does_fixed_hold:
         return Case(Custody.IN_BOTH, opens=Opens.ARM, done="not done")
@@ -314,14 +314,14 @@ AFTER: Final[Mapping[str, Custody]] = {
 
 
 def _leaves(left: Interrupted) -> Leaves:
-    """Return how the arm leaves: a step may have been cut off right before its retreat."""
+    """Return the arm's way out: by retreat if the run stopped right before one, else by trail."""
     last = left.last_intent
     is_due = left.trail.retreat and last is not None and AFTER.get(last.name) is left.custody
     return Leaves.BY_RETREAT if is_due else Leaves.BY_TRAIL
 
 
 def _gave(left: Interrupted, name: Once) -> bool:
-    """Return whether the part was given by this release, and the arm has not left since."""
+    """Return whether this release gave the part away and the arm has not left since."""
     return (
         _leaves(left) is Leaves.BY_RETREAT
         and left.last_intent is not None
@@ -330,7 +330,7 @@ def _gave(left: Interrupted, name: Once) -> bool:
 
 
 def _is_receiving(left: Interrupted) -> bool:
-    """Return whether the part in both grippers is on its way back to the arm gripper."""
+    """Return whether the part in both grippers is being handed back to the arm gripper."""
     return left.custody_before is Custody.IN_FIXED
 
 
@@ -339,7 +339,7 @@ def _mm(hold: rows.HoldNoted | None) -> float | None:
 
 
 def _evidence(left: Interrupted, world: World) -> tuple[str, ...]:
-    """Return what speaks, sentence by sentence: journal first, then the devices."""
+    """Return the evidence, one sentence each: journal first, then the devices."""
     cut = ""
     if left.intent is not None:
         outcome = ", which was reported done" if left.has_outcome else ""

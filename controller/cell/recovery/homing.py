@@ -63,7 +63,7 @@ class Homing:
 
 
 def lost_bounds(left: Interrupted, world: World, layout: CellLayout) -> Bounds:
-    """Return where an arm may stand whose positions are lost, and what it has.
+    """Return the bounds on an arm whose positions are lost, and the parts it holds.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ def _along(
 
 
 def why_not_home(left: Interrupted, world: World) -> str:
-    """Return why an arm without positions cannot home with what the grippers have; else empty."""
+    """Return why an arm that lost its positions cannot home as loaded; empty if it can."""
     if left.is_homing:
         return "homing with the part was cut off, so that nothing says where the arm stands"
     if not left.is_homed or not len(left.trail.between):
@@ -154,7 +154,7 @@ def why_not_home(left: Interrupted, world: World) -> str:
 
 
 def why_not_free(swept: Swept | None) -> str:
-    """Return why the space that homing sweeps is not free, or empty."""
+    """Return the reason why the space that homing sweeps is not free; empty if it is."""
     if swept is None:
         return "the space that homing sweeps was not checked"
     if swept.is_free:
@@ -168,7 +168,7 @@ def why_not_free(swept: Swept | None) -> str:
 
 
 def homing_evidence(homing: Homing, layout: CellLayout) -> tuple[str, ...]:
-    """Return what is known of the arm, what is not, and what was checked, as sentences."""
+    """Return the known, unknown and checked facts on the arm, as sentences."""
     bounds = homing.bounds
     x, y, z = tcp_pose(layout, bounds.q_estimate)[:3, 3]
     off = (bounds.high - bounds.low) / 2
@@ -191,7 +191,7 @@ def homing_evidence(homing: Homing, layout: CellLayout) -> tuple[str, ...]:
 
 
 def what_to_look_at(homing: Homing, layout: CellLayout) -> str:
-    """Return what the operator has to see before they accept."""
+    """Return the sentence on what the operator has to look at before they accept."""
     x, y, z = tcp_pose(layout, homing.bounds.q_estimate)[:3, 3]
     held = (
         "the arm gripper holds the part, straight and between its pads; "

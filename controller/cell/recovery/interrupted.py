@@ -178,7 +178,7 @@ class Interrupted:
 
 
 def fold_interrupted(found: Iterable[Row], run: str, part: int) -> Interrupted | None:
-    """Return what a run knows of one of its parts; None if it lacks its first row.
+    """Return a run's knowledge of one of its parts; None if the run's first row is missing.
 
     Parameters
     ----------
@@ -217,7 +217,7 @@ def fold_interrupted(found: Iterable[Row], run: str, part: int) -> Interrupted |
 
 
 def same_cell(one: Mapping[str, object], other: Mapping[str, object]) -> bool:
-    """Return whether two cell files describe the same cell: all but where its devices answer."""
+    """Return whether two cell files describe the same cell, apart from the devices' addresses."""
     return {k: v for k, v in one.items() if k != "devices"} == {
         k: v for k, v in other.items() if k != "devices"
     }

@@ -109,7 +109,7 @@ def propose(
     swept: Swept | None = None,
     back: ProvenMove | None = None,
 ) -> Proposal:
-    """Return what may be done with a part that a run has left.
+    """Return the proposal for a part that a run left.
 
     Parameters
     ----------
@@ -154,7 +154,7 @@ def propose(
 def _home(
     left: Interrupted, world: World, case: Case, layout: CellLayout, swept: Swept | None
 ) -> Proposal:
-    """Return that the arm homes with what it has, or why it cannot."""
+    """Return the proposal to home the arm as loaded, or the reason against it."""
     nowhere, person = np.zeros(0), why_not_free(swept)
     if person:
         person = f"{world.positions}; {person}"
@@ -182,7 +182,7 @@ def _home(
 
 
 def arm_open_mm(left: Interrupted) -> float:
-    """Return how wide the arm gripper has to open to leave the part where it is."""
+    """Return the opening [mm] at which the arm gripper leaves the part in place."""
     last = left.last_intent if left.trail.retreat else left.intent
     if last is not None and last.name in (Once.RELEASE_ARM, Once.SET_DOWN, Once.SORT):
         return float(last.open_mm or 0.0)
@@ -198,14 +198,14 @@ def _way(left: Interrupted, case: Case, q: FloatArray, back: ProvenMove | None) 
 
 
 def _custody_after(case: Case) -> Custody:
-    """Return who has the part once one of two grippers has opened."""
+    """Return the part's custody once one of two grippers has opened."""
     if case.custody is Custody.IN_BOTH:
         return Custody.IN_ARM if case.opens is Opens.FIXED else Custody.IN_FIXED
     return case.custody
 
 
 def _why_not(left: Interrupted, case: Case) -> str:
-    """Return why the cell lacks what it needs to go on; empty if it has it."""
+    """Return what the cell lacks to go on, as a sentence; empty if it lacks nothing."""
     custody = _custody_after(case)
     hold = left.expected_hold if case.holds_as_expected else left.arm_hold
     if custody is Custody.IN_ARM and hold is None:

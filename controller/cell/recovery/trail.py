@@ -106,7 +106,7 @@ class Trail:
         return self.between[-1:] if self.has_arrived else self.between
 
     def begin_beside(self, q: FloatArray) -> FloatArray | None:
-        """Return where the move (6,) began beside whose line the arm stands; None if none.
+        """Return the start (6,) of the move beside whose line the arm stands; None if none.
 
         Parameters
         ----------
@@ -151,7 +151,7 @@ class Trail:
         return Leaving(_from(q, way), bool(self.ahead), is_back=False)
 
     def retreat_from(self, q: FloatArray) -> Leaving | None:
-        """Return the way that the last intent names, unless the arm is not where that was done."""
+        """Return the retreat that the last intent names; None if the arm has left that place."""
         if self.ahead or not self.behind or not self.retreat:
             return None
         if (np.abs(q - self.behind[-1]) > OFF_PATH).any():

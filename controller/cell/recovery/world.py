@@ -57,7 +57,7 @@ class World:
     is_fixed_active: bool = True
 
     def arm_jaws(self, on_part_mm: float | None) -> Jaws:
-        """Return how the arm gripper's jaws stand, if they hold the part at that opening."""
+        """Return the state of the arm gripper's jaws, which stand at that opening on the part."""
         return judge_jaws(self.arm_mm, on_part_mm)
 
     @property
@@ -66,7 +66,7 @@ class World:
         return self.is_fixed_ready and self.does_fixed_touch and self.fixed_mm >= NOTHING_MM
 
     def may_fixed_hold(self, on_part_mm: float | None) -> bool:
-        """Return whether the fixed gripper stands as it does on the part, but reports no contact.
+        """Return whether opening and barrier fit a part in the fixed gripper, unreported by it.
 
         So it stands after a stop, which ends the order that its report of contact is about
         (modbus_devices.md 2.3). Only a press shows whether it still holds the part.
@@ -95,7 +95,7 @@ class World:
 
 
 def judge_jaws(opening_mm: float | None, on_part_mm: float | None) -> Jaws:
-    """Return how jaws stand.
+    """Return the state of the jaws.
 
     Parameters
     ----------
@@ -112,7 +112,7 @@ def judge_jaws(opening_mm: float | None, on_part_mm: float | None) -> Jaws:
 
 
 async def read_world(devices: Devices, left: Interrupted) -> World:
-    """Return how the devices stand; takes the arm's positions over if that can be proven.
+    """Return the devices' state; takes the arm's positions over if those can be proven.
 
     Nothing moves.
 

@@ -245,7 +245,7 @@ class Grippers:
         raise PartFaultError(PartFault.DROPPED, message, source=source)
 
     async def press_fixed_and_require_hold(self, held_mm: float) -> None:
-        """Have the fixed gripper press once more on what it has, and require its hold.
+        """Have the fixed gripper press once more on its part, and require that it holds.
 
         It only closes. After a stop it reports no contact, whatever is between its jaws.
 
@@ -283,7 +283,7 @@ class Grippers:
         raise PartProblemError("recovery_contradicted", message)
 
     async def require_held(self) -> None:
-        """Check that whoever has the part by custody still holds it; nothing where nobody has it.
+        """Check that the holder by custody still has the part; nothing to check if there is none.
 
         Raises
         ------
@@ -347,7 +347,7 @@ class Grippers:
         return found is Hold.HELD
 
     async def read_fixed(self) -> Opening:
-        """Return whether the fixed gripper holds something, by its reading and light barrier now.
+        """Return the fixed gripper's occupancy by its reading and light barrier now.
 
         Unlike `does_fixed_hold`, it needs no grasp that this run has seen.
         """

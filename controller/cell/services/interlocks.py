@@ -40,7 +40,7 @@ CUSTODY_FACTS: Final = {
 
 
 class Interlocks:
-    """The interlock rules of the cell, and what is known of their facts.
+    """The interlock rules of the cell, and the known state of their facts.
 
     Parameters
     ----------

@@ -282,7 +282,7 @@ class Motion:
         await self._clock.sleep(self._layout.cell_times.ringing_s)
 
     async def read_q(self) -> FloatArray:
-        """Return where the arm stands: its joints (6,)."""
+        """Return the arm's joints (6,)."""
         return await self._arm.read_q()
 
     async def _move_at(self, q: FloatArray, speed: float) -> None:
@@ -336,7 +336,7 @@ class Motion:
 
 
 async def homing_preview() -> NextMotion:
-    """Return what moves first where the cell homes."""
+    """Return the first motion of homing."""
     return NextMotion("the arm homes: it sweeps its whole reach and moves its jaws")
 
 

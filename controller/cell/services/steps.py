@@ -69,7 +69,7 @@ class PlanSteps:
     gate: Gate
 
     def next(self, kind: type[SomeStep]) -> SomeStep | None:
-        """Return the step that comes next if it is of this kind, None otherwise."""
+        """Return the next step if it is of this kind, None otherwise."""
         part = self.record.part
         if part.plan is None or part.next_step >= len(part.plan.steps):
             return None

@@ -59,7 +59,7 @@ class Difference:
 
 
 class Tape:
-    """A recording as it is played: whose turn it is on all wires, and where it stopped.
+    """A recording being played: whose turn it is on all wires, and the row at which it stopped.
 
     Parameters
     ----------
@@ -237,7 +237,7 @@ class PlayedLine:
         return self._tape.reader.rows[-1].at_s
 
     def _words_of(self, row: WireRow) -> str:
-        """Return what a recorded request was sent for."""
+        """Return the purpose of a recorded request."""
         words = ""
         for one in self._rows:
             if one.kind == "turn":
@@ -393,7 +393,7 @@ class PlayedTransport:
         self._line.send(data)
 
     async def read(self, timeout_wall_s: float) -> bytes:
-        """Return what has arrived, after waiting [wall s] for a first byte; b"" if none came."""
+        """Return the bytes received, after waiting [wall s] for a first one; b"" if none came."""
         if not self._buffer and self._failure is None:
             if timeout_wall_s <= 0:
                 await asyncio.sleep(0)
@@ -461,5 +461,5 @@ class _PlayedConnection(asyncio.Transport):
         self.lose()
 
     def is_closing(self) -> bool:
-        """Return whether nothing more can be sent."""
+        """Return whether the connection takes no more data."""
         return self._is_closing

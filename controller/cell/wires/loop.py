@@ -59,7 +59,7 @@ class WireLoop(VirtualTimeLoop):
         func: Callable[[*Arguments], Result],
         *args: *Arguments,
     ) -> asyncio.Future[Result]:
-        """Do the work now, whoever is to do it; return its future.
+        """Do the work now, whatever its executor; return its future.
 
         Parameters
         ----------

@@ -58,7 +58,7 @@ class Recorder:
         self.writer.write(0.0, "run", "begin", info)
 
     def outfit(self) -> Outfit:
-        """Return what `run_batch` is to work with."""
+        """Return the compute service, devices and observers for `run_batch`."""
         return Outfit(compute=self._compute, devices=self._devices, on_row=self._on_row)
 
     def close(self) -> None:
@@ -114,7 +114,7 @@ class Recorder:
         return _LineTap(self, name)
 
     def modbus(self, address: Address) -> tuple[Address, LineTap | None]:
-        """Return the address as it is, and the line's tap."""
+        """Return the address unchanged, and the line's tap."""
         return address, _LineTap(self, str(address))
 
     def camera(self, name: str) -> CameraTap | None:
@@ -132,7 +132,7 @@ class _LineTap:
         self._callers = recorder.callers
 
     async def turn(self, what: str) -> None:
-        """Let every caller pass: which one is next is what is recorded."""
+        """Let every caller pass: their order is what the recording holds."""
 
     def taken(self, what: str) -> None:
         self._note("turn", [what, self._callers.name()])

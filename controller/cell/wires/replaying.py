@@ -117,7 +117,7 @@ def _row(reader: WireReader, kind: str) -> Any:  # noqa: ANN401
 def replay_wires(
     reader: WireReader, recipe_path: Path, cell_path: Path, pool: Executor
 ) -> Replayed:
-    """Run the recorded batch again, its drivers on the recording; return what was found.
+    """Run the recorded batch again, its drivers on the recording; return the result.
 
     Parameters
     ----------

@@ -36,14 +36,14 @@ class CalibrationLine:
 
     @property
     def words(self) -> str:
-        """All of it, for people."""
+        """The whole line, for people."""
         used = f"measured {self.measured:%Y-%m-%d}, {self.run_count} runs have used it"
         left = "" if self.runs_left is None else f", {self.runs_left} of {self.valid_runs} are left"
         return used + left + (f"; stale: {self.why_stale}" if self.why_stale else "")
 
 
 def calibration_lines(folder: Folder, runs: Path, now: datetime) -> tuple[CalibrationLine, ...]:
-    """Return what holds of each calibration of a commissioned cell.
+    """Return the state of each calibration of a commissioned cell.
 
     Parameters
     ----------

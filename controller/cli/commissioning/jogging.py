@@ -22,7 +22,7 @@ STDIN: Final = Path("-")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JogOptions:
-    """The command line of `cellctl jog`, and what `teach` has of it.
+    """The command line of `cellctl jog`, and the options that `teach` shares with it.
 
     Attributes
     ----------
@@ -86,7 +86,7 @@ def check_jog(options: JogOptions, cell: Cell) -> None:
 def run_jog(
     options: JogOptions, cell: Cell, accept: Callable[[Taken], str] | None
 ) -> tuple[StepRecord, Taken | None]:
-    """Move the cell by orders; return how that ended, and what was taken.
+    """Move the cell by orders; return the record of the step, and the position taken.
 
     Parameters
     ----------

@@ -202,7 +202,7 @@ class KeyPilot:
         await self._stop.wait()
 
     async def decide(self, question: Question) -> Answer | None:
-        """Return the answer that a key gives; None once the terminal is gone."""
+        """Return the answer given by key; None once the terminal is gone."""
         choices = question.choices
         lines = [question.text]
         lines += [f"  {n}  {choice.words}" for n, choice in enumerate(choices, 1)]

@@ -105,7 +105,7 @@ def teach(options: JogOptions, what: str, *, writes: bool) -> int:
 
 
 class Teacher:
-    """Turns a position into a change of the cell file or of what it refers to.
+    """Turns a position into a change of the cell file or of a file it refers to.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ class Teacher:
         self._layout = build_layout(cell)
 
     def check(self) -> None:
-        """Check before anything moves that what is taught can be written.
+        """Check before anything moves that the taught position can be written.
 
         Raises
         ------
@@ -132,7 +132,7 @@ class Teacher:
         self.difference(self.change(Taken(np.asarray(self._layout.park_q, dtype=float), T)))
 
     def why_not(self, taken: Taken) -> str:
-        """Return why a position cannot be taken; empty where it can."""
+        """Return the reason why a position cannot be taken; empty if it can."""
         try:
             change = self.change(taken)
             self._as_written(change)
@@ -155,7 +155,7 @@ class Teacher:
         return ""
 
     def change(self, taken: Taken) -> Change:
-        """Return what would be written for a position.
+        """Return the change to be written for a position.
 
         Raises
         ------
@@ -254,7 +254,7 @@ class Teacher:
         return text
 
     def difference(self, change: Change) -> list[str]:
-        """Return what would change, line by line.
+        """Return the differences that a change makes, line by line.
 
         Raises
         ------
@@ -275,7 +275,7 @@ class Teacher:
         return [*_unified(old, _centres(change.trays), str(path)), *lines]
 
     def write(self, change: Change) -> None:
-        """Write what was taken: the calibration first, then the cell file that names it.
+        """Write a taken position: the calibration first, then the cell file that names it.
 
         Raises
         ------
@@ -318,7 +318,7 @@ def _unified(before: str, after: str, name: str) -> list[str]:
 
 
 def _is_confirmed() -> bool:
-    """Return whether a person at the terminal has it written."""
+    """Return whether a person at the terminal confirms the change."""
     if not sys.stdin.isatty():
         return False
     warn("Write this? Type `yes`:")

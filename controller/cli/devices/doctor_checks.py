@@ -115,7 +115,7 @@ def examine(cell_path: Path, looking: Looking, *, as_json: bool) -> int:
 
 @contextmanager
 def _ending_as_by_ctrl_c() -> Iterator[None]:
-    """Have SIGTERM end what is within as Ctrl-C does, so that lamps are dark afterwards."""
+    """Have SIGTERM end the block as Ctrl-C does, so that lamps are dark afterwards."""
     before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         yield
@@ -128,7 +128,7 @@ def _check(name: str, found: str, *, ok: bool, remedy: str = "") -> Check:
 
 
 def machine_checks(cell: Cell, runs_dir: Path) -> list[Check]:
-    """Return what was found of this computer: versions, room, permissions. Opens no device.
+    """Return the checks of this computer: versions, disk space, permissions. Opens no device.
 
     Parameters
     ----------
@@ -186,7 +186,7 @@ def _permissions(cell: Cell) -> list[Check]:
 
 
 async def _watchdog(io: IoBlock) -> str:
-    """Prove the watchdog in the motors' supply, if there is one; return what it does."""
+    """Prove the watchdog in the motors' supply, if there is one; return its action."""
     if not isinstance(io, MotorWatchdog) or io.watchdog_s is None:
         return "none in the motors' supply: a computer that freezes does not stop the arm"
     await io.prove_watchdog()

@@ -60,7 +60,7 @@ def instant_words(at: object) -> str:
 
 
 def review_word(part: Mapping[str, Any]) -> str:
-    """Return what a person says of a part, in a word."""
+    """Return a person's review of a part, in a word."""
     return str(part["review"]) or ("awaited" if part["awaits_review"] else "–")
 
 

@@ -15,7 +15,7 @@ MadeAhead = Callable[[int], Made | None]
 
 
 def jobs_among(text: str | None, *, use_cache: bool = True) -> Jobs:
-    """Return what ``--jobs`` names.
+    """Return the jobs that ``--jobs`` names.
 
     Parameters
     ----------

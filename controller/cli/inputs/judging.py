@@ -15,7 +15,7 @@ MAX_CAD_BYTES: Final = 2**30
 
 
 def judging_of(set_path: Path, file: ViewSetFile, recipe_path: Path | None) -> Judging:
-    """Return what a set is judged by: the recipe named, else the set's own.
+    """Return the recipe that judges a set: the one named, else the set's own.
 
     Parameters
     ----------

@@ -148,7 +148,7 @@ def cell_of_this_folder() -> Path:
 
 
 def _options(path: Path, unit: str | None, recipe: Recipe | None) -> CompileOptions:
-    """Return what a file is compiled with: a unit on the command line is checked against it."""
+    """Return the compile options of a file, after checking a unit given on the command line."""
     if recipe is None:
         return CompileOptions(unit=unit)
     return sampled_for(recipe, options_among(path, unit))

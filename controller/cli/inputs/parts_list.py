@@ -75,7 +75,7 @@ class _Reading:
 
 
 def load_parts_list(path: Path, lot: str = "") -> PartsList:
-    """Return the parts of a list, all of it checked.
+    """Return the parts of a list, after checking all of it.
 
     Parameters
     ----------

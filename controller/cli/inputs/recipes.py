@@ -21,7 +21,7 @@ class AskedRecipe:
 
 
 def asked_recipes(words: Sequence[str], *, has_counts: bool = True) -> tuple[AskedRecipe, ...]:
-    """Return the recipes that words name, ``RECIPE`` or ``RECIPE=COUNT``; the default without any.
+    """Return the recipes for words ``RECIPE`` or ``RECIPE=COUNT``; the default if there are none.
 
     Parameters
     ----------

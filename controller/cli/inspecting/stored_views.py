@@ -79,7 +79,7 @@ def _check_report(report: Path) -> None:
 def _header(
     set_path: Path, file: ViewSetFile, judging: Judging, name: str, began: datetime
 ) -> Header:
-    """Return what a report says of a part besides what was measured."""
+    """Return the facts on a part that a report states besides its measurements."""
     recipe = judging.path if judging.path != set_path else None
     cad = split_cad(file.part)
     return Header(

@@ -145,14 +145,14 @@ def compile_parts(
 
 
 def _characteristics(file: PartFile, part: CompiledPart) -> tuple[Characteristic, ...]:
-    """Return what is measured of a part; another part's recipe has nothing to say of it."""
+    """Return the characteristics of a part; another part's recipe does not apply to it."""
     if file.recipe_path is None:
         return part_characteristics(file.path, None, part)
     return part_characteristics(file.recipe_path, file.recipe, part)
 
 
 def _work(file: PartFile, cell: Path | None, density_g_cm3: float | None) -> Work:
-    """Return what other processes are to make of a part."""
+    """Return the work on a part for other processes."""
     return Work(file.path, file.options, cell, file.recipe, density_g_cm3)
 
 

@@ -17,7 +17,7 @@ from ..terminal.progress import Progress
 
 
 def proof_words(plan: Plan) -> str:
-    """Return how near to the optimum a plan is proven to be, and among which plans."""
+    """Return the proven gap to the optimum, and the set of plans it is proven for."""
     proof = plan.proof
     if proof.cost_s <= 0:
         return "not proven: no exact search was made"
@@ -27,12 +27,12 @@ def proof_words(plan: Plan) -> str:
 
 
 def covered_words(plan: Plan) -> str:
-    """Return which share of the surface a plan shows, and how well that is known."""
+    """Return the share of the surface that a plan shows, with its uncertainty."""
     return f"{plan.covered_fraction:.1%} (± {plan.covered_U:.1%})"
 
 
 def counted(count: int, what: str) -> str:
-    """Return a count with what it counts: 1 view, 2 views."""
+    """Return a count with its noun: 1 view, 2 views."""
     return f"{count} {what}" if count == 1 else f"{count} {what}s"
 
 

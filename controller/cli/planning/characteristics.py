@@ -52,7 +52,7 @@ def characteristic_json(
 
 
 def print_characteristics(characteristics: Sequence[Characteristic]) -> None:
-    """Print what is to be measured of a part."""
+    """Print the characteristics of a part."""
     table = _table()
     for one in characteristics:
         table.add_row(*_row(one), one.exempt)
@@ -60,7 +60,7 @@ def print_characteristics(characteristics: Sequence[Characteristic]) -> None:
 
 
 def print_checked(checked: Sequence[CheckedCharacteristic]) -> None:
-    """Print what is to be measured, and how well the cell can."""
+    """Print the characteristics, and the cell's capability for each."""
     table = _table("U\num", "2U/T\n%")
     for each in checked:
         able, one = each.capability, each.characteristic

@@ -132,7 +132,7 @@ def plan_part_file(
 
 
 def _left_out(part: PartFile, compiled: CompiledPart) -> dict[int, str]:
-    """Return which faces the part's own recipe leaves out, each with the reason."""
+    """Return the faces that the part's own recipe leaves out, each with the reason."""
     if part.recipe is None or part.recipe_path is None:
         return {}
     return faces_left_out(part.recipe_path, part.recipe, compiled.solid.faces, compiled.features)
@@ -213,7 +213,7 @@ def _head(part: CompiledPart, cell: Cell, kept: KeptPlan, place: Place) -> dict[
 
 
 def _no_plan(part: CompiledPart, kept: KeptPlan, certificates: Sequence[Certificate]) -> str:
-    """Return why there is no plan; where the reasons differ, one for each pose."""
+    """Return the reason why there is no plan; if the reasons differ, one for each pose."""
     if len({c.reason for c in certificates}) <= 1 or any(c.plan for c in certificates):
         return kept.reason
     reasons = "; ".join(f"from pose {c.pose_index}: {c.reason}" for c in certificates)

@@ -28,7 +28,7 @@ CELL_HEAD: Final = """\
 
 
 def lay_out_project(folder: Path, *, as_json: bool) -> int:
-    """Write a project that runs as it is into a new or empty folder; return the exit code.
+    """Write a ready-to-run project into a new or empty folder; return the exit code.
 
     Raises
     ------

@@ -63,7 +63,7 @@ class ExplainFolder:
         return drawing
 
     def _name(self, image: Path) -> str:
-        """Return a name that no other picture of this call has."""
+        """Return a name not given to another picture of this call."""
         name, count = image.stem, 1
         while name in self._taken:
             count += 1

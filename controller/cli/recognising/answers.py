@@ -130,7 +130,7 @@ def _answer_one(
 
 
 def _library(files: Sequence[tuple[Path, CompileOptions]], camera: Camera, jobs: Jobs) -> Library:
-    """Return the library of CAD files, compiled by whoever works."""
+    """Return the library of CAD files, compiled by other processes if there are any."""
     with working_ahead(
         jobs, [Work(path, options, camera=camera) for path, options in files]
     ) as made:
@@ -218,7 +218,7 @@ def _sentence(body: dict[str, Any]) -> str:
 
 
 def _in_part(body: dict[str, Any]) -> str:
-    """Return in words why not all of an outline is seen; nothing where all of it is."""
+    """Return the reasons why an outline is not seen whole, in words; empty if it is."""
     count, reasons = body["touching_count"], []
     if count:
         reasons.append("touches another object" if count == 1 else f"one of {count + 1} that touch")

@@ -41,7 +41,7 @@ class AcceptingOperator:
     why: str
 
     async def decide(self, question: Question) -> Answer | None:
-        """Print what is accepted, and return that the cell is to go on.
+        """Print the accepted question, and answer that the cell is to go on.
 
         Every other question gets None.
         """
@@ -127,7 +127,7 @@ def _interrupted(runs_dir: Path, run: str, part: int) -> Interrupted:
 
 
 def recipe_of(left: Interrupted, folder: Path) -> Path:
-    """Return the recipe file of a part, as it was: the file itself, or the run's own copy of it.
+    """Return the recipe file of a part, unchanged: the file itself, or the run's own copy of it.
 
     Parameters
     ----------

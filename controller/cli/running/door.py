@@ -59,7 +59,7 @@ class OperatorDoor:
         self.callers: Callers | None = None
 
     async def decide(self, question: Question) -> Answer | None:
-        """Return the answer given in advance, or else that of whoever is there."""
+        """Return the answer given in advance, or else the answer of the person present."""
         if self._in_advance is not None:
             answer = await self._in_advance.decide(question)
             if answer is not None:

@@ -137,7 +137,7 @@ class Ends:
 
 
 def _has_ended(child: int) -> bool:
-    """Return whether a child process has ended; leave its exit status to whoever started it."""
+    """Return whether a child process has ended; leave its exit status to its parent code."""
     with suppress(ChildProcessError):
         return os.waitid(os.P_PID, child, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None
     return True

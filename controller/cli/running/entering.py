@@ -62,7 +62,7 @@ class Entered:
 
 
 def user_name() -> str:
-    """Return who started this process; empty where the system has no name for them."""
+    """Return the name of the user who started this process; empty if the system has none."""
     try:
         return getpass.getuser()
     except (KeyError, OSError):  # a container may have no name for its user
@@ -119,7 +119,7 @@ def check_entering(options: EmulatedOptions, cell: Cell, folder: Path, folder_op
 def entered(
     options: EmulatedOptions, cell_path: Path, cell: Cell, folder: Path, run_name: str
 ) -> Iterator[Entered]:
-    """Hear signals, take the cell's lock, start the emulated cell, and yield what is there then.
+    """Hear signals, take the cell's lock, start the emulated cell, and yield all three.
 
     Parameters
     ----------

@@ -188,7 +188,7 @@ def run_recipe(options: RunOptions) -> int:
 
 
 def _asked(options: RunOptions) -> _Asked:
-    """Read and check what a command line asks for, what is quick to check first.
+    """Read a command line's files, and check first what is quick to check.
 
     Raises
     ------
@@ -224,7 +224,7 @@ def _asked(options: RunOptions) -> _Asked:
 
 
 def _emulator_command(options: RunOptions, asked: _Asked) -> list[str]:
-    """Return the command that emulates the cell's devices, after saying which of them are."""
+    """Return the command that emulates some devices, after a warning that names them."""
     emulated = asked.cell.emulated_devices
     seed = secrets.randbelow(1_000_000) if options.seed is None else options.seed
     _warn_of_emulation(emulated, asked.clock, options.speed, seed)
@@ -267,14 +267,14 @@ def _workers(
 def _cell_beside(
     options: RunOptions, asked: _Asked, command: Sequence[str]
 ) -> AbstractContextManager[Any]:
-    """Return the emulated cell, if any of the devices is; yields what it reports of itself."""
+    """Return the emulated cell if any device is emulated; yields the cell's announcement."""
     if not asked.cell.emulated_devices:
         return nullcontext({})
     return emulated_cell(command, options.runs_dir / asked.run_id / "emulator.log")
 
 
 def _order(options: RunOptions, asked: _Asked, ready: dict[str, Any]) -> RunOrder:
-    """Return what to run; `ready` is what the emulated cell reports of itself."""
+    """Return the order to run; `ready` is the emulated cell's announcement."""
     first, *beside = asked.ordered
     return RunOrder(
         recipe_path=first.path,
@@ -297,7 +297,7 @@ def _order(options: RunOptions, asked: _Asked, ready: dict[str, Any]) -> RunOrde
 
 
 def _are_ready(jobs: Sequence[Job], *, as_json: bool) -> bool:
-    """Return whether each recipe can be run, after printing why it cannot."""
+    """Return whether each recipe can be run, after printing the reasons against it."""
     are_ready = True
     for job in jobs:
         checked = check_plans(job, None if as_json else warn)
@@ -308,7 +308,7 @@ def _are_ready(jobs: Sequence[Job], *, as_json: bool) -> bool:
 
 
 def _recovery_policy(options: RunOptions) -> RecoveryPolicy:
-    """Return what a start does with a part in a gripper: nobody answers without a terminal."""
+    """Return the policy for a part in a gripper at the start: without a terminal nobody answers."""
     if options.is_recovery_automatic:
         return "auto"
     if options.operator is not None or options.waits:

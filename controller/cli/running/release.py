@@ -89,7 +89,7 @@ def recover_cell(
 async def _proposal(
     visit: ReleaseVisit, standing: Standing, cell: Cell, cell_path: Path, runs_dir: Path
 ) -> Proposal | str | None:
-    """Return what may be done with the part, why nothing can, or None where none is held."""
+    """Return the proposal for the part, the reason for none, or None if no part is held."""
     if not standing.known:
         return None
     if visit.journal is None:
@@ -154,7 +154,7 @@ def _report(standing: Standing, found: Proposal | str | None) -> None:
 
 
 def _none_held(standing: Standing) -> str:
-    """Return what it means that neither the journal nor a gripper has a part."""
+    """Return the advice if neither the journal nor a gripper has a part."""
     unread = [
         one.gripper.value for one in standing.openings if one.occupancy is Occupancy.UNREADABLE
     ]

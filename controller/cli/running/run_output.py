@@ -30,7 +30,7 @@ MAY_BE_CALIBRATION: Final = frozenset({310, 320, *range(401, 417)})
 
 
 class _PatientLive(Live):
-    """A live table that waits for its reader: what it shows is the newest then.
+    """A live table that waits for its reader, and then shows the newest state.
 
     Streams are left as they are. Rich would write around what keeps a terminal that was stopped
     from holding up the run.
@@ -84,7 +84,7 @@ def _json_progress(progress: Progress) -> None:
 
 
 def progress_line(progress: Progress) -> str:
-    """Return what the operator sees of the run at a moment, in one line."""
+    """Return the progress of the run in one line, for the operator."""
     step = f" {progress.step}/{progress.step_count}" if progress.step_count else ""
     left = f" ({progress.remaining_s:.0f} s left)" if progress.remaining_s is not None else ""
     pose = f" | {progress.part_pose}" if progress.part_pose else ""
@@ -174,7 +174,7 @@ def print_result(
 
 
 def _which(part: PartRecord, result: RunResult) -> str:
-    """Return which part it is, in brackets: its recipe where there are several, and its number."""
+    """Return the part's name in brackets: its recipe if there are several, and its number."""
     recipes = {one.product.number for one in result.parts if one.product is not None}
     name = part.product.recipe.name if part.product is not None and len(recipes) > 1 else ""
     words = ", ".join(word for word in (name, part.serial) if word)
@@ -182,7 +182,7 @@ def _which(part: PartRecord, result: RunResult) -> str:
 
 
 def calibration_note(result: RunResult) -> str:
-    """Return that a run may have ended for want of a calibration; empty if it cannot have.
+    """Return a note that a missing calibration may have ended a run; empty if it cannot have.
 
     Parameters
     ----------
@@ -198,7 +198,7 @@ def calibration_note(result: RunResult) -> str:
 
 
 def _alarm_json(result: RunResult) -> dict[str, Any] | None:
-    """Return the alarm that a run ended in (docs/alarms.md), None where all went well."""
+    """Return the alarm that ended a run (docs/alarms.md), None if all went well."""
     alarm = result.outcome.alarm
     if alarm is None:
         return None
@@ -214,7 +214,7 @@ def _alarm_json(result: RunResult) -> dict[str, Any] | None:
 
 
 def part_json(part: PartRecord) -> dict[str, Any]:
-    """Return what a run found of a part."""
+    """Return the results of a part in a run."""
     s = part.sighting
     return {
         "part": part.number,

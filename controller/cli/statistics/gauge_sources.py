@@ -73,7 +73,7 @@ class Sources:
             )
 
     def take(self, reading: Reading, sha256: Mapping[str, str]) -> None:
-        """Add a reading with the hashes of what it was read from."""
+        """Add a reading with the hashes of its source files."""
         self.readings.append(reading)
         self.inputs.append(
             {

@@ -42,7 +42,7 @@ def report_gauge(
     *,
     as_json: bool,
 ) -> int:
-    """Study what was measured again, print it, keep it; return the exit code.
+    """Study repeated measurements, print and keep the study; return the exit code.
 
     Parameters
     ----------

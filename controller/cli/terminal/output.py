@@ -23,7 +23,7 @@ _relays: dict[str, Relay] = {}  # by the stream's name, while a thread writes
 
 
 class _Door:
-    """A standard stream, looked up on each use; drops what is written once nobody reads it.
+    """A standard stream, looked up on each use; drops its output once nobody reads it.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ def _is_one_file() -> bool:
 
 
 def lost_line_count() -> int:
-    """Return how many live lines a slow reader has lost so far."""
+    """Return the number of live lines that a slow reader has lost so far."""
     return sum(relay.lost_count for relay in {id(one): one for one in _relays.values()}.values())
 
 
@@ -159,7 +159,7 @@ def warn(text: str) -> None:
 
 
 def write_error_line(text: str, *, is_live: bool = False) -> None:
-    """Write a line as it is on stderr, neither wrapped nor marked up; see `emit`."""
+    """Write a line unchanged on stderr, neither wrapped nor marked up; see `emit`."""
     door = _live_err if is_live else _err
     door.write(printable(text, sys.stderr.encoding) + "\n")
     door.flush()

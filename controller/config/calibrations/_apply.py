@@ -24,7 +24,7 @@ from ._models import (
 
 
 def load_cell(path: Path) -> Cell:
-    """Return the cell that a cell file describes, as its calibrations measured it.
+    """Return the cell that a cell file describes, corrected by its calibrations.
 
     Raises
     ------

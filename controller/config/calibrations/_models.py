@@ -37,7 +37,7 @@ def _pose(name: str, rows: Matrix4) -> FloatArray:
 
 
 class Residual(Section):
-    """What the fit left over, and how much of it is allowed."""
+    """The residual of the fit, and its limit."""
 
     value: Uncertainty
     unit: Literal["px", "mm", "deg", "level"]
@@ -78,7 +78,7 @@ class Calibration(Section):
         return self
 
     def as_json(self) -> dict[str, Any]:
-        """Return what its file holds."""
+        """Return the content of its file."""
         return self.model_dump(mode="json", by_alias=True)
 
 

@@ -81,7 +81,7 @@ def standing_of(
     now: datetime,
     usage: Mapping[str, Usage],
 ) -> CalibrationsStanding:
-    """Return whether calibrations still count.
+    """Return whether calibrations are still valid.
 
     Parameters
     ----------

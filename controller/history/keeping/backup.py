@@ -48,7 +48,7 @@ class Backup:
 
 
 def back_up(runs_dir: Path, path: Path, *, with_pictures: bool) -> Backup:
-    """Write a backup of a folder of runs, read it again, and return what it has.
+    """Write a backup of a folder of runs, read it again, and return its content.
 
     Parameters
     ----------
@@ -175,7 +175,7 @@ class Hashed:
 
 
 def _require_same(path: Path, listed: Mapping[str, Mapping[str, Any]]) -> None:
-    """Read a backup again and require that it holds what was written."""
+    """Read a backup again and require that it holds the content written."""
     found = dict(hashes_in(path))
     found.pop(MANIFEST, None)
     wrong = [name for name, one in listed.items() if found.get(name) != one["sha256"]]

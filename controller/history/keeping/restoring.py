@@ -36,7 +36,7 @@ class Restored:
 
 
 def restore(path: Path, runs_dir: Path) -> Restored:
-    """Restore a backup and return what it had; a folder that holds anything is left alone.
+    """Restore a backup and return its content; a folder that holds anything is left alone.
 
     Parameters
     ----------

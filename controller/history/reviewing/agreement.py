@@ -30,7 +30,7 @@ LISTED_MAX: Final = 500  # findings that wait and are likely false alarms
 
 @dataclass(frozen=True, slots=True)
 class Rate:
-    """So many of so many, and the interval of the share, 0..1; all of it where there are none."""
+    """A count out of a total, and the interval of the share; 0..1 if the total is 0."""
 
     count: int
     total: int
@@ -103,7 +103,7 @@ class Agreement:
 
 
 def agreement(store: Store, filters: Filters) -> Agreement:
-    """Return how persons and machine agree.
+    """Return the agreement of persons and machine.
 
     Parameters
     ----------
@@ -177,7 +177,7 @@ _FINDINGS_ON_FACES: Final = FINDINGS.join(PARTS).outerjoin(
 def _likely(
     waiting: Sequence[Any], likely: Mapping[tuple[str, str, str], Reviewed]
 ) -> tuple[LikelyFalseAlarm, ...]:
-    """Return the findings that wait and are likely false alarms on each of their faces."""
+    """Return the unreviewed findings that are likely false alarms on each of their faces."""
     by_finding: dict[tuple[str, int], list[Reviewed | None]] = {}
     for run, number, ordinal, recipe, kind, face in waiting:
         groups = by_finding.setdefault((f"{run}/{number}", int(ordinal)), [])

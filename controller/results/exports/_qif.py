@@ -363,7 +363,7 @@ def _measured(parent: etree._Element, tag: str, c: CharacteristicReport) -> None
 
 
 def _outwards(c: CharacteristicReport, anchor: int) -> tuple[float, float, float]:
-    """Return the normal of a rim's plane, or of one of the faces of a distance, out of it."""
+    """Return the outward normal of a rim's plane, or of one face of a distance."""
     assert c.axis is not None
     x, y, z = c.axis
     # a distance goes from its first face to its second; the faces of a slot look at each other
@@ -372,7 +372,7 @@ def _outwards(c: CharacteristicReport, anchor: int) -> tuple[float, float, float
 
 
 def _notes(judged: JudgedPart) -> dict[str, str]:
-    """Return what QIF has no element for."""
+    """Return the facts for which QIF has no element."""
     header, verdict = judged.header, judged.part.verdict
     notes = {
         "decision rule": DECISION_RULE,

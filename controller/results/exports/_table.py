@@ -18,7 +18,7 @@ FORMULA_STARTS: Final = ("=", "+", "-", "@", "\t", "\r")
 
 
 def csv_text(parts: Sequence[JudgedPart]) -> str:
-    """Return the table; numbers have a decimal point, what is not known is empty."""
+    """Return the table; numbers have a decimal point, unknown values are empty."""
     out = io.StringIO()
     writer = csv.writer(out)
     writer.writerow(COLUMNS)

@@ -31,7 +31,7 @@ def in_um(found: Interval | None, unit: str) -> str:
 
 
 def said_of(gauge: CharacteristicGauge) -> list[str]:
-    """Return what must be known beside the numbers of one characteristic."""
+    """Return the remarks on the numbers of one characteristic."""
     said = []
     if gauge.missing:
         said.append(f"{count_of(gauge.missing, 'reading')} without a value")
@@ -43,7 +43,7 @@ def said_of(gauge: CharacteristicGauge) -> list[str]:
 
 
 def said_of_all(gauges: Sequence[CharacteristicGauge]) -> list[str]:
-    """Return what the data allow, in sentences; of the characteristic with the most values."""
+    """Return what the data allow, in sentences, by the characteristic with the most values."""
     studies = [g.study for g in gauges if g.study is not None]
     if not studies:
         return [

@@ -22,7 +22,7 @@ def judged_parts(record: RunRecord) -> tuple[JudgedPart, ...]:
 
 
 def counted_parts(record: RunRecord) -> tuple[JudgedPart, ...]:
-    """Return the parts that a run has the record of, in order: no part is in two runs' files."""
+    """Return the parts whose record is in this run, in order: no part is in two runs' files."""
     return tuple(judged for judged in judged_parts(record) if judged.part.is_counted)
 
 
@@ -89,7 +89,7 @@ def _header(record: RunRecord, part: PartReport) -> Header:
 
 
 def _calibrated(cell: Mapping[str, Any]) -> Mapping[str, str]:
-    """Return when each camera of a cell as journaled was calibrated; empty where it is not said."""
+    """Return each camera's date of calibration, by the cell in the journal; empty if not stated."""
     cameras = cell.get("cameras", {})
     if not isinstance(cameras, Mapping):
         return {}

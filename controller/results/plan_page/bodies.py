@@ -109,7 +109,7 @@ def part_body(solid: Solid, T_world_part: FloatArray) -> Body:
 
 
 def standing_bodies(layout: CellLayout) -> list[Body]:
-    """Return what never moves: table, trays, column, obstacles."""
+    """Return the bodies that never move: table, trays, column, obstacles."""
     bodies = [
         box_body("column", ARM, layout.column),
         *(

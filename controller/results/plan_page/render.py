@@ -52,7 +52,7 @@ class Paint:
 
 
 def look(stage: Stage, eye: Eye) -> RayHits:
-    """Return what the rays of a picture meet."""
+    """Return the hits of a picture's rays."""
     triangle, distance = cast(stage.caster, eye.origins_mm, eye.directions, eye.size)
     reach = np.where(triangle >= 0, distance, 0.0).reshape(-1, 1)
     points = eye.origins_mm + reach * eye.directions
@@ -62,7 +62,7 @@ def look(stage: Stage, eye: Eye) -> RayHits:
 def shade(
     stage: Stage, eye: Eye, hits: RayHits, paint: Paint | None = None, relief: float = 1.0
 ) -> Float32Array:
-    """Return a picture as it was cast, (height, width, 3) 0..255.
+    """Return the shaded picture of the hits, (height, width, 3) 0..255.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def shade(
 
 
 def _shadowed(stage: Stage, hits: RayHits, key: FloatArray, is_turned: BoolArray) -> BoolArray:
-    """Return which rays meet a point in shadow of the key light; found once per pixel.
+    """Return a mask of the rays that meet a point in shadow of the key light; found once per pixel.
 
     Parameters
     ----------
@@ -115,7 +115,7 @@ def _shadowed(stage: Stage, hits: RayHits, key: FloatArray, is_turned: BoolArray
 
 
 def _edges(stage: Stage, hits: RayHits) -> BoolArray:
-    """Return where the picture steps from one body to another, or bends."""
+    """Return a mask of the pixels where one body borders another, or a surface bends."""
     triangle = hits.triangle
     ink = np.zeros(triangle.shape, dtype=bool)
     for here, there in jumps(triangle):

@@ -212,7 +212,7 @@ class Strip:
 
 
 def width_for(count: int) -> int:
-    """Return how wide pictures of so many steps are [px]."""
+    """Return the width of the pictures for a number of steps [px]."""
     for width, most in zip(WIDTHS_PX, MANY_STEPS, strict=False):
         if count <= most:
             return width

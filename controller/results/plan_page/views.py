@@ -33,7 +33,7 @@ class Eye:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Slant:
-    """A fixed direction to look from, and what is in the picture.
+    """A fixed direction of view, and the extent of the picture.
 
     Attributes
     ----------

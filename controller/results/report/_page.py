@@ -27,7 +27,7 @@ class Mark:
 
 @dataclass(frozen=True, slots=True)
 class Panel:
-    """A picture with what is drawn over it.
+    """A picture with the marks drawn over it.
 
     Attributes
     ----------
@@ -104,7 +104,7 @@ def css_class(verdict: str) -> str:
 def make_part_page(
     part: PartReport, why: str, pictures: Pictures, optics: Optics | None
 ) -> PartPage:
-    """Return what the page shows of a part.
+    """Return the page of a part.
 
     Parameters
     ----------

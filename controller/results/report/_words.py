@@ -66,7 +66,7 @@ def why_in_run(record: RunRecord, part: PartReport) -> str:
 
 
 def end_words(record: RunRecord) -> str:
-    """Return how a run ended."""
+    """Return the end of a run, in words."""
     if record.dry is not None and record.outcome.end == "complete":
         return "complete: all motions driven"
     return END_WORDS[record.outcome.end]
@@ -97,7 +97,7 @@ def headline(record: RunRecord) -> tuple[str, str]:
 
 
 def cautions(record: RunRecord) -> list[str]:
-    """Return what a reader must know before trusting the rest."""
+    """Return the cautions that a reader must know before trusting the rest."""
     found = []
     if record.first_broken_row is not None:
         found.append(
@@ -136,7 +136,7 @@ def cautions(record: RunRecord) -> list[str]:
 
 
 def _went(followed: PartFollowed) -> str:
-    """Return what became of a part after its run, as the end of a sentence."""
+    """Return the later fate of a part after its run, as the end of a sentence."""
     if followed.custody:
         return f"was taken out by the operator, as run {followed.run} says"
     return f"was taken over by run {followed.run}, which has its record: it does not count here"

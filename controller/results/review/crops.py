@@ -92,7 +92,7 @@ class PartCrops:
         return Predictor.of(self._solid, self._record.cell)
 
     def of(self, number: int) -> FindingCrops | None:
-        """Return where a finding's crops come from; None where there is no such finding."""
+        """Return the source of a finding's crops; None if there is no such finding."""
         for view in self.judged.part.views:
             for finding in view.findings:
                 if finding.number == number:
@@ -198,7 +198,7 @@ def _difference(observed: FloatArray, predicted: Predicted) -> NDArray[np.uint8]
 
 
 def _hatched(image: NDArray[np.uint8], predicted: Predicted) -> NDArray[np.uint8]:
-    """Hatch what is not predicted."""
+    """Hatch the pixels without a prediction."""
     size = (image.shape[1], image.shape[0])
     known = cv2.resize(predicted.known.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
     rows, columns = np.indices(image.shape)

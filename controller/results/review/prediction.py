@@ -75,7 +75,7 @@ class Predictor:
 
     @classmethod
     def of(cls, solid: Solid | str, cell: Mapping[str, Any]) -> "Predictor | str":
-        """Return what predicts, or why nothing can be predicted."""
+        """Return the predictor, or the reason why nothing can be predicted."""
         if isinstance(solid, str):
             return solid
         try:
@@ -84,7 +84,7 @@ class Predictor:
             return "another version of cellctl wrote the cell of this run"
 
     def predict(self, view: ViewReport, lamp: str, picture: Grey, window: Roi) -> Predicted | str:
-        """Return what a window of a view's picture would show, or why that is not known.
+        """Return the prediction for a window of a view's picture, or the reason why there is none.
 
         Parameters
         ----------

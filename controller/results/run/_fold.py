@@ -241,7 +241,7 @@ def _of_the_run(found: Sequence[Row]) -> Sequence[Row]:
 
 
 def _stages(log: Sequence[LogEntry]) -> tuple[StageReport, ...]:
-    """Return how long the cell was in each state, in the order of first entry."""
+    """Return the time that the cell spent in each state, in the order of first entry."""
     spent: dict[str, list[float]] = {}
     state, since = "", 0.0
     for entry in log:

@@ -134,7 +134,7 @@ class PartFold:
             self.custody_detail = f"run {row.run}"
 
     def _is_counted(self, *, is_ended_early: bool) -> bool:
-        """Return whether this is the part's record: one that goes on in another run has it there.
+        """Return whether this run has the part's record, and not another run that went on with it.
 
         A part that still lies on the table when its run is cut off or stopped is looked for anew by
         the next run, which gives it a record of its own. So does a run that was killed while it
@@ -156,7 +156,7 @@ class PartFold:
         self.views.append(judged)
 
     def report(self, *, is_cut_off: bool, is_ended_early: bool = False) -> PartReport:
-        """Return all that is known of the part.
+        """Return the report of the part.
 
         Parameters
         ----------

@@ -24,7 +24,7 @@ class RunSummary:
 
 
 def whole_journal(runs_dir: Path) -> Path:
-    """Return the journal of a folder of runs, for numbers over all of it.
+    """Return the journal of a folder of runs, for statistics over all runs.
 
     Raises
     ------

@@ -28,7 +28,7 @@ REVIEW_TRAY: Final = "quarantine"  # what is in it awaits a person
 
 
 class ResultsError(Exception):
-    """A run's journal cannot be read; the message names what was found."""
+    """A run's journal cannot be read; the message names the fault."""
 
 
 class UnknownRunError(ResultsError):
@@ -530,7 +530,7 @@ class RunRecord:
         return tuple(one.recipe for one in self.ordered_recipes)
 
     def recipe_of(self, part: PartReport) -> RecipeOrdered:
-        """Return the recipe that a part is of; the first one where it was not recognised."""
+        """Return the recipe of a part; the first one if it was not recognised."""
         return self.ordered_recipes[0 if part.identified is None else part.identified.recipe]
 
     def label_of(self, part: PartReport) -> tuple[str, str]:

@@ -34,7 +34,7 @@ CHUNK_BYTES: Final = 1 << 20
 
 @dataclass(frozen=True, slots=True)
 class Tampering:
-    """Something of a run that is not as it was written.
+    """A row or file of a run that has changed since it was written.
 
     Attributes
     ----------
@@ -48,7 +48,7 @@ class Tampering:
 
 @dataclass(frozen=True, slots=True)
 class RunProof:
-    """What was checked of a run, and what is not as it was written.
+    """The checks made of a run, and everything that has changed since it was written.
 
     Attributes
     ----------
@@ -66,7 +66,7 @@ class RunProof:
 
 
 def prove_run(runs_dir: Path, run: str | None = None, head: str | None = None) -> RunProof:
-    """Return what of a run is not as it was written.
+    """Return the rows and files of a run that have changed since they were written.
 
     Parameters
     ----------

@@ -106,7 +106,7 @@ def _normality_p(x: FloatArray) -> float:
 
 
 def chi_square_quantile(p: float, freedom: float | FloatArray) -> FloatArray:
-    """Return what a chi-square of so many degrees of freedom stays below with probability ``p``."""
+    """Return the ``p`` quantile of the chi-square distribution."""
     return np.asarray(2 * special.gammaincinv(np.asarray(freedom) / 2, p))
 
 

@@ -69,7 +69,7 @@ def run_chart(values: Sequence[float]) -> RunChart | None:
 
 
 def nelson_signals(values: FloatArray, mean: float, sigma: float) -> tuple[NelsonSignal, ...]:
-    """Return where values break Nelson's rules 1 to 4, by their last value.
+    """Return the violations of Nelson's rules 1 to 4, each by its last value.
 
     1: beyond three standard deviations; 2: nine in a row on one side of the mean; 3: six in a row
     that rise, or fall; 4: fourteen in a row that go up and down in turn.

@@ -130,7 +130,7 @@ def _take(
 
 
 def _agreement(posed: rows.ViewsPosed) -> rows.CharacteristicFields:
-    """Return how far arm and station camera disagreed while a part was shown, as a series."""
+    """Return the disagreement of arm and station camera while a part was shown, as a series."""
     return rows.CharacteristicFields(
         id=AGREEMENT,
         balloon=0,

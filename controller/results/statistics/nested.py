@@ -55,7 +55,7 @@ class NestedStudy:
     shares: FloatArray
 
     def variance_below(self, level: str) -> Interval | None:
-        """Return what all levels from one on add together, with its interval; None if unknown.
+        """Return the variance of one level and all below it, with its interval; None if unknown.
 
         A level that cannot be told apart from a coarser one counts with that.
         """
@@ -75,7 +75,7 @@ class NestedStudy:
 def nested_study(
     values: Sequence[float], groups: Sequence[tuple[Hashable, ...]], names: Sequence[str]
 ) -> NestedStudy | None:
-    """Return what each level adds to the scatter of values; None where nothing is repeated.
+    """Return the variance components of values, per level; None if nothing is repeated.
 
     Parameters
     ----------

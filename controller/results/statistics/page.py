@@ -54,7 +54,7 @@ def interval_words(index: Interval | None) -> str:
 
 
 def series_notes(series: Series) -> list[str]:
-    """Return what must be known beside the numbers of a series."""
+    """Return the remarks on the numbers of a series."""
     found = series.capability
     notes = [found.note] if found.note else []
     if series.is_changed:

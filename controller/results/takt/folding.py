@@ -81,7 +81,7 @@ class RunTakt:
 
 
 def takt_of(record: RunRecord) -> RunTakt:
-    """Return what the time of a run went into.
+    """Return a run's time, split by use.
 
     Parameters
     ----------

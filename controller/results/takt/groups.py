@@ -85,7 +85,7 @@ def grouped(runs: Iterable[RunTakt], by: str) -> tuple[TaktGroup, ...]:
 
 
 def run_takt(record: RunRecord) -> TaktGroup:
-    """Return what the arm's time in a run went into.
+    """Return the arm's time in a run, split by use.
 
     Parameters
     ----------
@@ -144,7 +144,7 @@ def takt_json(group: TaktGroup) -> dict[str, Any]:
 
 
 def takt_line(group: TaktGroup) -> str:
-    """Return in one sentence what the arm did and what it waited for; empty without Execute.
+    """Return the arm's work and waiting in one sentence; empty without Execute.
 
     Parameters
     ----------

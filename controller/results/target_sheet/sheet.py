@@ -16,7 +16,7 @@ NO_TIME: Final = datetime(2000, 1, 1, tzinfo=UTC)
 
 
 def sheet_html(board: BoardSection, name: str, paper: str) -> tuple[str, tuple[SheetPage, ...]]:
-    """Return the page that is printed, and what is on each sheet of it.
+    """Return the page to print, and the content of each of its sheets.
 
     Parameters
     ----------

@@ -131,11 +131,11 @@ class CaptureSession:
                     log.debug("camera %s: close: %s", device.path, error)
 
     def readiness_fd(self) -> int:
-        """Return the descriptor that polls readable once there is something to look at."""
+        """Return the descriptor that polls readable once a frame or an event is there."""
         return self._open_device().readiness_fd()
 
     def identity(self) -> CameraIdentity:
-        """Return what the camera reports about itself."""
+        """Return the camera's own identity."""
         caps, version = self._caps, self._caps.version
         number = f"{version >> 16}.{version >> 8 & 0xFF}.{version & 0xFF}"
         node = self._open_device().path
@@ -228,11 +228,11 @@ class CaptureSession:
             stream.resume()
 
     def begin_wait(self) -> None:
-        """Note that frames are wanted from now on: what is in the queue is a backlog."""
+        """Note that frames are wanted from now on: frames in the queue are a backlog."""
         self._backlog_count = 0
 
     def longest_wait_s(self) -> float:
-        """Return how long a frame may take that is wanted from now on [cell s]."""
+        """Return the longest time until a frame that is wanted from now on [cell s]."""
         period_s = max(self.period_s, self.exposure_s or 0.0)
         margin_s = self._config.frame_margin_s
         frames_s = (self._exposure_change.remaining_count + 4) * period_s

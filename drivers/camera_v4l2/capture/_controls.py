@@ -124,7 +124,7 @@ def lock_controls(
 def set_and_compare(
     device: Device, control: ControlId, wanted: int, *, is_needed: bool = True
 ) -> ControlSetting:
-    """Set a control, read it back and return what became of it.
+    """Set a control, read it back and return the result.
 
     Parameters
     ----------

@@ -52,7 +52,7 @@ KINDS: Final = {
 
 
 def pixel_kind(pixel_format: PixFormat) -> PixelKind | None:
-    """Return how this format is read, None if this driver cannot."""
+    """Return the pixel kind of a format; None if this driver cannot read it."""
     return KINDS.get(fourcc_name(pixel_format.pixelformat))
 
 

@@ -14,7 +14,7 @@ log = logging.getLogger(__name__)
 
 
 def check_kind(device: Device) -> abi.Capability:
-    """Return what the node is.
+    """Return the node's capabilities.
 
     Raises
     ------
@@ -37,7 +37,7 @@ def check_kind(device: Device) -> abi.Capability:
 
 
 def agree_on_format(device: Device, config: CameraConfig) -> abi.PixFormat:
-    """Set the first wanted format that the camera offers; return what it answered.
+    """Set the first wanted format that the camera offers; return the camera's answer.
 
     Raises
     ------

@@ -55,7 +55,7 @@ def stamp_of(
     period_s: float,
     is_start_trusted: bool,
 ) -> Stamp:
-    """Return what a buffer's time stamp means.
+    """Return the instant and the source of a buffer's time stamp.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ def default_margin_s(source: StampSource, period_s: float) -> float:
 
 
 def sequence_gap(previous: int, current: int) -> int:
-    """Return how many frames are missing between two sequence numbers (32 bit, they wrap).
+    """Return the number of frames missing between two sequence numbers (32 bit, they wrap).
 
     A number that did not advance, or went back, is a restarted count: nothing is missing.
     """
@@ -127,7 +127,7 @@ class ExposureChange:
         self.changed_s, self.remaining_count = at_s, frame_count
 
     def is_adapting(self, stamp: Stamp) -> bool:
-        """Return whether this frame may be of the old setting, and count it."""
+        """Return whether this frame may have the old setting, and count it."""
         if stamp.bound_s < self.changed_s:
             return True
         if self.remaining_count:

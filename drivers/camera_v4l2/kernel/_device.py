@@ -71,7 +71,7 @@ class Device:
         return abi.unpack_requestbuffers(self._ask(abi.VIDIOC_REQBUFS, struct))
 
     def query_buffer(self, index: int) -> abi.Buffer:
-        """Return where a buffer is."""
+        """Return the place of a buffer."""
         return abi.Buffer.unpack(self._ask(abi.VIDIOC_QUERYBUF, abi.Buffer.query(index)))
 
     def queue(self, index: int) -> None:
@@ -94,7 +94,7 @@ class Device:
         self._ask(abi.VIDIOC_STREAMOFF, abi.pack_stream_type())
 
     def query_control(self, control: int) -> abi.QueryCtrl | None:
-        """Return a control's name and range, None if the camera has none such."""
+        """Return a control's name and range; None if the camera has no such control."""
         try:
             raw = self._ask(abi.VIDIOC_QUERYCTRL, abi.QueryCtrl.query(control))
         except OSError as error:

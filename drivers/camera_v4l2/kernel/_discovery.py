@@ -57,7 +57,7 @@ def list_nodes(dev_root: Path = DEV_ROOT, sysfs_root: Path = SYSFS_ROOT) -> tupl
 
 
 def find_node(address: str, dev_root: Path = DEV_ROOT, sysfs_root: Path = SYSFS_ROOT) -> str:
-    """Return what to open for an address.
+    """Return the node to open for an address.
 
     Parameters
     ----------

@@ -67,7 +67,7 @@ class SocketCalls:
         return fd
 
     def ioctl(self, fd: int, request: int, buffer: bytearray) -> None:
-        """Send the struct, take the camera's version of it back.
+        """Send the struct, and take the camera's version back.
 
         Parameters
         ----------

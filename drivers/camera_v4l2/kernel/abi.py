@@ -176,7 +176,7 @@ class Capability:
 
     @classmethod
     def unpack(cls, raw: bytes | bytearray) -> Self:
-        """Return the struct that the bytes hold."""
+        """Return the struct in the bytes."""
         driver, card, bus, version, caps, device_caps = _CAPABILITY.unpack(raw)
         return cls(_text(driver), _text(card), _text(bus), version, caps, device_caps)
 
@@ -229,7 +229,7 @@ def pack_requestbuffers(count: int) -> bytearray:
 
 
 def unpack_requestbuffers(raw: bytes | bytearray) -> int:
-    """Return how many buffers were granted."""
+    """Return the number of buffers granted."""
     return int(_REQUESTBUFFERS.unpack(raw)[0])
 
 
@@ -256,7 +256,7 @@ class Buffer:
 
     @classmethod
     def unpack(cls, raw: bytes | bytearray) -> Self:
-        """Return the struct that the bytes hold; the time stamp stays whole microseconds."""
+        """Return the struct in the bytes; the time stamp stays in whole microseconds."""
         fields = _BUFFER.unpack(raw)
         index, _, bytesused, flags, _, seconds, microseconds, _, sequence, _, m, length = fields[
             :12
@@ -328,7 +328,7 @@ class QueryCtrl:
 
     @classmethod
     def unpack(cls, raw: bytes | bytearray) -> Self:
-        """Return the struct that the bytes hold."""
+        """Return the struct in the bytes."""
         control, kind, name, *rest = _QUERYCTRL.unpack(raw)
         return cls(control, kind, _text(name), *rest)
 

@@ -46,11 +46,11 @@ Guard = Callable[[], None]
 
 
 class _StopFirstError(Exception):
-    """A stop waits for the line; what was to be sent has had no effect and begins anew."""
+    """A stop waits for the line; the request has had no effect and begins anew."""
 
 
 def _heals(error: DeviceError) -> bool:
-    """Return whether the link can go on by finding out anew which IP listens."""
+    """Return whether the link can go on by finding out again which IP listens."""
     return breaks_step(error) or isinstance(error, LineUncertainError)
 
 
@@ -106,7 +106,7 @@ class Link:
             return await run_to_end(self._open(look))
 
     def found(self, ip: Ip) -> Status | None:
-        """Return what an IP answered on opening, before its stop; None where none did.
+        """Return an IP's answer on opening, before its stop; None if there was none.
 
         Where only one of them answered, it is not known which: its answer stands for either.
         """
@@ -176,7 +176,7 @@ class Link:
         return reply.ip
 
     async def _who(self) -> Ip:
-        """Return which IP listens, by the one query that no single bit turns into harm (ADR 15)."""
+        """Return the listening IP, by the one query safe under any single-bit error (ADR 15)."""
         for _ in range(_ATTEMPT_COUNT):
             try:
                 reply = await self._wire.exchange(encode_simple(Simple.VERSION))

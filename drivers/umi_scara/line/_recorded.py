@@ -59,7 +59,7 @@ class Exchanged:
 
 @dataclass(frozen=True, slots=True)
 class _Placed:
-    """A request of the recording with the IP that heard it (§1.4), and what it had selected."""
+    """A request of the recording with the IP that heard it (§1.4), and the IP's selection."""
 
     said: Exchanged
     ip: int
@@ -123,7 +123,7 @@ class RecordedLine:
         return first is not None and _is_restart(first.reply)
 
     def answer(self, request: bytes, now_s: float) -> tuple[bytes, float]:
-        """Return the bytes that answer a request, none if none came, and after how long [cell s].
+        """Return the bytes that answer a request, b"" if none came, and their delay [cell s].
 
         Parameters
         ----------
@@ -174,7 +174,7 @@ class RecordedLine:
         raise UnpluggedError(_difference(self._name, ip, request, recorded))
 
     def _tell(self, request: bytes, now_s: float) -> tuple[bytes, float]:
-        """Return what the arm last answered by now; or what it answered first from here on."""
+        """Return the arm's latest answer by now; if none, its first answer from here on."""
         ip, orders, done = self._ip, self._orders[self._ip], self._done[self._ip]
         begin = orders[done - 1] if done else 0
         end = orders[done] if done < len(orders) else len(self._placed)
@@ -191,7 +191,7 @@ class RecordedLine:
         return said.reply, said.took_s
 
     def _before(self, request: bytes, found: Sequence[int], low: int) -> Exchanged:
-        """Return what was answered last before the last order; of the ROM, whenever it was."""
+        """Return the last answer before the last order; of the ROM's version, else a later one."""
         earlier = (self._placed[i].said for i in reversed(found[:low]))
         said = next((one for one in earlier if not _is_restart(one.reply)), None)
         if said is None and request == _VERSION:
@@ -207,7 +207,7 @@ class RecordedLine:
         return said
 
     def _instant_s(self, now_s: float) -> float:
-        """Return how far the recording has got [its cell s]: up to the next order at the most."""
+        """Return the recording's progress [its cell s]: up to the next order at the most."""
         if self._stopped_s is not None:
             return self._stopped_s
         assert self._since_s is not None, "time runs from the first request on"
@@ -233,7 +233,7 @@ def _placed(exchanges: Sequence[Exchanged]) -> list[_Placed]:
 
 
 def _first_ip(exchanges: Sequence[Exchanged]) -> int:
-    """Return the IP that hears the first request, counted back from the first one that is named."""
+    """Return the IP that hears the first request, counted back from the first IP named."""
     turn_count = 0
     for one in exchanges:
         if (named := _named_ip(one)) is not None:
@@ -351,7 +351,7 @@ class RecordedTransport:
             self._loop.call_later(self._clock.to_wall_s(took_s), self._arrive, reply)
 
     async def read(self, timeout_wall_s: float) -> bytes:
-        """Return what has arrived, after waiting [wall s] for a first byte; b"" if none came.
+        """Return the bytes received, after waiting [wall s] for a first one; b"" if none came.
 
         Raises
         ------

@@ -23,7 +23,7 @@ class Transport(Protocol):
         """Send all bytes in one call: a request split in two breaks the 8 ms rule (§8.17)."""
 
     async def read(self, timeout_wall_s: float) -> bytes:
-        """Return what has arrived, after waiting [wall s] for a first byte; b"" if none came.
+        """Return the bytes received, after waiting [wall s] for a first one; b"" if none came.
 
         A timeout of 0 returns what is there already. A cancelled read loses no byte.
         """
@@ -80,7 +80,7 @@ class SerialTransport:
             self._fail("the line hung up")
 
     def _has_hung_up(self) -> bool:
-        """Return whether a read that brought nothing means that the other end is gone.
+        """Return whether a read without data means that the other end is gone.
 
         A line with VMIN and VTIME 0 also reads as empty where another read has just taken
         the bytes.
@@ -117,7 +117,7 @@ class SerialTransport:
             raise LinkError(f"arm: {self._port} took {sent_count} of {len(data)} bytes")
 
     async def read(self, timeout_wall_s: float) -> bytes:
-        """Return what has arrived, after waiting [wall s] for a first byte; b"" if none came.
+        """Return the bytes received, after waiting [wall s] for a first one; b"" if none came.
 
         Raises
         ------

@@ -116,7 +116,7 @@ def breaks_step(error: DeviceError) -> bool:
 
 
 def may_be_another_command(request: bytes, received: bytes) -> bool:
-    """Return whether, by the bytes that came back, another command may have run (ADR 15).
+    """Return whether another command may have run, by the bytes received (ADR 15).
 
     A request of three bytes may have lost its first one, and its data are then commands. A query
     has become a command only if it is acknowledged. A command is checked by its effect.
@@ -304,7 +304,7 @@ class Wire:
         )
 
     async def _look_again(self) -> bytes:
-        """Return what is still on its way through the kernel, which counts as in time.
+        """Return the bytes still on their way through the kernel, which count as in time.
 
         On a clock that can be held, a request and its reply both have to get through a kernel that
         other programs keep busy. One who answers has some time for it after the first.
@@ -319,7 +319,7 @@ class Wire:
         return data
 
     def _silence_limit_s(self) -> float:
-        """Return how long a line may be mute [cell s]; two tries fit in on any host."""
+        """Return the longest silence of the line [cell s]; two tries fit in on any host."""
         reply_s = self._clock.patience_s(self._config.reply_timeout_s)
         return self._config.silence_s if 1.6 * reply_s <= self._config.silence_s else 2 * reply_s
 

@@ -39,7 +39,7 @@ Clear = Literal["gripper", "fingers", "nothing"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LinkBox:
-    """What a link takes up, as a box in the link's frame, and what it may touch.
+    """A box around a link, in the link's frame, and the bodies that it may touch.
 
     Attributes
     ----------
@@ -166,7 +166,7 @@ class UmiModel:
         return kinematics.inverse(T_arm_tcp, self.geometry)[0]
 
     def within_limits(self, q: Floats) -> NDArray[np.bool_]:
-        """Return which joints (..., 6) the arm would accept: (...) bool; NaN is outside."""
+        """Return whether the arm would accept joints (..., 6): (...) bool; NaN is outside."""
         return kinematics.within_limits(q)
 
     def limit_report(self, q: Floats) -> str:
@@ -210,11 +210,11 @@ class UmiModel:
         return _detours.lifts(q, count)
 
     def homing_sweep(self, low: Floats, high: Floats) -> Sequence[SweepPhase]:
-        """Return where homing that keeps the jaws shut takes the joints from within bounds (6,)."""
+        """Return the joints swept by homing with shut jaws, started from within bounds (6,)."""
         return homing_sweep(low, high)
 
     def move_sweep(self, q_from: Floats, q_to: Floats) -> SweepPhase:
-        """Return where one move takes the joints, however its motors keep step."""
+        """Return the joints swept by one move, whether or not its motors keep step."""
         return move_sweep(q_from, q_to)
 
     def describe(self, q: Floats) -> str:

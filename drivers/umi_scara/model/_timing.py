@@ -84,7 +84,7 @@ class UmiTiming:
     def course(
         self, q_from: Floats, q_to: Floats, count: int, skew_s: float = 0.0
     ) -> tuple[Floats, Floats]:
-        """Return where one move has the joints as time goes by.
+        """Return the course of the joints over the time of one move.
 
         Parameters
         ----------
@@ -140,12 +140,12 @@ class UmiTiming:
 
 
 def motor_travel(step: Floats) -> Floats:
-    """Return how far the motors turn (..., 6) for changes of the joints (..., 6) [rad, mm]."""
+    """Return the travel of the motors (..., 6) for changes of the joints (..., 6) [rad, mm]."""
     return np.asarray(np.asarray(step, np.float64) @ _SPLIT.T)
 
 
 def move_sweep(q_from: Floats, q_to: Floats) -> SweepPhase:
-    """Return where one move takes the joints if each motor is on a share of its own.
+    """Return the joints swept by one move if each motor is at a share of its own.
 
     Parameters
     ----------
@@ -162,7 +162,7 @@ def _trapezoid_s(share_s: Floats, ramp_s: float) -> Floats:
 
 
 def _done(t_s: Floats, share_s: Floats, ramp_s: float) -> Floats:
-    """Return which part of its way a motor has behind it after a time, by its trapezoid."""
+    """Return the share of its way that a motor has done after a time, by its trapezoid."""
     share_s = np.maximum(share_s, 1e-9)
     rise_s = np.minimum(ramp_s, np.sqrt(share_s * ramp_s))
     speed = rise_s / ramp_s

@@ -116,14 +116,14 @@ class ArmGeometry:
             raise ValueError(f"lengths must be positive: {self}")
 
     def from_counters(self, q: Floats) -> Floats:
-        """Return where the joints (..., 6) are that the counters mean to be at ``q``."""
+        """Return the true joints (..., 6) for joints ``q`` by the counters."""
         true = q + self._zeros
         true[..., _YAW] += self.yaw_per_elbow * true[..., _ELBOW]
         true[..., _ZED] -= self._sag_mm(true[..., _ELBOW])
         return true
 
     def to_counters(self, true: Floats) -> Floats:
-        """Return what the counters mean where the joints are at ``true`` (..., 6)."""
+        """Return the joints by the counters for true joints (..., 6)."""
         q = true - self._zeros
         q[..., _YAW] -= self.yaw_per_elbow * true[..., _ELBOW]
         q[..., _ZED] += self._sag_mm(true[..., _ELBOW])
@@ -138,7 +138,7 @@ class ArmGeometry:
         return np.asarray(self.sag_mm * np.cos(elbow_rad / 2.0) ** 2)
 
     def wrist_target(self, T_arm_tcp: Floats) -> Floats:
-        """Return where a TCP in the approach axis would be, for TCP poses (..., 4, 4)."""
+        """Return the poses of a TCP on the approach axis, for TCP poses (..., 4, 4)."""
         if self.tool_off_mm == (0.0, 0.0):
             return T_arm_tcp
         pose = T_arm_tcp.copy()
@@ -321,7 +321,7 @@ def inverse_legal(
     *,
     heading_rad: ArrayLike | None = None,
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats]:
-    """Return what `inverse` finds legal, without working the rest out: a quarter of the time.
+    """Return the solutions that `inverse` finds legal, without the rest: a quarter of the time.
 
     Parameters
     ----------

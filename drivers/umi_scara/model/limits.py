@@ -85,7 +85,7 @@ _ROUNDING: Final = 1e-9  # of a third of a count in binary
 
 
 def limit_margins(counts: ArrayLike) -> NDArray[np.float64]:
-    """Return how far inside each of LIMITS counts lie [counts]; negative is outside (§5.2).
+    """Return the margin of counts to each of LIMITS [counts]; negative is outside (§5.2).
 
     Parameters
     ----------

@@ -99,7 +99,7 @@ class Axes:
         self._on_uncertain(error)
 
     async def halt_uncertain(self, why: str) -> NoReturn:
-        """Dead-stop both IPs because of what was seen, and raise LineUncertainError.
+        """Dead-stop both IPs for the reason given, and raise LineUncertainError.
 
         Raises
         ------
@@ -193,12 +193,12 @@ class Axes:
         return _the(Value, await self._exchange(ip, *frames, repeats=True)).value
 
     async def read_actual(self, axis: Axis) -> int:
-        """Return where a motor truly is [counts]: CURRENT_POSITION less CP_ERROR (§2.5, nr 15)."""
+        """Return a motor's true position [counts]: CURRENT_POSITION less CP_ERROR (§2.5, nr 15)."""
         commanded = await self.read(axis, Parameter.CURRENT_POSITION)
         return commanded - await self.read(axis, Parameter.CP_ERROR)
 
     async def read_actuals(self, axes: Iterable[Axis]) -> dict[Axis, int]:
-        """Return where motors truly are [counts], with one hand-over at most."""
+        """Return the motors' true positions [counts], with one hand-over at most."""
         wanted = list(axes)
         found = {}
         for ip in self.ips(wanted):
@@ -209,7 +209,7 @@ class Axes:
 
     # ---- writing -------------------------------------------------------------------------------
     def written(self, axis: Axis, parameter: Parameter) -> int | None:
-        """Return what a parameter was last set to in this session; None if that is not known."""
+        """Return the last value set for a parameter in this session; None if it is not known."""
         return self._written.get((axis, parameter))
 
     async def write(
@@ -371,7 +371,7 @@ class Axes:
         )
 
     async def read_actual_twice(self, axis: Axis) -> int:
-        """Return where a motor at rest truly is [counts], from reads that agree.
+        """Return the true position of a motor at rest [counts], from reads that agree.
 
         A reply names neither its parameter nor its motor (§2.2).
         """
@@ -379,7 +379,7 @@ class Axes:
         return commanded - await self.read_twice(axis, Parameter.CP_ERROR)
 
     async def read_twice(self, axis: Axis, parameter: Parameter) -> int:
-        """Return a parameter that two reads in a row agree on to 2 counts.
+        """Return a parameter on which two reads in a row agree to 2 counts.
 
         Raises
         ------

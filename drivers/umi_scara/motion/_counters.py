@@ -18,7 +18,7 @@ _SLACK_COUNTS = 8  # DEAD_BAND, arrival slack, and the counts of a late stop
 def judge_counters(
     known: Mapping[Axis, tuple[int, int]], counts: Mapping[Axis, int], may_be_zeroed: bool
 ) -> str:
-    """Return why counters cannot be trusted, or "" if they can.
+    """Return the reason why counters cannot be trusted, or "" if they can.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ def judge_counters(
 def judge_kept_counters(
     between: Mapping[Axis, tuple[int, int]], counts: Mapping[Axis, int], ips: Iterable[Ip] = Ip
 ) -> str:
-    """Return why counters of an earlier session cannot be trusted, or "" if they can.
+    """Return why an earlier session's counters cannot be trusted, or "" if they can.
 
     A restart makes all counters of an IP zero (umi_rtx.md 1.5, 9.23), and a GO of somebody else
     hides it. An axis that reads far from zero, where it was last sent, excludes that. Where all

@@ -71,7 +71,7 @@ class Homing:
         await watch.until_rest(in_turn=True)
 
     async def prepare(self) -> None:
-        """Set modes and targets such that a go sent by mistake moves nothing; nothing moves."""
+        """Set modes and targets so that a go sent by mistake moves nothing; nothing moves."""
         await self._stops.ensure_modes()
         await self._clear()
 

@@ -32,7 +32,7 @@ _PITCH_DOWN = {Axis.WRIST1: Drive.REVERSE, Axis.WRIST2: Drive.REVERSE}
 
 
 def keeping_park(park: Mapping[Axis, int]) -> dict[Axis, int]:
-    """Return where this homing leaves all axes but the gripper [counts].
+    """Return the final position of all axes but the gripper after this homing [counts].
 
     Parameters
     ----------

@@ -56,7 +56,7 @@ def synchronised_speeds(
 def forecast_s(
     distances: Mapping[Axis, int], speeds: Mapping[Axis, int], nominal: Mapping[Axis, float]
 ) -> float:
-    """Return how long a move takes [s], by nominal speeds, which no source confirms (§5.7, 7).
+    """Return the duration of a move [s], by nominal speeds, which no source confirms (§5.7, 7).
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ class MoveWatch:
         self._marked: set[Ip] = set()
 
     async def until_rest(self, *, in_turn: bool = False) -> None:
-        """Return when no axis moves; `in_turn` watches one IP to its rest, then the other (§3.4).
+        """Wait until no axis moves; `in_turn` watches one IP to its rest, then the other (§3.4).
 
         Raises
         ------

@@ -36,7 +36,7 @@ class GearPlay:
                 self._far[axis] = min(max(far, at - play / 2), at + play / 2)
 
     def meant(self, axis: Axis, counts: float) -> float:
-        """Return where the joint is of a motor at ``counts``."""
+        """Return the joint's position for a motor at ``counts``."""
         if axis not in self._play:
             return counts
         half = self._play[axis] / 2
@@ -44,7 +44,7 @@ class GearPlay:
         return min(max(far, counts - half), counts + half) + half
 
     def targets(self, joints: Mapping[Axis, int], motors: Mapping[Axis, int]) -> dict[Axis, int]:
-        """Return where motors have to go to for joints, each by the shortest way.
+        """Return the motor targets for joints, each by the shortest way.
 
         Parameters
         ----------

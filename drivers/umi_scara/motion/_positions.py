@@ -15,7 +15,7 @@ from ._moves import on_ip
 
 
 class Positions:
-    """Where the axes are, as far as it is known.
+    """The positions of the axes, as far as they are known.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ class Positions:
 
     # ---- what is known -------------------------------------------------------------------------
     def at_rest(self, axis: Axis) -> int | None:
-        """Return where an axis rests at its target [counts]; None if that is not known."""
+        """Return the target [counts] at which an axis rests; None if it is not known."""
         return self._at_rest.get(axis)
 
     async def make_sure(self, axes: Axes, guard: Guard) -> None:
@@ -161,7 +161,7 @@ class Positions:
         self._is_sure = True
 
     async def read(self, axes: Axes) -> dict[Axis, int]:
-        """Return where all axes are [counts]; check their labels first where these may be wrong.
+        """Return all axes' positions [counts]; check their labels first if these may be wrong.
 
         Raises
         ------

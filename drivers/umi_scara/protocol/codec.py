@@ -137,7 +137,7 @@ def encode_interpolation(increments: Mapping[int, int]) -> bytes:
 
 
 def request_length(opcode: int) -> int:
-    """Return how many bytes a request has that begins with `opcode`: 1 or 3 (§2.1)."""
+    """Return the length in bytes of a request that begins with `opcode`: 1 or 3 (§2.1)."""
     if opcode < 0x40:
         return 3 if 0x18 <= opcode <= 0x1D else 1
     if opcode < 0x80:
@@ -146,7 +146,7 @@ def request_length(opcode: int) -> int:
 
 
 def is_go(request: bytes) -> bool:
-    """Return whether a request is a numeric go (§2.7): the one that an arm may refuse as busy."""
+    """Return whether a request is a numeric go (§2.7), which the arm may refuse as busy."""
     return 0xA0 <= request[0] <= 0xBF
 
 

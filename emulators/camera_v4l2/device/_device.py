@@ -291,7 +291,7 @@ class V4l2Device:
             return self._buffers.poll() | (Poll.PRI if handle.events else 0)
 
     def may_map(self, number: int, length_bytes: int, offset_bytes: int) -> bool:
-        """Return whether mmap(2) of a range is that of a buffer which exists.
+        """Return whether an mmap(2) range is that of an existing buffer.
 
         Parameters
         ----------

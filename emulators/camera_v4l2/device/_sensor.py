@@ -176,7 +176,7 @@ class Sensor:
             self._able()
 
     def advance(self, now_s: float) -> float | None:
-        """Return what `V4l2Device.advance` returns; see there."""
+        """Return the same as `V4l2Device.advance`; see there."""
         self._finish_flights()
         with self._lock:
             if self._able_since_s is None:
@@ -195,7 +195,7 @@ class Sensor:
         return again_s if late_s is None else min(late_s, again_s or late_s)
 
     def _late_until_s(self) -> float | None:
-        """Return when the oldest picture that is ready and late reaches its buffer [world s]."""
+        """Return when the oldest late picture reaches its buffer [world s]; None without one."""
         if not self._flights or self._flights[0].picture is None or self.faults.late_count <= 0:
             return None
         return self._flights[0].end_s + self.faults.late_s
@@ -303,7 +303,7 @@ class Sensor:
                 self._wake(flight.owner)
 
     def _stamp(self, flight: _Flight) -> tuple[int, int]:
-        """Return a frame's timestamp [us] and what the flags say of it."""
+        """Return a frame's timestamp [us] and the flags on its kind."""
         is_soe = self._config.stamps_exposure_start
         instant_s = flight.start_s if is_soe else flight.end_s
         if self.faults.timestamp_unknown:

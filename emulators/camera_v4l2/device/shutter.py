@@ -20,11 +20,11 @@ class FrameGrid:
     exposure_s: Callable[[int], float]
 
     def start_s(self, frame: int) -> float:
-        """Return when a frame's exposure begins [world s]."""
+        """Return the start of a frame's exposure [world s]."""
         return self.started_s + frame * self.period_s
 
     def end_s(self, frame: int) -> float:
-        """Return when a frame's exposure ends [world s]."""
+        """Return the end of a frame's exposure [world s]."""
         return self.start_s(frame) + min(self.period_s, self.exposure_s(frame))
 
     def first_from(self, instant_s: float) -> int:

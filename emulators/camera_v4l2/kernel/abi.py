@@ -16,7 +16,7 @@ def _request(direction: int, number: int, size_bytes: int) -> int:
 
 
 def size_of_request(request: int) -> int:
-    """Return how many bytes of struct a request carries (the header's `_IOC_SIZE`)."""
+    """Return the size in bytes of a request's struct (the header's `_IOC_SIZE`)."""
     return request >> 16 & 0x3FFF
 
 

@@ -73,7 +73,7 @@ class BufferQueue:
         return bool(self._queued)
 
     def poll(self) -> int:
-        """Return the bits that poll(2) reports, but for those of events."""
+        """Return the bits that poll(2) reports, except those of events."""
         if not self.is_streaming:
             return Poll.ERR
         if self._done:
@@ -232,7 +232,7 @@ class BufferQueue:
         self.stop()
 
     def may_map(self, length_bytes: int, offset_bytes: int) -> bool:
-        """Return whether mmap(2) of this range is one buffer's."""
+        """Return whether an mmap(2) range is one buffer's."""
         index, rest = divmod(offset_bytes, SLOT_BYTES)
         return rest == 0 and index < len(self._buffers) and 0 < length_bytes <= SLOT_BYTES
 

@@ -30,7 +30,7 @@ class _Control:
 
 
 class ControlBank:
-    """Values of all controls, for clients (what was set) and for the sensor (what is in effect)."""
+    """Values of all controls, for clients (the last set) and for the sensor (the one in effect)."""
 
     def __init__(self, specs: Iterable[ControlSpec], monotonic_s: Callable[[], float]) -> None:
         self._controls = {
@@ -42,12 +42,12 @@ class ControlBank:
         return cid in self._controls
 
     def value_set(self, cid: int, default: int = 0) -> int:
-        """Return what was set last, `default` where the camera has no such control."""
+        """Return the last value set; `default` if the camera has no such control."""
         control = self._controls.get(cid)
         return default if control is None else control.value
 
     def value_at(self, cid: int, frame: int, default: int = 0) -> int:
-        """Return what frame number `frame` is taken with.
+        """Return the value in effect for frame number `frame`.
 
         Parameters
         ----------
@@ -158,7 +158,7 @@ class ControlBank:
         return 0 if self.is_active(spec.cid) else ControlFlag.INACTIVE
 
     def _described(self, spec: ControlSpec) -> tuple[int | bytes, ...]:
-        """Return the fields that both kinds of query begin with."""
+        """Return the fields common to both kinds of query."""
         limits = (spec.minimum, spec.maximum, spec.step, spec.default)
         return (spec.cid, spec.kind, spec.name.encode()[:31], *limits, self._flags(spec))
 
@@ -173,7 +173,7 @@ class ControlBank:
         return self._controls[cid]
 
     def check(self, cid: int, value: int, beside: Mapping[int, int] | None = None) -> int:
-        """Return the value that a client's wish becomes, by uvcvideo's rules.
+        """Return the value that a client's request is changed to by uvcvideo's rules.
 
         Parameters
         ----------

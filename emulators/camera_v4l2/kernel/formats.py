@@ -83,7 +83,7 @@ def mean_level(picture: Picture) -> float:
 
 
 def encode(picture: Picture, pixel_format: PixelFormat) -> bytes | memoryview:
-    """Return the bytes that a frame of this picture, (height, width), has on the wire.
+    """Return the bytes on the wire of a frame of this picture (height, width).
 
     Raises
     ------

@@ -94,7 +94,7 @@ def mount(device_fd: int, directory: Path) -> None:
 
 
 def unmount(directory: Path) -> None:
-    """Take a mount away, whoever uses it, and fail what waits for it; none there is fine.
+    """Remove a mount that may be in use, and fail its waiting requests; no mount is fine.
 
     Raises
     ------

@@ -28,7 +28,7 @@ class Pacer:
             await self.clock.sleep(ahead_s)
 
     def silence_s(self, duration_s: float, *, is_frame_complete: bool) -> float:
-        """Return how long to listen for a silence of `duration_s` [world s].
+        """Return the time to listen for a silence of `duration_s` [world s].
 
         Bytes that stand in the middle of a frame are given the jitter of the host on top, since
         a gap there may be the scheduler's and not the wire's.

@@ -165,7 +165,7 @@ class Bodies:
         self._pybullet.resetBaseVelocity(body, zero, zero, physicsClientId=self._client)
 
     def part_pose(self, body: int, solid: Solid) -> Array:
-        """Return where a falling part is, T_world_part [mm]."""
+        """Return the pose of a falling part, T_world_part [mm]."""
         position, quat = self._pybullet.getBasePositionAndOrientation(
             body, physicsClientId=self._client
         )
@@ -176,7 +176,7 @@ class Bodies:
         return pose
 
     def speed(self, body: int) -> tuple[float, float]:
-        """Return how fast a body moves and turns [mm/s, rad/s]."""
+        """Return the linear and angular speed of a body [mm/s, rad/s]."""
         v, w = self._pybullet.getBaseVelocity(body, physicsClientId=self._client)
         return MM_PER_M * sum(a * a for a in v) ** 0.5, sum(a * a for a in w) ** 0.5
 

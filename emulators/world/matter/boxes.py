@@ -96,7 +96,7 @@ class CellBoxes:
             self._bodies.place_box(body, centre_mm, gripper.T_world_finger(side))
 
     def touches(self, parts: Sequence[Part], wake: Callable[[], None]) -> list[Touch]:
-        """Return what the arm and what it holds overlap with; wake the parts that it comes near."""
+        """Return the touches of the arm and its part; wake the parts that it comes near."""
         frames = [self._links[frame] for frame, _, _ in self._moving]
         fingers = [self._arm_gripper.T_world_finger(0), self._arm_gripper.T_world_finger(1)]
         low, high = self._moving_boxes.bounds(frames + fingers)
@@ -134,7 +134,7 @@ class CellBoxes:
         return touches
 
     def _of_held(self, part: Part, fixed: tuple[Array, Array]) -> list[Touch]:
-        """Return what the arm's part overlaps with; fingers that hold it as well are no foe."""
+        """Return the touches of the arm's part; fingers that hold it as well do not count."""
         touches: list[Touch] = []
         depth_mm = -part.lowest_mm
         if depth_mm > _TABLE_MM:
@@ -167,7 +167,7 @@ class CellBoxes:
     def _near_part(
         self, part: Part, low: Array, high: Array, wake: Callable[[], None]
     ) -> list[Touch]:
-        """Return where the arm overlaps with a part that it does not hold and that cannot yield."""
+        """Return the touches of the arm with a part that it does not hold and that cannot yield."""
         touches: list[Touch] = []
         p_low, p_high = part.bounds_mm
         near = _overlap(low, high, p_low[None] - _NEAR_MM, p_high[None] + _NEAR_MM)[:, 0]
@@ -187,7 +187,7 @@ class CellBoxes:
         return touches
 
     def _finger_on_part(self, side: int, part: Part) -> list[Touch]:
-        """Push a part at rest along with a finger; what it comes down on stops it. Exact mesh."""
+        """Slide a part along with a finger; return a touch if the part cannot yield. Exact mesh."""
         if part.state == FALLING:  # it falls out of the way
             return []
         if part.index in self._arm_gripper.passing:
@@ -236,6 +236,6 @@ def _shrunk(box: Box, by_mm: float) -> Box:
 
 
 def _overlap(low: Array, high: Array, other_low: Array, other_high: Array) -> Mask:
-    """Return which boxes' bounds overlap, (n, m) bool."""
+    """Return whether each pair of boxes' bounds overlaps, (n, m) bool."""
     overlaps = (low[:, None] < other_high) & (high[:, None] > other_low)
     return overlaps[:, :, 0] & overlaps[:, :, 1] & overlaps[:, :, 2]

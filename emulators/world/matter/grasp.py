@@ -82,7 +82,7 @@ class Gripper:
     passing: set[int] = field(default_factory=set)
 
     def T_world_finger(self, side: int) -> Array:
-        """Return the frame that a finger's box stands in; side 0 is +y."""
+        """Return the pose of a finger's box in the world; side 0 is +y."""
         sign = 1.0 if side == 0 else -1.0
         T = self.T_world_tcp.copy()
         T[:3, 3] += T[:3, 1] * (sign * self.opening_mm / 2.0)
@@ -121,7 +121,7 @@ class Gripper:
         )
 
     def is_as_wide_as(self, hold: Hold) -> bool:
-        """Return whether the jaws still stand where they held a part."""
+        """Return whether the jaws still have the opening at which they held a part."""
         return abs(self.opening_mm - hold.seat.opening_mm) <= _OPENED_MM
 
     def resume(self, hold: Hold) -> None:
@@ -210,7 +210,7 @@ class Gripper:
 
 
 def apart(T_one: Array, T_other: Array) -> tuple[float, float]:
-    """Return how far two poses are apart [mm, rad]."""
+    """Return the distance of two poses [mm, rad]."""
     R = T_one[:3, :3].T @ T_other[:3, :3]
     return float(np.linalg.norm(T_one[:3, 3] - T_other[:3, 3])), rotation_angle(R)
 

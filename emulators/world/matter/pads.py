@@ -41,7 +41,7 @@ class Felt:
         return bool(np.isfinite(self.upper_mm).sum() >= 3 and np.isfinite(self.lower_mm).sum() >= 3)
 
     def gaps_mm(self, opening_mm: float) -> tuple[float, float]:
-        """Return how far each pad is from the part, +y first; negative when pressed in."""
+        """Return each pad's distance from the part, +y first; negative when pressed in."""
         half = opening_mm / 2.0
         return half - float(np.nanmax(self.upper_mm)), float(np.nanmin(self.lower_mm)) + half
 
@@ -82,7 +82,7 @@ class Pads:
         self._pivot_mm = np.array((-fingers.pad_length_mm / 2.0, 0.0, 0.0))
 
     def feel(self, scene: Any, T_tcp_part: Array, opening_mm: float) -> Felt:  # noqa: ANN401
-        """Return what the pads see of a part whose embree scene is ``scene``.
+        """Return the distances from the pads to a part whose embree scene is ``scene``.
 
         Parameters
         ----------
@@ -96,7 +96,7 @@ class Pads:
         return Felt(upper, self._heights(scene, T_part_tcp, -start_mm))
 
     def is_seen(self, scene: Any, T_tcp_part: Array, opening_mm: float) -> bool:  # noqa: ANN401
-        """Return whether any of a part is in front of the pad on +y: what `feel` sees from there.
+        """Return whether any of a part is in front of the pad on +y, where `feel` would see it.
 
         Parameters
         ----------
@@ -106,7 +106,7 @@ class Pads:
         return bool(np.isfinite(self._heights(scene, invert(T_tcp_part), start_mm)).any())
 
     def push(self, felt: Felt, opening_mm: float) -> tuple[Array, float] | None:
-        """Return where (3,) and how far along y [mm] the deeper finger pushes; None if neither.
+        """Return the point (3,) and push along y [mm] of the deeper finger; None if neither pushes.
 
         Positive pushes towards +y: the finger on -y does that.
         """
@@ -136,7 +136,7 @@ class Pads:
         return heights
 
     def seat(self, scene: Any, T_tcp_part: Array, opening_mm: float) -> Seat:  # noqa: ANN401
-        """Return where a part ends when the jaws close on it: the nearest least opening.
+        """Return the final seat of a part as the jaws close on it: the nearest least opening.
 
         The part turns about the pads' x and z until it is flush (or a limit is met) and moves
         along y to the middle: both fingers move alike. About y nothing turns it.

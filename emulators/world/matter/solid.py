@@ -157,7 +157,7 @@ def ray_scene(vertices_mm: Array, faces: NDArray[np.int32], *, robust: bool = Tr
 
 
 def cache_dir() -> Path:
-    """Return where derived shapes are kept: $XDG_CACHE_HOME/cellctl or ~/.cache/cellctl."""
+    """Return the folder of derived shapes: $XDG_CACHE_HOME/cellctl or ~/.cache/cellctl."""
     base = os.environ.get("XDG_CACHE_HOME")
     return (Path(base) if base else Path.home() / ".cache") / "cellctl" / "emulators"
 
@@ -272,7 +272,7 @@ def _is_stable(rest: Rest) -> bool:
 
 
 def _margin(points_mm: Array, down: Array, centre_mm: Array) -> tuple[float, float]:
-    """Return how far inside the facet's outline the centre of mass is, and how high above [mm]."""
+    """Return the centre of mass's margin inside the facet's outline, and its height [mm]."""
     from shapely.geometry import MultiPoint, Polygon
 
     R = upright(down)

@@ -33,7 +33,7 @@ class Caster:
         self._origins = np.tile(origin_mm, (CHUNK, 1))
 
     def meet(self, scene: Any, directions: Array32) -> Hits:  # noqa: ANN401  (embree has no types)
-        """Return what rays from the camera meet, directions (n, 3) of any length."""
+        """Return the hits of rays from the camera, directions (n, 3) of any length."""
         parts = []
         for part in chunks(len(directions), CHUNK) or [slice(0)]:
             some = directions[part]
@@ -53,7 +53,7 @@ class Caster:
         curved: bool,
         met: Index | None = None,
     ) -> Spots:
-        """Return the surfaces that rays met.
+        """Return the surface spots that rays met.
 
         Parameters
         ----------

@@ -216,7 +216,7 @@ class PictureDesk:
     def _noise_seed(
         self, wish: _Wish, poses: Mapping[str, Array], levels: Mapping[int, float]
     ) -> int:
-        """Return what draws a picture's noise: the desk's seed, the camera, and what is to be seen.
+        """Return the seed of a picture's noise: of the desk's seed, the camera and the scene.
 
         By the instant, or by how many pictures there were, two runs of one seed would differ: when
         a picture is taken depends on how busy the machine is. Pictures of one scene differ by

@@ -145,14 +145,14 @@ class Painter:
     def _jumps(
         self, layers: Mapping[int, Array32], fresh: Mapping[int, Mask], least: float
     ) -> Mask:
-        """Return where the light of any lamp jumps at something new, (h, w)."""
+        """Return a mask of the places where a lamp's light jumps at something new, (h, w)."""
         jumps = np.zeros(self._shape, bool)
         for lamp, layer in layers.items():
             jumps |= _jumps(layer, fresh[lamp], least)
         return jumps
 
     def edges(self, in_play: Sequence[Mover]) -> NDArray[np.uint8]:
-        """Return where edges of moving things may be seen, (h, w)."""
+        """Return a mask of the places where edges of moving things may be seen, (h, w)."""
         mask = np.zeros(self._shape, np.uint8)
         for mover in in_play:
             mover.edges.draw(mask, self._camera, mover.T_world)
@@ -262,7 +262,7 @@ class Painter:
         seen.is_near[at] = found.is_near
 
     def _spots_at(self, assembly: Assembly, pixels: Index, layers: Mapping[int, Array32]) -> Spots:
-        """Return what moves in the middle of pixels, and what is fixed and may be shaded."""
+        """Return the spots in the middle of pixels, on things that move or may be shaded."""
         directions = self._rays.directions[pixels]
         hits = self._caster.meet(assembly.scene, directions)
         told = hits.triangle >= assembly.fixed_count
@@ -278,7 +278,7 @@ class Painter:
         )
 
     def _crossed(self, assembly: Assembly, among: Mask, lit: Sequence[int]) -> Mask:
-        """Return which pixels an edge crosses: their corners see different light, (h, w).
+        """Return a mask of the pixels that an edge crosses: their corners differ in light, (h, w).
 
         A straight edge crosses a pixel if and only if its corners see different things.
         """
@@ -347,7 +347,7 @@ class Painter:
 def _with_neighbours(
     chosen: NDArray[np.bool_], blocks: Index, shape: tuple[int, ...]
 ) -> NDArray[np.bool_]:
-    """Return which blocks are chosen or next to a chosen one."""
+    """Return a mask of the blocks that are chosen or next to a chosen one."""
     return wide_mask(blocks[chosen], shape)[blocks[:, 0], blocks[:, 1]]
 
 

@@ -46,7 +46,7 @@ class Changes:
 
 
 class Eye:
-    """One camera: its rays, what it sees of what stands still, and the picture it gets.
+    """One camera: its rays, its view of fixed things, and its picture.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ class Eye:
         self._movers[surface.name] = Mover(surface)
 
     def layer(self, lamp: int) -> Array32:
-        """Return what the camera sees of the fixed things under one lamp at level 1, (h, w)."""
+        """Return the camera's picture of the fixed things under one lamp at level 1, (h, w)."""
         if lamp not in self._layers:
             still = Mover(self._fixed)  # as if it had just appeared
             dark = {lamp: np.zeros(self._shape, np.float32)}
@@ -107,7 +107,7 @@ class Eye:
         return self.mix(self.changes(poses, lit), levels)
 
     def changes(self, poses: Mapping[str, Array], lit: Sequence[int]) -> Changes:
-        """Return what moving things and their shadows change; casts all the rays of a picture.
+        """Return the changes by moving things and their shadows; casts all the rays of a picture.
 
         Parameters
         ----------
@@ -145,7 +145,7 @@ class Eye:
         return picture
 
     def _wanted(self, movers: Mapping[str, Mover], lit: Sequence[int]) -> Mask:
-        """Return where a picture may be another than that of the fixed things, (h, w)."""
+        """Return a mask of the pixels that can differ from the fixed things' picture, (h, w)."""
         mask = np.zeros(self._shape, np.uint8)
         for mover in movers.values() if lit else ():
             fill(mask, self._reach.outline(mover.corners_mm))
@@ -157,7 +157,7 @@ class Eye:
         return wanted
 
     def _fixed_bodies(self) -> Mask:
-        """Return where something fixed is seen that is neither table nor panel, (h, w)."""
+        """Return a mask of the fixed things that are neither table nor panel, (h, w)."""
         if self._bodies is None:
             is_body = np.isin(self._fixed.material, self._body_materials)
             scene = ray_scene(self._fixed.vertices_mm, self._fixed.faces, robust=False)
@@ -170,7 +170,7 @@ class Eye:
         return self._bodies
 
     def depends_on(self, poses: Mapping[str, Array], lit: Sequence[int]) -> bytes:
-        """Return what a picture depends on: poses of what is in sight or throws a shadow there."""
+        """Return the key of a picture: poses of all movers in sight or throwing a shadow there."""
         movers = self._place(poses)
         return b"".join(
             mover.surface.name.encode() + mover.T_world.tobytes()

@@ -38,7 +38,7 @@ class Exposure:
 
 
 def blurred(radiance: Array32, sigma_px: float = BLUR_SIGMA_PX) -> Array32:
-    """Return what the lens makes of a sharp picture.
+    """Return a sharp picture blurred by the lens.
 
     Parameters
     ----------

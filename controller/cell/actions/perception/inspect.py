@@ -119,7 +119,7 @@ class InspectAction:
             )
 
     def _may_show_more(self) -> bool:
-        """Return whether the part may be shown once more; else what is open stays INDETERMINATE."""
+        """Return whether the part may be shown again; if not, open findings end INDETERMINATE."""
         part = self.record.part
         return (
             part.parked is None

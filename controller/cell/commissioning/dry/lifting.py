@@ -93,7 +93,7 @@ def lift_plan(layout: CellLayout, plan: Plan) -> Iterator[LiftedStep]:
 
 
 def dry_scene(layout: CellLayout) -> Scene:
-    """Return what a dry run keeps clear of: all that stands, thicker, both grippers open."""
+    """Return the scene of a dry run: all fixed obstacles, thickened, and both grippers open."""
     thick = with_clearance(layout, UNCALIBRATED_MM)
     return Scene(thick, layout.arm_gripper.max_mm, layout.fixed_open_mm)
 

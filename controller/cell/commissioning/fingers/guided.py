@@ -44,7 +44,7 @@ async def close_the_fingers(bench: Bench) -> None:
 async def path_above(
     bench: Bench, scene: Scene, place_mm: FloatArray, name: str, *, is_folded: bool = False
 ) -> JointPath:
-    """Return a path that ends with the finger tips above a place; empty where there is none.
+    """Return a path that ends with the fingertips above a place; empty if there is none.
 
     From its end the arm also gets down to the place.
 

@@ -95,7 +95,7 @@ async def take_in_fixed(
 
 
 async def require_fixed_holds(bench: Bench) -> None:
-    """Require that the fixed gripper still has what it grasped.
+    """Require that the fixed gripper still holds the part it grasped.
 
     Raises
     ------
@@ -119,7 +119,7 @@ async def give_back_from_fixed(bench: Bench, file: Path) -> None:
 
 
 def _wide_mm(board: BoardSection, widest_mm: float) -> float:
-    """Return how wide jaws stand that a person puts a gauge between."""
+    """Return the jaw opening [mm] for a person to put a gauge between the jaws."""
     return min(max(WIDE_MM, board.thickness_mm + ROOM_MM), widest_mm)
 
 

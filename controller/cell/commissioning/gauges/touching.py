@@ -98,7 +98,7 @@ class Column:
 
 
 def plate_in_fixed(thickness_mm: float, size_mm: tuple[float, float], end_mm: float) -> Box:
-    """Return what a held plate takes up at most, in the fixed gripper's frame.
+    """Return the largest box that a held plate may occupy, in the fixed gripper's frame.
 
     Parameters
     ----------

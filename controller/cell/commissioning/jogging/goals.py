@@ -34,7 +34,7 @@ class RefusedMotionError(CellError):
 
 
 def slides(arm: ArmModel) -> tuple[bool, ...]:
-    """Return which joints are slides [mm]: those that turn nothing."""
+    """Return, per joint, whether it is linear [mm]: it turns nothing."""
     middle = arm.spread(np.full((1, JOINT_COUNT), 0.5))[0]
     rows = middle + 0.1 * np.eye(JOINT_COUNT)
     turned = arm.forward(rows)[:, :3, :3] - arm.forward(middle)[:3, :3]
@@ -175,7 +175,7 @@ def require_free(scene: Scene, q_from: FloatArray, q_to: FloatArray) -> None:
 
 
 def inside_limits(arm: ArmModel, q_from: FloatArray, q_to: FloatArray) -> FloatArray:
-    """Return where a joint move comes within the soft limits: its beginning, if that is.
+    """Return the first configuration of a joint move that lies within the soft limits.
 
     Homing leaves an arm at its stops, and so perhaps a little outside.
 
@@ -207,6 +207,6 @@ def _what_is_near(scene: Scene, rows: FloatArray) -> str:
 
 
 def _twist(T_from: FloatArray, T_to: FloatArray) -> FloatArray:
-    """Return what brings one pose to another (6,): shift [mm], rotation [rad times the lever]."""
+    """Return the twist from one pose to another (6,): shift [mm], rotation [rad x lever]."""
     turn = Rotation.from_matrix(T_to[:3, :3] @ T_from[:3, :3].T).as_rotvec()
     return np.concatenate([T_to[:3, 3] - T_from[:3, 3], LEVER_MM * turn])

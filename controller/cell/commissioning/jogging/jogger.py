@@ -82,7 +82,7 @@ class Reading:
 
     @property
     def words(self) -> str:
-        """All of it on one line."""
+        """The whole reading on one line."""
         parts = []
         if self.T_world_tcp is None:
             parts.append("not homed")
@@ -126,7 +126,7 @@ class Jogger:
         self._goal: tuple[FloatArray, FloatArray] | None = None
 
     async def read(self) -> Reading:
-        """Return how the arm stands; nothing moves.
+        """Return the arm's present state; nothing moves.
 
         Raises
         ------
@@ -168,7 +168,7 @@ class Jogger:
             raise DeviceError(f"{name}: did not confirm the stop: {error}") from error
 
     async def carry_out(self, order: JogOrder) -> str:
-        """Carry out an order; return in words what was done.
+        """Carry out an order; return a sentence on the result.
 
         Raises
         ------
@@ -279,7 +279,7 @@ class Jogger:
             await self._go(q)
 
     def _scene(self) -> Scene:
-        """Return what the arm may not touch; thicker until the arm's calibration is there."""
+        """Return the obstacles for the arm, with added clearance until the arm is calibrated."""
         bench = self._bench
         if "arm" not in bench.cell.calibration:
             return bench.scene()

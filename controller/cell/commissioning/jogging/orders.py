@@ -71,7 +71,7 @@ class JogOrder:
 
 
 def read_order(text: str) -> JogOrder:
-    """Return the order that a line states.
+    """Return the order parsed from a line.
 
     Raises
     ------

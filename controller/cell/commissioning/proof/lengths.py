@@ -54,7 +54,7 @@ def length_study(
     pictures: Sequence[BoardPicture],
     T_tcp_body: FloatArray,
 ) -> LengthStudy:
-    """Return how well the print's sides are measured in pictures of one hold.
+    """Return the measuring error of the print's sides over pictures of one hold.
 
     Parameters
     ----------

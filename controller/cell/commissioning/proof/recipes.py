@@ -43,7 +43,7 @@ class RecipeReach:
 
 
 def check_reach(recipe: Path, cell: Path) -> RecipeReach:
-    """Return which likely stable poses of a recipe's part can be planned in a cell.
+    """Return the reach of a recipe in a cell: the plans of its part's likely stable poses.
 
     What is wrong with the files is a problem as well.
 

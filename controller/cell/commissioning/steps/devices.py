@@ -271,7 +271,7 @@ async def _prove_watchdog(bench: Bench) -> None:
 
 
 async def _supply_went_s(bench: Bench, silence: asyncio.Task[bool]) -> float | None:
-    """Return how long after a silence began the motors lost their supply; None: not known.
+    """Return the time from the start of a silence to the motors' loss of supply; None if not known.
 
     Raises
     ------
@@ -345,7 +345,7 @@ async def _nudge_joints(bench: Bench) -> None:
 
 
 def _ranges(bench: Bench) -> FloatArray:
-    """Return how far each joint can go [rad, mm]."""
+    """Return the travel of each joint [rad, mm]."""
     ends = bench.layout.arm.spread(np.stack([np.zeros(6), np.ones(6)]))
     return np.abs(np.asarray(ends[1] - ends[0], dtype=np.float64))
 

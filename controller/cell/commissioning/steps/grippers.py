@@ -65,7 +65,7 @@ class Openings:
 
     @classmethod
     def of(cls, thickness_mm: Sequence[float], reading_mm: Sequence[float]) -> "Openings":
-        """Return what two gauges and the readings on them mean.
+        """Return the opening scale and zero that follow from two gauges and their readings.
 
         Raises
         ------

@@ -121,7 +121,7 @@ def lights_of(cell: Cell) -> tuple[Light, ...]:
 
 
 def surfaces_of(cell: Cell) -> tuple[Surface, ...]:
-    """Return what either camera sees behind all parts: the table, and the station's panel.
+    """Return the background surface of each camera: the table, and the station's panel.
 
     Raises
     ------
@@ -247,14 +247,14 @@ async def _measure(
 def _own_camera(
     lamp: str, pictures: Mapping[CameraName, Grey], dark: Mapping[CameraName, Grey]
 ) -> CameraName:
-    """Return the camera that sees most of a lamp's light."""
+    """Return the camera that receives most of a lamp's light."""
     if lamp in GLOWS_IN:
         return GLOWS_IN[lamp]
     return max(CAMERAS, key=lambda name: float(pictures[name].mean()) - float(dark[name].mean()))
 
 
 def panel_mask(camera: Camera, corners_mm: FloatArray) -> BoolArray:
-    """Return where a panel is seen (height, width), a little within its edges.
+    """Return the mask (height, width) of a panel in the picture, drawn in slightly from its edges.
 
     Parameters
     ----------
@@ -272,7 +272,7 @@ def panel_mask(camera: Camera, corners_mm: FloatArray) -> BoolArray:
 async def _time_steady(
     bench: Bench, lamp: str, camera: CameraName, dark_level: float, drive: float
 ) -> float | None:
-    """Return how long a lamp takes to be steady after its order [s]; None if nothing dates frames.
+    """Return the time from a lamp's order to steady light [s]; None if nothing dates frames.
 
     Switches it several times, each time with another phase against the frames, so that a slow
     camera sees a fast lamp.

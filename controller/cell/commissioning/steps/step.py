@@ -10,7 +10,7 @@ from ..bench import Bench
 
 
 class Step(Protocol):
-    """One step: what it needs, and what it does.
+    """One step: its requirements and its action.
 
     Attributes
     ----------

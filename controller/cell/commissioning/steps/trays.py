@@ -152,7 +152,7 @@ async def _look_over_obstacles(bench: Bench) -> None:
 
 
 def obstacle_words(cell: Cell) -> tuple[str, ...]:
-    """Return what paths are proven free of, each with its place in the world."""
+    """Return the obstacles that paths are proven free of, each with its place in the world."""
     boxes = {"post of the fixed gripper": cell.fixed_gripper.post, **cell.obstacles}
     if cell.chute is not None:
         boxes |= {f"chute {name}": box for name, box in cell.chute.walls.items()}

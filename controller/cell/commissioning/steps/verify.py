@@ -157,7 +157,7 @@ async def _look_round(held: PlateInJaws) -> list[BoardPicture]:
 
 
 def holds_of(bench: Bench, board: BoardSection, pictures: Sequence[BoardPicture]) -> FloatArray:
-    """Return how the plate was held by each picture, T_tcp_body (n, 4, 4).
+    """Return the hold of the plate by each picture, T_tcp_body (n, 4, 4).
 
     Parameters
     ----------

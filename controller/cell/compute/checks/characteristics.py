@@ -30,7 +30,7 @@ class CheckedCharacteristic:
 def check_characteristics(
     recipe_path: Path, recipe: Recipe, cell: Cell, part: CompiledPart
 ) -> tuple[tuple[CheckedCharacteristic, ...], tuple[str, ...]]:
-    """Return what is measured of a part, and for each tolerance that is too tight a sentence.
+    """Return the measured characteristics of a part, and a sentence for each too tight tolerance.
 
     General tolerances are never too tight: where the cell cannot verify one, its characteristic is
     marked, and a PASS names it. A tolerance that somebody stated is meant.
@@ -54,7 +54,7 @@ def check_characteristics(
 
 
 def _problem(checked: CheckedCharacteristic) -> str:
-    """Return why limits that were asked for cannot be verified; empty where they can."""
+    """Return the reason why requested limits cannot be verified; empty if they can."""
     one = checked.characteristic
     if one.is_general:
         return ""
@@ -64,7 +64,7 @@ def _problem(checked: CheckedCharacteristic) -> str:
 
 
 def _is_stated_in_vain(one: Characteristic) -> bool:
-    """Return whether a recipe states limits of what nothing measures, and does not leave it out."""
+    """Return whether a recipe sets limits of an unmeasured characteristic that it keeps."""
     return one.source.startswith(RECIPE) and not one.exempt.startswith(LEFT_OUT)
 
 

@@ -152,7 +152,7 @@ def _check_files(job: Job) -> None:
 
 
 def check_every_pose(job: Job) -> Checked:
-    """Return what `check_job` does, poses in which the part rolls or barely stands planned, too.
+    """Return the result of `check_job` with unsteady poses (rolling, barely standing) planned, too.
 
     A run leaves these until a part lies so; who checks a recipe wants to know what they cost.
 
@@ -230,7 +230,7 @@ def _remarks(pose: StablePose, part: CompiledPart) -> tuple[str, ...]:
 
 
 def _unseen_by_all(plans: Sequence[Plan], solid: Solid) -> dict[int, str]:
-    """Return the faces of which no plan shows more than `HARDLY`, with why the largest piece."""
+    """Return the faces of which no plan shows more than `HARDLY`, each with the reason."""
     total_mm2 = sum(face.area_mm2 for face in solid.faces)
     found: list[dict[int, str]] = []
     for plan in plans:

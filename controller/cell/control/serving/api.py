@@ -82,7 +82,7 @@ class Control:
         self._dispatcher = dispatcher
 
     async def status(self, peer: Peer, body: BaseModel) -> Reply:
-        """Return how the cell stands."""
+        """Return the cell's status."""
         found = await self._status()
         return Reply(200, self._starting() if found is None else self._standing(found))
 
@@ -140,7 +140,7 @@ class Control:
         return await self._order(PAUSE_EVENTS[PauseKind(body.kind)], peer, body)
 
     async def resume(self, peer: Peer, body: BaseModel) -> Reply:
-        """Go on, if what moves first is still what was shown; return the decision."""
+        """Go on, if the first motion is still the one shown; return the decision."""
         assert isinstance(body, words.ResumeOrder)
         if body.first is not None:
             found = await self._status()

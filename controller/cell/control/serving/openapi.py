@@ -58,7 +58,7 @@ def document() -> dict[str, Any]:
 
 @cache
 def document_bytes() -> bytes:
-    """Return the description as it is served and stored."""
+    """Return the description as served and stored."""
     return (json.dumps(document(), indent=1, ensure_ascii=False) + "\n").encode()
 
 

@@ -17,7 +17,7 @@ class _Empty(BaseModel):
 
 
 def handle_for(control: Control) -> Handle:
-    """Return what answers the requests to a running cell."""
+    """Return the handler of requests to a running cell."""
 
     async def handle(peer: Peer, method: str, path: str, body: bytes) -> Answer:
         if path == DOCUMENT_PATH:

@@ -156,7 +156,7 @@ class Door:
         await self.on_connection(*await asyncio.open_unix_connection(sock=connection))
 
     async def aclose(self) -> None:
-        """End what is still being answered."""
+        """Cancel all requests still being answered."""
         for task in self._tasks:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
@@ -226,7 +226,7 @@ class Door:
 
 
 async def _read(wire: h11.Connection, reader: asyncio.StreamReader) -> _Request:
-    """Return the request that arrives; raise what is wrong with it."""
+    """Return the next request; raise an error that says why it is malformed."""
     request: h11.Request | None = None
     body = bytearray()
     while True:

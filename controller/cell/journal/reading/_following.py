@@ -33,7 +33,7 @@ class NewRows:
 
 
 def journal_mark(path: Path) -> tuple[int | None, ...]:
-    """Return what changes with a journal: which file it is, sizes and times; None where none is.
+    """Return a mark that changes with a journal: inode, size and time; None for a missing file.
 
     Its first entry changes only with the file. Asking costs two looks at the folder: the journal
     is not opened.
@@ -99,7 +99,7 @@ def whole_up_to(path: Path, after: Head = NOTHING) -> tuple[Head, BrokenRow | No
 
 
 def new_rows(path: Path, after_seq: int, last_seq: int | None = None) -> tuple[NewRows, ...]:
-    """Return which parts of which runs have rows after a row, by the first of them.
+    """Return the runs and parts with rows after a given row, by the first such row.
 
     Parameters
     ----------

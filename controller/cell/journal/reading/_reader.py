@@ -138,7 +138,7 @@ def read_rows_after(path: Path, seq: int, run: str) -> Iterator[Row]:
 
 
 def newest_run(path: Path) -> str | None:
-    """Return the run that was the last to write of itself; None where there is no row yet.
+    """Return the last run that wrote of itself; None if there is no row yet.
 
     Rows that people and reports add to a run once it has ended do not make it the newest.
 

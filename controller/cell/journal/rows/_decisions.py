@@ -9,7 +9,7 @@ from ._body import Body, Fields
 
 
 class FirstMotion(Body):
-    """What moves first after a pause, as it was shown: joints [rad, mm] or openings [mm]."""
+    """The first motion after a pause, as shown: joints [rad, mm] or openings [mm]."""
 
     kind = "decision"
     row_name = "first_motion"
@@ -59,7 +59,7 @@ class PlanMade(Body):
 
 
 class PlanDropped(Body):
-    """A plan that was made ahead is not followed: not all is as it was."""
+    """A plan that was made ahead was dropped because the table or the cell has changed."""
 
     kind = "decision"
     row_name = "plan_dropped"
@@ -122,7 +122,7 @@ class GraspAvoided(Body):
 
 
 class RecoveryProposed(Body):
-    """What a start makes of a part that an earlier run left, and what was decided.
+    """The proposal for a part that an earlier run left, and the decision on it.
 
     `custody` is where the part is by the evidence, `decision` is `refused` or `accepted`, `person`
     is why the cell cannot go on, `shown` is what whoever decided was shown to look at beforehand.
@@ -170,7 +170,7 @@ class PartFollowed(Body):
 def has_record(
     followed: PartFollowed | None, resumed: PartResumed | None, *, is_custody_known: bool
 ) -> bool:
-    """Return whether a run has the record of a part, not the one before or after it (ADR 96).
+    """Return whether a run has the record of a part, rather than an earlier or later run (ADR 96).
 
     Parameters
     ----------

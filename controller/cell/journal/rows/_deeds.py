@@ -215,7 +215,7 @@ class LeaseTaken(Body):
 
 
 class LeaseReturned(Body):
-    """An action has given back what it had."""
+    """An action has given back its resources."""
 
     kind = "lease"
     row_name = "lease_returned"

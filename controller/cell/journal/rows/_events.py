@@ -8,7 +8,7 @@ from ._body import Body, Fields, Json, NamedBody, Text, TextByName
 
 
 class RecipeOrdered(Fields):
-    """One of several recipes of a run: as it was read, from which file, how many parts of it."""
+    """One of several recipes of a run: its content when read, its file and the number of parts."""
 
     recipe: Json
     file: str
@@ -70,7 +70,7 @@ class EmulatedCellEnded(Body):
 
 
 class AlarmFields(Fields):
-    """An alarm (docs/alarms.md): what it is about, and what is not known since.
+    """An alarm (docs/alarms.md): its subject, and the facts that are unknown since.
 
     `step` is the action it happened in, `unknown` what is not known from now on, `action` what a
     person does about it.
@@ -191,7 +191,7 @@ class JournalSetAside(Body):
 
 
 class JournalNotReadable(Body):
-    """A journal recorded the cell, and it is lost or damaged: what it knew is unknown."""
+    """The cell's journal is lost or damaged: its knowledge of the cell is lost with it."""
 
     kind = "event"
     row_name = "journal_not_readable"

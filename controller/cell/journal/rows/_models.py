@@ -59,7 +59,7 @@ def name_of(body: Body) -> str:
 
 
 def is_once(row: Row) -> bool:
-    """Return whether a row is the intent of something that is never repeated without looking.
+    """Return whether a row is the intent of an action that is never repeated without looking.
 
     An intent without a class is of one: it was written before there were classes.
     """
@@ -67,5 +67,5 @@ def is_once(row: Row) -> bool:
 
 
 def is_of(row: Row, model: type[Body]) -> bool:
-    """Return whether a row of the journal is of a given model with a name of its own."""
+    """Return whether a journal row belongs to a given model that has a name of its own."""
     return (row.kind, row.name) == (model.kind, model.row_name)

@@ -88,7 +88,7 @@ class CalibrationsStood(Body):
 
 
 class FilesStored(TextByName):
-    """Files of the run's folder, with the SHA-256 of what was written."""
+    """Files of the run's folder, with the SHA-256 of their content when written."""
 
     kind = "observation"
     row_name = "files_stored"
@@ -143,7 +143,7 @@ class Sightings(Body):
     taken: int | None = None
 
     def parted(self) -> tuple[SightingFields | None, tuple[SightingFields, ...]]:
-        """Return the part that is taken, and all that is left alone.
+        """Return the part that is taken, and all parts left alone.
 
         One object alone is the part, whether it was taken or not.
         """
@@ -297,7 +297,7 @@ class ViewsPosed(Body):
 
 
 class PartFindingFields(Fields):
-    """A finding of a part, by all its views; what is in pixels is in the picture named.
+    """A finding of a part, by all its views; values in pixels are in the picture named.
 
     `pictures` has every view and lamp that shows it.
     """
@@ -325,7 +325,7 @@ class PartFindings(Body):
 
 
 class LoopLate(Body):
-    """The controller's event loop was late: the longest delay, and all of it, within a time.
+    """Delays of the controller's event loop within a time: the longest, and their sum.
 
     `longest_s` and `missed_s` are seconds of the wall, `within_s` is cell seconds.
     """

@@ -53,7 +53,7 @@ class Entry:
 
     @property
     def is_refusable(self) -> bool:
-        """Whether the row says what is only intended: refused, it must not be written later."""
+        """Whether the row states an intent: once refused, it must not be written later."""
         return self.kind == "intent"
 
 
@@ -136,7 +136,7 @@ class WriterThread:
         self._may_write.set()
 
     def finish(self) -> int:
-        """Write what is left, close the file, end; return how many rows are not in the file."""
+        """Write the remaining rows, close the file and end; return the number of unwritten rows."""
         with self._lock:
             if not self._is_ending:
                 self._is_ending = True
@@ -178,7 +178,7 @@ class WriterThread:
             entry.done.set_result(number)
 
     def _refuse(self, entry: Entry, failure: JournalError) -> None:
-        """Let whoever waits for an entry know of the failure; keep it, unless it is an intent."""
+        """Report the failure to the waiter of an entry; keep the entry unless it is an intent."""
         if entry.is_refusable:
             self._forget(entry)
         if entry.done.set_running_or_notify_cancel():

@@ -74,11 +74,11 @@ class Recoveries:
         self._is_drop_booked = False
 
     def decision(self, fault: PartFault) -> Act:
-        """Return what would be done about a fault of the part at hand."""
+        """Return the act that the policy has for a fault of the current part."""
         return self._decide(fault).act
 
     def may_recover(self, fault: PartFault) -> bool:
-        """Return whether the work would go on after a fault, other than to a parked part."""
+        """Return whether work would go on after a fault, other than by parking the part."""
         return self.decision(fault) not in (Act.PARK, Act.HOLD, Act.ABORT)
 
     def _decide(self, fault: PartFault) -> Rung:

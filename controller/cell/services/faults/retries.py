@@ -46,7 +46,7 @@ class Retries:
         action: Callable[[], Awaitable[Answer]],
         mend: Callable[[], Awaitable[object]] | None = None,
     ) -> Answer:
-        """Do something and return what it returns; after an error wait, mend, do it again.
+        """Run an action and return its result; after an error wait, mend and try again.
 
         Parameters
         ----------

@@ -276,11 +276,11 @@ class Gate:
             self._is_check.reset(token)
 
     async def next_motion(self) -> NextMotion | None:
-        """Return what moves first once the gate opens; None while that is still being computed."""
+        """Return the first motion after the gate opens; None while it is still being computed."""
         return await self._waiting[0]() if self._waiting else None
 
     def seconds_to(self, kind: PauseKind) -> float | None:
-        """Return how long the cell takes to stand, at most [cell s]; None where nobody knows.
+        """Return the longest time until the cell stands still [cell s]; None if not known.
 
         Parameters
         ----------

@@ -63,11 +63,11 @@ class Resumption:
         return self.accepted is not None and self.accepted.homing is not None
 
     def first(self) -> Event:
-        """Return what the ready cell begins with."""
+        """Return the event with which the ready cell begins."""
         return Event.START if self.accepted is None else Event.RECOVER
 
     async def take_over(self) -> Proposal:
-        """Take the part over, journal it, judge its views again; return what was proposed.
+        """Take the part over, journal it, judge its views again; return the accepted proposal.
 
         Raises
         ------
@@ -113,7 +113,7 @@ class Resumption:
             self.motion.restore((q,), is_free=False)
 
     async def _restore_custody(self, left: Interrupted) -> None:
-        """Journal who has the part, and what was cut off, in the order of the interrupted run."""
+        """Journal the part's custody and the interrupted step, in the interrupted run's order."""
         record, detail = self.record, f"from run {left.run}"
         if left.custody_before is not Custody.NONE:
             await record.set_custody(left.custody_before, detail)
@@ -175,7 +175,7 @@ def verdict_of(row: rows.PartJudged) -> PartVerdict:
 
 
 def hold_of(row: rows.HoldNoted) -> PartInGripper:
-    """Return a hold that a view has to verify: the part may have slipped meanwhile."""
+    """Return a hold that a view has to verify, as the part may have slipped meanwhile."""
     T_part_tcp = np.array(row.T_part_tcp)
     return PartInGripper(grasp_of(row.grasp), T_part_tcp, row.opening_mm, number=row.number)
 
@@ -185,7 +185,7 @@ def _avoided(grasp: str) -> rows.GraspAvoided:
 
 
 def sighting_of(row: rows.SightingFields) -> Sighting:
-    """Return what was recognised on the table, as far as its row has it."""
+    """Return the sighting on the table that a row describes, as far as the row goes."""
     T = None if row.T_world_part is None else np.array(row.T_world_part)
     return Sighting(
         part=row.part,

@@ -94,11 +94,11 @@ class Standstill:
         return self._has_looked and is_free and not self._record.is_once_open
 
     async def next_motion(self) -> NextMotion | None:
-        """Return what moves first when the pause ends; None while that is still being computed."""
+        """Return the first motion after the pause; None while it is still being computed."""
         return _LOOK if self.looks_again else await self._gate.next_motion()
 
     async def prove(self) -> None:
-        """Prove that the cell still stands as it was left; nothing where no door was open.
+        """Prove that the cell still stands as it was left; skipped if no door was open.
 
         Raises
         ------

@@ -190,13 +190,13 @@ class BatchRecord:
             await self.note_secured(row)
 
     def held(self) -> PartInGripper:
-        """Return how the arm gripper holds the part; it must hold it."""
+        """Return the arm gripper's hold of the part; the gripper must hold it."""
         hold = self.part.hold
         assert hold is not None, "the arm gripper is empty"
         return hold
 
     def expect_hold(self, grasp: Grasp) -> None:
-        """Journal how the arm gripper will hold the part once it closes, as it is about to."""
+        """Journal the hold that the arm gripper is about to take."""
         self.part.hold_count += 1
         hold = PartInGripper(grasp, grasp.T_part_tcp, grasp.opening_mm, number=self.part.hold_count)
         self.note(arm_hold_row(hold, is_expected=True))
@@ -302,7 +302,7 @@ class BatchRecord:
         self._journal.write_about(run, rows.PartFollowed(run=self._journal.run), number)
 
     def note_file(self, file: str, digest: str) -> None:
-        """Write a row on a file of the run's folder, with the SHA-256 of what was written."""
+        """Write a row on a file of the run's folder, with the SHA-256 of the content written."""
         self.note(rows.FilesStored({file: digest}))
 
     async def set_custody(self, custody: Custody, detail: str = "") -> None:
@@ -330,5 +330,5 @@ class BatchRecord:
 
     @property
     def is_once_open(self) -> bool:
-        """Whether a grasp or release has begun and is not confirmed: only its end tells what is."""
+        """Whether a grasp or release has begun whose result is not confirmed yet."""
         return self._once_count > 0

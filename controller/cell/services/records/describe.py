@@ -298,7 +298,7 @@ def _look(
 
 
 def _anchors(asked: Characteristic) -> tuple[list[FloatArray], FloatArray | None]:
-    """Return where a characteristic is measured, CAD frame, and along which direction."""
+    """Return the points where a characteristic is measured, in the CAD frame, and its direction."""
     geometry = asked.geometry
     if isinstance(geometry, EdgePairGeometry):
         middles = [

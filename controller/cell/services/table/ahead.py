@@ -60,7 +60,7 @@ class Foreseen:
     plan: Plan
 
     def differs(self, seen: Seen) -> str:
-        """Return how a fresh look differs from what the plan was made for; empty if it does not.
+        """Return the difference of a fresh look from the foreseen table; empty if there is none.
 
         Parameters
         ----------
@@ -158,15 +158,15 @@ class LookAhead:
             self._next.begin(self._foresee(choose, left))
 
     def drop(self) -> None:
-        """Forget what was foreseen."""
+        """Forget the foreseen table and its plan."""
         self._next.drop()
 
     async def aclose(self) -> None:
-        """Forget it, and wait until nothing of it runs in this process."""
+        """Forget the plan, and wait until none of it runs in this process."""
         await self._next.aclose()
 
     async def take(self, seen: Seen) -> Foreseen | None:
-        """Return what was foreseen, if a fresh look shows all of it unchanged; once.
+        """Return the foreseen plan if a fresh look shows all of it unchanged; once.
 
         Waits for a plan that is being made: it was begun before another could be.
 
@@ -213,7 +213,7 @@ class LookAhead:
             return None
 
     def _stored_then(self) -> tuple[StoredFields, ...]:
-        """Return what stands in the trays once the part at hand is accepted, as most parts are."""
+        """Return the content of the trays once the current part is accepted, as most parts are."""
         record, part, accept = self._record, self._record.part, TRAYS[Verdict.PASS]
         nest, plan = record.trays.next_nest(accept), part.plan
         if nest is None or plan is None or part.sighting is None or part.sighting.part is None:
@@ -228,5 +228,5 @@ class LookAhead:
 
 
 def _places(stored: tuple[StoredFields, ...]) -> list[StoredFields]:
-    """Return what of stored parts a plan keeps clear of, whichever run put them there."""
+    """Return the stored parts that a plan keeps clear of, without the run that put them there."""
     return [one.model_copy(update={"run": "", "number": 0, "serial": ""}) for one in stored]

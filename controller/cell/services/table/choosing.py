@@ -56,7 +56,7 @@ class LeftAlone:
     reason: str
 
     def is_it(self, other: SightingFields) -> bool:
-        """Return whether an object is this part, not moved since."""
+        """Return whether an object is this part, unmoved."""
         return (
             (other.part, other.pose_index) == (self.one.part, self.one.pose_index)
             and apart_mm(other, self.one) <= PUSHED_MM
@@ -64,7 +64,7 @@ class LeftAlone:
         )
 
     def is_freer(self, seen: Sequence[SightingFields]) -> bool:
-        """Return whether something that lay beside it is gone."""
+        """Return whether an object that lay beside it is gone."""
         return any(all(apart_mm(one, before) > PUSHED_MM for one in seen) for before in self.beside)
 
 
@@ -109,7 +109,7 @@ def candidates(
 def _not_left(
     seen: Sequence[SightingFields], found: tuple[int, ...], left: Sequence[LeftAlone]
 ) -> tuple[int, ...]:
-    """Return the objects that were not left alone before, or else those that are freer now."""
+    """Return the objects that were not left alone before; if none, those that are freer now."""
     known = {k: next((one for one in left if one.is_it(seen[k])), None) for k in found}
     rest = tuple(k for k in found if known[k] is None)
     again = rest or tuple(k for k, one in known.items() if one is not None and one.is_freer(seen))
@@ -138,7 +138,7 @@ def _alone(
 def _in_order(
     seen: Sequence[SightingFields], found: tuple[int, ...], wanted: Wanted
 ) -> tuple[int, ...]:
-    """Return the parts that are the only ones of their name, where that name has numbers."""
+    """Return the parts without those of a numbered name that lies on the table more than once."""
     doubtful = [
         [k for k in found if seen[k].part == name]
         for name in wanted.names
@@ -201,7 +201,7 @@ def chosen(
 
 
 def where(seen: Sequence[SightingFields]) -> str:
-    """Return what lies where, for a message."""
+    """Return the objects and their places, for a message."""
     return "; ".join(
         f"{one.part or 'unknown object'} at x {one.x_mm:.0f}, y {one.y_mm:.0f} mm"
         + (", touching another" if one.touching_count else "")
@@ -234,7 +234,7 @@ def _without_neighbours(
 
 
 def apart_mm(one: SightingFields, other: SightingFields) -> float:
-    """Return how far two objects are from each other."""
+    """Return the distance of two objects [mm]."""
     return float(np.hypot(one.x_mm - other.x_mm, one.y_mm - other.y_mm))
 
 
@@ -244,7 +244,7 @@ def apart_deg(one_deg: float, other_deg: float) -> float:
 
 
 def _none_of_them(seen: Sequence[SightingFields], wanted: Wanted) -> PartProblemError:
-    """Return why none of some objects is taken."""
+    """Return the reason why none of some objects is taken."""
     name = wanted.words
     if len(seen) > 1:
         return PartProblemError(

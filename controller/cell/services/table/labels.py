@@ -65,13 +65,13 @@ def counted(first: str, count: int) -> str:
 
 
 def parted(serial: str) -> tuple[str, str]:
-    """Return what stands before the digits at the end of a number, and these digits, if any."""
+    """Return a number's text before its final digits, and these digits, if any."""
     head = serial.rstrip("0123456789")
     return head, serial[len(head) :]
 
 
 def why_no_serial(text: str) -> str:
-    """Return why a text is no serial number; empty if it may be one."""
+    """Return the reason why a text is no serial number; empty if it may be one."""
     if not text or text != text.strip() or not text.isprintable():
         return "a serial number is printable, and neither begins nor ends with a space"
     if len(text) > MAX_SERIAL:
@@ -96,7 +96,7 @@ class Labels:
     _counted: int = 0
 
     def is_wanted(self, part: PartRecord) -> bool:
-        """Return whether the number of the next part is yet to be read off it."""
+        """Return whether the next part's number is still to be read off the part."""
         return self.order.is_read and not (part.serial or part.scanned or part.interrupted)
 
     async def read(self, part: PartRecord) -> None:
@@ -121,7 +121,7 @@ class Labels:
         part.scanned = answer.key
 
     def why_not(self, text: str) -> str:
-        """Return why a text is not the number of the next part; empty if it may be."""
+        """Return the reason why a text is not the next part's number; empty if it may be."""
         if why := why_no_serial(text):
             return why
         if text in self.used:
@@ -136,7 +136,7 @@ class Labels:
         return next((n for n, label in self.order.listed if label.serial == serial), None)
 
     def in_advance(self, part: PartRecord, product: Product) -> Label | None:
-        """Return what the next part of a product is to be called, where only that part may be.
+        """Return the label of a product's next part, if no other part may get it.
 
         Parameters
         ----------
@@ -149,7 +149,7 @@ class Labels:
         return label if label.serial else None
 
     def assign(self, part: PartRecord, product: Product) -> Label:
-        """Return what a part is called from now on; its number is used up.
+        """Return the label that a part has from now on; its number is used up.
 
         Parameters
         ----------
@@ -204,6 +204,6 @@ class Labels:
                 return serial
 
     def _next_listed(self, product: Product) -> Label:
-        """Return the next label of a product; those without a number are the same for all of it."""
+        """Return the next label of a product; its labels without a number are all alike."""
         own = (label for number, label in self.order.listed if number == product.number)
         return next((one for one in own if one.serial not in self.used), Label())

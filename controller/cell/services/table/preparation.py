@@ -26,7 +26,7 @@ class Preparation:
                 self._tasks[number] = begin(compute.prepare())
 
     async def wait(self, number: int = 0) -> None:
-        """Wait until it is done for a recipe, if it was begun; raise what it raised.
+        """Wait until a recipe's preparation is done, if one was begun; raise its error.
 
         Parameters
         ----------

@@ -150,7 +150,7 @@ class Taking:
         self.ahead.begin(self._next_of)
 
     async def _next_of(self, seen: tuple[SightingFields, ...]) -> tuple[int, Product] | None:
-        """Return which of the objects left on the table comes next; None where nobody can know."""
+        """Return which object left on the table comes next, with its product; None if unknown."""
         record = self.record
         if self.labels.order.is_read:
             return None  # the next part comes alone, and its number is read
@@ -189,7 +189,7 @@ class Taking:
         return next(one for one in self.record.products if one.part_name == name)
 
     def _wanted_of(self, products: Sequence[Product], part: PartRecord) -> Wanted:
-        """Return what is looked for of some products: the part at hand, or one that is to come."""
+        """Return the search for some products' parts: the current part, or one to come."""
         known = {one.part_name: self.labels.in_advance(part, one) for one in products}
         return Wanted(
             names=tuple(one.part_name for one in products),
@@ -215,7 +215,7 @@ class Taking:
     async def _pickable(
         self, seen: tuple[SightingFields, ...], *, is_ahead: bool = False
     ) -> tuple[Pickable, ...]:
-        """Return how each object could be taken, by the recipe that it is of."""
+        """Return the ways to take each object, by the recipe of its part."""
         best = [Pickable()] * len(seen)
         names = {one.part for one in seen}
         for product in (one for one in self.record.products if one.part_name in names):

@@ -16,7 +16,7 @@ TAKE_OUT = "take it out with `cellctl recover --open arm`"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Disambiguation:
-    """Compares a view with every hypothesis of what is held."""
+    """Compares a view with every hypothesis on the part in the gripper."""
 
     compute: Compute
     record: BatchRecord
@@ -79,6 +79,6 @@ class Disambiguation:
 
 
 def _listed(names: list[str]) -> str:
-    """Return the parts that are left, in words; hypotheses of one part differ by its pose."""
+    """Return the remaining parts, in words; hypotheses of one part differ by its pose."""
     parts = list(dict.fromkeys(names))
     return " and ".join(parts) if len(parts) > 1 else f"{len(names)} poses of {parts[0]}"

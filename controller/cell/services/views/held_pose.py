@@ -129,6 +129,6 @@ class HeldPose:
 
 
 def _difference(T_part_tcp: FloatArray, T_other: FloatArray) -> tuple[float, float]:
-    """Return how far apart two T_part_tcp are [mm, rad]."""
+    """Return the distance of two T_part_tcp [mm, rad]."""
     shift_mm = float(np.linalg.norm(T_part_tcp[:3, 3] - T_other[:3, 3]))
     return shift_mm, rotation_angle(T_part_tcp[:3, :3].T @ T_other[:3, :3])

@@ -60,7 +60,7 @@ class JudgingAhead:
         self._work_at_hand.drop()
 
     async def aclose(self) -> None:
-        """Drop it, and wait until nothing of it runs in this process."""
+        """Drop the work, and wait until none of it runs in this process."""
         await self._work_at_hand.aclose()
 
     async def _work(self, part: PartRecord, product: Product, judge_ahead: JudgeAhead) -> None:
@@ -85,7 +85,7 @@ class JudgingAhead:
 
 
 def _view_count(part: PartRecord) -> int:
-    """Return how many views of the part there will be, if its plan is followed to the end."""
+    """Return the number of views of the part, if its plan is followed to the end."""
     left = () if part.plan is None else part.plan.steps[part.next_step :]
     coming = sum(isinstance(step, Present | Look) for step in left)
     return len(part.judged) + len(part.pending) + coming

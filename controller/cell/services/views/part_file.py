@@ -66,7 +66,7 @@ class PartFile:
     calibration: SetCalibration = field(default_factory=SetCalibration)
 
     def path(self, part: PartRecord) -> Path:
-        """Return the file that has the views of a part, or will have them."""
+        """Return the path of the file for a part's views."""
         return self.folder / f"part{part.number:03d}.views.json"
 
     def write(self, part: PartRecord, product: Product) -> WrittenViews:
@@ -89,7 +89,7 @@ class PartFile:
     def text(
         self, part: PartRecord, product: Product, views: Sequence[tuple[Shown, ViewResult]]
     ) -> str:
-        """Return what the file of some of a part's views has.
+        """Return the content of a file for some of a part's views.
 
         Parameters
         ----------

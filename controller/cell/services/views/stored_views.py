@@ -84,7 +84,7 @@ class StoredViews:
     async def _copied(
         self, left: Interrupted, source: Path, files: Mapping[str, str]
     ) -> dict[str, str] | None:
-        """Copy files to this run's folder; return their digests, None if one is not as it was."""
+        """Copy files to this run's folder; return their digests, None if one has changed."""
         wanted = {file: left.digests.get(file) for file in files.values()}
         found = await asyncio.to_thread(_copy, source, self.folder, tuple(wanted))
         return found if found == wanted else None
@@ -134,7 +134,7 @@ class StoredViews:
 
 
 def _read(path: Path) -> Grey:
-    """Return a picture that this program wrote; its digest has been checked."""
+    """Return a picture written by this program; its digest has been checked."""
     try:
         return np.asarray(decode_picture(path.read_bytes(), "grey"), dtype=np.uint8)
     except BrokenPictureError as error:

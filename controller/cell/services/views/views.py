@@ -70,7 +70,7 @@ class Views:
     def record_pictures(
         self, step: Present | Look, files: Mapping[str, str], q: FloatArray | None = None
     ) -> None:
-        """Journal the pictures of a view, and keep what it is planned to show.
+        """Journal the pictures of a view, and keep the samples it is planned to show.
 
         Parameters
         ----------
@@ -203,7 +203,7 @@ class Views:
         return in_sight is None or float((step.seen & ~in_sight).mean()) >= MIN_NEW_SHARE
 
     def is_hold_questioned(self) -> bool:
-        """Return whether a view is known by now that does not confirm how the part is held."""
+        """Return whether a finished view fails to confirm the hold of the part."""
         tasks = [s.located for s in self._record.part.unlearned if s.located is not None]
         known = [t for t in tasks if t.done() and not t.cancelled()]
         return any(t.exception() is not None or not t.result().evaluated for t in known)

@@ -46,7 +46,7 @@ Point = tuple[float, float]
 
 @dataclass(frozen=True, slots=True)
 class Balloon:
-    """A number and what it points at, in the drawing's coordinates (y downwards).
+    """A number and the point it marks, in the drawing's coordinates (y downwards).
 
     Attributes
     ----------

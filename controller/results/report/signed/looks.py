@@ -52,7 +52,7 @@ def look_panel(
     pictures: Pictures,
     lamp: str,
 ) -> LookPanel | None:
-    """Return a look with its cut-out, None where nothing of it can be drawn.
+    """Return a look with its cut-out; None if nothing of it can be drawn.
 
     Parameters
     ----------

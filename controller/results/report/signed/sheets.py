@@ -71,7 +71,7 @@ def make_sheets(
     *,
     all_looks: bool = True,
 ) -> PartSheets:
-    """Return what the pages of a part show.
+    """Return the printable sheets of a part.
 
     Parameters
     ----------
@@ -182,7 +182,7 @@ def _calibrated(judged: JudgedPart) -> str:
 
 
 def compared_words(verdict: VerdictReport) -> str:
-    """Return which share of the surface was compared, and how well that is known."""
+    """Return the share of the surface that was compared, with its uncertainty."""
     share = f"{100 * verdict.compared_fraction:.2f} %"
     if verdict.compared_U is None:
         return share

@@ -58,7 +58,7 @@ class Row:
 
 @dataclass(frozen=True, slots=True)
 class Brief:
-    """Rows of a long table: those that a reader must see, and what is said of the rest in short.
+    """Rows of a long table: those that a reader must see, and a summary of the rest.
 
     Attributes
     ----------
@@ -73,7 +73,7 @@ class Brief:
 
 
 def briefly(rows: Sequence[Row]) -> Brief:
-    """Return a table that fits a page: all of a short one, of a long one the rest in short."""
+    """Return a table that fits a page: a short one whole, a long one partly in summary."""
     if len(rows) <= MAX_ROWS:
         return Brief(tuple(rows))
     passed = tuple(row for row in rows if row.c.verdict == "pass" and not _is_stated(row.c))
@@ -87,7 +87,7 @@ def briefly(rows: Sequence[Row]) -> Brief:
 
 
 def _is_stated(c: CharacteristicReport) -> bool:
-    """Return whether somebody asked for this one by itself."""
+    """Return whether this characteristic was requested by itself."""
     return c.is_critical or not c.source.startswith(GENERAL)
 
 
@@ -97,7 +97,7 @@ def rows_of(characteristics: Sequence[CharacteristicReport]) -> tuple[Row, ...]:
 
 
 def tally(characteristics: Sequence[CharacteristicReport]) -> tuple[tuple[str, int], ...]:
-    """Return how many characteristics have each verdict, the worst first."""
+    """Return the number of characteristics with each verdict, the worst first."""
     words = [c.verdict for c in characteristics]
     order = ("fail", "indeterminate", "not evaluated", "pass")
     return tuple((word, words.count(word)) for word in order if word in words)

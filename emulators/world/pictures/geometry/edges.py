@@ -93,7 +93,7 @@ def _before_lens(ends_mm: Array) -> Array:
 
 
 def _pixels(camera: CameraLayout, ends_mm: Array) -> Array:
-    """Return where lines end in the picture, (n, 2, 3) in the camera's frame -> (n, 2, 2)."""
+    """Return the ends of lines in the picture, (n, 2, 3) in the camera's frame -> (n, 2, 2)."""
     xy = distort(ends_mm[..., :2] / ends_mm[..., 2:], camera.distortion)
     pixels: Array = xy * camera.focal_px + np.array(camera.centre_px)
     return pixels
@@ -134,7 +134,7 @@ def fine_blocks(edges: NDArray[np.uint8]) -> NDArray[np.bool_]:
 
 
 def any_in_blocks(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return which blocks hold a set pixel, (h, w) -> (h / 4, w / 4)."""
+    """Return a mask of the blocks that hold a set pixel, (h, w) -> (h / 4, w / 4)."""
     height, width = mask.shape
     folded = mask.reshape(height // BLOCK_PX, BLOCK_PX, width // BLOCK_PX, BLOCK_PX)
     blocks: NDArray[np.bool_] = np.any(folded, axis=(1, 3))

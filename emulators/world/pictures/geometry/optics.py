@@ -15,7 +15,7 @@ _CHUNK: Final = 8_192  # points at a time: what they need stays in the processor
 
 
 def distort(xy: Array, distortion: Array) -> Array:
-    """Return where the lens puts normalised coordinates, (n, 2) -> (n, 2); OpenCV's model."""
+    """Return normalised coordinates as the lens distorts them, (n, 2) -> (n, 2); OpenCV's model."""
     return np.stack(_distorted(xy[..., 0], xy[..., 1], distortion), axis=-1)
 
 
@@ -87,6 +87,6 @@ class RayTable:
 
 
 def _slope(plane: Array, axis: int) -> Array32:
-    """Return how directions change from pixel to pixel, (h, w, 2) -> (h * w, 2)."""
+    """Return the change of directions from pixel to pixel, (h, w, 2) -> (h * w, 2)."""
     slope: Array = np.asarray(np.gradient(plane, axis=axis))
     return slope.reshape(-1, 2).astype(np.float32)

@@ -17,7 +17,7 @@ _INK: Final = MATERIALS.index(INK)
 
 
 def board_surface(name: str, board: Board) -> Surface:
-    """Return what is seen of a board.
+    """Return the visible surface of a board.
 
     Parameters
     ----------

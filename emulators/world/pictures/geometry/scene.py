@@ -127,7 +127,7 @@ def build_scene(layout: Layout, solids: Sequence[Solid], finish_seed: int | None
 
 
 def part_surface(name: str, solid: Solid) -> Surface:
-    """Return what is seen of a part.
+    """Return the visible surface of a part.
 
     Parameters
     ----------

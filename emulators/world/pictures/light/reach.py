@@ -29,7 +29,7 @@ class Reach:
         self._camera, self._lamps = camera, lamps
 
     def outline(self, points_mm: Array) -> Outline | None:
-        """Return the convex outline of points in the picture, (n, 2) px; None if out of it."""
+        """Return the convex outline of points in the picture, (n, 2) px; None if outside of it."""
         pixels, depth = project(self._camera, points_mm)
         height, width = (self._camera.height_px, self._camera.width_px)
         if np.all(depth < _NEAR_MM):
@@ -43,7 +43,7 @@ class Reach:
         return np.asarray(cv2.convexHull(near)[:, 0], np.int32)
 
     def shadow_outlines(self, mover: Mover, lit: Sequence[int]) -> list[Outline]:
-        """Return where shadows of a thing, soft borders included, may fall on table and panels."""
+        """Return outlines around a thing's shadows on table and panels, soft borders included."""
         outlines = []
         for lamp in lit:
             source = self._lamps.sources[lamp]
@@ -80,7 +80,7 @@ class Reach:
 
 
 def fill(mask: NDArray[np.uint8], outline: Outline | None) -> None:
-    """Mark what is within an outline, and a margin that lens distortion may need."""
+    """Mark the inside of an outline, and a margin for lens distortion."""
     if outline is not None:
         cv2.fillConvexPoly(mask, outline, 1)
         cv2.polylines(mask, [outline], isClosed=True, color=1, thickness=2 * _MARGIN_PX + 1)

@@ -85,12 +85,12 @@ class Lit:
 
     @property
     def is_lit(self) -> Mask:
-        """Whether any of it is seen."""
+        """Whether any of the source's light arrives, (n,)."""
         return np.asarray(self.light > 0.0)
 
     @property
     def is_shaded(self) -> Mask:
-        """Whether some of it is hidden."""
+        """Whether something keeps some of the light away, (n,)."""
         return np.asarray(self.light < self.unshaded)
 
     @property
@@ -129,7 +129,7 @@ class Shadows:
         step_px: int,
         passed_over: Mask,
     ) -> Shadow:
-        """Return how much of a ring or a spot surfaces see, one in each of some pixels.
+        """Return the share of a ring or a spot lamp that surfaces see, one in each of some pixels.
 
         That varies slowly over a surface, so that every other pixel in every other row is asked
         first, and pixels at a surface's rim, where shadows may be narrow. The others take the
@@ -222,7 +222,7 @@ class Shadows:
     def _seen_from(
         self, assembly: Assembly, spots: Spots, points_mm: Array32, radiance: Array32
     ) -> NDArray[np.bool_]:
-        """Return which points of a lamp light a surface, (n, k).
+        """Return a mask of the lamp points that light each surface, (n, k).
 
         On what is fixed only moving things can throw new shadows; but where one does, shadows of
         fixed things count as well, since both may take the same part of the lamp away.
@@ -303,7 +303,7 @@ def _from_neighbours(
     found: Lit,
     some: Index,
 ) -> tuple[Array32, Mask, Mask]:
-    """Return what is known of a source from samples in every other row and column.
+    """Return the light of a source, estimated from samples in every other row and column.
 
     Parameters
     ----------
@@ -355,7 +355,7 @@ def _from_neighbours(
 
 
 def _rims(spots: Spots, places: Index, shape: tuple[int, ...]) -> Mask:
-    """Return which of some pixels have a neighbour that is off their surface's plane, (n,)."""
+    """Return a mask of the pixels with a neighbour off their surface's plane, (n,)."""
     number = np.full((shape[0] + 1, shape[1] + 1), -1, np.int32)
     number[places[:, 0], places[:, 1]] = np.arange(len(places), dtype=np.int32)
     rims = np.zeros(len(places), bool)

@@ -60,7 +60,7 @@ class Nodes:
         return bool(self.seen.nnz > 0)
 
     def weights(self, triangle: Index, u: Array32, v: Array32) -> tuple[Index, Array32]:
-        """Return which nodes places of triangles lie between, and how near: (n, 3) each.
+        """Return the nodes around places in triangles, and their weights: (n, 3) each.
 
         Parameters
         ----------

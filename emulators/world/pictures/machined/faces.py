@@ -41,7 +41,7 @@ class Faces:
     radius_mm: Array
 
     def places_mm(self, face: NDArray[np.intp], points_mm: Array) -> tuple[Array, Array]:
-        """Return how far points of faces are across tool marks and along them, (n,) each.
+        """Return the positions of points across tool marks and along them [mm], (n,) each.
 
         On a turned face it is as far as one goes round it: what lies on it has the same length
         wherever that is.
@@ -127,7 +127,7 @@ def _axis(centres_mm: Array, normals: Array, weights: Array, axis: Array) -> tup
 
 
 def _planes(facet: NDArray[np.intp], bends: NDArray[np.intp], sizes: Array) -> NDArray[np.bool_]:
-    """Return which facets are planes of their own, and not pieces of a curved face, (k,).
+    """Return a mask of the facets that are planes, not pieces of a curved face, (k,).
 
     Parameters
     ----------

@@ -120,7 +120,7 @@ class Finish:
         lit: Sequence[int],
         layers: Mapping[int, Array32],
     ) -> None:
-        """Multiply the light in pixels by what marks make of it."""
+        """Multiply the light in pixels by the effect of the marks."""
         part = self._part(mover)
         R, t = mover.T_world[:3, :3].astype(np.float32), mover.T_world[:3, 3].astype(np.float32)
         local = (spots.points_mm - t) @ R
@@ -186,7 +186,7 @@ class Finish:
 def _inner(
     assembly: Assembly, triangle: NDArray[np.int32], pixels: Index, shape: tuple[int, ...]
 ) -> Mask:
-    """Return which pixels are wholly on one face: their neighbours' normals are much like theirs.
+    """Return a mask of the pixels wholly on one face: their neighbours' normals are alike.
 
     Parameters
     ----------

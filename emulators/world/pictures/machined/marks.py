@@ -119,7 +119,7 @@ class Marks:
 
 
 def _left(footprint_mm: Array, pitch_mm: float) -> Array32:
-    """Return what is left of independent marks in the mean over a pixel."""
+    """Return the share of independent marks that remains in the mean over a pixel."""
     left: Array32 = np.minimum(1.0, np.sqrt(pitch_mm / footprint_mm)).astype(np.float32)
     return left
 
@@ -136,7 +136,7 @@ def _soft(rng: np.random.Generator, across: float, along: float) -> Array32:
 
 
 def _specks(rng: np.random.Generator) -> tuple[Array32, Array32]:
-    """Return how much of a place dust covers, and its albedo there."""
+    """Return the share of each place that dust covers, and the dust's albedo there."""
     cover = np.zeros((_SIDE, _SIDE), np.float32)
     albedo = np.full((_SIDE, _SIDE), np.mean(DUST_ALBEDO), np.float32)
     count = rng.poisson(DUST_PER_MM2 * (_SIDE * DUST_MM) ** 2)
