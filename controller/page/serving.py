@@ -5,6 +5,7 @@ import gc
 import logging
 import socket
 import ssl
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
@@ -129,11 +130,19 @@ class Server(uvicorn.Server):
     ----------
     app : the page
     config : with the page in it
+    ready : called once it listens
     """
 
-    def __init__(self, app: Page, config: uvicorn.Config) -> None:
+    def __init__(self, app: Page, config: uvicorn.Config, ready: Callable[[], None]) -> None:
         super().__init__(config)
         self._app = app
+        self._ready = ready
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Listen, then say so: before that a browser would be refused."""
+        await super().startup(sockets)
+        if self.started:
+            self._ready()
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
         """End the page; a second signal does not wait for answers.
@@ -177,20 +186,25 @@ def build(
     return build_app(Frame(site, accounts, sessions, screens))
 
 
-def serve(app: Page, serving: Serving) -> None:
+def serve(app: Page, serving: Serving, ready: Callable[[], None]) -> None:
     """Serve the page until a signal ends it.
+
+    Parameters
+    ----------
+    app, serving : the page, and how it is served
+    ready : called once it listens
 
     Raises
     ------
     OSError : certificate or key cannot be read
     """
-    server_of(app, serving).run()
+    server_of(app, serving, ready).run()
     # the process ends now: nothing is gained by looking through all its objects once more, which
     # takes seconds on a busy machine
     gc.freeze()
 
 
-def server_of(app: Page, serving: Serving) -> Server:
+def server_of(app: Page, serving: Serving, ready: Callable[[], None] = lambda: None) -> Server:
     """Return the server, with its limits.
 
     Raises
@@ -221,4 +235,4 @@ def server_of(app: Page, serving: Serving) -> Server:
         timeout_graceful_shutdown=END_WALL_S,
         **options,
     )
-    return Server(app, config)
+    return Server(app, config, ready)

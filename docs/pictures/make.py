@@ -9,9 +9,8 @@ import socket
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -43,11 +42,10 @@ def main() -> None:
         tab = context.new_page()
         tab.set_default_timeout(PATIENT_MS)
         with started(*RUN, "--runs", str(runs)) as run:
-            port = free_port()
-            with started("serve", "--port", str(port), "--runs", str(runs), "--json") as page:
-                link = next(events(page, "ready"))["link"]
-                wait_for_port(port)
-                tab.goto(link)
+            with started(
+                "serve", "--port", str(free_port()), "--runs", str(runs), "--json"
+            ) as page:
+                tab.goto(next(events(page, "ready"))["link"])
                 take_now(tab)
             report = next(events(run, "result"))["report"]
         tab.set_viewport_size({"width": REPORT_WIDTH, "height": REPORT_HEIGHT})
@@ -118,14 +116,6 @@ def free_port() -> int:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         return int(free.getsockname()[1])
-
-
-def wait_for_port(port: int) -> None:
-    """Wait until something listens at a port of this machine."""
-    while True:
-        with suppress(ConnectionRefusedError), socket.create_connection(("127.0.0.1", port)):
-            return
-        time.sleep(0.2)
 
 
 if __name__ == "__main__":

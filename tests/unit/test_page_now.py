@@ -625,11 +625,11 @@ def test_the_server_ends_quietly_while_browsers_look(
         port: int = free.getsockname()[1]
     page = bench(tmp_path, Site.served("127.0.0.1", port, with_tls=False)).page
     app = serving.build(tmp_path / "runs", tmp_path, page.site, page.accounts, page.sessions)
-    server = serving.server_of(app, serving.Serving("127.0.0.1", port))
+    listens = threading.Event()
+    server = serving.server_of(app, serving.Serving("127.0.0.1", port), listens.set)
     thread = threading.Thread(target=server.run)
     thread.start()
-    while not server.started:
-        thread.join(0.02)
+    assert listens.wait(timeout=600)  # it is said once browsers get in, and not before
     lines = [http.client.HTTPConnection("127.0.0.1", port) for _ in range(3)]
     lines[0].request("GET", f"/enter?token={page.sessions.link(Account('ada', Role.VIEWER))}")
     entered = lines[0].getresponse()

@@ -79,13 +79,17 @@ def serve_page(
         f"https://{names[0]}:{port}" if cert and names else _origin(host, port, cert)
     )
     link = f"{origin.rstrip('/')}/enter?token={token}"
-    if as_json:
-        emit({"event": "ready", "url": origin, "link": link})
-    else:
+
+    def tell() -> None:
+        if as_json:
+            emit({"event": "ready", "url": origin, "link": link})
+            return
         print_line(f"the page of {runs_dir}: {link}")
         print_line("the link logs in once, within 10 minutes; ctrl-c ends the page, not the cell")
+
+    asked_by = (proxies or ("127.0.0.1",)) if behind else ()
     try:
-        serve(app, Serving(host, port, cert, key, (proxies or ("127.0.0.1",)) if behind else ()))
+        serve(app, Serving(host, port, cert, key, asked_by), tell)
     except OSError as error:
         raise ConfigError(f"--tls-cert, --tls-key: {error}") from error
     return 0
