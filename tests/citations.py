@@ -1,7 +1,8 @@
 """Which sources the files of a checkout cite, and which of these citations lead nowhere.
 
-The forms are those of `docs/references.md`: a page with numbers, § with a number where the file
-names the page, an ADR by its number, a table of the paper, a standard that is listed.
+The forms are those of `docs/references.md`: a page with numbers or a heading, § with a
+number where the file names the page, an ADR by its number, a table of the paper, a standard that
+is listed.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ KEY = r"[A-Z]{0,2}\d+(?:\.\d+)*(?![\w.]*\w)"
 GAP = r"\s+(?:\#\s+)?"  # a citation may go on in the next line, be that a comment's
 MORE = rf"(?:(?:,|,?{GAP}(?:and|to|or)){GAP}{KEY})*"
 PAGE = re.compile(rf"([\w./-]*[\w-]\.md)\b(?:`?{GAP}({KEY}{MORE}))?")
+HEADED = re.compile(rf"([\w./-]*[\w-]\.md)`?,{GAP}\*([^*`]+)\*")  # a page, *A heading* of it
 NAMED = re.compile(rf"Sections{GAP}\(§\){GAP}are{GAP}those{GAP}of{GAP}`?([\w./-]+\.md)")
 SHORT = re.compile(rf"§\s?({KEY})")
 GOLDEN = re.compile(r'^section = "([\d.]+)"$', re.MULTILINE)
@@ -84,6 +86,13 @@ def keys_of(text: str) -> set[str]:
     return keys
 
 
+def headings_of(text: str) -> set[str]:
+    """Return the texts of a page's headings, without their numbers."""
+    return {
+        re.sub(r"^[A-Z]{0,2}[\d.]+ ", "", found) for found in re.findall(r"(?m)^#+ +(.+?) *$", text)
+    }
+
+
 class Checkout:
     """The files of a checkout, and what of it can be cited: pages, ADRs, standards."""
 
@@ -110,6 +119,11 @@ class Checkout:
         """All citations that lead nowhere."""
         return [problem for path in self.texts for problem in self.problems_of(path)]
 
+    def pages_of(self, name: str, by: Path) -> list[Path]:
+        """Return the pages that a name may be: from the root, from the file's folder, or bare."""
+        paths = [Path(normpath(by.parent / name)), Path(name)] if "/" in name else self.keys
+        return [page for page in paths if page in self.keys and page.name == Path(name).name]
+
     def why_not(self, name: str, keys: list[str], by: Path) -> list[str]:
         """Return what is wrong with citing sections of a page from the file `by`.
 
@@ -117,8 +131,7 @@ class Checkout:
         """
         if name == PLACEHOLDER:
             return []
-        paths = [Path(normpath(by.parent / name)), Path(name)] if "/" in name else self.keys
-        found = [page for page in paths if page in self.keys and page.name == Path(name).name]
+        found = self.pages_of(name, by)
         if not found:
             return [f"{name} is not in the repository"]
         if len(found) > 1 and keys:
@@ -142,6 +155,11 @@ class Checkout:
         for cited in PAGE.finditer(text):
             for why in self.why_not(cited[1], re.findall(KEY, cited[2] or ""), path):
                 yield cited.start(), why
+        for cited in HEADED.finditer(text):
+            heading = " ".join(re.sub(r"\n\s*#?", " ", cited[2]).split())
+            found = self.pages_of(cited[1], path)
+            if len(found) == 1 and heading not in headings_of(self.texts[found[0]]):
+                yield cited.start(), f"{cited[1]} has no heading {heading!r}"
         named = NAMED.search(text)
         page = str(path) if path.suffix == ".md" else named and named[1]
         for cited in short_forms(path, text):

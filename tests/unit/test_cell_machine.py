@@ -547,7 +547,7 @@ def test_the_page_on_the_states_is_what_the_machine_draws() -> None:
 
 
 def test_the_manual_shows_the_stages_as_the_machine_has_them() -> None:
-    manual = ROOT / "docs" / "operating.md"
+    manual = ROOT / "docs" / "operating" / "recovery.md"
     (drawn,) = re.findall(r"```mermaid\n(.*?)```", manual.read_text(), re.DOTALL)
     assert drawn == stages_mermaid(), "paste: python -m controller.cell.machine.diagram --stages"
 

@@ -77,6 +77,8 @@ def found(root: Path, name: str, text: str) -> list[str]:
         f"# docs/wire{DOT_MD} 2.3: the bytes\n",
         f'"""Sections ({SIGN}) are those of wire{DOT_MD}."""\n\nX = 1  # {SIGN}8.10, {SIGN}2\n',
         f"# what wire{DOT_MD}\n# 2.3 says\n",
+        f"# docs/wire{DOT_MD}, *Simple ones*: the bytes\n",
+        f"# wire{DOT_MD},\n# *Simple ones*\n",
         "# ADR 7; the paper's Table 1; ISO/IEC 15948\n",
         "X = sleep(2.5)  # half of 5.0 s\n",
     ],
@@ -92,6 +94,7 @@ def test_citations_that_resolve_are_no_problem(plant: Path, text: str) -> None:
         (f"# wire{DOT_MD} 7\n", f"1: wire{DOT_MD} has no section 7"),
         (f"# wire{DOT_MD} 2.3, 8.10 and 8.11\n", f"1: wire{DOT_MD} has no section 8.11"),
         (f"# what wire{DOT_MD}\n# 2.9 says\n", f"1: wire{DOT_MD} has no section 2.9"),
+        (f"# wire{DOT_MD}, *Gone*\n", f"1: wire{DOT_MD} has no heading 'Gone'"),
         (f"\n# else{DOT_MD}\n", f"2: else{DOT_MD} is not in the repository"),
         (f"# docs/adr/wire{DOT_MD}\n", f"1: docs/adr/wire{DOT_MD} is not in the repository"),
         (

@@ -20,8 +20,8 @@ date, and when an alarm is raised that is not in it.
 """
 MEANING = {
     Severity.WARNING: "goes on",
-    Severity.RECOVERED: "recovers by itself as often as the fault policy has it (operating.md); "
-    "then it parks the part or holds",
+    Severity.RECOVERED: "recovers by itself as often as the fault policy has it "
+    "(docs/operating/recovery.md); then it parks the part or holds",
     Severity.HOLD: "holds: the arm stands still and keeps what it has",
     Severity.STOP: "stops every device and comes to rest",
     Severity.ABORT: "stops every device at once",

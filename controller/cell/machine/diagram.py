@@ -1,7 +1,7 @@
 """Draws docs/state-machine.md from the machine: ``python -m controller.cell.machine.diagram``.
 
-With ``--stages`` it prints the stages of one part alone, as docs/operating.md shows them. A test
-fails when either is out of date.
+With ``--stages`` it prints the stages of one part alone, as docs/operating/recovery.md shows
+them. A test fails when either is out of date.
 """
 
 import sys
@@ -138,7 +138,7 @@ def pauses_mermaid() -> str:
 
 
 def stages_mermaid() -> str:
-    """Return the transitions between the stages of one part, as docs/operating.md shows them."""
+    """Return the transitions between the stages of one part (docs/operating/recovery.md)."""
     lines = ["stateDiagram-v2"]
     for arrow in _arrows():
         source, target = arrow.source, str(arrow.target)

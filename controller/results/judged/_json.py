@@ -11,7 +11,7 @@ Lengths are mm, angles degrees, areas mm2, `*_fraction` 0..1, times ISO 8601 UTC
 | `reviews[]` | persons' verdicts, oldest first; the last counts: `at`, `verdict` (accept, reject), `who`, `why`, `machine`, `findings` (by number: real, false_alarm) |
 | `decision_rule` | how value and uncertainty become a verdict |
 | `covered_fraction`, `covered_U`, `in_sight_fraction`, `claim` | of all surface; the uncertainty (k = 2) of the first; what was looked for |
-| `found` | by kind of defect what would have been found with 90 % (docs/operating.md) |
+| `found` | by kind of defect what would have been found with 90 % (docs/operating/verdicts.md) |
 | `characteristics[]` | `balloon`, `id`, `kind`, `label`, `unit`, `nominal`, `lower`, `upper`, `source`, `critical`, `measured`, `deviation`, `U` (k = 2), `verdict`, `views`, `reason`, `faces`, `p_part_mm`, `looks[]` (`view`, `lamp`, `measured`, `u` (k = 1), `reason`, `budget`) |
 | `findings[]` | `number`, `kind`, `view`, `lamp`, `p_part_mm`, `size_mm`, `area_mm2`, `faces`, `verdict`, `pictures` (view and lamp of each that shows it) |
 | `faces[]` | the ledger: `face`, `label`, `area_mm2`, `compared_fraction`, `by_check`, `rest`, `verdict`, `views`, `reason` |

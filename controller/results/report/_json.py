@@ -17,7 +17,7 @@ are cell seconds, `wall_s` is wall seconds. Unknown is null, never a made-up num
 | `outcome` | `end` (complete, held, stopped, aborted, broke_off, cut_off), `message`, `code`, `alarm` (its number, docs/alarms.md), `custody`, `where` |
 | `verdict` | of the run: the worst of its parts; `no verdict` if one was not judged, `incomplete` if all passed that were begun and not all were |
 | `ordered`, `parts[]` | how many parts were ordered; what became of those begun |
-| `parts[].verdict` | `pass`, `fail`, `indeterminate` or null; with `reasons`, `covered_fraction` (of all surface, compared with the CAD), `covered_U` (its expanded uncertainty, k = 2, or null), `in_sight_fraction` (in sight, compared or not), `claim` (what was looked for on the compared surface), `found` (by kind of defect what would have been found with 90 %, docs/operating.md), `tray`, `nest` (from 1, or null), `custody`, `unconfirmed` (null, or what was begun and never confirmed), `interrupted_run` (null, or the run that the part was taken over from) |
+| `parts[].verdict` | `pass`, `fail`, `indeterminate` or null; with `reasons`, `covered_fraction` (of all surface, compared with the CAD), `covered_U` (its expanded uncertainty, k = 2, or null), `in_sight_fraction` (in sight, compared or not), `claim` (what was looked for on the compared surface), `found` (by kind of defect what would have been found with 90 %, docs/operating/verdicts.md), `tray`, `nest` (from 1, or null), `custody`, `unconfirmed` (null, or what was begun and never confirmed), `interrupted_run` (null, or the run that the part was taken over from) |
 | `parts[].recipe`, `serial`, `lot`, `left_on_table[]` | name of its recipe; its number and lot, or null; parts that could not be taken as they lay, before this one was |
 | `parts[].awaits_review`, `parts[].reviews[]` | whether a person has to decide and none has; persons' verdicts, oldest first, of which the last counts: `at`, `verdict` (accept, reject), `who`, `why`, `machine` (the verdict they had before them), `findings` (by number: real, false_alarm) |
 | `parts[].faces[]` | `face`, `label`, `area_mm2`, `area_fraction` (they add up to 1), `seen_fraction` (compared with the CAD), `by_check` (the same by check), `rest` (not compared, by reason), `verdict`, `views`, `reason` |
@@ -29,7 +29,7 @@ are cell seconds, `wall_s` is wall seconds. Unknown is null, never a made-up num
 | `pictures.<lamp>` | `file` (in the run's folder), `sha256` (null: the file is missing) |
 | `dry` | null, or of a dry run (motions without a part) its steps: `label`, `pose_index`, `motions`, `lifted_mm` (least, most), `left_out` (reasons), `seconds` |
 | `stages[]` | `state`, `visits`, `wall_s` |
-| `takt` | what the arm's time went into: `seconds` by use, which add up to `total_s`; `execute_s`, `busy_s`, `busy_share`, `s_a_part` (of `parts`, which have a verdict; `unjudged` have none), `forecast_s` and what that took, `clock` (`wall` in journals of older versions), `planned_ahead` (parts) (docs/operating.md) |
+| `takt` | what the arm's time went into: `seconds` by use, which add up to `total_s`; `execute_s`, `busy_s`, `busy_share`, `s_a_part` (of `parts`, which have a verdict; `unjudged` have none), `forecast_s` and what that took, `clock` (`wall` in journals of older versions), `planned_ahead` (parts) (docs/operating/history.md) |
 | `cautions[]` | what to know before trusting the rest |
 | `journal` | `first_seq`, `last_seq`, `first_broken_row` (null: the chain of hashes is whole) |
 """  # noqa: E501 - a table row is one line
