@@ -18,7 +18,7 @@ class EmptyCadError(CadError):
 
 
 class LargeCadError(CadError):
-    """The file holds more than this room works on."""
+    """The file exceeds a limit on size or count."""
 
 
 class UnitCadError(CadError):

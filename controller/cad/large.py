@@ -44,7 +44,7 @@ def sums_by(labels: IntArray, values: FloatArray, count: int | None = None) -> F
 
 
 def drop_derived(mesh: trimesh.Trimesh, *kept: str) -> None:
-    """Forget what trimesh has worked out of a mesh, but for normals, areas and what is named.
+    """Clear trimesh's cache except for normals, areas and the given keys.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ def drop_derived(mesh: trimesh.Trimesh, *kept: str) -> None:
 
 
 def give_back() -> None:
-    """Return memory to the system that is free, but in pieces that the allocator would keep.
+    """Return free memory to the system that the allocator would keep in pieces.
 
     From then on arrays of a megabyte have pages of their own, which go back when they do: the
     allocator would take them from its heap once it has seen larger ones, and the heap of a large

@@ -79,7 +79,7 @@ class Solid:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Merged:
-    """Triangles whose corners are merged, and which of the file's each one is.
+    """Triangles with merged corners, and the number of each in the file.
 
     Attributes
     ----------
@@ -145,7 +145,7 @@ def make_solid(
 def merge_corners(
     vertices_mm: FloatArray, triangles: IntArray, where: str, *, unit_is_declared: bool = True
 ) -> Merged:
-    """Return triangles whose numbers make sense, with the corners at one position made one.
+    """Return checked triangles, with the corners at one position merged.
 
     Parameters
     ----------
@@ -227,7 +227,7 @@ def solid_of(
 
 
 def check_count(triangle_count: int, where: str) -> None:
-    """Refuse more triangles than a part is worth, at best before they are read.
+    """Refuse too many triangles, if possible before they are read.
 
     Raises
     ------

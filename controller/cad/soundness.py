@@ -315,7 +315,7 @@ def _hits(
     step: FloatArray,
     limit: FloatArray,
 ) -> Iterator[tuple[IntArray, IntArray]]:
-    """Yield all that rays meet, in turns: which rays, and the triangle each meets next.
+    """Yield all hits of rays, in turns: the rays, and the next triangle that each meets.
 
     ``step`` (n,) is how far a ray starts behind its origin and goes on behind each hit, ``limit``
     (n,) where it ends, both in units of its direction's length. A ray within a triangle's plane

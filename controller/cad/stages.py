@@ -6,4 +6,4 @@ OnStage = Callable[[str], None]  # called with a stage's name, in words for a pe
 
 
 def no_stage(stage: str) -> None:
-    """Pass over a stage: nobody watches."""
+    """Ignore a stage: no caller listens."""

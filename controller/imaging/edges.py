@@ -272,7 +272,7 @@ def _fit(values: FloatArray, belongs: FloatArray, at_px: FloatArray, noise: floa
 
 
 def _back(belongs: FloatArray) -> FloatArray:
-    """Return to which side (n,) of steps less belongs to them than to the other.
+    """Return the side (n,) on which a step has fewer of its samples: -1, 1, 0 for neither.
 
     The fit lacks the level there: it finds the step too narrow, and too far to the other side.
     """
@@ -285,7 +285,7 @@ def _back(belongs: FloatArray) -> FloatArray:
 
 
 def _mean(values: FloatArray, weight: FloatArray, otherwise: FloatArray) -> FloatArray:
-    """Return weighted means (n,) of rows (n, k), something else where nothing has weight."""
+    """Return weighted means (n,) of rows (n, k), ``otherwise`` where no value has weight."""
     total = weight.sum(axis=1)
     mean = (values * weight).sum(axis=1) / np.maximum(total, 1.0)
     return np.asarray(np.where(total > 0, mean, otherwise))

@@ -1,4 +1,4 @@
-"""Pictures of known views -> what differs from the CAD, what was seen of it, and a verdict.
+"""Inspection: pictures of known views -> differences from the CAD, coverage, and a verdict.
 
 Arrays in, dataclasses out (cell-facts.md 3).
 """

@@ -114,7 +114,7 @@ def nearest_on_part(
     xs: NDArray[np.integer],
     ys: NDArray[np.integer],
 ) -> tuple[FloatArray, tuple[int, ...]]:
-    """Return the middle of what pixels see of a part, CAD frame, and the faces most of them see.
+    """Return the centre of the surface seen by pixels, CAD frame, and the faces most of them see.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""One place of the part, one finding: the looks at it gathered, in one sentence.
+"""One finding for each place of the part, with all looks at it in one sentence.
 
 A chip shows in a dozen pictures, as missing material before the panel, as a pit under lamps. Who
 reads the verdict has one part with one chip.
@@ -36,7 +36,7 @@ MAX_FACES: Final = 2  # that a sentence names
 
 @dataclass(frozen=True, eq=False, slots=True)
 class PlacedFinding:
-    """One place where the part is not as the CAD model has it, with all looks at it.
+    """One place where the part differs from the CAD model, with all looks at it.
 
     Attributes
     ----------

@@ -269,7 +269,7 @@ def _confirm(
     limits: InspectionLimits,
     find_mm: Mapping[str, float],
 ) -> list[tuple[str, Finding, Verdict]]:
-    """Return findings that decide, or that one error could explain; none that others refute."""
+    """Return findings that decide, or that one error could explain; without the refuted."""
     every = [(view, f) for view in views for f in view.findings]
     seconds = every + [(view, f) for view in views for f in view.hints]
     dirt = {id(f) for view, f in seconds if _is_on_lens(view, f, seconds)}
@@ -507,7 +507,7 @@ def _by_check(areas: FloatArray, views: Sequence[ViewResult]) -> tuple[tuple[str
 def _rest(
     areas: FloatArray, whole: float, excuses: NDArray[np.uint8], otherwise: str
 ) -> tuple[tuple[str, float], ...]:
-    """Return by reason which share of a face was not compared; areas (n,) are 0 where it was."""
+    """Return the share of a face not compared, by reason; areas (n,) are 0 where it was."""
     if not areas.any():
         return ()
     words = [otherwise, *(reason.value for reason in Unjudged)]

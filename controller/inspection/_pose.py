@@ -58,7 +58,7 @@ RESIDUAL_PLAY_PX: Final = 0.02  # between fits that are as good
 
 @dataclass(frozen=True, eq=False)
 class PosedPart:
-    """A part that is looked for in the gripper: the solid, and what predicts its pictures."""
+    """A part that is looked for in the gripper: the solid, and the predictor of its pictures."""
 
     solid: Solid
 
@@ -109,7 +109,7 @@ def poses_as_good(
     fit: PoseFit,
     outline: OutlineMeasure,
 ) -> Iterator[PoseFit]:
-    """Yield other poses that the outlines allow as well as the fitted one, nearest first.
+    """Yield other poses that fit the outlines as well as the fitted one, nearest first.
 
     Parameters
     ----------
@@ -207,7 +207,7 @@ def _fit(
     fit: PoseFit,
     outline: OutlineMeasure,
 ) -> PoseFit | None:
-    """Return a pose that is tried, fitted on by a little; None where the outline is not found."""
+    """Return a tried pose after a few more steps of the fit; None where no outline is found."""
     if len(outline.points) < MIN_POINTS:
         return None
     mm, rad = AS_PLACED
@@ -226,7 +226,7 @@ def _compared(
     outline: OutlineMeasure,
     covariance: FloatArray,
 ) -> PoseFit | None:
-    """Return a pose with its outline, one point a pixel, None where it is out of the picture."""
+    """Return a pose with its outline, one point a pixel, None outside the picture."""
     camera = task.camera
     roi = view_roi(part.solid.mesh.vertices, T, camera)
     if roi is None:

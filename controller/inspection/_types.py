@@ -191,13 +191,13 @@ class Finding:
 
     @property
     def is_long(self) -> bool:
-        """It is a line: what shows it is a line filter."""
+        """True for a line, as found by a line filter."""
         return self.kind is FindingKind.SCRATCH
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Check:
-    """One comparison of one picture with the CAD: what it compared, and how sharply.
+    """One comparison of one picture with the CAD: the samples compared, and the sharpness.
 
     Attributes
     ----------

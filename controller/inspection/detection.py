@@ -92,7 +92,7 @@ def detections(
     asked_mm: Mapping[str, float] = NOTHING_ASKED,
     not_inspected: Mapping[int, str] = NO_FACES,
 ) -> tuple[Detection, ...]:
-    """Return by kind of defect what would have been found; nothing where no view was evaluated.
+    """Return the detectable defects by kind; nothing where no view was evaluated.
 
     Parameters
     ----------
@@ -147,7 +147,7 @@ def stops(found: Sequence[Detection], solid: Solid) -> tuple[str, ...]:
 
 
 def least_mm(kind: str, mm_per_px: float, dust_mm: float = InspectionLimits().dust_mm) -> float:
-    """Return the smallest size of a kind that a camera can find with 90 %, its surface spotless.
+    """Return the smallest size of a kind that a camera can find with 90 % on a clean surface.
 
     Parameters
     ----------

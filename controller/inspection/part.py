@@ -1,4 +1,4 @@
-"""A part from all its views: what the cell, the offline door and a replay all ask.
+"""Inspection of a part from all its views: for the cell, stored pictures and a replay.
 
 Views come with their pictures, so that what one view alone cannot tell (where the part is in the
 jaws, what a dimension is) is found from all of them.
@@ -113,7 +113,7 @@ class PartSettings:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class PartFinding:
-    """Something on the part that the CAD model has not, or lacks: one place, one finding.
+    """A difference of the part from the CAD model: one place, one finding.
 
     Attributes
     ----------
@@ -195,7 +195,7 @@ def work_ahead(
     kept: Kept,
     view_count: int,
 ) -> Iterator[None]:
-    """Work out what `inspect_part` will ask of these views, once there are all of them.
+    """Compute in advance what `inspect_part` will need of these views.
 
     Yields after each view. Of a grasp that is not over the pose will be another one, and all that
     follows from it: leave its views out.
@@ -335,7 +335,7 @@ class PosedViews:
         )
 
     def rival(self, part: PosedPart, settings: PoseSettings) -> Rival | None:
-        """Return what the outlines show to be in the part's place, None where it is the part."""
+        """Return the rival that the outlines show in place of the part, else None."""
         fits = list(self.fits.values())
         if not fits or not is_suspect(fits):
             return None
@@ -477,7 +477,7 @@ def _posed_view(view: HeldView, posed: PosedViews, kept: Kept) -> PosedView | No
 def with_detections(
     views: ViewSet, results: tuple[ViewResult, ...], ledger: PartVerdict, settings: PartSettings
 ) -> PartVerdict:
-    """Return a ledger with what would have been found, which stops a pass where it is too little.
+    """Return a ledger with the detectable defects, which stop a PASS where they are too large.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Does a picture show the part where the pose says, and sharply? Measured across its outline.
+"""Registration: whether a picture shows the part at its pose, and sharply.
 
 Grey-level profiles are taken across the predicted outline. Of the steps in a profile the
 outermost that counts is measured, its place and its width; one shift in the picture, robustly, is

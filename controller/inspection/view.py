@@ -1,4 +1,4 @@
-"""One view against the CAD: where the part is, then what should not be or is not there.
+"""One view against the CAD: the pose of the part, then extra and missing material.
 
 Two kinds of comparison: the silhouette before the backlight panel (`integrity`), and the brightness
 under each lamp (`lit`). Each returns which surface samples it compared, so that a defect of the
@@ -47,7 +47,7 @@ ROUGH: Final = 3.0  # standard deviations of noise and light that an outline may
 
 @dataclass(frozen=True, eq=False, slots=True)
 class SeenView:
-    """A view's picture before the panel, and what stands in it.
+    """A view's picture before the panel, and the scene in it.
 
     Attributes
     ----------
@@ -78,7 +78,7 @@ class Strictness:
 
 
 def see_view(task: ViewTask, pictures: ViewPictures) -> SeenView:
-    """Return the outline in a view's picture before the panel, or why there is none."""
+    """Return the outline in a view's picture before the panel, or the reason for none."""
     scene = make_scene(task)
     limits = task.limits
     low, _, high = levels = threshold_levels(pictures.backlit, scene.panel)
@@ -102,7 +102,7 @@ def see_view(task: ViewTask, pictures: ViewPictures) -> SeenView:
 def outline_view(
     task: ViewTask, seen: SeenView, prior_mm: float, prior_rad: float
 ) -> OutlineView | None:
-    """Return a view as far as its pose goes, None where its picture proves nothing.
+    """Return a view's data for the pose, None where its picture proves nothing.
 
     Parameters
     ----------
@@ -316,7 +316,7 @@ def _outline(
 
 
 def _as_fit(part: PosedPart, task: ViewTask, backlit: Backlit, pose: ViewPose) -> PoseFit | None:
-    """Return a pose with what it predicts of the picture, None where it is out of it."""
+    """Return a pose with its predicted outline, None where the part is out of the picture."""
     roi = view_roi(part.solid.mesh.vertices, pose.T_world_part, task.camera)
     if roi is None:
         return None
@@ -346,7 +346,7 @@ def _explains_more(result: ViewResult, best: ViewResult) -> bool:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _View:
-    """One view's pictures, and what they are compared with, wherever the part is."""
+    """One view's pictures and the models they are compared with, for any pose of the part."""
 
     part: PosedPart
     samples: SurfaceSamples
@@ -412,7 +412,7 @@ def _pose_refusal(fit: PoseFit, shift: float, turn: float, limits: InspectionLim
 
 
 def _best_excuse(codes: Sequence[NDArray[np.uint8]], missing: BoolArray) -> NDArray[np.uint8]:
-    """Return per sample why no check compared it: of several lamps the one that came closest."""
+    """Return the reason for each sample not compared: that of the lamp that came closest."""
     if not codes:
         return np.zeros(len(missing), dtype=np.uint8)
     best = np.maximum.reduce(codes)

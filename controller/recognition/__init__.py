@@ -1,4 +1,4 @@
-"""Pictures of the table -> which part, which way up, where, its score, or "none of these".
+"""Recognition: pictures of the table -> part, stable pose, place and score, or "none of these".
 
 Arrays in, dataclasses out (references.md P3.0).
 """

@@ -1,4 +1,4 @@
-"""A library of parts from CAD files: what was worked out once is kept in the cache.
+"""A library of parts from CAD files; computed entries are kept in the cache.
 
 A start reads a few kilobytes of each part; edges are read when a part turns up. So a library may
 hold a thousand parts.
@@ -53,7 +53,7 @@ def open_library(
 
 
 def keep_entry(path: Path, options: CompileOptions, camera: Camera) -> None:
-    """Work out what a library keeps of a part for a camera, if the cache has it not.
+    """Compute a part's library entry for a camera, unless the cache has it.
 
     Parameters
     ----------
@@ -114,11 +114,11 @@ def _key(path: Path, options: CompileOptions, station: Station) -> str | None:
 
 @lru_cache(maxsize=1)
 def entry_cache() -> DiskCache[Entry]:
-    """Return the cache of what a library keeps of parts."""
+    """Return the cache of library entries."""
     return DiskCache(Entry, "views", "views of a part")
 
 
 @lru_cache(maxsize=1)
 def shape_cache() -> DiskCache[EdgeShape]:
-    """Return the cache of what the edges of parts are made from."""
+    """Return the cache of edge shapes."""
     return DiskCache(EdgeShape, "edges", "edges of a part")

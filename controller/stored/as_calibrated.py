@@ -10,7 +10,7 @@ from controller.inspection import PartInspection, Verdict
 def as_calibrated(
     found: PartInspection, calibration: SetCalibration, recipe: Recipe | None
 ) -> PartInspection:
-    """Return a verdict with what is stale; no PASS where the recipe needs what the cell lacks.
+    """Return a verdict without a PASS where a calibration that the recipe requires is missing.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Have the part of a set of views inspected, as a recipe says."""
+"""Inspection of the part in a set of views, under a recipe."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -146,7 +146,7 @@ def judge_ahead(
     kept: Kept,
     view_count: int,
 ) -> bool:
-    """Do a piece of what `judge_views` will ask of these views; return whether there may be more.
+    """Do part of the work of `judge_views` on these views; return True if more may follow.
 
     Parameters
     ----------

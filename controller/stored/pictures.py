@@ -90,7 +90,7 @@ def read_picture(path: Path, size_px: tuple[int, int]) -> StoredPicture:
 
 
 def read_grey(path: Path, size_px: tuple[int, int]) -> Grey:
-    """Return a camera's picture as it is measured in: grey, 8 bits, no level changed.
+    """Return a camera's picture for measuring: grey, 8 bits, no level changed.
 
     Three equal channels are one. Colours are refused, as those of a colour sensor are guessed
     between its pixels; so are more bits, as each picture would be scaled by its own brightest.

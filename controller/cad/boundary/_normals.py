@@ -55,7 +55,7 @@ def _round_normals(
     points_mm: FloatArray,
     normals: FloatArray,
 ) -> FloatArray:
-    """Return the same of surfaces that are no planes."""
+    """Return the outward normals of curved surfaces at points on them."""
     wall, cone, ball, ring = (
         np.array([face.kind == kind for face in faces])[face_ids]
         for kind in ("cylinder", "cone", "sphere", "torus")

@@ -1,4 +1,4 @@
-"""Mesh and solid with what is costly to find out about them again.
+"""Codecs of mesh and solid, with the data that are costly to compute again.
 
 A solid finds its boundary and its hull, and trimesh normals and areas, when they are first asked
 for, and keep them. What the rooms above ask of every part is kept in the file and put back, bit for
@@ -96,7 +96,7 @@ def _mesh(stored: StoredMesh) -> trimesh.Trimesh:
 
 
 def called(solid: Solid, name: str) -> Solid:
-    """Return a solid under another name, with all it knows."""
+    """Return a solid under another name, with all its computed data."""
     if solid.name == name:
         return solid
     twin = replace(solid, name=name)

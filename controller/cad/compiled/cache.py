@@ -1,4 +1,4 @@
-"""Compiled parts kept on disk, one file each, trusted only as far as they prove themselves.
+"""Cache of compiled parts, one file each; a file that fails its checks is not used.
 
 A file's name holds the part and a key: hash of the CAD file and of those it names, its
 ending, the body, the options, the format, our own source and the libraries that decide. Another key
@@ -35,7 +35,7 @@ def load_part(
     cache: Path | None = None,
     on_stage: OnStage = no_stage,
 ) -> CompiledPart:
-    """Return a compiled part, from the cache where it is there and sound.
+    """Return a compiled part, from the cache if that has a sound one.
 
     Parameters
     ----------

@@ -277,7 +277,7 @@ def compile_solid(
 
 
 def spacing_of(solid: Solid, asked_mm: float) -> float:
-    """Return the spacing of samples: a part as large as a house has no more of them than any."""
+    """Return the spacing of samples; on a very large part it grows to limit their number."""
     return max(asked_mm, float(np.sqrt(solid.mesh.area / MAX_SAMPLES)))
 
 

@@ -63,7 +63,7 @@ def read_file(path: Path) -> bytes:
 
 
 def check_ahead(path: Path, ending: str, size: int) -> None:
-    """Refuse from its size and its beginning what is not worth reading.
+    """Refuse a file by its size and first bytes, before it is read whole.
 
     Parameters
     ----------

@@ -82,7 +82,7 @@ class _Builder:
         return CsgCadError(self._yaml.sentence(at, reason))
 
     def build(self) -> Body:
-        """Return the part [mm]; what it will cost is summed up first."""
+        """Return the part [mm]; its cost is estimated first."""
         shapes, triangles = self._cost(self._model.part, ("part",), ())
         if shapes > MAX_SHAPES or triangles > MAX_TRIANGLES:
             raise self._problem(

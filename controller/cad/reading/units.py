@@ -14,7 +14,7 @@ OTHER_MM_PER_UNIT: Final = {"micron": 1e-3, "foot": 304.8}
 
 
 def read_unit(unit: str, where: Path) -> tuple[str, float]:
-    """Return a unit's name with us and its millimetres.
+    """Return the name of a unit as used here, and its length in millimetres.
 
     Raises
     ------

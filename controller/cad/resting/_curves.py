@@ -1,4 +1,4 @@
-"""Curved walls, as against planes, on a tessellated hull: strips, and hollows they cannot hold.
+"""Curved walls on a tessellated hull: strips, and the false hollows that they make.
 
 A curve in triangles has hollows the curve has not: every strip of a rod holds the rod, and a strip
 half-way round a rounded corner may hold the part in balance ("impossible" stable orientations 10
@@ -108,7 +108,7 @@ def _bulges(hull: Hull, angle: FloatArray) -> tuple[FloatArray, BoolArray]:
 
 
 def merge_hollows(hull: Hull, land: Landscape, strips: Strips) -> tuple[IntArray, FloatArray]:
-    """Return each facet's bottom of its hollow (f,), false ones filled, and its probability (f,).
+    """Return each facet's bottom of its hollow (f,), false hollows filled, and probabilities (f,).
 
     Passes are gone through from the lowest up. Where two hollows meet, the shallower one ends; it
     was never one if it is a strip's and the climb out of it is no more than the strip's bulge.

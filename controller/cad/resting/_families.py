@@ -83,7 +83,7 @@ class Roll:
 
 
 class Curves:
-    """The curved regions of a hull, for asking how a part rests on each."""
+    """Curved regions of a hull, and the rest of a part on each."""
 
     def __init__(self, hull: Hull, strips: Strips) -> None:
         self._hull, self._strips = hull, strips
@@ -227,7 +227,7 @@ class Curves:
 
 
 def _ring_of(normals: FloatArray) -> tuple[FloatArray, float, float]:
-    """Return the axis (3,) normals (n, 3) go round, their tilt to it, and how uneven that is."""
+    """Return the axis (3,) of a ring of normals (n, 3), their mean tilt to it, and its spread."""
     off = normals - normals.mean(axis=0)
     axis = np.linalg.eigh(off.T @ off)[1][:, 0]
     if axis[np.argmax(np.abs(axis))] < 0:

@@ -1,4 +1,4 @@
-"""A solid's convex hull in facets: what a table can touch, and what lies beside what.
+"""A solid's convex hull in facets, the surface that a table can touch, with neighbours.
 
 The table touches the hull alone (references.md P2.1). Qhull answers in triangles; those that lie in
 one plane, up to what single precision in an STL file blurs, are one facet here.

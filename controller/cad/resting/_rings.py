@@ -65,7 +65,7 @@ class Profile:
 
 
 def with_rings(hull: Hull, strips: Strips, axes: tuple[FloatArray, FloatArray]) -> Strips:
-    """Return strips to which those of bands round an axis are added, each band a curve of its own.
+    """Return the strips with bands round an axis added, each band a curve of its own.
 
     Parameters
     ----------

@@ -32,7 +32,7 @@ LARGEST_GROUP = 400
 
 @dataclass(frozen=True, eq=False, slots=True)
 class PartSymmetry:
-    """The turns about its centre of mass that leave a part as it is.
+    """The turns about its centre of mass that leave a part unchanged.
 
     Attributes
     ----------
@@ -125,7 +125,7 @@ def part_symmetries(
 
 
 def _try(surface: Surface, guesses: list[FloatArray], found: list[FloatArray], enough: int) -> None:
-    """Add to ``found`` what holds of the guesses; rotations with all their products."""
+    """Add the guesses that hold to ``found``; rotations with all their products."""
     wrong = np.zeros((0, 3, 3))
     for guess in guesses:
         if len(found) >= enough:

@@ -65,7 +65,7 @@ def _distances_mm(hull: Hull) -> FloatArray:
 
 
 def _stays(hull: Hull, to_edge: FloatArray) -> BoolArray:
-    """Return on which facets the part stays (f,): those whose outline holds the centre."""
+    """Return a mask (f,) of the facets on which the part stays: the centre is in their outline."""
     ends = hull.corners_mm[hull.edge_ends]
     long = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) > SHORT * hull.blur_mm
     inside = np.full(hull.count, np.inf)

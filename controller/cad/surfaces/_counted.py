@@ -37,7 +37,7 @@ STEPS = np.array([[0.7548776662466927], [0.5698402909980532]])
 def counted_samples(
     solid: Solid, spacing_mm: float, stream: int = 1, most: int = BUDGET_COUNT
 ) -> SurfaceSamples:
-    """Return points by which coverage is counted, no spot of a face farther from one than spacing.
+    """Return the points that count coverage, at least one within the spacing of any place.
 
     Bores have at least `ROUND_COUNT` round, small faces at least `PER_FACE`. A part that would have
     too many of them has fewer, farther apart: `SurfaceSamples.reach_mm` says how far (ADR 72).
@@ -71,7 +71,7 @@ def counted_samples(
 
 
 def counted_defect_mm(samples: SurfaceSamples, smallest_mm: float) -> float:
-    """Return the size from which on no spot or defect can lie between samples unnoticed.
+    """Return the smallest size of a defect that cannot lie unnoticed between samples [mm].
 
     Parameters
     ----------

@@ -38,7 +38,7 @@ class SurfaceSamples:
     reach_mm: float | None = None
 
     def rows(self, which: IntArray) -> SurfaceSamples:
-        """Return some of them, by number (k,)."""
+        """Return the samples with the given numbers (k,)."""
         return SurfaceSamples(
             self.points_mm[which], self.normals[which], self.face_ids[which], self.areas_mm2[which]
         )

@@ -64,7 +64,7 @@ def outline(
     *,
     prepared: ViewModel | None = None,
 ) -> LineView:
-    """Return the outline alone, without edges: `line_view` or `camera_view` in a fraction of it.
+    """Return the outline alone, in a fraction of the time of `line_view` or `camera_view`.
 
     Parameters
     ----------

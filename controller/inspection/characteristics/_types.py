@@ -168,7 +168,7 @@ def rim_directions(axis: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Characteristic:
-    """One thing that is asked of a part.
+    """One requirement on a part.
 
     Attributes
     ----------
@@ -221,7 +221,7 @@ class Characteristic:
         return self.kind in ONE_SIDED
 
     def as_stated(self) -> "Characteristic":
-        """Return it as somebody states its limits: measured, if that is all that was missing."""
+        """Return the characteristic with stated limits: measured, if those were all it lacked."""
         if not self.exempt.startswith(GENERAL):
             return self
         return replace(self, exempt="", is_measured=True)

@@ -29,7 +29,7 @@ _NUMBER = re.compile(r" \(\d+\)")
 
 
 class AskedError(ValueError):
-    """An entry asks for what the part does not have, or for what makes no sense."""
+    """An entry names something that the part lacks, or makes no sense."""
 
     def __init__(self, index: int, problem: str) -> None:
         super().__init__(problem)

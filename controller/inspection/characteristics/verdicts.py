@@ -1,4 +1,4 @@
-"""The verdict on one characteristic, and what all of them leave of a PASS (ADR 28)."""
+"""The verdict on one characteristic, and the effect of all of them on a PASS (ADR 28)."""
 
 import re
 from collections.abc import Iterable, Sequence
@@ -51,7 +51,7 @@ class Standing:
 
 
 def worse(one: Verdict, other: Verdict) -> Verdict:
-    """Return the verdict on a part of which two things are known."""
+    """Return the worse of two verdicts on a part."""
     return max(one, other, key=BADNESS.__getitem__)
 
 
@@ -76,7 +76,7 @@ def verdict_of(
 def with_capability(
     characteristics: Iterable[Characteristic], station: Station, accuracy: Accuracy
 ) -> tuple[Characteristic, ...]:
-    """Return characteristics, those marked whose general tolerance the cell cannot verify.
+    """Return characteristics, with general tolerances marked that the cell cannot verify.
 
     Where twice the uncertainty promised is more than the whole tolerance, the characteristic is not
     measured at all. Tolerances that a person or a drawing has stated stay as they are: a recipe
@@ -201,14 +201,14 @@ def _why_open(one: Measured) -> str:
 
 
 def _named(labels: Sequence[str]) -> str:
-    """Return the first few of some characteristics in words, and how many more there are."""
+    """Return the first few of some characteristics in words, and the number of the rest."""
     more = len(labels) - MAX_NAMED
     shown = "; ".join(labels[:MAX_NAMED])
     return f"{shown} and {more} more like these" if more > 0 else shown
 
 
 def _alike(labels: Sequence[str]) -> str:
-    """Return all of some characteristics in words, those together that differ by their number."""
+    """Return all of some characteristics in words, grouped where only their numbers differ."""
     groups: dict[str, list[str]] = {}
     for label in labels:
         groups.setdefault(OWN_NUMBER.sub("", label), []).append(label)

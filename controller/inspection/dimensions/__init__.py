@@ -1,4 +1,4 @@
-"""Dimensions: where edges must show, where they are, and with what uncertainty."""
+"""Dimensions: predicted edges, measured edges, and their uncertainty."""
 
 from ._curves import Curve
 from ._foreseen import is_explained

@@ -1,4 +1,4 @@
-"""Edges of a part as curves in space: where rays begin, and which way they are counted."""
+"""Edges of a part as curves in space: the origins of rays, and their direction."""
 
 from dataclasses import dataclass, replace
 from typing import Final
@@ -135,7 +135,7 @@ def rim_curve(
     course = rim.course
 
     def slid(at: FloatArray, step: FloatArray) -> FloatArray:
-        """Return a step of the wall (n, 3) and what it moves the rim along the surface beyond."""
+        """Return a step of the wall (n, 3), with the motion of the rim along the surface beyond."""
         if course is None:
             return step
         normal = course.normal(at)

@@ -39,11 +39,11 @@ class RimFeature:
 
     @property
     def unknown_count(self) -> int:
-        """Of the whole feature."""
+        """Number of unknowns of the whole feature."""
         return 3
 
     def curves(self, solid: Solid, pixel_mm: float, moved_mm: FloatArray) -> list[Curve]:
-        """Return its edges, moved as far as is known by now.
+        """Return its edges, moved by the unknowns found so far.
 
         Parameters
         ----------
@@ -64,7 +64,7 @@ class RimFeature:
         return rays.design[:, :3]
 
     def light_angles(self, rays: Rays) -> FloatArray:
-        """Return the angles (n,) round which light moves its edges, more here than there.
+        """Return the angles (n,) round which light moves its edges unevenly.
 
         On an arc these are the angles in space, and so many times more as it turns less than that
         in the picture, or more: where it is seen flat, little light bends it as another radius
@@ -79,12 +79,12 @@ class RimFeature:
 
     @property
     def sought_first(self) -> BoolArray:
-        """Of the unknowns (3,), which a first look solves for."""
+        """Mask of the unknowns (3,) for which a first look solves."""
         return self.kept
 
     @property
     def kept(self) -> BoolArray:
-        """Of the unknowns (3,), which a second look begins with what the first found of them.
+        """Mask of the unknowns (3,) that a second look takes over from the first.
 
         An arc hardly tells its radius from its place: with another radius it would be looked for
         along another arc, of another length.
@@ -115,11 +115,11 @@ class FaceFeature:
 
     @property
     def unknown_count(self) -> int:
-        """Of the whole feature."""
+        """Number of unknowns of the whole feature."""
         return 1 + len(self.lines) + len(self.rims)
 
     def curves(self, solid: Solid, pixel_mm: float, moved_mm: FloatArray) -> list[Curve]:
-        """Return its edges, moved as far as is known by now.
+        """Return its edges, moved by the unknowns found so far.
 
         Parameters
         ----------
@@ -146,17 +146,17 @@ class FaceFeature:
         return out
 
     def light_angles(self, rays: Rays) -> FloatArray:
-        """Return the angles (n,) round which light moves its edges, more here than there."""
+        """Return the angles (n,) round which light moves its edges unevenly."""
         return _normal_angles(rays)
 
     @property
     def sought_first(self) -> BoolArray:
-        """Of the unknowns (p,), which a first look solves for."""
+        """Mask of the unknowns (p,) for which a first look solves."""
         return np.ones(self.unknown_count, dtype=np.bool_)
 
     @property
     def kept(self) -> BoolArray:
-        """Of the unknowns (p,), which a second look begins with what the first found of them."""
+        """Mask of the unknowns (p,) that a second look takes over from the first."""
         return np.asarray(np.arange(self.unknown_count) == 0, dtype=np.bool_)
 
     @property
@@ -212,7 +212,7 @@ def _normal_angles(rays: Rays) -> FloatArray:
 
 
 def _picture_turn_rad(rays: Rays) -> float:
-    """Return by how much the directions across an arc differ in the picture, less than a turn."""
+    """Return the spread of directions across an arc in the picture, less than a turn [rad]."""
     angle = _normal_angles(rays)
     middle = np.arctan2(np.sin(angle).mean(), np.cos(angle).mean())
     return float(np.ptp(np.arctan2(np.sin(angle - middle), np.cos(angle - middle))))

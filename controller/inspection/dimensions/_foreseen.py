@@ -69,7 +69,7 @@ def _steps(
     rays: Rays,
     offsets_px: FloatArray,
 ) -> BoolArray:
-    """Return between which neighbouring places of rays an edge or a shadow's border shows.
+    """Return the intervals between places of rays in which an edge or a shadow's border shows.
 
     Parameters
     ----------

@@ -120,7 +120,7 @@ def _slot_ends(rims: tuple[Rim, ...]) -> tuple[tuple[Rim, ...], ...]:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Sought:
-    """A characteristic as pictures are looked at for it.
+    """A characteristic as it is sought in pictures.
 
     Attributes
     ----------

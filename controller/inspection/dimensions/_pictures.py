@@ -180,7 +180,7 @@ def _first_look(
     noise: float,
     counts: IndexArray,
 ) -> list[FloatArray]:
-    """Return the unknowns of each feature as a look from afar has them, zeros where it has none."""
+    """Return the unknowns of each feature by a look with a wide reach, zeros where it has none."""
     is_backlit = rising is not None
     rays, owner = prediction.rays, prediction.feature[index]
     stride = np.maximum(counts // FEW, 1)[owner] if len(owner) else owner
@@ -224,7 +224,7 @@ def _first_look(
 def _placed_again(
     part: PosedPart, prediction: Prediction, moved: Sequence[FloatArray], index: IndexArray
 ) -> Rays:
-    """Return some of the rays across edges that have moved.
+    """Return some of the rays, placed anew across edges that have moved.
 
     Parameters
     ----------
@@ -283,7 +283,7 @@ def _fit(
     beside_px: Callable[[FloatArray, float], float],
     is_another: Callable[[FloatArray], bool],
 ) -> FeatureFit:
-    """Return a feature fitted to the edges found beside it, or why they do not count.
+    """Return a feature fitted to the edges found beside it, or the reason for a failure.
 
     Parameters
     ----------
@@ -385,7 +385,7 @@ def _chords_made(
 
 
 def _modes(feature: Feature, rays: Rays) -> FloatArray:
-    """Return shapes (n, k) in which light may move an edge: as a whole, and more here than there.
+    """Return the modes (n, k) in which light may move an edge: as a whole, and unevenly.
 
     Round a whole circle only the first moves a radius and the next two a place. Of an arc that
     shows, all the rest are taken for one or the other as well.

@@ -83,7 +83,7 @@ class Rays:
 
 
 def place_rays(curves: Sequence[Curve], T_world_part: FloatArray, camera: Camera) -> Rays:
-    """Return the rays across curves; nothing is known yet of what shows.
+    """Return the rays across curves, before their visibility is known.
 
     Parameters
     ----------
@@ -142,7 +142,7 @@ def place_rays(curves: Sequence[Curve], T_world_part: FloatArray, camera: Camera
 
 
 def with_rotation(rays: Rays, T_world_part: FloatArray, pivot_world_mm: FloatArray) -> Rays:
-    """Return rays that know how rotations about a point move their edges.
+    """Return the rays with the motion of their edges by rotations about a point.
 
     Parameters
     ----------
@@ -166,7 +166,7 @@ def with_visibility(
     camera: Camera,
     scene: ViewScene,
 ) -> Rays:
-    """Return rays that know where their edges show.
+    """Return the rays with the visibility of their edges.
 
     Parameters
     ----------
@@ -220,7 +220,7 @@ def with_visibility(
 
 
 def with_outline(rays: Rays, part: PosedPart, T_world_part: FloatArray, camera: Camera) -> Rays:
-    """Return rays that know how far from their edge the CAD model ends the panel's light.
+    """Return the rays with the distance from their edge to the end of the panel's light.
 
     Where a wall is seen along its surface, its outline, or the wall's other rim, leaves a rim at a
     tangent: for many pixels the light ends beside the rim by a share of one.
@@ -280,7 +280,7 @@ def _reach(
 
 
 def _flat_px(face: Int32Array, cosine: FloatArray) -> FloatArray:
-    """Return the width (n, 1) of what is seen flat beside edges; 0 where it does not end."""
+    """Return the width (n, 1) of walls seen flat beside edges; 0 where it does not end."""
     flat = (face != NONE) & (cosine < FLAT_COS)
     run = np.cumprod(flat, axis=1)
     ends = run.sum(axis=1)

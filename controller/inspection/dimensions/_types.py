@@ -12,7 +12,7 @@ BACKLIT = "backlit"
 
 @dataclass(frozen=True, eq=False, slots=True)
 class PosedView:
-    """A view with its pictures, and where the part is in it.
+    """A view with its pictures, and the pose of the part in it.
 
     Attributes
     ----------

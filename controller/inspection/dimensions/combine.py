@@ -1,4 +1,4 @@
-"""Looks put together: one value, one uncertainty, or why there is none.
+"""Combination of looks: one value, one uncertainty, or the reason why there is none.
 
 Looks are weighted by their uncertainties. What they have in common does not become smaller by
 looking again: scale and temperature always, the pose within a grasp, the lens within a view, light
@@ -200,7 +200,7 @@ def _chosen(
 
 
 def _sum(halves: Sequence[_Mean]) -> _Mean:
-    """Return a difference put together from what two features say alone."""
+    """Return a difference combined from the values of its two features."""
     one, other = halves
     parts = {}
     for name in dict.fromkeys([*one.parts, *other.parts]):
@@ -275,7 +275,7 @@ def _is_shared(name: str, one: Estimate, other: Estimate, settings: MeasuringSet
 
 
 def _geometric(one: FloatArray, other: FloatArray) -> FloatArray:
-    """Return the covariance of two vectors whose errors are the same but for their size."""
+    """Return the covariance of two vectors with the same errors at different scales."""
     return np.asarray(np.eye(len(one)) * np.sqrt(_largest(one) * _largest(other)))
 
 
@@ -284,7 +284,7 @@ def _largest(covariance: FloatArray) -> float:
 
 
 def _worst(used: Sequence[Estimate]) -> tuple[int, float, float]:
-    """Return the look that is farthest from the others, by how much, and what is allowed [mm]."""
+    """Return the look farthest from the others, its distance, and the limit [mm]."""
     weight = np.array([1.0 / e.look.u_mm**2 for e in used])
     vectors = np.array([e.vector_mm for e in used])
     answers = []

@@ -55,7 +55,7 @@ def measure_ahead(
     settings: MeasuringSettings,
     kept: Kept,
 ) -> None:
-    """Work out what `measure` will ask of a view.
+    """Compute in advance what `measure` will need of a view.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Robust least squares of edge offsets, and how uncertain what follows from them is."""
+"""Robust least squares of edge offsets, and the uncertainty of the results."""
 
 import math
 from dataclasses import dataclass

@@ -62,7 +62,7 @@ def find_against(
     allowances: Allowances,
     settings: MeasuringSettings,
 ) -> dict[str, tuple[Finding, ...]]:
-    """Return by view what pictures show of floors and edges that are elsewhere, or nowhere.
+    """Return the findings of floors and edges out of place or missing, by view.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ def _floor_findings(
     floor: Floor,
     of_look: Mapping[tuple[str, str], EdgeLook],
 ) -> Iterator[tuple[str, Finding]]:
-    """Yield a finding for each view that shows a floor elsewhere.
+    """Yield a finding for each view that shows a floor out of place.
 
     What light shows is one look, however many pictures do: all share one model of it. The surest
     picture says by how much.
@@ -141,7 +141,7 @@ def _edge_findings(
     allowances: Allowances,
     settings: MeasuringSettings,
 ) -> Iterator[tuple[str, Finding]]:
-    """Yield by feature and view a finding of the edge that is farthest out of its place."""
+    """Yield a finding of the edge farthest out of its place, by feature and view."""
     by_place: dict[tuple[frozenset[int], str], list[MovedEdge]] = {}
     told = [
         (look, known_points(look), wave_of(look, pixel_mm, allowances, settings)) for look in looks

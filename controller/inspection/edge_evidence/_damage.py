@@ -21,7 +21,7 @@ def find_damage(
     T_world_part: Mapping[str, FloatArray],
     is_refuted: Sequence[bool] = (),
 ) -> dict[str, tuple[Finding, ...]]:
-    """Return by view what runs of displaced points show, one finding a place and view.
+    """Return the findings of runs of displaced points by view, one for each place and view.
 
     A place is sure where two views show it, the part turned between them and not in the same
     pixels: two lamps in one view share the dirt on the lens and the dust on the part. What is not
@@ -102,7 +102,7 @@ def _finding(edges: PartEdges, run: Displaced, is_sure: bool) -> Finding:
 
 
 def _between(run: Displaced) -> FloatArray:
-    """Return the border (k, 2) of what lies between an edge's nominal place and where it is."""
+    """Return the border (k, 2) of the area between an edge and its nominal place."""
     nominal = run.look.pixels[run.points]
     there = nominal + run.look.normals[run.points] * run.look.offset_px[run.points, None]
     return np.concatenate([nominal, there[::-1]])

@@ -55,7 +55,7 @@ class FloorLook:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Floor:
-    """The floor of a blind hole, as all pictures show it that tell.
+    """The floor of a blind hole, by all pictures that show it.
 
     Attributes
     ----------
@@ -78,7 +78,7 @@ class Floor:
 
     @property
     def is_doubted(self) -> bool:
-        """A picture shows it out of place."""
+        """True if a picture shows it out of place."""
         return bool(self._wrong)
 
     @property

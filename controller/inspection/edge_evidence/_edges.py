@@ -1,4 +1,4 @@
-"""All edges of a part as points in space, with what meets in them."""
+"""All edges of a part as points in space, with the faces that meet in them."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -69,7 +69,7 @@ class PartEdges:
 
 
 def find_edges(solid: Solid, pixel_mm: float) -> PartEdges | None:
-    """Return points along every edge that is neither smooth nor tiny, None of a part without any.
+    """Return points along every edge that is neither smooth nor tiny, None for no such edge.
 
     Parameters
     ----------

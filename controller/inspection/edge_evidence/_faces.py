@@ -61,7 +61,7 @@ def floor_words(off_mm: float) -> str:
 
 @dataclass(frozen=True, slots=True)
 class MissingEdge:
-    """An edge that must show, and does in no picture.
+    """An edge that must show, and shows in no picture.
 
     Attributes
     ----------
@@ -116,7 +116,7 @@ def prove_faces(
     narrow: BoolArray,
     floors: Mapping[frozenset[int], Floor],
 ) -> dict[int, FaceEdges]:
-    """Return by face id what edges prove.
+    """Return the evidence of edges by face id.
 
     A wall of a through hole is shown by the light through it: both its rims may be in place with
     a web between them. One of a blind hole is shown by its rim, once the floor is shown not to be
@@ -169,7 +169,7 @@ def prove_faces(
 
 
 def _told(edges: PartEdges, looks: Sequence[EdgeLook], own: IndexArray, side: IndexArray) -> float:
-    """Return along what share of its edges a face is shown where the smallest defect would be.
+    """Return the share of a face's edges along which the smallest defect would show.
 
     Parameters
     ----------
@@ -222,7 +222,7 @@ def _is_open(
 
 
 def confirmed(looks: Sequence[EdgeLook], in_place: BoolArray) -> BoolArray:
-    """Return at which points (n,) an edge is in place, and not found elsewhere more often.
+    """Return a mask (n,) of edge points in place, and not found elsewhere more often.
 
     Parameters
     ----------
@@ -258,7 +258,7 @@ def _mouths(
 def _by_light(
     edges: PartEdges, looks: Sequence[EdgeLook], mouth: IndexArray, axis: FloatArray, face: int
 ) -> float:
-    """Return along what share of a mouth light ends at it, or at the wall above or beneath it."""
+    """Return the share of a mouth at which light ends, at its edge or at a wall beside it."""
     is_wall = edges.faces == face
     light = np.stack([
         (look.state == State.IN_PLACE) & (look.light_through & is_wall).any(axis=1)

@@ -164,7 +164,7 @@ def _gripper_about(task: ViewTask, margin_mm: float) -> RayCaster | None:
 def _in_gripper_shadow(
     edges: PartEdges, view: PosedView, lamp: str, gripper: RayCaster | None
 ) -> BoolArray:
-    """Return at which points of the edges (n,) a gripper may keep away some of a lamp's light."""
+    """Return a mask (n,) of edge points on which a gripper may shade some of a lamp's light."""
     out = np.zeros(len(edges.points_mm), dtype=bool)
     if lamp == BACKLIT or gripper is None:
         return out
@@ -192,7 +192,7 @@ def _measured(
     is_backlit: bool,
     settings: MeasuringSettings,
 ) -> tuple[NDArray[np.int8], FloatArray, FloatArray, FloatArray]:
-    """Return of each point (n,) its state, where the step is, its standard error and contrast."""
+    """Return each point's (n,) state, step position, standard error and contrast."""
     count = len(shows)
     state = np.zeros(count, dtype=np.int8)
     offset, sigma, contrast = np.full(count, np.nan), np.full(count, np.inf), np.zeros(count)

@@ -32,7 +32,7 @@ def refuted(
     allowances: Allowances,
     settings: MeasuringSettings,
 ) -> list[bool]:
-    """Return of each run whether two other views had to show it and show its edge on its course.
+    """Return a mask of the runs that two other views had to show, but show the edge on its course.
 
     Parameters
     ----------

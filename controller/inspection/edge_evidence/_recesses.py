@@ -1,4 +1,4 @@
-"""Holes, slots and pockets by what bounds them: mouths, walls, floors. No sizes, no kinds."""
+"""Holes, slots and pockets by their mouths, walls and floors; without sizes or kinds."""
 
 from dataclasses import dataclass
 
@@ -29,7 +29,7 @@ class Recess:
 
     @property
     def is_through(self) -> bool:
-        """It has two mouths."""
+        """True if it has two mouths."""
         return len(self.mouths) == 2
 
     def bottom(self, solid: Solid) -> frozenset[int]:

@@ -1,4 +1,4 @@
-"""A blind hole's floor, looked for at other depths where no picture shows it at its own.
+"""Search for a blind hole's floor at other depths, where no picture shows it at its own.
 
 The search about an edge's place ends a few pixels off, and a floor that is farther off shows
 nothing there, or another edge. So the part is drawn with its floor raised and lowered, and the

@@ -38,7 +38,7 @@ SEEN_COS: Final = 0.26  # a sample that is seen flatter is not looked at, as in 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class EdgeEvidence:
-    """All edges in all pictures that count, and what they prove.
+    """All edges in all pictures that count, and their evidence.
 
     Attributes
     ----------
@@ -206,7 +206,7 @@ def _floors(
     allowances: Allowances,
     settings: MeasuringSettings,
 ) -> dict[frozenset[int], Floor]:
-    """Return by the walls of blind holes where pictures show their floors.
+    """Return the floors that pictures show, by the walls of blind holes.
 
     Parameters
     ----------
@@ -243,7 +243,7 @@ def _floors(
 
 
 def _best_cosine(solid: Solid, samples: SurfaceSamples, views: Sequence[EdgeView]) -> FloatArray:
-    """Return of each face (f,) the cosine of incidence of its middle, in the view that is best."""
+    """Return the best cosine of incidence over all views at each face's middle (f,)."""
     out = np.zeros(len(solid.faces))
     for one in views:
         T = one.view.T_world_part

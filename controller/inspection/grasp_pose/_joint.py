@@ -94,7 +94,7 @@ def _approach(
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _Placed:
-    """A view with the pose it has by now."""
+    """A view with its current pose."""
 
     view: OutlineView
     T_world_part: FloatArray
@@ -193,7 +193,7 @@ def _coarse_step(
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _Predicted:
-    """A view's outline in the fine rounds: how its points move, and what they have in common."""
+    """A view's outline in the fine rounds: the motion of its points, and their common errors."""
 
     rims: Rims
     design: sp.csr_matrix  # (n, m): grasp, views, faces, size, light in each view
@@ -206,7 +206,7 @@ class _Predicted:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _Solved:
-    """Normal equations and where they lead."""
+    """Normal equations and their solution."""
 
     information: FloatArray
     step: FloatArray
@@ -334,7 +334,7 @@ def _weights(
     settings: PoseSettings,
     share: float,
 ) -> FloatArray:
-    """Return the information of each point: what is plainly something else has little.
+    """Return the information of each point; outliers have little.
 
     Parameters
     ----------

@@ -44,7 +44,7 @@ class Rims:
 def find_rims(
     part: PosedPart, T_world_part: FloatArray, camera: Camera, most: float, step_mm: float
 ) -> Rims:
-    """Return the outline of a posed part with what would move it.
+    """Return the outline of a posed part with its derivatives.
 
     Parameters
     ----------

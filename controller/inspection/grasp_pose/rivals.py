@@ -1,4 +1,4 @@
-"""Is it this part? Its mirror image, fitted to the same outlines, as a rival hypothesis.
+"""Check for a wrong part: its mirror image, fitted to the same outlines, as a rival.
 
 A part made the wrong way round has all its dimensions right. Where the part that was expected
 leaves much of the outlines unexplained, the mirror image is tried, turned by half a turn about each
@@ -76,7 +76,7 @@ def find_rival(
     fits: Sequence[GraspPose | None],
     settings: PoseSettings,
 ) -> Rival | None:
-    """Return the mirror image if the outlines show that it is that, None if not.
+    """Return the mirror image if the outlines show that it is there, else None.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The silhouette before the panel against the CAD: what sticks out, what is missing, what is moved.
+"""The silhouette before the panel against the CAD: extra, missing and moved material.
 
 Two looks at one thing. Runs of the outline that are off by a fraction of a pixel (`_runs`), after
 what is allowed has been taken off: a pose known so well, faces within their tolerance, light on an
@@ -114,7 +114,7 @@ def compare_outline(
 
 
 class _Look:
-    """One view's outline with what is allowed taken off."""
+    """One view's outline, less the allowances."""
 
     def __init__(
         self,
@@ -155,7 +155,7 @@ class _Look:
         return off
 
     def _with_lost(self, off: FloatArray) -> FloatArray:
-        """Return the same where points without a partner count: the panel or the part is there."""
+        """Return the offsets with points that have no partner counted: panel or part is there."""
         lost = np.isnan(self.pose.gap_px) & self.judged & ~self._near_unjudged()
         if not lost.any():
             return off
@@ -205,7 +205,7 @@ class _Look:
         return good
 
     def take_off_blur(self, runs: Sequence[Run]) -> None:
-        """Take off what blur does to the predicted outline about some runs: corners are rounded.
+        """Subtract the effect of blur on the predicted outline about some runs.
 
         Parameters
         ----------
@@ -272,7 +272,7 @@ class _Look:
         )
 
     def _between(self, run: Run) -> FloatArray:
-        """Return the border (k, 2) of what lies between predicted and observed outline."""
+        """Return the border (k, 2) of the area between predicted and observed outline."""
         ends = self.points.pixels[run.points]
         off = np.nan_to_num(self.off_px[run.points])
         others = ends + self.points.normals[run.points] * off[:, None]

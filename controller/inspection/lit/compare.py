@@ -1,4 +1,4 @@
-"""A lit picture against its light as fitted to it: where light or shadow is not what it must be.
+"""Comparison of a lit picture with its fitted light: where light or shadow is wrong.
 
 Only what no finish explains is wrong here: a surface that must be lit is less than half as bright
 as its face's light says, or one in full shadow is nearly as bright as its face in the open; through
@@ -154,7 +154,7 @@ def compare(
 
 
 def _odd_faces(wrong: BoolArray, surface: Surface, valid: BoolArray) -> BoolArray:
-    """Return the nodes (h, w) of faces that are off as a whole: their light is not understood."""
+    """Return the nodes (h, w) of faces that are wrong as a whole: their light is not understood."""
     judged = surface.seen & valid
     count = int(surface.face.max()) + 2
     all_of = np.bincount(surface.face[judged], minlength=count)

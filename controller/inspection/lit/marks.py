@@ -1,4 +1,4 @@
-"""Local marks in a face's texture: spots and lines that the texture itself does not make.
+"""Local marks in a face's texture: spots and lines beyond the texture itself.
 
 Each filter answers to marks of one width, lines of one direction. What it answers on a face without
 marks is that face's own texture and the camera's noise, so its scatter there sets the scale, face
@@ -121,7 +121,7 @@ def answers(
 
 
 def _within_reach(bounced: Float32Array) -> dict[float, Float32Array]:
-    """Return by reach the most bounced light that a filter's answer at a node sees, (h, w)."""
+    """Return the most bounced light within each filter's reach of a node (h, w)."""
     by_reach: dict[float, Float32Array] = {}
     for reach in dict.fromkeys(REACH_NODES):
         size = 2 * int(np.ceil(reach)) + 1
@@ -338,7 +338,7 @@ class _Nodes:
         self._need = answer.limit[: len(SPOT_NODES), self.inside]
 
     def shares(self, width_nodes: Float32Array) -> list[Float32Array]:
-        """Return of its most answer what each spot filter gives to marks of some widths (n,)."""
+        """Return each spot filter's share of its largest response to marks of some widths (n,)."""
         out = []
         for sigma in SPOT_NODES:
             steps = np.log(width_nodes * np.sqrt(self.slant) / (2 * DISC * sigma))

@@ -1,4 +1,4 @@
-"""The lit pictures of one view: each must lie where the pose says, and look as its light allows."""
+"""The lit pictures of one view: each must lie on the pose, and look as its light allows."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -63,7 +63,7 @@ MIN_NOISE_GREY: Final = 0.3  # of eight bits
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _LitPicture:
-    """One lamp's picture, and what is known of its light before the picture; (h, w) of the nodes.
+    """One lamp's picture, and the bounds of its light; (h, w) of the nodes.
 
     Attributes
     ----------
@@ -323,7 +323,7 @@ class LitPictures:
         return ""
 
     def _wrong_light(self, lamp_name: str, outcome: Compared) -> list[Finding]:
-        """Return connected places where light or shadow is not what it must be."""
+        """Return connected places with wrong light or shadow."""
         step = STEP_PX
         limits = self._task.limits
         kernel = np.ones((MIN_NODES, MIN_NODES), np.uint8)

@@ -1,4 +1,4 @@
-"""Marks -> findings: their extent in the full picture, what they are, and where on the part.
+"""Marks -> findings: their extent in the full picture, their kind, and their place.
 
 A speck of dust is as small as the blur allows and is no defect; a mark is measured in the picture
 itself, by where it keeps half of its contrast.
@@ -39,7 +39,7 @@ def local_findings(
     lamp_name: str,
     step_px: int,
 ) -> list[Finding]:
-    """Return the marks of a picture that its texture does not make, the strongest first.
+    """Return the marks of a picture beyond its texture, the strongest first.
 
     Parameters
     ----------

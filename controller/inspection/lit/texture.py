@@ -1,4 +1,4 @@
-"""A lit picture against its own smooth faces: what is left is texture, and local defects in it.
+"""Texture of a lit picture: the rest beside smooth faces, with the local defects in it.
 
 How bright a face is as a whole, and how that changes across it, is the finish's and the lamp's and
 is taken from the picture itself, guided by the prediction. What a face keeps is its contrast, as a
@@ -118,7 +118,7 @@ def _smooth(
     normals: Float32Array,
     is_curved: bool,
 ) -> FloatArray:
-    """Return a region's brightness (n,) as the prediction and a slow change of it explain it."""
+    """Return a region's brightness (n,), smoothed by the prediction and a slow change of it."""
     rows, columns = np.nonzero(here)
     values = observed[here].astype(np.float64)
     size = max(here.shape)
@@ -172,7 +172,7 @@ def _slow(values: Float32Array, weight: Float32Array) -> Float32Array:
 
 
 def _high_pass(contrast: Float32Array, weight: Float32Array) -> Float32Array:
-    """Return a contrast (h, w) without what changes slowly; what stands out does not move that."""
+    """Return a contrast (h, w) without its slow changes, which outliers do not affect."""
     some = contrast[weight > 0]
     if not len(some):
         return contrast

@@ -24,7 +24,7 @@ _NEAR = np.stack(np.meshgrid(*[[0.0, -1.0, 1.0]] * 3, indexing="ij"), axis=-1).r
 
 
 def difference(a: EdgePicture, b: EdgePicture, stance: Stance, light: Light) -> float:
-    """Return by how many pixels two pictures on one grid differ at least.
+    """Return the least number of pixels by which two pictures on one grid differ.
 
     One is moved over the other as far as the hold is uncertain, to where they agree best. Against
     the backlight the answer is the area of what one has and the other has not, farther from it
@@ -66,7 +66,7 @@ class _Pair:
     pivot: FloatArray
 
     def thinned(self) -> _Pair:
-        """Return it with no more points than a search needs."""
+        """Return the pair with no more points than a search needs."""
         first, second = (p[:: max(1, len(p) // POINT_COUNT)] for p in self.points)
         return _Pair((first, second), self.far, self.pivot)
 

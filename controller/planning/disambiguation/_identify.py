@@ -35,7 +35,7 @@ class Identification:
 def compare(
     measured: EdgePicture, predicted: Predicted, light: Light, among: Sequence[int]
 ) -> FloatArray:
-    """Return by how many pixels a picture differs from what each hypothesis would look like.
+    """Return the number of pixels by which a picture differs from each prediction.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ def discriminate(
 
 
 def apart(predicted: Predicted, light: Light) -> FloatArray:
-    """Return by how many pixels the predictions of one view differ from each other (n, n)."""
+    """Return the number of pixels by which the predictions of one view differ (n, n)."""
     n = len(predicted.pictures)
     found = np.zeros((n, n))
     for i in range(n):

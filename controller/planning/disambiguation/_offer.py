@@ -1,4 +1,4 @@
-"""Views to choose from: configurations that hold the part up whichever hypothesis it is."""
+"""Candidate views: configurations that hold the part up under every hypothesis."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def offered_views(
     q_from: FloatArray,
     direction_count: int = DIRECTION_COUNT,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return configurations (k, 6) before the inspection camera, and what each costs [s] (k,).
+    """Return configurations (k, 6) before the inspection camera, and their costs [s] (k,).
 
     One per direction, evenly spread about the first hypothesis: the nearest to `q_from` that the
     arm can reach free of contact with any of them in the arm gripper, with nothing standing before

@@ -51,7 +51,7 @@ class Separations:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Predicted:
-    """The pictures of all hypotheses in one view, on one grid, and how they may be off."""
+    """Predicted pictures of all hypotheses in one view, on one grid, and the possible offset."""
 
     roi: Roi
     pictures: tuple[EdgePicture, ...]

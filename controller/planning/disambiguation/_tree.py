@@ -21,7 +21,7 @@ SAME_COST_S = 1e-6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DecidingView:
-    """A view to take, and what to do by what it shows.
+    """A view to take, and the next step for each result.
 
     Attributes
     ----------
@@ -97,7 +97,7 @@ def separating_views(
     opening_mm: float,
     rules: DisambiguationRules | None = None,
 ) -> DisambiguationTree:
-    """Return the views that tell apart all hypotheses that can be, the cheapest in the worst case.
+    """Return the views that separate all separable hypotheses, cheapest in the worst case.
 
     Parameters
     ----------

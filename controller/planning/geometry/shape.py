@@ -1,4 +1,4 @@
-"""A part's triangles, ready to be asked what they touch; the only room that knows FCL.
+"""Collision tests of a part's triangles; the only module that uses FCL.
 
 Margins are kept by growing the boxes that the triangles meet: FCL's `collide` is robust, its signed
 distance is not (planning-facts.md 3.2). A box grown on all its faces holds every point within the
@@ -67,7 +67,7 @@ class PartShape:
         return PartShape(vertices_mm, self._faces, hull_mm)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave FCL's model behind: it is built anew where it is asked for."""
+        """Leave FCL's model out of the state: it is built anew on demand."""
         return {**self.__dict__, "_model": None}
 
     @property
@@ -107,7 +107,7 @@ class PlacedShape:
 
 
 class Triangles:
-    """One part among boxes, asked many times at changing places."""
+    """Collision tests of one part among boxes, at changing poses."""
 
     def __init__(self, shape: PartShape) -> None:
         self._shape = shape

@@ -56,7 +56,7 @@ def clear_of_table(T_world_part: FloatArray, grasps: Sequence[Grasp], jaw: Jaw) 
 def cover(
     T: FloatArray, score: FloatArray, picks: BoolArray, count: int, per_pose: int
 ) -> list[int]:
-    """Return numbers of grasps that stand for all: sure, and unlike.
+    """Return the indices of a diverse set of reliable grasps.
 
     First those that take the part from above in each stable pose, then from all round;
     farthest-point selection in approach, jaws' axis and position, larger scores a little nearer
@@ -83,7 +83,7 @@ def cover(
 
 
 def spread(grasps: Sequence[Grasp], members: Sequence[int], count: int) -> list[int]:
-    """Return some of the members, sure ones first, then by how unlike the chosen they are.
+    """Return some of the members: reliable ones first, then those most unlike the chosen.
 
     Parameters
     ----------

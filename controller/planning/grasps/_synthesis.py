@@ -43,7 +43,7 @@ GOLDEN = 0.6180339887498949
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GraspProblem:
-    """A part to be grasped, and what a grasp of it must keep, in whichever gripper.
+    """A part to be grasped, and the rules for a grasp of it by any gripper.
 
     Attributes
     ----------
@@ -137,7 +137,7 @@ def judge_grasps(
     holder: Holder,
     gravities: Sequence[FloatArray] | None = None,
 ) -> Synthesis:
-    """Return the grasps `synthesise_grasps` keeps, and the tally of every stage; none is no error.
+    """Return the grasps that `synthesise_grasps` keeps, and every stage's tally; may be empty.
 
     Parameters
     ----------

@@ -93,7 +93,7 @@ def clear_of_part(
 
 
 def _swept(box: Box, behind_mm: float) -> Box:
-    """Return the box on its way from `behind_mm` behind; of a turned box, one that holds it."""
+    """Return the volume of a box swept from `behind_mm` behind; of a turned box, a bound."""
     reach = np.abs(box.T[:3, :3]) @ box.half_mm
     low, high = box.T[:3, 3] - reach, box.T[:3, 3] + reach
     return Box.from_bounds(low[0] - behind_mm, high[0], low[1], high[1], low[2], high[2])

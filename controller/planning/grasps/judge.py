@@ -34,7 +34,7 @@ class FilterStage:
 
     @property
     def phrase(self) -> str:
-        """The stage as messages put it."""
+        """The stage as messages name it."""
         if not np.isfinite(self.limit):
             return f"{self.name} {self.left}"
         best = f"best {self.best:.3g}" if np.isfinite(self.best) else "none came so far"
@@ -175,7 +175,7 @@ class Judge:
         contact_mm2: float,
         prefix: str = "",
     ) -> IntArray:
-        """Return the numbers of the grasps that hold; count in the tally what each demand left.
+        """Return the numbers of the grasps that hold; keep each demand's tally.
 
         Parameters
         ----------
@@ -212,7 +212,7 @@ def score_of(found: Contacts) -> FloatArray:
 
 
 def closed(tried: Candidates, found: Contacts, rows: IntArray) -> Candidates:
-    """Return some of the candidates as they are once closed.
+    """Return some of the candidates in their closed poses.
 
     Parameters
     ----------

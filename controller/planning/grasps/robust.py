@@ -25,7 +25,7 @@ SIDES = np.array([1.0, -1.0])[:, None, None, None]  # what raises one pad's wall
 
 
 def wrong_poses(rules: GraspRules, down: FloatArray | None = None) -> FloatArray:
-    """Return `wrong_count` poses (n, 4, 4) near none, evenly over +-wrong_mm and +-wrong_deg.
+    """Return `wrong_count` pose errors (n, 4, 4), evenly over +-wrong_mm and +-wrong_deg.
 
     An additive recurrence whose steps are powers of a generalised golden ratio: no random numbers,
     and any number of them fills the six dimensions evenly.

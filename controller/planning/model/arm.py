@@ -59,15 +59,15 @@ class JointLimit(Protocol):
 
     @property
     def weights(self) -> FloatArray:
-        """Of each joint (6,)."""
+        """Weight of each joint (6,)."""
 
     @property
     def low(self) -> float:
-        """Least that is allowed."""
+        """Lower bound."""
 
     @property
     def high(self) -> float:
-        """Most that is allowed."""
+        """Upper bound."""
 
 
 class TimingModel(Protocol):
@@ -100,7 +100,7 @@ class TimingModel(Protocol):
         """
 
     def stray(self, step: FloatArray) -> FloatArray:
-        """Return more than the joints (6,) are ever off the joint line in a move by `step` (6,)."""
+        """Return a bound (6,) on the deviation from the joint line in a move by `step` (6,)."""
 
 
 class SweepPhase(Protocol):
@@ -112,11 +112,11 @@ class SweepPhase(Protocol):
 
     @property
     def low(self) -> FloatArray:
-        """Least of the independent angles (6,) [rad, mm]."""
+        """Lower bounds of the independent angles (6,) [rad, mm]."""
 
     @property
     def high(self) -> FloatArray:
-        """Most of them (6,)."""
+        """Upper bounds (6,)."""
 
     @property
     def join(self) -> FloatArray:
@@ -124,7 +124,7 @@ class SweepPhase(Protocol):
 
 
 class ArmModel(Protocol):
-    """An arm of six joints: where it reaches, what it takes up, how long it takes.
+    """An arm of six joints: its kinematics, its volume and its timing.
 
     Its joint limits are linear: where both ends of a joint line are within them, all of it is.
     """
@@ -204,7 +204,7 @@ class ArmModel(Protocol):
     def radii_mm(
         self, q_from: FloatArray, q_to: FloatArray, far_mm: float, beside_mm: float
     ) -> FloatArray:
-        """Return by how much more than any point of arm, gripper or part moves with each joint.
+        """Return a bound on the motion of any point of arm, gripper or part with each joint.
 
         Parameters
         ----------
@@ -242,4 +242,4 @@ class ArmModel(Protocol):
         """Return the range of the joints in one move (6,) to (6,), with motors in step or not."""
 
     def describe(self, q: FloatArray) -> str:
-        """Return one q (6,) for people, in degrees and mm."""
+        """Return one q (6,) as text, in degrees and mm."""

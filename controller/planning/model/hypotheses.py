@@ -16,7 +16,7 @@ LIGHTS: tuple[Light, ...] = ("backlight", "front")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HeldHypothesis:
-    """One thing the part in the arm gripper may be, and how it then lies in the arm gripper.
+    """One hypothesis for the part in the arm gripper, and the part's pose in it.
 
     Attributes
     ----------

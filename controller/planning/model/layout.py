@@ -242,7 +242,7 @@ class CellLayout:
 
     @property
     def clearance_mm(self) -> float:
-        """The expanded uncertainty (k = 2) of where the arm is against all else."""
+        """Expanded uncertainty (k = 2) of the arm's position against everything else."""
         return 2.0 * self.place_u_mm
 
     @property

@@ -84,7 +84,7 @@ def _key(a: FloatArray, b: FloatArray) -> bytes:
 def _promising(
     scene: Scene, paths: Sequence[Sequence[FloatArray]], ends: Ends
 ) -> list[Sequence[FloatArray]]:
-    """Return those paths that a look at a few states of each segment leaves over, quickest first.
+    """Return the paths that pass a check of a few states of each segment, quickest first.
 
     Most detours are closed, and many share their segments: one question about all of them
     costs little more than one about one.

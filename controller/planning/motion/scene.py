@@ -70,7 +70,7 @@ class Scene:
 
     @property
     def _meshes(self) -> tuple[PlacedShape, ...]:
-        """All that stands as triangles, in the order of `statics`."""
+        """All fixed meshes, in the order of `statics`."""
         return (*self.layout.neighbours, *self.layout.stored, *self.standing_meshes)
 
     def _boxes(self) -> list[tuple[str, Box]]:
@@ -192,7 +192,7 @@ class Scene:
         arm_gripper: GripperBoxes | None,
         part: tuple[PartShape, FloatArray] | None,
     ) -> _Moving:
-        """Return world places of links, gripper and part, and the part's triangles."""
+        """Return the world poses of links, gripper and part, and the part's triangles."""
         n, links = len(q), self.layout.arm.links
         R_link, origins = link_frames(self.layout, q)
         T_tcp = tcp_pose(self.layout, q)
@@ -337,7 +337,7 @@ def _pairs(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Still:
-    """Boxes that stand, stacked: the scene's statics, the column last."""
+    """Fixed boxes, stacked: the scene's statics, the column last."""
 
     names: tuple[str, ...]
     turns: FloatArray

@@ -80,7 +80,7 @@ def segment_tube(
 
 
 def tube_bound_mm(layout: CellLayout, step: FloatArray, radii_mm: FloatArray) -> float:
-    """Return more than `segment_tube` of a move by `step` (6,), at a fraction of its cost.
+    """Return an upper bound of `segment_tube` for a move by `step` (6,), at a fraction of its cost.
 
     Parameters
     ----------

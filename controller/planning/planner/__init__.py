@@ -1,4 +1,4 @@
-"""The rooms of planning put together: what is prepared, searched, built, proven, and why not."""
+"""The planner: preparation, search, construction, proof, and reasons for surface not shown."""
 
 from .certificates import Certificate, certify
 from .disambiguate import TableHypothesis, identify, plan_under_ambiguity

@@ -69,7 +69,7 @@ class RefutedError(Exception):
 
 @dataclass(slots=True)
 class Build:
-    """Steps so far, where the arm stands, and what has been shown."""
+    """The steps so far, the arm's configuration, and the surface shown."""
 
     q: FloatArray
     seen: BoolArray

@@ -47,7 +47,7 @@ SQUARE_WORTH = 0.3  # a main face seen squarely is worth this much of its area o
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EdgeCosts:
-    """A search problem and what its numbers stand for.
+    """A search problem, and the meaning of its indices.
 
     Attributes
     ----------

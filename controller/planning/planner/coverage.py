@@ -15,7 +15,7 @@ from ..views import Counter
 def count_shown(
     part: PreparedPart, layout: CellLayout, steps: Sequence[Step], before: BoolArray
 ) -> tuple[tuple[Step, ...], BoolArray]:
-    """Return the steps with what each shows of the points counted by, and what all show (m,).
+    """Return the steps with the counted points that each shows, and those of all (m,).
 
     Parameters
     ----------

@@ -250,7 +250,7 @@ def _up_to_deciding_view(
     path: PickPath,
     rng_seed: int,
 ) -> tuple[tuple[Step, ...], InArm] | DisambiguationTree:
-    """Return the steps up to the view that tells and how the part is held then.
+    """Return the steps up to the deciding view, and the hold of the part then.
 
     A `DisambiguationTree` without a first view where none of the views with this grasp tells.
 

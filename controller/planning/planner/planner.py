@@ -1,4 +1,4 @@
-"""Plans: the steps from where the part is to all of it shown that can be, and to a tray.
+"""Plans: the steps that show all of a part that can be shown, and end in a tray.
 
 The search (planning-facts.md 1.3) decides in which grasps to hold the part and which views to take.
 Its solution is worked out with all motions; what turns out to have no path is taken out of the
@@ -87,7 +87,7 @@ def plan_from(
     short: frozenset[ShortFace] = frozenset(),
     rng_seed: int = 0,
 ) -> Plan:
-    """Return the plan that shows what is left to be shown, from wherever the part is now.
+    """Return the plan for the surface still to be shown, from the part's present place.
 
     Parameters
     ----------
@@ -187,7 +187,7 @@ def _squared_faces(part: PreparedPart, inspected: BoolArray, look: Look | None) 
 
 
 def _plan(task: _Task, seed: int) -> Plan:
-    """Search, work the solution out, and search again without what has no path."""
+    """Search, build the solution, and search again without the edges that have no path."""
     options = task.part.options
     narrows = options.least_gain > 0.0
     effort = COARSE if options.is_coarse else FULL
@@ -244,7 +244,7 @@ def _is_of_second_choice(error: RefutedError, solution: Solution, costs: EdgeCos
 
 
 class _SolutionBuilder:
-    """Works solutions of the search out with all motions.
+    """Builds the plans of solutions, with all motions.
 
     Parameters
     ----------
@@ -364,7 +364,7 @@ class _SolutionBuilder:
 
 
 def _scope(task: _Task, costs: EdgeCosts, second_count: int) -> str:
-    """Return over which sets a plan of the task is proven optimal.
+    """Return the sets over which a plan of the task is proven optimal.
 
     Parameters
     ----------

@@ -56,7 +56,7 @@ def prepare_part(
     options: PlanOptions | None = None,
     counted: SurfaceSamples | None = None,
 ) -> PreparedPart:
-    """Return the grasps of both grippers, what they leave in sight, and how they hand the part off.
+    """Return a part's grasps by both grippers, the surface left in sight, and the hand-offs.
 
     Parameters
     ----------
@@ -248,7 +248,7 @@ def with_rests(part: PreparedPart, layout: CellLayout) -> PreparedPart:
 
 
 def among_neighbours(part: PreparedPart, layout: CellLayout) -> PreparedPart:
-    """Return the part without what its neighbours on the table are in the way of (ADR 66).
+    """Return the part without hand-offs and rests that its neighbours on the table block (ADR 66).
 
     Parameters
     ----------

@@ -224,7 +224,7 @@ def _left_out(part: PreparedPart, rest: BoolArray, dropped: BoolArray) -> Missin
 
 
 def weak_grasps(part: PreparedPart, layout: CellLayout) -> tuple[Grasp, ...]:
-    """Return grasps of the arm gripper that would do but for the weight, from all round."""
+    """Return grasps of the arm gripper that fail by the part's weight alone, from all round."""
     rules = replace(part.options.rules.coarse().for_pads_of(layout.arm_gripper), max_load=WEAKEST)
     solid = part.solid
     caster = RayCaster(solid.mesh)
@@ -391,7 +391,7 @@ def _poses_towards(
 def _no_path(
     part: PreparedPart, layout: CellLayout, cut: BoolArray, lies_in: int
 ) -> tuple[str, str]:
-    """Say what is missing between the grasps that can be had here and those that show a piece."""
+    """Name the missing link between the grasps available here and those that show a piece."""
     wanted = [g for g in range(len(part.arm_grasps)) if part.covered[g][cut].any()]
     names = ", ".join(part.arm_grasps[g].id for g in wanted[:4])
     others = [

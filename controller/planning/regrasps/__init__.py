@@ -1,4 +1,4 @@
-"""Taking the part up, passing it over, putting it down."""
+"""Regrasps: pick, hand-off, set-down."""
 
 from ._handoff import hand_offs
 from ._neighbours import clear_hand_offs

@@ -1,4 +1,4 @@
-"""Passing the part between the arm gripper and the fixed gripper: which pairs of grasps can do it.
+"""Hand-offs between the arm gripper and the fixed gripper: pairs of grasps that allow one.
 
 The part stands where the fixed gripper's grasp puts it. It comes in along the fixed gripper's
 approach, the arm gripper leaves along its own; both paths are straight lines on one elbow branch.

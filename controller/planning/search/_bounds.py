@@ -30,7 +30,7 @@ _X_STEPS = np.float32(1 << 12)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LowerBounds:
-    """Costs on elements, and what they say about each grasp.
+    """Costs on elements, and the lower bounds that they give for each grasp.
 
     Attributes
     ----------

@@ -138,7 +138,7 @@ class _Left:
         self.is_settled = False
 
     def branch(self, nodes: int) -> None:
-        """Look into so many nodes of the tree at most, those with the likeliest views first."""
+        """Search at most so many nodes of the tree, those with the likeliest views first."""
         rows, columns = (np.arange(count) for count in self._table.shape)
         tree = [_Node(rows, columns, [], 0.0, 0.0)]
         for _ in range(nodes):
@@ -196,7 +196,7 @@ class _Left:
             self.chosen, self._limit_s = np.array(taken, dtype=np.intp), cost_s
 
     def hand_over(self, nodes: int) -> None:
-        """Have a solver of mixed integer programs go on, with so many nodes at most."""
+        """Continue with a solver of mixed integer programs, over at most so many nodes."""
         costs, limit_s = self._costs_s, self._limit_s
         constraints = [LinearConstraint(csr_array(self._table.T.astype(float)), lb=1.0)]
         # as few views as the limit leaves room for: stops where nothing cheaper is left
@@ -236,7 +236,7 @@ class _Node:
 
 
 def _relaxed(table: BoolArray, costs_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the fractions of rows (v,) that cover at the least cost, and what elements are worth.
+    """Return the fractions of rows (v,) of the cheapest cover, and the elements' dual values.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The baseline: the grasp that shows most, then whichever adds most; views the same way."""
+"""Greedy baseline: the grasp that shows most, then the one that adds most; views likewise."""
 
 from __future__ import annotations
 

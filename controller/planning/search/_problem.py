@@ -1,4 +1,4 @@
-"""The problem and the solution of the search: tables of what shows what, and costs; no geometry.
+"""The problem and the solution of the search: visibility tables and costs; no geometry.
 
 A *grasp* is a number here, an *element* a thing to be shown (a surface sample, or a
 feature such as "face 7 seen square"). planning-facts.md 1.3.
@@ -143,7 +143,7 @@ def _steps(sources: BoolArray, regrasp: BoolArray) -> FloatArray:
 
 
 def needed_of(problem: Problem, max_grasps: int = MAX_GRASP_COUNT) -> BoolArray:
-    """Return (m,) what some view under some live grasp shows and is not seen yet."""
+    """Return a mask (m,) of the unseen elements that some view under some live grasp shows."""
     needed = np.zeros(len(problem.weights), dtype=bool)
     for g in live_grasps(problem, max_grasps):
         needed |= problem.shows[g][np.isfinite(problem.view_s[g])].any(axis=0)
@@ -208,7 +208,7 @@ def refuted(
     firsts: Sequence[int] = (),
     lasts: Sequence[int] = (),
 ) -> Problem:
-    """Return the problem without what turned out to be impossible, and with all the rest.
+    """Return the problem without the regrasps and views that were found impossible.
 
     Parameters
     ----------

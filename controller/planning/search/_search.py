@@ -58,7 +58,7 @@ _MISSED = 8  # elements added where a cover of the core leaves some out
 
 @dataclass(slots=True, eq=False)
 class Pool:
-    """Sets of grasps that show everything, and how far each has been looked into."""
+    """Sets of grasps that show everything, and the progress of the search on each."""
 
     grasps: list[tuple[int, ...]] = field(default_factory=list)  # the cheapest sequence
     sets: list[IndexArray] = field(default_factory=list)
@@ -214,7 +214,7 @@ class Search:
                 pool.stage[known] = min(pool.stage[known], 1 if known in pool.u else 0)
 
     def _settle(self) -> None:
-        """Look into sets, the least lower bound first, until none can be better or effort ends."""
+        """Search sets, the least lower bound first, until none can be better or effort ends."""
         pool = self.pool
         while True:
             bounds = np.array(pool.bound_s)

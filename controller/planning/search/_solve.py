@@ -97,7 +97,7 @@ def _plain_views(problem: Problem, path: Sequence[int]) -> Iterator[tuple[int, .
 def _repaired(
     problem: Problem, known: Solution, needed: BoolArray, max_grasps: int
 ) -> tuple[tuple[int, ...], tuple[tuple[int, ...], ...]] | None:
-    """Return a solution of a problem much like this one, made good for this one if it can be."""
+    """Return a similar problem's solution, repaired for this problem if possible."""
     n = problem.grasp_count
     if len(known.grasps) > max_grasps or not all(0 <= g < n for g in known.grasps):
         return None

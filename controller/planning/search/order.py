@@ -1,4 +1,4 @@
-"""In which order to take views, and in which of its configurations each.
+"""Order of views, and the configuration of each.
 
 Exact for a dozen stops (Held and Karp's recursion over what has been visited and in which
 configuration one stands), beyond that the best of several starts improved by turning stretches

@@ -1,4 +1,4 @@
-"""In which configurations a grasp can show a direction, and what the arm leaves in sight there."""
+"""Configurations in which a grasp can show a direction, and the surface then in sight."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def reachable_views(
     T_part_tcp: FloatArray,
     q_liked: FloatArray,
 ) -> GraspViews:
-    """Return the configurations in which one grasp can show each direction, and what they show.
+    """Return one grasp's configurations for each direction, and the samples that they show.
 
     Configurations in which neither the arm nor a post stands before the part come first, those
     near `q_liked` (6,) first among them. Where there are none, those stay in which the arm hides

@@ -54,7 +54,7 @@ class Sighting:
 
 
 class Counter:
-    """Counts what views show of a part.
+    """Counts the points of a part that views show.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ class Counter:
         self._standing: list[Box] = []
 
     def of_rows(self, which: IntArray) -> Counter:
-        """Return the same for some of the points, by number (k,)."""
+        """Return a counter of some of the points, by number (k,)."""
         some = Counter(
             self._solid, self._samples.rows(which), self._layout, self._options, self._caster
         )

@@ -20,7 +20,7 @@ STEPS = np.array([[1, 0], [0, -1], [-1, 0], [0, 1]], dtype=np.int64)
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Chain:
-    """A closed boundary, the object at the left hand of who follows it.
+    """A closed boundary with the object on its left.
 
     Anticlockwise to the eye round an object, clockwise round a hole.
 

@@ -57,7 +57,7 @@ def correlate(
     models: Sequence[BoundaryString],
     limits: BinaryTolerances = DEFAULT,
 ) -> tuple[StringMatch, ...]:
-    """Return the model views an object may be, best first, several turns of one where alike.
+    """Return the model views that an object may be, best first, several turns where they are alike.
 
     Parameters
     ----------

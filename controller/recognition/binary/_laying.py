@@ -57,7 +57,7 @@ class Candidates:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Alignments:
-    """Candidates after fitting, and how far outlines are apart then, root mean square."""
+    """Fitted candidates, and the distances of the outlines, root mean square."""
 
     model: IntArray
     turn_rad: FloatArray
@@ -104,7 +104,7 @@ class _NearestMap:
 
 
 def _fine(loop: FloatArray) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-    """Return a loop with points put between its samples, on cubics (Catmull and Rom), and normals.
+    """Return a loop with points inserted on cubics (Catmull and Rom), and normals.
 
     Chords would cut an arc of 20 mm by 0.1 mm at the spacing of a hole's samples.
     """
@@ -251,7 +251,7 @@ def _error(
 def _distinct(
     model: IntArray, turn: FloatArray, error: FloatArray, limits: BinaryTolerances
 ) -> IntArray:
-    """Return the best few candidates of each model, of equal turns one, the hopeless left out."""
+    """Return each model's best few candidates, one of equal turns, without the hopeless."""
     worst = limits.keep_factor * float(error.min()) + limits.keep_mm
     kept: list[int] = []
     taken: dict[int, list[float]] = {}

@@ -1,4 +1,4 @@
-"""A smooth run of a boundary as straight lines and circular arcs, as few as do.
+"""A smooth run of a boundary as the fewest straight lines and circular arcs.
 
 All runs between two knots are fitted at once from running sums: the line by the smaller principal
 moment, the arc by the algebraic fit of Kasa, whose residuals are divided by 2 R to be distances.
@@ -45,7 +45,7 @@ class Fit:
 
 
 class RunningSums:
-    """Sums of powers of the points of a loop, so that any run of it is fitted in no time."""
+    """Running sums of powers of a loop's points, so that any run is fitted at once."""
 
     def __init__(self, points: FloatArray) -> None:
         self.middle = points.mean(axis=0)
@@ -57,7 +57,7 @@ class RunningSums:
     def residuals(
         self, first: IntArray, last: IntArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return of runs: line and arc residuals squared and summed, square of the radius."""
+        """Return squared residuals of runs as lines and as arcs, and the squares of the radii."""
         (_, x, y, z), (xx, xy, yy), (zx, zy, zz) = self._moments(first, last)
         half = 0.5 * (xx - yy)
         line = np.maximum(0.5 * (xx + yy) - np.sqrt(half * half + xy * xy), 0.0)
@@ -66,7 +66,7 @@ class RunningSums:
         return line, arc, square
 
     def fit(self, first: IntArray, last: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return of runs: centre (k, 2) and radius (k,) of arcs, direction (k, 2) of lines."""
+        """Return runs as arcs, centre (k, 2) and radius (k,), and as lines, direction (k, 2)."""
         (_, x, y, z), (xx, xy, yy), (zx, zy, _) = self._moments(first, last)
         a, b, square = _circle(x, y, z, (xx, xy, yy), (zx, zy))
         angle = 0.5 * np.arctan2(xy, 0.5 * (xx - yy))
@@ -198,7 +198,7 @@ def _best_cuts(
 def _joined(
     sums: RunningSums, cuts: IntArray, limits: BinaryTolerances
 ) -> tuple[IntArray, BoolArray]:
-    """Return cuts without those between neighbours that cost less as one, and which are arcs."""
+    """Return cuts without those whose neighbours cost less as one, and a mask of arcs."""
     cost, is_arc = _cost(sums, cuts[:-1], cuts[1:], limits)
     while len(cuts) > 2:
         together, _ = _cost(sums, cuts[:-2], cuts[2:], limits)

@@ -1,4 +1,4 @@
-"""Slits and slivers of a model's outline, too narrow for a picture to show, taken away."""
+"""Removal of slits and slivers of a model's outline that are too narrow for a picture."""
 
 from collections.abc import Sequence
 

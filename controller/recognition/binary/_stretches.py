@@ -1,4 +1,4 @@
-"""Stretches of outlines: short ones are the same whatever happens to the rest of the outline.
+"""Stretches of outlines: short ones stay the same if the rest of the outline changes.
 
 A stretch is so many points at equal steps about an anchor, turned so that it runs along the first
 axis. Of views only the stretches that bend most are kept, of a picture all of them are tried;
@@ -301,7 +301,7 @@ def _levels(
 
 
 def _best_of_neighbours(key: IntArray, level: Float32Array) -> tuple[IntArray, Float32Array]:
-    """Return the pairs of `_levels` than which none of an observed neighbour is more alike."""
+    """Return the pairs of `_levels` that no pair of an observed neighbour exceeds."""
     beside = key[1:] == key[:-1] + 1
     best = np.ones(len(key), dtype=np.bool_)
     best[1:] &= ~beside | (level[1:] >= level[:-1])
@@ -327,7 +327,7 @@ def _near_leaves(observed: Stretches, views: Leaves, near_mm: float) -> Iterator
 
 
 def _nearer(near: Sequence[NearLeaf], near_mm: float) -> Iterator[NearLeaf]:
-    """Yield those of `_near_leaves` that are nearer, with the stretches that they are nearer to."""
+    """Yield those of `_near_leaves` that are nearer, with their stretches."""
     for number, asked, away2 in near:
         is_near = away2 < (SLACK * near_mm) ** 2
         if is_near.any():

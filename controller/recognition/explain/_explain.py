@@ -1,4 +1,4 @@
-"""A recognition explained: a picture to look at, and the numbers of its stages."""
+"""Explanation of a recognition: a picture, and the figures of its stages."""
 
 from dataclasses import dataclass
 
@@ -32,7 +32,7 @@ class Explanation:
 def explain(
     picture: Grey, camera: Camera, library: Library, seen: Recognition, title: str = ""
 ) -> Explanation:
-    """Return the explanation of what `recognise` answered for a picture.
+    """Return the explanation of `recognise`'s result for a picture.
 
     Parameters
     ----------

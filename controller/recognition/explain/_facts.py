@@ -67,7 +67,7 @@ class EdgeState:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Other:
-    """A hypothesis that was not taken: what it is, how good, and its outline's samples."""
+    """A rejected hypothesis: its name, its score, and its outline's samples."""
 
     caption: str
     edges: EdgePoints
@@ -75,7 +75,7 @@ class Other:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class ObjectFacts:
-    """One object with all that is reported of it.
+    """One object with all the facts reported of it.
 
     Attributes
     ----------
@@ -282,7 +282,7 @@ def _others(
 
 
 def _shows(edges: EdgePoints, picture: Grey) -> BoolArray:
-    """Return at which predicted edges (n,) the grey level changes most just there."""
+    """Return a mask (n,) of the predicted edges with the steepest grey level at the edge itself."""
     if len(edges.pixels) == 0:
         return np.zeros(0, dtype=np.bool_)
     low = np.floor(edges.pixels.min(axis=0)).astype(int) - LOOK_PX - 4

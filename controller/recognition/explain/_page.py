@@ -119,7 +119,7 @@ def _overview(picture: Grey, camera: Camera, facts: Sequence[ObjectFacts]) -> Pi
 
 
 def _enlarged(height: int, aspect: float) -> tuple[int, int]:
-    """Return by which whole numbers a picture is enlarged, across and down.
+    """Return the whole factors by which a picture is enlarged, across and down.
 
     Parameters
     ----------

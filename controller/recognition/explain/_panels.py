@@ -295,7 +295,7 @@ def draw_others(sheet: Sheet, facts: ObjectFacts, camera: Camera) -> None:
 
 
 def brightened_inside(picture: Grey, facts: ObjectFacts) -> Grey:
-    """Return the picture with the levels inside an object spread out: what a dark inside shows."""
+    """Return the picture with the levels inside an object stretched, to show a dark inside."""
     x0, y0, x1, y1 = facts.trace.region.box_px
     mask = cv2.erode(facts.trace.region.mask.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
     inside = picture[y0:y1, x0:x1][mask]

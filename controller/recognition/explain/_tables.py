@@ -1,4 +1,4 @@
-"""The stages of a recognition as tables: what the numbers were that led to the answer."""
+"""The stages of a recognition as tables of the figures behind the answer."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""The evidence for a fitted pose and against it, as numbers a decision can be made on.
+"""The evidence for a fitted pose and against it, as figures for a decision.
 
 Two questions, each asked both ways: is what the pose predicts in the picture, and is what the
 picture shows predicted?
@@ -63,7 +63,7 @@ class ImageEdges:
         return self.length_px * mm_per_px
 
     def at(self, which: BoolArray) -> "ImageEdges":
-        """Return those of them that a mask (n,) names."""
+        """Return the edge pixels of a mask (n,)."""
         return replace(
             self,
             points_px=self.points_px[which],
@@ -213,7 +213,7 @@ def with_inside(
 
 
 def _apart_from_outline(edges: EdgePoints) -> EdgePoints:
-    """Return edges without those inside that nobody can tell from the outline beside them."""
+    """Return edges without those inside that are too near the outline to tell apart."""
     on = edges.on_outline
     if not on.any():
         return edges
@@ -222,7 +222,7 @@ def _apart_from_outline(edges: EdgePoints) -> EdgePoints:
 
 
 def _chance(edges: EdgePoints, greys: Sequence[GreyMeasure]) -> float:
-    """Return the share of edges inside that would be found wherever they were predicted."""
+    """Return the share of edges inside that would be found at any predicted place."""
     inner = ~edges.on_outline
     found: list[BoolArray] = []
     every = cKDTree(edges.pixels)

@@ -157,7 +157,7 @@ def first_edges(
     measure: Measure,
     options: FitOptions,
 ) -> EdgePoints:
-    """Return the edges that a fit begins with: for several that begin in one place.
+    """Return the edges with which a fit begins: shared by fits that begin in one place.
 
     Parameters
     ----------
@@ -187,7 +187,7 @@ def _descend(
     reach_px: float,
     options: FitOptions,
 ) -> FloatArray | None:
-    """Return the motion (6,) that some steps with one set of edges come to, None for too few.
+    """Return the motion (6,) after some steps with one set of edges, None for too few edges.
 
     Parameters
     ----------

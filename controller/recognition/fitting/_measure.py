@@ -319,7 +319,7 @@ class GreyMeasure:
         return np.asarray(is_seen.sum(axis=0) > 1)
 
     def best_shift(self, edges: EdgePoints, reach_px: int) -> FloatArray:
-        """Return by how many pixels (2,) predicted edges should move to lie on the most contrast.
+        """Return the shift (2,) [px] that puts predicted edges on the most contrast.
 
         Parallel edges near each other trap a fit on the wrong one; a look all round does not care.
         """
@@ -361,7 +361,7 @@ def _strongest(
 
 
 def _tree(points: FloatArray) -> cKDTree:
-    """Return a tree that is asked once: building it well would take longer than asking it."""
+    """Return a tree for a single query; a better one takes longer to build than it saves."""
     return cKDTree(points, balanced_tree=False, compact_nodes=False)
 
 

@@ -135,7 +135,7 @@ def edge_model(shape: EdgeShape | Solid) -> EdgeModel:
 
 
 def _straight(shape: EdgeShape, normals: FloatArray, along: FloatArray) -> FloatArray:
-    """Return in which direction triangles are straight, (t, 3): see `EdgeModel`."""
+    """Return the direction in which triangles are straight, (t, 3): see `EdgeModel`."""
     out = np.full(normals.shape, np.nan)
     smooth = ~shape.is_crease
     sides, along = shape.sides[smooth], along[smooth]

@@ -55,7 +55,7 @@ class EdgePoints:
     edge: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     def at(self, which: BoolArray) -> "EdgePoints":
-        """Return those of the samples that a mask (n,) names."""
+        """Return the samples of a mask (n,)."""
         return EdgePoints(
             self.points_mm[which],
             self.pixels[which],
@@ -70,7 +70,7 @@ class EdgePoints:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _Samples:
-    """Samples of edges, CAD frame: where, which way, square to it and to the sight line."""
+    """Samples of edges, CAD frame: position, direction, and square to it and to the sight line."""
 
     edge: IntArray
     points: FloatArray
@@ -188,7 +188,7 @@ def _sample(
 def _visible(
     model: EdgeModel, chosen: IntArray, eye: FloatArray, most: int
 ) -> tuple[_Samples, float]:
-    """Return samples that nothing hides; of a part that hides most of its edges, on the others.
+    """Return visible samples; of a part that hides most of its edges, on the others.
 
     Of a hollow rail a seventh is seen, and samples on it would be farther apart than its grooves.
     """
@@ -229,7 +229,7 @@ def _seen(
     step_mm: float,
     which: BoolArray,
 ) -> EdgePoints:
-    """Return samples as the camera has them, those of ``which``."""
+    """Return the samples of ``which`` in the camera's picture."""
     kept = samples.at(which)
     outward = np.where(turned[which][:, None], -kept.across, kept.across)
     R = T_world_part[:3, :3]

@@ -1,4 +1,4 @@
-"""Grey chain: lines, corners and circles of a grey picture, and which view they may be of.
+"""Grey chain: lines, corners and circles of a grey picture, and the views they may be of.
 
 The paper (references.md P3.2): for tables that are not backlit, and for what silhouettes cannot
 decide.

@@ -62,7 +62,7 @@ class ObjectCutout:
         return self.outline_of(0)
 
     def outline_of(self, which: int) -> OutlineMeasure:
-        """Return one of the outlines that it may have."""
+        """Return one of its possible outlines."""
         if which not in self._outlines:
             self._outlines[which] = OutlineMeasure.of_loops(self._loops_px[which])
         return self._outlines[which]
@@ -92,14 +92,14 @@ class ObjectCutout:
 
     @property
     def telling(self) -> tuple[Grey, ...]:
-        """The crops that tell what is inside it: those under lamps, or the only one there is."""
+        """The crops that show its inside: those under lamps, or else the only one."""
         if self.is_backlit:
             return self.crops[: max(len(self.crops) - 1, 1)]
         return self.crops[1:] or self.crops
 
     @cached_property
     def image_edges(self) -> tuple[ImageEdges, ...]:
-        """Strong edges of each measure that tells what is in the object; under lamps, round it.
+        """Strong edges of each measure that shows the object's inside; under lamps, also round it.
 
         Under each lamp other edges show: a low step that the ring light leaves flat casts a shadow
         under the side light. Before a light table each lamp's picture is a measure of its own.

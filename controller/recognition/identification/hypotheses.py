@@ -216,7 +216,7 @@ def look_inside(
     library: Library,
     limits: SearchLimits,
 ) -> list[Hypothesis]:
-    """Return hypotheses about a backlit outline, those it leaves open weighed by what is inside.
+    """Return hypotheses on a backlit outline; those it leaves open are weighed by the inside.
 
     Parameters
     ----------
@@ -499,7 +499,7 @@ def _under_lamps(fit: EdgeFit, model: EdgeModel, cutout: ObjectCutout, camera: C
 def judged_within(
     hypotheses: Sequence[Hypothesis], cutout: ObjectCutout, camera: Camera, library: Library
 ) -> list[Hypothesis]:
-    """Return fitted hypotheses about a thing under lamps by what another cutout of it shows.
+    """Return fitted hypotheses on a thing under lamps, judged in another cutout of it.
 
     Parameters
     ----------
@@ -518,7 +518,7 @@ def judged_within(
 def alone_in(
     h: Hypothesis, about: ImageEdges, cutout: ObjectCutout, camera: Camera, library: Library
 ) -> Hypothesis:
-    """Return a hypothesis with the longest edge that it does not account for in its surroundings.
+    """Return a hypothesis with the longest edge nearby that it does not explain.
 
     Parameters
     ----------
@@ -559,7 +559,7 @@ def _look_inside(
     library: Library,
     limits: SearchLimits,
 ) -> list[Hypothesis]:
-    """Return hypotheses about one outline with what the grey levels inside say of them."""
+    """Return hypotheses on one outline with the evidence of the grey levels inside."""
     evidences = []
     for h in hypotheses:
         model = library.model(h.part)

@@ -230,7 +230,7 @@ def _seen_under_lamps(
     pixel_mm2: float,
     limits: RecognitionLimits,
 ) -> list[tuple[Sighting, Trace]]:
-    """Return a backlit cluster as lamps show it, where that names more: what leans on a part.
+    """Return a backlit cluster as lamps show it, if that names more: parts that lean on others.
 
     A silhouette cannot tell which of two parts is above the other, and one that leans has not the
     outline of any stable pose.
@@ -244,7 +244,7 @@ def _seen_under_lamps(
 
 
 def _best_of(sighting: Sighting, trace: Trace) -> Hypothesis:
-    """Return the hypothesis that a sighting was named by."""
+    """Return the hypothesis behind a sighting."""
     return next(h for h in trace.hypotheses if h.fit.T_world_part is sighting.T_world_part)
 
 
@@ -257,7 +257,7 @@ def _taken_apart(
     pixel_mm2: float,
     limits: RecognitionLimits,
 ) -> list[Answers]:
-    """Return answers under lamps with those of clusters taken apart, things that touch as one."""
+    """Return answers under lamps with clusters separated; touching things count as one."""
     out = dict(enumerate(every))
     for group in near_ones([region for region, _ in every]):
         numbers = [k for k in group if not every[k][0].touches_edge]
@@ -287,7 +287,7 @@ def _looked_wider(
     usable: BoolArray | None,
     limits: RecognitionLimits,
 ) -> tuple[list[Answers], list[Answers]]:
-    """Return the answers that stay, and those about things known by all edges about them.
+    """Return the answers that stay, and those of things identified by all edges about them.
 
     Parameters
     ----------
@@ -317,7 +317,7 @@ def _looked_wider(
 
 
 def each_once(every: Sequence[Answers]) -> list[Answers]:
-    """Return answers without pieces of a part that are named as that part once more.
+    """Return answers without pieces of a part that is named elsewhere.
 
     Parameters
     ----------

@@ -27,7 +27,7 @@ MAX_LOG_ODDS = 12.0  # from any one kind of evidence
 
 @dataclass(frozen=True, slots=True)
 class Weights:
-    """A logistic curve over evidence: what each kind of it counts.
+    """A logistic curve over evidence, with the weight of each kind of it.
 
     Attributes
     ----------
@@ -74,7 +74,7 @@ def probability(evidence: Evidence, weights: Weights) -> float:
 
 
 def beyond_chance(share: float, chance: float) -> float:
-    """Return the share of edges that are found because they are there: 0 if none is, 1 if all.
+    """Return the share of edges found beyond chance: 0 if none is, 1 if all.
 
     Parameters
     ----------
@@ -86,13 +86,13 @@ def beyond_chance(share: float, chance: float) -> float:
 
 
 def log_odds(evidence: Evidence, *, is_lit: bool) -> float:
-    """Return the evidence for a hypothesis, up to a constant of the object's; to compare them."""
+    """Return the evidence for a hypothesis, up to a constant of the object, for comparison."""
     edges = float(np.clip(_edges(evidence, is_lit, None), -MAX_LOG_ODDS, MAX_LOG_ODDS))
     return edges + _without_edges(evidence, PATCH_MM2)
 
 
 def log_odds_of_all(evidences: Sequence[Evidence], *, is_lit: bool) -> list[float]:
-    """Return the evidence for hypotheses about one object, to compare these with each other.
+    """Return the evidence for hypotheses on one object, for comparison.
 
     Inner edges that all of them predict say nothing, so it is the best one's lead that is limited.
 
@@ -113,7 +113,7 @@ def log_odds_of_all(evidences: Sequence[Evidence], *, is_lit: bool) -> list[floa
 
 
 def log_odds_under_lamps(evidences: Sequence[Evidence]) -> list[float]:
-    """Return the evidence for hypotheses about one object under lamps, to compare them.
+    """Return the evidence for hypotheses on one object under lamps, for comparison.
 
     The lead of one over another is limited for each kind of evidence: light that falls off across
     a wide plate must not outweigh an outline that does not fit.

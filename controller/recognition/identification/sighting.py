@@ -134,7 +134,7 @@ class Trace:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Recognition:
-    """All that was seen in a picture.
+    """All sightings in a picture.
 
     Attributes
     ----------

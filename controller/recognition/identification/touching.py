@@ -170,7 +170,7 @@ def cut_out(mask: BoolArray, whole: Region, is_cut: bool) -> Region:
 
 
 def within(own: Region, whole: Region) -> BoolArray:
-    """Return a region's mask in the box of another one, as far as it is in there."""
+    """Return the part of a region's mask in the box of another one."""
     out = np.zeros_like(whole.mask)
     x0, y0, x1, y1 = whole.box_px
     left, top, right, bottom = own.box_px
@@ -200,7 +200,7 @@ def connected(mask: BoolArray, whole: Region, least_px: float, is_cut: bool) -> 
 
 
 def _what_is_left(left: BoolArray, whole: Region, least_px: float) -> list[PartialSighting]:
-    """Return the connected pieces of what no part covers, as unknown objects."""
+    """Return the connected pieces that no part covers, as unknown objects."""
     nothing = Decision(None, 1.0, (), None)
     pieces = connected(left, whole, least_px, True)
     return [PartialSighting(piece, nothing, (), 0.0) for piece in pieces]

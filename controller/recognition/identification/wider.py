@@ -1,4 +1,4 @@
-"""A lone thing of which a piece was cut out, or that with a shadow: by the edges about it.
+"""A lone thing that was cut short, or has a shadow, identified by the edges about it.
 
 What a part shows under one lamp or another is there, though no outline of it is whole. Edges
 propose poses, which are fitted as others are. What a likely pose covers belongs to the thing then:
@@ -46,7 +46,7 @@ def look_wider(
     library: Library,
     limits: SearchLimits,
 ) -> tuple[Region, list[Candidate], list[Hypothesis]]:
-    """Return a thing as it may be, what its edges propose, and what is likely then, best first.
+    """Return a thing as it may be, its edges' proposals, and the likely hypotheses, best first.
 
     Parameters
     ----------

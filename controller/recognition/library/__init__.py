@@ -1,4 +1,4 @@
-"""The parts that may turn up: their views, and an index that finds them by shape."""
+"""The library of possible parts: their views, and an index that finds them by shape."""
 
 from ._index import FEW_VIEWS, Candidate, Silhouette, ViewIndex
 from ._library import (

@@ -157,7 +157,7 @@ class ViewIndex:
         return both[..., :2], both[..., 2:], weights
 
     def looks(self, views: IntArray, count: int) -> tuple[Float32Array, Float32Array, Float32Array]:
-        """Return `outline_samples` of some views, kept from the first time on; for small counts.
+        """Return `outline_samples` of some views from a cache; for small counts.
 
         Parameters
         ----------
@@ -298,7 +298,7 @@ class ViewIndex:
 
 
 def _place_in(row: IntArray) -> IntArray:
-    """Return the how manieth (n,) each entry of sorted rows is in its row."""
+    """Return the ordinal (n,) of each entry of sorted rows in its row."""
     return np.arange(len(row)) - np.searchsorted(row, row)
 
 

@@ -1,4 +1,4 @@
-"""The parts that may turn up, ready to be recognised.
+"""The library of possible parts, prepared for recognition.
 
 A library of a thousand parts is searched by its views alone; meshes are needed only of the few
 parts a picture may show, and are asked for when they are.
@@ -29,7 +29,7 @@ UPRIGHT_RAD = np.radians(1.0)
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Entry:
-    """One part of a library: what is kept of it in memory whether it turns up or not.
+    """One part of a library: the data kept in memory for it.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ class Entry:
         return next(pose for pose in self.poses if pose.index == index)
 
     def turns_of(self, index: int) -> FloatArray:
-        """Return the turns that leave a pose as it is."""
+        """Return the turns that leave a pose unchanged."""
         at = next(i for i, pose in enumerate(self.poses) if pose.index == index)
         return self.turns_rad[at]
 
@@ -113,7 +113,7 @@ class Library:
         return np.array([2 * np.pi / len(kept) if len(kept) else 0.0 for kept in turns])
 
     def model(self, part: int) -> EdgeModel:
-        """Return the edges of a part, from memory if it was asked for lately."""
+        """Return the edges of a part, from memory if they were used lately."""
         found = self._models.pop(part, None) or edge_model(self._load(part))
         self._models[part] = found
         if len(self._models) > KEPT_MODELS:
@@ -172,7 +172,7 @@ def _features(solid: Solid, pose: StablePose, station: Station) -> ModelFeatures
 
 
 def _distinct_poses(poses: Sequence[StablePose], least: float) -> tuple[StablePose, ...]:
-    """Return the poses that may be met, one of those that look alike by symmetry.
+    """Return the poses that may occur, one of those that look alike by symmetry.
 
     Symmetric stable poses share one probability, so that the sum of theirs counts.
     """
@@ -185,7 +185,7 @@ def _distinct_poses(poses: Sequence[StablePose], least: float) -> tuple[StablePo
 
 
 def turns_that_keep(R: FloatArray, symmetry: PartSymmetry) -> FloatArray:
-    """Return the turns about the vertical [rad] that leave a pose as it is; empty if all do."""
+    """Return the turns about the vertical [rad] that leave a pose unchanged; empty if all do."""
     up = R[2]  # the vertical in the part's own axes
     if symmetry.is_ball:
         return np.zeros(0)

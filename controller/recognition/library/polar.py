@@ -116,7 +116,7 @@ def features(grids: NDArray[np.uint8]) -> Float32Array:
 
 
 def shape_of(grids: NDArray[np.uint8]) -> Float32Array:
-    """Return `features`, (n, f), scaled to length 1: what the shape is, whatever its size."""
+    """Return `features`, (n, f), scaled to length 1: the shape alone, for any size."""
     rows = features(grids)
     size = np.linalg.norm(rows, axis=-1, keepdims=True)
     return np.asarray(rows / np.maximum(size, 1e-6), dtype=np.float32)

@@ -1,4 +1,4 @@
-"""Parts of which the outline is known in part: they touch others, or leave the picture."""
+"""Parts with an outline known in part: they touch others, or leave the picture."""
 
 from .candidates import propose_partial
 from .cluster import CELL_PX, Cluster

@@ -1,4 +1,4 @@
-"""Poses that stretches of an outline propose, weighed by how much of a view's outline is there."""
+"""Poses proposed by stretches of an outline, weighed by the share of it that is found."""
 
 from dataclasses import dataclass
 

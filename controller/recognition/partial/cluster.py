@@ -66,7 +66,7 @@ class Cluster:
         )
 
     def by_loop(self, which: BoolArray) -> tuple[tuple[BoolArray, ...], tuple[BoolArray, ...]]:
-        """Return of each loop's points which are the parts' own, and which of them are named.
+        """Return a mask of the parts' own points of each loop, and of those already named.
 
         Parameters
         ----------
@@ -120,7 +120,7 @@ class Cluster:
         return lines, cells, self.region.mask[::CELL_PX, ::CELL_PX].ravel()
 
     def looks_up(self, cells: BoolArray, pixels: FloatArray) -> BoolArray:
-        """Return at which points (n, 2) cells (m,) are set, or those beside them."""
+        """Return a mask of the points (n, 2) at which cells (m,) are set, or those beside them."""
         height, width = self.region.mask.shape
         grid = cells.reshape(-(-height // CELL_PX), -(-width // CELL_PX)).astype(np.uint8)
         grid = np.asarray(cv2.dilate(grid, np.ones((3, 3), np.uint8)))
@@ -182,7 +182,7 @@ class NearestMap:
     def look(
         self, x_mm: FloatArray, y_mm: FloatArray
     ) -> tuple[FloatArray, IntArray, NDArray[np.int8]]:
-        """Return distance (...) to the nearest outline point, which that is, and what is there.
+        """Return distance (...) to the nearest outline point, its index, and what is there.
 
         Parameters
         ----------
@@ -197,7 +197,7 @@ class NearestMap:
         return far, nearest, self._state.ravel()[at]
 
     def own(self, is_open: BoolArray) -> NDArray[np.complex64]:
-        """Return of each cell the normal of its nearest point as a complex number.
+        """Return the normal of each cell's nearest point as a complex number.
 
         0 where that is not of the points asked for, and where nothing is known.
 
@@ -222,7 +222,7 @@ class NearestMap:
         normals: NDArray[np.complex64],
         own: NDArray[np.complex64],
     ) -> tuple[Float32Array, Float32Array, BoolArray]:
-        """Return as `look`, of very many places: distances, cosines of normals, where nothing is.
+        """Return `look` for very many places: distances, cosines of normals, where nothing is.
 
         Parameters
         ----------

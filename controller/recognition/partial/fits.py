@@ -1,4 +1,4 @@
-"""A pose fitted to what a cluster shows of it, and what the picture says for and against it.
+"""A pose fitted to the visible part of its outline in a cluster, and the evidence.
 
 A point of the predicted outline is found, or covered: the cluster goes on outside it, or the
 picture ends. Where it is neither, the picture contradicts it. Covered stretches end where outlines
@@ -104,14 +104,14 @@ class PartialFit:
 
     @property
     def rank(self) -> float:
-        """By what fits are tried first: how much they explain, and how well."""
+        """Order in which fits are tried: by the points they explain, and how well."""
         free = int((~self.is_covered | self.is_unmet).sum())
         sure = float(self.is_found.sum()) / max(free, 1)
         return float(self.explains.sum()) * sure / (0.3 + self.misfit_px)
 
     @cached_property
     def free_fit(self) -> EdgeFit:
-        """The fit with what is free of its edges alone."""
+        """The fit to the uncovered edges alone."""
         free = ~self.is_covered
         fit = self.fit
         gaps = Gaps(fit.gaps.gap_px[free], fit.gaps.weight[free])
@@ -174,7 +174,7 @@ class PartialFit:
 def fit_partial(
     candidate: Candidate, cluster: Cluster, library: Library, tilt_rad: float
 ) -> PartialFit | None:
-    """Return a candidate fitted to a cluster; None where what is free of it does not agree.
+    """Return a candidate fitted to a cluster; None where its uncovered edges do not agree.
 
     Parameters
     ----------
@@ -206,7 +206,7 @@ def fit_partial(
 
 
 def _covered(edges: EdgePoints, cluster: Cluster) -> tuple[BoolArray, BoolArray]:
-    """Return outside which edges the cluster goes on, and which lie where nothing is known."""
+    """Return masks of the edges outside which the cluster goes on, and of those without data."""
     outside = cluster.is_inside(edges.pixels + COVERED_PX * edges.normals)
     return outside, cluster.is_beyond(edges.pixels)
 

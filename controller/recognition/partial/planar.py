@@ -34,7 +34,7 @@ HELD_MM2 = 1e-6  # so that a motion of which nothing is known is none
 
 
 class _Outlines:
-    """Outlines in the table plane: points, normals away from the part (n, k), what each counts.
+    """Outlines in the table plane: points, normals away from the part (n, k), weights.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ def _turned(points: FloatArray, turn: NDArray[np.complex128]) -> FloatArray:
 def _met(
     outlines: _Outlines, cluster: Cluster, reach_mm: FloatArray, loose_mm: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return shares (n,) of outlines that lie on the one seen or are covered, how they moved.
+    """Return the shares (n,) of outlines that lie on the one seen or are covered, and the motion.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Picture of the table -> what lies on it: masks and outlines to a fraction of a pixel.
+"""Segmentation: picture of the table -> masks and outlines to a fraction of a pixel.
 
 Dark things before a light table, or things under lamps on a matt one (references.md P3.1).
 """

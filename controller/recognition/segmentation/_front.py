@@ -155,7 +155,7 @@ def _lit(crop: Crop, table: Float32Array, bright: ByteArray) -> BoolArray:
 
 
 def _borders(grey: Grey, least: float) -> ByteArray:
-    """Return 1 along sharp borders: of ``least`` levels a pixel beyond a slope's, twice somewhere.
+    """Return 1 along sharp borders: steps of ``least`` levels a pixel above the local slope.
 
     A step as sharp as the lens is 2 px wide, a shadow's border many: the same gradient over a
     wide window tells how much of it is slope. Only the ridge is kept, so that the foot of a
@@ -215,7 +215,7 @@ def _is_ridge(
 
 
 def _reached(blocked: ByteArray, gap_px: int = GAP_PX) -> ByteArray:
-    """Return 1 where a disc comes to from the rim past what is blocked."""
+    """Return 1 where a disc from the rim can reach past the blocked pixels."""
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * gap_px + 1, 2 * gap_px + 1))
     free = 1 - cv2.dilate(blocked, disc)
     padded = cv2.copyMakeBorder(free, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=1)
@@ -237,7 +237,7 @@ def _holes(
     table: Float32Array,
     excess: float,
 ) -> ByteArray:
-    """Return 1 where the table is seen through a thing: table-like and no way out near."""
+    """Return 1 where the table shows through a thing: table-like, and closed all round."""
     inner = solid & (1 - bright) & (1 - border)
     count, labels = cv2.connectedComponents(inner, connectivity=4, ltype=cv2.CV_32S)
     near_outside = inner & np.asarray(cv2.dilate(1 - solid, np.ones((7, 7), np.uint8)), np.uint8)
@@ -267,6 +267,6 @@ def _trimmed(solid: ByteArray, bright: ByteArray) -> ByteArray:
 
 
 def _without_fringe(mask: BoolArray) -> BoolArray:
-    """Return the mask less hairs a pixel wide that a shadow's border leaves."""
+    """Return the mask without the one-pixel hairs that a shadow's border leaves."""
     opened = cv2.morphologyEx(mask.view(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
     return np.asarray(opened.view(np.bool_))

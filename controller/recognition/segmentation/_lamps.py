@@ -1,4 +1,4 @@
-"""Pictures of one scene under several lamps, one at a time, as one picture to cut things out of.
+"""Pictures of one scene under several lamps merged into one for segmentation.
 
 A shadow is where one lamp does not come to, and others mostly do; a side that is as dark as the
 table under one lamp is bright under another. What is brightest of each place has neither.

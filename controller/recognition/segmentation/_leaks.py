@@ -1,4 +1,4 @@
-"""Things whose border shows, but not all round.
+"""Things whose border shows in part.
 
 A dark side lies in its own shadow, or a wall is as grey as the table. What comes in from the table
 through such a gap takes the whole thing for table.

@@ -1,4 +1,4 @@
-"""Picture -> what lies on the table. Finds the lighting, the levels, then each thing."""
+"""Segmentation of a picture: the lighting, the levels, then each thing."""
 
 from typing import Literal
 

@@ -1,4 +1,4 @@
-"""Is a boundary right? Its pointers, and Euler-Poincare, counted apart from the edge list."""
+"""Checks of a boundary: its pointers, and Euler-Poincare, counted apart from the edge list."""
 
 from collections.abc import Sequence
 
@@ -16,7 +16,7 @@ from .halfedges import half_edges, next_on_rim
 def face_genera(
     mesh: trimesh.Trimesh, face_of_triangle: NDArray[np.integer], face_count: int
 ) -> IntArray:
-    """Return the handles each surface has of its own (f,), counted on the mesh alone.
+    """Return the number of handles of each surface (f,), counted on the mesh alone.
 
     A plane, a bore's wall, a ball have none; a surface closed round a ring, as a whole torus, one.
 

@@ -53,7 +53,7 @@ def _outward(
     normals: FloatArray,
     areas: FloatArray,
 ) -> FloatArray:
-    """Return per face whether its normals leave its axis or centre (positive) or face it."""
+    """Return the sense of each face's normals: positive away from its axis or centre."""
     outward = np.zeros(len(formula))
     order = np.argsort(face, kind="stable")
     start = np.searchsorted(face[order], np.arange(len(formula) + 1))

@@ -120,7 +120,7 @@ def _lengths(mesh: trimesh.Trimesh, edges: IntArray) -> FloatArray:
 def _exploded(
     raw: IntArray, sliver: BoolArray, mesh: trimesh.Trimesh, centres: FloatArray
 ) -> IntArray:
-    """Return facets (n,) with those taken apart that bend: a wall of very many segments."""
+    """Return facets (n,) with the bent ones split: walls of very many segments."""
     normals, areas = np.asarray(mesh.face_normals), np.asarray(mesh.area_faces)
     weights = np.where(sliver, 1e-12, 1.0) * np.maximum(areas, 1e-12)
     total = np.bincount(raw, weights=weights)
@@ -146,7 +146,7 @@ def _slivers_joined(
     pairs: IntArray,
     areas: FloatArray,
 ) -> IntArray:
-    """Return facets (n,) with each sliver in the facet across its longest side."""
+    """Return facets (n,) with each sliver joined to the facet across its longest side."""
     if not sliver.any():
         return raw
     joined = raw.copy()

@@ -176,7 +176,7 @@ class Grower:
         tolerance_mm: float,
         known: list[IntArray],
     ) -> Iterator[tuple[Primitive, IntArray]]:
-        """Yield what a facet and some round it may be, with those facets.
+        """Yield candidate surfaces of a facet and some round it, with those facets.
 
         What lies within facets already ``known`` is passed over; the caller may add to them.
         """

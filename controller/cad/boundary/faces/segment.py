@@ -165,7 +165,7 @@ def _absorb(
 
 
 def _leave_rest(facets: Facets, owner: IntArray, primitives: list[Primitive | None]) -> None:
-    """Make planes and surfaces without formula of what is left."""
+    """Make planes and freeform surfaces of the facets that are left."""
     left = owner < 0
     plane = _planes(facets) & left
     inner = left[facets.a] & left[facets.b] & ~plane[facets.a] & ~plane[facets.b]
@@ -185,7 +185,7 @@ def _leave_rest(facets: Facets, owner: IntArray, primitives: list[Primitive | No
 def _merged(
     facets: Facets, pieces: Pieces, owner: IntArray, primitives: list[Primitive | None]
 ) -> IntArray:
-    """Return owners (m,) with neighbours made one that lie on one surface, as halves of a bore."""
+    """Return owners (m,) with neighbours on one surface merged, as the halves of a bore."""
     a, b = owner[facets.a], owner[facets.b]
     pairs = np.unique(np.sort(np.column_stack([a, b])[a != b], axis=1), axis=0)
     kinds = np.array([p.kind if p is not None else "freeform" for p in primitives])

@@ -44,7 +44,7 @@ def thinning(count: int) -> int:
 
 
 def fits(cloud: Cloud, aim_mm: float = 0.0) -> Iterator[Primitive]:
-    """Yield the surfaces that may be meant by a cloud, the simplest kinds first.
+    """Yield the surfaces that a cloud may lie on, the simplest kinds first.
 
     With ``aim_mm`` those that will not come so near may be yielded half fitted.
     """

@@ -1,4 +1,4 @@
-"""OBJ: corners (``v``) and faces (``f``); textures, normals, materials, lines mean nothing here."""
+"""OBJ: corners (``v``) and faces (``f``); textures, normals, materials, lines are ignored."""
 
 import re
 from array import array

@@ -1,4 +1,4 @@
-"""OFF: counts, corners, polygons; colours and normals behind them mean nothing here."""
+"""OFF: counts, corners, polygons; colours and normals behind them are ignored."""
 
 import re
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""PLY, binary and text: corners and polygons; colours, normals, comments mean nothing here."""
+"""PLY, binary and text: corners and polygons; colours, normals, comments are ignored."""
 
 import re
 from collections.abc import Mapping

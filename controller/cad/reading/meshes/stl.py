@@ -1,4 +1,4 @@
-"""STL, binary and text: the names of solids and the normals of facets mean nothing here."""
+"""STL, binary and text: names of solids and normals of facets are ignored."""
 
 import re
 from itertools import islice
@@ -89,7 +89,7 @@ def _corners(text: MeshText) -> FloatArray:
 
 
 def _unlike(text: MeshText) -> Exception:
-    """Return the error for the first corner that is none, or a facet with too few or too many."""
+    """Return the error for the first invalid corner, or a facet with too few or too many."""
     for row in ANY_CORNER.finditer(text.data):
         tokens = row[0].split()[1:]
         for token in tokens[:3]:

@@ -1,4 +1,4 @@
-"""3MF packages (references.md S5), read as a stream: nothing is unpacked that is no model.
+"""3MF packages (references.md S5), read as a stream: only models are unpacked.
 
 The text of a model is never held whole, nor a tree made of it: memory is that of its corners and
 triangles, whatever a small file unpacks to.
@@ -124,7 +124,7 @@ class _Package:
         pieces: list[tuple[FloatArray, IntArray]],
         within: tuple[tuple[str, str], ...],
     ) -> None:
-        """Add what an object holds, in the pose of what it is in."""
+        """Add the contents of an object, in the pose of the object around it."""
         if use.file not in self._read:
             self._read_model(use.file, is_main=False)
         key = (use.file, use.id)
@@ -185,7 +185,7 @@ class _Package:
                 yield chunk
 
     def _count_tags(self, name: str) -> None:
-        """Look through a model before it is parsed, which takes ten times as long."""
+        """Check a model's tags before it is parsed, which takes ten times as long."""
         for chunk in self._chunks(name):
             self.tag_count += chunk.count(b"<")
             if self.tag_count > MAX_TAGS:

@@ -198,7 +198,7 @@ def _many(path: Path, files: References, bodies: Bodies) -> str:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class BodyOfFile:
-    """One body, with what of its file goes with it.
+    """One body, with the data of its file.
 
     Attributes
     ----------
@@ -288,7 +288,7 @@ def _tessellated(
     named: tuple[str, str, str],
     unit: str | None,
 ) -> tuple[dict[str, Any], dict[str, Any], IntArray, Solid]:
-    """Return the kernel's arrays, those with faces merged, whose each face was, and the solid.
+    """Return the kernel's arrays, the same with merged faces, each face's new number, the solid.
 
     What comes out not closed is tried again: divided in another way, then mended. Of a file that
     stays unsound the reason is that of its surfaces as they stand in it.

@@ -68,7 +68,7 @@ class KernelLimits:
         return cls(time_s=time_s)
 
     def time_for_s(self, byte_count: int) -> float:
-        """Return the time of computing a file of this size may take."""
+        """Return the computing time allowed for a file of this size [CPU s]."""
         return self.time_s + SECONDS_PER_MB * max(byte_count / 1e6 - 0.2, 0.0)
 
 

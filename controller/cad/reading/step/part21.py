@@ -147,7 +147,7 @@ class Part21:
         return found
 
     def faces_of_solid(self, count: int) -> list["Reference"]:
-        """Return the faces of the file's solid of so many faces in their order.
+        """Return the faces of the file's solid with the given number of faces, in their order.
 
         Empty where no solid of the file has so many, or several have: nothing in the text tells
         which of them is meant.

@@ -107,7 +107,7 @@ def is_there(folder: Path, name: PurePosixPath) -> bool:
 
 
 def files_of(path: Path) -> tuple[Path, ...]:
-    """Return the file of a part and all that it names, for who copies them.
+    """Return the file of a part and all files that it names, for copying.
 
     Parameters
     ----------

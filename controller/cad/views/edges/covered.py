@@ -26,7 +26,7 @@ MAX_STEP_COUNT = 16  # triangles; an edge under more of them is cut and asked li
 def without_covered(
     model: ViewModel, view: Projection, edges: Int32Array, rims: Int32Array
 ) -> tuple[Int32Array, Int32Array]:
-    """Return edges and rims less those behind something all along.
+    """Return edges and rims without those hidden along their whole length.
 
     An edge goes where the eye sees none of its faces beside it, a rim where all it could hide is
     hidden before it: beside it lie the only sheets that begin or end there.

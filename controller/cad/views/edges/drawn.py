@@ -91,7 +91,7 @@ BENT_PX = 2e-3  # how far a chord may stray from a line that the lens bends
 
 
 def subdivisions(view: Projection, p: FloatArray, q: FloatArray) -> IntArray:
-    """Return in how many parts (n,) to draw lines, so that each follows what the lens bends.
+    """Return the number of pieces (n,) in which each line follows the lens's distortion.
 
     Parameters
     ----------

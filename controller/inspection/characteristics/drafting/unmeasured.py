@@ -68,7 +68,7 @@ def unmeasured(
     walls: Sequence[RoundWall],
     rows: Sequence[Characteristic],
 ) -> list[Unmeasured]:
-    """Return the sizes of features that no characteristic says, feature by feature.
+    """Return the sizes of features that no characteristic covers, feature by feature.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ _Wanted = tuple[str, str, CharacteristicKind, float, tuple[int, ...], str]
 
 
 def _wanted(solid: Solid, feature: Feature, known: "_Known") -> Iterator[_Wanted]:
-    """Yield each size of a feature that nothing says: name, word, kind, size, faces, reason."""
+    """Yield each uncovered size of a feature: name, word, kind, size, faces, reason."""
     match feature.kind:
         case "hole" | "boss":
             yield from _round(feature, known)
@@ -110,7 +110,7 @@ def _wanted(solid: Solid, feature: Feature, known: "_Known") -> Iterator[_Wanted
 
 
 def _round(feature: Feature, known: "_Known") -> Iterator[_Wanted]:
-    """Yield what nothing says of a hole or a boss."""
+    """Yield the uncovered sizes of a hole or a boss."""
     base = f"{feature.kind} {size_text(feature.diameter_mm)}"
     widest = max((s.diameter_mm for s in feature.steps if s.kind == "cylinder"), default=0.0)
     for step in feature.steps:
@@ -137,7 +137,7 @@ def _round(feature: Feature, known: "_Known") -> Iterator[_Wanted]:
 
 
 def _recess(solid: Solid, feature: Feature, known: "_Known") -> Iterator[_Wanted]:
-    """Yield what nothing says of a slot, a keyway, a pocket or an opening."""
+    """Yield the uncovered sizes of a slot, a keyway, a pocket or an opening."""
     name = (
         f"{feature.kind} {size_text(feature.width_mm).removesuffix(' mm')} x "
         f"{size_text(feature.length_mm)} F{feature.faces[0]}"

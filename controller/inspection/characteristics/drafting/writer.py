@@ -1,4 +1,4 @@
-"""The characteristics of a part, written as a drafter would: which, from which datum, in order.
+"""The characteristics of a part, as a drafter would write them: choice, datums, order.
 
 The rules in words: docs/characteristics.md.
 """
@@ -189,7 +189,7 @@ class _Writer:
         geometry: RimGeometry,
         faces: tuple[int, ...],
     ) -> Characteristic:
-        """Return the position of an axis, which may be as far off as a length is allowed to be."""
+        """Return the position of an axis, with the tolerance of the corresponding length."""
         deviation = linear_tolerance_mm(reach_mm, self.tolerance_class)
         placed = self._characteristic(
             CharacteristicKind.POSITION,
@@ -266,7 +266,7 @@ def pair_characteristic(pair: PlanePair, tolerance_class: ToleranceClass) -> Cha
 
 
 def _datums(features: Sequence[RoundFeature]) -> list[RoundFeature | None]:
-    """Return for each feature the one that its place is given from, None for the outline.
+    """Return the datum feature of each feature's position, None for the outline.
 
     It is the hole or boss that a drawing would choose: of those along the same axis the largest
     that is the only one of its size. A pattern of equal holes has no first one, and is placed from
@@ -300,7 +300,7 @@ class _Outline:
         self._reach: dict[tuple[float, ...], tuple[float, float]] = {}
 
     def reach_mm(self, wall: RoundWall, datum: RoundFeature | None) -> float:
-        """Return the length whose tolerance the place of a wall has.
+        """Return the length whose tolerance applies to the position of a wall.
 
         It is the distance of its axis from the datum; where both are one axis, its own diameter.
         """

@@ -126,7 +126,7 @@ def zone_mm(characteristic: Characteristic) -> float:
 
 
 def _arc_factor(characteristic: Characteristic) -> float:
-    """Return by how much less sure a radius is than the edges of its arc.
+    """Return the factor by which a radius is less certain than the edges of its arc.
 
     An edge that is off by d moves the height of an arc by d, and the radius by d over 1 - cos of
     half the arc. From a half circle on it is d itself.

@@ -93,7 +93,7 @@ class Contacts:
         return np.asarray(np.linalg.norm(self.middle[0] - self.middle[1], axis=1))
 
     def take(self, rows: IntArray) -> Contacts:
-        """Return some of them, by number."""
+        """Return the contacts with the given numbers."""
         return Contacts(
             self.T[rows],
             self.touched[rows],
@@ -108,13 +108,13 @@ class Contacts:
         )
 
     def bare(self) -> Contacts:
-        """Return them without their cells."""
+        """Return the contacts without their cells."""
         n = len(self.T)
         none = np.zeros((2, n, 0))
         return replace(self, height=none, gradient=none[..., None], touch=none.astype(bool))
 
     def joined(self, other: Contacts) -> Contacts:
-        """Return these and others, both on the same grid or bare."""
+        """Return these contacts and others, both on the same grid or bare."""
         return Contacts(
             np.concatenate([self.T, other.T]),
             np.concatenate([self.touched, other.touched]),

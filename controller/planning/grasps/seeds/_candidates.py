@@ -28,7 +28,7 @@ class Candidates:
     inner: BoolArray
 
     def take(self, rows: IntArray | BoolArray) -> Candidates:
-        """Return some of them, by number or mask."""
+        """Return the candidates with the given numbers, or of a mask."""
         return Candidates(self.T[rows], self.gap[rows], self.inner[rows])
 
 

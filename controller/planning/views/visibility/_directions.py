@@ -111,7 +111,7 @@ def look_out(
     rules: VisibilityRules,
     count: int = SPHERE_COUNT,
 ) -> VisibilityTable:
-    """Return candidate directions with what they show, hard spots looked for on purpose.
+    """Return candidate directions and what they show, with a search for views of hard spots.
 
     What fewer than `WANTED_COUNT` of the first directions show is looked for among
     `SEARCHED_COUNT`, and straight at its normals, so that "hidden by the part" does not

@@ -62,7 +62,7 @@ class VisibilityRules:
         )
 
     def depth_bounds_mm(self, p_com_mm: FloatArray, vectors: FloatArray) -> FloatArray:
-        """Return between which depths points (n, 3) from the centre of mass lie: (2, v, n).
+        """Return least and greatest depth of points (n, 3) from the centre of mass: (2, v, n).
 
         One depth unless the camera looks past the station: then a roll of the part about the sight
         line moves its points in depth, and a direction's answer must hold for all rolls.

@@ -1,4 +1,4 @@
-"""Circles and arcs: from the pieces of lines their rims are seen as, then from edge points.
+"""Circles and arcs: from the line pieces of their rims, then from edge points.
 
 The paper's cells see an arc as short lines; that their normals meet in one point is what it left
 open. Circles parallel to the table stay circles in its plane, so circles are enough.

@@ -20,7 +20,7 @@ FAINTEST = 0.15  # that the weakest edge still counts
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Edgelets:
-    """Short pieces of edges, what hypotheses are scored by.
+    """Short pieces of edges, by which hypotheses are scored.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Views put down all over a place, for things of which neither an outline nor a feature is whole.
+"""Views tried all over a place, for things without a whole outline or feature.
 
 A dark side lies in the dark, a streak hides a corner: then what is cut out is a piece, and pairs of
 features of one size may all be wrong. What is left is to try every turn at places of a grid, and to

@@ -1,4 +1,4 @@
-"""Clusters under lamps taken apart: parts that touch, and parts that lie on others (ADR 70)."""
+"""Clusters under lamps: parts that touch, and parts that lie on others, separated (ADR 70)."""
 
 from .parts import parts_of_lit
 from .search import widened

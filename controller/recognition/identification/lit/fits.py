@@ -107,7 +107,7 @@ class LitFit:
 
     @property
     def T(self) -> FloatArray:
-        """(4, 4) where it is in the world."""
+        """Pose of the part in the world, (4, 4)."""
         return self.fit.T_world_part
 
     @property
@@ -187,7 +187,7 @@ class LitFit:
         return np.asarray(seen)
 
     def is_beside(self, others: Sequence["LitFit"]) -> BoolArray:
-        """Return outside which edges (n,) of its outline another part is seen."""
+        """Return a mask (n,) of its outline's edges with another part just outside."""
         edges = self.fit.edges
         y, x, within = self.cluster.index(edges.pixels + OUTSIDE_PX * edges.normals)
         answer = np.zeros(len(edges.pixels), dtype=np.bool_)
@@ -196,14 +196,14 @@ class LitFit:
         return answer & edges.on_outline
 
     def free_share(self, others: Sequence["LitFit"]) -> float:
-        """Return the share of its outline that no other part lies before or beside."""
+        """Return the share of its outline without another part in front or beside."""
         on = self.fit.edges.on_outline
         if not on.any():
             return 0.0
         return float((~(self.is_hidden(others) | self.is_beside(others)))[on].mean())
 
     def seen_fit(self, others: Sequence["LitFit"]) -> EdgeFit:
-        """Return the fit with those of its edges alone that no other part hides."""
+        """Return the fit with only those edges that no other part hides."""
         seen, fit = ~self.is_hidden(others), self.fit
         gaps = Gaps(fit.gaps.gap_px[seen], fit.gaps.weight[seen])
         return EdgeFit(fit.T_world_part, fit.edges.at(seen), gaps, fit.sigma_px, fit.covariance)
@@ -295,7 +295,7 @@ class LitFit:
 
     @cached_property
     def explains(self) -> BoolArray:
-        """(m,) which of the cluster's strong edges it predicts."""
+        """Mask (m,) of the cluster's strong edges that it predicts."""
         edges = self.fit.edges
         step_px = edges.step_mm / self.mm_per_px
         return is_predicted(self.cluster.image_edges.points_px, edges, step_px)

@@ -1,4 +1,4 @@
-"""Sightings of parts under lamps that touch or lie on others: one cluster, taken apart.
+"""Sightings of parts under lamps that touch or lie on others: one cluster, separated.
 
 Parts that are sure are named; what they leave is looked at again, as pieces with outlines of their
 own, flat on the table or leaning on what is named. What is left at the end stays unknown.
@@ -138,7 +138,7 @@ def _are_alike(a: BoolArray, b: BoolArray) -> bool:
 
 
 def pieces_left(there: Sequence[LitFit], search: Search, least_px: float) -> list[Region]:
-    """Return the connected pieces of what no part is seen at, with outlines of their own.
+    """Return the connected pieces on which no part is seen, with outlines of their own.
 
     Parameters
     ----------
@@ -218,7 +218,7 @@ def _sightings(
 def _details_left_out(
     places: Sequence[Place], pieces: Sequence[BoolArray], given_up: Sequence[BoolArray]
 ) -> tuple[list[Place], list[Place]]:
-    """Return places, and those that are details of something unknown."""
+    """Return the places, and those of them that are details of something unknown."""
     fits = [place.fit for place in places]
     details = [
         place

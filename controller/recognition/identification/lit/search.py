@@ -194,7 +194,7 @@ class Search:
         return out
 
     def fitted(self, known: Sequence[Hypothesis]) -> list[LitFit]:
-        """Return parts that a look before a light table names, fitted here, as likely as there.
+        """Return parts named before a light table, fitted here, as likely as there.
 
         Parameters
         ----------
@@ -259,7 +259,7 @@ class Search:
         return float(fit.explains.sum()) * self.cluster.image_edges.every * self.alone(fit)
 
     def hypothesis(self, fit: LitFit, others: Sequence[LitFit], area: BoolArray) -> Hypothesis:
-        """Return a fit with what the picture says of it.
+        """Return a fit as a hypothesis, with the evidence of the picture.
 
         Parameters
         ----------
@@ -291,7 +291,7 @@ class Search:
     def _coarse_ones(
         self, proposed: Sequence[Proposed]
     ) -> Iterator[tuple[float, Candidate, FloatArray]]:
-        """Yield score, candidate and pose of what about fits, until others of its kind do not."""
+        """Yield score, candidate and pose of rough fits, until others of their kind fail."""
         failed: dict[str, int] = {}
         for c, source in proposed:
             if failed.get(source, 0) == (GIVE_UP if source == "lines" else GIVE_UP_PIECE):
@@ -363,7 +363,7 @@ class Search:
     def _leaning_starts(
         self, model: EdgeModel, flat: FloatArray, there: Sequence[LitFit]
     ) -> Iterator[FloatArray]:
-        """Yield where a leaning pose is sought from: flat, and tipped towards each part near it."""
+        """Yield the starts of a leaning fit: flat, and tipped towards each part near it."""
         yield flat
         middle, reach_mm = _middle_and_reach(model, flat)
         for other in there:
