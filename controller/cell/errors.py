@@ -1,4 +1,4 @@
-"""Errors of the cell: what stops it, and what is wrong with one part."""
+"""Errors of the cell: faults that stop it, and faults of one part."""
 
 from .machine import PartFault
 
@@ -27,7 +27,7 @@ class NotProvenError(CellError):
 
 
 class NoPermitError(CellError):
-    """Something was to move that nobody has permitted: a bug, caught in time."""
+    """A motion without a permit: a bug, caught in time."""
 
 
 class ReleaseRefusedError(CellError):
@@ -35,7 +35,7 @@ class ReleaseRefusedError(CellError):
 
 
 class LeaseError(CellError):
-    """A device or space is asked for out of order, or never given back: a bug, caught in time."""
+    """A device or space requested out of order, or never given back: a bug, caught in time."""
 
 
 class PolicyAbortError(CellError):
@@ -52,7 +52,7 @@ class PolicyAbortError(CellError):
 
 
 class PartProblemError(Exception):
-    """Something is wrong with the part, not the cell: hold where it is safe; a person has to look.
+    """A fault of the part, not the cell: hold safely; a person has to look.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What the cell does in each state: an action per effect of the table, each ending in one event.
+"""The cell's action in each state: one per effect of the table, each ending in one event.
 
 An action is a small object with the services it needs in its constructor; `run` reads like a page.
 The stages that look at the part are in `perception`, those that move it in `manipulation`. The

@@ -1,4 +1,4 @@
-"""What an action of the cell is, and how one is run."""
+"""An action of the cell, and the running of one."""
 
 from collections.abc import Mapping
 from typing import Protocol
@@ -10,7 +10,7 @@ from ..services import Leases, Recoveries
 
 
 class Action(Protocol):
-    """What the cell does in one state; ends in one event."""
+    """The cell's work in one state; ends in one event."""
 
     async def run(self) -> Event:
         """Do it; return the event it ends in.

@@ -11,7 +11,7 @@ from ..services.records import BatchRecord
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CompleteAction:
-    """Counts the part among those done.
+    """Counts the part as done.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Consulting: the cell is on hold, and whoever is there decides what comes next."""
+"""Consulting: the cell is on hold, and the operator decides the next step."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -34,7 +34,7 @@ class ConsultAction:
     taking: Taking
 
     async def run(self) -> Event:
-        """Wait for an answer; return its event, ``UNATTENDED`` where nobody is there."""
+        """Wait for an answer; return its event, ``UNATTENDED`` if nobody is there."""
         code, message = self.record.problem
         question = question_for(code, message, self.record.part.custody.value)
         answer = await self.operator.decide(question)

@@ -1,4 +1,4 @@
-"""Pausing and going on. The work at hand is not ended: its task waits at the gate meanwhile."""
+"""Pausing and resuming. The running action is not ended: its task waits at the gate."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Planning: what to do next, from the gripper or table that has the part, as measured."""
+"""Planning: the next steps, from the gripper or table that has the part, as measured."""
 
 import logging
 from dataclasses import dataclass, replace
@@ -100,7 +100,7 @@ class PlanAction:
         return await self.compute.surface_share(_new(plan, part.in_sight)) >= WORTH_SHARE
 
     async def _plan_what_can_be_taken(self, start: Start) -> tuple[Plan, Start]:
-        """Return a plan and its start; of another part on the table where this one has none.
+        """Return a plan and its start; for another part on the table if this one has none.
 
         Raises
         ------
@@ -116,7 +116,7 @@ class PlanAction:
                 start = await self._start()
 
     async def _plan(self, start: Start) -> Plan:
-        """Return a plan without the grasps that have failed; with those of other parts, if need be.
+        """Return a plan without the grasps that have failed; with those of other parts, if needed.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Recovering: a part that an interrupted run left in a gripper goes on from there."""
+"""Recovering: go on with a part that an interrupted run left in a gripper."""
 
 from dataclasses import dataclass, replace
 from typing import Final
@@ -69,7 +69,7 @@ class RecoverAction:
         return await self._go_on(proposal)
 
     async def _home(self, proposal: Proposal, homing: Homing) -> Event:
-        """Home with what the grippers have, and confirm that it is still there."""
+        """Home with the grippers as they are, and confirm that their parts are still there."""
         self.record.show("homing with the part in a gripper; no jaw opens")
         bounds = homing.bounds
         low, high = rounded([bounds.low, bounds.high])
@@ -86,7 +86,7 @@ class RecoverAction:
         await self.record.set_custody(custody, detail)
 
     async def _take_expected_hold(self, proposal: Proposal) -> None:
-        """Take it that the arm gripper closed as planned; its opening is where it stands now."""
+        """Assume that the arm gripper closed as planned, at its present opening."""
         row = proposal.left.expected_hold
         assert row is not None
         hold = hold_of(row)
@@ -95,7 +95,7 @@ class RecoverAction:
         self.record.note_hold()
 
     async def _confirm_fixed(self, proposal: Proposal) -> Proposal:
-        """Press the fixed gripper where it reports no hold; return what follows.
+        """Press the fixed gripper if it reports no hold; return the event that follows.
 
         Nothing has moved before. If it has lost the part, the arm leaves as it was proposed, and
         the part is looked for.
@@ -117,7 +117,7 @@ class RecoverAction:
         return proposal
 
     async def _press(self, custody: Custody) -> None:
-        """Press the arm gripper, which closes it and opens nothing."""
+        """Press the arm gripper: it closes and cannot open."""
         try:
             await self.grippers.press_and_require_hold()
         except PartFaultError as error:
@@ -131,7 +131,7 @@ class RecoverAction:
             ) from error
 
     async def _open(self, proposal: Proposal) -> None:
-        """Open the gripper that lets go of the part, or has done so already."""
+        """Open the gripper that gives the part away, or has done so already."""
         left, opens, part = proposal.left, proposal.case.opens, self.record.part
         is_retreat = proposal.case.leaves is Leaves.BY_RETREAT
         match opens:
@@ -161,7 +161,7 @@ class RecoverAction:
                 part.hold = None
 
     async def _leave(self, proposal: Proposal) -> None:
-        """Move the arm to where it stands free, slowly at first."""
+        """Move the arm clear of everything, slowly at first."""
         way = proposal.leaving
         assert way is not None
         if way.is_back:

@@ -75,7 +75,7 @@ class AbortMotionAction:
     journal: Journal
 
     async def run(self) -> Event:
-        """Stop every device, journal which confirmed it; return ``ABORT_DONE``."""
+        """Stop every device, journal the confirmations; return ``ABORT_DONE``."""
         self.views.drop_pending()
         failures = await self.stopping.stop_all(Stop.DEAD)
         for name in self.stopping.names:
@@ -92,7 +92,7 @@ class AbortMotionAction:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ClearFaultAction:
-    """Checks that what stopped the cell is gone.
+    """Checks that the cause of the stop is gone.
 
     Attributes
     ----------

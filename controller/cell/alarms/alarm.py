@@ -1,11 +1,11 @@
-"""What an alarm is."""
+"""The model of an alarm."""
 
 from dataclasses import dataclass
 from enum import StrEnum
 
 
 class Severity(StrEnum):
-    """What the cell does when an alarm is raised."""
+    """The cell's reaction to an alarm."""
 
     WARNING = "warning"
     """Goes on; somebody should look at it when there is time."""

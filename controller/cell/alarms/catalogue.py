@@ -1,4 +1,4 @@
-"""All alarms, and the one of a code or of an error."""
+"""All alarms, and the look-up of one by code or error."""
 
 import re
 from collections.abc import Mapping
@@ -40,12 +40,12 @@ def class_code(name: str) -> str:
 
 
 def alarm_of(code: str) -> Alarm:
-    """Return the alarm of a code; that of a bug for one that is in no catalogue."""
+    """Return the alarm of a code; that of a bug if no catalogue has the code."""
     return BY_CODE.get(code, INTERNAL)
 
 
 def device_named(alarm: Alarm, message: str) -> str:
-    """Return the device of an alarm; where it is any device, the one that the message names."""
+    """Return the device of an alarm; for an alarm of any device, the one in the message."""
     if alarm.device != "device":
         return alarm.device
     head = message.partition(":")[0] or message

@@ -1,4 +1,4 @@
-"""One batch: what the cell does from connecting its devices to rest.
+"""One batch: the cell's work from connecting its devices to rest.
 
 `order.py` is what to run, `run.py` runs it, `beginning.py` notes what it finds before anything
 moves, `starting.py` decides whether it may begin, `assembly.py` puts it together, `dispatcher.py`

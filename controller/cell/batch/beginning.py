@@ -1,4 +1,4 @@
-"""What a run notes before anything moves: who and what it is, its files, and what it finds here."""
+"""The rows of a run before anything moves: its identity, its files, and the state it finds."""
 
 import asyncio
 import hashlib
@@ -25,7 +25,7 @@ from .order import RunOrder
 
 @dataclass(frozen=True, slots=True)
 class Beginning:
-    """What a run finds before it builds anything, as its first rows have it.
+    """The state that a run finds before it builds anything, as in its first rows.
 
     Attributes
     ----------
@@ -126,7 +126,7 @@ def who_and_what(order: RunOrder, where: Mapping[str, dict[str, Any]]) -> rows.R
 
 
 def _several(order: RunOrder) -> dict[str, tuple[rows.RecipeOrdered, ...]]:
-    """Return the recipes of an order of several; nothing where it has one."""
+    """Return the recipes of an order of several; empty if it has one."""
     if not order.beside:
         return {}
     each = tuple(
@@ -141,7 +141,7 @@ def _several(order: RunOrder) -> dict[str, tuple[rows.RecipeOrdered, ...]]:
 
 
 def _keep_inputs(order: RunOrder) -> dict[str, str]:
-    """Copy what a run is started with to its folder; return the SHA-256 of each file."""
+    """Copy a run's input files to its folder; return the SHA-256 of each."""
     digests = {}
     for name, path in _inputs(order):
         data = path.read_bytes()
@@ -153,7 +153,7 @@ def _keep_inputs(order: RunOrder) -> dict[str, str]:
 
 
 def _inputs(order: RunOrder) -> Iterator[tuple[Path, Path]]:
-    """Yield where in the run's folder each file goes that it is started with, and that file."""
+    """Yield each input file of a run, and its place in the run's folder."""
     for number, one in enumerate(order.ordered):
         cad = files_of(one.recipe.part)
         yield from ((inputs_of(number) / file.relative_to(cad[0].parent), file) for file in cad)
@@ -170,7 +170,7 @@ def _calibrations(order: RunOrder) -> list[tuple[str, Path]]:
 
 
 def _note_standing(journal: Journal, cell_path: Path, cell: Cell, now: datetime) -> SetCalibration:
-    """Journal whether the cell's calibrations count; return what of them does not.
+    """Journal whether the cell's calibrations are valid; return those that are not.
 
     Parameters
     ----------

@@ -50,7 +50,7 @@ End = Literal["complete", "held", "stopped", "aborted", "refused"]
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """How a batch ended.
+    """The end of a batch.
 
     Attributes
     ----------
@@ -69,7 +69,7 @@ class Outcome:
 
     @property
     def alarm(self) -> Alarm | None:
-        """The alarm of the code; None where all went well."""
+        """The alarm of the code; None if all went well."""
         return alarm_of(self.code) if self.code else None
 
 
@@ -210,7 +210,7 @@ class Dispatcher:
     async def command(
         self, event: Event, who: str, why: str = "", message: str = "", code: str = ""
     ) -> Decision:
-        """Have a person's command taken in its turn; return what the machine decided.
+        """Have a person's command taken in its turn; return the machine's decision.
 
         Parameters
         ----------
@@ -238,14 +238,14 @@ class Dispatcher:
             self._on_early_end()
 
     def on_early_end(self, call: Callable[[], None]) -> None:
-        """Have something called where the run is ended before it has begun to move anything."""
+        """Have a function called if the run ends before anything has moved."""
         self._on_early_end = call
 
     def _report(self, event: Event, message: str = "", code: str = "") -> None:
         self._inbox.put_nowait(_Note(event, message=message, code=code))
 
     async def run(self) -> Outcome:
-        """Reset the cell, work through the parts ordered, come to rest; return how it ended."""
+        """Reset the cell, work through the parts ordered, come to rest; return the outcome."""
         self._has_begun = True
         if self._before is not None:
             self._message, self._code = self._before.message, self._before.code
@@ -458,7 +458,7 @@ class Dispatcher:
         return "" if effect is None else effect.value
 
     def _set_gate(self, event: Event, decision: Decision) -> None:
-        """Have the gate do what the new state means: hold a pause, or let through."""
+        """Set the gate for the new state: hold a pause, or let motion through."""
         match mode_of(decision.target):
             case Mode.SUSPENDED:
                 self._gate.close()
@@ -474,7 +474,7 @@ class Dispatcher:
                 self._gate.open()
 
     async def _halt_overtaken(self, note: _Note, decision: Decision) -> list[asyncio.Future[None]]:
-        """Halt what the new state has no use for: changed work, a pause that is over.
+        """Halt work that the new state has ended: replaced actions, a pause that is over.
 
         Returns
         -------
@@ -585,7 +585,7 @@ def _event_row(note: _Note, decision: Decision, step: str) -> rows.CellEvent:
 
 
 def _alarm(code: str, message: str, step: str) -> dict[str, rows.AlarmFields]:
-    """Return the field `alarm` of a row; nothing where nothing happened."""
+    """Return the field `alarm` of a row; empty without an alarm."""
     if not code:
         return {}
     alarm = alarm_of(code)

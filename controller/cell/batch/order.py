@@ -1,4 +1,4 @@
-"""What to run: recipe, cell, how many parts, and what goes with them."""
+"""The order of a run: recipe, cell, number of parts, and their papers."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from ..services.table import Label, LabelOrder
 
 @dataclass(frozen=True, slots=True)
 class Papers:
-    """What goes with the parts, as the operator gives it; an empty text is not known.
+    """The papers of the parts, as the operator gives them; an empty text is unknown.
 
     Attributes
     ----------
@@ -35,7 +35,7 @@ class Papers:
 
     @property
     def numbers(self) -> LabelOrder:
-        """Where the serial numbers come from."""
+        """The source of the serial numbers."""
         return LabelOrder(self.serials, self.listed, self.counted_from, self.is_read)
 
 
@@ -71,7 +71,7 @@ def jobs_of(ordered: Sequence[OrderedRecipe], cell_path: Path) -> tuple[Job, ...
 
 @dataclass(frozen=True, slots=True)
 class RunOrder:
-    """What to run, and where its journal and pictures go.
+    """The order of a run, and the place of its journal and pictures.
 
     Attributes
     ----------
@@ -106,17 +106,17 @@ class RunOrder:
 
     @property
     def ordered(self) -> tuple[OrderedRecipe, ...]:
-        """All recipes, in their order."""
+        """All recipes, in order."""
         return (OrderedRecipe(self.recipe_path, self.recipe, self.count), *self.beside)
 
     @property
     def part_count(self) -> int:
-        """How many parts were ordered in all."""
+        """The number of parts ordered in all."""
         return sum(one.count for one in self.ordered)
 
     @property
     def jobs(self) -> tuple[Job, ...]:
-        """What the compute service of each recipe works on."""
+        """The compute service's job for each recipe."""
         return jobs_of(self.ordered, self.cell_path)
 
     @property

@@ -41,7 +41,7 @@ from .starting import recipe_for, refuse, start
 
 @dataclass(frozen=True, slots=True)
 class Outfit:
-    """What a run works with on the computer it is on.
+    """The run's equipment on its computer.
 
     Attributes
     ----------
@@ -62,7 +62,7 @@ HOST: Final = Outfit()
 
 @dataclass(frozen=True, slots=True)
 class RunResult:
-    """How the run ended.
+    """The result of a run.
 
     Attributes
     ----------
@@ -215,7 +215,7 @@ def _products(
 
 @asynccontextmanager
 async def _cell_time(order: RunOrder, journal: Journal) -> AsyncIterator[CellClock]:
-    """Yield the cell's clock, by which the journal's rows are stamped meanwhile, too."""
+    """Yield the cell's clock, which also stamps the journal's rows meanwhile."""
     clock = order.clock.open()
     journal.cell_clock = clock.now_s
     try:
@@ -234,7 +234,7 @@ async def _supervision(
     on_notice: Callable[[str], None],
     callers: Callers | None,
 ) -> AsyncIterator[None]:
-    """Have a supervisor stop the cell while the event loop cannot; say which wire it cannot reach.
+    """Have a supervisor stop the cell while the event loop cannot; name the wires it cannot reach.
 
     Raises
     ------
@@ -260,7 +260,7 @@ async def _supervision(
 
 @asynccontextmanager
 async def _notices(order: RunOrder) -> AsyncIterator[Notices]:
-    """Yield what runs a command for each alarm; waits for those that run yet."""
+    """Yield the runner of a command per alarm; wait in the end for those still running."""
     facts = {"run": order.run_id, "recipe": order.recipe.name, "cell": order.cell.name}
     notices = Notices(order.cell.on_alarm, order.cell.folder, facts)
     try:
@@ -343,7 +343,7 @@ class _Run:
         return await self._product_of(left).compute.proven_back(*beside.arguments)
 
     def note_broken_off(self, error: BaseException) -> None:
-        """Write that the run has not come to rest, and where the part is, if it still can be."""
+        """Write that the run has not come to rest, and where the part is, if still possible."""
         where = where_it_is(self.batch.record.part.custody)
         with suppress(JournalError):
             self.journal.write(
@@ -359,7 +359,7 @@ def _result(
     speed: Speed,
     journal: Journal,
 ) -> RunResult:
-    """Write how a run ended, and return it."""
+    """Write the end of a run, and return it."""
     ended = rows.RunEnded(
         end=outcome.end,
         message=outcome.message,
@@ -374,7 +374,7 @@ def _result(
 
 
 async def _barred(order: RunOrder, journal: Journal, operator: Operator) -> Outcome | None:
-    """Return the outcome of a start after a stop that nobody has acknowledged, else None."""
+    """Return the outcome of a start barred by an unacknowledged stop, else None."""
     latch = await require_acknowledged(journal, order.cell.name, operator)
     if latch is None:
         return None

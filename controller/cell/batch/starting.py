@@ -1,4 +1,4 @@
-"""Whether a start may go on: both grippers are empty, or the part in one has a way on.
+"""The decision on a start: both grippers are empty, or the part in one can go on.
 
 Without evidence that both are empty nothing moves until somebody decides: the operator, or the
 order where what the cell would do is proven safe.

@@ -1,4 +1,4 @@
-"""How a running cell stands, for whoever looks at it from outside."""
+"""The status of a running cell, for observers outside."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

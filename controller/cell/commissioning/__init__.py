@@ -1,4 +1,4 @@
-"""Commissioning: steps that find out how the cell really stands, each with its own evidence.
+"""Commissioning: steps that measure the cell as it really stands, each with its own evidence.
 
 `session.py` runs steps in order, `visit.py` one step from connecting to rest, `bench.py` is what a
 step works with, `person.py` who answers and lends a hand, `steps/` are the steps. What a step

@@ -1,4 +1,4 @@
-"""What a step works with: devices, services, the person, its evidence, and what may move."""
+"""The bench of a step: devices, services, the person, its evidence, and its permits to move."""
 
 from collections.abc import Awaitable, Callable, Mapping
 from contextlib import AbstractAsyncContextManager
@@ -36,14 +36,14 @@ SLOW: Final = 0.25  # of the usual speed
 
 @dataclass(slots=True)
 class HandedOver:
-    """Which gripper has what a person handed over, as the interlock rules want to know."""
+    """The gripper that has something a person handed over, for the interlock rules."""
 
     custody: Custody = Custody.NONE
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bench:
-    """What a step works with.
+    """The bench of a step.
 
     Attributes
     ----------
@@ -205,7 +205,7 @@ class Bench:
             raise StepFailedError(str(error)) from error
 
     def scene(self) -> Scene:
-        """Return the empty cell, all that stands in it thicker by what nobody has measured yet."""
+        """Return the empty cell with all obstacles thicker by the unmeasured uncertainty."""
         layout = with_clearance(self.layout, UNCALIBRATED_MM)
         return Scene(layout, layout.arm_gripper.max_mm, layout.fixed_open_mm)
 
@@ -223,7 +223,7 @@ class Bench:
 
 
 def with_clearance(layout: CellLayout, by_mm: float) -> CellLayout:
-    """Return a layout in which everything that stands is thicker by so much to all sides."""
+    """Return a layout in which all obstacles are thicker by a margin on all sides."""
 
     def grown(box: Box) -> Box:
         return Box(box.T, box.half_mm + by_mm)

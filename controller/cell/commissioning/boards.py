@@ -71,7 +71,7 @@ class HeldPlate:
 
     @property
     def box(self) -> Box:
-        """What it takes up in the TCP frame, some mm more than itself."""
+        """Its bounding box in the TCP frame, some mm larger than itself."""
         width_mm, height_mm, thickness_mm = self.board.plate_mm
         T = self.T_tcp_body.copy()
         T[:3, 3] += T[:3, 0] * (height_mm - self.board.bare_mm) / 2.0
@@ -244,7 +244,7 @@ async def go_to(
 
 
 class PlateInJaws:
-    """A plate in the arm gripper, and how the arm moves with it.
+    """A plate in the arm gripper, and the arm's motions with it.
 
     Parameters
     ----------
@@ -374,7 +374,7 @@ class PlateInJaws:
     async def shown(
         self, camera: CameraName, q: FloatArray, name: str, *, from_below: bool | None
     ) -> BoardPicture | None:
-        """Show the plate and return its picture; None where it cannot be, which is noted.
+        """Show the plate and return its picture; None, with a note, if it cannot be shown.
 
         Parameters
         ----------

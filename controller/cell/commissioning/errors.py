@@ -1,10 +1,10 @@
-"""What ends a step of commissioning."""
+"""The errors that end a step of commissioning."""
 
 from ..errors import CellError
 
 
 class StepFailedError(CellError):
-    """What the step found is not as it should be; the message says what to do about it."""
+    """The step's result is outside its limits; the message says what to do about it."""
 
 
 class NobodyThereError(CellError):

@@ -1,4 +1,4 @@
-"""What a step of commissioning measures and sees, kept as it comes."""
+"""The measurements and pictures of a step of commissioning, kept as they come."""
 
 import asyncio
 import hashlib
@@ -60,7 +60,7 @@ class Evidence:
         return figure
 
     def find(self, text: str) -> None:
-        """Keep and show what has no figure."""
+        """Keep and show a finding without a figure."""
         self.findings.append(text)
         self.show(text)
 

@@ -1,4 +1,4 @@
-"""Who answers a step's questions and lends it a hand.
+"""The person who answers a step's questions and helps by hand.
 
 A real cell has a person. An emulated cell that is commissioned unattended has a helper who answers
 for one, and whose hands are the emulator's control port: it lays a board where the person would,
@@ -27,7 +27,7 @@ PORT_TIMEOUT_WALL_S: Final = 60.0  # a guard against a hang
 
 @dataclass(frozen=True, slots=True)
 class Errand:
-    """Something that hands have to do in the cell.
+    """A task for hands in the cell.
 
     Attributes
     ----------
@@ -42,7 +42,7 @@ class Errand:
 
 
 class Person:
-    """Whoever is at the cell.
+    """The person at the cell.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Runs the steps of a commissioning in their order, and keeps what each one leaves."""
+"""Runs the steps of a commissioning in order, and keeps the result of each."""
 
 import asyncio
 from collections.abc import Callable, Mapping, Sequence
@@ -33,7 +33,7 @@ STEP_NAMES: Final = tuple(step.name for step in STEPS)
 
 @dataclass(frozen=True, slots=True)
 class CommissionOrder:
-    """What to commission.
+    """The order of a commissioning.
 
     Attributes
     ----------
@@ -78,7 +78,7 @@ class CommissionOrder:
 
 
 class Session:
-    """A commissioning under way; whatever would end it stops it instead.
+    """A commissioning under way; anything that would end it stops it instead.
 
     Parameters
     ----------
@@ -121,7 +121,7 @@ class Session:
             self._visit.stop(message, code)
 
     def request_abort(self, message: str, code: str) -> None:
-        """Do the same; a step has nothing to hold on to."""
+        """Stop as `request_stop` does; a step has no part to put away."""
         self.request_stop(message, code)
 
     async def run(

@@ -1,4 +1,4 @@
-"""One step of commissioning in the cell: connect, check, run, come to rest, whatever ends it.
+"""One step of commissioning in the cell: connect, check, run, come to rest in any case.
 
 What a run has, a visit has too: journal, custody, latch, interlocks, watchers, permit, and stops
 that come before tasks are ended. Each visit connects anew and leaves the cell halted and dark, so
@@ -72,7 +72,7 @@ _BROKEN_OFF: Final = (DeclinedError, NobodyThereError, InterlockError, JournalEr
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VisitOrder:
-    """What one visit needs to know.
+    """The order of one visit.
 
     Attributes
     ----------

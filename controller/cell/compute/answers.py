@@ -88,7 +88,7 @@ def _read_as_wanted(s: recognising.Sighting, c: Context) -> recognising.Sighting
 
 
 def prepare(job: Job) -> float:
-    """Do all planning that does not depend on the part's pose; return how long it took [s]."""
+    """Do all planning that does not depend on the part's pose; return the duration [s]."""
     started = time.monotonic()
     _prepared(job)
     return time.monotonic() - started
@@ -130,7 +130,7 @@ def plan(
 
 @dataclass(frozen=True, slots=True)
 class Pickable:
-    """How a part could be taken from among what else is on the table.
+    """The ways to take a part from among the other objects on the table.
 
     Attributes
     ----------
@@ -180,7 +180,7 @@ def _forecasts(job: Job) -> Mapping[int, float]:
 def unseen_turns(
     job: Job, sightings: tuple[SightingFields, ...]
 ) -> tuple[tuple[float, ...] | None, ...]:
-    """Return by which turns about the vertical [deg] each object looks the same, 0 first.
+    """Return the turns about the vertical [deg] under which each object looks the same, 0 first.
 
     None stands for any turn. Of an unknown object that is 0 alone.
 
@@ -326,7 +326,7 @@ def proven_back(
     T_part_fixed: FloatArray | None,
     around: Around = ALONE,
 ) -> ProvenMove:
-    """Return the move back to where one began, free of contact whichever axis goes first.
+    """Return the move back to its start, free of contact whichever axis goes first.
 
     Parameters
     ----------
@@ -375,7 +375,7 @@ def _prepared(job: Job) -> PreparedPart:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Located:
-    """Where a view shows the part in the arm gripper: what the arm goes on by.
+    """The pose of the part in the arm gripper by one view, for the arm to go on with.
 
     Attributes
     ----------
@@ -522,7 +522,7 @@ def find_hold(
     holder: Holder,
     backlit: Grey,
 ) -> FloatArray | None:
-    """Return T_world_part (4, 4) of a held part that is not where it should be; None if not found.
+    """Return T_world_part (4, 4) of a held part away from its expected pose; None if not found.
 
     Parameters
     ----------
@@ -546,7 +546,7 @@ def find_hold(
 
 
 def judge_ahead(job: Job, set_path: Path, text: str, view_count: int) -> bool:
-    """Do a piece of what `judge` will have to do; return whether there may be more.
+    """Do a piece of `judge`'s work in advance; return whether there may be more.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Find a part that has slipped in the jaws: not where it should be, but still held.
+"""Find a part that has slipped in the jaws: still held, but away from its expected pose.
 
 Between flat pads a part can slide along the fingers and across them, and turn about the line
 between the pads. The poses on a grid of these three are first compared by their shadows; then the

@@ -1,4 +1,4 @@
-"""What a worker keeps of a job: what cannot be sent between processes, built once from files."""
+"""A worker's data for a job: too large to send between processes, built once from files."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -34,7 +34,7 @@ MAX_RECIPE_COUNT: Final = 16  # of a batch: a worker keeps the parts of all of t
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """Which recipe on which cell; small enough to be sent with every call.
+    """The recipe and cell of a job; small enough to be sent with every call.
 
     Attributes
     ----------
@@ -48,7 +48,7 @@ class Job:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Context:
-    """What a worker keeps of a job.
+    """A worker's data for a job.
 
     Attributes
     ----------
@@ -89,7 +89,7 @@ class Context:
 
     @property
     def samples(self) -> SurfaceSamples:
-        """The points by which the part's surface is counted."""
+        """The sample points that measure the part's surface."""
         return self.part.samples
 
     @property

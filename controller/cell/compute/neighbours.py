@@ -1,4 +1,4 @@
-"""What stands about a part, as planning needs it: triangles of known parts, columns of others.
+"""The surroundings of a part for planning: triangles of known parts, columns of others.
 
 Of an unknown object only its outline in the picture is known. It is taken for a column that holds
 all it can be: over the box round its outline, seen on the table and at the column's top, and as
@@ -44,7 +44,7 @@ def layout_among(known: Context, around: Around) -> CellLayout:
 
 
 def _next(tray: Tray, name: str, stored: Sequence[StoredFields]) -> Tray:
-    """Return a tray with its first free nest next; a full one with its last, as the cell asks."""
+    """Return a tray with its first free nest next; a full one with its last, as the run does."""
     free = next_nest(stored, name, len(tray.nests))
     return replace(tray, next_nest=len(tray.nests) - 1 if free is None else free)
 

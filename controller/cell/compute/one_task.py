@@ -1,4 +1,4 @@
-"""One task at most, of work that nobody need wait for: another one takes its place."""
+"""At most one background task: a new one takes its place."""
 
 import asyncio
 from collections.abc import Coroutine
@@ -21,7 +21,7 @@ class OneTask(Generic[Answer]):
         self._task = begin(work)
 
     def take(self) -> asyncio.Task[Answer] | None:
-        """Return the task, which is held no more; None where there is none."""
+        """Return the task and let go of it; None if there is none."""
         task, self._task = self._task, None
         return task
 

@@ -90,7 +90,7 @@ class Compute:
 
 
 class PartCompute(Compute):
-    """The compute service of the part at hand: which one that is, is looked up at each question.
+    """The compute service of the current part, looked up at each question.
 
     Parameters
     ----------
@@ -101,5 +101,5 @@ class PartCompute(Compute):
         self._service = service
 
     def answering(self) -> Compute:
-        """Return the service of the part at hand."""
+        """Return the service of the current part."""
         return self._service()

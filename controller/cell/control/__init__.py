@@ -1,4 +1,4 @@
-"""The control socket: how another terminal or program acts on a running cell.
+"""The control socket, by which another terminal or program acts on a running cell.
 
 HTTP over a unix socket of the same user. `words.py` has what goes over it, `client.py` asks,
 `place.py` says where the socket stands, `peer.py` who is at the other end; `serving` is the run's

@@ -1,4 +1,4 @@
-"""Who is at the other end of a unix socket, by the kernel's word (unix(7), SO_PEERCRED)."""
+"""The process at the other end of a unix socket, by the kernel's word (unix(7), SO_PEERCRED)."""
 
 import pwd
 import socket
@@ -24,7 +24,7 @@ class Peer:
 
     @property
     def name(self) -> str:
-        """The user's name, or number where the system knows none."""
+        """The user's name, or number if the system has no name."""
         try:
             return pwd.getpwuid(self.uid).pw_name
         except KeyError:

@@ -1,4 +1,4 @@
-"""Where a cell's control socket stands: found from its lock, in a folder of this user alone."""
+"""The place of a cell's control socket: found from its lock, in a folder of this user alone."""
 
 import os
 import stat

@@ -1,4 +1,4 @@
-"""What the control socket takes and returns: one model for each body. No I/O."""
+"""The bodies of the control socket's requests and replies, one model each. No I/O."""
 
 from typing import Final, Literal
 
@@ -50,7 +50,7 @@ class AnswerOrder(Order):
 
 
 class DecisionReply(_Body):
-    """What the cell made of an order; `reason` is why it was ignored or refused."""
+    """The cell's decision on an order; `reason` is why it was ignored or refused."""
 
     decision: Literal["handled", "ignored", "refused"]
     state: str
@@ -58,7 +58,7 @@ class DecisionReply(_Body):
 
 
 class MotionReply(_Body):
-    """What moves first when a pause ends: the TCP by so much, in about so many cell seconds.
+    """The first motion after a pause: the TCP's travel, and its duration in cell seconds, roughly.
 
     `waypoints` are the joints of the arm, mm or rad, where this motion begins and ends; empty where
     no joint but the jaws moves, and where nobody knows its path, as in homing.
@@ -72,7 +72,7 @@ class MotionReply(_Body):
 
 
 class ChoiceReply(_Body):
-    """An answer that may be given; `first` is what moves first then, empty where nothing does."""
+    """A possible answer; `first` is the first motion after it, empty if nothing moves."""
 
     key: str
     words: str
@@ -93,7 +93,7 @@ class QuestionReply(_Body):
 
 
 class HolderReply(_Body):
-    """Who has the cell's lock, and the path of the control socket that it serves."""
+    """The holder of the cell's lock, and the path of the control socket that it serves."""
 
     run: str
     user: str
@@ -104,7 +104,7 @@ class HolderReply(_Body):
 
 
 class StatusReply(_Body):
-    """How the cell stands; durations are cell seconds, null where nobody knows.
+    """The cell's status; durations are cell seconds, null if unknown.
 
     `at_s` is the cell's clock; only differences of it mean something. `signals` are the inputs of
     the I/O block by name: whether each is OK, null where nobody knows. `barred` is what has to be

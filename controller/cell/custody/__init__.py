@@ -1,4 +1,4 @@
-"""Custody: which gripper, tray or table has the part, and which gripper may open.
+"""Custody: the gripper, tray or table that has the part, and the gripper that may open.
 
 `fold.py` works custody out from the rows of all runs, `known_journals.py` finds those rows,
 `openings.py` reads the grippers, `start_check.py` refuses a start while a gripper may hold a part,

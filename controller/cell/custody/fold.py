@@ -1,4 +1,4 @@
-"""Which gripper, tray or table has the part. Reported whenever the cell stops, and never guessed.
+"""The holder of the part: gripper, tray or table. Reported whenever the cell stops, never guessed.
 
 Custody belongs to the cell, not to the run. `fold_custody` reads it from the rows of all runs, so
 that a start knows what the run before left in a gripper, however that run ended.
@@ -15,7 +15,7 @@ from ..journal import Once, Row, RowKind, is_of, is_once, read_rows_of_kinds, ro
 
 
 class Custody(StrEnum):
-    """Where the part is."""
+    """The place of the part."""
 
     NONE = "no part known"
     ON_TABLE = "on the table"
@@ -131,7 +131,7 @@ class CellIdentity:
 
 @dataclass(frozen=True, slots=True)
 class Held:
-    """What the journal records of a gripper that may hold something.
+    """The journal's record of a gripper that may hold something.
 
     Attributes
     ----------
@@ -199,7 +199,7 @@ def fold_custody(found: Iterable[Row], here: CellIdentity) -> tuple[Held, ...]:
 
 
 def recorded_grippers(found: Iterable[Row], here: CellIdentity) -> frozenset[GripperName]:
-    """Return the grippers of a cell of which some run has recorded what they held.
+    """Return the grippers of a cell whose content some run has recorded.
 
     Of the others the journals know nothing, which is not that they are empty.
 
@@ -229,7 +229,7 @@ def custody_of(known: Sequence[Held]) -> Custody:
 
 
 def where_it_is(custody: Custody, detail: str = "") -> str:
-    """Return a sentence for the operator: where the part is and what to do with it."""
+    """Return a sentence for the operator: the part's place and what to do with it."""
     more = f" ({detail})" if detail else ""
     match custody:
         case Custody.NONE | Custody.ON_TABLE:

@@ -51,7 +51,7 @@ log = logging.getLogger(__name__)
 
 
 class JournalLostError(CellError):
-    """The journal that is noted at a path is not there; nothing has moved, none was made."""
+    """The journal noted at a path is missing; nothing has moved, and no other one was made."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +92,7 @@ class _Note:
 
     @property
     def why_lost(self) -> str:
-        """Why the file there is not the journal that was noted; empty if it is."""
+        """The reason why the file there is not the journal that was noted; empty if it is."""
         if self.began is None:
             return self.flaw
         if (why := self.why_gone) or self.head is None:
@@ -116,7 +116,7 @@ def open_noted_journal(
     *,
     may_begin_anew: bool = False,
 ) -> CellJournal:
-    """Return a cell's journal, checked, unless the one that is noted at its path is lost.
+    """Return a cell's journal, checked, unless the one noted at its path is lost.
 
     Parameters
     ----------
@@ -338,7 +338,7 @@ def _unknown(run: str, at: datetime, why: str) -> Row:
 
 
 def _notes_of_living() -> Iterator[_Note]:
-    """Yield the notes; those of emulators that have ended are taken away, with their parts."""
+    """Yield the notes; those of ended emulators are deleted, with their parts."""
     for note in _notes():
         clock = None if note.began is None else note.began.clock
         if clock is None or Path(clock).exists():

@@ -12,7 +12,7 @@ from .fold import CellIdentity, GripperName
 
 @dataclass(frozen=True, slots=True)
 class LeftLease:
-    """What an action had when its controller died.
+    """The resources of an action at the death of its controller.
 
     Attributes
     ----------

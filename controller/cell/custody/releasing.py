@@ -53,7 +53,7 @@ class ReleaseImpossibleError(CellError):
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """What is known of a cell's grippers.
+    """The known state of a cell's grippers.
 
     Attributes
     ----------
@@ -92,7 +92,7 @@ class ReleaseVisit:
         self._journal: Journal | None = None
 
     async def __aenter__(self) -> "ReleaseVisit":
-        """Open the journal, connect the grippers, halt what still moves."""
+        """Open the journal, connect the grippers, halt all motion."""
         now = datetime.now(UTC)
         run = f"{now:%Y%m%d-%H%M%S}-{now.microsecond // 1000:03d}-recover"
         where = resolve(self._cell, {})
@@ -135,7 +135,7 @@ class ReleaseVisit:
 
     @property
     def journal(self) -> Journal | None:
-        """The cell's journal; None where the one that is noted is lost."""
+        """The cell's journal; None if the noted one is lost."""
         return self._journal
 
     @property

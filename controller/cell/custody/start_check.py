@@ -144,7 +144,7 @@ def _refusal(
 
 
 def known_words(one: Held) -> str:
-    """Return in words what the journal records of a gripper: what, of which run, since when."""
+    """Return in words the journal's record of a gripper: its part, of which run, since when."""
     part = f"part {one.part} of " if one.part else ""
     since = datetime.fromisoformat(one.since)
     detail = f" ({one.detail})" if one.detail else ""

@@ -1,4 +1,4 @@
-"""What else is in the cell while a part is worked on; which nests are taken, by the journal."""
+"""The surroundings of a part in work; the nests that are taken, by the journal."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -11,7 +11,7 @@ from .fold import CellIdentity
 
 @dataclass(frozen=True, slots=True)
 class Around:
-    """What a path with a part, or without one, has to keep clear of beside the cell itself.
+    """The objects that a path must keep clear of, besides the cell itself.
 
     Attributes
     ----------
@@ -28,7 +28,7 @@ ALONE: Final = Around()
 
 @dataclass(slots=True)
 class TrayRecord:
-    """What stands in the trays since they were emptied last.
+    """The parts in the trays since these were emptied last.
 
     Attributes
     ----------
@@ -44,7 +44,7 @@ class TrayRecord:
         return tuple(name for name in self.nest_counts if self.next_nest(name) is None)
 
     def next_nest(self, tray: str) -> int | None:
-        """Return the number of a tray's first free nest; None where all are taken or none counted.
+        """Return the number of a tray's first free nest; None if all are taken or none is counted.
 
         Parameters
         ----------
@@ -53,7 +53,7 @@ class TrayRecord:
         return next_nest(self.stored, tray, self.nest_counts.get(tray, 0))
 
     def take(self, row: Body) -> None:
-        """Take a row that is about the trays; any other one changes nothing."""
+        """Take a row about the trays; any other one changes nothing."""
         match row:
             case rows.TraysStood():
                 self.stored = row.stored
@@ -64,7 +64,7 @@ class TrayRecord:
 
 
 def next_nest(stored: Iterable[rows.StoredFields], tray: str, count: int) -> int | None:
-    """Return the number of a tray's first free nest, None where there is none.
+    """Return the number of a tray's first free nest, None if there is none.
 
     Parameters
     ----------

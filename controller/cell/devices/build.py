@@ -304,7 +304,7 @@ class Devices:
         return devices
 
     async def connect(self) -> dict[str, str]:
-        """Open every device, halt what still moves; return what answered, by device.
+        """Open every device, halt all motion; return the devices' identities.
 
         Raises
         ------
@@ -324,7 +324,7 @@ class Devices:
         }
 
     async def connect_grippers(self) -> dict[str, str]:
-        """Open the arm, the fixed gripper and the I/O block; halt motion; return what answered.
+        """Open the arm, the fixed gripper and the I/O block; halt motion; return their identities.
 
         The last motion that a killed controller ordered goes on without it. A stop opens no jaw.
 
@@ -349,7 +349,7 @@ class Devices:
         }
 
     async def aclose(self) -> None:
-        """Close everything, whatever state it is in; opens no jaw and moves nothing."""
+        """Close everything in any state; opens no jaw and moves nothing."""
         for closing in (
             self.overhead.close,
             self.inspection.close,

@@ -1,4 +1,4 @@
-"""Find the clock of a cell's devices, and measure how fast it runs on this machine.
+"""Find the clock of a cell's devices, and measure its speed on this machine.
 
 Emulated devices share their emulator's clock, even if their addresses were given by hand: each
 emulator of this user is listed in a register (docs/shared-clock.md 5). Real devices, and any mix of
@@ -48,7 +48,7 @@ class FoundClock:
 
     @property
     def is_virtual(self) -> bool:
-        """Whether the event loop has a time of its own, beside which nothing else may decide."""
+        """Whether the event loop has its own time, which then nothing else may decide by."""
         return self.monotonic is not time.monotonic
 
     def open(self) -> CellClock:
@@ -155,7 +155,7 @@ def _emulators() -> list[dict[str, Any]]:
 
 @dataclass(slots=True)
 class Speed:
-    """How fast the cell's time runs: the speed requested, and the speed reached so far.
+    """The speed of the cell's time: requested, and reached so far.
 
     Attributes
     ----------
@@ -170,7 +170,7 @@ class Speed:
     _is_reported: bool = False
 
     def look(self, clock: CellClock) -> str | None:
-        """Measure how fast the clock runs; return a message if the machine is slow, once."""
+        """Measure the clock's speed; return a message if the machine is slow, once."""
         if self._begun_s is None:
             self._begun_s = clock.now_s()
         self.reached, self.missed_s = clock.speed_reached, clock.missed_wall_s

@@ -1,4 +1,4 @@
-"""Knows whether a device is being used, so that a heartbeat never comes between two requests."""
+"""Tracks the use of a device, so that a heartbeat never comes between two requests."""
 
 import inspect
 from collections.abc import AsyncIterator
@@ -14,7 +14,7 @@ UNCOUNTED: Final = frozenset({"stop"})
 
 
 class InUse:
-    """Passes all that is asked of a device on to it, and counts the verbs under way.
+    """Passes all calls on to a device, and counts the verbs under way.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ class InUse:
 
 
 def counted(device: Device, clock: CellClock, tap: LineTap | None = None) -> tuple[Device, InUse]:
-    """Return a device whose verbs are counted, and what counts them.
+    """Return a device whose verbs are counted, and the counter.
 
     Parameters
     ----------

@@ -33,7 +33,7 @@ class CellBusyError(CellError):
 
 @dataclass(frozen=True, slots=True)
 class Holder:
-    """Who has a cell.
+    """The holder of a cell.
 
     Attributes
     ----------
@@ -75,7 +75,7 @@ class Holder:
 
 
 def state_dir() -> Path:
-    """Return the folder for what outlasts a run and its folder: $XDG_STATE_HOME/cellctl."""
+    """Return the folder for files that outlive a run and its folder: $XDG_STATE_HOME/cellctl."""
     base = os.environ.get("XDG_STATE_HOME") or str(Path.home() / ".local" / "state")
     return Path(base) / "cellctl"
 
@@ -129,7 +129,7 @@ def hold_cell(
 
 
 def read_holder(path: Path) -> Holder | None:
-    """Return the holder of a lock file; None where there is none, or it has crashed.
+    """Return the holder of a lock file; None if there is none, or it has crashed.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The fixed gripper with its opening as measured: where it reads 0, and its scale.
+"""The fixed gripper with its opening as measured: its zero, and its scale.
 
 All above the driver reads and orders true openings; the driver knows its own readings.
 """
@@ -12,7 +12,7 @@ from drivers.supervisor import BlindStop, StopsBlindly
 
 @dataclass(frozen=True, slots=True)
 class Openings:
-    """How a true opening follows from a reading: ``zero_mm + scale * reading``."""
+    """A true opening as a function of its reading: ``zero_mm + scale * reading``."""
 
     zero_mm: float = 0.0
     scale: float = 1.0
@@ -22,12 +22,12 @@ class Openings:
         return max(0.0, self.zero_mm + self.scale * reading_mm)
 
     def reading_mm(self, true_mm: float, widest_mm: float) -> float:
-        """Return the reading at an opening, as far as the gripper goes."""
+        """Return the reading at an opening, within the gripper's travel."""
         return min(max((true_mm - self.zero_mm) / self.scale, 0.0), widest_mm)
 
 
 class _Reading:
-    """What a gripper reported, its opening as measured."""
+    """A gripper's reading, with its opening as measured."""
 
     def __init__(self, reading: object, opening_mm: float) -> None:
         self._reading = reading
@@ -51,17 +51,17 @@ class MeasuredGripper:
         self._openings = openings
 
     def blind_stop(self) -> BlindStop | None:
-        """Return the device's own, if it has one."""
+        """Return the device's own stop, if it has one."""
         return self._device.blind_stop() if isinstance(self._device, StopsBlindly) else None
 
     @property
     def model(self) -> str:
-        """What messages and the journal call it."""
+        """The device's name in messages and the journal."""
         return self._device.model
 
     @property
     def max_opening_mm(self) -> float:
-        """How far it opens [mm]."""
+        """The largest opening [mm]."""
         return self._openings.true_mm(self._device.max_opening_mm)
 
     async def connect(self) -> GripperReading:
@@ -107,7 +107,7 @@ class MeasuredGripper:
         return await self._device.stop()
 
     async def aclose(self) -> None:
-        """Leave the device as it stands."""
+        """Leave the device unchanged."""
         await self._device.aclose()
 
     def _reading_mm(self, opening_mm: float) -> float:

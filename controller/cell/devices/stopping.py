@@ -80,7 +80,7 @@ class Stopping:
         await self._arm.stop(kind)
 
     async def stop_moving(self, *, is_arm: bool, is_fixed: bool) -> None:
-        """Stop what moves, at once; a fixed gripper that only holds would forget its hold.
+        """Stop all motion at once; a fixed gripper that only holds would forget its hold.
 
         Parameters
         ----------

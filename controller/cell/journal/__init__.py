@@ -1,4 +1,4 @@
-"""The journal: what the cell did, append-only in SQLite, from the first event on.
+"""The journal of the cell's work: append-only in SQLite, from the first event on.
 
 Rows are chained by hash, so that a changed row is noticed. A head beside the file (`_head.py`)
 names the last row known to be on the disk, so that rows cut off the end are noticed.

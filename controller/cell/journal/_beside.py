@@ -1,4 +1,4 @@
-"""Append a row from beside the cell: a run may be writing, and must not be made to wait.
+"""Append a row from outside a run, which may be writing and must not wait.
 
 A secured row holds the journal's lock until it is on the disk. That is right for the run, whose
 bytes wait for it, and wrong for a person at a desk. Here the lock is held for the row alone, and
@@ -46,7 +46,7 @@ def append_beside(path: Path, run: str, row: Body, part: int | None = None) -> i
 
 
 def put_on_disk(*files: Path) -> None:
-    """Have files and folders on the disk, as far as they have been written.
+    """Flush files and folders to the disk, as far as they have been written.
 
     Raises
     ------
@@ -61,7 +61,7 @@ def put_on_disk(*files: Path) -> None:
 
 
 def _raise_head(path: Path, seq: int) -> None:
-    """Have the head name a row that is on the disk, unless it names a later one."""
+    """Set the head to a row that is on the disk, unless it is at a later one."""
     ours, there = row_at(path, seq), read_head(path)
     if ours is None or (there is not None and there.seq >= seq):
         return

@@ -28,7 +28,7 @@ _PARTS: Final = ("", LOG_SUFFIX, INDEX_SUFFIX, SUFFIX)
 
 @dataclass(frozen=True, slots=True)
 class CellJournal:
-    """A journal that may be written, and what had to be set aside for it.
+    """An open journal, and the damaged one that was set aside for it.
 
     Attributes
     ----------

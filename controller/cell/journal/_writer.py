@@ -164,7 +164,7 @@ class Journal:
             self._put(entry)
 
     def _body(self, row: Body) -> dict[str, Any]:
-        """Return the body of a row with the instant on the cell's clock, where it has room."""
+        """Return a row's body with the instant on the cell's clock, if its model has the field."""
         body = row.as_json()
         if self.cell_clock is None or isinstance(row, TextByName):
             return body
@@ -278,7 +278,7 @@ class Journal:
         return self._db.execute(query, (seq, run, t_utc, t_mono)).fetchone() is not None
 
     def keep_head(self, path: Path) -> None:
-        """Have another file name the last secured row from now on, as the head beside it does.
+        """Name the last secured row in another file from now on, as in the head beside the journal.
 
         Parameters
         ----------

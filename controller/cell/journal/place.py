@@ -1,4 +1,4 @@
-"""Where a journal stands: on which file system, and whether its files are still those at its path.
+"""The place of a journal: its file system, and whether its files are still at its path.
 
 A file that was deleted, moved or replaced while it is open is written to all the same, and nobody
 finds those rows again. SQLite's log (WAL) needs memory that all its processes share, which no file
@@ -38,7 +38,7 @@ _ELSEWHERE: Final = re.compile(r"//|^[^/]+:")
 
 @dataclass(frozen=True, slots=True)
 class FileSystem:
-    """What is mounted where a path is.
+    """The file system mounted at a path.
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ class FileSystem:
 
 
 def file_system_of(path: Path, mounts: Path = MOUNTS) -> FileSystem | None:
-    """Return the file system of a path, which need not exist yet; None where the kernel has none.
+    """Return the file system of a path, which need not exist yet; None if the kernel has none.
 
     Parameters
     ----------

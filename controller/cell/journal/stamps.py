@@ -1,4 +1,4 @@
-"""What rows are stamped with: the date, and a clock that never goes back.
+"""The stamps of rows: the date, and a clock that never goes back.
 
 Both are handed to the writer, so that a journal can be kept by another time than this computer's.
 """

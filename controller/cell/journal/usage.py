@@ -1,4 +1,4 @@
-"""What runs have made of calibrations: how many used each, and how arm and camera agreed."""
+"""The runs' use of calibrations: how many used each, and how well arm and camera agreed."""
 
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
@@ -41,7 +41,7 @@ def usage_of(found: Iterable[Row]) -> Mapping[str, Usage]:
 
 
 def views_off_mm(posed: rows.ViewsPosed) -> float | None:
-    """Return the root mean square of how far arm and camera disagreed [mm].
+    """Return the root mean square of the disagreement of arm and camera [mm].
 
     Grasps that were shown in fewer than three views tell nothing; None where all are such.
     """

@@ -1,4 +1,4 @@
-"""What the cell decides, without I/O: its next state, and which part faults it recovers from.
+"""The cell's decisions, without I/O: its next state, and the part faults it recovers from.
 
 `table.py` has states, events and effects; `machine.py` decides by it; `pauses.py` has the kinds of
 pause and the safe points; `recovery.py` is the fault policy, `budgets.py` what a batch learns of

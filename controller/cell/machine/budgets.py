@@ -1,4 +1,4 @@
-"""What a batch learns of its sources: a grasp or view that fails too often is avoided from then on.
+"""A batch's experience of its sources: a grasp or view that fails too often is avoided.
 
 A source is whatever can fail by itself: ``grasp A12``, ``view A12-V3``. Each has a window of its
 last uses. Plain counting, no device.
@@ -29,7 +29,7 @@ class Demotion:
 
 
 class Budgets:
-    """How often each source has failed.
+    """The count of each source's failures.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ class Budgets:
 
     @property
     def grasps(self) -> frozenset[str]:
-        """Ids of the grasps that are avoided."""
+        """Ids of the avoided grasps."""
         return frozenset(s.removeprefix(GRASP) for s in self._demoted if s.startswith(GRASP))
 
     def is_demoted(self, source: str) -> bool:
@@ -53,11 +53,11 @@ class Budgets:
         return source in self._demoted
 
     def succeed(self, source: str) -> None:
-        """Count a use that went well."""
+        """Count a successful use."""
         self._of(source).append(False)
 
     def fail(self, source: str, reason: str) -> Demotion | None:
-        """Count a failure; return the demotion that it brings, None where it brings none."""
+        """Count a failure; return the demotion it causes, None if it causes none."""
         uses = self._of(source)
         uses.append(True)
         if source in self._demoted or sum(uses) < self._demote_after:

@@ -86,7 +86,7 @@ def _events_words(events: Sequence[Event]) -> str:
 
 
 def _states_words(states: Sequence[str]) -> str:
-    """Return states by name; those of one mode as one, where all of the mode are among them."""
+    """Return states by name; those of one mode as one, if all of the mode are among them."""
     words = []
     for mode in Mode:
         every = [state_of(work, mode) for work in WORK]
@@ -97,7 +97,7 @@ def _states_words(states: Sequence[str]) -> str:
 
 
 def mermaid() -> str:
-    """Return every transition as mermaid, without pauses; stages stand in a box of their own."""
+    """Return every transition as mermaid, without pauses; stages are in a box of their own."""
     stages = [state for state in STATES if state.startswith(PREFIX)]
     lines = ["stateDiagram-v2", f"    [*] --> {CellMachine().state}", f"    state {EXECUTE} {{"]
     lines += [f"        {s} : {s.removeprefix(PREFIX)} / {_effect(s)}" for s in stages]

@@ -36,7 +36,7 @@ Answer = Literal["handled", "ignored", "refused"]
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """What the machine did with an event.
+    """The machine's decision on an event.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class Decision:
 
 @dataclass(frozen=True, slots=True)
 class Transition:
-    """One transition of the machine; `target` is None where the event is ignored on purpose."""
+    """One transition of the machine; `target` is None if the event is ignored on purpose."""
 
     event: Event
     source: str
@@ -67,7 +67,7 @@ class Transition:
 
 
 class CellMachine:
-    """A present state, and the table that leads on from it."""
+    """A present state, and the table of transitions from it."""
 
     def __init__(self, initial: str = "stopped") -> None:
         self._ignored_because = ""
@@ -134,7 +134,7 @@ class CellMachine:
 
 
 def _nested(mode: Mode) -> list[str]:
-    """Return the states of a mode that stand inside it."""
+    """Return the states of a mode nested in it."""
     every = (state_of(work, mode) for work in WORK)
     return [state for state in every if state.startswith(f"{mode}{SEPARATOR}")]
 

@@ -8,7 +8,7 @@ from .table import Event
 
 
 class PauseKind(StrEnum):
-    """When a pause begins, the least urgent first; the value is what a person types."""
+    """The start of a pause, the least urgent first; the value is what a person types."""
 
     AFTER_STEP = "step"
     SAFE_POINT = "safe"
@@ -16,7 +16,7 @@ class PauseKind(StrEnum):
 
     @property
     def urgency(self) -> int:
-        """The more, the sooner the cell stands."""
+        """The urgency: the higher, the sooner the cell stands."""
         return list(PauseKind).index(self)
 
 
@@ -33,7 +33,7 @@ PAUSE_WORDS: Final[Mapping[PauseKind, str]] = {
 
 
 class SafePoint(StrEnum):
-    """Where the cell may stand as long as anybody likes; the value is for people.
+    """A point at which the cell may stand for any time; the value is for people.
 
     Nothing is being closed or opened, nothing is near contact, and custody is known.
     """

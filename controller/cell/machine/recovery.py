@@ -1,4 +1,4 @@
-"""The fault policy as data, and the decision by it: what to do about a part fault, how often.
+"""The fault policy as data, and the decision by it: the act on a part fault, and how often.
 
 Plain decisions, no device. Each class of fault has a ladder of actions; each is taken so many
 times for one part, the last one ends the matter. An action that goes on is one event of the table;
@@ -25,7 +25,7 @@ WORTH_SHARE: Final = 0.01
 
 
 class PartFault(StrEnum):
-    """What may go wrong with a part and may be recovered from; the value is its code."""
+    """A fault of a part that may be recovered from; the value is its code."""
 
     GRASP_MISSED = "grip_missed"
     GRASP_WRONG = "grip_wrong"
@@ -78,7 +78,7 @@ class Rung:
 
 @dataclass(frozen=True, slots=True)
 class FaultPolicy:
-    """What the cell does about each class of fault.
+    """The cell's acts on each class of fault.
 
     Attributes
     ----------
@@ -120,7 +120,7 @@ LEARNT: Final = frozenset({PartFault.HELD_OTHERWISE, PartFault.SEEN_TOO_LITTLE})
 
 @dataclass(frozen=True, slots=True)
 class Recovery:
-    """A part fault, and what the cell did about it: the first outcome stays on record."""
+    """A part fault, and the cell's recovery: the first outcome stays on record."""
 
     fault: PartFault
     reason: str
@@ -128,7 +128,7 @@ class Recovery:
 
 
 def next_rung(ladder: Sequence[Rung], done_count: int) -> Rung:
-    """Return the action of a ladder after so many have been taken; the last one from then on."""
+    """Return the action of a ladder after a number of attempts; past the end, the last one."""
     for rung in ladder[:-1]:
         if done_count < rung.times:
             return rung

@@ -1,4 +1,4 @@
-"""What only one action may use at a time, in the one order in which it is taken; plain data."""
+"""Resources of one action at a time, in the only order of taking them; plain data."""
 
 from collections.abc import Mapping
 from enum import Enum

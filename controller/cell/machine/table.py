@@ -12,7 +12,7 @@ from typing import Final
 
 
 class Event(StrEnum):
-    """What can happen to the cell; the value is its name in the journal."""
+    """An event of the cell; the value is its name in the journal."""
 
     RESET = "reset"
     RESET_DONE = "reset_done"
@@ -63,7 +63,7 @@ class Event(StrEnum):
 
 
 class Effect(StrEnum):
-    """What the dispatcher is to start."""
+    """A task that the dispatcher is to start."""
 
     HOME = "home"
     RECOVER = "recover"

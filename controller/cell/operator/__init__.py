@@ -1,4 +1,4 @@
-"""Decisions of people: questions with their choices, answers with who gave them and why.
+"""Decisions of people: questions with their choices, answers with their giver and reason.
 
 `Operator` is whoever can decide; `Nobody` is a cell that runs unattended. Every answer is a
 decision in the journal. `Desk` keeps the one open question and takes the first answer, whichever

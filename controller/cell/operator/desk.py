@@ -1,4 +1,4 @@
-"""Where questions are put and answered: one at a time, by whoever answers first."""
+"""The desk for questions: one at a time, answered by the first person who does."""
 
 import asyncio
 from collections.abc import Callable
@@ -46,7 +46,7 @@ class Desk:
         return self._open is not None and self._open[1].done()
 
     async def decide(self, question: Question) -> Answer | None:
-        """Return the answer once there is one; None at once where nobody is there."""
+        """Return the answer once there is one; None at once if nobody is there."""
         if not self._is_attended:
             return None
         self._number += 1
@@ -62,13 +62,13 @@ class Desk:
         return answer
 
     def leave(self) -> None:
-        """Have nobody there from now on: an open question ends without an answer."""
+        """Note that nobody is there from now on: an open question ends without an answer."""
         self._is_attended = False
         if self._open is not None and not self._open[1].done():
             self._open[1].set_result(None)
 
     def answer(self, number: int | None, answer: Answer) -> str:
-        """Give an answer; return why it does not count, empty where it does.
+        """Give an answer; return why it does not count, empty if it does.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""Questions and answers as rows of the journal, whoever answers."""
+"""Questions and answers as rows of the journal, for any operator."""
 
 from ..journal import Journal
 from ..journal.rows import QuestionAnswered, QuestionRaised
@@ -19,7 +19,7 @@ class Journaled:
         self._journal = journal
 
     async def decide(self, question: Question) -> Answer | None:
-        """Return the answer; None where nobody is there to give one.
+        """Return the answer; None if nobody is there to give one.
 
         Raises
         ------

@@ -38,7 +38,7 @@ class Latch:
 
     @property
     def words(self) -> str:
-        """A sentence for the operator: what happened, and what to do."""
+        """A sentence for the operator: the cause, and what to do."""
         return (
             f"run {self.run} was stopped at {self.since} and nobody has acknowledged it: "
             f"{self.message}. Look at the cell, then state why it may start again: "

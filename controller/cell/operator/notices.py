@@ -1,4 +1,4 @@
-"""Tells whoever is away from the cell of an alarm, by a command of their own. Never waited for."""
+"""Reports alarms to people away from the cell, by a command of their own. Never waited for."""
 
 import json
 import logging

@@ -1,4 +1,4 @@
-"""What a question is, what an answer is, and who can decide."""
+"""The models of a question and an answer, and of the operator who decides."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ class Choice:
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """What the cell has to know before it goes on; nothing moves until it is answered.
+    """A decision that the cell needs before it goes on; nothing moves until it is answered.
 
     Attributes
     ----------
@@ -61,10 +61,10 @@ class Answer:
 
 
 class Operator(Protocol):
-    """Whoever can decide."""
+    """A person or program that can decide."""
 
     async def decide(self, question: Question) -> Answer | None:
-        """Return the answer, journaled as a decision; None where nobody is there to give one.
+        """Return the answer, journaled as a decision; None if nobody is there to give one.
 
         Whoever answers has been shown the question's text.
         """

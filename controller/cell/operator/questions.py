@@ -1,4 +1,4 @@
-"""Which question a problem with a part raises, and what follows each answer. Data alone.
+"""The question about each problem with a part, and the effect of each answer. Data alone.
 
 The codes are those of `PartProblemError`. A choice that moves something says what moves first.
 """

@@ -1,4 +1,4 @@
-"""Plans, certificates and prepared parts, from the cache where they are there.
+"""Plans, certificates and prepared parts, from the cache if they are there.
 
 `planning.py` makes what the cache does not have; `stored.py` stores all three, and checks them
 when they are read.

@@ -41,7 +41,7 @@ DECIDING = ("numpy", "scipy", "shapely", "trimesh", "embreex", "python-fcl", "rt
 
 
 class PlanCache:
-    """Plans of one part in one cell, from the cache where they are there.
+    """Plans of one part in one cell, from the cache if they are there.
 
     Parameters
     ----------
@@ -140,7 +140,7 @@ class PlanCache:
         return found
 
     def certified(self, pose: StablePose) -> Certified:
-        """Return the certificate of a stable pose, in the middle of where parts may rest.
+        """Return the certificate of a stable pose, in the middle of the area where parts may rest.
 
         Of poses that a symmetry of the part makes one, the first is planned, for all.
         """
@@ -167,7 +167,7 @@ class PlanCache:
         return found
 
     def known_plan(self, pose: StablePose) -> Plan | None:
-        """Return the plan of a stable pose's certificate; None where the cache has none.
+        """Return the plan of a stable pose's certificate; None if the cache has none.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""Plans, certificates and prepared parts as files of the cache: how they are stored and checked.
+"""Plans, certificates and prepared parts as files of the cache: storing and checking.
 
 `controller.cache` stores them as JSON and arrays and reads them by type alone, so that a file
 cannot hold code. What was read is then checked against what a plan has to be: a file that was
@@ -170,7 +170,7 @@ def check_plan(plan: Plan, sample_count: int, face_count: int) -> None:
 
 
 def check_prepared(part: PreparedPart) -> None:
-    """Raise ValueError where tables of a prepared part do not fit together."""
+    """Raise ValueError if tables of a prepared part do not fit together."""
     samples = len(part.samples.points_mm)
     grasps, views = len(part.arm_grasps), len(part.directions.vectors)
     _check_samples(part.samples, len(part.solid.faces))
@@ -206,7 +206,7 @@ def check_prepared(part: PreparedPart) -> None:
 
 
 def _check_samples(samples: SurfaceSamples, face_count: int) -> None:
-    """Raise ValueError where arrays of samples do not fit together, or lie on no face."""
+    """Raise ValueError if arrays of samples do not fit together, or lie on no face."""
     count = len(samples.points_mm)
     for row in (samples.points_mm, samples.normals):
         _require(row.shape == (count, 3), "samples of another shape")
@@ -217,7 +217,7 @@ def _check_samples(samples: SurfaceSamples, face_count: int) -> None:
 
 
 def _check_counted(counted: Counted, chosen_count: int, face_count: int) -> None:
-    """Raise ValueError where the points that coverage is counted by do not fit a part."""
+    """Raise ValueError if the sample points of coverage do not fit a part."""
     _check_samples(counted.samples, face_count)
     _check_samples(counted.probes, face_count)
     count, look = len(counted.samples.points_mm), counted.evidence
@@ -243,7 +243,7 @@ def is_pose(T: FloatArray) -> bool:
 
 
 def _check_fields(value: object, sample_count: int, where: str) -> None:
-    """Raise ValueError where a field of a plan has another shape than fields of its name have."""
+    """Raise ValueError if a field of a plan has another shape than fields of its name have."""
     assert is_dataclass(value)
     for field in fields(value):
         inner, name = getattr(value, field.name), field.name

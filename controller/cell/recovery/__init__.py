@@ -1,4 +1,4 @@
-"""Going on after a crash: what may be so, what is so, and what may be done about it.
+"""Going on after a crash: the possible states, the actual one, and the way on.
 
 `interrupted.py` and `trail.py` fold the journal of the run that was interrupted, `world.py` asks
 the devices without moving any, `classify.py` decides what is so, `propose.py` what the cell may do,

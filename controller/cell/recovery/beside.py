@@ -1,4 +1,4 @@
-"""An arm that stands beside its path: each of its axes stopped on a share of its own of one move.
+"""An arm beside its path: each of its axes stopped on a share of its own of one move.
 
 The axes of a move run each at a whole speed, rounded up, and a start that stops what a killed
 controller has left moving stops one board up to 0.2 s after the other. So the arm may stand where
@@ -20,7 +20,7 @@ from .world import World
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Beside(Carried):
-    """Where the arm stands, where its move began, and what the grippers have, as they read.
+    """The arm's position, the start of its move, and the grippers' parts, as read.
 
     Attributes
     ----------
@@ -32,7 +32,7 @@ class Beside(Carried):
 
     @property
     def arguments(self) -> tuple[Any, ...]:
-        """What the compute service's `proven_back` takes."""
+        """The arguments of the compute service's `proven_back`."""
         return self.q, self.q_begin, *self.carried
 
 

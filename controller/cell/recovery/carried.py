@@ -1,4 +1,4 @@
-"""What the grippers have while the arm moves, for a proof that it touches nothing."""
+"""The parts in the grippers while the arm moves, for a proof that it touches nothing."""
 
 from dataclasses import dataclass
 from typing import Any

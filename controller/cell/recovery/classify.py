@@ -1,4 +1,4 @@
-"""What is so, from the journal and the world: each unresolved intent is done, not done or unknown.
+"""The actual state, by journal and devices: each unresolved intent is done, not done or unknown.
 
 One rule leads from there to what may be done: the giver of a hand-off opens only if the receiver
 was never needed or reports its hold, and what is unclear is undone by the gripper that surely
@@ -22,7 +22,7 @@ Done = Literal["done", "not done", "unknown"]
 
 
 class Opens(StrEnum):
-    """Which gripper has to open before the arm leaves, and what makes that safe."""
+    """The gripper that has to open before the arm leaves, and the reason why that is safe."""
 
     NONE = ""
     FIXED = "the fixed gripper opens, once the arm gripper has confirmed its hold by pressing"
@@ -32,7 +32,7 @@ class Opens(StrEnum):
 
 
 class Leaves(StrEnum):
-    """How the arm leaves where it stands."""
+    """The way in which the arm leaves its place."""
 
     BY_TRAIL = "along its path"
     BY_RETREAT = "by the retreat of the step that was cut off"
@@ -40,7 +40,7 @@ class Leaves(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """What is so, and what follows from it.
+    """The actual state, and the steps that follow from it.
 
     Attributes
     ----------
@@ -76,7 +76,7 @@ class Case:
 
     @property
     def now(self) -> Custody:
-        """Where the part is, before anything has moved; UNKNOWN where a person has to look."""
+        """The part's place before anything has moved; UNKNOWN if a person has to look."""
         if self.person:
             return Custody.UNKNOWN
         is_undone = self.custody is Custody.IN_BOTH and self.was is not Custody.IN_BOTH
@@ -180,7 +180,7 @@ def _in_fixed(left: Interrupted, world: World) -> Case:
 
 
 def _lost(left: Interrupted, world: World) -> Case:
-    """Both grippers have to be empty: jaws that closed on nothing, or that stand wide open."""
+    """Return the case of two grippers that must be empty: closed on nothing, or wide open."""
     jaws = world.arm_jaws(_mm(left.arm_hold))
     if jaws in (Jaws.CLOSED, Jaws.WIDER) and world.is_fixed_clear:
         return Case(Custody.LOST, leaves=_leaves(left))
@@ -212,7 +212,7 @@ _CUSTODIES: Final[Mapping[Custody, Rule]] = {
 
 
 def _grasp(left: Interrupted, world: World) -> Case:
-    """Off the table: until the arm leaves, the part rests there, whatever the jaws do."""
+    """Return the case of a grasp off the table, where the part rests until the arm leaves."""
     jaws = world.arm_jaws(_mm(left.expected_hold))
     if jaws is Jaws.ON_PART and world.is_arm_pressing:
         return Case(Custody.IN_ARM, leaves=Leaves.BY_RETREAT, holds_as_expected=True, done="done")

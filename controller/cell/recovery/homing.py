@@ -1,4 +1,4 @@
-"""Homing with the part in a gripper, where the arm no longer knows where it stands.
+"""Homing with the part in a gripper, after the arm has lost its positions.
 
 What the journal says of the arm's last path is an estimate: a person may have moved an arm without
 power. So it is never proven safe, and the operator is shown what to look at.
@@ -24,7 +24,7 @@ from .world import World
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Bounds(Carried):
-    """Where the arm stands, as far as that is known, and what the grippers have.
+    """The bounds on the arm's position, and the parts in the grippers.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class Bounds(Carried):
 
     @property
     def arguments(self) -> tuple[Any, ...]:
-        """What the compute service's `homing_swept` takes."""
+        """The arguments of the compute service's `homing_swept`."""
         return self.low, self.high, *self.carried
 
     @property
@@ -93,7 +93,7 @@ def lost_bounds(left: Interrupted, world: World, layout: CellLayout) -> Bounds:
 def _along(
     points: FloatArray, kept: FloatArray, layout: CellLayout
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the bounds (6,) of where along waypoints (n, 6) the lost joints may stand.
+    """Return the bounds (6,) on the lost joints along waypoints (n, 6).
 
     All joints of a move run side by side, and arrive before the next begins. So those that are
     known show how far the lost ones had come, which stopped by so much earlier as it may take to

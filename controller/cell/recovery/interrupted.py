@@ -1,4 +1,4 @@
-"""What an earlier run has left: all that its journal knows of the part in a gripper."""
+"""The state that an earlier run left: its journal's knowledge of the part in a gripper."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -10,7 +10,7 @@ from .trail import Trail
 
 @dataclass(frozen=True, slots=True)
 class TakenView:
-    """A view whose pictures are stored.
+    """A view with stored pictures.
 
     Attributes
     ----------
@@ -92,7 +92,7 @@ class Interrupted:
 
     @property
     def recipe_number(self) -> int:
-        """Which of the run's recipes the part is of; the first where it was not recognised."""
+        """The number of the part's recipe in the run; the first if it was not recognised."""
         return 0 if self.identified is None else self.identified.recipe
 
     @property
@@ -117,11 +117,11 @@ class Interrupted:
 
     @property
     def around(self) -> Around:
-        """What else was in the cell."""
+        """The other objects in the cell."""
         return Around(self.neighbours, self.trays.stored)
 
     def take(self, row: rows.Body) -> None:
-        """Take one row that is about this part."""
+        """Take one row about this part."""
         match row:
             case rows.CustodyChanged():
                 self.custody_before, self.custody = self.custody, Custody.of_key(row.name)

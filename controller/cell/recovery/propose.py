@@ -1,4 +1,4 @@
-"""What the next start may do with a part that a run has left: steps, first motion, proof."""
+"""The next start's options for a part that a run left: steps, first motion, proof."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -47,7 +47,7 @@ THEN: Final = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Proposal:
-    """What the cell would do; nothing moves before it is accepted.
+    """The steps that the cell would take; nothing moves before they are accepted.
 
     Attributes
     ----------
@@ -78,7 +78,7 @@ class Proposal:
 
     @property
     def evidence(self) -> tuple[str, ...]:
-        """What journal and devices say, sentence by sentence."""
+        """The evidence of journal and devices, sentence by sentence."""
         return self.case.evidence
 
     @property
@@ -230,17 +230,17 @@ def _steps(case: Case, custody: Custody, first: str, way: Leaving) -> list[str]:
 
 
 def _confirming(case: Case) -> list[str]:
-    """Return the step by which the fixed gripper confirms its hold, where it has to."""
+    """Return the step by which the fixed gripper confirms its hold, if it has to."""
     return [FIXED_PRESSES] if case.is_fixed_unconfirmed else []
 
 
 def _activating(case: Case) -> list[str]:
-    """Return the step by which the fixed gripper is made ready again, where it has to."""
+    """Return the step by which the fixed gripper is made ready again, if it has to be."""
     return [FIXED_ACTIVATES] if case.activates_fixed else []
 
 
 def _preview(q: FloatArray, way: Leaving, layout: CellLayout) -> str:
-    """Return the first motion of the arm in words; empty where it stands where it should."""
+    """Return the first motion of the arm in words; empty if it is in place."""
     if not way.waypoints:
         return ""
     target = way.waypoints[0]

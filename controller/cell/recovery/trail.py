@@ -1,4 +1,4 @@
-"""The way the arm came, from the rows of its joint paths, and the way it can leave by.
+"""The arm's past path, from the rows of its joint paths, and the path by which it can leave.
 
 Paths between two changes of what a gripper holds are free of contact both ways. Across such a
 change (a grasp, a release) they are not: there the arm leaves by the retreat that the intent names.
@@ -23,7 +23,7 @@ THERE: Final = np.array([0.004, 0.004, 0.004, 0.5, 0.004, 0.004])
 
 
 class _Fit(Enum):
-    """How an arm stands to a segment of its path."""
+    """The relation of an arm to a segment of its path."""
 
     LINE = "on its line"
     PARTLY = "some axes have gone their share of the way, the others have not set out"
@@ -47,7 +47,7 @@ class Leaving:
 
 @dataclass(slots=True, eq=False)
 class Trail:
-    """Where the arm was sent since it last stood free, or since a gripper last changed hold.
+    """The path ordered since the arm last stood clear, or since a gripper last changed hold.
 
     Attributes
     ----------
@@ -88,7 +88,7 @@ class Trail:
                 self.retreat = tuple(np.array(q) for q in row.retreat)
 
     def _settle(self) -> None:
-        """Take it that the arm has reached the end of the path it was sent along."""
+        """Assume that the arm has reached the end of its last path."""
         if self.is_back:
             del self.behind[len(self.behind) - len(self.ahead) :]
         else:
@@ -97,12 +97,12 @@ class Trail:
 
     @property
     def between(self) -> FloatArray:
-        """The joints (n, 6) between which the arm was last sent; n may be 0."""
+        """The joints (n, 6) that the arm was last sent between; n may be 0."""
         return np.array([*self.behind[-1:], *self.ahead]).reshape(-1, 6)
 
     @property
     def standing(self) -> FloatArray:
-        """The joints (n, 6) between which the arm stands; only the last ones if it got there."""
+        """The joints (n, 6) that the arm stands between; only the last ones if it got there."""
         return self.between[-1:] if self.has_arrived else self.between
 
     def begin_beside(self, q: FloatArray) -> FloatArray | None:
@@ -117,7 +117,7 @@ class Trail:
         return points[found[0]] if found is not None and found[1] is _Fit.BESIDE else None
 
     def leaving(self, q: FloatArray, proven: Sequence[FloatArray] = ()) -> Leaving | None:
-        """Return the way by which the arm leaves, unless it is off its path.
+        """Return the path by which the arm leaves, unless it is off its path.
 
         Back to where it stood free; or, after a change of what a gripper holds, on to the end of
         the path that leads away from there.
@@ -160,7 +160,7 @@ class Trail:
 
 
 def _segment_of(points: Sequence[FloatArray], q: FloatArray) -> tuple[int, _Fit] | None:
-    """Return the number of the segment that q (6,) is on, and how it stands to it.
+    """Return the number of the segment that q (6,) is on, and its relation to it.
 
     Beside the line it still counts if some axes have gone their share of the way and the others
     have not set out: a controller may be killed between the orders to two boards. Else, if each
@@ -200,7 +200,7 @@ def _segment_of(points: Sequence[FloatArray], q: FloatArray) -> tuple[int, _Fit]
 
 
 def _from(q: FloatArray, way: Sequence[FloatArray]) -> tuple[FloatArray, ...]:
-    """Return a way without the waypoints at its beginning where the arm stands already."""
+    """Return a path without the first waypoints that the arm has reached already."""
     first = 0
     while first < len(way) and (np.abs(q - way[first]) <= THERE).all():
         first += 1

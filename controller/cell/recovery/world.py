@@ -1,4 +1,4 @@
-"""What the world says, asked without moving anything: openings, light barrier, arm counters."""
+"""The devices' state, read without moving anything: openings, light barrier, arm counters."""
 
 from contextlib import suppress
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ LET_GO_MM: Final = 2.5
 
 
 class Jaws(StrEnum):
-    """How the jaws of a gripper stand, as against the opening at which they hold the part."""
+    """The state of a gripper's jaws, against the opening at which they hold the part."""
 
     ON_PART = "stand where they hold the part"
     WIDER = "stand wider than the part"
@@ -29,7 +29,7 @@ class Jaws(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class World:
-    """How the devices stand at a start.
+    """The devices' state at a start.
 
     Attributes
     ----------

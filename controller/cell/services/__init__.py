@@ -1,4 +1,4 @@
-"""What actions work with: one small service each for motion, grippers, imaging, views and so on.
+"""The services of actions: one small service each for motion, grippers, imaging, views and so on.
 
 An action gets its services in its constructor and uses their public names only. No service decides
 what comes next; actions and the table do.

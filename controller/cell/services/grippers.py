@@ -67,7 +67,7 @@ class Grippers:
 
     @property
     def tolerance_mm(self) -> float:
-        """How far from the expected opening jaws may stop that hold the part."""
+        """The largest difference of holding jaws from the expected opening."""
         return self._grasp().width_tolerance_mm
 
     @property
@@ -140,7 +140,7 @@ class Grippers:
         self._record.part.hold = None
 
     async def open_fixed(self, opening_mm: float | None = None) -> None:
-        """Open the fixed gripper; by default as wide as it goes.
+        """Open the fixed gripper; by default fully.
 
         Raises
         ------

@@ -99,7 +99,7 @@ class Imaging:
                 await self.pause(camera)
 
     async def pause(self, camera: CameraName) -> None:
-        """Stop a camera's stream; the next picture starts it again. One that is gone has none."""
+        """Stop a camera's stream; the next picture starts it again. A lost camera has none."""
         try:
             await self._cameras[camera].pause()
         except LinkError as error:

@@ -1,4 +1,4 @@
-"""Admits motions: what the interlock rules require must be known to be so before anything moves."""
+"""Admits motions: the facts that interlock rules require must be known before anything moves."""
 
 from collections.abc import Callable, Sequence
 from typing import Final

@@ -1,4 +1,4 @@
-"""Leases: who uses a device or a space, one at a time, on record.
+"""Leases: the users of devices and spaces, one at a time, on record.
 
 Nobody can wait in a circle: all take in the one order of `Resource`, and who has something may
 only take what comes after it. A lease that its owner did not give back, since the controller died,
@@ -40,7 +40,7 @@ class Leases:
 
     @property
     def owners(self) -> dict[Resource, str]:
-        """Who has what now."""
+        """The present owner of each resource."""
         return dict(self._owners)
 
     @asynccontextmanager

@@ -50,7 +50,7 @@ SLOW_PIECE_S = 0.4
 
 
 def rounded(path: Iterable[FloatArray]) -> tuple[Joints, ...]:
-    """Return a joint path as the journal has it."""
+    """Return a joint path rounded as in the journal."""
     return tuple(tuple(round(float(x), DECIMALS) for x in q) for q in path)
 
 
@@ -174,7 +174,7 @@ class Motion:
         await self._arm.enable_power()
 
     async def start_from(self, q: FloatArray) -> None:
-        """Move to a configuration (6,) that is free of everything; moving back ends there."""
+        """Move to a configuration (6,) clear of everything; moving back ends there."""
         await self._move(q)
         self._trail = [q]
         self._note_free()
@@ -203,7 +203,7 @@ class Motion:
         self._note(PathEnded())
 
     async def lower(self, path: JointPath) -> None:
-        """Lower the part along a joint path, each waypoint (6,); end early where it touches down.
+        """Lower the part along a joint path, each waypoint (6,); end early on touching down.
 
         A part that has slipped in the jaws hangs lower than planned and meets tray or table first.
 
@@ -225,7 +225,7 @@ class Motion:
             self._note(TouchedDown(left_mm=left_mm, error=str(error)))
 
     async def _admit(self, path: JointPath) -> None:
-        """Have the interlocks admit a path; wait at the gate while what they require may come."""
+        """Have the interlocks admit a path; wait at the gate while their rules may come true."""
         await self._gate.until_admitted(
             partial(self._interlocks.admit_path, path), lambda: self._preview(path[0])
         )
@@ -236,7 +236,7 @@ class Motion:
         await self._keep(row)
 
     def mark_free(self) -> None:
-        """Mark that the arm stands free of everything: moving back ends here from now on."""
+        """Mark that the arm stands clear of everything: moving back ends here from now on."""
         del self._trail[:-1]
         self._note_free()
 
@@ -255,7 +255,7 @@ class Motion:
         return len(self._trail) > 1
 
     async def go_back(self, count: int, first_speed: float = 1.0) -> None:
-        """Move back along the last ``count`` waypoints, to where the arm stood before them.
+        """Move back along the last ``count`` waypoints, to the arm's position before them.
 
         Parameters
         ----------
@@ -286,7 +286,7 @@ class Motion:
         return await self._arm.read_q()
 
     async def _move_at(self, q: FloatArray, speed: float) -> None:
-        """Move to a waypoint (6,), in short moves where it is to be slow.
+        """Move to a waypoint (6,), in short moves if it is to be slow.
 
         Motors run at whole speeds, rounded up: at a quarter of the speed a long move strays from
         its line up to four times as far as it was planned to, and a short one does not.
@@ -312,7 +312,7 @@ class Motion:
                     return
 
     def _forecast(self, path: JointPath) -> None:
-        """Note how long this path takes at most, for a pause that waits for its end."""
+        """Note the longest duration of this path, for a pause that waits for its end."""
         origin = self._trail[-1:] or list(path[:1])
         seconds = move_seconds(self._layout, np.stack([*origin, *path])) if path else 0.0
         self._gate.begin_path(WORST_SHARE * seconds + WORST_MORE_S)

@@ -1,4 +1,4 @@
-"""Goes through the plan step by step; shows when each begins and journals how long it took."""
+"""Goes through the plan step by step; shows each start and journals its duration."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -42,7 +42,7 @@ GOING_BACK: Final = (Pick, GiveStep, ReceiveStep)
 
 
 class StepFields(TypedDict, total=False):
-    """What a step's row may have beside its label and times; see `StepDone`."""
+    """The fields of a step's row beside its label and times; see `StepDone`."""
 
     view: str
     passed_by: str
@@ -53,7 +53,7 @@ class StepFields(TypedDict, total=False):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlanSteps:
-    """The plan of the part at hand, and its next step.
+    """The plan of the current part, and its next step.
 
     Attributes
     ----------
@@ -94,7 +94,7 @@ class PlanSteps:
         return self.clock.now_s()
 
     def end(self, step: Step, started_s: float, **more: Unpack[StepFields]) -> None:
-        """Journal that a step is done; every step ends where the arm stands free.
+        """Journal that a step is done; every step ends with the arm clear of everything.
 
         Parameters
         ----------

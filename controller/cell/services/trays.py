@@ -1,4 +1,4 @@
-"""Which tray a part goes to by its verdict."""
+"""The tray of a part by its verdict."""
 
 from collections.abc import Mapping
 from typing import Final

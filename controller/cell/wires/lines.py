@@ -94,7 +94,7 @@ class Tape:
         return cell_s / self.speed
 
     def require_same(self) -> None:
-        """Check that the playing goes on: what follows its end proves nothing.
+        """Check that the replay goes on: bytes after its end prove nothing.
 
         Raises
         ------
@@ -170,7 +170,7 @@ class PlayedLine:
 
     @property
     def left_count(self) -> int:
-        """Recorded requests that were answered, and that nobody has sent.
+        """Recorded requests the replay never sent.
 
         Those of the last moments do not count: a run that ends a little earlier asks less often
         whether a device is still there.
@@ -182,7 +182,7 @@ class PlayedLine:
         )
 
     def left_difference(self) -> None:
-        """Note the first recorded request that nobody has sent as the difference."""
+        """Note the first recorded request that the replay never sent as the difference."""
         row = next(row for row in self._rows[self._place :] if row.kind == "sent")
         data = self._tape.reader.data(row)
         try:
@@ -247,7 +247,7 @@ class PlayedLine:
         return words
 
     def taken(self, what: str) -> None:
-        """Keep what the line was taken for: the words of a difference."""
+        """Keep the purpose of the line's use: the words of a difference."""
         self._what = what
 
     # --- bytes ----------------------------------------------------------------------------------
@@ -317,7 +317,7 @@ class PlayedLine:
         return cast(Opened, PlayedTransport(self))
 
     def attach(self, arrive: Callable[[bytes], None], lose: Callable[[str], None]) -> None:
-        """Hand what arrives to somebody.
+        """Pass received data on to a callback.
 
         Parameters
         ----------
@@ -349,10 +349,10 @@ class PlayedLine:
         """Do nothing: the recording knows which replies were given up."""
 
     def opened(self, problem: str | None) -> None:
-        """Do nothing: `connect` has it."""
+        """Do nothing: `connect` does this."""
 
     def carried(self, data: bytes, *, sending: bool, in_time: bool) -> None:
-        """Do nothing: the connection compares what is sent.
+        """Do nothing: the connection compares the data sent.
 
         Parameters
         ----------
@@ -417,7 +417,7 @@ class PlayedTransport:
             raise UnpluggedError(f"arm: {self._failure}")
 
     async def aclose(self) -> None:
-        """Let go of the line."""
+        """Release the line."""
         self._failure = "the line is closed"
         self._wake()
 

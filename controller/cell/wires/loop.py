@@ -22,7 +22,7 @@ class Timed(Protocol):
     """An executor whose answers arrive at a known instant."""
 
     def answer(self, fn: Callable[[], Result]) -> tuple[Callable[[], Result], float]:
-        """Compute; return what hands the answer over or raises, and the loop's instant for it."""
+        """Compute; return a callable with the answer or error, and the loop's instant for it."""
         ...
 
 
@@ -48,7 +48,7 @@ class WireLoop(VirtualTimeLoop):
         self._watched: dict[int, asyncio.TimerHandle] = {}
 
     def _run_once(self) -> None:
-        """Run all that is ready now, in the order in which it was asked for."""
+        """Run all that is ready now, in the order of request."""
         for handle in self._take_ready():
             if not handle._cancelled:
                 handle._run()

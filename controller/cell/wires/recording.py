@@ -41,7 +41,7 @@ class Recorder:
         self.callers = Callers()
 
     def begin(self, order: RunOrder) -> None:
-        """Write what the run was started with: options, and the files it reads."""
+        """Write the inputs of the run: options, and the files it reads."""
         for path in dict.fromkeys(path.resolve() for path in input_files(order)):
             data = path.read_bytes()
             digest = hashlib.sha256(data).hexdigest()
@@ -240,7 +240,7 @@ class _NotedPool(Executor):
 
 
 class _NotedThreads(_NotedPool, ThreadPoolExecutor):
-    """The threads of the run, which asyncio wants to be of this class."""
+    """The threads of the run, in the class that asyncio requires."""
 
     wire = "threads"
 
@@ -252,7 +252,7 @@ class _NotedThreads(_NotedPool, ThreadPoolExecutor):
 
 
 class Callers:
-    """Names who wants a line, since two tasks may send the same request.
+    """Names the caller of a line, since two tasks may send the same request.
 
     The task that makes the devices is the batch, whatever it was started by; any other goes by the
     name of its coroutine.
@@ -262,7 +262,7 @@ class Callers:
         self._batch: asyncio.Task[Any] | None = None
 
     def begin(self) -> None:
-        """Take the running task for the batch."""
+        """Register the running task as the batch's."""
         self._batch = asyncio.current_task()
 
     def name(self) -> str:
@@ -274,7 +274,7 @@ class Callers:
 
 
 def question_of(fn: Callable[..., Any]) -> str:
-    """Return the name of a function that is called elsewhere, whatever carries it there."""
+    """Return the name of a function called elsewhere, without its wrappers."""
     inner = getattr(fn, "func", fn)
     if getattr(inner, "__name__", "") == "run" and getattr(fn, "args", ()):
         inner = fn.args[0]  # type: ignore[attr-defined]  # `asyncio.to_thread` runs it in a context

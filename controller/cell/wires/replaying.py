@@ -39,7 +39,7 @@ FIRST_FD: Final = 1_000_000  # no file's
 
 @dataclass(frozen=True, slots=True)
 class Replayed:
-    """What a replay found.
+    """The result of a replay.
 
     Attributes
     ----------
@@ -184,7 +184,7 @@ def _run(loop: WireLoop, order: RunOrder, pool: Executor, outfit: Outfit) -> str
 
 
 def _bury(loop: WireLoop) -> None:
-    """Cancel what the end of a recording left waiting, and close the loop."""
+    """Cancel all tasks that wait at the end of a recording, and close the loop."""
     left = asyncio.all_tasks(loop)
     for task in left:
         task.cancel()
@@ -195,7 +195,7 @@ def _bury(loop: WireLoop) -> None:
 
 @contextlib.contextmanager
 def _folder_of_its_own() -> Iterator[Path]:
-    """Yield a folder for journal and pictures, of which no real start will ever hear."""
+    """Yield a folder for journal and pictures that no real start knows of."""
     before = os.environ.get(STATE_HOME)
     with tempfile.TemporaryDirectory(prefix="cellctl-replay-") as folder:
         os.environ[STATE_HOME] = str(Path(folder) / "state")
@@ -289,7 +289,7 @@ class _PlayedWires:
 
 
 class _Answers(Executor):
-    """The worker process, or threads: they work anew, and are done when they were.
+    """The worker process, or threads: they compute again, and are done when they were.
 
     Parameters
     ----------
@@ -310,7 +310,7 @@ class _Answers(Executor):
                 self._done_s[question].append(ends.get(number, float("inf")))
 
     def answer(self, fn: Callable[[], Result]) -> tuple[Callable[[], Result], float]:
-        """Compute; return what hands the answer over, and when the recorded run had it."""
+        """Compute; return a callable with the answer, and the recorded instant of the answer."""
         future = self._pool.submit(fn)
         with contextlib.suppress(Exception):  # handed over below
             future.result()

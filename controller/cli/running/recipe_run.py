@@ -151,7 +151,7 @@ class _Asked:
 
     @property
     def jobs(self) -> tuple[Job, ...]:
-        """What the compute service of each recipe works on."""
+        """The compute service's job for each recipe."""
         return jobs_of(self.ordered, self.cell_file)
 
 

@@ -1,4 +1,4 @@
-"""Grasping: the part is judged where it rests, if the plan says so, and taken off the table."""
+"""Grasping: the part is judged on the table, if the plan says so, and taken off it."""
 
 from dataclasses import dataclass
 
@@ -78,7 +78,7 @@ class GraspAction:
             self.steps.end(look, started_s, view=view)
 
     async def _check_opening(self, step: Pick, opening_mm: float) -> None:
-        """Leave the part where it is unless the jaws stopped where the plan expects them to."""
+        """Leave the part in place unless the jaws stopped where the plan expects them to."""
         expected = f"{step.expected_opening_mm:.1f} mm was expected"
         if opening_mm < step.expected_opening_mm - self.grippers.tolerance_mm:
             found = "on nothing" if opening_mm < NOTHING_MM else f"to {opening_mm:.1f} mm"

@@ -88,7 +88,7 @@ class HandOffAction:
         return result.opening_mm
 
     async def _keep_in_arm(self, step: GiveStep, why: str) -> NoReturn:
-        """Keep the part in the arm gripper and go back to where the step began."""
+        """Keep the part in the arm gripper and go back to the start of the step."""
         hold = self.record.held()
         await self.record.set_custody(Custody.IN_ARM, "the fixed gripper did not get it")
         # no wider than on the way in: the arm's fingers are between its own
@@ -134,7 +134,7 @@ class HandOffAction:
         )
 
     async def _leave_in_fixed(self, step: ReceiveStep, opening_mm: float) -> NoReturn:
-        """Leave the part in the fixed gripper and go back to where the step began."""
+        """Leave the part in the fixed gripper and go back to the start of the step."""
         await self.grippers.open_arm(step.pre_open_mm)
         await self.record.set_custody(Custody.IN_FIXED, "the arm gripper did not get it")
         await self.motion.go_back(len(step.approach))

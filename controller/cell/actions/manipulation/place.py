@@ -60,7 +60,7 @@ class PlaceAction:
         return Event.PLACED
 
     async def _go_above(self, step: Place) -> float:
-        """Go to above the tray, unless the arm has gone there already; return when it set out."""
+        """Go above the tray, unless the arm is there already; return the motion's start time."""
         part, plan = self.record.part, self.record.part.plan
         started_s = self.steps.begin(step)
         there, part.above_tray = part.above_tray, None

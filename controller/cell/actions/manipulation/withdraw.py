@@ -1,4 +1,4 @@
-"""Withdrawing: the arm leaves the overhead camera's sight, so that the table can be seen."""
+"""Withdrawing: the arm leaves the overhead camera's view of the table."""
 
 from contextlib import suppress
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from controller.planning import NoMotionError
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WithdrawAction:
-    """Parks the arm, from wherever it stands.
+    """Parks the arm, from any place.
 
     Attributes
     ----------
@@ -29,7 +29,7 @@ class WithdrawAction:
     record: BatchRecord
 
     async def run(self) -> Event:
-        """Go back along the arm's own path until it finds one home; return ``WITHDRAWN``.
+        """Go back along the arm's own path until homing is possible; return ``WITHDRAWN``.
 
         Where a person took the last part out, return ``BATCH_DONE``.
 

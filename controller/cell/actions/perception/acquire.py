@@ -79,7 +79,7 @@ async def _look() -> NextMotion:
 
 
 def require_room(trays: TrayRecord) -> None:
-    """Check that each tray has a free nest, since no verdict is known beforehand.
+    """Check that each tray has a free nest, since no verdict is known yet.
 
     Raises
     ------
@@ -95,7 +95,7 @@ def require_room(trays: TrayRecord) -> None:
 
 
 def _require_glow(picture: Grey) -> None:
-    """Raise CellError where the light table is dark: a dark table is not an empty one."""
+    """Raise CellError if the light table is dark: a dark table is not an empty one."""
     level = float(np.quantile(picture[::8, ::8], 0.9))
     if level < MIN_GLOW:
         raise CellError(

@@ -1,4 +1,4 @@
-"""Inspecting: learn from the views so far how the part is held, and decide what comes next."""
+"""Inspecting: learn the hold of the part from the views so far, and decide the next step."""
 
 import asyncio
 from dataclasses import dataclass, replace
@@ -34,7 +34,7 @@ from controller.stored import lines_digest
 
 @dataclass(frozen=True, slots=True, eq=False)
 class InspectAction:
-    """Learns how the part is held; judges the part after the last view.
+    """Learns the hold of the part; judges the part after the last view.
 
     Meanwhile the arm goes on with the part to the tray that it is likely to need.
 
@@ -57,7 +57,7 @@ class InspectAction:
     part_file: PartFile
 
     async def run(self) -> Event:
-        """Learn where views show the part; return what the plan has next, or that all is seen.
+        """Learn the part's pose from the views; return the plan's next event, or that all is seen.
 
         What they show is waited for after the last one alone.
 
@@ -104,7 +104,7 @@ class InspectAction:
                 await self.held_pose.learn(shown, shown.hold, found)
 
     async def _require_enough(self) -> None:
-        """Raise PartFaultError where views showed less than promised, unless that is let be."""
+        """Raise PartFaultError if views showed less than promised, unless policy accepts that."""
         part = self.record.part
         promised, in_sight = part.promised, part.in_sight
         if promised is None or not self._may_show_more():
@@ -145,7 +145,7 @@ class InspectAction:
         record.note(PartInspected(views=stored.file, lines_sha256=lines_digest(found)))
 
     def _require_all_compared(self, found: PartInspection) -> None:
-        """Raise PartFaultError where a face could be compared too little and nothing has failed.
+        """Raise PartFaultError if a face could hardly be compared and nothing has failed.
 
         From another grasp the light on it is another, and the gripper is elsewhere.
         """
@@ -177,7 +177,7 @@ class InspectAction:
 
 
 def _parked_verdict(judged: PartVerdict | None, reason: str) -> PartVerdict:
-    """Return the verdict on a parked part: a person decides, but what failed has failed."""
+    """Return the verdict on a parked part: a person decides, but a failure stays a failure."""
     parked = f"parked: {reason}"
     if judged is None:
         return PartVerdict(Verdict.INDETERMINATE, (parked,), (), 0.0, ())

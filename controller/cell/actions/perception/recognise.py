@@ -1,4 +1,4 @@
-"""Recognising: which part on the table is the next one, in which stable pose, and where."""
+"""Recognising: the next part on the table, its stable pose and its place."""
 
 from dataclasses import dataclass
 
@@ -15,7 +15,7 @@ from controller.cell.services.table import Taking
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecogniseAction:
-    """Finds a part of the batch on the table; what else is there is left alone.
+    """Finds a part of the batch on the table; other objects are left alone.
 
     Attributes
     ----------
@@ -29,7 +29,7 @@ class RecogniseAction:
     record: BatchRecord
 
     async def run(self) -> Event:
-        """Recognise what the pictures of the table show; return ``PART_RECOGNISED``.
+        """Recognise the objects in the pictures of the table; return ``PART_RECOGNISED``.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Watches what no action reports.
+"""Watchers of everything that no action reports.
 
 `links.py` watches the devices' lines and the event loop; `conditions.py` interlocks, a part that
 leaves the fixed gripper, the disk.

@@ -1,4 +1,4 @@
-"""Watches what no action reports: interlocks, a part that leaves the fixed gripper, the disk."""
+"""Watchers of interlocks, a part that leaves the fixed gripper, and the disk."""
 
 import shutil
 from collections.abc import Callable
@@ -42,7 +42,7 @@ class Watcher(Protocol):
 
 
 class InterlockWatcher:
-    """Reports an interlock rule that holds no more, at once: a fault, or what holds the run.
+    """Reports a violated interlock rule at once: as a fault, or as a hold of the run.
 
     The acknowledge button of the I/O block counts as a person's word, as `cellctl ack` does.
 

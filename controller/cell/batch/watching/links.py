@@ -1,4 +1,4 @@
-"""Watches the links: a device that is silent at rest is known as soon as one in motion.
+"""Watchers of the links: a device silent at rest is noticed as soon as one in motion.
 
 While a verb is under way the driver notices; between verbs a heartbeat does. The I/O block is
 polled by its own driver, whose readings go stale (`InterlockWatcher`); cameras are asked for a
@@ -117,7 +117,7 @@ class ModbusWatcher:
 
 
 class LoopWatcher:
-    """Records that this process was late: for so long it could have noticed nothing.
+    """Records delays of this process, in which it could have noticed nothing.
 
     A warning with a number, not a stop: devices are judged in attended time, which omits it.
 

@@ -1,4 +1,4 @@
-"""A plan's motions, lifted off everything: what a dry run drives.
+"""A plan's motions, lifted clear of everything, for a dry run.
 
 Each waypoint is raised along the world's z until the arm, with both grippers open and nothing held,
 is clear of everything in a cell whose bodies are thicker by what nobody has measured yet. What no
@@ -119,7 +119,7 @@ def _lift(scene: Scene, q: FloatArray, label: str, waypoints: JointPath) -> Lift
 def _raised(
     scene: Scene, q: FloatArray, waypoint: FloatArray, label: str
 ) -> tuple[JointPath, float] | str:
-    """Return the way to a waypoint, raised, and by how much; or why there is none."""
+    """Return a path to a waypoint, raised, and the height; or the reason why there is none."""
     places = [
         (raised, lift_mm)
         for lift_mm in _lifts(scene.layout, waypoint)
@@ -148,7 +148,7 @@ def _lifts(layout: CellLayout, waypoint: FloatArray) -> tuple[float, ...]:
 
 
 def _up(layout: CellLayout, q: FloatArray, lift_mm: float) -> FloatArray | None:
-    """Return the configuration (6,) with the TCP so much higher; None where the arm has none."""
+    """Return the configuration (6,) with the TCP higher by a distance; None if there is none."""
     T = tcp_pose(layout, q)
     count = max(1, int(np.ceil(lift_mm / _PIECE_MM)))
     try:

@@ -148,7 +148,7 @@ async def _drive(bench: Bench, pose_index: int, step: LiftedStep) -> None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DryOrder:
-    """What a dry run needs to know.
+    """The order of a dry run.
 
     Attributes
     ----------
@@ -175,7 +175,7 @@ class DryOrder:
 
 
 class DrySession:
-    """A dry run under way; whatever would end it stops it instead.
+    """A dry run under way; anything that would end it stops it instead.
 
     Parameters
     ----------
@@ -228,7 +228,7 @@ class DrySession:
         self._visit.stop(message, code)
 
     async def run(self) -> StepRecord:
-        """Connect, drive, come to rest; return how it ended.
+        """Connect, drive, come to rest; return the outcome.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""The fingers of the arm gripper before the station panel: where the TCP is between them."""
+"""The arm gripper's fingers before the station panel: the TCP between them, measured."""
 
 from typing import Final
 

@@ -33,7 +33,7 @@ SLIP_DEG: Final = 0.3
 
 
 async def shake(bench: Bench, held: PlateInJaws) -> None:
-    """Show a held plate, shake it at the arm's usual speed, show it again; keep what moved.
+    """Show a held plate, shake it at the arm's usual speed, show it again; record the shift.
 
     Parameters
     ----------

@@ -45,7 +45,7 @@ async def take_in_arm(bench: Bench, board: BoardSection, file: Path, seed: int) 
 
 
 async def give_back_from_arm(bench: Bench, board: BoardSection, file: Path) -> None:
-    """Have a person take what the arm holds at its park.
+    """Have a person take the object in the arm gripper at its park.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ async def require_fixed_holds(bench: Bench) -> None:
 
 
 async def give_back_from_fixed(bench: Bench, file: Path) -> None:
-    """Have a person take what the fixed gripper holds; leave it wide open, as runs find it."""
+    """Have a person take the object in the fixed gripper; leave it wide open for runs."""
     await bench.person.confirm(
         "take_gauge", "The fixed gripper opens next: hold what is in it. Do you?"
     )

@@ -1,4 +1,4 @@
-"""The arm's fingers about the plate that the fixed gripper holds: where to, how in, and the touch.
+"""The arm's fingers about the plate in the fixed gripper: the places, the ways in, and the touch.
 
 The plate stands out of the fixed jaws. The arm's open jaws come over it from its free end along
 straight lines, and close slowly off its middle until one finger's tip touches a face of it.
@@ -44,7 +44,7 @@ MET_MM: Final = 3.0  # jaws that stop within this of the plate's thickness have 
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where the arm's jaws are about the plate, in the fixed gripper's frame.
+    """The place of the arm's jaws about the plate, in the fixed gripper's frame.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Where a jog leads: configurations near by, by the arm's model alone, and why it may not go there.
+"""The goal of a jog: configurations near by, by the arm's model, and reasons against one.
 
 Forward kinematics are followed numerically from where the arm stands, so that no elbow changes
 sides and a pose that leaves a joint free keeps it where it is. Arrays in, arrays out.
@@ -30,7 +30,7 @@ _LOOKS: Final = np.linspace(0.0, 1.0, 9)
 
 
 class RefusedMotionError(CellError):
-    """A motion that is not made: soft limit, contact, or no configuration near by."""
+    """A refused motion: soft limit, contact, or no configuration near by."""
 
 
 def slides(arm: ArmModel) -> tuple[bool, ...]:

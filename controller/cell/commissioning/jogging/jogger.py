@@ -46,7 +46,7 @@ AT_GOAL_MM: Final = 1.5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reading:
-    """How the arm stands.
+    """The arm's state.
 
     Attributes
     ----------
@@ -226,7 +226,7 @@ class Jogger:
 
     # ---- the arm ---------------------------------------------------------------------------------
     async def _origin(self) -> tuple[FloatArray, FloatArray]:
-        """Return joints (6,) and pose (4, 4) from which the next motion goes on.
+        """Return the joints (6,) and the pose (4, 4) at which the next motion starts.
 
         That is the last goal, if the arm stands there: so steps add up, and rounding to whole
         counts does not.
@@ -265,7 +265,7 @@ class Jogger:
         return f"{order.what} by {by:+g} {'mm' if is_shift else 'deg'}"
 
     async def _follow(self, path: tuple[FloatArray, ...]) -> None:
-        """Check a path that begins where the arm stands, then move along it.
+        """Check a path that begins at the arm's position, then move along it.
 
         Raises
         ------

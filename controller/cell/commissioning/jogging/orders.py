@@ -1,4 +1,4 @@
-"""What can be ordered while jogging, in words; a key stands for such words, too."""
+"""The orders of a jog, in words; a key stands for such words, too."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ GRIPPERS: Final = ("arm", "fixed")
 
 
 class Verb(StrEnum):
-    """What an order does."""
+    """The kind of an order."""
 
     HOME = "home"
     MOTOR = "motor"
@@ -66,7 +66,7 @@ class JogOrder:
     sign: int = 1
 
     def by(self, step: float) -> float:
-        """Return the amount, one step of this size where none was given."""
+        """Return the amount, one step of this size if none was given."""
         return self.sign * step if self.amount is None else self.amount
 
 

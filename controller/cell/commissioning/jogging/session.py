@@ -36,7 +36,7 @@ REFRESH_S: Final = 0.5  # of a live reading, while nothing moves [cell s]
 
 
 class Pilot(Operator, Protocol):
-    """Who gives orders, answers questions, and watches.
+    """The person or script that gives orders, answers questions, and watches.
 
     Attributes
     ----------
@@ -52,25 +52,25 @@ class Pilot(Operator, Protocol):
         ...
 
     async def wants_stop(self) -> None:
-        """Return once what moves is to halt; awaited while an order is carried out."""
+        """Return once the motion is to halt; awaited while an order is carried out."""
         ...
 
     def show(self, reading: Reading) -> None:
-        """Take how the arm stands."""
+        """Take the arm's state."""
         ...
 
     def done(self, order: str, words: str) -> None:
-        """Take what an order has done."""
+        """Take the result of an order."""
         ...
 
     def refused(self, order: str, why: str) -> None:
-        """Take why an order was not carried out, or not to its end."""
+        """Take the reason why an order was not carried out, or not to its end."""
         ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Taken:
-    """Where the arm stood when the pilot took it.
+    """The arm's position when the pilot took it.
 
     Attributes
     ----------
@@ -141,7 +141,7 @@ class JogStep:
                 return {}
 
     async def _next_order(self, bench: Bench, jogger: Jogger) -> str | None:
-        """Return the next order; show how the arm stands meanwhile."""
+        """Return the next order; show the arm's state meanwhile."""
         ordered = _task(self._pilot.order())
         try:
             while True:
@@ -196,7 +196,7 @@ def _task(work: Coroutine[Any, Any, Result]) -> asyncio.Task[Result]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JogOrders:
-    """What a jog needs to know.
+    """The order of a jog.
 
     Attributes
     ----------
@@ -217,7 +217,7 @@ class JogOrders:
 
 
 class JogSession:
-    """A jog under way; whatever would end it stops it instead.
+    """A jog under way; anything that would end it stops it instead.
 
     Parameters
     ----------
@@ -258,7 +258,7 @@ class JogSession:
 
     @property
     def taken(self) -> Taken | None:
-        """Where the arm stood at the order `take`; None without one."""
+        """The arm's position at the order `take`; None without one."""
         return self._step.taken
 
     def request_stop(self, message: str, code: str) -> None:
@@ -270,7 +270,7 @@ class JogSession:
         self._visit.stop(message, code)
 
     async def run(self) -> StepRecord:
-        """Connect, carry out orders, come to rest; return how it ended.
+        """Connect, carry out orders, come to rest; return the outcome.
 
         Raises
         ------

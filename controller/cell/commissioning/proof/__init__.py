@@ -1,4 +1,4 @@
-"""What a verification tries with the plate: a hand-off there and back, and its known lengths."""
+"""The trials of a verification with the plate: a hand-off there and back, and its known lengths."""
 
 from .hand_off import HandOff, hand_off_and_back
 from .lengths import LengthStudy, length_study

@@ -1,4 +1,4 @@
-"""The plate given to the fixed gripper and received again: what a hand-off does to a pose.
+"""The plate handed to the fixed gripper and back: the effect of a hand-off on a pose.
 
 The inspection camera sees the plate in the arm gripper before and after. Between them the arm lets
 go of it, draws back, comes again and closes. What fixed gripper and arm disagree about, and what
@@ -40,7 +40,7 @@ OFF_MM: Final = 3.0  # of the fixed jaws on the plate, from its thickness
 
 @dataclass(frozen=True, slots=True)
 class HandOff:
-    """How a hand-off there and back left the plate in the arm gripper.
+    """The plate's pose in the arm gripper after a hand-off there and back.
 
     Attributes
     ----------
@@ -58,7 +58,7 @@ async def hand_off_and_back(
     views: Sequence[FloatArray],
     pose_in_jaws: Callable[[BoardPicture], FloatArray],
 ) -> HandOff:
-    """Give the plate to the fixed gripper and receive it; return how that left it in the jaws.
+    """Hand the plate to the fixed gripper and back; return its pose in the jaws afterwards.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The plate as a reference part: lengths that a caliper knows, measured in every picture of it.
+"""The plate as a reference part: calibrated lengths, measured in every picture of it.
 
 The arm predicts the plane of a print, the camera's sight lines meet it, and what is between the
 corners there is compared with the board's file. It is how every dimension of a part is measured in
@@ -25,7 +25,7 @@ _SPREAD_MIN: Final = 0.5  # of a print's length, between the corners that are se
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LengthStudy:
-    """How a known length is measured over all pictures and both cameras.
+    """The errors of a known length over all pictures and both cameras.
 
     Attributes
     ----------

@@ -28,7 +28,7 @@ class ReachedPose:
 
 @dataclass(frozen=True, slots=True)
 class RecipeReach:
-    """What a check of a recipe has found.
+    """The result of a check of a recipe.
 
     Attributes
     ----------

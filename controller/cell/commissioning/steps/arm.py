@@ -195,7 +195,7 @@ async def _on_the_table(bench: Bench, file: Path) -> tuple[list[BoardPicture], d
 async def _on_the_table_again(
     bench: Bench, file: Path, first: BoardPicture, place: Placing
 ) -> None:
-    """Look once more at the board at its mark: the overhead camera has to stand where it stood.
+    """Look again at the board on its mark: the overhead camera must not have moved.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Devices: who answers, how fast, how steadily; then each verb by its smallest safe motion.
+"""Devices: identity, speed and steadiness; then each verb by its smallest safe motion.
 
 The order is that of a first contact (docs/protocols/umi_rtx.md 10): only read; then one motor after
 the other, a little and with little force; then homing axis by axis. A person confirms each.
@@ -125,7 +125,7 @@ async def _time_readings(bench: Bench) -> None:
 
 
 def histogram(took_ms: list[float]) -> str:
-    """Return in words how many readings took how long [ms]."""
+    """Return in words the distribution of reading times [ms]."""
     edges = (0.0, *BINS_MS, np.inf)
     counts, _ = np.histogram(took_ms, edges)
     rows = [
@@ -296,7 +296,7 @@ async def _supply_went_s(bench: Bench, silence: asyncio.Task[bool]) -> float | N
 
 
 async def _try_in_vain(bench: Bench) -> str:
-    """Order a small motion that must not happen; return in words what did not.
+    """Order a small motion that must not happen; return in words that it did not.
 
     Raises
     ------
@@ -327,7 +327,7 @@ async def _home(bench: Bench) -> None:
 
 
 async def _nudge_joints(bench: Bench) -> None:
-    """Move each joint a little and back, as a run would, and read where it went."""
+    """Move each joint a little and back, as a run would, and read its position."""
     parked = np.asarray(bench.layout.park_q, dtype=float)
     range_q = _ranges(bench)
     for number in range(len(parked)):

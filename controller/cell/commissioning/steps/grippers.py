@@ -1,4 +1,4 @@
-"""Grippers: how wide their jaws are against gauges, whether they hold, where the fixed one stands.
+"""Grippers: their openings against gauges, their holds, and the fixed one's place.
 
 The fixed gripper is out of every camera's sight. It holds the plate, and the arm, which is
 calibrated, touches both faces of the plate with its fingers' tips.
@@ -58,7 +58,7 @@ MAX_AGAIN_MM: Final = 0.4
 
 @dataclass(frozen=True, slots=True)
 class Openings:
-    """How an opening follows from its reading: ``zero + scale * reading``."""
+    """A true opening as a function of its reading: ``zero + scale * reading``."""
 
     zero_mm: float
     scale: float
@@ -92,7 +92,7 @@ class GrippersStep:
     valid_days: int | None = 90
 
     async def run(self, bench: Bench) -> Mapping[CalibrationName, Calibration]:
-        """Measure openings, try the hold, touch the plate, and return where the fixed gripper is.
+        """Measure openings, try the hold, touch the plate, and return the fixed gripper's place.
 
         Raises
         ------
@@ -177,7 +177,7 @@ def _measure(bench: Bench, which: str, found: Openings) -> None:
 async def _touched(
     bench: Bench, plate: _Gauge, openings: Openings
 ) -> tuple[FixedGripperFit, float]:
-    """Return the fixed gripper as touched, and how far a repeated touch was off the first."""
+    """Return the fixed gripper as touched, and the distance of a repeated touch from the first."""
     board = plate.board
     width_mm, height_mm, thickness_mm = board.plate_mm
     end_mm = height_mm - board.bare_mm / 2.0 - bench.layout.arm_gripper.pad_centre_mm

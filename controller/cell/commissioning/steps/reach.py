@@ -1,4 +1,4 @@
-"""Reach: whether the calibrated arm gets to all that recipes need, with room for what is uncertain.
+"""Reach: the calibrated arm tried on all poses that recipes need, with the uncertainty as margin.
 
 Nothing moves. Places that any recipe needs are tried first; then each recipe is planned as
 `cellctl check` does, in a process of its own.
@@ -27,7 +27,7 @@ MIN_PICKABLE: Final = 0.5  # of places and turns over the drop area; a run fails
 
 
 class ReachStep:
-    """Places of the cell and poses of recipes that the arm gets to, as calibrated."""
+    """Checks that the calibrated arm reaches the places of the cell and the poses of recipes."""
 
     name = "reach"
     title = "whether the calibrated arm gets to all that the recipes need; nothing moves"
@@ -37,7 +37,7 @@ class ReachStep:
     valid_days: int | None = None
 
     async def run(self, bench: Bench) -> Mapping[CalibrationName, Calibration]:
-        """Try places and recipes; return nothing, what cannot be reached is named.
+        """Try places and recipes; return nothing; unreachable ones are named in the evidence.
 
         Raises
         ------
@@ -84,7 +84,7 @@ def common_places(bench: Bench) -> dict[str, FloatArray]:
 
 
 def judge(bench: Bench, recipe: Path, found: RecipeReach) -> None:
-    """Keep what a recipe's check has found, against limits.
+    """Judge the result of a recipe's check against limits.
 
     Parameters
     ----------

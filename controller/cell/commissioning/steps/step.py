@@ -1,4 +1,4 @@
-"""What a step of commissioning is."""
+"""The protocol of a step of commissioning."""
 
 from collections.abc import Mapping
 from typing import Protocol

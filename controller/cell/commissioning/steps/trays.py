@@ -1,4 +1,4 @@
-"""Places: where the trays stand and how the table lies, touched; and what the arm could touch.
+"""Places: trays and table, touched; and the obstacles that the arm could touch.
 
 No camera sees the trays. The arm is brought above their corners, a person sets its finger tips
 down, and the calibrated arm knows where they are.
@@ -127,7 +127,7 @@ class TraysStep:
 
 
 async def _look_over_obstacles(bench: Bench) -> None:
-    """Have a person compare what stands in the cell with what its file lists.
+    """Have a person compare the obstacles in the cell with those in its file.
 
     Raises
     ------
@@ -168,7 +168,7 @@ def obstacle_words(cell: Cell) -> tuple[str, ...]:
 
 
 class _Toucher:
-    """Touches place after place, and keeps what gears leave open of them."""
+    """Touches place after place, and keeps the uncertainty that gear play leaves."""
 
     def __init__(self, bench: Bench) -> None:
         self._bench = bench
@@ -177,12 +177,12 @@ class _Toucher:
         self._play_mm = 0.0
 
     def uncertainty_mm(self, count: int) -> float:
-        """Return the standard uncertainty of a place that was touched so often."""
+        """Return the standard uncertainty of a place after a number of touches."""
         arm_mm = self._bench.layout.place_u_mm
         return float(np.hypot(np.hypot(aim_uncertainty(GUIDED_MM, count), self._play_mm), arm_mm))
 
     async def corners(self, name: TrayName, tray: Tray) -> list[CornerTouch]:
-        """Touch two corners of a tray, opposite ones where the arm gets to both."""
+        """Touch two corners of a tray, opposite ones if the arm reaches both."""
         self._play_mm = 0.0
         touches: list[CornerTouch] = []
         # where the arm is not folded first: it can home from there if the step is broken off
@@ -266,7 +266,7 @@ class _Toucher:
         *,
         is_folded: bool = False,
     ) -> FloatArray | None:
-        """Touch a place (3,); return where the tips were, None if the arm does not get there."""
+        """Touch a place (3,); return the fingertips' point, None if the arm does not reach it."""
         bench = self._bench
         path = await path_above(bench, self._scene, place, name, is_folded=is_folded)
         if not path:

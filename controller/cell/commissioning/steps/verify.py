@@ -1,4 +1,4 @@
-"""Verification: the commissioned cell predicts where a plate is, and both cameras are asked.
+"""Verification: the calibrated cell predicts the plate's pose, and both cameras check it.
 
 The plate is held anew and shown where no picture was fitted to. All pictures share one hold; what
 differs from it is what arm, cameras and lenses still have wrong between them.
@@ -53,7 +53,7 @@ SEED: Final = 2
 
 
 class VerifyStep:
-    """Whether the cell, as calibrated, predicts what its cameras see and what a hand-off leaves."""
+    """Checks the calibrated cell's predictions of camera pictures and of a hand-off."""
 
     name = "verify"
     title = "the calibrated cell predicts where a plate is, and both cameras check it"
@@ -70,7 +70,7 @@ class VerifyStep:
     valid_days: int | None = 30
 
     async def run(self, bench: Bench) -> Mapping[CalibrationName, Calibration]:
-        """Show a plate to both cameras, hand it off and receive it; return how that went.
+        """Show a plate to both cameras, hand it off and back; return the results.
 
         Raises
         ------
@@ -195,7 +195,7 @@ def mean_hold(T: FloatArray) -> FloatArray:
 def plate_offs(
     bench: Bench, board: BoardSection, pictures: Sequence[BoardPicture]
 ) -> dict[CameraName, FloatArray]:
-    """Return by camera how far the plate was from its prediction (n, 2) [mm, deg].
+    """Return by camera the plate's distance from its prediction (n, 2) [mm, deg].
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What files alone can show: whether a recipe can be run in a cell, what the cell can verify."""
+"""Checks of files alone: a recipe's feasibility in a cell, and the cell's capability."""
 
 from .characteristics import CheckedCharacteristic, check_characteristics
 from .checking import (

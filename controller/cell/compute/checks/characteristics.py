@@ -1,4 +1,4 @@
-"""Check whether a cell can verify what a recipe asks to be measured."""
+"""Check whether a cell can verify the characteristics of a recipe."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +21,7 @@ RECIPE: Final = "recipe"  # source of limits that a recipe states
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CheckedCharacteristic:
-    """A characteristic, marked where a PASS does not need it, and how well the cell verifies it."""
+    """A characteristic, marked if a PASS does not need it, with the cell's capability for it."""
 
     characteristic: Characteristic
     capability: Capability

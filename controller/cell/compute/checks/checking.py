@@ -86,7 +86,7 @@ class Checked:
 
     @property
     def serves_most(self) -> bool:
-        """Whether more landings have a plan that will do than have none."""
+        """Whether more landings have an adequate plan than have none."""
         return self.served_fraction > 0.5
 
 
@@ -217,7 +217,7 @@ def check_plans(
 
 
 def _restless(poses: Sequence[StablePose], part: CompiledPart) -> str:
-    """Return the sentence on a part that rests nowhere, with what its likeliest pose does."""
+    """Return the sentence on a part without a stable pose, with its likeliest motion."""
     where = "the part has no stable pose in which it is likely to rest"
     if not poses:
         return where

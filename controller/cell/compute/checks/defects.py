@@ -8,7 +8,7 @@ from controller.setup.characteristics import station_of
 
 
 def check_defects(recipe: Recipe, cell: Cell) -> tuple[str, ...]:
-    """Return for each kind of defect that is asked for too small a sentence.
+    """Return a sentence for each kind of defect that is requested smaller than the cell can find.
 
     Parameters
     ----------

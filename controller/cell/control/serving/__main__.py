@@ -1,4 +1,4 @@
-"""Prints what docs/control-api.json stores: ``python -m controller.cell.control.serving``."""
+"""Prints the content of docs/control-api.json: ``python -m controller.cell.control.serving``."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""The endpoints: what a request becomes at the dispatcher, and what its answer says. No wire.
+"""The endpoints: each request as an order to the dispatcher, and the reply to it. No wire.
 
 Each endpoint is data (`ENDPOINTS`); the server, the OpenAPI description and its test read the same.
 """
@@ -30,7 +30,7 @@ class Reply:
 
 @dataclass(frozen=True, slots=True)
 class Endpoint:
-    """One thing that may be asked of a running cell.
+    """One request that a running cell answers.
 
     Attributes
     ----------
@@ -178,7 +178,7 @@ class Control:
         )
 
     async def ack(self, peer: Peer, body: BaseModel) -> Reply:
-        """Acknowledge what bars a start or a resume, as an open door; return the decision."""
+        """Acknowledge what bars a start or a resume, such as an open door; return the decision."""
         assert isinstance(body, words.AckOrder)
         open_ = self._desk.open
         if open_ is None or "ack" not in {choice.key for choice in open_.question.choices}:
@@ -191,7 +191,7 @@ class Control:
         return self._answer(peer, body.key, body.number, body)
 
     async def recover(self, peer: Peer, body: BaseModel) -> Reply:
-        """Answer a question about what an earlier run left in a gripper; return the decision."""
+        """Answer a question about a part that an earlier run left; return the decision."""
         assert isinstance(body, words.AnswerOrder)
         open_ = self._desk.open
         if open_ is None or open_.question.code != RECOVERY_CODE:

@@ -48,7 +48,7 @@ class _Request:
 
 
 class _BadRequestError(Exception):
-    """A request that is not taken: its HTTP status, and why; without, the answer has no body."""
+    """A malformed request: its HTTP status, and the reason; without one the answer has no body."""
 
     def __init__(self, status: int, why: str) -> None:
         super().__init__(why)
@@ -56,7 +56,7 @@ class _BadRequestError(Exception):
 
 
 def error_body(why: str) -> bytes:
-    """Return the body of an answer that says why a request was not taken."""
+    """Return the body of an answer with the reason why a request was refused."""
     return json.dumps({"error": why}, ensure_ascii=False).encode()
 
 
@@ -64,7 +64,7 @@ def error_body(why: str) -> bytes:
 async def serving(
     path: Path, handle: Handle, stops: tuple[bytes, ...] = ()
 ) -> AsyncIterator[Callers]:
-    """Serve requests on a unix socket while the block runs; yield how a supervisor hears them.
+    """Serve requests on a unix socket while the block runs; yield its callers for a supervisor.
 
     Parameters
     ----------
@@ -190,7 +190,7 @@ class Door:
 
     @contextmanager
     def _resting(self, writer: asyncio.StreamWriter, peer: Peer) -> Iterator[None]:
-        """Count a connection as idle; where there are too many, the oldest of one process ends.
+        """Count a connection as idle; if there are too many, the oldest of one process ends.
 
         That process is the one with the most of them, so that a process with a single connection
         keeps it, however many another one opens.

@@ -1,4 +1,4 @@
-"""Interlocks as data: what must be true while something moves, in logic of three values.
+"""Interlocks as data: conditions for motion, in three-valued logic.
 
 `logic.py` is the logic, `rules.py` the rules that every cell has and those of a cell file,
 `checks.py` the checks of the safety copies that need nothing but the I/O block.

@@ -36,7 +36,7 @@ async def settled_signal(io: IoBlock, name: str, clock: CellClock) -> Signal:
 def check_interlocks(
     io: IoBlock, rules: Sequence[Rule] = BUILT_IN_RULES, *, is_person_inside: bool = False
 ) -> None:
-    """Check that every safety copy is known to be healthy, where nothing moves yet.
+    """Check that every safety signal is known to be healthy, before anything moves.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Kleene's logic of three values: what is not known is neither true nor false.
+"""Kleene's three-valued logic: an unknown fact is neither true nor false.
 
 ``and`` is the smaller of its parts and ``or`` the larger, in the order false, unknown, true. So a
 fact that is not known decides nothing that the others do not decide without it.

@@ -1,4 +1,4 @@
-"""The interlock rules: what every cell requires, what its file adds, and the first one violated."""
+"""The interlock rules: those of every cell, those of its file, and the first one violated."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -70,13 +70,13 @@ class Violation:
 
     @property
     def code(self) -> str:
-        """Of its alarm. An input that is not known is no emergency stop that was pressed."""
+        """The code of its alarm. An unknown input is no pressed emergency stop."""
         is_stale = self.value is Truth.UNKNOWN and REQUIRED_SIGNALS.keys() & set(self.unknown)
         return STALE if is_stale else self.rule.code
 
     @property
     def message(self) -> str:
-        """What happened, and what to do, for the operator."""
+        """The event, and what to do about it, for the operator."""
         name = next(iter(sorted(self.rule.require.names())), self.rule.name)
         if self.value is Truth.FALSE:
             return f"{name if name in REQUIRED_SIGNALS else self.rule.name}: {self.rule.words}"
@@ -133,7 +133,7 @@ REQUIRED_SIGNALS: Final[Mapping[str, str]] = {
 
 
 def rules_of(sections: Mapping[str, InterlockRuleSection]) -> tuple[Rule, ...]:
-    """Return the rules of a cell: those that every cell has, then those of its file."""
+    """Return the rules of a cell: those of every cell, then those of its file."""
     own = (
         Rule(
             name=name,

@@ -1,4 +1,4 @@
-"""The supervisor of a run, from the controller's side: heartbeat, orders, what it reports."""
+"""The supervisor of a run, from the controller's side: heartbeat, orders, reports."""
 
 from .supervised import Callers, Supervised
 

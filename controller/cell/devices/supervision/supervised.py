@@ -1,4 +1,4 @@
-"""The controller's side of the supervisor: heartbeat, and what it is to do when that stays away.
+"""The controller's side of the supervisor: heartbeat, and the orders for its absence.
 
 The supervisor is a process of its own (`drivers.supervisor`, ADR 98). It has a stop for every wire
 only while something may move, so that a controller that is late at rest stops nothing.
@@ -31,7 +31,7 @@ PACKET_BYTES: Final = 1 << 16
 
 @dataclass(frozen=True, slots=True)
 class Callers:
-    """People's programs, to which the supervisor listens while the event loop is late.
+    """People's programs, which the supervisor hears while the event loop is late.
 
     Attributes
     ----------
@@ -46,7 +46,7 @@ class Callers:
 
 
 class Supervised:
-    """Beats while the event loop runs, and passes on what the supervisor says.
+    """Sends the heartbeat while the event loop runs, and passes on the supervisor's messages.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ class Supervised:
             await self._clock.sleep(self._beat_s)
 
     def _order(self, control: socket.socket, *, is_all: bool = False) -> None:
-        """Send what the supervisor is to do, where that has changed."""
+        """Send the supervisor's orders if they have changed."""
         stops: tuple[BlindStop, ...] = ()
         looks: tuple[BlindLook, ...] = ()
         if is_all or self._may_move():
@@ -184,7 +184,7 @@ class Supervised:
 
 @contextmanager
 def _signals_to(told: socket.socket) -> Iterator[None]:
-    """Have the kernel's own handler pass signals on: it runs whatever this process computes."""
+    """Have the kernel's own handler pass signals on: it runs even while this process computes."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

@@ -24,7 +24,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class NewRows:
-    """Rows of one part of a run, or of the run itself (part None), among those asked for."""
+    """Rows of one part of a run, or of the run itself (part None), among those requested."""
 
     run: str
     part: int | None
@@ -54,7 +54,7 @@ def journal_mark(path: Path) -> tuple[int | None, ...]:
 
 
 def row_at(path: Path, seq: int) -> Head | None:
-    """Return number and hash of a row; None where the journal does not have it.
+    """Return number and hash of a row; None if the journal does not have it.
 
     Raises
     ------
@@ -69,7 +69,7 @@ def row_at(path: Path, seq: int) -> Head | None:
 
 
 def whole_up_to(path: Path, after: Head = NOTHING) -> tuple[Head, BrokenRow | None]:
-    """Return the last row up to which the chain is whole, and the first that does not fit.
+    """Return the last row up to which the chain is intact, and the first one that does not fit.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ def new_rows(path: Path, after_seq: int, last_seq: int | None = None) -> tuple[N
 def rows_of_parts(
     path: Path, run: str, parts: Collection[int], last_seq: int | None = None
 ) -> list[Row]:
-    """Return the rows of a run that are of some of its parts or of none, in order.
+    """Return the rows of a run about some of its parts or about none, in order.
 
     Parameters
     ----------

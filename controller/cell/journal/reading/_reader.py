@@ -99,7 +99,7 @@ def read_rows_counted(path: Path, names: Sequence[str]) -> Iterator[Row]:
 
 
 def records_elsewhere(path: Path) -> frozenset[tuple[str, int | None]]:
-    """Return runs and numbers of parts whose record another run has (ADR 96).
+    """Return runs and numbers of parts whose record is in another run (ADR 96).
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What the rows of the journal say: one model for each row, shared by writer and reader.
+"""The content of the journal's rows: one model each, shared by writer and reader.
 
 A row has a kind, a name and a body; kind and name decide the model of the body (`read_row`). Some
 models stand for a group of names, one name for each action or event of the cell; there the name

@@ -1,4 +1,4 @@
-"""What all rows of the journal share: the base of their models, and the words in them."""
+"""The common base of the row models, and the words in them."""
 
 from collections.abc import Mapping
 from enum import StrEnum
@@ -16,7 +16,7 @@ Joints = tuple[float, ...]
 
 
 class EffectClass(StrEnum):
-    """Whether what an intent announces may be repeated (cell-facts.md 2)."""
+    """Whether an intended action may be repeated (cell-facts.md 2)."""
 
     QUERY = "query"
     """Freely: it only reads."""
@@ -47,7 +47,7 @@ class Fields(BaseModel):
 
 
 class Body(BaseModel):
-    """What a row says."""
+    """The content of a row."""
 
     model_config = ConfigDict(frozen=True, populate_by_name=True)
     kind: ClassVar[RowKind]
@@ -59,7 +59,7 @@ class Body(BaseModel):
 
 
 class NamedBody(Body):
-    """The body of a row of a group; the name stands in the row, not in the body."""
+    """The body of a row of a group; the name is in the row, not in the body."""
 
     name: str = Field(exclude=True)
 

@@ -1,4 +1,4 @@
-"""What is decided: plans, recoveries, verdicts, answers, refusals."""
+"""Rows of decisions: plans, recoveries, verdicts, answers, refusals."""
 
 from collections.abc import Mapping, Sequence
 from typing import Literal
@@ -22,7 +22,7 @@ class FirstMotion(Body):
 
 
 class StoodStill(Body):
-    """How the cell stands in a pause: joints [rad, mm] and openings of both grippers [mm]."""
+    """The cell at rest in a pause: joints [rad, mm] and openings of both grippers [mm]."""
 
     kind = "decision"
     row_name = "stood_still"
@@ -32,7 +32,7 @@ class StoodStill(Body):
 
 
 class UnseenFields(Fields):
-    """What the plan cannot show of a surface: its share of all surface, and the reason."""
+    """A piece of surface that the plan cannot show: its share of all surface, and the reason."""
 
     face: int
     area_fraction: float
@@ -155,7 +155,7 @@ class PartResumed(Body):
 
 
 class PartFollowed(Body):
-    """What became of a part that a run ended with; added to that run by the later one.
+    """The later fate of a part that a run ended with; added to that run by the later one.
 
     `run` is the later run. `custody` is where the part is now (`Custody.key`); without it, the
     later run has taken the part over, and has its record from then on.
@@ -183,7 +183,7 @@ def has_record(
 
 
 class PartIdentified(Body):
-    """The part at hand is of one of the run's recipes, and has this number, if it has any.
+    """The current part belongs to one of the run's recipes, and has this number, if any.
 
     `recipe` counts from 0 in the order of the run's recipes, `name` is that recipe's. From here on
     all rows of the part are of that recipe; a later row of this name replaces this one.
@@ -204,7 +204,7 @@ def label_of(
     resumed: PartResumed | None,
     identified: PartIdentified | None,
 ) -> tuple[str, str]:
-    """Return serial number and lot of a part by the rows of its run; empty where it has none.
+    """Return serial number and lot of a part by the rows of its run; empty if it has none.
 
     Parameters
     ----------
@@ -224,7 +224,7 @@ def label_of(
 
 
 class PartLeft(Body):
-    """A part was left on the table although its recipe is wanted: it cannot be taken, and why."""
+    """A part of a wanted recipe was left on the table: it cannot be taken, and the reason."""
 
     kind = "decision"
     row_name = "part_left"
@@ -236,7 +236,7 @@ class PartLeft(Body):
 
 
 class AmbiguityResolved(Body):
-    """Which hypotheses are left after a view."""
+    """The hypotheses left after a view."""
 
     kind = "decision"
     row_name = "doubt_settled"
@@ -255,7 +255,7 @@ class ConfirmedFinding(Fields):
 
 
 class FaceJudged(Fields):
-    """What is known of one surface; all shares are of its own area, 0..1."""
+    """The result for one surface; all shares are of its own area, 0..1."""
 
     face: int
     label: str
@@ -269,7 +269,7 @@ class FaceJudged(Fields):
 
 
 class DetectionFields(Fields):
-    """A kind of defect: the size asked for, and on which share it would have been found."""
+    """A kind of defect: the size requested, and the share on which it would have been found."""
 
     kind: str
     size_mm: float
@@ -296,7 +296,7 @@ class PartJudged(Body):
 
 
 class PartInspected(Body):
-    """What a part was judged from: the file of its views, and the SHA-256 of the lines it gave."""
+    """The basis of a part's verdict: the file of its views, and the SHA-256 of the result lines."""
 
     kind = "decision"
     row_name = "part_inspected"
@@ -305,7 +305,7 @@ class PartInspected(Body):
 
 
 class QuestionAnswered(Body):
-    """What the operator decided, who that was, and why."""
+    """The operator's decision, their name, and the reason."""
 
     kind = "decision"
     row_name = "question_answered"
@@ -325,7 +325,7 @@ class StartRefused(Body):
 
 
 class FindingReviewed(Fields):
-    """What a person says of a finding: `real` or `false_alarm`; `number` is the report's."""
+    """A person's review of a finding: `real` or `false_alarm`; `number` is the report's."""
 
     number: int
     word: Literal["real", "false_alarm"]

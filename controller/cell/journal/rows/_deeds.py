@@ -1,4 +1,4 @@
-"""What is done: intents, outcomes, custody, leases."""
+"""Rows of actions: intents, outcomes, custody, leases."""
 
 from ._body import Body, EffectClass, Fields, Joints, Matrix, NamedBody
 
@@ -63,7 +63,7 @@ class HomedWithPart(Body):
 
 
 class StoodFree(Body):
-    """The arm stands free of everything at these joints (6,): going back ends here from now on."""
+    """The arm stands clear of everything at these joints (6,): going back ends here from now on."""
 
     kind = "outcome"
     row_name = "stood_free"
@@ -121,7 +121,7 @@ class PartStored(Body):
 
 
 class TraysStood(Body):
-    """What stands in the nests of the trays as the run begins."""
+    """The content of the trays' nests as the run begins."""
 
     kind = "observation"
     row_name = "trays_stood"

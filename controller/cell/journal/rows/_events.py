@@ -1,4 +1,4 @@
-"""What happened: the run, its devices, the events of the machine, permits, questions."""
+"""Rows of events: the run, its devices, the machine's events, permits, questions."""
 
 from collections.abc import Mapping
 
@@ -55,7 +55,7 @@ class RunBegan(Body):
 
 
 class Connected(TextByName):
-    """How each device identified itself."""
+    """The identity that each device reported."""
 
     kind = "event"
     row_name = "connected"
@@ -85,7 +85,7 @@ class AlarmFields(Fields):
 
 
 class CellEvent(NamedBody):
-    """An event, and what the state machine did with it; the row's name is the event's."""
+    """An event, and the state machine's decision; the row's name is the event's."""
 
     kind = "event"
     answer: str
@@ -118,7 +118,7 @@ class PermitWithdrawn(Body):
 
 
 class Acknowledged(Body):
-    """A person has seen what stopped the cell and looked at it: the next start is no longer barred.
+    """A person has looked at the cause of a stop: the next start is no longer barred.
 
     `run` and `code` are of the fault that was acknowledged.
     """
@@ -132,7 +132,7 @@ class Acknowledged(Body):
 
 
 class Overtaken(Body):
-    """What an action reported after a stop had overtaken it."""
+    """The report of an action that a stop had overtaken."""
 
     kind = "event"
     row_name = "overtaken"
@@ -163,7 +163,7 @@ class RunBrokeOff(Body):
 
 
 class SpeedReached(Fields):
-    """Cell seconds per second, requested and reached; how long this process was late [s]."""
+    """Cell seconds per second, requested and reached; the delay of this process [s]."""
 
     asked: float | None = None
     reached: float | None = None

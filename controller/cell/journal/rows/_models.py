@@ -1,4 +1,4 @@
-"""Which model a row is of, by its kind and name."""
+"""The model of a row, by its kind and name."""
 
 from collections.abc import Mapping
 from typing import Final

@@ -1,4 +1,4 @@
-"""What is seen: openings, holds, pictures, sightings, views, characteristics, findings."""
+"""Rows of observations: openings, holds, pictures, sightings, views, characteristics, findings."""
 
 from collections.abc import Mapping
 from typing import Literal
@@ -9,7 +9,7 @@ from ._body import Body, Box, Fields, Matrix, TextByName
 
 
 class TouchedDown(Body):
-    """A part that was lowered met tray or table so far above its planned place."""
+    """A lowered part met tray or table above its planned height, by this much."""
 
     kind = "observation"
     row_name = "touched_down"
@@ -18,7 +18,7 @@ class TouchedDown(Body):
 
 
 class Openings(TextByName):
-    """What each gripper reports: whether it holds something, and by which reading."""
+    """The report of each gripper: whether it holds something, and by which reading."""
 
     kind = "observation"
     row_name = "openings"
@@ -41,7 +41,7 @@ class GraspFields(Fields):
 
 
 class HoldNoted(Body):
-    """How a gripper holds the part, or will hold it once it has closed (`is_expected`).
+    """A gripper's hold of the part, or the hold it will have once closed (`is_expected`).
 
     `T_part_tcp` is as measured where `is_measured`, else as planned; `number` counts the grasps of
     the arm gripper on this part.
@@ -59,7 +59,7 @@ class HoldNoted(Body):
 
 
 class HoldPressed(Body):
-    """The arm gripper pressed once more on the part: where its jaws stand, and stood before."""
+    """The arm gripper pressed once more on the part: its openings before and after."""
 
     kind = "observation"
     row_name = "hold_pressed"
@@ -135,7 +135,7 @@ class SightingFields(Fields):
 
 
 class Sightings(Body):
-    """What was recognised on the table; `taken` is the number of the one the cell goes on with."""
+    """The objects recognised on the table; `taken` is the number of the one taken."""
 
     kind = "observation"
     row_name = "sightings"
@@ -154,7 +154,7 @@ class Sightings(Body):
 
 
 class ViewHold(Fields):
-    """How the part was held in a view: as known by then, in which grasp of the arm gripper."""
+    """The hold of the part in a view: as known by then, in which grasp of the arm gripper."""
 
     number: int
     T_part_tcp: Matrix
@@ -280,7 +280,7 @@ class PartMeasured(Body):
 
 
 class ViewOffFields(Fields):
-    """How far a held part was in one view from where all views of its grasp have it."""
+    """A held part's distance in one view from its pose by all views of its grasp."""
 
     view: str
     grasp: int
@@ -289,7 +289,7 @@ class ViewOffFields(Fields):
 
 
 class ViewsPosed(Body):
-    """How far arm and camera disagreed from view to view: what the joint fit left of each."""
+    """The disagreement of arm and camera from view to view: residuals of the joint fit."""
 
     kind = "observation"
     row_name = "views_posed"

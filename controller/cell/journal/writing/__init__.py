@@ -1,4 +1,4 @@
-"""How rows reach the file: its table, version by version, and the thread that writes in order."""
+"""The writing of rows: the file's table, by version, and the thread that writes in order."""
 
 from ._migrations import MIGRATIONS, SCHEMA_VERSION, migrate
 from .thread import BUSY_WALL_S, PATIENCE_WALL_S, Entry, WriterThread

@@ -1,4 +1,4 @@
-"""What has changed in a journal's file from version to version, and how an older one is brought up.
+"""The changes of a journal's file from version to version, and the migration of older ones.
 
 A migration adds to the file and changes no row: the hashes that chain the rows stay true, and
 `cellctl verify` gives the same answer before and after. The version is SQLite's ``user_version``.

@@ -1,4 +1,4 @@
-"""Applies the fault policy to the part at hand, journals what it decides, and learns from it."""
+"""Applies the fault policy to the current part, journals its decisions, and learns from it."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ from ..records import BatchRecord
 
 @dataclass(frozen=True, slots=True)
 class RecoveryAction:
-    """What leads back to the work after a part fault.
+    """The action that leads back to the work after a part fault.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class RecoveryAction:
 
 
 def faults_section(cell: Cell, recipe: Recipe) -> FaultsSection:
-    """Return the cell's section about faults, with what the recipe states in its place."""
+    """Return the cell's section on faults, with the recipe's settings in its place."""
     return cell.faults if recipe.faults is None else cell.faults.replaced_by(recipe.faults)
 
 
@@ -56,7 +56,7 @@ def fault_policy(section: FaultsSection) -> FaultPolicy:
 
 
 class Recoveries:
-    """The fault policy, applied to the part at hand.
+    """The fault policy, applied to the current part.
 
     Parameters
     ----------
@@ -112,12 +112,12 @@ class Recoveries:
         return RecoveryAction(event, words, rung.delay_s)
 
     async def wait(self, action: RecoveryAction) -> None:
-        """Wait as long as the policy has it before a recovery action."""
+        """Wait for the policy's delay before a recovery action."""
         if action.delay_s > 0:
             await self._clock.sleep(action.delay_s)
 
     def forget_drop(self) -> None:
-        """Count a part that is dropped from now on as another drop."""
+        """Count a part dropped from now on as another drop."""
         self._is_drop_booked = False
 
     def fail(self, source: str, reason: str) -> None:

@@ -1,4 +1,4 @@
-"""Repeats what a device did not do, as often as the fault policy has it.
+"""Repeats failed device calls, as often as the fault policy allows.
 
 For readings, pictures and lamps alone: to repeat them changes nothing. A motion, a grasp or a
 release is never repeated here. What went wrong first stays in the journal.
@@ -23,7 +23,7 @@ PASSING: Final = (LinkError, FaultError, RefusedError)
 
 
 class Retries:
-    """The fault policy, applied to devices that may be asked again.
+    """The fault policy, applied to devices whose calls may be repeated.
 
     Parameters
     ----------

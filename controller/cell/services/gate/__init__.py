@@ -1,4 +1,4 @@
-"""What everything passes before it moves: the gate, which holds a pause, and the permit."""
+"""The checks before every motion: the gate, which holds a pause, and the permit."""
 
 from .approval import Approval
 from .gate import JAWS_S, STOP_RAMP_S, Gate, Mover, NextMotion

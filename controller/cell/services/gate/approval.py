@@ -1,4 +1,4 @@
-"""A person lets each motion begin, having read what it is: `cellctl run --step`."""
+"""A person's approval of each motion after a look at it: `cellctl run --step`."""
 
 import asyncio
 from typing import Final
@@ -25,7 +25,7 @@ class Approval:
         self._one_question = asyncio.Lock()
 
     async def __call__(self, motion: NextMotion) -> None:
-        """Return once a person lets a motion begin.
+        """Return once a person has approved a motion.
 
         Raises
         ------

@@ -29,7 +29,7 @@ JAWS_S: Final = 10.0
 
 @dataclass(frozen=True, slots=True)
 class NextMotion:
-    """What moves first when a pause ends.
+    """The first motion after a pause.
 
     Attributes
     ----------
@@ -48,7 +48,7 @@ class NextMotion:
 
 
 class Mover(Enum):
-    """What moves behind the gate."""
+    """A mover behind the gate."""
 
     ARM = "arm"
     ARM_JAWS = "jaws of the arm gripper"
@@ -63,7 +63,7 @@ Guard = Callable[[], bool]
 
 
 class Gate:
-    """Lets through what may move now.
+    """Lets through the motions that are allowed now.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ class Gate:
             self._change()
 
     async def _until_approved(self, preview: Preview) -> None:
-        """Wait until the gate is open and the motion approved; a pause since then asks anew."""
+        """Wait until the gate is open and the motion approved; a pause since then asks again."""
         while True:
             await self.wait(preview)
             if self._approve is None or self._is_check.get():
@@ -136,7 +136,7 @@ class Gate:
                 return
 
     async def wait(self, preview: Preview) -> None:
-        """Wait until the gate is open; to look is no motion, so it requires no permit.
+        """Wait until the gate is open; a look is no motion, so it requires no permit.
 
         Parameters
         ----------
@@ -152,7 +152,7 @@ class Gate:
             self._waiting.remove(preview)
 
     async def until_admitted(self, admit: Callable[[], Awaitable[None]], preview: Preview) -> None:
-        """Return once something is admitted; what an open door bars waits until it is closed.
+        """Return once a motion is admitted; one barred by an open door waits until it is closed.
 
         Parameters
         ----------
@@ -201,18 +201,18 @@ class Gate:
 
     # ---- for who pauses --------------------------------------------------------------------------
     def want(self, kind: PauseKind) -> None:
-        """Have a pause begin; one that is wanted already may become more urgent, never less."""
+        """Request a pause; a request already made may become more urgent, never less."""
         if self._wanted is None or kind.urgency > self._wanted.urgency:
             self._wanted = kind
         self._change()
 
     def halt(self) -> None:
-        """Have a pause begin that stops jaws on their way, too: somebody may be among them."""
+        """Request a pause that stops moving jaws, too: somebody may be among them."""
         self._halts_jaws = True
         self.want(PauseKind.NOW)
 
     def close(self) -> None:
-        """Let nothing through, wherever the cell stands."""
+        """Let nothing through, at any place."""
         self._is_closed, self._wanted = True, None
         self._change()
 
@@ -239,12 +239,12 @@ class Gate:
 
     @property
     def wanted(self) -> PauseKind | None:
-        """The pause that is wanted and not reached yet."""
+        """The pause that is requested and not reached yet."""
         return self._wanted
 
     @property
     def movers(self) -> frozenset[Mover]:
-        """What moves at present."""
+        """The movers in motion."""
         return frozenset(+self._moving)
 
     @property
@@ -254,7 +254,7 @@ class Gate:
 
     @property
     def point(self) -> SafePoint | None:
-        """The safe point at which the cell stands, None anywhere else."""
+        """The safe point at which the cell stands, None elsewhere."""
         return self._point
 
     @property

@@ -53,7 +53,7 @@ class Permits:
         return self._permit
 
     def withdraw(self, by: str) -> None:
-        """Take the permit away; ``by`` is the event that did. Nothing where there is none."""
+        """Withdraw the permit; ``by`` is the event that did. Nothing if there is none."""
         permit, self._permit = self._permit, None
         self._withdrawn_by = by
         if permit is not None:

@@ -23,7 +23,7 @@ from ..views import StoredViews
 
 @dataclass(slots=True, eq=False)
 class Resumption:
-    """Whether this run begins with the part of an interrupted one, and how.
+    """Whether, and from which state, this run begins with the part of an interrupted one.
 
     Attributes
     ----------
@@ -161,7 +161,7 @@ def _part(left: Interrupted) -> PartRecord:
 
 
 def verdict_of(row: rows.PartJudged) -> PartVerdict:
-    """Return a verdict as its row has it, without its faces."""
+    """Return the verdict in a row, without its faces."""
     return PartVerdict(
         verdict=Verdict(row.verdict),
         reasons=row.reasons,

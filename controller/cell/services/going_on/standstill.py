@@ -1,4 +1,4 @@
-"""How a paused cell stands, and whether it still stands so once a door has been open.
+"""The paused cell's position, and the proof that it is unchanged once a door was open.
 
 While the door is open a person may push the arm, spread a jaw or move the part. Before the cell
 goes on the counters of the arm and both openings must be as they were left; a part that no gripper
@@ -29,7 +29,7 @@ _LOOK = NextMotion(
 
 
 class Standstill:
-    """Remembers how the cell stands in a pause, and proves that it still does.
+    """Remembers the cell's position in a pause, and proves that it is unchanged.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ class Standstill:
         self._was_open = self._has_looked = False
 
     def note_open(self, *, has_looked: bool) -> None:
-        """Note that a door is open: from now on somebody may change what stands.
+        """Note that a door is open: from now on the cell may be changed by hand.
 
         Parameters
         ----------
@@ -66,11 +66,11 @@ class Standstill:
         self._has_looked = self._has_looked or has_looked
 
     def forget(self) -> None:
-        """Forget how the cell stood, since it moves on."""
+        """Forget the cell's position, since it moves on."""
         self._left, self._was_open, self._has_looked = None, False, False
 
     async def note(self) -> None:
-        """Note how the cell stands, now that nothing moves; nothing before the arm is homed.
+        """Note the cell's position, now that nothing moves; nothing before the arm is homed.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""What is known of the part at hand and of the batch, and the rows of the journal made of it.
+"""The known facts on the current part and the batch, and the journal's rows made of them.
 
 `part.py` is the part, `product.py` the recipe it is of, `batch.py` all parts with their journal,
 `progress.py` what the operator sees of it, `describe.py` turns results into rows, `holds.py` grasps

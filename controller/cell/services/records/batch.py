@@ -1,4 +1,4 @@
-"""Keeps what is known of the batch, and reports it to the journal and to the operator.
+"""Keeps the known facts on the batch, and reports them to the journal and the operator.
 
 *Once* actions (grasp, release, hand-off, sort) are on the disk before their bytes leave, and are
 never repeated before the jaws have been checked (cell-facts.md 2).
@@ -23,7 +23,7 @@ UNLIMITED = 1_000_000
 
 
 class BatchRecord:
-    """The part at hand, the parts done, and where both are reported.
+    """The current part, the parts done, and the journal and operator that hear of both.
 
     Parameters
     ----------
@@ -56,23 +56,23 @@ class BatchRecord:
 
     @property
     def progress(self) -> Progress:
-        """What the operator sees."""
+        """The operator's view of the run."""
         return self._progress
 
     @property
     def finished(self) -> tuple[PartRecord, ...]:
-        """The parts that are done, in order."""
+        """The parts done, in order."""
         return tuple(self._finished)
 
     @property
     def parts(self) -> tuple[PartRecord, ...]:
-        """All parts begun, the one at hand last."""
+        """All parts begun, the current one last."""
         is_begun = self.part.number > 0 and self.part not in self._finished
         return (*self._finished, *([self.part] if is_begun else []))
 
     @property
     def product(self) -> Product:
-        """The product that the part at hand is of; the first one until it was recognised.
+        """The product of the current part; the first one until it was recognised.
 
         Raises
         ------
@@ -86,23 +86,23 @@ class BatchRecord:
 
     @property
     def wanted(self) -> tuple[Product, ...]:
-        """The products of which parts are left to do."""
+        """The products with parts still to inspect."""
         return tuple(one for one in self.products if self._left[one.number] > 0)
 
     @property
     def wanted_next(self) -> tuple[Product, ...]:
-        """The products of which parts are left to do once the part at hand is done."""
+        """The products with parts still to inspect once the current part is done."""
         at_hand = self.part.product
         return tuple(one for one in self.products if self._left[one.number] > (one is at_hand))
 
     @property
     def parts_left(self) -> int:
-        """How many parts are left to do, the one at hand among them."""
+        """The number of parts still to inspect, with the current one."""
         return sum(max(left, 0) for left in self._left)
 
     @property
     def done(self) -> dict[str, tuple[int, int]]:
-        """By recipe's name how many parts are done, and how many were ordered."""
+        """By recipe's name the number of parts done, and the number ordered."""
         return {
             one.recipe.name: (one.count - self._left[one.number], one.count)
             for one in self.products
@@ -110,7 +110,7 @@ class BatchRecord:
 
     @property
     def budgets(self) -> Budgets:
-        """What the batch learns of grasps and views; without a product none is ever avoided."""
+        """The batch's experience of grasps and views; without a product none is ever avoided."""
         return self.product.budgets if self.products else self._without_limit
 
     def begin_part(self) -> None:
@@ -121,7 +121,7 @@ class BatchRecord:
         self.part.plan, self.part.next_step = None, 0
 
     def finish_part(self) -> None:
-        """Count the part at hand among those done.
+        """Count the current part as done.
 
         One that was taken out before it was recognised counts only where all are of one product.
         """
@@ -134,7 +134,7 @@ class BatchRecord:
         self._left[number] -= 1
 
     def identify_part(self, product: Product, serial: str = "", lot: str = "") -> None:
-        """Take it that the part at hand is of a product, and journal it where that is new.
+        """Set the product of the current part, and journal it if that is new.
 
         Parameters
         ----------
@@ -153,11 +153,11 @@ class BatchRecord:
 
     @property
     def around(self) -> Around:
-        """What else is in the cell while the part at hand is worked on."""
+        """The other objects in the cell while the current part is worked on."""
         return Around(self.part.neighbours, self.trays.stored)
 
     def note_stored(self, tray: str, name: str, T_world_part: FloatArray) -> None:
-        """Count and journal the part at hand as one in the next nest of a tray, if that has any.
+        """Count and journal the current part in the next nest of a tray, if that has nests.
 
         Parameters
         ----------
@@ -202,18 +202,18 @@ class BatchRecord:
         self.note(arm_hold_row(hold, is_expected=True))
 
     def take_hold(self, grasp: Grasp, opening_mm: float) -> None:
-        """Take it that the arm gripper holds the part as planned, at the opening reached [mm]."""
+        """Set the arm gripper's hold as planned, at the opening reached [mm]."""
         self.part.hold = PartInGripper(
             grasp, grasp.T_part_tcp, opening_mm, number=self.part.hold_count
         )
         self.note_hold()
 
     def note_hold(self) -> None:
-        """Journal how the arm gripper holds the part, as known now."""
+        """Journal the arm gripper's hold of the part, as known now."""
         self.note(arm_hold_row(self.held()))
 
     def note_fixed_grasp(self, grasp: Grasp, opening_mm: float) -> None:
-        """Journal how the fixed gripper holds the part, or will once the arm gripper opens.
+        """Journal the fixed gripper's hold of the part, or the hold once the arm gripper opens.
 
         Parameters
         ----------
@@ -223,14 +223,14 @@ class BatchRecord:
         self.note(fixed_hold_row(grasp, opening_mm))
 
     def avoid(self, grasp_id: str) -> None:
-        """Plan a grasp that has failed no more for this part."""
+        """Avoid a failed grasp in further plans for this part."""
         self.part.avoid.add(grasp_id)
         self.note(rows.GraspAvoided(grasp=grasp_id))
 
     def begin_recovery(
         self, recovery: Recovery, words: str, source: str = "", code: str = ""
     ) -> None:
-        """Keep, journal and show a recovery of the part at hand.
+        """Keep, journal and show a recovery of the current part.
 
         Parameters
         ----------
@@ -258,7 +258,7 @@ class BatchRecord:
         self.show(f"{recovery.reason}; {words}", remaining_s=None)
 
     def show(self, label: str, **more: object) -> None:
-        """Show the operator what the cell does now; ``more`` are fields of `Progress`."""
+        """Show the operator the cell's present action; ``more`` are fields of `Progress`."""
         self._progress.label = label
         self._progress.custody = self.part.custody
         for name, value in more.items():
@@ -268,7 +268,7 @@ class BatchRecord:
     def show_state(
         self, state: str, *, is_at_work: bool = True, is_same_work: bool = False
     ) -> None:
-        """Show the operator which state the cell has entered; its label is shown by its action.
+        """Show the operator the state that the cell has entered; its label is shown by its action.
 
         Parameters
         ----------
@@ -284,11 +284,11 @@ class BatchRecord:
         self._on_progress()
 
     def note(self, row: Body) -> None:
-        """Write a row on the part at hand."""
+        """Write a row on the current part."""
         self._journal.write(row, self.part.number)
 
     async def note_secured(self, row: Body) -> None:
-        """Write a row on the part at hand; on the disk when this returns."""
+        """Write a row on the current part; on the disk when this returns."""
         await self._journal.write_secured(row, self.part.number)
 
     def note_followed(self, run: str, number: int) -> None:
@@ -306,7 +306,7 @@ class BatchRecord:
         self.note(rows.FilesStored({file: digest}))
 
     async def set_custody(self, custody: Custody, detail: str = "") -> None:
-        """Change which gripper, tray or table has the part; on the disk when this returns."""
+        """Change the gripper, tray or table that has the part; on the disk when this returns."""
         self.part.custody = custody
         self._progress.custody = custody
         row = rows.CustodyChanged(name=custody.key, detail=detail)

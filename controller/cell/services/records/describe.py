@@ -203,7 +203,7 @@ def measured_row(measured: Sequence[Measured]) -> rows.PartMeasured:
 
 
 def views_posed_row(off: Sequence[inspecting.ViewOff]) -> rows.ViewsPosed:
-    """Return the row of how far arm and camera disagreed from view to view."""
+    """Return the row on the disagreement of arm and camera from view to view."""
     return rows.ViewsPosed(
         views=tuple(
             rows.ViewOffFields(

@@ -1,4 +1,4 @@
-"""How the grippers hold the part, as rows of the journal, and grasps from those rows."""
+"""The grippers' holds of the part, as rows of the journal, and grasps from those rows."""
 
 from dataclasses import fields
 from typing import Literal
@@ -48,7 +48,7 @@ def fixed_hold_row(grasp: Grasp, opening_mm: float) -> rows.HoldNoted:
 
 
 def grasp_of(found: rows.GraspFields) -> Grasp:
-    """Return the grasp that a row has."""
+    """Return the grasp in a row."""
     holder: Literal["arm", "fixture"] = "arm" if found.holder == "arm" else "fixture"
     return Grasp(
         id=found.id,

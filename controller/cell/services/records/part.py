@@ -1,4 +1,4 @@
-"""What is known of the part at hand."""
+"""The known facts on the current part."""
 
 import asyncio
 from collections.abc import Mapping, Sequence
@@ -20,7 +20,7 @@ from .product import Product
 
 @dataclass(slots=True, eq=False)
 class PartInGripper:
-    """How the arm gripper holds the part, from one grasp to its release.
+    """The arm gripper's hold of the part, from one grasp to its release.
 
     Attributes
     ----------
@@ -86,7 +86,7 @@ class AboveTray:
 
 @dataclass(slots=True)
 class PartRecord:
-    """All that is known of the part at hand.
+    """All known facts on the current part.
 
     Attributes
     ----------
@@ -157,7 +157,7 @@ class PartRecord:
 
     @property
     def in_sight(self) -> BoolArray | None:
-        """Which samples (n,) were in sight of views; None before the first view.
+        """Mask of the samples (n,) that views had in sight; None before the first view.
 
         In sight, compared or not: where no check could compare, another such view could not either.
         From another grasp one may: see `short`.
@@ -166,7 +166,7 @@ class PartRecord:
 
     @property
     def promised(self) -> BoolArray | None:
-        """Which samples (n,) the views of the present plan are to show."""
+        """Mask of the samples (n,) that the views of the present plan are to show."""
         plan = self.plan
         if plan is None:
             return None
@@ -174,6 +174,6 @@ class PartRecord:
 
 
 def merged(masks: Sequence[BoolArray]) -> BoolArray | None:
-    """Return the union of masks (n,); None where there is none that has samples."""
+    """Return the union of masks (n,); None if none has samples."""
     whole = [mask for mask in masks if len(mask)]
     return np.logical_or.reduce(whole) if whole else None

@@ -1,4 +1,4 @@
-"""One product of the batch: its recipe, how many of it, and what its parts are worked on with."""
+"""One product of the batch: its recipe, its count, and the services for its parts."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -48,7 +48,7 @@ class Product:
 
     @property
     def part_name(self) -> str:
-        """The part's name, as recognition has it."""
+        """The part's name in recognition."""
         return part_name(self.recipe.part)
 
     @property

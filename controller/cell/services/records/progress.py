@@ -1,4 +1,4 @@
-"""What the operator sees of the run at a moment."""
+"""The operator's view of the run at a moment."""
 
 from dataclasses import dataclass
 
@@ -8,7 +8,7 @@ from controller.cell.devices.clocks import Speed
 
 @dataclass(slots=True)
 class Progress:
-    """What the operator sees of the run at a moment."""
+    """The operator's view of the run at a moment."""
 
     state: str = "stopped"
     step: int = 0

@@ -1,4 +1,4 @@
-"""The table: which of the objects on it is the part to go on with, and what is left alone.
+"""The table: the object to take next, and the objects left alone.
 
 `choosing.py` has the rules, `taking.py` applies them to the batch at hand, `labels.py` has serial
 numbers and lots. `preparation.py` has what is planned before any look, `ahead.py` the next part

@@ -87,7 +87,7 @@ class Foreseen:
         )
 
     def as_planned(self, sighting: Sighting, now: SightingFields) -> Sighting:
-        """Return a fresh sighting of the part, read as the plan has it.
+        """Return a fresh sighting of the part, read in the plan's pose.
 
         A part that looks the same after some turn may be read either way, but not first one way and
         then the other: grasps and views of the plan are in the part's own frame.
@@ -113,7 +113,7 @@ class Foreseen:
 
 
 def unseen_turn(was: SightingFields, now: SightingFields, turns: Turns) -> float | None:
-    """Return the turn [deg] by which two looks at one unmoved object differ, None if it is not one.
+    """Return the turn [deg] between two looks at one unmoved object, None if it is not one.
 
     Parameters
     ----------
@@ -134,7 +134,7 @@ def unseen_turn(was: SightingFields, now: SightingFields, turns: Turns) -> float
 
 
 class LookAhead:
-    """Works on the next part beside the one at hand.
+    """Works on the next part beside the current one.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ class LookAhead:
         self._next: OneTask[Foreseen | None] = OneTask()
 
     def begin(self, choose: Choose) -> None:
-        """Begin, once a gripper has the part at hand; returns at once.
+        """Begin, once a gripper has the current part; returns at once.
 
         Parameters
         ----------

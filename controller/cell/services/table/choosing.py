@@ -1,4 +1,4 @@
-"""Which object on the table is the part to go on with; all others are left where they are (ADR 66).
+"""The object on the table to take next; all others are left in place (ADR 66).
 
 A part at hand is never mixed up with another one: sought again after a fault it is what was not
 there before, and where several may be it, a person decides.
@@ -22,7 +22,7 @@ FREE_STEP: Final = 0.05  # of an outline: what differs by less is as free
 
 @dataclass(frozen=True, slots=True)
 class Wanted:
-    """What is looked for on the table.
+    """The parts looked for on the table.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class Wanted:
 
 @dataclass(frozen=True, slots=True)
 class LeftAlone:
-    """A part that cannot be taken as it lies, and what lay beside it then."""
+    """A part that cannot be taken as it lies, and the objects beside it then."""
 
     one: SightingFields
     beside: tuple[SightingFields, ...]
@@ -239,7 +239,7 @@ def apart_mm(one: SightingFields, other: SightingFields) -> float:
 
 
 def apart_deg(one_deg: float, other_deg: float) -> float:
-    """Return by how much two angles differ, 0 to 180."""
+    """Return the difference of two angles, 0 to 180."""
     return abs((one_deg - other_deg + 180) % 360 - 180)
 
 

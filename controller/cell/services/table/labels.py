@@ -1,4 +1,4 @@
-"""Which serial number and lot a part gets: given in advance, counted, listed, or read off it.
+"""The serial number and lot of a part: given in advance, counted, listed, or read off it.
 
 No picture tells which number a part has. A number that is known in advance belongs to the next part
 of its recipe, and a number that was read to the part that came last: then nothing else of the
@@ -19,20 +19,20 @@ SCAN: Final = "scan"  # code of the question for a number
 
 @dataclass(frozen=True, slots=True)
 class Label:
-    """Serial number and lot of a part; empty where it has none."""
+    """Serial number and lot of a part; empty if it has none."""
 
     serial: str = ""
     lot: str = ""
 
     @property
     def words(self) -> str:
-        """What tells the part from others, for a message."""
+        """The part's name in messages, which tells it from others."""
         return f"the serial number {self.serial}" if self.serial else f"the lot {self.lot}"
 
 
 @dataclass(frozen=True, slots=True)
 class LabelOrder:
-    """Where the numbers of a batch come from.
+    """The source of a batch's numbers.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ NO_NUMBERS: Final = LabelOrder()
 
 
 def counted(first: str, count: int) -> str:
-    """Return a number so many after another: the digits at its end count up, and keep their zeros.
+    """Return the number a count after another: its final digits count up, and keep their zeros.
 
     Raises
     ------
@@ -132,7 +132,7 @@ class Labels:
         return ""
 
     def recipe_of(self, serial: str) -> int | None:
-        """Return the number of the recipe that a list has a serial number for; None without."""
+        """Return the number of the recipe that a list has for a serial number; None without."""
         return next((n for n, label in self.order.listed if label.serial == serial), None)
 
     def in_advance(self, part: PartRecord, product: Product) -> Label | None:

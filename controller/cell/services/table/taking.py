@@ -1,4 +1,4 @@
-"""Takes the next part off what a look at the table shows, for all recipes of the batch."""
+"""Takes the next part from a look at the table, for all recipes of the batch."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -17,7 +17,7 @@ from .labels import Label, Labels
 
 @dataclass(slots=True, eq=False)
 class Taking:
-    """Which part of which recipe the cell goes on with, and which parts it leaves alone.
+    """The choice of the next part and its recipe, and of the parts left alone.
 
     Attributes
     ----------
@@ -36,7 +36,7 @@ class Taking:
         self.ahead = LookAhead(self.record)
 
     async def take(self, sightings: tuple[Sighting, ...]) -> bool:
-        """Go on with the best of some objects; return False if the part at hand is not there.
+        """Go on with the best of some objects; return False if the current part is not there.
 
         What is seen is journaled with what is taken of it.
 
@@ -79,7 +79,7 @@ class Taking:
         return True
 
     async def leave(self, reason: str) -> bool:
-        """Leave the part at hand on the table and go on with another; return False if none is.
+        """Leave the current part on the table and go on with another; return False if none is.
 
         Only a part that nothing has touched yet, and that has no serial number read off it.
 
@@ -124,7 +124,7 @@ class Taking:
         self.ahead.drop()
 
     def begin_anew(self) -> None:
-        """Let the next look begin with whatever comes first, unless the part at hand has begun.
+        """Let the next look begin with any part, unless the current part has begun.
 
         A part without a plan may have been moved, or taken away for others. One that was held, or
         shown, is sought again instead: what is known of it is of no other part.
@@ -134,19 +134,19 @@ class Taking:
 
     @property
     def _is_untouched(self) -> bool:
-        """Whether nothing has touched the part at hand in any run."""
+        """Whether nothing has touched the current part in any run."""
         part = self.record.part
         is_fresh = part.custody is Custody.ON_TABLE and part.hold_count == 0
         return is_fresh and not (part.recoveries or part.interrupted)
 
     def _let_go(self) -> None:
-        """Have the part at hand be none of those seen yet."""
+        """Forget which object seen is the current part."""
         part = self.record.part
         part.sighting, part.neighbours, part.product = None, (), None
         self.labels.give_back(part)
 
     def look_ahead(self) -> None:
-        """Begin to choose and plan the next part, now that a gripper has the one at hand."""
+        """Begin to choose and plan the next part, now that a gripper has the current one."""
         self.ahead.begin(self._next_of)
 
     async def _next_of(self, seen: tuple[SightingFields, ...]) -> tuple[int, Product] | None:

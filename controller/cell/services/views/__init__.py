@@ -1,4 +1,4 @@
-"""What the cameras see of the part: views and their results, how it is held, what it is.
+"""The cameras' views of the part: their results, its hold, its identity.
 
 `views.py` has views judged in the worker process, `held_pose.py` measures how the arm gripper holds
 the part, `disambiguation.py` decides between hypotheses, `holder.py` has the boxes of arm and

@@ -1,4 +1,4 @@
-"""Decides what the arm gripper holds, by a disambiguation view."""
+"""Decides by a disambiguation view which part the arm gripper holds, in which pose."""
 
 from dataclasses import dataclass
 

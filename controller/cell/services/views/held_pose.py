@@ -1,4 +1,4 @@
-"""Measures how the part sits in the arm gripper, by the inspection camera."""
+"""Measures the part's pose in the arm gripper, by the inspection camera."""
 
 from dataclasses import dataclass
 
@@ -29,7 +29,7 @@ SAME_CONFIGURATION = np.array([0.01, 0.01, 0.01, 0.5, 0.01, 0.01])
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HeldPose:
-    """Confirms how the part is held, and measures it.
+    """Confirms the hold of the part, and measures it.
 
     Attributes
     ----------
@@ -51,7 +51,7 @@ class HeldPose:
     layout: CellLayout
 
     async def measure_again(self) -> None:
-        """Measure how the part is held, if the arm still stands before the camera.
+        """Measure the hold of the part, if the arm still stands before the camera.
 
         Raises
         ------

@@ -30,7 +30,7 @@ def holder_boxes(layout: CellLayout, q: FloatArray, opening_mm: float) -> tuple[
 
 
 def fixed_gripper_boxes(layout: CellLayout) -> list[Box]:
-    """Return the boxes of the fixed gripper, wide open, in the world; none where there is none."""
+    """Return the boxes of the fixed gripper, wide open, in the world; none without a gripper."""
     if layout.fixed_gripper is None:
         return []
     boxes = (*layout.fixed_gripper.body, *layout.fixed_gripper.fingers(layout.fixed_gripper.max_mm))

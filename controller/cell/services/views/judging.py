@@ -23,7 +23,7 @@ Answer = TypeVar("Answer")
 
 
 class Background:
-    """Puts slow questions one after the other, so that a quick one waits for one at most.
+    """Queues slow questions one by one, so that a quick one waits for one at most.
 
     The worker process answers in the order in which it is asked. What the arm waits for is asked at
     once; what it does not wait for is asked here.

@@ -1,4 +1,4 @@
-"""The part at hand, judged ahead: of a grasp that is over all is worked out while the arm goes on.
+"""The current part, judged ahead: a finished grasp's views are judged while the arm goes on.
 
 How the part lay in the jaws follows from all views of a grasp together, and what each of them shows
 from that. Once the arm changes the grasp nothing of it changes any more (ADR 81).
@@ -27,7 +27,7 @@ JudgeAhead = Callable[[Path, str, int], Coroutine[Any, Any, bool]]
 
 @dataclass(slots=True, eq=False)
 class JudgingAhead:
-    """Has the worker process judge the views of grasps that are over, piece by piece.
+    """Has the worker process judge the views of finished grasps, piece by piece.
 
     What it has not done by the time the part is judged is done then: nothing depends on it but how
     long that takes.

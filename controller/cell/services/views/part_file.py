@@ -148,7 +148,7 @@ class PartFile:
 def _in_common_holds(
     views: Sequence[tuple[Shown, ViewResult]], layout: CellLayout
 ) -> list[tuple[Shown, int]]:
-    """Return views with the numbers of their grasps; those of one grasp are expected by one hold.
+    """Return views with the numbers of their grasps; those of one grasp share one hold.
 
     The first view of a grasp is taken where the plan expects the part; from then on the hold is
     known from that view. It is restated by the same hold, as all views of a grasp share it.
@@ -183,7 +183,7 @@ def _in_common_holds(
 
 
 def camera_section(camera: Camera) -> SetCamera:
-    """Return a camera as a set of views has it."""
+    """Return a camera in the format of a set of views."""
     k1, k2, p1, p2, k3 = camera.distortion.tolist()
     return SetCamera(
         size_px=camera.size_px,
@@ -194,10 +194,10 @@ def camera_section(camera: Camera) -> SetCamera:
 
 
 def box_section(box: WorldBox) -> SetBox:
-    """Return a box of the gripper as a set of views has it."""
+    """Return a box of the gripper in the format of a set of views."""
     return SetBox(T=pose_rows(box.T), half_mm=tuple(box.half_mm.tolist()))
 
 
 def pose_rows(T: FloatArray) -> tuple[tuple[float, ...], ...]:
-    """Return a matrix as a set of views has it, row by row."""
+    """Return a matrix in the format of a set of views, row by row."""
     return tuple(tuple(float(x) for x in row) for row in T)

@@ -1,4 +1,4 @@
-"""Views of an interrupted run, judged again from stored pictures: what was seen stays seen."""
+"""Views of an interrupted run, judged again from stored pictures."""
 
 import asyncio
 import hashlib
@@ -142,7 +142,7 @@ def _read(path: Path) -> Grey:
 
 
 def _copy(source: Path, target: Path, files: tuple[str, ...]) -> dict[str, str]:
-    """Copy files from one run's folder to another's; return the SHA-256 of those that are there.
+    """Copy files from one run's folder to another's; return the SHA-256 of those that exist.
 
     Raises
     ------

@@ -132,7 +132,7 @@ class Views:
         self._record.part.unlearned.append(shown)
 
     async def learn_next(self) -> tuple[Shown, Located] | None:
-        """Wait until it is known where the oldest view shows the part; return it, else None.
+        """Wait for the part's pose in the oldest view; return the view, else None.
 
         Each view is returned once. One of the table is passed over until its result is there.
         """
@@ -161,13 +161,13 @@ class Views:
         return shown, result
 
     async def take_all(self) -> None:
-        """Wait for all views still being judged, and take them; nobody will ask where they are."""
+        """Wait for all views still being judged, and take them; their poses are not asked for."""
         while await self.take_next() is not None:
             pass
         self._record.part.unlearned.clear()
 
     def take_ready(self) -> None:
-        """Take the views whose results are there, in the order they were shown."""
+        """Take the finished views, in the order they were shown."""
         pending = self._record.part.pending
         while pending and (task := pending[0].task).done():
             if task.cancelled() or task.exception() is not None:
