@@ -26,7 +26,7 @@ ADRS = re.compile(r"\bADRs?\s+\d+(?:(?:,|\s+(?:and|to|or))\s+\d+)*")
 NUMBER = re.compile(r"\d+")
 BETWEEN = re.compile(r",\s+")  # between a page and the heading that is meant
 _ANCHORS: dict[str, dict[str, str]] = {}  # by page; reading a page anew takes a second
-GUIDES = {"operating"}  # pages whose chapters, in the folder of the same name, are one text
+GUIDES = {"operating", "measurements"}  # pages whose chapters, in the folder of the same name, are one text
 
 
 class CitationLinks(SphinxPostTransform):
