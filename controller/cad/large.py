@@ -17,7 +17,7 @@ from controller.arrays import FloatArray, IntArray
 AT_ONCE = 100_000  # rows of a span: 7 MB of corners
 M_MMAP_THRESHOLD = -3  # of glibc's malloc.h
 OWN_PAGES_BYTES = 1 << 20
-LASTING = ("face_normals", "area_faces")  # of what trimesh works out and keeps
+LASTING = ("face_normals", "area_faces")  # trimesh's cached arrays that are kept
 
 # what it knows of neighbours, worth keeping from one stage of the compile to the next
 ADJACENCY = ("face_adjacency", "face_adjacency_edges", "face_adjacency_angles")

@@ -18,10 +18,10 @@ from .welding import weld
 
 MM_PER_INCH = 25.4
 MM_PER_M = 1000.0
-SMALLEST_MM = 1.0  # below this no jaw holds it
+SMALLEST_MM = 1.0  # longest side below which no jaw can hold a part
 SENSIBLE_MM = (10.0, 2000.0)  # longest side of a part whose file names no unit
 FARTHEST_MM = 1e5  # single precision there is 0.01 mm, as coarse as what is inspected
-SENSELESS_MM = 1e7  # no unit makes a part of this
+SENSELESS_MM = 1e7  # size that no unit explains
 MAX_TRIANGLES = 2_000_000
 HULL_OPTIONS = "QbB Pp Qt"  # scaled to a cube, without warnings, in triangles
 

@@ -8,7 +8,7 @@ from .large import spans
 
 MERGE_MM = 1e-4  # corners within are one: STL repeats each corner per triangle, rounded
 NEEDLE_MM = 1e-9  # a triangle flatter than this has no normal
-FEW_NEEDLES = 2000  # they are taken out one by one
+FEW_NEEDLES = 2000  # needles up to this number are taken out one by one
 
 
 def weld(vertices_mm: FloatArray, triangles: IntArray) -> tuple[FloatArray, IntArray, IntArray]:

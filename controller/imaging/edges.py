@@ -18,23 +18,23 @@ from scipy.special import ndtr
 
 from controller.arrays import BoolArray, FloatArray, Grey, IndexArray
 
-STEP_PX: Final = 0.5  # between samples of a ray
-SPAN: Final = 2  # steps to either side of the slope that the search takes
-FIT_PX: Final = 4.0  # to either side of the step first found, what is fitted
-MARGIN_PX: Final = 12  # of the region for the spline: its filter forgets by 0.27 a pixel
-BACK: Final = 0.1  # of the steepest part, from which a profile leads back
-BACK_NOISE: Final = 5.0  # times the noise, likewise
+STEP_PX: Final = 0.5  # distance between samples of a ray
+SPAN: Final = 2  # steps to either side of the slope over which the search differentiates
+FIT_PX: Final = 4.0  # reach of the fit to either side of the step first found
+MARGIN_PX: Final = 12  # margin of the spline's region: its filter forgets by 0.27 a pixel
+BACK: Final = 0.1  # share of the steepest part above which a profile leads back
+BACK_NOISE: Final = 5.0  # the same limit in noises
 FLAT_PX: Final = 2.0  # from here on a profile shows the levels beside the step
 MIN_SAMPLES: Final = 8
-NEAR_SHARE: Final = 0.25  # of one side's window, the outer part that a step hardly needs
+NEAR_SHARE: Final = 0.25  # share of one side's window: the outer part that a step hardly needs
 START_WIDTH_PX: Final = 0.8
-MIN_WIDTH_PX: Final = 0.2  # of a pixel's box alone it is 0.29
+MIN_WIDTH_PX: Final = 0.2  # narrowest step; a pixel's box alone makes 0.29
 MAX_WIDTH_PX: Final = 3.0  # wider steps do not end within the fitted window
-FAR: Final = 0.5  # what a step at the end of the reach counts, against one where it is expected
+FAR: Final = 0.5  # weight of a step at the end of the reach, against one where it is expected
 ROUNDS: Final = 14
 DONE_PX: Final = 2e-4
 ROUNDING: Final = 0.29  # rms of a level that is rounded to a whole number
-WHITE: Final = 254.5  # from here on a level may be any
+WHITE: Final = 254.5  # from here on a true level is unknown
 SQRT_2PI: Final = float(np.sqrt(2.0 * np.pi))
 
 

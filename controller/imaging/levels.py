@@ -14,7 +14,7 @@ from controller.arrays import BoolArray, Float32Array, FloatArray, Grey
 
 REDUCED_PX = 320  # side of the reduced picture: 5 mm parts are still 10 px wide there
 WHITE_LEVEL = 250  # from this level up, a peak at the top of the histogram is saturation
-MIN_PILE = 0.002  # share of the pixels in such a peak
+MIN_PILE = 0.002  # least share of the pixels in such a peak
 # With a smaller share of unsaturated pixels the ground's level beyond white cannot be estimated.
 MIN_UNSATURATED = 0.01
 MAX_BEYOND_WHITE = 1.5  # of white; the level of a saturated ground is estimated up to this
@@ -23,11 +23,12 @@ NOISE_ROWS = 32
 ROUNDS = 5
 # With a larger share of the table saturated, only pixels below white are fitted.
 MIN_SATURATED = 0.02
-RIM_OF_WHITE = 0.7  # of white; where the table's middle saturates, its rim is at least this bright
+# Share of white: where the table's middle saturates, its rim is at least this bright.
+RIM_OF_WHITE = 0.7
 BINS = 256
 GROUND_BIN = 160  # bin of the ground in the histogram of relative levels
 MIN_SEPARATION = 4.0  # Ashman's D; the halves of a normal hump have 2.65, of a flat one 3.46
-MAX_VALLEY = 0.5  # of the lower hump's height
+MAX_VALLEY = 0.5  # deepest valley, as a share of the lower hump's height
 
 
 @dataclass(frozen=True, slots=True)

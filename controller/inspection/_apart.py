@@ -7,8 +7,9 @@ import numpy as np
 from controller.arrays import FloatArray
 from controller.imaging import rotation_angle
 
-OTHER_LOOK_RAD: Final = float(np.radians(15.0))  # the part turned by less: the same look again
-SAME_PIXELS_PX: Final = 4.0  # nearer in two pictures it may be dirt on the lens
+# Turn of the part below which two views are the same look.
+OTHER_LOOK_RAD: Final = float(np.radians(15.0))
+SAME_PIXELS_PX: Final = 4.0  # distance in two pictures below which a mark may be dirt on the lens
 
 
 def is_turned(T_world_part: FloatArray, T_other: FloatArray) -> bool:

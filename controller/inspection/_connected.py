@@ -13,8 +13,8 @@ from ._pose import PosedPart
 from ._types import Finding, FindingKind
 
 BORDER_ZOOM: Final = 4
-LARGE_PX: Final = 500  # a mask is not enlarged from here on, to spare memory
-BORDER_OFF_PX: Final = 0.5  # that the drawn border of a finding may be off
+LARGE_PX: Final = 500  # size from which a mask is not enlarged, to spare memory
+BORDER_OFF_PX: Final = 0.5  # largest error of a finding's drawn border
 
 
 def grow(mask: BoolArray, px: int) -> BoolArray:

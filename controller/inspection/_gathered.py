@@ -16,7 +16,8 @@ from controller.cad import Solid
 from ._types import Finding, FindingKind, Verdict
 
 MIN_AREA_MM2: Final = 0.1  # some pixels: an area is stated with one decimal, and no defect has none
-BETWEEN_MM: Final = 1.0  # looks at one place lie so far apart by pose, and by what shows of it
+# Distance of looks at one place, by errors of the pose and by its visible part.
+BETWEEN_MM: Final = 1.0
 # What tells most of a defect comes first: what it is made of before how it shines.
 TELLING: Final = (
     FindingKind.CHIP,
@@ -31,7 +32,7 @@ TELLING: Final = (
     FindingKind.DENT,
     FindingKind.STAIN,
 )
-MAX_FACES: Final = 2  # that a sentence names
+MAX_FACES: Final = 2  # faces that a sentence names
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -31,19 +31,26 @@ from ._types import (
 from .detection import MARKS, NEXT_WIDTH, NOTHING_ASKED, Detection
 from .edge_evidence import FaceEdges
 
-SURE_AREA: Final = 2.5  # times the smallest area: no noise at a border grows so large
-SAME_PLACE_MM: Final = 6.0  # findings of two views whose middles are this close are one thing
-SAME_PLACE_SHARE: Final = 0.25  # and this share of their sizes more
-EVEN_MISFIT: Final = 0.12  # a lit picture so well predicted that its findings are no finish's doing
-MARK_PLACE_MM: Final = 1.0  # the same of marks: two poses, and the middle of what shows of one
+SURE_AREA: Final = 2.5  # in smallest areas; no noise at a border grows so large
+# Distance of their centres below which findings of two views are one thing.
+SAME_PLACE_MM: Final = 6.0
+SAME_PLACE_SHARE: Final = 0.25  # distance added, as a share of their sizes
+# Misfit below which surface finish cannot explain a lit picture's findings.
+EVEN_MISFIT: Final = 0.12
+# The same distance for marks: two poses, and the centre of the visible part.
+MARK_PLACE_MM: Final = 1.0
 MARK_PLACE_SHARE: Final = 0.35
-SAME_PIXELS_SHARE: Final = 0.25  # of its extent in the picture; the part's outline may cut it
-OTHER_SIDE_RAD: Final = float(np.radians(60.0))  # a dent's bright side turns with the lamp
-SEEN_AGAIN_COUNT: Final = 2  # looks that would have shown a mark and did not: it was a reflection
-UNPROVEN: Final = {FindingKind.MISSING_EDGE}  # what no picture shows may hide in all of them
-PLAIN: Final = 3.0  # a mark so far beyond texture is not argued away
-MIN_FACE_SHARE: Final = 0.5  # of a face that must have been compared
-MADE_GOOD_SHARE: Final = 0.99  # of what a failed view was to show that others had in sight
+# The same as a share of a mark's extent; the part's outline may cut it.
+SAME_PIXELS_SHARE: Final = 0.25
+OTHER_SIDE_RAD: Final = float(np.radians(60.0))  # least turn of a dent's bright side with the lamp
+# Looks that would have shown a mark and did not, which prove a reflection.
+SEEN_AGAIN_COUNT: Final = 2
+# Kinds that may hide in all pictures, since no picture shows them.
+UNPROVEN: Final = {FindingKind.MISSING_EDGE}
+PLAIN: Final = 3.0  # in limits of texture; a stronger mark is never argued away
+MIN_FACE_SHARE: Final = 0.5  # least share of a face that must have been compared
+# Share of a failed view's surface that other views must have in sight.
+MADE_GOOD_SHARE: Final = 0.99
 NO_VIEW: Final = "in no view that was evaluated"
 TOO_SMALL: Final = "smaller than the smallest difference looked for, which cannot be on it alone"
 GIVEN_UP: Final = (

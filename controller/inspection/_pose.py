@@ -37,23 +37,25 @@ from controller.recognition.fitting import (
 
 from ._types import ViewTask
 
-PLANNED_HOLD: Final = (1.5, 0.03)  # [mm, rad] how far a fresh grip may be from the planned one
-MEASURED_HOLD: Final = (0.3, 0.005)  # the same once a view has measured it
-AS_PLACED: Final = (0.05, 0.001)  # a pose that is tried is fitted on by no more
-REACH_PX: Final = 25.0  # how far off the outline may be there
-COMPARED_PX: Final = 6.25  # the observed outline is looked for so far from the fitted one
-CLEAR_PX: Final = 1.0  # light through a slit narrower than this is not compared
-PAIRED_PX: Final = 2.0  # nearer than this a point of the outline is found
-SIGMA_PX: Final = 0.4  # of an outline point: before a panel nothing moves a whole outline
-MIN_POINTS: Final = 20  # of an outline, observed or predicted
-OFF_PX: Final = 0.5  # an outline point that the fit has not brought to the picture's outline
-OFF_SHARE: Final = 0.03  # of them; good fits leave one in a hundred
+PLANNED_HOLD: Final = (1.5, 0.03)  # [mm, rad] deviation of a fresh grasp from the planned one
+MEASURED_HOLD: Final = (0.3, 0.005)  # [mm, rad] the same once a view has measured it
+AS_PLACED: Final = (0.05, 0.001)  # [mm, rad] range in which the fit of a tried pose may move it
+REACH_PX: Final = 25.0  # largest offset of the outline there
+COMPARED_PX: Final = 6.25  # reach of the search for the observed outline round the fitted one
+CLEAR_PX: Final = 1.0  # width of a slit below which light through it is not compared
+PAIRED_PX: Final = 2.0  # distance below which a point of the outline counts as found
+# Uncertainty of an outline point: before a panel nothing moves a whole outline.
+SIGMA_PX: Final = 0.4
+MIN_POINTS: Final = 20  # least number of points of an outline, observed or predicted
+# Distance from which an outline point is off the picture's outline after the fit.
+OFF_PX: Final = 0.5
+OFF_SHARE: Final = 0.03  # largest share of such points; good fits leave one in a hundred
 SMALL: Final = 1e-4  # step of a derivative [mm, rad]
-FLOOR: Final = 1e-9  # of a variance, so that rounding makes none negative
+FLOOR: Final = 1e-9  # least variance, so that rounding makes none negative
 OPEN_COUNT: Final = 2  # directions that an outline may leave open: a turn, and a tilt
-TRIED: Final = (0.5, -0.5, 1.0, -1.0, 2.0, -2.0)  # standard deviations
-SHOWS_PX: Final = 1.0  # a pose nearer than this in the picture is the same one
-RESIDUAL_PLAY_PX: Final = 0.02  # between fits that are as good
+TRIED: Final = (0.5, -0.5, 1.0, -1.0, 2.0, -2.0)  # in standard deviations
+SHOWS_PX: Final = 1.0  # shift in the picture below which a pose is the same one
+RESIDUAL_PLAY_PX: Final = 0.02  # difference of residuals between fits that are equally good
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,13 +23,14 @@ from ._connected import grow
 from ._pose import PosedPart
 from ._types import ViewTask, WorldBox
 
-HOLDER_MARGIN_PX: Final = 9  # the gripper's shape and place are known to about a millimetre
+HOLDER_MARGIN_PX: Final = 9  # margin: the gripper's shape and place are known to about a millimetre
 MASK_STEP_PX: Final = 2
-BEHIND_MM: Final = 2.0  # farther than that behind the part's surface a gripper is not before it
+# Distance behind the part's surface from which a gripper is not in front of it.
+BEHIND_MM: Final = 2.0
 MAX_INCIDENCE_COS: Final = float(np.cos(np.radians(75.0)))
-SPOT_RADIUS_MM: Final = 25.0  # a lamp given as one point is taken to be as large as this
-RING_SPREAD: Final = 0.12  # a ring's light comes from radii that differ by this share
-SHADOW_OFFSET_MM: Final = 0.05  # off the surface, or it would shadow itself
+SPOT_RADIUS_MM: Final = 25.0  # assumed radius of a lamp that is given as one point
+RING_SPREAD: Final = 0.12  # spread of a ring lamp's radius, as a share
+SHADOW_OFFSET_MM: Final = 0.05  # distance from the surface, so that it does not shadow itself
 
 
 @dataclass(frozen=True, eq=False, slots=True)

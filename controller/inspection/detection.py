@@ -46,7 +46,7 @@ HALVES: Final = 4
 # A run of the outline is a finding from about five standard deviations on; 1.28 more of them make
 # nine of ten.
 OVER_LIMIT: Final = 1.25
-MIN_SHARE: Final = 0.5  # of a face, as of what must have been compared of it
+MIN_SHARE: Final = 0.5  # least share of a face, equal to the share that must have been compared
 MAX_NAMED: Final = 6
 NOTHING_ASKED: Final[Mapping[str, float]] = MappingProxyType({})
 NO_FACES: Final[Mapping[int, str]] = MappingProxyType({})

@@ -14,13 +14,13 @@ import numpy as np
 from controller.arrays import BoolArray, Float32Array, FloatArray, Grey
 from controller.imaging import sample_picture
 
-REACH_PX: Final = 9.0  # to either side: a picture may lie some pixels off
+REACH_PX: Final = 9.0  # reach to either side: a picture may lie some pixels off
 STEP_PX: Final = 0.5
-NEAR_PX: Final = 2.0  # of a step's middle, what belongs to it
-WIDE_PX: Final = 4.5  # as far as a blurred one reaches
+NEAR_PX: Final = 2.0  # distance from a step's middle of pixels that belong to it
+WIDE_PX: Final = 4.5  # reach of a blurred step
 MIN_STEP_GREY: Final = 12.0
-OUTERMOST: Final = 0.35  # of the steepest step in a profile: another one that counts
-FLOOR: Final = 0.2  # of a step's steepest part: less is noise
+OUTERMOST: Final = 0.35  # share of the steepest step from which another one in a profile counts
+FLOOR: Final = 0.2  # share of a step's steepest part below which all is noise
 MAX_PROFILES: Final = 1200
 MIN_PROFILES: Final = 40
 ROUNDS: Final = 6
@@ -128,17 +128,17 @@ def _steps(
     return is_clear, place, width
 
 
-SEARCHED_PX: Final = 7.0  # to either side
+SEARCHED_PX: Final = 7.0  # reach of the search to either side
 SHIFT_STEP_PX: Final = 0.5
 SOFT_PX: Final = 0.8
-CAPPED: Final = 10.0  # times the noise of slopes: a few strong edges do not outvote the others
-STEP_NOISES: Final = 3.0  # a step that shows, in standard deviations of what is beside it
-MIN_SHOWN_GREY: Final = 1.5  # of eight bits
+CAPPED: Final = 10.0  # cap in noises of slopes: a few strong edges do not outvote the others
+STEP_NOISES: Final = 3.0  # least height of a step, in standard deviations of its surroundings
+MIN_SHOWN_GREY: Final = 1.5  # least height of a step, in grey levels of eight bits
 MIN_CLEAR: Final = 20
-TOGETHER: Final = 5.0  # neighbouring points of an edge show the same
-SURE: Final = 6.0  # standard deviations of a shift's mean slope
+TOGETHER: Final = 5.0  # neighbouring points of an edge that show the same
+SURE: Final = 6.0  # in standard deviations of a shift's mean slope
 ASIDE_PX: Final = 2.5
-FALL_SHARE: Final = 0.08  # of the peak that must be gone so far aside, whichever way
+FALL_SHARE: Final = 0.08  # share of the peak that must be lost at a distance in any direction
 
 
 def register_edges(picture: Grey, edge_px: FloatArray, normals: FloatArray) -> Registration | None:

@@ -41,8 +41,8 @@ from .integrity import Allowances, OutlineResult, compare_outline
 from .lit import BURNT_GREY, LitPictures
 from .registration import Registration, register
 
-NEAR_SHARE: Final = 0.9  # of the outline, found where it should be
-ROUGH: Final = 3.0  # standard deviations of noise and light that an outline may be uneven by
+NEAR_SHARE: Final = 0.9  # share of the outline found in its place
+ROUGH: Final = 3.0  # standard deviations of noise and light: the unevenness allowed of an outline
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -33,7 +33,7 @@ from drivers.umi_scara import ArmGeometry, UmiModel
 from .drivers import describe_arm
 from .optics import build_camera
 
-TRAY_WALL_MM = 3.0  # how thick the walls of trays are
+TRAY_WALL_MM = 3.0  # thickness of the walls of trays
 
 
 def build_layout(cell: Cell) -> CellLayout:

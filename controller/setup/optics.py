@@ -9,7 +9,7 @@ from controller.arrays import FloatArray
 from controller.config.cell import CameraSection, Cell, LampSection, LightSection
 from controller.imaging import Camera, PointLamp
 
-RADIUS_MM: Final = 50.0  # of a ring that names none
+RADIUS_MM: Final = 50.0  # radius of a ring that names none
 
 
 def build_camera(camera: CameraSection) -> Camera:

@@ -20,9 +20,9 @@ from drivers.pictures import BrokenPictureError, Pixels, size_in_header
 from drivers.pictures import decode as decode_picture
 
 ENDINGS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm", ".webp")
-CAMERA_BITS = (8, 10, 12, 14, 16)  # what sensors deliver
-UNIT_RANGE = 2.0  # decimals up to here are 0..1: as levels of 0..255 they would all be black
-NOISE_BELOW_ZERO = 0.02  # of the brightest level: filters leave a little below black
+CAMERA_BITS = (8, 10, 12, 14, 16)  # bit depths of sensors
+UNIT_RANGE = 2.0  # decimals up to this are 0..1: as levels of 0..255 they would all be black
+NOISE_BELOW_ZERO = 0.02  # share of the brightest level: filters leave a little below black
 MAX_PICTURE_BYTES = 128 * 2**20
 
 

@@ -36,7 +36,7 @@ SAME_VIEW_RAD: Final = radians(0.2)
 # axes off square by more were rounded when they were written, or are made so; below, as cell files
 # may have it, a metre is off by 3 um
 ROUNDED: Final = 3e-6
-KEPT_CAMERAS: Final = 4  # with their tables of sight lines, for the next part
+KEPT_CAMERAS: Final = 4  # cameras kept with their tables of lines of sight, for the next part
 
 Pictures = Mapping[str, Mapping[str, Grey]]
 

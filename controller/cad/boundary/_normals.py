@@ -9,7 +9,7 @@ from controller.arrays import FloatArray, inner, lengths
 
 from ._types import Face
 
-TINY_MM = 1e-9  # nearer than this to an axis or a centre no direction is worth having
+TINY_MM = 1e-9  # a point nearer than this to an axis or a centre has no usable direction
 
 
 def unit(vectors: FloatArray) -> FloatArray:

@@ -26,7 +26,8 @@ from .part import CompiledPart, CompileOptions, compile_part, part_name
 FORMAT = 3  # raised when the same source and options come to mean something else
 MAX_CAD_BYTES = 2**30
 SOURCES = tuple(Path(__file__).parents[2] / room for room in ("cad", "imaging", "step_kernel"))
-DECIDING = ("numpy", "scipy", "trimesh", "manifold3d", "embreex")  # of what a file becomes
+# Packages whose version decides the content of a file.
+DECIDING = ("numpy", "scipy", "trimesh", "manifold3d", "embreex")
 
 
 def load_part(

@@ -41,7 +41,7 @@ UNITLESS = (".stl", ".obj", ".ply", ".off")  # formats that have no place for a 
 MAX_SAMPLES = 200_000
 MAX_DRAWN_TRIANGLES = 50_000_000  # in the drawings of all poses: 41 of 1.2 million triangles
 USUAL_DEFECT_MM = 3.0
-CHOICE_SPACING_MM = 4.0  # of the samples that views are chosen by
+CHOICE_SPACING_MM = 4.0  # spacing of the samples by which views are chosen
 MAX_NAMED = 4  # poses named one by one in a remark
 USUAL_DENSITY_G_CM3 = 2.7  # aluminium, as in a recipe that does not say
 

@@ -27,8 +27,8 @@ from .units import read_unit
 
 Body = Any  # a manifold3d.Manifold, which comes without types
 
-MAX_SIDES: Final = 4096  # of a circle; more is a tolerance mistaken
-MAX_TRIANGLES: Final = 200_000  # of all shapes before they are joined
+MAX_SIDES: Final = 4096  # sides of a circle; a larger number means a wrong tolerance
+MAX_TRIANGLES: Final = 200_000  # triangles of all shapes before they are joined
 MAX_SHAPES: Final = 2_000
 MIN_SIDES: Final = 12
 GLOBE_SIDES: Final = 1.65  # a globe's widest triangles stay as close as a circle's chords

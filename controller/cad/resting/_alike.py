@@ -22,7 +22,7 @@ from ._surface import bulge_of
 Evidence = Literal["outline", "edges"]
 
 TOLERANCE_MM = 0.1
-STEP_MM = 0.25  # between the points drawings are measured at
+STEP_MM = 0.25  # distance between the points at which drawings are compared
 MAX_POINTS = 3_000
 TURN_BINS, RING_BINS = 720, 24
 GUESS_COUNT = 5

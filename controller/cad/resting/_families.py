@@ -22,10 +22,10 @@ RollKind = Literal["cylinder", "cone", "ball", "other"]
 
 QUARTER_TURN = np.pi / 2
 GAP = 1.6  # a ring is closed if no gap between strips is this many times wider than the widest
-OPEN_RAD = np.radians(46.0)  # nor wider than this, a circle of eight corners
+OPEN_RAD = np.radians(46.0)  # widest gap of a closed ring, that of a circle of eight corners
 EVEN_RAD = np.radians(4.0)  # strips of one ring are tilted alike up to this
 DOME_RAD = np.radians(20.0)  # a ring this narrow may be the fan of triangles round a pole
-ROUND_MM = 0.01  # a curve of constant radius is met this well
+ROUND_MM = 0.01  # largest misfit of a curve of constant radius
 
 
 @dataclass(frozen=True, eq=False, slots=True)

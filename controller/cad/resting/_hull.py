@@ -15,8 +15,8 @@ from ..graph import components
 from ..large import AT_ONCE, give_back
 
 SINGLE = float(np.finfo(np.float32).eps)  # STL files hold single precision
-BLUR = 8.0  # times that precision: corners of one plane stray this far from it
-SHORT = 16.0  # times the blur: sides shorter than this have no direction of their own
+BLUR = 8.0  # in single precisions: how far corners of one plane stray from it
+SHORT = 16.0  # in blurs: shorter sides have no direction of their own
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -20,13 +20,13 @@ from ._curves import LARGE_MM, PLANE_RATIO, SMOOTH_RAD, Strips
 from ._families import square_to
 from ._hull import Hull
 
-MAX_AXES = 6  # tried, of the largest surfaces
-SAME_AXIS = 1e-4  # sine of the angle between axes that are one
-SAME_AXIS_MM = 0.1  # apart; a plane's centre may be this far off where it is cut
+MAX_AXES = 6  # axes tried, those of the largest surfaces
+SAME_AXIS = 1e-4  # sine of the largest angle between two axes that count as one
+SAME_AXIS_MM = 0.1  # their largest distance; a cut plane's centre may be this far off
 RIM_MM = 0.02  # corners of one rim stray this far from its circle; a large part's in proportion
 MIN_FACETS = 6  # a band of fewer is no round
 WIDE_SPAN = 2.0  # a facet that spans this many times what is usual is a flat cut into the round
-USUAL_SHARE = 0.9  # of a band's facets span no more than usual
+USUAL_SHARE = 0.9  # share of a band's facets that span no more than is usual
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -16,14 +16,14 @@ from ._curves import BULGE_CAP_MM, SMOOTH_RAD
 
 TARGET_COUNT = 20_000  # points on the surface that lead to the nearest triangles
 PROBE_COUNT = 3_000  # points that are moved and measured
-FIRST_COUNT = 150  # of these settle most wrong guesses
-FEW_COUNT = 40  # and these, that many are nowhere near the surface
-COVER = 1.5  # times the mean distance of targets: hardly a point is further from the nearest
+FIRST_COUNT = 150  # of these points, as many as settle most wrong guesses
+FEW_COUNT = 40  # of these points, as many as show that most are far from the surface
+COVER = 1.5  # in mean distances of targets: hardly a point is farther from the nearest
 NEAR, NEARER = 6, 40  # triangles tried for each point, and where that leaves an ambiguity
-LOOSE = 10.0  # times the tolerance: a guess this near is worth turning a little
+LOOSE = 10.0  # in tolerances: a guess this near is worth a small correction
 CORNER_MM = 0.1  # a quarter of how far corners of one kind differ in their distances
 SAME = 0.07  # norm of the difference of rotations 3 degrees apart
-UNSURE_SHARE = 0.2  # more points off than this, and no closer look is needed
+UNSURE_SHARE = 0.2  # share of points off the surface above which no closer look is needed
 
 
 class Surface:

@@ -20,13 +20,13 @@ from ._poses import StablePose
 from ._surface import SAME, Surface, rotation_about
 
 TOLERANCE_MM = 0.15  # bores are drawn this far off the axis of parts meant to be symmetric
-EQUAL_MOMENTS = 2e-3  # of their sum; tessellation alone makes moments of a round part differ
+EQUAL_MOMENTS = 2e-3  # share of their sum; tessellation alone makes moments of a round part differ
 PRIMES = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37, 41, 43, 47, 53, 59, 61)
 MAX_FOLD = 64
-MAX_ANCHORS = 48  # corners alike that are tried as images of one
+MAX_ANCHORS = 48  # equal corners tried as images of one
 RETRY = 0.01
 SAME_POSE_RAD = np.radians(1.5)
-ODD_ANGLES_RAD = (0.7, 1.9, 2.6)  # no round part's divisions
+ODD_ANGLES_RAD = (0.7, 1.9, 2.6)  # angles that are no division of a round part
 LARGEST_GROUP = 400
 
 

@@ -11,11 +11,11 @@ from ..solid import Solid
 from ._walls import Wall
 
 PARALLEL = 1 - 1e-4
-MIN_BEVEL_RAD = np.radians(15.0)  # a flatter slope is a slope
+MIN_BEVEL_RAD = np.radians(15.0)  # a flatter slope is no chamfer
 LARGEST_BEVEL_RAD = np.radians(75.0)
-NARROW = 0.35  # a chamfer's width, of the lesser extent of the planes beside it
-CONE_NARROW = 0.35  # and of the radius, round an axis
-SMOOTH_SHARE = 0.4  # a fillet runs smoothly into others along so much of its outline
+NARROW = 0.35  # largest width of a chamfer, as a share of the lesser extent of the planes beside it
+CONE_NARROW = 0.35  # largest width of a chamfer round an axis, as a share of the radius
+SMOOTH_SHARE = 0.4  # share of a fillet's outline along which it runs smoothly into other faces
 
 
 @dataclass(frozen=True, eq=False, slots=True)

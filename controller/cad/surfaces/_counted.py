@@ -14,22 +14,24 @@ from controller.arrays import FloatArray, IntArray
 from ..solid import Solid
 from ._samples import SurfaceSamples, by_face, face_areas_mm2, placed_samples
 
-MAX_COUNT = 200_000  # on the faces of a part that need none finer; then they are farther apart
-BUDGET_COUNT = 300_000  # about so many in all, however many bores and small faces there are
+# Largest number of points on faces that need no finer spacing; they are spaced wider then.
+MAX_COUNT = 200_000
+# Approximate number of points in all, with any number of bores and small faces.
+BUDGET_COUNT = 300_000
 ROUND_COUNT = 24  # points round a bore
 PER_FACE = 1500  # points on a small face, for shares right to half a percent of it
-PER_SPECK = 24  # and on one of less than `SPECK_MM2`
+PER_SPECK = 24  # points on a face of less than `SPECK_MM2`
 SPECK_MM2 = 2.0
 OFF_EDGE_MM = 0.004  # more would leave out a strip that a narrow face is blind in
 DRAWN = 8  # candidates drawn for each square of the spacing
-APART = 0.8  # nearest that two points are to each other, in spacings
-TOGETHER = 8  # of so many candidates one is compared in pairs, the others with what is kept
-FEW_COUNT = 2000  # that are compared in pairs all at once
-WHOLE = 0.8  # spacings that make sure of the one asked for
+APART = 0.8  # least distance of two points, in spacings
+TOGETHER = 8  # one candidate in so many is compared in pairs, the others with those kept
+FEW_COUNT = 2000  # candidates compared in pairs all at once
+WHOLE = 0.8  # share of the spacing that guarantees the spacing asked for
 # Points are this share of the smallest defect apart: no spot of a defect's size is without one.
 SAMPLE_SHARE = 1 / 3
 ROUNDING = 1e-9
-HALVINGS = 60  # of the range in which a spacing is looked for
+HALVINGS = 60  # halvings of the range in which a spacing is sought
 # of the sequence that spreads points over a square most evenly, by the plastic number
 STEPS = np.array([[0.7548776662466927], [0.5698402909980532]])
 

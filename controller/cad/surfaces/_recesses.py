@@ -12,7 +12,7 @@ from ..solid import Solid
 from ._bands import edge_lengths, half_edges_by_face
 from ._slots import PARALLEL, SAME_MM, Slot, points_of
 
-MIN_WALLS = 3  # fewer do not close
+MIN_WALLS = 3  # fewer walls do not close
 
 
 def recesses(solid: Solid, left_out: set[int]) -> list[Slot]:

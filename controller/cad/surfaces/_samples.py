@@ -14,7 +14,7 @@ from ..large import spans
 from ..solid import Solid
 
 OFF_EDGE = 0.04  # least barycentric coordinate of a sample in its triangle
-FACES_APART_MM = 1e5  # in a fourth direction, far beyond the size of any part
+FACES_APART_MM = 1e5  # distance of faces in a fourth dimension, far beyond the size of any part
 
 
 @dataclass(frozen=True, eq=False, slots=True)

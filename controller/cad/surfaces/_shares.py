@@ -14,7 +14,7 @@ from ._samples import SurfaceSamples, by_face
 NEIGHBOUR_COUNT = 6
 # cells of which one whole is missed with 5 %: what is smaller than a cell may have no point in it
 UNMET_CELLS = 3.0
-KEPT_PARTS = 4  # whose neighbours are kept, for the next part of the kind
+KEPT_PARTS = 4  # parts whose neighbours are kept, for the next part of the kind
 
 
 def share_of(samples: SurfaceSamples, chosen: BoolArray) -> float:

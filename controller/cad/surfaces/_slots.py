@@ -13,7 +13,7 @@ from ._bands import half_edges_by_face
 from ._walls import Wall
 
 PARALLEL = 1 - 1e-5
-SAME_MM = 0.01  # radii and places of both ends agree so well
+SAME_MM = 0.01  # largest difference of radius and place of both ends
 
 
 @dataclass(frozen=True, eq=False, slots=True)

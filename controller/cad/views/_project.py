@@ -22,7 +22,7 @@ FRONT, EDGE_ON, BACK = 1, 0, -1
 # then shows by up to 1e-4 mm: less than that is nothing to be seen.
 EDGE_ON_RAD = 2e-5
 EDGE_ON_MM = 1e-4
-ALONG_RAD = 3e-4  # what an axis fitted to a mesh may be off
+ALONG_RAD = 3e-4  # largest error of an axis fitted to a mesh
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -20,8 +20,8 @@ from .derive import derive
 from .drafting import between, pair_characteristic
 from .limits import ToleranceClass, fit_limits_mm
 
-NEAR_MM: Final = 1.0  # a place that is given is meant for the axis or the edges so near to it
-SAME_SIZE: Final = 0.1  # and for a size that differs by no more than this share
+NEAR_MM: Final = 1.0  # distance within which a given place means an axis or edges
+SAME_SIZE: Final = 0.1  # largest difference of a given size, as a share
 PARALLEL_COS: Final = float(np.cos(np.radians(5.0)))
 MAX_NAMED: Final = 3
 LEFT_OUT: Final = "left out by the "

@@ -18,13 +18,14 @@ from .limits import (
 )
 
 UM_PER_MM: Final = 1000.0
-MAX_NAMED: Final = 3  # of many that are not required
-OWN_NUMBER: Final = re.compile(r" (?:\(\d+\)|F\d+(?: \w+ F\d+)?)")  # of one among alike
+MAX_NAMED: Final = 3  # optional characteristics that are named one by one
+# Number of one characteristic among similar ones.
+OWN_NUMBER: Final = re.compile(r" (?:\(\d+\)|F\d+(?: \w+ F\d+)?)")
 # Beyond its limits by so much a general tolerance is plainly missed: by half its own width again,
 # and by no more than this, so that a face 0.5 mm off is, where 0.3 mm are allowed.
 GROSS_SHARE: Final = 0.5
 GROSS_MM: Final = 0.15
-GROSS_PROBABILITY: Final = 0.99  # with which a value has to rule that out
+GROSS_PROBABILITY: Final = 0.99  # probability with which a value has to exclude a plain miss
 BADNESS: Final = {
     Verdict.PASS: 0,
     Verdict.NOT_EVALUATED: 1,

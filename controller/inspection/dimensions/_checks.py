@@ -12,9 +12,9 @@ from ._rays import Rays
 from ._types import MeasuringSettings
 from .solving import Solution
 
-FORM_POINTS: Final = 5  # neighbours whose mean is a point of the form
-FAINT: Final = 2.0  # times the error of the better rays: such a ray shows no form
-SURE_PX: Final = 0.1  # rays so good show how sharp the picture is
+FORM_POINTS: Final = 5  # neighbours averaged to a point of the form
+FAINT: Final = 2.0  # in errors of the better rays: a worse ray shows no form
+SURE_PX: Final = 0.1  # standard error of a ray that shows the picture's sharpness
 MIN_SURE: Final = 20
 # Two blurred steps, up by one and back by 0.4 to 0.9 within 2 to 4 px, as far as the fit takes
 # them for one: found off by 1.5 to 2.1 times what it is too narrow by; more where the way back is

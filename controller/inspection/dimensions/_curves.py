@@ -14,12 +14,12 @@ from ..characteristics import EdgeLine, Rim, rim_directions
 SPACING_PX: Final = 1.0  # between rays; nearer ones see the same pixels
 MAX_RAYS: Final = 120
 MIN_RAYS: Final = 16
-CORNER_PX: Final = 5.0  # rays nearer to a corner see what is round it
-SAME_RAD: Final = 1e-4  # between points that are one
-MIN_CHORDS: Final = 3  # ends of chords; fewer are no circle
+CORNER_PX: Final = 5.0  # distance from a corner below which a ray sees the surface round it
+SAME_RAD: Final = 1e-4  # angle between points below which they are one
+MIN_CHORDS: Final = 3  # least number of chord ends; fewer make no circle
 FULL_RAD: Final = 2 * np.pi - 1e-3  # a rim that sweeps more is closed
-WIDEST_RAD: Final = 0.5  # half of what a chord spans
-NEIGHBOUR: Final = 0.02  # step along a curve for its tangent and bend, of its length
+WIDEST_RAD: Final = 0.5  # largest half angle that a chord spans
+NEIGHBOUR: Final = 0.02  # step along a curve for tangent and bend, as a share of its length
 
 
 @dataclass(frozen=True, eq=False, slots=True)

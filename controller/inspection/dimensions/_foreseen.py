@@ -18,13 +18,14 @@ from .._scene import SHADOW_OFFSET_MM, ViewScene, lamp_points
 from ._rays import NONE, Rays
 from ._types import BACKLIT, PosedView
 
-STEP_PX: Final = 0.5  # between the places of a ray that are asked
-SOFT: Final = 4  # steps over which a shadow's border is taken for an edge; wider ones are none
-SHADED: Final = 0.1  # share of the lamp that it hides; a ring of six points loses a sixth at a time
-APART_PX: Final = 1.5  # nearer to each other blur makes one of two steps
-ON_PX: Final = 1.0  # of a shape, a step is on it: the pose is as good, and blur draws two together
-MIN_SHARE: Final = 0.5  # of the rays that say so; of one edge most do, a crossing one meets few
-MAX_RAYS: Final = 40  # asked of a feature; each is a hundred rays into the CAD model
+STEP_PX: Final = 0.5  # distance between the tested places of a ray
+SOFT: Final = 4  # steps over which a shadow's border counts as an edge; a wider one does not
+# Share of the lamp that is hidden; a ring of six points loses a sixth at a time.
+SHADED: Final = 0.1
+APART_PX: Final = 1.5  # distance below which blur merges two steps into one
+ON_PX: Final = 1.0  # distance of a step from a shape within which it is on it, by pose and blur
+MIN_SHARE: Final = 0.5  # least share of the rays; most agree on one edge, a crossing edge meets few
+MAX_RAYS: Final = 40  # rays tested for a feature; each takes a hundred rays into the CAD model
 
 
 def is_explained(

@@ -38,8 +38,8 @@ POSE: Final = "pose"
 LENS: Final = "lens"
 SCALE: Final = "scale"
 TEMPERATURE: Final = "temperature"
-MAX_EDGES: Final = 4  # of a plane, the longest; each costs as much as a bore
-SAME_AXIS_MM: Final = 0.05  # the arcs of a slot's one end are on one axis
+MAX_EDGES: Final = 4  # longest edges used of a plane; each costs as much as a bore
+SAME_AXIS_MM: Final = 0.05  # distance of axes below which arcs belong to one end of a slot
 # what a circle's place or radius says; a depth is none of it
 OF_A_RIM: Final = frozenset(
     {
@@ -51,7 +51,7 @@ OF_A_RIM: Final = frozenset(
 )
 # in two directions 95 % lie within 2.45 standard deviations, in one within 1.96
 ROUND: Final = 2.45 / 2.0
-FAR_OUT: Final = 3.0  # times its uncertainty from nominal a place is off in one direction
+FAR_OUT: Final = 3.0  # in uncertainties: a place farther from nominal is off in one direction
 NOTHING: Final[Mapping[str, FloatArray]] = MappingProxyType({})
 
 

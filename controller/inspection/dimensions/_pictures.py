@@ -27,19 +27,22 @@ from ._rivals import rival_px
 from ._types import BACKLIT, MeasuringSettings, PosedView
 from .solving import Solution, solve
 
-FAR_PX: Final = {True: 16.0, False: 6.0}  # before a panel no other edge looks alike
-FAR_SHARE: Final = 0.6  # of a radius: farther is the other side
+# Reach of the first look; before a panel no other edge looks alike.
+FAR_PX: Final = {True: 16.0, False: 6.0}
+FAR_SHARE: Final = 0.6  # largest reach as a share of a radius; farther off is the other side
 NEAR_PX: Final = 2.5
-SLACK_PX: Final = 1.0  # of the second look's reach, for what the first look is wrong by
-LEAN_KNOWN: Final = 0.3  # standard uncertainty of a lean, share of it
+SLACK_PX: Final = 1.0  # reach added to the second look for the first look's error
+LEAN_KNOWN: Final = 0.3  # standard uncertainty of a lean, as a share of it
 FEW: Final = 32  # rays of the first look
 EITHER: Final = 1 / 3**0.5  # standard deviation of a rectangle, of half its width
 RECTANGLE: Final = 1 / 12**0.5  # standard deviation of a rectangle, of its width
-OUTLINE_KNOWN: Final = 0.5  # the same of how far the light ends from an edge of the CAD model
-BLUR_KNOWN: Final = 0.1  # share by which the blur of a lens differs from a Gaussian one
-CHORDS_KNOWN: Final = 0.1  # share of a chord's height; blur rounds the corners between chords
+# Standard uncertainty of the light's end beside a CAD edge, as a share of the distance.
+OUTLINE_KNOWN: Final = 0.5
+BLUR_KNOWN: Final = 0.1  # difference of a lens's blur from a Gaussian one, as a share
+# Uncertainty as a share of a chord's height; blur rounds the corners between chords.
+CHORDS_KNOWN: Final = 0.1
 ANOTHER: Final = "another edge of the part, or a shadow's border, belongs where it was found"
-WAVES: Final = 3  # round a circle, in which light moves its edge
+WAVES: Final = 3  # waves round a circle by which light may move its edge
 
 
 @dataclass(frozen=True, eq=False, slots=True)

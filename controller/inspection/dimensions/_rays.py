@@ -21,13 +21,15 @@ from .._pose import PosedPart
 from .._scene import ViewScene
 from ._curves import Curve
 
-BESIDE_PX: Final = np.array([0.12, 0.25, 0.5, 1.0, 2.0, 3.0, 4.0])  # looked at, on either side
-FARTHER_PX: Final = np.array([6.0, 8.0, 11.0, 14.0, 18.0, 24.0, 32.0])  # where the next edge may be
-CLOSE_PX: Final = 0.25  # from here on one side must be all panel
-PLAIN_PX: Final = 1.0  # from here on the other side must be all part
-NEAR_PX: Final = 3.0  # under a lamp, no other edge may be nearer
-FLAT_COS: Final = 0.5  # a wall seen flatter throws light back
-FREE_PX: Final = 0.5  # off the edge, out of the material, from where the camera must be in sight
+# Distances at which either side of an edge is probed.
+BESIDE_PX: Final = np.array([0.12, 0.25, 0.5, 1.0, 2.0, 3.0, 4.0])
+# Distances at which the next edge is sought.
+FARTHER_PX: Final = np.array([6.0, 8.0, 11.0, 14.0, 18.0, 24.0, 32.0])
+CLOSE_PX: Final = 0.25  # distance from which one side must be all panel
+PLAIN_PX: Final = 1.0  # distance from which the other side must be all part
+NEAR_PX: Final = 3.0  # distance within which no other edge may be, under a lamp
+FLAT_COS: Final = 0.5  # cosine of incidence; a wall seen flatter throws light back
+FREE_PX: Final = 0.5  # distance outside the edge from which the camera must be in sight
 # where the light ends beside an edge; farther than the last, another edge ends it
 OUTSIDE_PX: Final = np.arange(1, 6) * 0.05
 NONE: Final = -1

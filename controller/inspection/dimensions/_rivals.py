@@ -16,12 +16,13 @@ from controller.imaging import step_heights
 from ._features import Feature
 from ._rays import Rays
 
-APART_PX: Final = 1.5  # nearer to each other blur makes one of two steps
-BESIDE_PX: Final = 1.0  # so much farther from the nominal place than what was found
-NEAR_PX: Final = 0.75  # of a shape, a step is on it
-MIN_HEIGHT: Final = 0.15  # of what was found, most of which is within two pixels
-MIN_NOISE: Final = 6.0  # times the noise of a pixel
-MIN_SHARE: Final = 0.2  # of the rays
+APART_PX: Final = 1.5  # distance below which blur merges two steps into one
+BESIDE_PX: Final = 1.0  # distance beyond the edge that was found, as seen from its nominal place
+NEAR_PX: Final = 0.75  # distance of a step from a shape within which it is on it
+# Least height as a share of the found edge, most of which is within two pixels.
+MIN_HEIGHT: Final = 0.15
+MIN_NOISE: Final = 6.0  # least height in noises of a pixel
+MIN_SHARE: Final = 0.2  # least share of the rays
 MIN_RAYS: Final = 8
 SHAPES: Final = np.linspace(-1.0, 1.0, 41)  # between nominal and found: 0 and 1
 

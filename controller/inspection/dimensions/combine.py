@@ -32,9 +32,9 @@ from ._looks import (
 from ._types import BACKLIT, MeasuringSettings
 
 DISAGREES: Final = "disagrees with the other looks"
-COVERAGE: Final = 2.0  # k
-MAX_DROPPED: Final = 1 / 3  # of the looks that may disagree with all others
-NAMED: Final = 2  # reasons that are named; more say the same
+COVERAGE: Final = 2.0  # coverage factor k
+MAX_DROPPED: Final = 1 / 3  # largest share of the looks that may disagree with all others
+NAMED: Final = 2  # reasons that are named; more repeat the same
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -9,12 +9,13 @@ import numpy as np
 from controller.arrays import BoolArray, FloatArray, median
 
 ROUNDS: Final = 25
-TRIMS: Final = 3  # rounds in which outliers are left out, and may come back
+TRIMS: Final = 3  # rounds in which outliers are left out or come back
 OUTLIER: Final = 4.0  # robust standard deviations beyond which a ray shows something else
 MAD_TO_SIGMA: Final = 1.4826
 SETTLED_PX: Final = 0.002
-SINGULAR: Final = 1e-9  # of the scaled normal matrix: some unknown is not shown at all
-MAX_CORRELATION: Final = 0.9  # of neighbouring rays: beyond it they are one
+# Smallest eigenvalue of the scaled normal matrix; below it an unknown is not shown.
+SINGULAR: Final = 1e-9
+MAX_CORRELATION: Final = 0.9  # correlation of neighbouring rays beyond which they count as one
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -18,15 +18,15 @@ from ._edges import PartEdges
 from ._looks import FORM_PX, EdgeLook, State
 from ._recesses import Recess
 
-MIN_POINTS: Final = 6  # of the mouth, and of the floor; fewer show no depth
-FOLLOWS: Final = 0.6  # of a floor's edge, where it must show, that must lie on the fitted one
-K: Final = 3.0  # standard deviations
-HALF: Final = 0.5  # of the depth: a floor that high is another hole's
+MIN_POINTS: Final = 6  # least number of points of the mouth, and of the floor, to show a depth
+FOLLOWS: Final = 0.6  # share of a floor's edge, where it must show, that must lie on the fitted one
+K: Final = 3.0  # standard deviations in the bound of a floor's height
+HALF: Final = 0.5  # share of the depth; a floor that high is another hole's
 # of the depth, and at least: a general tolerance is less, and a floor so far off is no good one's
 WRONG_SHARE: Final = 0.1
 WRONG_MM: Final = 0.3
 HIGH_COUNT: Final = 2  # pictures that have to show a floor in the upper half of its hole
-LIT_SHARE: Final = 0.3  # the same of a floor that is placed by light, whose model may err by more
+LIT_SHARE: Final = 0.3  # the same share for a floor placed by light, whose model may err by more
 
 
 @dataclass(frozen=True, eq=False, slots=True)

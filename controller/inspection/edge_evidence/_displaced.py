@@ -18,16 +18,17 @@ from ..integrity import Allowances, Run, RunTest, find_runs
 from ._edges import PartEdges
 from ._looks import EdgeLook, State
 
-MIN_POINTS: Final = 8  # of an edge; fewer have no course of their own
-MIN_RUN: Final = 3  # neighbouring rays that are off
+MIN_POINTS: Final = 8  # least number of points of an edge with a course of its own
+MIN_RUN: Final = 3  # least number of neighbouring rays that are off
 ROUNDS: Final = 4
-SIGMAS: Final = 3.0  # the limit of any test is higher
-BELONGS: Final = 0.25  # share of a run's depth: what is off by more is of it, by less on course
-FLANK: Final = 2  # points on its course at each end of a run
-GAP: Final = 2  # a point that was not found, here and there, ends no run
-SAME_LIGHT: Final = 2.0  # between the contrasts along a run and beside it
-OUTWARD: Final = 0.3  # share of a ray that leads out of the material, so that its sign tells
-LIMIT: Final = 2.0  # robust scatters, from which on a point has less say in the course
+SIGMAS: Final = 3.0  # in standard deviations; the limit of any test is higher
+# Share of a run's depth; points farther off belong to it, the others are on course.
+BELONGS: Final = 0.25
+FLANK: Final = 2  # points on course required at each end of a run
+GAP: Final = 2  # missing points that do not end a run
+SAME_LIGHT: Final = 2.0  # largest ratio of the contrasts along a run and beside it
+OUTWARD: Final = 0.3  # share of a ray that leads out of the material, so that its sign is clear
+LIMIT: Final = 2.0  # robust scatters from which a point has less weight in the course
 
 
 @dataclass(frozen=True, eq=False, slots=True)

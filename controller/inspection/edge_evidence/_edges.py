@@ -13,14 +13,15 @@ from controller.cad import Curve as CurveKind
 
 from ..dimensions import Curve
 
-SPACING_PX: Final = 2.0  # two rays nearer than the blur of a lens see one thing
-CORNER_PX: Final = 5.0  # what stands round a corner is not this edge's
-SHORTEST_PX: Final = 3.0  # a shorter edge is lost in the blur of a lens
-MAX_CORNER: Final = 0.3  # of an edge, so that a short one is looked at as well
+SPACING_PX: Final = 2.0  # distance between rays; nearer ones see the same within a lens's blur
+CORNER_PX: Final = 5.0  # distance from a corner below which other edges are seen
+SHORTEST_PX: Final = 3.0  # length below which an edge is lost in the blur of a lens
+# Share of an edge left out at a corner, so that a short one is measured as well.
+MAX_CORNER: Final = 0.3
 MIN_POINTS: Final = 4
 MAX_POINTS: Final = 160
-STEP: Final = 0.5  # of the spacing, back and on, for the tangent
-KEPT_PARTS: Final = 4  # whose geometry is kept, for the next part of the kind
+STEP: Final = 0.5  # step back and on for the tangent, in spacings
+KEPT_PARTS: Final = 4  # parts whose geometry is kept, for the next part of the kind
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -16,16 +16,16 @@ from ._edges import KEPT_PARTS, PartEdges
 from ._looks import EdgeLook, State
 from ._recesses import Recess
 
-TWO: Final = 2  # pictures, at least, that an edge has to be missing in
-THREE: Final = 3  # the same of one that is shorter than the smallest defect
-GREATER_PART: Final = 0.5  # of the edges of a face, in place
+TWO: Final = 2  # least number of pictures in which an edge must be missing
+THREE: Final = 3  # the same for an edge shorter than the smallest defect
+GREATER_PART: Final = 0.5  # share of a face's edges that must be in place
 CHANCE: Final = 0.1  # share of an edge that texture alone may show in place
-BESIDE: Final = 1.5  # times their spacing, points of two mouths are one above the other
+BESIDE: Final = 1.5  # in spacings: points of two mouths this near are one above the other
 NO_DEPTH: Final = "no picture shows how deep its floor lies"
 DISPUTED: Final = "pictures disagree on how deep its floor lies"
 NO_RIM: Final = "its rim is too short to be looked for"
 CLOSED: Final = "no light is shown to pass the bore that it leads to"
-PER_FACE: Final = 400  # random points on a face find its largest disc to some per cent
+PER_FACE: Final = 400  # random points on a face, which find its largest disc to some per cent
 
 
 @dataclass(frozen=True, slots=True)

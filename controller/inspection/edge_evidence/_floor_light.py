@@ -22,19 +22,20 @@ from ..dimensions import PosedView
 from ._depth import FloorLook
 from ._recesses import Recess
 
-MIN_TILT_COS: Final = 0.9  # seen flatter, the wall hides most of the floor
-FINE: Final = 2  # points a pixel each way
-BLUR_PX: Final = 0.8  # of a lens in focus; with 0.5 or 1.2 a depth changes by some per cent
-CLEAR_PX: Final = 1.5  # off the rim, whose chamfer or burr is no floor
-AROUND_PX: Final = (2.5, 4.5)  # off the rim, the surface about the mouth
-EVEN: Final = 0.15  # relative scatter of that: more is a shadow, an edge or a highlight
-RING_COUNT: Final = 16  # points that stand for a ring
-RING_WIDTHS: Final = (0.9, 1.1)  # of its radius: a ring is as wide as about a third of it
+MIN_TILT_COS: Final = 0.9  # cosine of incidence; seen flatter, the wall hides most of the floor
+FINE: Final = 2  # points per pixel in each direction
+BLUR_PX: Final = 0.8  # blur of a lens in focus; with 0.5 or 1.2 a depth changes by some per cent
+CLEAR_PX: Final = 1.5  # distance from the rim, whose chamfer or burr is no floor
+AROUND_PX: Final = (2.5, 4.5)  # distances from the rim that bound the surface about the mouth
+EVEN: Final = 0.15  # relative scatter of that surface; more is a shadow, an edge or a highlight
+RING_COUNT: Final = 16  # points that represent a ring lamp
+RING_WIDTHS: Final = (0.9, 1.1)  # inner and outer radius, in radii of the ring
 SHARES: Final = np.array([0.1, 0.25, 0.4, 0.5, 0.6, 0.7, 0.85, 1.0, 1.15, 1.4, 1.8, 2.5])
-EXPLAINED: Final = 0.8  # of the variance within the mouth: less is another light than predicted
-GAIN: Final = (0.6, 1.6)  # of the floor against the surface about the mouth, of one finish
-EVEN_LIGHT: Final = 0.4  # of that, which walls may add at most
-MODEL: Final = 0.07  # standard uncertainty of a depth by what the model leaves out, share of it
+# Share of the variance within the mouth; less is another light than predicted.
+EXPLAINED: Final = 0.8
+GAIN: Final = (0.6, 1.6)  # gain of the floor against the surface about the mouth, of one finish
+EVEN_LIGHT: Final = 0.4  # largest light added by walls, as a share of that surface's
+MODEL: Final = 0.07  # standard uncertainty of a depth by the model, as a share of it
 SAME_MM: Final = 0.02
 
 

@@ -26,13 +26,14 @@ from ..dimensions import (
 )
 from ._edges import PartEdges
 
-BEYOND_PX: Final = 2.5  # the least that an edge is looked for to either side
-K: Final = 3.0  # standard deviations of what an edge may be off by
-FORM_PX: Final = 0.25  # by which neighbours may differ beyond noise: broken edges, light
-BESIDE: Final = 3  # neighbours to either side that must agree
-MIN_AGREE: Final = 0.5  # share of them
-END_ON: Final = 0.3  # of its length that an edge must show, or it is seen end-on
-OWN_WALL: Final = 0.5  # of a step along a wall's normal that must show beside light through a hole
+BEYOND_PX: Final = 2.5  # least reach of the search for an edge to either side
+K: Final = 3.0  # in standard deviations of an edge's error
+FORM_PX: Final = 0.25  # difference of neighbours beyond noise: broken edges, light
+BESIDE: Final = 3  # neighbours to either side that are compared
+MIN_AGREE: Final = 0.5  # least share of the neighbours that must agree
+END_ON: Final = 0.3  # least share of its length that an edge must show; with less it is seen end-on
+# Share of a step along a wall's normal that must show beside light through a hole.
+OWN_WALL: Final = 0.5
 
 
 class State(IntEnum):

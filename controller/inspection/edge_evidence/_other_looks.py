@@ -19,8 +19,8 @@ from ._displaced import MIN_POINTS, Course, Displaced, course_of, known_points, 
 from ._edges import PartEdges
 from ._looks import EdgeLook
 
-SIGMAS: Final = 3.0  # between what damage would show and half of it, and from there to none
-VIEW_COUNT: Final = 2  # that each had to show it, and do not
+SIGMAS: Final = 3.0  # in standard deviations, from full damage to half of it, and from half to none
+VIEW_COUNT: Final = 2  # views that each had to show the damage, and do not
 
 
 def refuted(

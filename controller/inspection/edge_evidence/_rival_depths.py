@@ -24,9 +24,9 @@ from ._edges import PartEdges
 from ._looks import BEYOND_PX, EdgeLook, K, look_at_edges
 from ._recesses import Recess
 
-MIN_VIEWS: Final = 2  # that have to agree on a depth
-DEEPEST: Final = 1.0  # how much deeper a floor is looked for, of its depth
-MAX_COUNT: Final = 40  # of depths; a deeper hole is looked into at fewer places
+MIN_VIEWS: Final = 2  # views that have to agree on a depth
+DEEPEST: Final = 1.0  # largest depth searched below nominal, in nominal depths
+MAX_COUNT: Final = 40  # depths tried; a deeper hole is searched at fewer places
 
 
 def look_at_other_depths(

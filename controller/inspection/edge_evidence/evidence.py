@@ -29,11 +29,11 @@ from ._other_looks import refuted
 from ._recesses import Recess, find_recesses
 from ._rival_depths import look_at_other_depths
 
-EDGE_PLAY_MM: Final = 0.3  # beside an edge that may be broken by so much no surface is compared
-BLUR_PX: Final = 2.0  # nor within the blur of lens and filters
-MIN_COS: Final = 0.5  # a face that is only seen flatter is not shown; no face is narrow for that
-GRAINS: Final = 2.0  # of dust, that nothing longer looks like
-SEEN_COS: Final = 0.26  # a sample that is seen flatter is not looked at, as in `_scene`
+EDGE_PLAY_MM: Final = 0.3  # width beside an edge, which may be broken, where no surface is compared
+BLUR_PX: Final = 2.0  # width of the blur of lens and filters, where nothing is compared either
+MIN_COS: Final = 0.5  # cosine; a face seen only flatter is not shown, which does not make it narrow
+GRAINS: Final = 2.0  # in sizes of dust; a longer thing is no dust
+SEEN_COS: Final = 0.26  # cosine; a sample seen flatter is not evaluated, as in `_scene`
 
 
 @dataclass(frozen=True, eq=False, slots=True)

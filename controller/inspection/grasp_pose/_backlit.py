@@ -21,14 +21,14 @@ from controller.recognition.fitting import OutlineMeasure
 from .._connected import grow
 from .._scene import ViewScene
 
-REDUCED: Final = 4  # the panel's own light changes slowly
-BESIDE_PX: Final = 8  # blur and light beside a part are not the panel's level
-SATURATED: Final = 256  # no level is: a burnt out panel is refused before
-UNEVEN: Final = 0.3  # share by which a panel may be darker at its rim
+REDUCED: Final = 4  # reduction of the picture for the panel's own light, which changes slowly
+BESIDE_PX: Final = 8  # width beside a part in which blur and light hide the panel's level
+SATURATED: Final = 256  # a level that none exceeds: a burnt out panel is refused before
+UNEVEN: Final = 0.3  # loss of a panel's light at its rim, as a share
 HALF: Final = 0.5  # an edge is where the light is half-way between part and panel
-INTERPOLATED: Final = 0.82  # of a pixel's noise, between two of them, on the average
+INTERPOLATED: Final = 0.82  # noise between two pixels as a share of a pixel's, on the average
 NOTHING_SEEN: Final = Contour(np.zeros((0, 2)), np.zeros((0, 2)))
-PHASES: Final = np.linspace(0.0, 1.0, 101)  # of an edge between two pixels
+PHASES: Final = np.linspace(0.0, 1.0, 101)  # positions of an edge between two pixels
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -30,22 +30,23 @@ from ._types import FaceShift, GraspPose, OutlineView, PoseSettings, ViewPose
 # how far off the outline may be; one step each, as what shows changes while a held part tilts
 REACH_PX: Final = (25.0, 18.0, 12.5, 9.0, 7.0, 6.0)
 COARSE_COUNT: Final = 400  # outline points of a view in these steps
-COARSE_PX: Final = 0.4  # what counts for much there: views weigh against the prior
+# Noise assumed of an outline point in these steps, to weigh views against the prior.
+COARSE_PX: Final = 0.4
 # fine rounds: what counts for much, in shares of `LOOSE`, and whether faces are let go
 ROUNDS: Final = ((4.0, False), (2.0, True), (1.0, True))
-STEPS: Final = 3  # of each
+STEPS: Final = 3  # steps of each round
 TAIL: Final = 4.0  # degrees of freedom of Student's distribution: faces of good and bad parts
 LOOSE: Final = 3.0  # standard deviations beyond which a point belongs to something else
-COMPARED_PX: Final = 6.25  # the observed outline is looked for so far from the fitted one
-CORRELATED_PX: Final = 3.0  # blur and pixels err together along an edge over so much
-ALONG_MM: Final = 3.0  # light and form differ along an edge, hardly within so much of it
-BENT: Final = 0.1  # share of a face's shift that straight lines do not tell of a curved outline
-ALONG_SHARE: Final = 1 / 3  # by that share of what they do to the edge as a whole
-PAIRED_PX: Final = 2.0  # nearer than this a point of the outline is found
+COMPARED_PX: Final = 6.25  # reach of the search for the observed outline round the fitted one
+CORRELATED_PX: Final = 3.0  # distance along an edge within which blur and pixels err together
+ALONG_MM: Final = 3.0  # distance along an edge within which light and form hardly change
+BENT: Final = 0.1  # share of a face's shift that a curved outline hides from straight lines
+ALONG_SHARE: Final = 1 / 3  # effect along an edge as a share of the effect on the edge as a whole
+PAIRED_PX: Final = 2.0  # distance below which a point of the outline counts as found
 MAX_CYCLES: Final = 4
-MISSED_SHARE: Final = 0.4  # of the outline; a wrong part or a wrong place leaves more
-MIN_POINTS: Final = 20  # of an outline, observed or predicted
-SPLIT_RAD: Final = 0.5  # of a curved edge: what light does to it changes along it
+MISSED_SHARE: Final = 0.4  # largest missing share of the outline; a wrong part or place leaves more
+MIN_POINTS: Final = 20  # least number of points of an outline, observed or predicted
+SPLIT_RAD: Final = 0.5  # sector of a curved edge: the effect of light changes along it
 
 
 def fit_grasp(

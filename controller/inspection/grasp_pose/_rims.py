@@ -11,12 +11,12 @@ from controller.recognition.fitting import EdgePoints, edge_jacobian, predict_ou
 
 from .._pose import PosedPart
 
-CLEAR_PX: Final = 1.0  # light through a slit narrower than this is not compared
+CLEAR_PX: Final = 1.0  # width of a slit below which light through it is not compared
 SMOOTH: Final = 0.9  # cosine between two sides that move an outline together
-RIM: Final = 0.94  # cosine: a chord of a circle and its tangent there
-AHEAD_MM: Final = 0.2  # along an edge, to tell its direction in the picture
+RIM: Final = 0.94  # cosine between a chord of a circle and its tangent there
+AHEAD_MM: Final = 0.2  # step along an edge, to find its direction in the picture
 HALF: Final = 0.5  # an axis is as long as 1, or 0 where a face has none
-FREEDOMS: Final = 4  # of a face: along its normals, and a shift of a curved one
+FREEDOMS: Final = 4  # freedoms of a face: along its normals, and a shift of a curved one
 
 
 @dataclass(frozen=True, eq=False, slots=True)

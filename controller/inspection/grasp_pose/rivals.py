@@ -19,11 +19,11 @@ from .._pose import PosedPart
 from ._joint import fit_grasp
 from ._types import GraspPose, OutlineView, PoseSettings
 
-SUSPECT_SHARE: Final = 0.985  # of the outline: less of it where it should be makes one suspect
-LOST_PX: Final = 6.0  # what an outline point without a partner counts as
-POINT_PX: Final = 3.0  # along an outline, that much of it is one piece of evidence
+SUSPECT_SHARE: Final = 0.985  # share of the outline in place below which the part is suspect
+LOST_PX: Final = 6.0  # offset counted for an outline point without a partner
+POINT_PX: Final = 3.0  # length along an outline that counts as one piece of evidence
 DECIDED: Final = 20.0  # logarithm of the odds from which a rival is believed
-EXPLAINS: Final = 0.97  # share of the outlines that a believed rival explains
+EXPLAINS: Final = 0.97  # least share of the outlines that an accepted rival explains
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,8 +10,9 @@ from controller.imaging import Camera, inverse_pose, sample_picture, transform
 
 from .._pose import PosedPart
 
-FINE: Final = 4  # samples a pixel, either way
-ALONG_PX: Final = np.arange(-4.0, 4.05, 0.1)  # the normal, where the blurred outline is looked for
+FINE: Final = 4  # samples per pixel in each direction
+# Places along the normal where the blurred outline is sought.
+ALONG_PX: Final = np.arange(-4.0, 4.05, 0.1)
 HALF: Final = 0.5
 
 

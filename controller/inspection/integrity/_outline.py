@@ -26,26 +26,26 @@ from ._allowed import Allowances, allowed_mm
 from ._blurred import blur_rounds_px
 from ._runs import Run, RunTest, crowded, find_runs
 
-MARGIN_PX: Final = 40  # beyond the outline, where material may stick out
-LOST_PX: Final = 6.0  # what a point without any partner counts as
-NEAR_PX: Final = 6  # beside what is not judged the observed outline ends
-INSIDE_PX: Final = 2.0  # a lost point is dark or bright so far to either side of it
-HALF: Final = 0.5  # between part and panel
-LIGHT_SIGMAS: Final = 2.0  # of what light may do to an edge as a whole
-REACH_PX: Final = 4.0  # beyond a run, its blurred surroundings
-MAX_RUNS: Final = 40  # of one view that are looked into; more are no corners
+MARGIN_PX: Final = 40  # width beyond the outline where material may stick out
+LOST_PX: Final = 6.0  # offset counted for a point without any partner
+NEAR_PX: Final = 6  # distance from unjudged pixels within which the observed outline ends
+INSIDE_PX: Final = 2.0  # distance to either side at which a lost point is tested as dark or bright
+HALF: Final = 0.5  # level between part and panel
+LIGHT_SIGMAS: Final = 2.0  # standard deviations of light's effect on an edge as a whole
+REACH_PX: Final = 4.0  # distance beyond a run: its blurred surroundings
+MAX_RUNS: Final = 40  # runs of one view that are examined; more are no corners
 MAX_WINDOW_PX: Final = 60.0
-AREA_PX: Final = 9  # smaller areas are for the runs
-WHOLE_EDGE: Final = 0.7  # share of an edge that is off: it is out of place, not broken
-BURR_PX: Final = 3.0  # what is smaller may be dust
+AREA_PX: Final = 9  # smaller areas are left to the runs
+WHOLE_EDGE: Final = 0.7  # share of an edge that is off from which it is out of place, not broken
+BURR_PX: Final = 3.0  # size below which a finding may be dust
 CHIP_PX: Final = 6.0
-ROUNDED: Final = 3.0  # standard deviations of blur that take off a corner
-GRAINS: Final = 2.0  # of dust, that nothing larger looks like
-SURE_PX: Final = 3.0  # no light eats so deep into one place of an edge
-CLEARLY_PX: Final = 0.3  # a face farther out of place than allowed, by so much
-FULL_RUN: Final = 0.6  # of the points along a run that must have been compared
-BETWEEN_ZOOM: Final = 4  # of a mask that is drawn for a border
-CROWDED: Final = 4.0  # standard deviations of blur: two edges nearer than this move each other
+ROUNDED: Final = 3.0  # standard deviations of blur that round a corner
+GRAINS: Final = 2.0  # in sizes of dust; a larger thing is no dust
+SURE_PX: Final = 3.0  # depth that no light removes from one place of an edge
+CLEARLY_PX: Final = 0.3  # least excess of a face over its allowance
+FULL_RUN: Final = 0.6  # least share of the points along a run that must have been compared
+BETWEEN_ZOOM: Final = 4  # enlargement of a mask that is drawn for a border
+CROWDED: Final = 4.0  # standard deviations of blur within which two edges move each other
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -16,12 +16,12 @@ from scipy.special import ndtri
 
 from controller.arrays import BoolArray, FloatArray, IntArray, inner
 
-WINDOWS_PX: Final = (1.5, 3.0, 6.0, 12.0, 24.0)  # half of their lengths
-BLUR_PX: Final = 3.0  # along an edge, points nearer than this are one
-ALIKE: Final = 0.5  # cosine between normals of one run
-LINKED_PX: Final = 3.0  # points of one run are no farther apart
+WINDOWS_PX: Final = (1.5, 3.0, 6.0, 12.0, 24.0)  # half lengths of the windows
+BLUR_PX: Final = 3.0  # distance along an edge within which points are one
+ALIKE: Final = 0.5  # least cosine between normals of one run
+LINKED_PX: Final = 3.0  # largest distance between points of one run
 OPPOSITE: Final = -0.2  # cosine between normals: two sides of a sliver, a gap or a sharp corner
-BELONGS: Final = 0.4  # share of a run's largest difference that still belongs to it
+BELONGS: Final = 0.4  # share of a run's largest difference from which a point belongs to it
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,13 +25,13 @@ from controller.imaging import Camera, RayCaster, inverse_pose, transform
 from .._scene import SHADOW_OFFSET_MM
 from .surface import Surface
 
-COSINE_PLAY: Final = 0.02  # the pose, and a surface, may be turned by a degree
-ALBEDO: Final = 0.8  # nothing machined throws back more
-BOUNCE_STEP: Final = 4  # bounced light is smooth: every fourth node
+COSINE_PLAY: Final = 0.02  # cosine error: pose and surface may be turned by a degree
+ALBEDO: Final = 0.8  # largest albedo of a machined surface
+BOUNCE_STEP: Final = 4  # step in nodes: bounced light is smooth
 BOUNCE_RAYS: Final = 40
-LOBE_RAD: Final = 0.2  # of a polished neighbour's highlight: rays are half of it apart
-POLISH: Final = 3.0  # times as bright a narrower one is in one place
-UNEVEN_MM: Final = 2.0  # light from so near by changes by half within a defect's width
+LOBE_RAD: Final = 0.2  # width of a polished neighbour's highlight: rays are half of it apart
+POLISH: Final = 3.0  # peak brightness of a narrower highlight, as a factor
+UNEVEN_MM: Final = 2.0  # distance from which light changes by half within a defect's width
 # A polished surface spreads a ray by twice the angle that its facets are turned by: twice the
 # narrowest of `HIGHLIGHT_WIDTHS_RAD`. A matt one spreads it over the hemisphere.
 POLISHED_SPREAD_RAD: Final = 0.17

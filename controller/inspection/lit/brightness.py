@@ -18,19 +18,21 @@ from .light import Light
 
 FIT_SAMPLE: Final = 4000
 ROUNDS: Final = 6
-OUTLYING: Final = 2.0  # robust standard deviations: farther off a node loses weight
-PIECES: Final = 5  # of a face err independently: a finish is alike all over it
-STRAY_GREY: Final = 5.0  # of eight bits: no more light than that comes from nowhere
-PRIOR_SHARE: Final = 1.0  # highlights up to as bright as the matt share are nothing special
-MIN_ERROR: Final = 0.01  # of the brightness
-SHARE_BINS: Final = (0.0, 0.15, 0.4, 0.7, 1.01)  # of highlight and bounce in the brightness
-BIN_COUNT: Final = 60  # nodes that show a spread
-UNKNOWN_SPREAD: Final = 0.35  # where too few nodes show one
-UNSEEN_SPREAD: Final = 0.15  # of a face none of whose nodes shows its tone: other directions
-FACE_COUNT: Final = 60  # nodes that show a face's own tone
+OUTLYING: Final = 2.0  # robust standard deviations from which a node loses weight
+PIECES: Final = 5  # independent pieces of a face: a finish is alike all over it
+STRAY_GREY: Final = 5.0  # largest stray light, in grey levels of eight bits
+PRIOR_SHARE: Final = 1.0  # highlights up to this many times the matt share are ordinary
+MIN_ERROR: Final = 0.01  # least error, as a share of the brightness
+# Bins for the share of highlight and bounce in the brightness.
+SHARE_BINS: Final = (0.0, 0.15, 0.4, 0.7, 1.01)
+BIN_COUNT: Final = 60  # least number of nodes that show a spread
+UNKNOWN_SPREAD: Final = 0.35  # spread where too few nodes show one
+UNSEEN_SPREAD: Final = 0.15  # spread of a face without nodes for its tone: other directions
+FACE_COUNT: Final = 60  # least number of nodes that show a face's own tone
 FAINT_GREY: Final = 6.0
-MIN_GAIN: Final = 1.0  # grey of a matt surface square to the lamp: a black picture has some, too
-POLISHED: Final = 4.0  # times as bright as the matt share: highlights of a polished finish
+# Gain [grey] of a matt surface square to the lamp, which a black picture has too.
+MIN_GAIN: Final = 1.0
+POLISHED: Final = 4.0  # peak of a polished finish's highlights, in matt shares
 TINY: Final = 1e-9  # keeps a lamp that shows nowhere from making a matrix singular
 
 

@@ -20,22 +20,25 @@ from .brightness import Brightness
 from .light import Light
 from .surface import Surface
 
-SHADED: Final = 0.02  # of the open light: a full shadow
-STEEPEST: Final = 0.15  # cosine: steeper surfaces are seen in too few nodes
-FITTED_LIGHT: Final = 0.25  # less light than that fixes no gain
+SHADED: Final = 0.02  # share of the open light below which a shadow is full
+STEEPEST: Final = 0.15  # cosine below which a surface is seen in too few nodes
+FITTED_LIGHT: Final = 0.25  # least light that fixes a gain
 FITTED_COUNT: Final = 150
-WORST_TYPICAL: Final = 0.3  # of the brightness: the best fit explains the picture no better
+# Error as a share of the brightness above which no fit explains the picture.
+WORST_TYPICAL: Final = 0.3
 SCATTERS: Final = 3.0
-MIN_SPREAD: Final = 0.05  # lens and beam: no prediction is better
+MIN_SPREAD: Final = 0.05  # least spread of a prediction, by lens and beam
 HALF: Final = 0.5  # what is found: half as bright as predicted, or
 TWICE: Final = 2.0
 UNLIT_GREY: Final = 25.0
 PENUMBRA_SHARE: Final = 0.25
-BOUNCE: Final = 0.15  # of a matt surface square to the lamp: more is not known well
-GLOSS: Final = 3.0  # times what matt neighbours throw back: glossy ones, in one direction
+# Bounced light, in that of a matt surface square to the lamp, above which it is uncertain.
+BOUNCE: Final = 0.15
+GLOSS: Final = 3.0  # light from glossy neighbours in one direction, in that of matt ones
 BURNT_GREY: Final = 252
-MAX_BURNT: Final = 0.5  # of the lit surface that may be burnt out: the rest is still told
-WHOLE_FACE: Final = 0.6  # of a face's nodes off together: its light is not understood
+MAX_BURNT: Final = 0.5  # largest burnt out share of the lit surface; the rest is still compared
+# Share of a face's nodes off together from which its light is not understood.
+WHOLE_FACE: Final = 0.6
 
 
 @dataclass(frozen=True, eq=False, slots=True)

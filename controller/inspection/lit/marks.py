@@ -21,28 +21,28 @@ from controller.arrays import BoolArray, Float32Array, FloatArray, Int32Array, m
 from .._scene import MAX_INCIDENCE_COS
 from .texture import Texture
 
-SPOT_NODES: Final = (1.2, 2.0, 3.3, 5.5, 9.0)  # standard deviation of a spot's middle
-SURROUND: Final = 1.6  # times that: of what it is compared with
-LINE_NODES: Final = 0.9  # across
-LINE_LENGTH_NODES: Final = 4.5  # along
+SPOT_NODES: Final = (1.2, 2.0, 3.3, 5.5, 9.0)  # standard deviations of a spot filter's middle
+SURROUND: Final = 1.6  # width of its surround, in widths of the middle
+LINE_NODES: Final = 0.9  # width of a line filter across
+LINE_LENGTH_NODES: Final = 4.5  # length of a line filter along
 DIRECTIONS: Final = 12
-ON_REGION: Final = 0.5  # of a filter's weight that must lie on the region
-MAX_OF_REGION: Final = 0.2  # of a region: a larger mark moves what is fitted to the region
-MIN_GAIN: Final = 0.5  # of a whole spot's answer: less of it left is no measure of a mark
+ON_REGION: Final = 0.5  # least share of a filter's weight on the region
+MAX_OF_REGION: Final = 0.2  # largest share of a region; a larger mark moves the fit to the region
+MIN_GAIN: Final = 0.5  # least share of a whole spot's response that still measures a mark
 FLATTEST: Final = MAX_INCIDENCE_COS  # a surface seen flatter is not in sight
-NEAR_NODES: Final = 20.0  # texture may differ from one part of a face to another
-CLIPPED: Final = 3.0  # standard deviations a node adds to that, at most
+NEAR_NODES: Final = 20.0  # distance over which a face's texture may differ
+CLIPPED: Final = 3.0  # most that a node adds to a face's scatter, in standard deviations
 WRONG_SHAPE: Final = 0.5  # share of a predicted change that may be wrong, as at a highlight
-MIN_MAXIMA: Final = 30  # that show a tail
+MIN_MAXIMA: Final = 30  # least number of maxima that show a tail
 HEAVIEST: Final = 0.8  # exponent of the tail: 2 is normal noise, 1 exponential
 LIGHTEST: Final = 2.0
-QUIETEST: Final = 0.002  # contrast below which no face's texture is taken to be
+QUIETEST: Final = 0.002  # least contrast assumed for a face's texture
 # what a mark is taken to differ from its surroundings by, for the smallest one that is found: a
 # dent whose flanks turn by ten degrees, a scratch of bare metal, a film that darkens
 CONTRASTS: Final = MappingProxyType({"dent": 0.3, "scratch": 0.2, "stain": 0.15})
-MIN_CONTRAST: Final = 0.1  # what differs by less is finish, not a mark
-DISC: Final = 1.4  # radius of a spot by the standard deviation of the filter that answers most
-FILTER_STEP: Final = 5 / 3  # from one spot filter's width to the next
+MIN_CONTRAST: Final = 0.1  # least contrast of a mark; a weaker difference is finish
+DISC: Final = 1.4  # radius of a spot, in standard deviations of the filter that responds most
+FILTER_STEP: Final = 5 / 3  # ratio of one spot filter's width to the next
 # share of a spot filter's most answer to a disc larger by so many steps: of one much larger its
 # border alone answers
 OTHER_STEPS: Final = (-3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0)

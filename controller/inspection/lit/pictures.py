@@ -39,26 +39,27 @@ from .surface import find_surface
 from .texture import Texture, feature_edges, find_texture
 
 STEP_PX: Final = 2  # faces are compared on every second pixel: shadows are as narrow as defects
-LENS_PX: Final = 0.7  # about how a lens blurs
-SHARP_STACK_PX: Final = 0.7  # as `register_edges` does
-LENS_WIDTH_PX: Final = 0.56  # as `register` measures that
-MIN_NODES: Final = 3  # a difference in light is at least as wide, on the grid
-MIN_WIDTH_PX: Final = 7.0  # and leaves so much of a defect, the blur of its border taken off
-OTHER_LAMP: Final = 0.7  # of the own lamp's error: another lamp explains a picture better
+LENS_PX: Final = 0.7  # typical blur of a lens
+SHARP_STACK_PX: Final = 0.7  # the same as `register_edges` measures it
+LENS_WIDTH_PX: Final = 0.56  # the same as `register` measures it
+MIN_NODES: Final = 3  # least width of a difference in light, on the grid
+MIN_WIDTH_PX: Final = 7.0  # least width of a defect in the picture, without the blur of its border
+# Share of the own lamp's error below which another lamp explains a picture better.
+OTHER_LAMP: Final = 0.7
 MIN_OTHER_ERROR: Final = (
     0.045  # a picture off by less may be this lamp's on a flat part, where all lamps look alike
 )
 FAINT_GREY: Final = 12.0
-DISC_SHARE: Final = 0.6  # of a defect's disc that must lie on compared pixels
-EDGE_PLAY_MM: Final = 0.3  # edges are broken, and features may be off, by so much within tolerance
+DISC_SHARE: Final = 0.6  # least share of a defect's disc on compared pixels
+EDGE_PLAY_MM: Final = 0.3  # tolerance for broken edges and for features out of place
 EDGE_PLAY_PX: Final = 2.0  # blur of the edge and of the filters, three standard deviations
-POSE_SPREADS: Final = 2.0  # standard deviations of the pose that an edge may be off by
-SPREAD_NODES: Final = 8  # the pose's spread changes slowly
-BOUNCED: Final = 1.5  # times the light of matt neighbours: what a glossy corner adds in one place
-PARTLY_NODES: Final = 2  # lamps are a little larger than their centres say
-LIT: Final = 0.05  # of a surface square to the lamp: less light shows no texture
-VEIL_GREY: Final = 1.5  # what a lens scatters of bright places into dark ones beside them
-MIN_NOISE_GREY: Final = 0.3  # of eight bits
+POSE_SPREADS: Final = 2.0  # standard deviations of the pose by which an edge may be off
+SPREAD_NODES: Final = 8  # step in nodes: the pose's spread changes slowly
+BOUNCED: Final = 1.5  # light that a glossy corner adds in one place, in that of matt neighbours
+PARTLY_NODES: Final = 2  # width in nodes: lamps are a little larger than their centres suggest
+LIT: Final = 0.05  # least light that shows texture, in that of a surface square to the lamp
+VEIL_GREY: Final = 1.5  # light that a lens scatters from bright places into dark ones beside them
+MIN_NOISE_GREY: Final = 0.3  # least noise, in grey levels of eight bits
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -18,14 +18,14 @@ from .marks import SPOT_NODES, Answers
 from .surface import Surface
 from .texture import Texture
 
-BLUR_PX: Final = 1.65  # full width at half maximum of a point: what a good lens makes
-SOFT_PX: Final = 0.7  # takes the noise of single pixels off a speck
-BORDER_PX: Final = 3  # of a face, within which blur shows what is beside it
-WIDTH: Final = 2.355  # full width at half maximum of a bell, by its standard deviation
-LONG: Final = 3.0  # times as long as wide: a line
-MAX_MARKS: Final = 40  # of a picture: a face full of marks is a finish
-BOTH_SIDES: Final = 0.4  # a dent's darker side is as strong as that, in its brighter side
-STAIN_MM: Final = 3.0  # wider marks of one sign are stains
+BLUR_PX: Final = 1.65  # full width at half maximum of a point through a good lens
+SOFT_PX: Final = 0.7  # smoothing that removes the noise of single pixels from a speck
+BORDER_PX: Final = 3  # width along a face's border in which blur mixes in its neighbours
+WIDTH: Final = 2.355  # full width at half maximum of a bell, in standard deviations
+LONG: Final = 3.0  # ratio of length to width from which a mark is a line
+MAX_MARKS: Final = 40  # marks of a picture; a face with more has a coarse finish
+BOTH_SIDES: Final = 0.4  # least strength of a dent's darker side, as a share of its brighter side
+STAIN_MM: Final = 3.0  # width from which a mark of one sign is a stain
 
 
 def local_findings(

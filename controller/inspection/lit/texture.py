@@ -16,15 +16,17 @@ from controller.arrays import BoolArray, Float32Array, FloatArray, Int32Array, i
 
 from .surface import Surface
 
-CREASE_COSINE: Final = float(np.cos(np.radians(8.0)))  # between nodes: no smooth face turns faster
-DEPTH_STEP: Final = 4.0  # between nodes, in what a plane seen as flat as allowed would make
-MIN_REGION: Final = 60  # nodes that fix how a face's brightness runs
-FITTED_COUNT: Final = 3000  # of its nodes, at most
+# Cosine between nodes: no smooth face turns faster.
+CREASE_COSINE: Final = float(np.cos(np.radians(8.0)))
+DEPTH_STEP: Final = 4.0  # largest step between nodes, in that of a plane seen as flat as allowed
+MIN_REGION: Final = 60  # least number of nodes that fix the course of a face's brightness
+FITTED_COUNT: Final = 3000  # largest number of a face's nodes in the fit
 ROUNDS: Final = 4
-OUTLYING: Final = 2.5  # robust standard deviations: farther off a node loses weight
-SLOW_NODES: Final = 14.0  # what changes over more is the finish's or the light's
-DARKEST_GREY: Final = 6.0  # below, contrast is taken of this much
-RULED: Final = 0.05  # a face whose normals vary along one direction: this little along the other
+OUTLYING: Final = 2.5  # robust standard deviations from which a node loses weight
+SLOW_NODES: Final = 14.0  # length over which slower changes are the finish's or the light's
+DARKEST_GREY: Final = 6.0  # level below which contrast is relative to this level
+# Ratio of the spreads of a ruled face's normals, along its lines and across them.
+RULED: Final = 0.05
 RULED_COUNT: Final = 40  # nodes to a bin of normals
 
 

@@ -15,8 +15,8 @@ from ._pictures import EdgePicture, Stance
 
 TURN_COUNT = 9
 SHIFT_COUNT = 9
-POINT_COUNT = 300  # of a line are moved about in the search; all are counted in the end
-FINISHED_COUNT = 4  # placings that are looked at closely
+POINT_COUNT = 300  # points of a line that the search moves; all are counted in the end
+FINISHED_COUNT = 4  # placings that are evaluated fully
 ROUND_COUNT = 4
 FAR_CELLS = 20.0
 NEARER_COUNTS = 20.0  # a point without a partner counts this much more than one far from it

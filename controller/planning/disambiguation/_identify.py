@@ -15,7 +15,8 @@ from ._pictures import EdgePicture
 from ._rules import DisambiguationRules
 from ._separate import Predicted, needed_px
 
-CONVINCED = 0.5  # of what two predictions differ by, the measured picture must be nearer to one
+# Share of the difference of two predictions by which a picture must be nearer to one.
+CONVINCED = 0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)

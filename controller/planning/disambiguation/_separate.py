@@ -25,8 +25,8 @@ from ._pictures import (
 )
 from ._rules import DisambiguationRules
 
-HOPEFUL = 0.5  # of what it takes, in a thinned picture
-DOUBTED = 2.0  # so many times less may be left of a thinned picture's margin on the finer grid
+HOPEFUL = 0.5  # share of the margin needed that a thinned picture must show
+DOUBTED = 2.0  # factor by which the finer grid may reduce a thinned picture's margin
 # a view that differs by just enough pixels fails to convince about every other time, one with
 # twice as many every fourth, and then wants another
 FAILS = 0.5

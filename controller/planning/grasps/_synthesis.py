@@ -34,9 +34,9 @@ from .seeds import (
     pre_open,
 )
 
-SORTING_SHARE = 0.8  # of the contact asked for, that coarse rays must find
+SORTING_SHARE = 0.8  # share of the contact asked for that coarse rays must find
 BATCH_SIZE = 400
-FEW_PICKS = 4  # of a stable pose: with fewer, the part is looked at densely as it lies
+FEW_PICKS = 4  # picks of a stable pose; with fewer, the part is searched densely as it rests
 THIN_SHARE = 1.5  # a part is thin whose rim offers less than this of the contact of two lines
 GOLDEN = 0.6180339887498949
 

@@ -17,7 +17,7 @@ from .contact import Contacts, PadGrid
 from .judge import Judge
 from .seeds import across
 
-COARSE_STEP_MM = 4.0  # of the first closing, which only tells how the part will turn
+COARSE_STEP_MM = 4.0  # ray spacing of the first closing, which only shows how the part will turn
 MAX_TURN_RAD = float(np.radians(5.0))  # pads turn a part by little more than its pose was wrong
 MAX_SLIDE_MM = 2.0
 LATTICE_COUNT = 3

@@ -21,7 +21,7 @@ from .scene import SELF_MARGIN_MM, Scene
 from .segments import MARGIN_MM
 
 SWEEP_MARGIN_MM = 10.0  # an estimate of the place of a part in jaws that had no power is in it
-MAX_PIECES = 60_000  # of one phase; more are not proven
+MAX_PIECES = 60_000  # pieces of one phase; a phase that needs more is not proven
 # Pieces smaller than this count as contact where they are not free [mm of travel].
 FINEST_MM = 8.0
 _MOVE_COUNTS = (1, 4, 16)  # short moves that one may be made of

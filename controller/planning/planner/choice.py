@@ -27,11 +27,11 @@ from ..views import (
     with_directions,
 )
 
-SPACING_MM = 1.5  # of the points among which hard spots are found
-FEW = 5  # directions; a spot that fewer show is a hard one
+SPACING_MM = 1.5  # spacing of the points among which hard spots are found
+FEW = 5  # directions; a spot that fewer of them show is hard
 MAX_ADDED_SHARE = 0.4  # hard spots added at most, of the points there are
 MIN_ADDED = 150
-STREAM = 2  # of the draw: these points are not the ones that coverage is counted by
+STREAM = 2  # stream of the draw: these points are not those that count coverage
 
 
 # a view is taken for a hundredth of a face, or for a spot of the usual smallest defect's size

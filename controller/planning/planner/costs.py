@@ -20,10 +20,10 @@ from ..search import Problem
 
 # a failed grasp is looked for, seen anew and taken again: about a minute
 RECOVERY_S = 60.0
-MIN_SURE = 0.9  # of a grasp whose score is 0; a score of 1 does not fail
+MIN_SURE = 0.9  # success rate of a grasp with score 0; one with score 1 does not fail
 TRAVEL_S = 2.0  # from one view to the next, on the average; their order is decided afterwards
-FINISH_S = 10.0  # sorting; much the same from every grasp
-UNSTEADY_S = 60.0  # what may be spent so that the part does not fall over in its tray
+FINISH_S = 10.0  # time of sorting, much the same from every grasp
+UNSTEADY_S = 60.0  # time worth spending so that the part does not fall over in its tray
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -43,7 +43,8 @@ from .why import nothing_shown, unseen_pieces
 
 REBUILD_COUNT = 40  # solutions of the search worked out before giving up
 SITE_COUNT = 4  # sites at which one regrasp is tried, the cheapest first
-SQUARE_COS = float(np.cos(np.radians(10.0)))  # a face this near to square to the overhead camera
+# Cosine from which a face counts as square to the overhead camera.
+SQUARE_COS = float(np.cos(np.radians(10.0)))
 
 
 def plan_part(

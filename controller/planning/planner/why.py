@@ -20,11 +20,11 @@ from ..model import CellLayout, Grasp, Jaw, OutOfReachError, PreparedPart, Reaso
 from ..motion import Scene, inverse_rows, passed_limit
 from ..views import hidden_by_gripper, view_poses, why_hidden
 
-MIN_SHARE = 2e-4  # of the surface; less than this is single samples on edges
+MIN_SHARE = 2e-4  # share of the surface; a smaller one is single samples on edges
 THINNER = (0.75, 0.5, 0.25)  # of the fingers' width and thickness
-WEAKEST = 20.0  # of the friction limit; a grasp weaker than this is none to speak of
-MOSTLY_HIDDEN = 0.5  # of a piece
-ASKED_GRASP_COUNT = 12  # the most promising ones are asked what stands in their way
+WEAKEST = 20.0  # in friction limits; a weaker grasp is not mentioned
+MOSTLY_HIDDEN = 0.5  # share of a piece
+ASKED_GRASP_COUNT = 12  # most promising grasps for which the obstacle is named
 # where a camera may stand, seen from the part: along the reach line and square to it
 SENSOR_PLACES = {
     "to the right, looking along +y": (0.0, -1.0, 0.0),

@@ -28,7 +28,7 @@ from ._handoff import CLOSE_MARGIN_MM, PART_MARGIN_MM
 from ._neighbours import beside_alone, lift_mm, what_covers
 
 STEP_MM = 10.0
-RIM_STEP_MM = 0.5  # between the heights at which pads are tried
+RIM_STEP_MM = 0.5  # steps of height at which pads are tried
 
 
 @dataclass(frozen=True, slots=True, eq=False)

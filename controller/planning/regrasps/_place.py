@@ -14,7 +14,7 @@ from controller.imaging import inverse_pose
 from ..model import CellLayout, Grasp, PreparedPart, Tray
 from ..motion import Scene, fewest_waypoints, inverse_rows, same_branch
 
-RELEASE_MM = 3.0  # above the tray's floor
+RELEASE_MM = 3.0  # height of release above the tray's floor
 UP_MM = 100.0
 STEP_MM = 10.0
 MARGIN_MM = 3.0

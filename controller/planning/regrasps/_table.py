@@ -22,7 +22,7 @@ from ..motion import Scene, inverse_rows, same_branch
 from ._handoff import APPROACH_MM, CLOSE_MARGIN_MM, PART_MARGIN_MM, STEP_MM
 from ._neighbours import free_spot
 
-TURN_COUNT = 8  # about the vertical, per stable pose
+TURN_COUNT = 8  # turns about the vertical for each stable pose
 KEPT_BRANCH_COUNT = 2
 # the part touches the table it is put on; what the bounding box adds below it is no contact
 PART_TABLE_MARGIN_MM = -1.0

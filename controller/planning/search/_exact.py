@@ -15,7 +15,7 @@ from ._problem import SAME_S
 from ._tables import Tables
 
 MILP_NODES = 20_000
-TREE_NODES = 400  # of the own tree; most covers need less than fifty
+TREE_NODES = 400  # nodes of the own tree; most covers need fewer than fifty
 INTEGRAL = 1e-6  # a fraction as near to one is a whole view
 ROUNDING = 1e-6  # of a view, by which a sum of worths may be off
 OPTIMAL, INFEASIBLE = 0, 2  # of scipy's answers

@@ -52,7 +52,7 @@ _DIVES = 6  # covers by the likeliest views only, for a good solution early
 _DIVE_VIEWS = 40
 _STEPS = 128
 _TRIES = 6  # quick covers per batch, for an early good solution
-_LESSONS = 20  # sets of grasps the deciding elements are learned from
+_LESSONS = 20  # sets of grasps from which the deciding elements are learned
 _MISSED = 8  # elements added where a cover of the core leaves some out
 
 

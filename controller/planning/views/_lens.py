@@ -16,9 +16,9 @@ from controller.imaging import Camera
 
 from .visibility import PICTURE_MARGIN_PX
 
-GRID_COUNT = 33  # places along each side of the picture at which the lens is looked at
-STEP = 1e-4  # tangents, to find how the lens magnifies
-RESERVE = 0.97  # for what the lens does between the places looked at
+GRID_COUNT = 33  # places along each side of the picture at which the lens is evaluated
+STEP = 1e-4  # step in tangents by which the lens's magnification is measured
+RESERVE = 0.97  # factor for the lens between the places evaluated
 INSET = 1e-3  # tangents
 
 

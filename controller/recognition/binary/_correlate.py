@@ -21,7 +21,7 @@ from ._strings import DEFAULT, BoundaryString
 from ._tolerances import BinaryTolerances
 
 STARTS = 128  # starting points of the outline that are tried
-PER_SOURCE = 4  # candidates each of the three ways may name for a model
+PER_SOURCE = 4  # candidates that each of the three methods may name for a model
 
 
 @dataclass(frozen=True, eq=False, slots=True)

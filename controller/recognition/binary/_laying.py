@@ -17,9 +17,9 @@ from controller.arrays import FloatArray, IntArray
 from ._strings import BoundaryString
 from ._tolerances import BinaryTolerances
 
-CELLS = 160  # of the map along the object's longer side
-MARGIN = 0.15  # of that side, kept free round the object
-FINE = 4  # samples put between two of the outline
+CELLS = 160  # cells of the map along the object's longer side
+MARGIN = 0.15  # share of that side kept free round the object
+FINE = 4  # samples inserted between two of the outline
 _T = np.arange(FINE) / FINE
 CUBICS = np.stack(  # Hermite's, of begin, slope there, end, slope there
     [

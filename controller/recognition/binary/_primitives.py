@@ -15,9 +15,9 @@ from controller.arrays import BoolArray, FloatArray, IntArray
 
 from ._tolerances import BinaryTolerances
 
-BAND = 10  # knots a primitive may reach over at first
-SHORTEST_RUN = 6  # samples between knots, a millimetre and a half; an arc takes twice as many
-STRAY = 0.7  # root mean square of residuals, in noises, at which a run is one primitive
+BAND = 10  # largest number of knots in a primitive at first
+SHORTEST_RUN = 6  # samples between knots, a millimetre and a half; an arc needs twice as many
+STRAY = 0.7  # rms residual, in noises, up to which a run is one primitive
 STRAIGHTEST_MM = 500.0  # an arc of a larger radius is a line
 
 

@@ -15,19 +15,19 @@ from numpy.typing import NDArray
 from controller.arrays import BoolArray, Float32Array, FloatArray, IntArray
 
 STRETCHES_MM = (16.0, 40.0)
-POINTS = 13  # of a stretch
-BEND = 0.025  # of its length that a stretch's points are off a straight line, root mean square
-ANCHORS = 12  # of a view
+POINTS = 13  # points of a stretch
+BEND = 0.025  # rms distance of a stretch's points from a straight line, as a share of its length
+ANCHORS = 12  # anchors of a view
 TRIED_ANCHORS = 48
-MIN_PERIMETER = 1.4  # of a view, in lengths of the stretch
-BLOCK = 2000  # views at a time
-DIMENSIONS = 4  # in which leaves have bounds
-LEAF = 256  # stretches of a leaf at most
+MIN_PERIMETER = 1.4  # least perimeter of a view, in lengths of the stretch
+BLOCK = 2000  # views processed at a time
+DIMENSIONS = 4  # dimensions in which leaves have bounds
+LEAF = 256  # largest number of stretches in a leaf
 LEAVES_AT_ONCE = 512
 SAMPLED = 8  # one leaf in so many shows how alike the most alike pairs are
-LIKELY = 8  # times as many pairs as are wanted: of neighbours only the best one counts
+LIKELY = 8  # pairs kept for each wanted one: of neighbours only the best one counts
 MAX_FOR_BASIS = 20000
-SLACK = 1.0 + 1e-3  # of bounds, for what single precision leaves out
+SLACK = 1.0 + 1e-3  # factor on bounds for the error of single precision
 
 # a leaf, the observed stretches that may have one alike there, their squared distance from it
 NearLeaf = tuple[int, IntArray, Float32Array]

@@ -26,11 +26,11 @@ from ._tolerances import BinaryTolerances
 
 Number = TypeVar("Number", np.float64, np.complex128)
 
-OUTLINE_SAMPLES = 256  # of an outline of 400 mm one each 1.6 mm
+OUTLINE_SAMPLES = 256  # samples of an outline: one each 1.6 mm at 400 mm
 HOLE_SAMPLES = 32
-MIN_AREA_MM2 = 1e-6  # what rounding leaves of a line there and back
-MIN_CROSSING = 0.3  # sine of the angle of lines that are let meet in a corner
-FARTHEST_CROSSING_MM = 1.5  # from the filter's peak, or it is another corner's
+MIN_AREA_MM2 = 1e-6  # area that rounding leaves of a line there and back
+MIN_CROSSING = 0.3  # sine of the least angle of two lines that meet in a corner
+FARTHEST_CROSSING_MM = 1.5  # distance from the filter's peak; farther off it is another corner's
 DEFAULT = BinaryTolerances()
 
 

@@ -35,16 +35,16 @@ from ..identification.hypotheses import Hypothesis, distinct, is_same_turn
 from ..identification.sighting import Recognition, Sighting, Trace
 from ..library import Candidate, Library, pose_on_table, shadow_camera
 
-BOX_CAR = 15  # of the paper's Table 2
+BOX_CAR = 15  # length of the box-car filter of the paper's Table 2
 THRESHOLD = 10
-MAX_CANDIDATES = 8  # more say nothing more
+MAX_CANDIDATES = 8  # candidates listed; more add nothing
 AS_GOOD, AS_GOOD_MM = 1.2, 0.05  # symmetric outlines match at several turns, noise apart
-MAX_OTHERS = 3  # drawn beside the one that was taken
+MAX_OTHERS = 3  # rejected hypotheses drawn beside the one that was taken
 NEAR_PX = 1.3  # an edge this near its prediction is where it should be
-LOOK_PX = 3  # so far off one is looked for
-STANDS_OUT = 2.0  # times the middling slope beside predicted edges
-FAINT_LIFT = 0.1  # difference of cosines under which lamps need not tell two surfaces apart
-FAINT_JUMP_MM = 1.0  # nor a step so low, by its shadow
+LOOK_PX = 3  # reach of the search for an edge
+STANDS_OUT = 2.0  # in median slopes beside predicted edges
+FAINT_LIFT = 0.1  # difference of cosines below which lamps may not show the edge of two surfaces
+FAINT_JUMP_MM = 1.0  # height of a step whose shadow may not show
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -44,7 +44,7 @@ from .draw import (
     write_lines,
 )
 
-SHOWN_PX = 1024  # height a small picture is enlarged to
+SHOWN_PX = 1024  # height to which a small picture is enlarged
 SIDE_PX = 400  # width of the column beside it
 GAP_PX = 8
 PANELS = 4

@@ -32,8 +32,8 @@ ELLIPSE_FACTOR = 50
 RUNNER_UPS: tuple[Colour, ...] = (ORANGE, PINK, SKY)
 ARC_STEP_RAD = 0.05
 ARROW_MM = 12.0
-WIDER = 0.3  # of the object's box on each side, at most
-FILLED = 0.86  # of a window's side by the object's box
+WIDER = 0.3  # largest margin on each side, as a share of the object's box
+FILLED = 0.86  # share of a window's side filled by the object's box
 INSIDE_PERCENTILES = (2.0, 98.0)
 
 

@@ -10,7 +10,7 @@ from ..library import Library
 from ..segmentation import Segmentation
 from ._facts import BOX_CAR, THRESHOLD, ObjectFacts, degrees_text
 
-UNTOLD_RAD = 0.5  # a turn less exact than that is not known
+UNTOLD_RAD = 0.5  # standard deviation above which a turn counts as unknown
 
 Cell = str | int | float | None
 

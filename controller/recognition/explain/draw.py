@@ -28,10 +28,10 @@ PINK: Colour = (166, 97, 255)
 
 TONE_LOW, TONE_HIGH = 24.0, 150.0  # what the grey levels are drawn as
 TONE_POWER = 0.5  # dark parts before a light table still show what is on them
-SHIFT = 4  # bits of a pixel that OpenCV draws by
+SHIFT = 4  # bits below the pixel with which OpenCV draws
 FONT = cv2.FONT_HERSHEY_SIMPLEX
-SIZE = 0.45  # of letters, whatever the picture's size
-LINE_PX = 18  # from one line of words to the next
+SIZE = 0.45  # size of letters, for any size of picture
+LINE_PX = 18  # distance from one line of words to the next
 
 
 def toned(grey: Grey) -> Picture:

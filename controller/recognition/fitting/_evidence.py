@@ -25,15 +25,16 @@ Shade = Callable[[FloatArray], BoolArray]
 NEAR_PX = 1.3  # an edge this near its prediction is where it should be
 FAR_PX = 2.5
 STRONG_NOISES = 8.0
-STRONG_SHARE = 0.12  # of the picture's own strong edges, for pictures without noise
-ROUNDED = 1.0  # grey levels / px: less may be where a slow slope is rounded to whole levels
+STRONG_SHARE = 0.12  # share of the picture's own strong edges, for pictures without noise
+# Grey levels / px; a weaker edge may come from rounding of a slow slope to whole levels.
+ROUNDED = 1.0
 MAX_EDGES = 1200
-APART_PX = 3.0  # from the outline, within which an edge is not told from it
-ASIDE_PX = 5  # beside an edge, where another would be found by chance only
-MAX_POINTS = 700  # of an outline that are asked whether they were predicted
-ALONE_MM = 1.2  # from everything predicted, from which an edge is not a side of one of these
-SHADED_MM = 20.0  # of an edge, from which it is asked whether a part's own shade makes it
-LINK_PX = 3.5  # between pixels of one edge; it is thinner than that, and noise breaks it
+APART_PX = 3.0  # distance from the outline within which an inner edge cannot be told from it
+ASIDE_PX = 5  # distance beside an edge at which another would be found by chance only
+MAX_POINTS = 700  # points of an outline tested for a prediction
+ALONE_MM = 1.2  # distance from all predictions beyond which an edge is not a side of one
+SHADED_MM = 20.0  # length of an edge from which the part's own shade is considered as its cause
+LINK_PX = 3.5  # largest gap between pixels of one edge, which is thin and broken by noise
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -22,10 +22,10 @@ MIN_POINTS = 12
 MIN_REACH_PX = 2.5
 MIN_SIGMA_PX = 0.02
 ON_TABLE = np.array([0, 1, 5])  # freedoms of a part at rest: x, y, turn about z
-DAMPED = 1e-9  # of what is known of a freedom, so that one of which nothing is known stays
+DAMPED = 1e-9  # share of a freedom's information, so that a freedom without any stays in place
 SETTLED_PX = 0.004  # a step that moves no edge farther is the last one
-CORRELATED_MM = 3.0  # errors of edge points nearer than this are one error: blur, pixels, facets
-CALIBRATION_MM = 0.02  # what the camera's own calibration leaves, whatever the edges say
+CORRELATED_MM = 3.0  # edge points nearer than this share their errors: blur, pixels, facets
+CALIBRATION_MM = 0.02  # error of the camera's calibration, which remains with any number of edges
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -14,8 +14,8 @@ from controller.imaging import Camera, inverse_pose, meet_part, transform
 from ._model import EdgeModel
 
 ASKEW = 0.3  # cosine between a gradient and the straight direction: 17 degrees, and noise turns it
-AHEAD_MM = 0.5  # along the straight direction, to tell its direction in the picture
-END_ON_PX = 0.2  # shorter than this there, it is seen end-on
+AHEAD_MM = 0.5  # step along the straight direction, to find its direction in the picture
+END_ON_PX = 0.2  # length of that step in the picture below which it is seen end-on
 SKY = np.array(
     [
         [np.cos(turn) * np.cos(up), np.sin(turn) * np.cos(up), np.sin(up)]
@@ -23,8 +23,8 @@ SKY = np.array(
         for turn in np.arange(8) * np.pi / 4
     ]
 )  # where a lamp may be
-OFF_MM = 0.05  # off a surface, sight lines to the sky begin
-SHADED = 0.4  # of the sky, that the part itself hides: beside one wall on a plane it is 3 in 8
+OFF_MM = 0.05  # distance from a surface at which lines of sight to the sky begin
+SHADED = 0.4  # share of the sky hidden by the part itself; beside one wall on a plane it is 3 in 8
 
 
 def are_highlights(

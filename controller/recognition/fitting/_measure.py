@@ -17,18 +17,18 @@ from controller.imaging import Contour, loop_normals, sample_picture, signed_are
 
 from ._predict import EdgePoints
 
-TURN_PX = 5.0  # an outline that runs the other way counts as this much farther
-FAINT = 0.03  # weight of an edge between surfaces that look the same from the camera
-PLAIN_LIFT = 0.4  # a difference in brightness (cosines) from which an edge must be seen
-PLAIN_JUMP_MM = 4.0  # a step so high must show by its shadow
-CLEAR_LIFT = 0.4  # from which it is clear which side is the brighter one
-SHARED_PX = 4.5  # once edges are looked for so near, each belongs to the nearest prediction
-OWN_PX = 0.8  # by so much another prediction must be nearer
-WRONG_SIGN = 0.3  # worth of an edge that is bright on the other side
+TURN_PX = 5.0  # distance added for an outline that runs the other way
+FAINT = 0.03  # weight of an edge between surfaces that look alike from the camera
+PLAIN_LIFT = 0.4  # difference in brightness (cosines) from which an edge must be seen
+PLAIN_JUMP_MM = 4.0  # height of a step that must show by its shadow
+CLEAR_LIFT = 0.4  # difference in brightness from which the brighter side is clear
+SHARED_PX = 4.5  # reach of the search below which each edge belongs to the nearest prediction
+OWN_PX = 0.8  # distance by which another prediction must be nearer
+WRONG_SIGN = 0.3  # weight of an edge that is bright on the other side
 BLURRED_PX = 2.5  # beside a part's own edge, blurred as the camera blurs it, little slope is left
 SOFT = 0.5  # share of the slope that is left there on both sides where a half-shadow begins or ends
-SEEN_PX = 1  # about an edge of one lamp's picture, where another lamp shows it too, if it is not
-SEEN_SHARE = 0.2  # times as weak
+SEEN_PX = 1  # distance within which another lamp's picture must show the same edge
+SEEN_SHARE = 0.2  # least strength of that edge, as a share of the strongest
 SIDE_PX = 1.0  # profiles are sampled at whole pixels, peaks between them by a parabola
 
 

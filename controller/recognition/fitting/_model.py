@@ -10,8 +10,9 @@ from controller.arrays import BoolArray, FloatArray, Int32Array
 from controller.cad import Solid, prepare_views
 from controller.imaging import RayCaster
 
-CURVED_PER_MM = 0.02  # of a triangle between smooth edges: a plane beside a fillet is none
-ROUND_SHARE = 0.3  # of its curvature along the surface, by which it is curved in both directions
+# Curvature of a triangle between smooth edges; a plane beside a fillet has less.
+CURVED_PER_MM = 0.02
+ROUND_SHARE = 0.3  # share of curvature along the surface from which it is curved in both directions
 FLAT = 1e-4  # |n1 - n2| of triangles that lie in one plane: the edge between them never shows
 
 

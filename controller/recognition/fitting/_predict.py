@@ -16,16 +16,17 @@ from controller.imaging import Camera, inverse_pose, transform
 
 from ._model import EdgeModel
 
-OFF_SURFACE_MM = 0.06  # a sample is looked at from a hair outside, or its own facets would hide it
+# Distance of a sample from the surface, so that its own facets do not hide it.
+OFF_SURFACE_MM = 0.06
 HIDDEN_MM = 0.25  # something this much nearer than the sample hides it
 STEP_MM = 0.5  # a step this high shows, though its two sides may be turned the same way
 MIN_STEP_MM = 0.25
-SEEN_SHARE = 0.5  # of the edges looked at, below which those that are hidden are left out
-CLOSE_MM = 0.015  # beside an edge of the outline there is nothing, however close one looks
+SEEN_SHARE = 0.5  # share of the edges tested below which hidden ones are left out
+CLOSE_MM = 0.015  # distance beside an edge at which an outline has nothing behind it
 BESIDE_MM = 0.45  # beside an edge inside its two sides are probed: about 1.5 px
 CREASE_BEND = 0.2  # |n1 - n2| of what shows as a crease: 11 degrees
-END_ON = 0.05  # sine between a sight line and an edge that is seen as a point
-AHEAD_MM = 0.2  # along an edge and beside it, to tell its direction in the picture
+END_ON = 0.05  # sine between a line of sight and an edge that is seen as a point
+AHEAD_MM = 0.2  # step along an edge and beside it, to find its direction in the picture
 
 
 @dataclass(frozen=True, eq=False, slots=True)

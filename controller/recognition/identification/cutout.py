@@ -11,8 +11,8 @@ from controller.arrays import BoolArray, FloatArray, Grey
 from ..fitting import GreyMeasure, ImageEdges, Measure, OutlineMeasure
 from ..segmentation import Region
 
-RIM_MM = 0.8  # of a part's grey levels that are blurred with what lies beside it
-BESIDE_PX = 3  # outside the mask strong edges still are the part's
+RIM_MM = 0.8  # width of a part's rim whose grey levels blur with what lies beside it
+BESIDE_PX = 3  # distance outside the mask within which strong edges are still the part's
 
 
 class ObjectCutout:

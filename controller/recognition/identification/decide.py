@@ -10,9 +10,9 @@ from ..fitting import EdgePoints
 from .hypotheses import SAME_PLACE_MM, Hypothesis
 
 SAME_OUTLINE_PX = 0.6  # two predicted outlines this near each other are one in any picture
-SAME_SHARE = 0.97  # of an outline's length; the rest is where samples end
-SHOWN_LIFT = 0.2  # of brightness (cosines) beside an edge inside that anyone sees
-SHOWN_JUMP_MM = 1.5  # a step that does, by its shadow
+SAME_SHARE = 0.97  # share of an outline's length; the rest is where samples end
+SHOWN_LIFT = 0.2  # difference in brightness (cosines) at an inner edge that always shows
+SHOWN_JUMP_MM = 1.5  # height of a step that always shows, by its shadow
 # of 596 right hypotheses about path-traced silhouettes one was off by more, of wrong ones that
 # come near nine in ten: a part with its end cut off is another part
 MAX_MISFIT_PX = 0.65

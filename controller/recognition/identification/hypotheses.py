@@ -48,8 +48,8 @@ from .scores import (
 
 SAME_TURN_RAD = np.radians(4.0)
 SAME_PLACE_MM = 2.0
-FEW_OTHERS = 3  # candidates that are fitted sooner than looked at: an outline's map takes 4 ms
-OUTLINE_DECIDES = 15.0  # log-odds between fits of one outline, which what lies inside cannot turn
+FEW_OTHERS = 3  # candidates up to which a fit is faster than a test, whose outline map takes 4 ms
+OUTLINE_DECIDES = 15.0  # log-odds between fits of one outline that its inside cannot reverse
 
 
 @dataclass(frozen=True, slots=True)

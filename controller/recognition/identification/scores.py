@@ -9,20 +9,20 @@ from controller.arrays import FloatArray
 
 from ..fitting import Evidence
 
-STRETCH_MM = 5.0  # of edge that counts as one observation; nearer ones share their causes
-STRETCH_PX = 10.0  # nor is one shorter: in pictures of few pixels 5 mm are within the blur
-SIDE_MM = 20.0  # of outline: a bent wall or a badly calibrated corner shifts as much together
-MODEL_PX = 0.15  # no outline is known better, whatever the noise
-PATCH_MM2 = 50.0  # of surface, likewise
-FILM_MM2 = 150.0  # where it decides between two sides: a spot of oil is no smaller
-NOISE_VARIANCE = 4.0  # grey levels squared no pose can explain
-FOUND = 1.0  # log-odds for a stretch of inner edge that is where it should be
-ABSENT_LIT = -1.0  # and for one that is not, under lamps
+STRETCH_MM = 5.0  # length of edge that counts as one observation; nearer edges share their causes
+STRETCH_PX = 10.0  # least length in pixels: in coarse pictures 5 mm are within the blur
+SIDE_MM = 20.0  # length of outline that a bent wall or a badly calibrated corner shifts as a whole
+MODEL_PX = 0.15  # least uncertainty of an outline, for any noise
+PATCH_MM2 = 50.0  # area of surface that counts as one observation
+FILM_MM2 = 150.0  # the same area where it decides between two sides: a spot of oil is no smaller
+NOISE_VARIANCE = 4.0  # variance that no pose can explain, grey levels squared
+FOUND = 1.0  # log-odds of a stretch of inner edge found in its place
+ABSENT_LIT = -1.0  # log-odds of a missing one, under lamps
 ABSENT_DARK = -0.1  # in the dark inside of a backlit part an edge that does not show means little
-SHOWS = 0.85  # of an edge that is there, under one of the lamps
-CHANCE_MIN = 0.05  # no picture is so clean that an edge cannot be found by chance
+SHOWS = 0.85  # probability that an existing edge shows under one of the lamps
+CHANCE_MIN = 0.05  # least chance that an edge is found by accident in any picture
 MAX_CHANCE = 0.9  # where edges are everywhere, hardly any can be told from chance
-MAX_LOG_ODDS = 12.0  # from any one kind of evidence
+MAX_LOG_ODDS = 12.0  # largest log-odds from any one kind of evidence
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,7 +22,8 @@ from .decide import Decision, decide
 from .hypotheses import Hypothesis, SearchLimits, look_inside, without_repeats
 from .scores import SILHOUETTE, log_odds, probability
 
-MAX_SIGMA_MM = 0.4  # of an answer's position: a bar of which no end is seen may lie anywhere along
+# Position uncertainty allowed; a bar without a visible end may lie anywhere along.
+MAX_SIGMA_MM = 0.4
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -24,17 +24,17 @@ from .lines import by_sweep
 from .lit import widened
 from .touching import within
 
-WIDER = 0.5  # of a piece's longer side, by which its part may reach beyond it
+WIDER = 0.5  # reach of a part beyond a piece, as a share of the piece's longer side
 WIDER_MM = 10.0
 MAX_BY_SWEEP = 12
-REACH_MM = 1.0  # how far off they may lie: they are fitted to edges already
-MAY_BE = 0.1  # probability by itself, from which a pose counts and what it covers is the thing's
-BESIDE_PX = 4  # round another thing, edges still are its own
+REACH_MM = 1.0  # largest offset of the candidates, which are already fitted to edges
+MAY_BE = 0.1  # own probability from which a pose counts, and its area is the thing's
+BESIDE_PX = 4  # distance round another thing within which edges are still its own
 # round a lone part there is table: an edge so near is of a thing that the part is a detail of
 BAND_MM = 6.0
 # of what is seen, that a pose has to explain: a thin part lies along any long edge
 MIN_EXPLAINED = 0.55
-AS_STRONG = 0.8  # as the thing's own edges: fainter ones are grain and half-shadows
+AS_STRONG = 0.8  # share of the thing's own edge strength; fainter edges are grain and half-shadows
 
 
 def look_wider(

@@ -19,13 +19,13 @@ from ._views import PartViews
 from .polar import HALF, TURNS, shape_of, spectra, turn_scores
 
 DIMENSIONS = 12
-SIZE_WEIGHT = 1.0  # of a relative difference in area, beside that of the outline's shape
-PERIMETER_WEIGHT = 0.3  # it trembles with pixels and dirt, so it counts for less
+SIZE_WEIGHT = 1.0  # weight of a relative difference in area, beside the outline's shape
+PERIMETER_WEIGHT = 0.3  # weight of the perimeter, lower since it varies with pixels and dirt
 MAX_FOR_BASIS = 4000
 FEW_VIEWS = 48  # compared turn by turn: 1 to 2 ms
-ROUND_SHARE = 0.02  # of its radius, by which a round outline's radius varies
+ROUND_SHARE = 0.02  # variation of a round outline's radius, as a share
 ROUND_AT_ONCE = 2000
-OTHER_SHAPE = 0.12  # of overlap: what falls so far short of the best view is not looked into
+OTHER_SHAPE = 0.12  # loss of overlap against the best view from which a view is not tried
 
 
 @dataclass(frozen=True, eq=False, slots=True)

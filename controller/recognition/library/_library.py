@@ -23,7 +23,7 @@ from ._index import ViewIndex
 from ._views import PartViews, Station, pose_on_table, shadow_camera, view_part
 
 MIN_PROBABILITY = 0.01
-KEPT_MODELS = 32  # a part takes some megabytes with its search tree
+KEPT_MODELS = 32  # models in memory; each takes some megabytes with its search tree
 UPRIGHT_RAD = np.radians(1.0)
 
 

@@ -14,12 +14,12 @@ from controller.arrays import Float32Array, FloatArray
 
 RINGS = 32
 ANGLES = 128
-REACH = 3.2  # of the outermost ring, in radii of the disc of equal area
+REACH = 3.2  # radius of the outermost ring, in radii of the disc of equal area
 RASTER = 48.0  # pixels of the raster a silhouette is drawn on, to that radius
 HARMONICS = 33  # of the turn that are kept: to 360 / 64 degrees and, between, by their phases
 FEATURE_HARMONICS = 13
 FEATURE_RINGS = 16
-HALF = 127  # a cell is covered from here on
+HALF = 127  # level from which a cell is covered
 
 
 def polar_grid(loops: tuple[FloatArray, ...]) -> tuple[NDArray[np.uint8], FloatArray, float]:

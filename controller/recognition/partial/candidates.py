@@ -10,22 +10,22 @@ from ..binary import STRETCHES_MM, like, observed_stretches
 from ..library import Candidate, Library
 from .cluster import Cluster
 
-STEP_MM = 1.0  # between the anchors that are tried
-NEAR_MM = (0.6, 1.0)  # of stretches, by their length
-MAX_PAIR_COUNT = 40000  # of one length
+STEP_MM = 1.0  # distance between the anchors that are tried
+NEAR_MM = (0.6, 1.0)  # limits for stretches, by their length
+MAX_PAIR_COUNT = 40000  # pairs of stretches of one length
 BLOCK = 1000  # poses weighed at a time: their samples stay in the processor's cache
 LOOK_SAMPLES, SAMPLES = 24, 96  # of a view's outline: many poses, then few
-LOOK_SHARE = 0.25  # of the first samples that have to be found
+LOOK_SHARE = 0.25  # share of the first samples that has to be found
 MAX_WEIGHED = 1500  # by the first samples, of which some 70 are wanted by all of them
-SAME_NORMAL = 0.6  # cosine
-FOUND_MM = 1.1  # from the outline: a view's raster, and what perspective leaves of it
+SAME_NORMAL = 0.6  # cosine of the largest angle between normals
+FOUND_MM = 1.1  # distance from the outline: the view's raster, and the rest of perspective
 SLACK_SHARE = 0.6  # of how far off its place may be, so much may be an outline's point
 MAX_SLACK_MM = 6.0
-MIN_FOUND = 0.4  # of a view's outline
+MIN_FOUND = 0.4  # share of a view's outline that has to be found
 MAX_OUTSIDE = 0.15
 ROUND_TURNS = 120
 SAME_MM, SAME_RAD = 6.0, np.radians(8.0)
-PER_POSE = 8  # places of one pose
+PER_POSE = 8  # places tried for one pose
 MAX_CANDIDATE_COUNT = 70
 
 

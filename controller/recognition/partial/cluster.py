@@ -19,10 +19,10 @@ from ..binary import BinaryTolerances, NoOutlineError, boundary_string
 from ..fitting import OutlineMeasure
 from ..segmentation import Region
 
-CELL_MM = 0.7  # of the map of nearest outline points
-MARGIN_MM = 5.0  # of that map round the cluster
-RIM_PX = 4  # from the end of the picture, within which an outline is its and not the part's
-CELL_PX = 3  # between the sight lines by which parts are compared with the cluster
+CELL_MM = 0.7  # cell of the map of nearest outline points
+MARGIN_MM = 5.0  # margin of that map round the cluster
+RIM_PX = 4  # distance from the picture's end within which an outline is not the part's
+CELL_PX = 3  # distance between the lines of sight by which parts are compared with the cluster
 MIN_LOOP_PX = 12
 
 OUTSIDE, INSIDE, BEYOND = 0, 1, 2

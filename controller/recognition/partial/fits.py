@@ -33,7 +33,7 @@ from .cluster import CELL_PX, Cluster
 
 NEAR_PX = 1.3  # an edge this near its prediction is where it should be
 FAR_PX = 2.5
-COVERED_PX = 2.0  # so far outside an outline the cluster goes on where something covers it
+COVERED_PX = 2.0  # distance outside an outline where the cluster goes on if something covers it
 MEETING_MM = 5.0  # from the end of a covered stretch: a narrow wedge of light fills up with blur
 SHORT_MM = 2.5  # covered stretches as short as that are touched at a point
 FIRST_MM = 5.0  # how far off a candidate may lie, a tall part's slack aside
@@ -44,7 +44,7 @@ THICK_MM, THICK_SHARE = 6.0, 0.5  # of what covers it, and of the stretch that i
 COARSE_SAMPLES, SAMPLES = 250, 600
 # a fit with nine tenths of its points within NEAR_PX has so much; 93 accepted ones had 0.946
 COARSE_SHARE = 0.73
-GOES_ON_MM = 8.0  # below the table, where sight lines come back from
+GOES_ON_MM = 8.0  # depth below the table from which lines of sight are traced back
 
 
 @dataclass(frozen=True, eq=False)

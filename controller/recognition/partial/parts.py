@@ -22,12 +22,12 @@ from .planar import predicted_shares
 from .together import best_set, by_place
 
 SAME_SHADOW = 0.7  # of the cells of two shadows together, from which two poses are one place
-BURIED_MM = 1.5  # along a line of sight, by which two parts are in one place
-BURIED_SHARE = 0.02  # of the smaller shadow
+BURIED_MM = 1.5  # overlap along a line of sight from which two parts are in one place
+BURIED_SHARE = 0.02  # least share of the smaller shadow
 BURIED_CELLS = 6
-PART_COST = 24  # of the cluster's outline points, about 6 mm, that another part must explain
+PART_COST = 24  # outline points of the cluster, about 6 mm, that another part must explain
 ABOUT_PX = 8.0  # outside a part's outline, what its own would have been found in
-LEFT_CELLS = 1.5  # half the width of what is left over when all is explained, in cells
+LEFT_CELLS = 1.5  # half the width in cells of a rest that counts when all is explained
 
 
 @dataclass(frozen=True, slots=True)

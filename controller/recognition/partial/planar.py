@@ -17,20 +17,20 @@ from ..fitting import predict_outline
 from ..library import Candidate, Library, pose_on_table
 from .cluster import BEYOND, INSIDE, OUTSIDE, Cluster
 
-SAMPLES = 72  # of a view's outline
-PREDICTED = 120  # of one that is predicted
+SAMPLES = 72  # samples of a view's outline
+PREDICTED = 120  # samples of a predicted outline
 STEPS = 4
-MIN_REACH_MM = 1.5  # of the last steps
+MIN_REACH_MM = 1.5  # reach of the last steps
 SAME_NORMAL = 0.5  # cosine; as a fit to an outline has it
 HUBER_MM = 0.3
-NEAR_MM = 0.5  # off by so much counts 0.6
+NEAR_MM = 0.5  # offset at which an outline point counts 0.6
 VIEW_MM = 0.2  # by so much a view's raster may be off,
 SLACK_SHARE = 0.3  # and by this share of how far off its place may be
 MOVED_MM, MOVED_SHARE = 0.1, 0.05  # likewise of one that is predicted
 SURE_MM = 3.0  # off its place by less, a part looks nearly the same
-HOPEFUL = 0.2  # what meets less at first is another part, or lies elsewhere
+HOPEFUL = 0.2  # share met at first below which it is another part, or lies elsewhere
 COVERED_MM = 0.5  # so far outside an outline the cluster goes on where something covers it
-HELD_MM2 = 1e-6  # so that a motion of which nothing is known is none
+HELD_MM2 = 1e-6  # least information, so that a motion without any is zero
 
 
 class _Outlines:

@@ -14,9 +14,9 @@ from controller.imaging.levels import GROUND_BIN, MAX_BEYOND_WHITE, Ground
 from ._objects import Box, Crop, boxes_of, regions_of, sharpen
 from ._types import Region
 
-MARGIN_PX = 10  # of a crop: ground enough to see a thing end
-MIXED_PX = 2  # a lens's blur, to either side of a border
-SEEN_CONTRAST = 0.1  # of the ground's level
+MARGIN_PX = 10  # margin of a crop: enough ground to see a thing end
+MIXED_PX = 2  # width of a lens's blur to either side of a border
+SEEN_CONTRAST = 0.1  # least contrast, as a share of the ground's level
 
 
 def find_backlit(

@@ -12,8 +12,8 @@ import numpy as np
 from controller.arrays import Grey
 from controller.imaging.levels import level_step
 
-MAX_GAIN = 3.0  # of a dim picture: beyond it, noise would be what is brightest
-EVERY_PX = 8  # in rows and columns, for a picture's typical level
+MAX_GAIN = 3.0  # largest gain of a dim picture; beyond it noise would be brightest
+EVERY_PX = 8  # step in rows and columns, for a picture's typical level
 
 
 def brightest_of(pictures: Sequence[Grey]) -> Grey:

@@ -17,8 +17,8 @@ THIN_PX = 5  # what is solid over less than this is a border only
 BESIDE_PX = 3  # a border this near something solid is its own
 JOIN = 6  # times what is mixed at a border: gaps up to twice this are bridged
 MIN_OPEN_PX = 30  # times that: border that lies open, for a thing to be looked for
-OPEN_SHARE = 0.25  # of a thing's borders, at least; less is a shadow's
-BORDERED = 0.35  # of the circumference of what they enclose, at least
+OPEN_SHARE = 0.25  # least share of a thing's borders that lies open; less is a shadow's
+BORDERED = 0.35  # least share of the circumference that the borders make up
 
 
 def leaked(border: ByteArray, solid: ByteArray, mixed_px: int) -> BoolArray | None:

@@ -24,13 +24,14 @@ from ._types import Lighting, Segmentation
 
 LEVEL_ROWS = 64  # as many tell which levels are in use
 MIN_AREA = 2e-4  # of the picture: 16 x 16 px of 1280 x 1024, a part of 3.5 mm seen from 860
-DARK_TABLE = 8  # grey levels under which things show only where they are brighter
-BRIGHT_TABLE = 128  # an empty table is a light table from here on
-MAX_FADE = 0.4  # of the table's level from its brightest to its darkest place
-DARK_THING = 0.35  # of the ground's level: darker are things before a backlight, and deep holes
+DARK_TABLE = 8  # grey level of the table below which things show only where they are brighter
+BRIGHT_TABLE = 128  # grey level from which an empty table is a light table
+MAX_FADE = 0.4  # loss of the table's level from its brightest to its darkest place, as a share
+# Share of the ground's level; darker are things before a backlight, and deep holes.
+DARK_THING = 0.35
 BRIGHT_THING = 1.3
-MIN_SHARE = 3e-4  # of the picture, to take the lighting from what lies there
-FAR_OFF = 0.35  # of the level: what the ground's first fit takes for a part
+MIN_SHARE = 3e-4  # share of the picture from which things decide the lighting
+FAR_OFF = 0.35  # deviation, as a share of the level, that the ground's first fit takes for a part
 
 
 def segment(

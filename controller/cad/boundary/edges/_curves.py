@@ -16,11 +16,11 @@ from .._normals import unit
 from .._types import Curve, Face
 
 TOLERANCE_MM = 0.005  # files round corners to 1e-4 mm and 7 digits; a real kink is far larger
-TOLERANCE_SHARE = 0.01  # and of a short edge's length never more than this
+TOLERANCE_SHARE = 0.01  # largest tolerance for a short edge, as a share of its length
 STRAIGHT = 0.002  # a turn of 0.1 degrees: a circle of 3600 segments
 MIN_FIT_POINTS = 6  # a circle fits three points always, and four or five too easily
 PARALLEL = 1 - 1e-5  # cosine of 0.26 degrees
-LARGEST_RADIUS = 50.0  # of an edge's length; a flatter arc cannot be told from a line
+LARGEST_RADIUS = 50.0  # in lengths of the edge; a flatter arc cannot be told from a line
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -9,7 +9,7 @@ from ...large import sums_by
 from .._types import NO_DIRECTION, Face, turn_of
 from ..formulas.primitives import Primitive
 
-CANCELS = 1e-3  # of its area: a mean normal shorter than this is none
+CANCELS = 1e-3  # share of a face's area; a shorter mean normal has no direction
 
 
 def describe(

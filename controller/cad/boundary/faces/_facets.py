@@ -12,13 +12,14 @@ from ...large import ADJACENCY, drop_derived, spans, sums_by
 from .._normals import unit
 
 COPLANAR_RAD = np.radians(0.2)
-ROUNDING_MM = 1e-5  # at least; single precision keeps 7 digits of the part's size
+ROUNDING_MM = 1e-5  # least rounding; single precision keeps 7 digits of the part's size
 ROUNDING_SHARE = 2e-7
-SLIVER = 100.0  # a triangle lower than so many roundings has no normal worth the name
-LONG_SIDE = 0.4  # of its longest side: a sliver has two such sides
-FLAT_MM = 0.002  # corners of a facet lie so near to its plane, or it is a slowly turning wall
+SLIVER = 100.0  # in roundings; a triangle lower than this has no reliable normal
+LONG_SIDE = 0.4  # share of a sliver's longest side; it has two sides of this length or more
+# Largest distance of a facet's corners from its plane; beyond it the wall turns slowly.
+FLAT_MM = 0.002
 FLAT_RAD = np.radians(1.0)
-STRAIGHT = 0.002  # an edge that turns by 0.1 degrees is a circle of 3600 segments
+STRAIGHT = 0.002  # an edge that turns by 0.1 degrees belongs to a circle of 3600 segments
 SMOOTH_RAD = np.radians(22.0)  # strips of a bore of 17 segments and more count as smooth
 
 

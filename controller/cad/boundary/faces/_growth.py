@@ -18,22 +18,23 @@ from ..formulas.refine import refined
 from ._neighbours import Neighbours
 from ._pieces import MIN_FACETS, Pieces
 
-LOOSE_MM = 0.02  # a scan, or a coarse export: a whole run that fits one surface this well
-LOOSE_SHARE = 0.02  # and of its radius never more
-MIN_TURN_RAD = np.radians(4.0)  # a wall that turns less has no radius worth the name
+LOOSE_MM = 0.02  # misfit up to which a whole run of a scan or a coarse export is one surface
+LOOSE_SHARE = 0.02  # largest misfit of that run as a share of its radius
+MIN_TURN_RAD = np.radians(4.0)  # a wall that turns less has no reliable radius
 MIN_GROWN_TURN_RAD = np.radians(15.0)  # any spline has an arc that turns less
 # where surfaces intersect, kernels put corners less exactly: such walls have to turn far
 SECOND_TRY = 5.0
 SECOND_TURN_RAD = np.radians(45.0)
 SEED_FACETS = (14, 6)
 GROWTH_ROUNDS = 12
-GOLDEN = 0.6180339887498949  # its multiples spread evenly
-FAILED_SEEDS = 24  # in a row: then the rest of the run has no formula
-MIN_SEEDS = 4  # if nearly all runs failed so far,
-TIRING_RUNS = 20  # halved after so many of them, and so on
-FAILED_RUNS = 200  # largest first: then the rest of the part is noise,
-MAX_SEEDS = 10_000  # tried in a part: seven times what the largest drawn part at hand needs
-CHANCE_RUNS = 3  # if so many failed for each that did not: by chance some noise fits a ball
+GOLDEN = 0.6180339887498949  # golden ratio, whose multiples are spread evenly
+FAILED_SEEDS = 24  # failures in a row after which the rest of the run has no formula
+MIN_SEEDS = 4  # least number of such failures, where nearly all runs have failed so far
+# Failed runs that reduce `FAILED_SEEDS` to a half, twice as many to a third, and so on.
+TIRING_RUNS = 20
+FAILED_RUNS = 200  # failed runs, largest first, after which the rest of the part counts as noise
+MAX_SEEDS = 10_000  # seeds tried in a part: seven times the need of the largest drawn part at hand
+CHANCE_RUNS = 3  # failed runs for each good one, as in noise: by chance some noise fits a ball
 
 
 @dataclass(frozen=True, eq=False, slots=True)

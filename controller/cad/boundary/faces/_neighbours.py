@@ -7,7 +7,7 @@ from controller.arrays import BoolArray, IntArray
 from ...graph import distinct
 from ._facets import Facets
 
-LONG_SIDE = 0.5  # of a facet's longest side: strips of a wall meet along such sides
+LONG_SIDE = 0.5  # share of a facet's longest side; strips of a wall meet along such sides
 
 
 class Neighbours:

@@ -12,9 +12,10 @@ from ._facets import Facets
 from ._neighbours import Neighbours, rows
 
 COS_HALF_STEP = np.cos(np.radians(11.6))  # half a segment of a 16-sided rod: 17 segments are a wall
-COS_FACET = np.cos(np.radians(16.0))  # a triangle of a ball or a ring, seen from its corners
+# Cosine for a triangle of a ball or a ring, seen from its corners.
+COS_FACET = np.cos(np.radians(16.0))
 TIGHT_MM = 0.0002  # files keep 1e-4 mm or 7 digits; a guess from a few facets has to be this good
-MIN_FACETS = 4  # three facets are a bevelled corner as well as a fillet
+MIN_FACETS = 4  # three facets may be a bevelled corner or a fillet
 
 
 class Pieces:

@@ -13,9 +13,10 @@ from ._facets import Facets
 from ._growth import LOOSE_MM, LOOSE_SHARE
 from ._pieces import Pieces
 
-SPECK = 4.0  # times a neighbour's mean facet: a larger plane is a plane
-ROUNDS = 3  # a few slivers side by side
-SMOOTH_RIM = 0.8  # of the rim: a ledge or a chamfer has creases along at least one long side
+SPECK = 4.0  # in mean facets of a neighbour; a larger flat piece is a plane
+ROUNDS = 3  # rounds of absorption, for a few slivers side by side
+# Share of the rim that must be smooth; ledges and chamfers have a crease on a long side.
+SMOOTH_RIM = 0.8
 
 
 def specks_absorbed(

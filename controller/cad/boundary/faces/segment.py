@@ -25,8 +25,8 @@ from ._specks import specks_absorbed
 STRIP_RATIO = 4.0  # a plane is this many times larger than the strips round it
 LONE_RATIO = 50.0  # and a single triangle with smooth edges all round so much larger
 ABSORB_ROUNDS = 3
-NEAR = 20.0  # times the tightest fit: planes whose middles are farther apart are two
-ABSORB = 5.0  # of the fit's own tolerance: where surfaces meet, kernels put corners less exactly
+NEAR = 20.0  # in tightest fits; planes with middles farther apart are two
+ABSORB = 5.0  # in tolerances of the fit; kernels place corners less exactly where surfaces meet
 
 
 @dataclass(frozen=True, eq=False, slots=True)

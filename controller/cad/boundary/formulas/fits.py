@@ -15,10 +15,10 @@ from controller.arrays import FloatArray
 from .primitives import Primitive
 from .refine import ball, basis, refined
 
-FIT_POINTS = 600  # more points tell a fit of seven numbers nothing new
+FIT_POINTS = 600  # more points do not improve a fit of seven numbers
 FLAT_SPREAD = 1e-5  # mean square of normals along an axis: below it all are square to the axis
-FAR_OFF = 0.05  # of a cloud's size: a guess so far off leads nowhere
-MIN_HOLE = 0.05  # of its tube: a torus whose ring is smaller is a ball
+FAR_OFF = 0.05  # share of a cloud's size; a guess with a larger misfit does not converge
+MIN_HOLE = 0.05  # share of the tube; a torus with a smaller ring is a ball
 MIN_HALF_ANGLE_RAD = np.radians(0.2)  # a slimmer cone is a cylinder
 LARGEST_HALF_ANGLE_RAD = np.radians(89.0)
 

@@ -9,7 +9,7 @@ from controller.arrays import FloatArray
 from .._normals import unit
 from .._types import FaceKind
 
-TINY_MM = 1e-12  # instead of nothing, where a length divides
+TINY_MM = 1e-12  # smallest divisor, in place of a length of zero
 
 
 @dataclass(frozen=True, eq=False, slots=True)

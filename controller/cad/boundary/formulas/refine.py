@@ -8,9 +8,9 @@ from .._types import NO_DIRECTION
 from .primitives import Primitive
 
 ROUNDS = 12  # Gauss-Newton doubles the right digits each round; from a fair guess five are enough
-EXACT = 1e-7  # of a cloud's size: single precision
-SETTLED = 1e-3  # a round that gains less of the squared misfit is the last
-FAR_OFF = 10.0  # times the misfit aimed at: from there
+EXACT = 1e-7  # share of a cloud's size: single precision
+SETTLED = 1e-3  # share of the squared misfit; a round that gains less is the last
+FAR_OFF = 10.0  # in misfits aimed at; beyond it each round must gain by `HOPELESS`
 HOPELESS = 0.5  # a round has to halve the squared misfit, or the points are no such surface
 
 

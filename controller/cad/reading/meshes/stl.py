@@ -18,8 +18,9 @@ TRIANGLE_BYTES: Final = 50
 TRIANGLE: Final = np.dtype(
     [("normal", "<f4", (3,)), ("corners", "<f4", (3, 3)), ("attribute", "<u2")]
 )
-END_BYTES: Final = 1 << 16  # of a text, in which its last solid ends; other words may stand behind
-AT_ONCE: Final = 300_000  # corners of a text that are turned into numbers together
+# Last bytes of a text in which its last solid ends; other words may follow.
+END_BYTES: Final = 1 << 16
+AT_ONCE: Final = 300_000  # corners of a text that are converted to numbers together
 NAME: Final = re.compile(rb"(?im)^[ \t]*(?:end[ \t]*)?solid\b[^\n]*")
 CORNER: Final = re.compile(
     rb"(?i)\bvertex\s+(N)\s+(N)\s+(N)(?=\s+(?:vertex|end\s*loop)\b)".replace(b"N", NUMBER)

@@ -25,8 +25,8 @@ MAX_BYTES: Final = 400_000_000  # two million triangles and their corners take 2
 # Tags of all models: a corner or a triangle is one. Two million triangles have a million corners
 # and fit; of a mesh that does not share its corners, with three to a triangle, half as many do.
 MAX_TAGS: Final = 2 * MAX_TRIANGLES
-MAX_DEPTH: Final = 32  # elements within elements; the core specification has seven
-MAX_TOKEN_BYTES: Final = 4 << 20  # of one tag; the parser holds it whole
+MAX_DEPTH: Final = 32  # levels of nested elements; the core specification has seven
+MAX_TOKEN_BYTES: Final = 4 << 20  # bytes of one tag; the parser holds it whole
 MAX_COMPONENTS: Final = 16  # each may hold others twice: more of them unfold without end
 CHUNK_BYTES: Final = 1 << 20
 DEFAULT_UNIT: Final = "millimeter"  # 3MF core specification 3.4

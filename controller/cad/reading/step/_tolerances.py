@@ -21,7 +21,7 @@ from ...surfaces.tolerances import Datum, Dimension, GeometricTolerance, Toleran
 from .part21 import Part21, Part21Error, Written
 
 SAME_MM: Final = 1e-3  # faces of two runs of the kernel on one file are equal to the last digits
-SAME: Final = 1e-6  # relative: one number through two readers
+SAME: Final = 1e-6  # relative difference of one number read by two readers
 PLAIN: Final = (  # whose keyword is the kernel's name and _TOLERANCE
     *("Angularity", "Coaxiality", "Concentricity", "Cylindricity", "Flatness", "Parallelism"),
     *("Perpendicularity", "Position", "Straightness", "Symmetry"),

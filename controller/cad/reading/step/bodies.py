@@ -24,7 +24,8 @@ from .kernel import KernelLimits, KernelRun
 from .references import References
 from .texts import for_kernel, has_code_page
 
-MAX_KEPT: Final = 2  # files whose bodies are kept in memory, for who asks for one after the other
+# Files whose bodies stay in memory, for callers that ask for one after the other.
+MAX_KEPT: Final = 2
 
 
 @dataclass(frozen=True, eq=False, slots=True)

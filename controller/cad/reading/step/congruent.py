@@ -15,8 +15,8 @@ from controller.arrays import FloatArray, IntArray
 
 SAME_MM: Final = 2e-3  # files state lengths to six digits or so
 SAME_SHARE: Final = 1e-5
-MAX_TURN_COUNT: Final = 20_000  # tried for one pair
-MAX_CHOSEN_FROM: Final = 500  # points that are looked at for a rare one
+MAX_TURN_COUNT: Final = 20_000  # turns tried for one pair
+MAX_CHOSEN_FROM: Final = 500  # points among which a rare one is sought
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -17,8 +17,8 @@ from .bodies import Bodies, Body, written
 from .kernel import KernelLimits, KernelRun
 from .references import References
 
-OVERLAP_SHARE: Final = 1e-6  # of the volume: what the kernel's integrals leave open
-MAX_TRIED: Final = 50  # bodies that are united only to see whether they touch
+OVERLAP_SHARE: Final = 1e-6  # share of the volume: the error of the kernel's integrals
+MAX_TRIED: Final = 50  # bodies that are united only to test whether they touch
 
 
 @dataclass(frozen=True, slots=True, eq=False)

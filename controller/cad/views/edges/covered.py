@@ -20,7 +20,7 @@ ASIDE_MM = 2e-3
 # started from, over which it rises too slowly for single precision; further on, it is a sign of
 # a back that was missed on a seam between two triangles.
 GRAZING_MM = 0.05
-MAX_STEP_COUNT = 16  # triangles; an edge under more of them is cut and asked like any other
+MAX_STEP_COUNT = 16  # triangles; an edge under more of them is cut and tested like any other
 
 
 def without_covered(

@@ -12,7 +12,7 @@ from .hidden import SHORTEST_MM, Pieces, plane_ends
 
 DOUBLED_MM = 0.01  # lines closer than this all along show as one
 DOUBLED_RAD = 0.05
-STRAY_MM = 0.05  # of a free wall's silhouette from its rim: what a drawing may be off
+STRAY_MM = 0.05  # distance of a free wall's silhouette from its rim: a drawing may be off by this
 
 
 def without_doubles(model: ViewModel, view: Projection, pieces: Pieces) -> Pieces:

@@ -18,8 +18,8 @@ from .._segments import cross, crowding, near_pairs, tree_of
 from .covered import GRAZING_MM, aside
 
 ABOVE_MM = 1e-3  # start of a ray over its face: clear of single precision (1e-5 mm)
-SHORTEST_MM = 1e-3  # of a piece; two cuts closer than that are one
-PAIRS_AT_ONCE = 500_000  # of edges and rims: some 150 MB
+SHORTEST_MM = 1e-3  # shortest piece; two cuts closer than that are one
+PAIRS_AT_ONCE = 500_000  # pairs of edges and rims: some 150 MB
 END_ON_RAD = 1e-4  # lines closer to the line of sight than that show as points
 
 

@@ -20,7 +20,7 @@ from .._model import ViewModel
 from .._project import BACK, EDGE_ON_MM, Projection
 from .._segments import cross, near_pairs
 
-ROUNDED_MM = 0.15  # between the chords of one curve, tessellated twice
+ROUNDED_MM = 0.15  # distance between the chords of one curve, tessellated twice
 ROUNDED_SINE = 0.5
 PARALLEL = 0.05  # sine between a side and the edge it lies on, of sides long enough to tell
 

@@ -20,7 +20,7 @@ from .._types import Stroke
 from .outline import ROUNDED_MM, Ring
 
 STRAIGHT_MM = 1e-3  # corners this close to a line are on it
-FLATTEST = 0.02  # half axes of an ellipse; one flatter than that is drawn by its corners
+FLATTEST = 0.02  # ratio of half axes; a flatter ellipse is drawn by its corners
 
 
 def strokes_of(model: ViewModel, view: Projection, ring: Ring) -> tuple[Stroke, ...]:

@@ -25,7 +25,7 @@ from .planes import between
 from .writer import pair_characteristic
 
 SOURCE: Final = "AP242"
-DIGITS: Final = 6  # inches make long decimals
+DIGITS: Final = 6  # decimals kept: inches make long decimals
 SAME_SIZE_MM: Final = 0.05  # a dimension whose nominal value differs is of something else
 ROUND: Final = {
     "diameter": CharacteristicKind.DIAMETER,

@@ -25,11 +25,11 @@ from ..edges.rims import COAXIAL_COS
 MIN_AREA_MM2: Final = 10.0  # letters and the ledges of small screws are smaller
 SAME_LEVEL_MM: Final = 0.02
 MIN_DISTANCE_MM: Final = 0.5  # where ISO 2768-1 begins
-MIN_SHARE: Final = 0.5  # of the smaller plane lies opposite the other
+MIN_SHARE: Final = 0.5  # least share of the smaller plane opposite the other
 SAMPLES_PER_MM2: Final = 1.0 / 16.0
 MIN_SAMPLES: Final = 24
 OFF_MM: Final = 0.02
-MAX_EDGES: Final = 8  # of a plane; more lines of one plane add little
+MAX_EDGES: Final = 8  # edges used of a plane; more lines of one plane add little
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -6,7 +6,7 @@ import numpy as np
 
 from controller.arrays import FloatArray
 
-HALF_UP_MM: Final = 1e-4  # 15.875 of a mesh may be 15.8749: halves are rounded up all the same
+HALF_UP_MM: Final = 1e-4  # 15.875 of a mesh may be 15.8749: such halves are rounded up
 ROW_MM: Final = 1.0  # what is level to a millimetre reads as one row
 AXES: Final = ((2, 1), (1, 1), (0, 1), (2, -1), (1, -1), (0, -1))  # the top view comes first
 

@@ -20,9 +20,10 @@ AZIMUTH_COUNT: Final = 16
 ELEVATIONS_RAD: Final = np.radians(
     [-15.0, 0.0, 15.0]
 )  # a level seen so still moves its edge by 97 %
-OFF_MM: Final = 0.05  # rays start so far off the edge, beyond the rounding of meshes and rays
-MIN_SHARE: Final = 0.6  # of an edge, in sight
-MIN_RIM_SHARE: Final = 0.2  # of a rim: the part of it that faces the camera
+# Distance of rays from the edge at their start, beyond the rounding of meshes and rays.
+OFF_MM: Final = 0.05
+MIN_SHARE: Final = 0.6  # least share of an edge in sight
+MIN_RIM_SHARE: Final = 0.2  # least share of a rim in sight: the part of it that faces the camera
 ALONG_COS: Final = float(np.cos(np.radians(30.0)))  # an edge seen more along itself is too short
 STEPS: Final = np.linspace(0.1, 0.9, 5)
 RIM_STEPS: Final = np.linspace(0.0, 1.0, 24, endpoint=False)

@@ -20,7 +20,7 @@ COAXIAL_COS: Final = 1 - 1e-5  # 0.26 degrees, as the CAD's features have it
 SAME_MM: Final = 0.02  # a tessellated wall's axis and radius are right to a few microns
 LEVEL_MM: Final = 0.01
 FULL_RAD: Final = 2 * np.pi - 1e-3
-GAP_RAD: Final = 1e-3  # arcs that are closer follow on each other
+GAP_RAD: Final = 1e-3  # gap below which arcs follow on each other
 MIN_ARC_RAD: Final = np.radians(10.0)  # a shorter arc of a rim fixes neither centre nor radius
 
 

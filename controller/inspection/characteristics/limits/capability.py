@@ -14,7 +14,7 @@ import numpy as np
 from .._types import Characteristic, CharacteristicKind, RimGeometry
 from .decision import COVERAGE_FACTOR
 
-MAX_SHARE: Final = 0.30  # of the tolerance that 2 U may take: the limit of VDA 5 (S17)
+MAX_SHARE: Final = 0.30  # largest share of the tolerance for 2 U: the limit of VDA 5 (S17)
 EXPANSION_PER_K: Final = 23e-6  # of aluminium, the metal in the cell that grows most
 
 

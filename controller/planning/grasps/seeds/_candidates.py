@@ -15,7 +15,7 @@ from ._seeds import Seeds, narrowest_inner, widest_inner
 
 SHALLOWER_MM = 7.0  # the second depth tried: fingertips stand out less far behind the seed
 TABLE_GAP_MM = 3.0  # from the fingertips to the far end of the part, where that is the table
-APPROACH_POINT_COUNT = 200  # surface points looked for in the approach
+APPROACH_POINT_COUNT = 200  # surface points tested in the approach
 SLACK_MM = 0.5  # a surface point this far inside a box is in the way
 
 

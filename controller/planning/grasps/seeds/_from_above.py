@@ -16,12 +16,12 @@ from ...model import TABLE_MARGIN_MM, GraspRules, Jaw
 from ._candidates import Candidates
 from ._faces import across
 
-HEADING_COUNT = 24  # over half a turn: a jaw turned half round is the same
+HEADING_COUNT = 24  # headings over half a turn: a jaw turned by half is the same
 PLACE_MM = 3.0  # between places across a heading, half a pad's compliance of a slope of 15 degrees
-PLACE_COUNT = 40  # of a heading, at most
-HIGHER_MM = (0.0, 5.0, 12.0, 24.0)  # the fingertips, above the deepest they get
-ROOM_MM = 0.05  # above the margin, so that rounding does not take it
-BITE_MIN_MM = 1.0  # of the pads on the part
+PLACE_COUNT = 40  # largest number of places for a heading
+HIGHER_MM = (0.0, 5.0, 12.0, 24.0)  # heights of the fingertips above the lowest possible
+ROOM_MM = 0.05  # added to the margin, so that rounding does not take it
+BITE_MIN_MM = 1.0  # least depth of the pads on the part
 
 
 def from_above(

@@ -19,7 +19,7 @@ from ...model import GraspRules, Jaw
 from ._faces import opposed_faces, plane_seeds
 
 SKIN_MM = 0.02  # rays start this far off the surface they leave
-MAIN_DIRECTIONS = 40  # of walls, that are tried as partners of every sample
+MAIN_DIRECTIONS = 40  # directions of walls that are tried as partners of every sample
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -27,20 +27,20 @@ from ._visible import (
 )
 
 SPHERE_COUNT = 90
-SQUARE_SHARE = 0.02  # of all area: a planar face at least this large deserves a square view
+SQUARE_SHARE = 0.02  # share of all area from which a planar face deserves a square view
 SAME_RAD = np.radians(3.0)
 # 3 degrees apart: a spot shown only within a narrower cone than this could not be relied on, as
 # the hold is known to two degrees
 ALIKE_RAD = np.radians(1.0)  # of two straight looks one will do
-WEDGE_RAD = np.radians(0.2)  # of two lines through narrow wedges
+WEDGE_RAD = np.radians(0.2)  # the same of two lines through narrow wedges
 SEARCHED_COUNT = 4096
 MIN_SEARCHED_COUNT = 512
 RAY_COUNT = 1_000_000
 # a spot with one direction is lost if a finger or a joint limit takes that one
 WANTED_COUNT = 3
-FIRST_WORTH = 1e3  # of a first direction, beside a further one
+FIRST_WORTH = 1e3  # worth of a first direction, relative to a further one
 MAX_WEDGE_COUNT = 24  # directions for points that no other shows
-MAX_ADDED = 0.5  # of the even sphere's number, for spots that have a direction already
+MAX_ADDED = 0.5  # share of the even sphere's number, added for spots with a direction already
 
 
 def even_sphere(count: int) -> FloatArray:

@@ -18,7 +18,7 @@ from ._visible import free_pairs
 # within the limit by so much; close to it, because there the wedge opens
 INSIDE_RAD = np.radians([0.2, 1.5, 4.0, 8.0, 14.0, 22.0, 32.0])
 ROUND_COUNT = 96  # lines round the normal in each fan
-RAY_COUNT = 2_000_000  # spots are looked at as far as these go
+RAY_COUNT = 2_000_000  # budget of rays, which limits the spots searched
 CHUNK = 400_000  # rays at once
 
 

@@ -15,7 +15,7 @@ from .._tolerances import GreyTolerances
 from ._edges import EdgePoints
 
 ANGLES = 36  # bins of 10 deg over the full turn; a point votes for its own and both beside
-ROUNDS = 3  # lines of a cell: where more cross, corners are told apart from cells beside it
+ROUNDS = 3  # lines sought in a cell; where more cross, the cells beside it separate them
 
 
 @dataclass(frozen=True, eq=False, slots=True)

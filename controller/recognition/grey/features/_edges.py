@@ -20,10 +20,10 @@ SOBEL_OF_STEP = 2.1  # Sobel of a step of one level under blurs of 0.8 px of len
 RAYLEIGH_30 = 0.845  # 30 % of a Rayleigh distribution of deviation 1 are below
 COARSEST = 4.0  # between two levels of a digitiser of 6 bits
 MAX_TIMES = 3  # more adds no detail
-LEVEL_ROWS = 96  # as many tell which levels are in use
-PLAIN_SAMPLE = 1500  # edge points that tell how strong plain edges are
+LEVEL_ROWS = 96  # rows that suffice to find the levels in use
+PLAIN_SAMPLE = 1500  # edge points that show the strength of plain edges
 ENLARGED = 2.0  # contours of a coarse digitiser are no softer for being enlarged
-PLANE_NODES = 7  # a side of the grid that the way to the plane is taken from
+PLANE_NODES = 7  # nodes on a side of the grid that samples the map to the plane
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -13,12 +13,12 @@ from controller.arrays import BoolArray, FloatArray, IntArray
 from .._tolerances import GreyTolerances
 from ._cells import Moments
 
-MAX_PIECES = 140  # short lines, the longest of them, whose normals are met pairwise
+MAX_PIECES = 140  # longest of the short lines whose normals are intersected in pairs
 MAX_PAIRS = 4000
 MAX_SEEDS = 32
 SECTORS = 36
-SEED_COVER = 0.6  # share of the turn asked of an arc that its pieces, with gaps between, cover
-VOTE_PX = 2.5  # bin of centre and radius, the error of a cell's line
+SEED_COVER = 0.6  # share of an arc's required turn that its pieces, with gaps between, must cover
+VOTE_PX = 2.5  # bin of centre and radius: the error of a cell's line
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -14,8 +14,8 @@ from .arcs import Circles, find_circles
 from .corners import Corners, Junctions, find_corners, find_junctions
 
 EDGELET_MM = 1.5  # a piece of edge that counts as one: shorter than the smallest feature wanted
-PLAIN = 0.4  # of a plain edge's strength: what has it is as plain
-FAINTEST = 0.15  # that the weakest edge still counts
+PLAIN = 0.4  # share of a plain edge's strength from which an edge counts as plain
+FAINTEST = 0.15  # weight of the weakest edge
 
 
 @dataclass(frozen=True, eq=False, slots=True)

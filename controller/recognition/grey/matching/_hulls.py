@@ -10,7 +10,7 @@ import numpy as np
 
 from controller.arrays import FloatArray
 
-ROUNDEST = 0.85  # ratio of half axes above which the long way is not to be relied on
+ROUNDEST = 0.85  # ratio of half axes above which the long axis is unreliable
 
 
 def hull_of(points: FloatArray) -> FloatArray | None:

@@ -16,7 +16,7 @@ from .index import ASKED, FeatureIndex
 
 CELL_MM = 0.8
 DIRECTIONS = 16
-FIRST_ASKED = 24  # edgelets of a view that its first score is of
+FIRST_ASKED = 24  # edgelets of a view in its first score
 FIT_ROUNDS = 3
 
 

@@ -22,14 +22,14 @@ from .index import FeatureIndex, feature_index, near_keys
 from .keys import KINDS, Frames, frames_of
 from .model import ModelFeatures
 
-MAX_PAIRS = 20_000  # of features looked at, per kind
+MAX_PAIRS = 20_000  # pairs of features tested, per kind
 MAX_COARSE = 240  # hypotheses scored coarsely
 MAX_OF_HULL = 200
 MAX_FITTED = 28
 PLAIN_ENOUGH = 0.5  # share of the edgelets that must be the part's and not its shadow's
 BIN_RAD = np.pi / 30  # hypotheses nearer than this are one
 BIN_MM = 3.0
-ENOUGH = 50  # pairs of other features; from here on circles alone give no hypotheses
+ENOUGH = 50  # pairs of other features from which circles alone give no hypotheses
 TURNS_OF_A_CIRCLE = 24  # turns tried, since a circle fixes none
 
 

@@ -17,8 +17,8 @@ from ._hulls import hull_of
 from .keys import KINDS, Frames, frames_of, joined, taken
 from .model import ModelFeatures
 
-ASKED = 96  # edgelets of a view that coarse scores are of
-FULL = 32767  # of a short number: 0.01 mm of 300
+ASKED = 96  # edgelets of a view in coarse scores
+FULL = 32767  # largest short number: 0.01 mm of 300
 
 
 @dataclass(frozen=True, eq=False, slots=True)

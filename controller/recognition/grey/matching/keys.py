@@ -16,11 +16,11 @@ from .._tolerances import GreyTolerances
 from ..features.corners import Corners
 
 KINDS = ("edge", "corner", "pair", "flank", "line", "circle")
-MAX_LINES = 40  # of a picture or view, the longest
+MAX_LINES = 40  # longest lines of a picture or view that are used
 MAX_CIRCLES = 16
 MAX_CORNERS = 60
 ALONE_MM, MAX_ALONE = 6.0, 14  # lines that may fix a pose by their length alone
-MIN_APART_MM = 4.0  # of two points that give a direction: 0.3 mm on it is 4 deg
+MIN_APART_MM = 4.0  # distance of two points that give a direction: 0.3 mm on it is 4 deg
 
 
 @dataclass(frozen=True, eq=False, slots=True)

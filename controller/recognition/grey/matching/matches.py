@@ -10,7 +10,7 @@ from .._tolerances import GreyTolerances
 from ..features.extract import ImageFeatures
 from .model import ModelFeatures
 
-MAX_FEATURE_COUNT = 60  # features of either side that are matched, the largest
+MAX_FEATURE_COUNT = 60  # largest features of either side that are matched
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -18,12 +18,12 @@ from ..features.corners import Corners, find_corners
 from ..features.extract import EDGELET_MM
 
 BEND_MM = 0.15  # a drawn edge that stays this near to a chord is straight in a picture
-ROUND_MM = 0.12  # and to a circle, round: tessellated rims
-MEET_MM = 0.6  # edges of one corner, chamfers between them left out
-MAX_EDGELETS = 240  # of a view: more say nothing more
+ROUND_MM = 0.12  # misfit up to which a drawn edge is a circle, as tessellated rims are
+MEET_MM = 0.6  # distance of edges that meet in one corner, chamfers between them left out
+MAX_EDGELETS = 240  # edgelets of a view; more add nothing
 MIN_LINE_MM = 2.5
 MIN_ARC_RAD = 1.0
-OUTLINE_WEIGHT = 1.5  # before a table of another grey an outline is seen surely
+OUTLINE_WEIGHT = 1.5  # weight of an outline, which shows surely before a table of another grey
 
 
 @dataclass(frozen=True, eq=False, slots=True)

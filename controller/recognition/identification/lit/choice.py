@@ -17,9 +17,9 @@ from .fits import LitFit, are_in_one_place
 from .search import SAME_SHADOW, Search
 
 MAX_PLACES = 14
-PART_COST = 40.0  # pixels of edges that another part has to explain
+PART_COST = 40.0  # edge pixels that another part has to explain
 LIKELY = 0.5  # probability from which a shadow counts where poses in one place are compared
-LEANS_LESS = 12.0  # log-odds, by which a part leans more rarely than it lies flat
+LEANS_LESS = 12.0  # log-odds of a leaning part against one that lies flat
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -32,19 +32,20 @@ from ...fitting import (
 from ...library import Candidate
 from ..scores import FRONT, beyond_chance, probability
 
-HIDDEN_MM = 0.4  # something this much nearer the eye hides an edge
+HIDDEN_MM = 0.4  # distance by which something nearer the eye hides an edge
 BESIDE_PX = 1  # outside its mask strong edges still are the part's
-RIM_PX = 2  # of its grey levels that are blurred with what lies beside it
-OUTSIDE_PX = 2.5  # outside an outline, where another part takes away its border with the table
-STRIDE_PX = 3  # between the sight lines by which parts are compared
-GOES_ON_MM = 8.0  # below the table, where sight lines come back from
-BURIED_MM = 1.5  # along a line of sight, by which two parts are in one place
-BURIED_SHARE = 0.02  # of the smaller one
+RIM_PX = 2  # width of the rim whose grey levels blur with what lies beside it
+# Distance outside an outline where another part replaces its border with the table.
+OUTSIDE_PX = 2.5
+STRIDE_PX = 3  # distance between the lines of sight by which parts are compared
+GOES_ON_MM = 8.0  # depth below the table from which lines of sight are traced back
+BURIED_MM = 1.5  # overlap along a line of sight from which two parts are in one place
+BURIED_SHARE = 0.02  # least share of the smaller part
 BURIED_CELLS = 6
-PROBED = (0.2, 0.5, 0.8)  # of a shared stretch of a line, where both parts are asked
+PROBED = (0.2, 0.5, 0.8)  # places on a shared stretch of a line where both parts are tested
 NEAR_PX = 1.3  # an edge this near its prediction is where it should be
-NEXT_PX = 12.0  # between two parts' shadows, from which one changes nothing of the other
-WITHIN_PX = 2.0  # inside an outline, where the surface beside it is asked
+NEXT_PX = 12.0  # distance between two shadows beyond which one part does not affect the other
+WITHIN_PX = 2.0  # distance inside an outline where the surface beside it is probed
 ENDS = 0.7  # share of what runs across curved surfaces that has to be there: of twelve right fits
 # in pictures developed with eleven have 0.78 and more, of two wrong ones along a screw none 0.63
 

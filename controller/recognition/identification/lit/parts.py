@@ -25,16 +25,17 @@ from .fits import LitFit
 from .search import SAME_SHADOW, Proposed, Search
 
 MAX_ROUNDS = 3
-SAME_OUTLINE = 0.97  # of two silhouettes together, from which one proposes what the other does
+SAME_OUTLINE = 0.97  # overlap of two silhouettes from which one proposes the other's hypotheses
 RIM_PX = 5  # round a part's shadow, what is left there is its rim
-LEFT_PX = 9  # narrower pieces are shadows and rims
-EDGED_SHARE = 0.3  # of a piece's rim, so long are its own edges
-BORDER_PX = 6.0  # outside an outline, where what a part borders on is asked
+LEFT_PX = 9  # width below which a piece is a shadow or a rim
+EDGED_SHARE = 0.3  # length of a piece's own edges, as a share of its rim
+BORDER_PX = 6.0  # distance outside an outline where the neighbour of a part is probed
 # of a part's outline, that something unknown may border on: a strip along the edge of a thing has
 # more of it beside one long side, and that is more than a third
 SURROUNDED = 0.33
-OVERLAID_PX = 2.0  # an edge this far off is not there
-OVERLAID_MM = 5.0  # of outline that is not there but a piece is: that lies on the part
+OVERLAID_PX = 2.0  # offset from which an edge counts as absent
+# Length of absent outline covered by a piece, from which the piece lies on the part.
+OVERLAID_MM = 5.0
 # beside something unknown a part has to be sure by itself: a stranger's details look like small
 # parts, and the rest of it stays unknown. Of 70 right ones in clusters developed with one has 0.85
 # to 0.9, of details of what is not known the best has 0.88 (docs/adr/0092)
