@@ -1,4 +1,4 @@
-"""The command line: a room per topic, with its commands and what they do.
+"""The command line: a room per topic, with its commands and their work.
 
 Each process computes with one thread: matrices are small here, where threads of the numerical
 libraries wait for one another longer than they compute, and other processes need the other cores.

@@ -141,7 +141,7 @@ AsBuiltOption = Annotated[
 
 
 class Surfaces(StrEnum):
-    """How parts look in emulated pictures."""
+    """The appearance of parts in emulated pictures."""
 
     PLAIN = "plain"
     MACHINED = "machined"

@@ -1,4 +1,4 @@
-"""Writes docs/commands.md from the commands themselves: what their help shows, as one page.
+"""Writes docs/commands.md from the commands themselves: their help, as one page.
 
 ``python -m controller.cli.reference > docs/commands.md`` stores it; a test fails when the page and
 the commands differ.
@@ -57,7 +57,7 @@ def commands_page() -> str:
 
 
 def _described(command: Any, parent: Any, path: str) -> Iterator[str]:  # noqa: ANN401
-    """Blocks of Markdown on a command, and on those below it."""
+    """Blocks of Markdown on a command, and on its subcommands."""
     context = _context(command, path.rpartition(" ")[2], parent)
     usage = " ".join([path, *command.collect_usage_pieces(context)])
     yield f"### {path}\n"

@@ -17,7 +17,7 @@ EVERY: Final = "*"  # in place of the name: all bodies, united
 
 @dataclass(frozen=True, slots=True)
 class CadSource:
-    """What the name of a part stands for.
+    """The meaning of a part's name.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class CadSource:
 
     @property
     def part_name(self) -> str:
-        """What the part is called."""
+        """The part's name."""
         if self.body and self.body != EVERY:
             return self.body
         stem = readable(self.file.stem)
@@ -49,7 +49,7 @@ class CadSource:
 
 
 def split_cad(path: Path) -> CadSource:
-    """Return file and body that a part's name stands for.
+    """Return the file and the body that a part's name stands for.
 
     A file that has the whole name is that file, whatever signs are in it. Otherwise the name ends
     with the first CAD file in it that is followed by `MARK`, one that is there before others.

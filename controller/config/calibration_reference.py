@@ -1,4 +1,4 @@
-"""How a cell file refers to its calibrations: by file and hash, under ``calibration:``."""
+"""The reference from a cell file to its calibrations: by file and hash, under ``calibration:``."""
 
 from typing import Annotated, Literal
 

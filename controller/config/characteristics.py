@@ -1,4 +1,4 @@
-"""What a recipe and a set of views say of characteristics. Millimetres, degrees."""
+"""The characteristics in a recipe and a set of views. Millimetres, degrees."""
 
 from typing import Annotated, Any, Final, Literal
 

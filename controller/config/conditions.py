@@ -17,7 +17,7 @@ _TOKEN: Final = re.compile(r"\s*([a-z][a-z0-9_]*|[!&|()])")
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """A condition: a fact, or what joins other conditions.
+    """A condition: a fact, or an operator on other conditions.
 
     Attributes
     ----------

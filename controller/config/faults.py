@@ -1,4 +1,4 @@
-"""The section `faults` of recipe and cell files: what the cell does about a fault, how often.
+"""The section `faults` of recipe and cell files: the cell's acts on a fault, and how often.
 
 The cell file has the policy of the cell, a recipe replaces single classes of it. A class has a list
 of actions: each is taken so many times, then the next one; the last one ends the matter.
@@ -76,7 +76,7 @@ def _rule(*acts: tuple[FaultAct, int, float]) -> FaultSteps:
 
 
 class FaultsSection(Section):
-    """What the cell does about each class of fault, and how much in all.
+    """The cell's acts on each class of fault, and their limit in all.
 
     Attributes
     ----------
@@ -129,7 +129,7 @@ class FaultsSection(Section):
         return self
 
     def replaced_by(self, other: "FaultsSection") -> "FaultsSection":
-        """Return this policy, with what another section states in place of its own."""
+        """Return this policy with another section's settings in place of its own."""
         return self.model_copy(
             update={name: getattr(other, name) for name in other.model_fields_set}
         )

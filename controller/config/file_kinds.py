@@ -1,4 +1,4 @@
-"""Which kind of YAML file was given, by its keys: for the message when it is the wrong kind."""
+"""The kind of YAML file given, by its keys: for the message if it is the wrong kind."""
 
 from typing import Any
 

@@ -92,7 +92,7 @@ def read_text(
 
 
 def text_of(data: bytes, path: Path, *, is_lenient: bool = False) -> str:
-    """Return the text of a file in UTF-8, or in UTF-16 or UTF-32, as its first bytes tell.
+    """Return the text of a file in UTF-8, UTF-16 or UTF-32, by its first bytes.
 
     Parameters
     ----------
@@ -168,7 +168,7 @@ def _numbers(tree: object, key: str) -> Iterator[tuple[str, float]]:
 
 
 def _once_each(pairs: Sequence[tuple[str, Any]]) -> Mapping[str, Any]:
-    """Return the pairs of an object; raise ValueError where a key stands twice."""
+    """Return the pairs of an object; raise ValueError if a key occurs twice."""
     found = dict(pairs)
     if len(found) < len(pairs):
         keys = [key for key, _ in pairs]
@@ -178,7 +178,7 @@ def _once_each(pairs: Sequence[tuple[str, Any]]) -> Mapping[str, Any]:
 
 
 def utf8_of(data: bytes) -> bytes:
-    """Return a text without a byte order mark, and in UTF-8 where it tells of UTF-16 or UTF-32.
+    """Return a text without its byte order mark, in UTF-8 if the mark was of UTF-16 or UTF-32.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The section `interlock_rules` of a cell file: rules beside those that every cell has."""
+"""The section `interlock_rules` of a cell file: rules beside those of every cell."""
 
 from typing import Annotated, Final, Literal
 

@@ -33,7 +33,7 @@ class ListReader:
         return [title.strip().lower() for title in _cut(next(self._reader, []), 0)]
 
     def rows(self, titles: list[str]) -> Iterator[dict[str, str] | None]:
-        """Yield each line's values by title; None where they are more or fewer than the titles.
+        """Yield each line's values by title; None if they are more or fewer than the titles.
 
         The values have the blanks about them that the list has. Spreadsheets end lines with empty
         columns: these are none.
@@ -46,13 +46,13 @@ class ListReader:
 
 
 def _cut(values: list[str], least: int) -> list[str]:
-    """Return values without blank ones at the end, but so many at least."""
+    """Return values without blank ones at the end, but a given number at least."""
     last = next((i for i in range(len(values), 0, -1) if values[i - 1].strip()), 0)
     return values[: max(last, least)]
 
 
 def table_of(text: str) -> tuple[str, str, int]:
-    """Return a table's text, what stands between its values, and how many lines were left out.
+    """Return a table's text, its separator, and the number of lines left out.
 
     Spreadsheets write semicolons where the comma is a decimal sign, tabs into UTF-16, and a first
     line ``sep=;`` for other spreadsheets. Lines of the text returned end in a line feed.

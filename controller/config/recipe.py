@@ -28,7 +28,7 @@ DefectSize = Annotated[float, Field(gt=0, le=50)]
 
 
 class InspectionSection(Section):
-    """How strictly the part is inspected.
+    """The strictness of the part's inspection.
 
     Attributes
     ----------
@@ -63,7 +63,7 @@ class InspectionSection(Section):
 
 
 class GraspSection(Section):
-    """How the part may be held.
+    """The limits on grasps of the part.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""SET.json, `cellctl.views/1`: stored pictures of one part, and where part and lamps were.
+"""SET.json, `cellctl.views/1`: stored pictures of one part, with the poses of part and lamps.
 
 Millimetres and degrees; files are named relative to the set's own file (docs/inspect.md).
 """
@@ -100,7 +100,7 @@ def packed(mask: BoolArray) -> str:
 
 
 def unpacked(text: str, count: int) -> BoolArray:
-    """Return a mask (n,) from what `packed` returned.
+    """Return the mask (n,) that `packed` packed.
 
     Raises
     ------
@@ -178,7 +178,7 @@ class SetView(Section):
 
 
 class SetCalibration(Section):
-    """What of a cell's calibrations no longer counted, in sentences; empty while all did.
+    """A cell's calibrations that were no longer valid, in sentences; empty if all were.
 
     Attributes
     ----------

@@ -1,10 +1,10 @@
-"""What the store cannot do."""
+"""Errors of the store."""
 
 from controller.results import ResultsError, UnknownRunError
 
 
 class HistoryError(ResultsError):
-    """The store cannot be opened, filled or read; the message names why and what helps."""
+    """The store cannot be opened, filled or read; the message names the reason and a remedy."""
 
 
 class NoSuchPartError(HistoryError, UnknownRunError):

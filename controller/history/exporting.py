@@ -40,7 +40,7 @@ AT: Final = COLUMNS.index("review_at")
 
 
 def export(store: Store, filters: Filters, path: Path, runs_dir: Path) -> int:
-    """Write the parts that filters let through, oldest first; return how many rows or parts.
+    """Write the parts that filters select, oldest first; return the number of rows or parts.
 
     Parameters
     ----------

@@ -66,7 +66,7 @@ class Group:
 
 @dataclass(frozen=True, slots=True)
 class Tally:
-    """How often something came: its names, and on how many parts."""
+    """The count of an event: its names, and its number of parts."""
 
     names: tuple[str, ...]
     count: int
@@ -75,7 +75,7 @@ class Tally:
 
 @dataclass(frozen=True, slots=True)
 class Figures:
-    """Figures of the parts that filters let through.
+    """Figures of the parts that filters select.
 
     Attributes
     ----------

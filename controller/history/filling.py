@@ -46,7 +46,7 @@ SET_ASIDE: Final = "journal-set-aside-*.sqlite"
 
 @dataclass(slots=True)
 class Filled:
-    """What filling did.
+    """The result of filling.
 
     Attributes
     ----------
@@ -78,7 +78,7 @@ class _Source:
 
 
 def journals_in(runs_dir: Path) -> tuple[Path, ...]:
-    """Return the journals of a folder of runs: those set aside, then the one that is written."""
+    """Return the journals of a folder of runs: those set aside, then the one in use."""
     found = sorted(runs_dir.glob(SET_ASIDE))
     current = runs_dir / JOURNAL_NAME
     return (*found, *([current] if current.is_file() else []))
@@ -236,7 +236,7 @@ def _delete_part(db: Connection, key: int) -> None:
 
 
 def _note_seen(store: Store, source: _Source, seq: int) -> None:
-    """Note up to which row the store has a journal; never an earlier one than is noted."""
+    """Note the last row of a journal that the store has; never an earlier one than noted."""
     head = row_at(source.path, seq)
     if head is None or seq <= source.seen.seq:
         return

@@ -1,4 +1,4 @@
-"""What has changed in the store's tables from version to version, and how it is brought up.
+"""The changes of the store's tables from version to version, and the migrations.
 
 A step may ask for the journals to be read once more, where new tables take what was not kept.
 What is in the store stays meanwhile: journals that are gone cannot be read again.
@@ -29,7 +29,7 @@ def _with_reviews(db: Connection) -> None:
 
 
 def _with_followed(db: Connection) -> None:
-    """Tell parts that another run has the record of; those whose journal is gone all count."""
+    """Mark parts whose record is in another run; those whose journal is gone all count."""
     _add(db, PARTS.c.is_counted, PARTS.c.followed_by)
 
 

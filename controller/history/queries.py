@@ -1,4 +1,4 @@
-"""Parts as the store has them: a list by filters, and one part with all that hangs on it."""
+"""Parts in the store: a list by filters, and one part with all its rows."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -40,7 +40,7 @@ _HIDDEN: Final = frozenset({"part_id", "run_no", "ordinal", "read_seq", "charact
 
 @dataclass(frozen=True, slots=True)
 class Filters:
-    """Which parts are meant; None and empty leave a matter open.
+    """The selection of parts; None and empty select all.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class Filters:
     review: str = ""
 
     def clause(self, *, is_each: bool = False) -> ColumnElement[bool]:
-        """Return the condition on `PARTS`; joins `RUNS` where a run is named.
+        """Return the condition on `PARTS`; joins `RUNS` if a run is named.
 
         Parameters
         ----------
@@ -98,7 +98,7 @@ class Filters:
 
 @dataclass(frozen=True, slots=True)
 class Listed:
-    """Parts of a list, newest first, and how many there are in all."""
+    """Parts of a list, newest first, and their total number."""
 
     count: int
     parts: tuple[Mapping[str, Any], ...]
@@ -113,7 +113,7 @@ def list_parts(
     sort: str = "start",
     is_rising: bool = False,
 ) -> Listed:
-    """Return parts that filters let through, the newest unless another order is asked for.
+    """Return the parts that filters select, the newest first unless another order is given.
 
     Parameters
     ----------
@@ -151,7 +151,7 @@ def list_parts(
 
 
 def find_parts(store: Store, word: str) -> tuple[Mapping[str, Any], ...]:
-    """Return the full records of a part, oldest first: more than one where it came more than once.
+    """Return the full records of a part, oldest first: several if it came more than once.
 
     Parameters
     ----------

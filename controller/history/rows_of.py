@@ -1,4 +1,4 @@
-"""What the store keeps of a run: rows of its tables, from the run as folded from the journal."""
+"""The store's rows of a run, made from the run as folded from the journal."""
 
 import hashlib
 import json

@@ -1,4 +1,4 @@
-"""The store: where it is, how it is opened, and that it has the version this cellctl knows."""
+"""The store: its place, its opening, and the check of its version."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -19,7 +19,7 @@ BUSY_S: Final = 30.0  # how long one filler waits for another
 
 
 class Store:
-    """A store, opened; tables that are missing or old are made or brought up.
+    """An open store; missing or old tables are made or migrated.
 
     Parameters
     ----------

@@ -157,7 +157,7 @@ def _edge_paths(edges: Sequence[DrawnEdge]) -> str:
 
 
 def _arrow(loop: Loop, unit: float) -> str:
-    """Return an arrow head on a loop; nothing where the loop is smaller than the head."""
+    """Return an arrow head on a loop; none if the loop is smaller than the head."""
     closed = np.vstack([loop.points, loop.points[:1]])
     steps = np.diff(closed, axis=0)
     lengths = np.linalg.norm(steps, axis=1)

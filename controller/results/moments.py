@@ -1,4 +1,4 @@
-"""The moment of each step worth drawing: where the part is, what holds it, how the arm stands."""
+"""The moment of each step worth drawing: the part's place, its holder, and the arm's pose."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ from controller.planning import (
 
 
 class MomentKind(StrEnum):
-    """What a step does."""
+    """The kind of a step."""
 
     PICK = "pick"
     PRESENT = "present"
@@ -36,7 +36,7 @@ class MomentKind(StrEnum):
 
 
 class Seat(StrEnum):
-    """From where a step is drawn in close-up."""
+    """The point of view for a close-up of a step."""
 
     INSPECTION = "inspection camera"
     OVERHEAD = "overhead camera"

@@ -1,4 +1,4 @@
-"""What all pages share: the template engine, the style sheet, and how a page is written.
+"""The common base of all pages: the template engine, the style sheet, and the writing.
 
 A page needs nothing else: no network, no script, pictures inside. All text is escaped by the
 template engine, since names in a recipe are whatever somebody wrote there.

@@ -1,4 +1,4 @@
-"""Pages as PDF, from the HTML that is printed: no program beside this one is needed.
+"""Pages as PDF, from the HTML that is printed: no other program is needed.
 
 The engine comes with its wheel (ADR 31). It is given the page and nothing else: no file, no
 network. The same page gives the same bytes.

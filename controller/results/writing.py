@@ -1,4 +1,4 @@
-"""Writes judged parts to a file; its suffix decides what it is."""
+"""Writes judged parts to a file, in the format of its suffix."""
 
 import hashlib
 import json
@@ -85,7 +85,7 @@ def write_run_pdf(record: RunRecord, path: Path) -> Path:
 
 
 def _qif_sha256(record: RunRecord) -> str:
-    """Return the SHA-256 of a run's QIF file, which has the same bytes each time; else empty."""
+    """Return the SHA-256 of a run's QIF file, if it has the same bytes each time; else empty."""
     try:
         return hashlib.sha256(qif_bytes(counted_parts(record))).hexdigest()
     except ValueError:

@@ -1,4 +1,4 @@
-"""`cellctl ack`: to the run that waits for it, or into the journal where no run does."""
+"""`cellctl ack`: to the run that waits for it, or into the journal if no run does."""
 
 from datetime import UTC, datetime
 from pathlib import Path
@@ -15,7 +15,7 @@ from .orders import print_decision
 
 
 def acknowledge_stop(cell_file: Path, runs_dir: Path, who: str, why: str, *, as_json: bool) -> int:
-    """Acknowledge what bars the next start; return 0, or 1 where nothing does.
+    """Acknowledge what bars the next start; return 0, or 1 if nothing does.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Orders to a running cell through its control socket, and what they print."""
+"""Orders to a running cell through its control socket, and their output."""
 
 import sys
 from pathlib import Path
@@ -26,7 +26,7 @@ NOT_KNOWN_YET = "not known yet: the cell still computes what comes next"
 
 
 def show_status(runs_dir: Path, *, as_json: bool) -> int:
-    """Print how a running cell stands; return 0.
+    """Print the status of a running cell; return 0.
 
     Parameters
     ----------
@@ -151,7 +151,7 @@ def resume_cell(runs_dir: Path, who: str, why: str, *, is_confirmed: bool, as_js
 
 
 def order_plainly(runs_dir: Path, name: str, who: str, why: str, *, as_json: bool) -> int:
-    """Give an order that has no more to it than its name; return 0, or 1 if it is refused.
+    """Give an order that consists of its name alone; return 0, or 1 if it is refused.
 
     Parameters
     ----------
@@ -204,7 +204,7 @@ def _check(who: str, why: str) -> None:
 
 
 def print_decision(reply: DecisionReply, words: str, *, as_json: bool) -> int:
-    """Print what the cell made of an order; return the exit code.
+    """Print the cell's decision on an order; return the exit code.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Watching a running cell from another terminal: what `cellctl run` shows, as long as it runs."""
+"""Watching a running cell from another terminal: the display of `cellctl run`, until it ends."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -69,7 +69,7 @@ def watch_cell(
 
 @contextmanager
 def _shown(*, as_json: bool) -> Iterator[Callable[[StatusReply], None]]:
-    """Yield what shows a status: in place on a terminal, else one line or object per change."""
+    """Yield the display of a status: in place on a terminal, else one line or object per change."""
     if not as_json and stdout.is_terminal:
         with Live(console=stdout, refresh_per_second=4, transient=True) as live:
             yield lambda found: live.update(_table(found))

@@ -1,4 +1,4 @@
-"""`cellctl calibrate camera`: pictures of a board -> the camera, its lens, where it stands.
+"""`cellctl calibrate camera`: pictures of a board -> the camera, its lens and its pose.
 
 Reads the files and prints the result; `controller.commissioning.calibration` computes it.
 """

@@ -1,4 +1,4 @@
-"""`cellctl print-target`: a board as PDF, and the board file that describes what was printed."""
+"""`cellctl print-target`: a board as PDF, and the board file that describes the print."""
 
 import json
 from collections.abc import Mapping
@@ -121,7 +121,7 @@ def _changed(board: BoardSection, squares: str | None, square_mm: float | None) 
 
 
 def _measured(board: BoardSection, measured_mm: float) -> BoardSection:
-    """Return a board with the size that its print has."""
+    """Return a board with its printed size."""
     nominal_mm = board.print_mm[0]
     scale = measured_mm / nominal_mm
     if not abs(scale - 1) <= SCALE_LIMIT:

@@ -1,4 +1,4 @@
-"""What `cellctl commission --status` states of each calibration: age, runs, and what is left."""
+"""The lines of `cellctl commission --status` on each calibration: age, runs, and those left."""
 
 from dataclasses import dataclass
 from datetime import datetime
@@ -31,7 +31,7 @@ class CalibrationLine:
 
     @property
     def runs_left(self) -> int | None:
-        """How many runs may still use it; None for any number."""
+        """The number of runs that may still use it; None for any number."""
         return None if self.valid_runs is None else max(0, self.valid_runs - self.run_count)
 
     @property

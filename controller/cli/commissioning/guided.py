@@ -49,7 +49,7 @@ class GuidedOptions:
 
 
 def guide(options: GuidedOptions, *, status_only: bool) -> int:
-    """Run the steps that are due, or print what holds of them; return 0 if all are done.
+    """Run the steps that are due, or print their state; return 0 if all are done.
 
     Raises
     ------
@@ -105,7 +105,7 @@ def recipes_beside(cell_path: Path) -> tuple[Path, ...]:
 
 
 def _check(options: GuidedOptions, cell: Cell, out: Path) -> None:
-    """Check what can be checked before anything starts."""
+    """Check everything that can be checked before the start."""
     check_entering(options.emulated, cell, out, "--out")
     if options.emulated.answers and not cell.emulated_devices and options.emulated.control is None:
         raise ConfigError(

@@ -1,4 +1,4 @@
-"""Who gives the orders of a jog: keys in a terminal, or lines of a file or a pipe."""
+"""The source of a jog's orders: keys in a terminal, or lines of a file or a pipe."""
 
 import asyncio
 import os
@@ -46,7 +46,7 @@ MAX_SCRIPT_BYTES: Final = 1 << 20
 
 @contextmanager
 def single_keys(fd: int) -> Iterator[None]:
-    """Have a terminal hand out each key at once and unseen; put it back afterwards.
+    """Have a terminal pass on each key at once and unseen; restore it afterwards.
 
     Ctrl-C still interrupts. A terminal that is gone by then is left alone.
 
@@ -65,14 +65,14 @@ def single_keys(fd: int) -> Iterator[None]:
 
 
 class _Input:
-    """Bytes of standard input as they come, on the event loop."""
+    """Bytes of standard input as they arrive, on the event loop."""
 
     def __init__(self, on_text: Callable[[str], None]) -> None:
         self._on_text = on_text
 
     @contextmanager
     def heard(self, fd: int) -> Iterator[None]:
-        """Hand on what comes while the block runs; an empty text is the end."""
+        """Pass on the input while the block runs; an empty text is the end."""
         loop = asyncio.get_running_loop()
 
         def read() -> None:
@@ -182,7 +182,7 @@ class KeyPilot:
         return None
 
     async def _typed(self) -> str:
-        """Return an order typed letter by letter; empty where it was given up."""
+        """Return an order typed letter by letter; empty if it was given up."""
         text = ""
         self._erase()
         write_control("order: ")
@@ -218,7 +218,7 @@ class KeyPilot:
 
     # ---- what is seen ----------------------------------------------------------------------------
     def show(self, reading: Reading) -> None:
-        """Write how the arm stands over how it stood."""
+        """Write the arm's state over the earlier one."""
         columns = max(20, shutil.get_terminal_size().columns - 1)
         lines = [line[:columns] for line in reading.words.split(" | ")]
         if self._shown != lines:
@@ -227,7 +227,7 @@ class KeyPilot:
             self._shown = lines
 
     def done(self, order: str, words: str) -> None:
-        """Write what an order has done."""
+        """Write the result of an order."""
         if words:
             self._write(words)
 
@@ -306,17 +306,17 @@ class LinePilot:
         return line
 
     async def wants_stop(self) -> None:
-        """Return once a line `stop` has come since the order."""
+        """Return once a line `stop` has arrived since the order."""
         await self._stop.wait()
 
     async def decide(self, question: Question) -> Answer | None:
-        """Return the first choice where a helper answers; else nobody is there."""
+        """Return the first choice if a helper answers; else nobody is there."""
         if not self._answers:
             return None
         return Answer(question.choices[0].key, "--yes")
 
     def show(self, reading: Reading) -> None:
-        """Print how the arm stands."""
+        """Print the arm's state."""
         if not self._as_json:
             print_line(reading.words)
             return
@@ -336,7 +336,7 @@ class LinePilot:
         )
 
     def done(self, order: str, words: str) -> None:
-        """Print what an order has done."""
+        """Print the result of an order."""
         if self._as_json:
             emit({"event": "done", "order": order, "words": words})
         else:

@@ -1,4 +1,4 @@
-"""`cellctl teach`: jog somewhere, take the position, show what it would change, write it."""
+"""`cellctl teach`: jog to a place, take the position, show its effect on the file, write it."""
 
 import difflib
 import sys
@@ -49,7 +49,7 @@ MAX_FROM_DRAWING_MM: Final = 100.0
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """What would be written.
+    """A change to write.
 
     Attributes
     ----------
@@ -64,7 +64,7 @@ class Change:
 
 
 def teach(options: JogOptions, what: str, *, writes: bool) -> int:
-    """Jog to where something is, and write it once the difference was seen; return the exit code.
+    """Jog to a place, and write it after showing the difference; return the exit code.
 
     Parameters
     ----------
@@ -206,7 +206,7 @@ class Teacher:
         return Change(words, with_values(text, "arm", values))
 
     def _require_drawing(self) -> None:
-        """Require the cell file to be a drawing: what a commissioning writes has none of its own.
+        """Require the cell file to be a drawing: a commissioned one has none of its own.
 
         Raises
         ------
@@ -233,7 +233,7 @@ class Teacher:
         return reference.file if reference is not None else "calibrations/trays.json"
 
     def _as_written(self, change: Change) -> str:
-        """Return the cell file's text as it would be, having read it as a cell file.
+        """Return the cell file's text after the change, checked as a cell file.
 
         Raises
         ------

@@ -36,7 +36,7 @@ RUNS = "runs"  # where runs keep their journal unless they are given another fol
 
 @dataclass(frozen=True, slots=True)
 class Looking:
-    """What is looked at beside the checks.
+    """The looks that go with the checks.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""`cellctl doctor --pictures`: what the cameras see, lamp by lamp; nothing moves."""
+"""`cellctl doctor --pictures`: the cameras' pictures, lamp by lamp; nothing moves."""
 
 import asyncio
 from collections.abc import Callable, Mapping
@@ -28,7 +28,7 @@ async def take_pictures(
     seconds: float,
     on_picture: Callable[[dict[str, Any]], None],
 ) -> None:
-    """Take a picture with each camera under two lamps, again and again; all lamps are dark then.
+    """Take a picture with each camera under two lamps, repeatedly; all lamps are dark then.
 
     Files are named by camera, lamp and number. Older ones of the same kind are deleted.
 

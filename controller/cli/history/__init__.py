@@ -1,4 +1,4 @@
-"""`cellctl history`, `review` and `backup`: all parts that the cell inspected, and who decides."""
+"""`cellctl history`, `review` and `backup`: all parts the cell inspected, and their reviews."""
 
 from .commands import backup, history, review
 

@@ -31,7 +31,7 @@ class Asked:
     review: str = ""
 
     def filters(self) -> Filters:
-        """Return them as the store takes them.
+        """Return the store's filters for these options.
 
         Raises
         ------
@@ -64,7 +64,7 @@ def answer(
     anew: bool,
     as_json: bool,
 ) -> int:
-    """Print what the store has; return the exit code.
+    """Print the store's answer; return the exit code.
 
     Parameters
     ----------

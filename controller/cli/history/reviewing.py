@@ -1,4 +1,4 @@
-"""`cellctl review`: list what awaits a person, show a part, write a person's verdict."""
+"""`cellctl review`: list the parts that await a person, show one, write a person's verdict."""
 
 import getpass
 import webbrowser
@@ -35,7 +35,7 @@ COLUMNS = (
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """What is wanted, as words of the command line.
+    """The options of the command line.
 
     Attributes
     ----------
@@ -88,7 +88,7 @@ def review_parts(
 
 
 def _check(order: Order, asked: Asked) -> None:
-    """Raise ConfigError where options do not go together."""
+    """Raise ConfigError if options do not go together."""
     if order.part is None and (order.verdict or order.output or order.is_opened):
         raise ConfigError("--verdict, --output and --open need PART: a serial number or RUN/NUMBER")
     if order.part is not None and (order.is_all or asked != Asked()):
@@ -168,7 +168,7 @@ def _show(store: Store, order: Order, word: str, runs_dir: Path, *, as_json: boo
 
 
 def _crops(part: Mapping[str, Any], runs_dir: Path) -> PartCrops | None:
-    """Return the crops of a part's findings; None, with a warning, where there are none."""
+    """Return the crops of a part's findings; None, with a warning, if there are none."""
     run, number = str(part["run"]), int(part["number"])
     try:
         record = folded(runs_dir / JOURNAL_NAME, run, [number])

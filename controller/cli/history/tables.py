@@ -21,7 +21,7 @@ COLUMNS = (
 
 
 def print_columns(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
-    """Print a table, wide where there is no terminal."""
+    """Print a table, wide if there is no terminal."""
     table = Table(box=box.SIMPLE_HEAD)
     for name in columns:
         table.add_column(Text(name), overflow="fold")
@@ -65,14 +65,14 @@ def review_word(part: Mapping[str, Any]) -> str:
 
 
 def tray_words(part: Mapping[str, Any]) -> str:
-    """Return the tray and nest of a part, or where else it is."""
+    """Return the tray and nest of a part, or its place elsewhere."""
     if not part["tray"]:
         return f"none, {str(part['custody']).replace('_', ' ')}"
     return f"{part['tray']}, nest {part['nest']}" if part["nest"] else str(part["tray"])
 
 
 def print_record(part: Mapping[str, Any]) -> None:
-    """Print all that is known of a part."""
+    """Print everything known of a part."""
     print_line(f"{part['part']}: {str(part['verdict']).upper()}", style="bold")
     emulated = " (emulated)" if part["is_emulated"] else ""
     about = {

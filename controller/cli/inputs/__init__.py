@@ -1,4 +1,4 @@
-"""What commands are given: folders, pictures, calibrations, CAD files; checked before work.
+"""The inputs of commands: folders, pictures, calibrations, CAD files; checked before work.
 
 Imported module by module: who checks a folder needs no library that reads pictures.
 """

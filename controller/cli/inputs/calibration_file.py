@@ -1,4 +1,4 @@
-"""The calibration file, written and read: a camera, and how it was calibrated.
+"""The calibration file, written and read: a camera, and the data of its calibration.
 
 Only size_px, K, distortion and T_world_cam are required, so a file written by hand or by another
 program will do.
@@ -45,7 +45,7 @@ def load_calibration(path: Path) -> Camera:
 
 
 def _numbers(body: Mapping[str, Any], key: str, *shape: int) -> FloatArray:
-    """Return the numbers of a key; raise ValueError, which names it, if they are others."""
+    """Return the numbers of a key; raise ValueError, which names the key, if they are wrong."""
     try:
         return np.array(body[key], dtype=float).reshape(shape)
     except ValueError:
@@ -83,7 +83,7 @@ def _check(path: Path, size_px: tuple[int, int], K: FloatArray, T: FloatArray) -
 
 
 def write_calibration(path: Path, body: Mapping[str, Any]) -> None:
-    """Write what `calibration_body` returns.
+    """Write the result of `calibration_body`.
 
     Raises
     ------
@@ -97,7 +97,7 @@ def write_calibration(path: Path, body: Mapping[str, Any]) -> None:
 
 
 def calibration_body(found: Calibration) -> dict[str, Any]:
-    """Return a calibration as the file has it: lengths in mm, angles in degrees."""
+    """Return a calibration in the file's format: lengths in mm, angles in degrees."""
     camera = found.camera
     placed = [view.placed for view in found.views]
     return {

@@ -18,7 +18,7 @@ Place = tuple[float, float, float]  # x [mm], y [mm], theta [deg]
 
 @contextmanager
 def writing(option: str, path: Path) -> Iterator[None]:
-    """Turn what hinders writing within into a message that names the option.
+    """Turn write errors of the block into a message that names the option.
 
     Raises
     ------

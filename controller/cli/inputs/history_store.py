@@ -1,4 +1,4 @@
-"""The store of the history as commands have it: opened, filled, with what did not go in said."""
+"""The store of the history for commands: opened, filled, with a report of what was left out."""
 
 import os
 from collections.abc import Iterator

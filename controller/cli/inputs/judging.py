@@ -1,4 +1,4 @@
-"""Which recipe a set of views is judged by."""
+"""The recipe that judges a set of views."""
 
 from pathlib import Path
 from typing import Final

@@ -1,4 +1,4 @@
-"""Recipes and options -> CAD files, how each is compiled, and the cell they are planned in."""
+"""Recipes and options -> CAD files, their compile options, and the cell they are planned in."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ from .checks import require_files
 
 @dataclass(frozen=True, slots=True)
 class PartFile:
-    """A CAD file, how it is compiled, and the recipe it is planned with, if any.
+    """A CAD file, its compile options, and the recipe it is planned with, if any.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""A list of parts (CSV): of which recipe each is, its serial number and its lot."""
+"""A list of parts (CSV): the recipe of each, its serial number and its lot."""
 
 import csv
 from collections import Counter
@@ -104,7 +104,7 @@ def load_parts_list(path: Path, lot: str = "") -> PartsList:
 
 
 def _rows(path: Path) -> Iterator[tuple[int, dict[str, str] | None]]:
-    """Yield each part's line number and its values by title; None where they do not fit."""
+    """Yield each part's line number and its values by title; None if they do not fit."""
     reader = ListReader(read_text(path, "a list of parts", MAX_BYTES))
     try:
         titles = reader.titles()

@@ -14,7 +14,7 @@ from ..options import MAX_PART_COUNT
 
 @dataclass(frozen=True, slots=True)
 class AskedRecipe:
-    """A recipe as a command line names it; no count where it names none."""
+    """A recipe as a command line names it, with its count if one is given."""
 
     path: Path
     count: int | None = None
@@ -51,7 +51,7 @@ def _asked(word: str, *, has_counts: bool) -> AskedRecipe:
 def ordered_recipes(
     asked: Sequence[AskedRecipe], count: int | None = None
 ) -> tuple[OrderedRecipe, ...]:
-    """Return the recipes, read, with how many parts of each.
+    """Return the recipes, read, with the number of parts of each.
 
     Parameters
     ----------

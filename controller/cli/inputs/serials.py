@@ -1,4 +1,4 @@
-"""Serial numbers on a command line: where they come from, and which are taken already."""
+"""Serial numbers on a command line: their source, and the ones taken already."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

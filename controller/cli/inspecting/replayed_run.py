@@ -1,4 +1,4 @@
-"""`cellctl replay`: the stored pictures of a run judged again, and what changes."""
+"""`cellctl replay`: the stored pictures of a run judged again, and the changes."""
 
 import time
 from collections.abc import Hashable, Iterator, Mapping
@@ -23,7 +23,7 @@ Items = Mapping[Hashable, Mapping[str, Any]]
 
 @dataclass(frozen=True, slots=True)
 class Judged:
-    """What the journal has of a judged part."""
+    """The journal's record of a judged part."""
 
     number: int
     inspected: rows.PartInspected
@@ -34,7 +34,7 @@ class Judged:
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """Something that another judging turns; None where it was not, or is no more."""
+    """A result that another judging changes; None on the side where it is missing."""
 
     what: str
     name: str
@@ -84,7 +84,7 @@ def replay_run(runs_dir: Path, run: str | None, recipe_path: Path | None, *, as_
 
 
 def _judged_parts(record: RunRecord) -> Iterator[Judged]:
-    """Yield the parts of a run with what the journal has of their judging."""
+    """Yield the parts of a run with the journal's record of their judging."""
     by_part: dict[int, dict[type, Any]] = {}
     for entry in record.log:
         if entry.part is not None and entry.row is not None:
@@ -103,7 +103,7 @@ def _judged_parts(record: RunRecord) -> Iterator[Judged]:
 def _replay(
     part: Judged, set_path: Path, file: ViewSetFile, recipe_path: Path | None, *, as_json: bool
 ) -> bool:
-    """Judge one part again, print what changes; return whether anything does."""
+    """Judge one part again, print the changes; return whether there are any."""
     started = time.monotonic()
     judging = judging_of(set_path, file, recipe_path)
     found = judge_views(file, compiled_part(set_path, file), read_pictures(set_path, file), judging)
@@ -141,7 +141,7 @@ def _replay(
 
 
 def _changes(part: Judged, found: PartInspection) -> Iterator[Change]:
-    """Yield what turns: characteristics, findings, faces, at the end the verdict."""
+    """Yield the changes: characteristics, findings, faces, at the end the verdict."""
     verdict = verdict_row(replace(found.ledger, verdict=found.verdict, reasons=found.reasons))
     yield from _turned(
         "characteristic",
@@ -171,7 +171,7 @@ def _finding_key(finding: rows.PartFindingFields) -> str:
 
 
 def _turned(what: str, before: Items, after: Items, keys: tuple[str, ...]) -> Iterator[Change]:
-    """Yield the items whose verdict or limits are others than before.
+    """Yield the items whose verdict or limits have changed.
 
     Parameters
     ----------

@@ -24,7 +24,7 @@ SHOWN_BYTES: Final = 64  # of a row; a frame's struct is longer
 def replay_wire_file(
     path: Path, recipe_path: Path | None, cell_path: Path | None, *, as_json: bool
 ) -> int:
-    """Run the controller on recorded wires and print what differs.
+    """Run the controller on recorded wires and print the differences.
 
     Parameters
     ----------

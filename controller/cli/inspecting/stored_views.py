@@ -1,4 +1,4 @@
-"""`cellctl inspect`: read a set of views with its pictures, judge the part, print what came out."""
+"""`cellctl inspect`: read a set of views with its pictures, judge the part, print the result."""
 
 import hashlib
 import os
@@ -68,7 +68,7 @@ def inspect_set(
 
 
 def _check_report(report: Path) -> None:
-    """Raise ConfigError where no report can be written."""
+    """Raise ConfigError if no report can be written."""
     if report.suffix.lower() not in SUFFIXES:
         raise ConfigError(f"--report {report}: name a file that ends in {', '.join(SUFFIXES)}")
     if report.is_dir():

@@ -19,7 +19,7 @@ STYLES = {Verdict.PASS: "green", Verdict.FAIL: "bold red"}
 
 
 def print_part(name: str, part: PartInspection) -> None:
-    """Print what all views of a part come to."""
+    """Print the result of all views of a part."""
     if part.measured:
         _print(
             ("no.", "characteristic", "nominal", "measured", "U", "limits", "verdict", "reason"),
@@ -76,7 +76,7 @@ def _row(measured: Measured) -> tuple[str, ...]:
 
 
 def _print(columns: Sequence[str], rows: Sequence[Sequence[str]], numeric: Sequence[int]) -> None:
-    """Print a table as wide as the terminal; where there is none, wide enough.
+    """Print a table as wide as the terminal; without one, wide enough.
 
     Parameters
     ----------

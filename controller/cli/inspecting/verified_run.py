@@ -1,4 +1,4 @@
-"""`cellctl verify`: what of a run is not as it was written."""
+"""`cellctl verify`: the rows and files of a run that have changed."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""`compile`: what follows from a CAD file alone."""
+"""`compile`: everything that follows from a CAD file alone."""
 
 from .commands import compile_
 

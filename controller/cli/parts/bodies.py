@@ -38,14 +38,14 @@ class BodyFile:
 
 @dataclass(frozen=True)
 class BodyFiles:
-    """All parts to compile, and whether a file could not be listed, or not whole."""
+    """All parts to compile, and whether a file could not be listed, or only in part."""
 
     files: tuple[BodyFile, ...]
     is_whole: bool = True
 
     @classmethod
     def of(cls, files: Sequence[PartFile]) -> "BodyFiles":
-        """Return files as they are, a part each."""
+        """Return files unchanged, a part each."""
         return cls(tuple(BodyFile(file, {}) for file in files))
 
     def print_compiled(self, one: BodyFile, part: CompiledPart, seconds: float) -> None:
@@ -86,14 +86,14 @@ class BodyFiles:
 
     @cached_property
     def _widths(self) -> tuple[int, int]:
-        """Of the columns of names and of sizes; to take a name apart is to look for a file."""
+        """The widths of the columns of names and sizes; splitting a name looks for its file."""
         names = (part_name(each.file.path) for each in self.files)
         rows = (len(each.row) for each in self.files)
         return min(max(map(len, names)), WIDEST), min(max(rows), WIDEST_ROW)
 
 
 def every_body(files: Sequence[PartFile]) -> BodyFiles:
-    """Return each distinct body of each file; report what cannot be listed.
+    """Return each distinct body of each file; report those that cannot be listed.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""`cellctl compile`: what follows from CAD files alone."""
+"""`cellctl compile`: everything that follows from CAD files alone."""
 
 import time
 from collections import Counter

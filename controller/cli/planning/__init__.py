@@ -1,4 +1,4 @@
-"""`check` and `plan`: what is known before anything moves."""
+"""`check` and `plan`: everything known before anything moves."""
 
 from .commands import check, plan
 

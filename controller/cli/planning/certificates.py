@@ -37,7 +37,7 @@ def counted(count: int, what: str) -> str:
 
 
 def certificate_words(certificate: Certificate, setup: PlannerSetup) -> str:
-    """Return a certificate in words; of an assumed density, up to which density it holds.
+    """Return a certificate in words; for an assumed density, with the density up to which it holds.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A plan as what the cell does: arm, grippers, motions and jaws of each step, custody, samples."""
+"""A plan as the cell's actions: arm, grippers, motions and jaws of each step, custody, samples."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ ARM, FIXED = "arm", "fixture"
 
 
 class Deeds:
-    """Writes down what the cell does in step after step, and where arm and part are meanwhile.
+    """Writes down the cell's actions step by step, and the places of arm and part meanwhile.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class Deeds:
         self._actions: list[dict[str, Any]] = []
 
     def branched(self) -> Deeds:
-        """Return another one that goes on from here."""
+        """Return a copy that goes on from here."""
         return Deeds(self._layout, self._q, self._custody)
 
     def step_json(self, step: Step) -> dict[str, Any]:
@@ -127,7 +127,7 @@ class Deeds:
 
 
 def arm_json(layout: CellLayout) -> dict[str, Any]:
-    """Return joints, limits and full speeds of the arm, and where it stands at first."""
+    """Return joints, limits and full speeds of the arm, and its first position."""
     arm = layout.arm
     speeds = arm.timing.joint_speeds
     return {
@@ -144,7 +144,7 @@ def arm_json(layout: CellLayout) -> dict[str, Any]:
 
 
 def grippers_json(layout: CellLayout) -> dict[str, Any]:
-    """Return both grippers; the second is null where the cell has none."""
+    """Return both grippers; the second is null if the cell has none."""
     fixed = layout.fixed_gripper
     return {
         ARM: _jaw_json(layout.arm_gripper),
@@ -172,7 +172,7 @@ def grasps_json(grasps: Sequence[Grasp]) -> list[dict[str, Any]]:
 
 
 def samples_json(solid: Solid, samples: SurfaceSamples) -> dict[str, Any]:
-    """Return the samples by which coverage is counted, and the faces that they lie on."""
+    """Return the samples that measure coverage, and the faces that they lie on."""
     return {
         "points_mm": np.round(samples.points_mm, 6).tolist(),
         "normals": np.round(samples.normals, 6).tolist(),

@@ -1,4 +1,4 @@
-"""`cellctl plan`: how to show a part, at what cost, and why not the rest; nothing moves."""
+"""`cellctl plan`: a plan to show a part, its cost, and the reasons for the rest; nothing moves."""
 
 import time
 from collections.abc import Callable, Mapping, Sequence

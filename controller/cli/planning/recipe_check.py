@@ -1,4 +1,4 @@
-"""`cellctl check`: what follows from files alone; nothing moves."""
+"""`cellctl check`: everything that follows from files alone; nothing moves."""
 
 import json
 import time
@@ -79,7 +79,7 @@ def _check(job: Job, *, as_json: bool) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Landing:
-    """A stable pose, and what becomes of a part that comes to lie so."""
+    """A stable pose, and the fate of a part that lands in it."""
 
     pose: StablePose
     outcome: Literal["planned", "no plan", "planned when met"]

@@ -1,4 +1,4 @@
-"""`cellctl plan --site`: where inspection camera and fixed gripper should stand for some parts."""
+"""`cellctl plan --site`: the best places of inspection camera and fixed gripper for some parts."""
 
 import time
 from collections.abc import Sequence
@@ -29,7 +29,7 @@ from ..terminal.output import emit, print_line, stderr, stdout
 def site_parts(
     files: Sequence[PartFile], cell_path: Path, *, use_cache: bool, as_json: bool
 ) -> int:
-    """Search and print where camera and fixed gripper should stand; return the exit code.
+    """Search and print the best places of camera and fixed gripper; return the exit code.
 
     Parameters
     ----------

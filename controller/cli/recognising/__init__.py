@@ -1,4 +1,4 @@
-"""`recognise`: which parts are in stored pictures of the table."""
+"""`recognise`: the parts in stored pictures of the table."""
 
 from .commands import recognise
 

@@ -1,4 +1,4 @@
-"""What `cellctl recognise --explain` writes: a picture and tables of the stages."""
+"""The output of `cellctl recognise --explain`: a picture and tables of the stages."""
 
 import json
 from collections.abc import Sequence
@@ -34,7 +34,7 @@ class ExplainFolder:
             folder.mkdir(parents=True, exist_ok=True)
 
     def write(self, image: Path, explanation: Explanation, *, with_json: bool) -> Path:
-        """Write what explains an answer; return the path of the drawing.
+        """Write the explanation of an answer; return the path of the drawing.
 
         Parameters
         ----------
@@ -73,7 +73,7 @@ class ExplainFolder:
 
 
 def show_tables(tables: Sequence[StageTable]) -> None:
-    """Print tables as wide as the terminal; where there is none, as wide as they are."""
+    """Print tables as wide as the terminal; without one, at their full width."""
     if not stdout.is_terminal:
         stdout.print(tables_text(tables), end="", markup=False)
         return

@@ -1,4 +1,4 @@
-"""`cellctl recognise`: what is in stored pictures of the table, one answer per object."""
+"""`cellctl recognise`: the objects in stored pictures of the table, one answer each."""
 
 import time
 from collections.abc import Iterator, Sequence
@@ -104,7 +104,7 @@ def _answer_one(
     folder: ExplainFolder | None,
     as_json: bool,
 ) -> int:
-    """Print what the pictures of one scene show; return how many objects are known."""
+    """Print the objects in the pictures of one scene; return the number of known ones."""
     path, picture = scene[0], pictures[0]
     others = [other.grey for other in pictures[1:]]
     started = time.perf_counter()

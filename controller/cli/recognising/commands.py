@@ -12,7 +12,7 @@ from ..options import JobsOption, JsonOption, UnitOption
 
 
 class Lighting(StrEnum):
-    """How a stored picture was lit."""
+    """The lighting of a stored picture."""
 
     AUTO = "auto"
     BACKLIT = "backlit"

@@ -1,4 +1,4 @@
-"""`cellctl recover --accept`: the part of an interrupted run goes on with that run's recipe."""
+"""`cellctl recover --accept`: go on with the part of an interrupted run by that run's recipe."""
 
 import getpass
 import hashlib
@@ -31,7 +31,7 @@ from .recipe_run import RunOptions, run_recipe
 
 @dataclass(frozen=True, slots=True)
 class AcceptingOperator:
-    """A person who has accepted on the command line what the cell proposes.
+    """A person who has accepted the cell's proposal on the command line.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class AcceptingOperator:
     why: str
 
     async def decide(self, question: Question) -> Answer | None:
-        """Print the accepted question, and answer that the cell is to go on.
+        """Print the accepted question; return the answer that the cell is to go on.
 
         Every other question gets None.
         """

@@ -1,4 +1,4 @@
-"""How people reach a run: its control socket, and the terminal that it was started from."""
+"""People's access to a run: its control socket, and the terminal that it was started from."""
 
 import asyncio
 import sys
@@ -151,7 +151,7 @@ class OperatorDoor:
             warn(refusal)
 
     def _take_entry(self, line: str) -> None:
-        """Take a line that was typed for a question that asks for a text."""
+        """Take a line typed for a question that asks for a text."""
         who = f"{self._holder.user} at the {'terminal' if self._has_terminal else 'input'}"
         refusal = self.desk.answer(None, Answer(line.strip(), who))
         if refusal:

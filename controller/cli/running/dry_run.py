@@ -74,7 +74,7 @@ def _recipe_path(options: RunOptions) -> Path:
 
 
 def _check_options(options: RunOptions) -> None:
-    """Refuse what has no meaning without a part."""
+    """Refuse options without meaning for a run without a part."""
     given = {
         "--count": options.count is not None,
         "--lay": bool(options.lay),
@@ -174,7 +174,7 @@ async def _drive(
 
 
 def _report(options: RunOptions, record: StepRecord, plan: DryPlan, run_id: str) -> None:
-    """Write the report, then print how it ended."""
+    """Write the report, then print the outcome."""
     path = options.runs_dir / run_id / "report.html"
     run = load_run(options.runs_dir, run_id)
     report: Path | None = None

@@ -1,4 +1,4 @@
-"""Which parts lie on the emulated table, and how often each is brought again."""
+"""The parts on the emulated table, and the number of times each is brought again."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -33,7 +33,7 @@ def parts_on_table(
 def feeding(
     ordered: Sequence[OrderedRecipe], parts: Sequence[Path], on_table: int | None
 ) -> tuple[str, ...]:
-    """Return the emulator's options for bringing parts until each recipe has as many as ordered.
+    """Return the emulator's options to bring parts until each recipe has as many as ordered.
 
     Of a recipe whose own file is not among the parts there nothing is brought, unless the recipe is
     the only one: then the first part is brought again.

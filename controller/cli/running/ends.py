@@ -1,4 +1,4 @@
-"""Whatever would end a run stops it instead: the arm halts first, and there is a report.
+"""Signals that would end a run stop it instead: the arm halts first, and there is a report.
 
 That is a signal (Ctrl-C, Ctrl-Z, a closed terminal, `kill`), or the end of the parent process, of
 the output's reader, of a worker process or of the emulated cell. SIGKILL and a power cut cannot be
@@ -32,19 +32,19 @@ UNHEARD: Final = (signal.SIGTTIN, signal.SIGTTOU)
 
 
 class Stoppable(Protocol):
-    """What an end stops."""
+    """The work that an end stops."""
 
     def request_stop(self, message: str, code: str) -> None:
         """Come to rest, metal first."""
         ...
 
     def request_abort(self, message: str, code: str) -> None:
-        """Come to rest at once, whatever does not answer any more."""
+        """Come to rest at once, even if a device does not answer any more."""
         ...
 
 
 class Ends:
-    """Catches what would end a command, from beginning to end.
+    """Catches everything that would end a command, from beginning to end.
 
     Before the run, a signal ends the command at once; during the run, it requests a stop; after it,
     while the report is written, it is ignored.

@@ -1,4 +1,4 @@
-"""Into a cell and out of it: signals heard, lock held, the emulated cell beside it if there is one.
+"""Entering and leaving a cell: signals heard, lock held, the emulated cell beside it if any.
 
 What `commission`, `jog`, `teach` and `run --dry` have in common.
 """
@@ -43,7 +43,7 @@ class EmulatedOptions:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Entered:
-    """What a command has once it is in the cell.
+    """The resources of a command in the cell.
 
     Attributes
     ----------
@@ -77,7 +77,7 @@ def is_all_emulated(cell: Cell) -> bool:
 
 
 def check_entering(options: EmulatedOptions, cell: Cell, folder: Path, folder_option: str) -> None:
-    """Check what can be checked before anything starts.
+    """Check everything that can be checked before the start.
 
     Parameters
     ----------

@@ -128,7 +128,7 @@ class RunOptions:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class _Asked:
-    """What a command line asks for, read and checked; nothing has started.
+    """The request of a command line, read and checked; nothing has started.
 
     Attributes
     ----------
@@ -317,7 +317,7 @@ def _recovery_policy(options: RunOptions) -> RecoveryPolicy:
 
 
 def _check_options(options: RunOptions, cell: Cell) -> FoundClock:
-    """Check what can be checked without the part; return the clock the cell will run by."""
+    """Check everything that can be checked without the part; return the run's clock."""
     check_writable_folder(options.runs_dir, "--runs", MIN_FREE_BYTES)
     require_free_cell(options.runs_dir, cell)
     check_control(options.control)
@@ -362,7 +362,7 @@ def _run(
     *,
     as_json: bool,
 ) -> RunResult:
-    """Run to the end, shown as it goes; a run that breaks off leaves a report all the same."""
+    """Run to the end, with a live display; a run that breaks off leaves a report all the same."""
     with display(as_json=as_json) as on_progress:
         try:
             return asyncio.run(_drive(order, pool, ahead, ends, door, outfit, on_progress))
@@ -375,7 +375,7 @@ def _run(
 
 @contextmanager
 def _recorded(path: Path | None, order: RunOrder) -> Iterator[Outfit]:
-    """Yield what the run works with; with a path, all its wires are kept there.
+    """Yield the run's devices and services; with a path, all its wires are recorded there.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""`cellctl recover`: what the grippers may hold; opens one while the operator holds the part."""
+"""`cellctl recover`: the grippers' possible parts; opens one while the operator holds the part."""
 
 import asyncio
 import sys

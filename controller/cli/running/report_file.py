@@ -1,4 +1,4 @@
-"""`cellctl report`: what a run found, from the journal."""
+"""`cellctl report`: the results of a run, from the journal."""
 
 import errno
 import json
@@ -68,7 +68,7 @@ def write_report(runs_dir: Path, run: str | None, form: str, output: Path | None
 
 
 def note_report(runs_dir: Path, run_id: str, file: Path) -> None:
-    """Append the hash of a report to the journal, where it is in the run's folder; else warn.
+    """Append the hash of a report to the journal, if it is in the run's folder; else warn.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def note_report(runs_dir: Path, run_id: str, file: Path) -> None:
 
 
 def warn_no_report(error: OSError, path: Path, run_id: str, runs_dir: Path) -> None:
-    """Warn that a run's report was not written, and how it is written later.
+    """Warn that a run's report was not written, and name the command to write it later.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ def warn_no_report(error: OSError, path: Path, run_id: str, runs_dir: Path) -> N
 
 
 def _check(output: Path) -> None:
-    """Raise ConfigError where no report can be written."""
+    """Raise ConfigError if no report can be written."""
     if output.is_dir():
         raise ConfigError(f"--output {output}: is a directory; name a file in it")
     check_writable_folder(output.parent, "--output in")

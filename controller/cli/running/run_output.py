@@ -1,4 +1,4 @@
-"""What `cellctl run` prints: progress and result, as JSON lines or for people."""
+"""The output of `cellctl run`: progress and result, as JSON lines or for people."""
 
 import time
 from collections.abc import Callable, Iterator

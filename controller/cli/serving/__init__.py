@@ -1,4 +1,4 @@
-"""The page in the browser, and who may log in to it: `cellctl serve`, `cellctl account`."""
+"""The page in the browser, and its accounts: `cellctl serve`, `cellctl account`."""
 
 from .commands import account, serve
 

@@ -14,7 +14,7 @@ RUNS = Path("runs")
 
 
 class RoleName(StrEnum):
-    """What an account may do."""
+    """The role of an account."""
 
     VIEWER = "viewer"
     OPERATOR = "operator"

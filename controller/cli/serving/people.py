@@ -1,4 +1,4 @@
-"""Changes who may log in to the page."""
+"""Changes the accounts of the page."""
 
 import sys
 from getpass import getpass

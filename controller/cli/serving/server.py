@@ -1,4 +1,4 @@
-"""Serves the page, where its packages are installed and the address is allowed."""
+"""Serves the page, if its packages are installed and the address is allowed."""
 
 import getpass
 import socket
@@ -96,7 +96,7 @@ def serve_page(
 
 
 def require_packages() -> None:
-    """Check that what the page needs is installed.
+    """Check that the page's packages are installed.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""`cellctl stats` and `gauge`: what was measured over parts, and what measuring itself scatters."""
+"""`cellctl stats` and `gauge`: measurements over parts, and the scatter of measuring itself."""
 
 from .commands import gauge, stats
 

@@ -1,4 +1,4 @@
-"""What the commands of statistics share: their table, and the check of the page they write."""
+"""The common base of the statistics commands: their table, and the check of their page."""
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -14,7 +14,7 @@ from ..terminal.output import printable, stdout
 
 
 def check_page(report: Path | None) -> None:
-    """Check where a page is to be written.
+    """Check the path of a page to write.
 
     Raises
     ------
@@ -29,7 +29,7 @@ def check_page(report: Path | None) -> None:
 def print_table(
     table: Table, columns: Sequence[str], rows: Iterable[Sequence[str]], text_columns: int
 ) -> None:
-    """Print a table of numbers between a name and a note, wide where there is no terminal.
+    """Print a table of numbers between a name and a note, wide if there is no terminal.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""`cellctl stats --review`: how often persons agree with the machine."""
+"""`cellctl stats --review`: the agreement of persons with the machine."""
 
 from pathlib import Path
 
@@ -21,7 +21,7 @@ LISTED_COUNT = 20  # findings that wait and are likely false alarms
 
 
 def report_agreement(runs_dir: Path, url: str | None, chosen: Chosen, *, as_json: bool) -> int:
-    """Print how often persons agree with the machine; return the exit code.
+    """Print the agreement of persons with the machine; return the exit code.
 
     Parameters
     ----------

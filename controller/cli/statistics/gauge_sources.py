@@ -1,4 +1,4 @@
-"""What a gauge study is made of: parts of runs as measured then, sets of views measured now."""
+"""The sources of a gauge study: parts of runs as measured then, sets of views measured now."""
 
 import hashlib
 import json
@@ -35,7 +35,7 @@ SAME_START_DEG: Final = 3.0
 
 @dataclass(slots=True)
 class Sources:
-    """What was read.
+    """The sources read.
 
     Attributes
     ----------
@@ -86,7 +86,7 @@ class Sources:
         )
 
     def remark(self, sentence: str) -> None:
-        """Add a sentence that is not there yet."""
+        """Add a sentence, unless it is there already."""
         if sentence not in self.remarks:
             self.remarks.append(sentence)
 
@@ -213,7 +213,7 @@ def _is_same_start(one: SightingReport, other: SightingReport) -> bool:
 
 
 def _inspected(record: RunRecord, number: int) -> tuple[str, str]:
-    """Return file of the views and hash of the lines of a part; empty where a run has none."""
+    """Return file of the views and hash of the lines of a part; empty if a run has none."""
     for entry in record.log:
         if entry.part == number and isinstance(entry.row, rows.PartInspected):
             return entry.row.views, entry.row.lines_sha256
@@ -221,7 +221,7 @@ def _inspected(record: RunRecord, number: int) -> tuple[str, str]:
 
 
 def _grasps_in(views: Path) -> Mapping[str, int]:
-    """Return the grasp of each view; none where the file of the views is gone or damaged."""
+    """Return the grasp of each view; none if the file of the views is gone or damaged."""
     try:
         return grasp_numbers(load_view_set(views))
     except ConfigError:

@@ -1,4 +1,4 @@
-"""`cellctl gauge`: a study of what measuring scatters, kept with the runs and found again."""
+"""`cellctl gauge`: a study of measuring scatter, kept with the runs and found again."""
 
 from datetime import UTC, datetime
 from pathlib import Path

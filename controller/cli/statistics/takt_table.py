@@ -1,4 +1,4 @@
-"""`cellctl stats --takt`: what the arm's time went into, from the journal."""
+"""`cellctl stats --takt`: the use of the arm's time, from the journal."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -32,7 +32,7 @@ COLUMNS = ("parts", "none", "s a part", "of forecast", "busy", "execute")
 
 
 def report_takt(runs_dir: Path, chosen: Chosen, by: str, *, as_json: bool) -> int:
-    """Print what the arm's time went into, group by group; return the exit code.
+    """Print the use of the arm's time, group by group; return the exit code.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def _fits(run: RunTakt, filters: Filters) -> bool:
 
 
 def of_recipe(run: RunTakt, recipe: str) -> RunTakt:
-    """Return a run with the parts of one recipe alone; whole where that is empty.
+    """Return a run with the parts of one recipe alone; whole if that is empty.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ def of_recipe(run: RunTakt, recipe: str) -> RunTakt:
 
 
 def shown(seconds: float) -> str:
-    """Return seconds for a table; nothing where they round to none."""
+    """Return seconds for a table; empty if they round to none."""
     return num(seconds) if seconds >= 0.05 else ""
 
 

@@ -33,7 +33,7 @@ COLUMNS = (
 
 @dataclass(frozen=True, slots=True)
 class Chosen:
-    """Which parts, as words of the command line."""
+    """The selection of parts, as words of the command line."""
 
     recipe: str = ""
     lot: str = ""
@@ -42,7 +42,7 @@ class Chosen:
     until: str | None = None
 
     def filters(self) -> Filters:
-        """Return them as the store takes them.
+        """Return the store's filters for these options.
 
         Raises
         ------

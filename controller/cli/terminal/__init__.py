@@ -1,4 +1,4 @@
-"""What commands print; how an error becomes a sentence and an exit code.
+"""The output of commands; errors as a sentence and an exit code.
 
 Imported module by module: `failure` loads all rooms, which `--version` must not.
 """

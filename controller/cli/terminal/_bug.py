@@ -1,4 +1,4 @@
-"""The last resort: an unexpected error becomes a sentence, and a file for whoever fixes it."""
+"""The last resort: an unexpected error becomes a sentence, and a file for the developer."""
 
 import platform
 import sys

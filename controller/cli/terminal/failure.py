@@ -1,4 +1,4 @@
-"""Turns what ended a command into one sentence and an exit code.
+"""Turns the end of a command into one sentence and an exit code.
 
 Knows the errors of all rooms and so imports them; it is imported only after a failure. Those of
 the history are errors of results, and its database is not loaded to name another failure.

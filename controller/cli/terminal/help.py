@@ -102,7 +102,7 @@ def _plain(text: str) -> str:
 
 
 def _in_words(fact: str) -> str:
-    """Write a default or a limit as a person does; empty where any count is allowed."""
+    """Write a default or a limit as a person does; empty if any count is allowed."""
     if fact in ("x>=0", "x>=1"):
         return ""
     if between := re.fullmatch(r"(\S+)<=x<=(\S+)", fact):

@@ -1,4 +1,4 @@
-"""What commands print: JSON lines for machines on stdout, sentences for people.
+"""The output of commands: JSON lines for machines on stdout, sentences for people.
 
 Once the terminal is closed or the reader of a pipe has left, output is lost and nothing fails,
 least of all the stop of an arm. File names may hold bytes that are no text, or that control a
@@ -71,7 +71,7 @@ class _Door:
         self.drop()
 
     def drop(self) -> None:
-        """Have everything written to the stream from now on go nowhere."""
+        """Discard everything written to the stream from now on."""
         # what is still buffered must not fail again when the process ends
         with suppress(OSError, ValueError):
             nothing = os.open(os.devnull, os.O_WRONLY)
@@ -98,7 +98,7 @@ def is_output_gone() -> bool:
 
 @contextmanager
 def relayed() -> Iterator[None]:
-    """Have a thread write all output of the block; in the end wait while its reader takes it.
+    """Have a thread write all output of the block; in the end wait for its reader to take it.
 
     What is left then is dropped, so that the process can end. Live lines that were left out are
     counted, and said on stderr.

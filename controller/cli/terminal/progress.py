@@ -1,4 +1,4 @@
-"""Progress of a long compile or plan on stderr: which stage it is in, and since when.
+"""Progress of a long compile or plan on stderr: the present stage, and its start.
 
 What takes less than some seconds prints nothing. A thread prints, so that a stage that takes long
 reports itself while it lasts.
@@ -19,7 +19,7 @@ EVERY_S = 5.0  # one line in so many seconds, and one for each stage that begins
 
 @dataclass(eq=False, slots=True)
 class Progress:
-    """What is printed of the work on one part.
+    """The progress lines of the work on one part.
 
     Attributes
     ----------

@@ -23,7 +23,7 @@ Write = Callable[[str], None]
 
 
 class Relay:
-    """Passes texts on in their order, from a queue that holds nobody up.
+    """Passes texts on in order, from a queue that delays nobody.
 
     Attributes
     ----------
@@ -63,7 +63,7 @@ class Relay:
             self._changed.notify_all()
 
     def finish(self) -> bool:
-        """Wait for the reader while it takes something; return whether it has taken everything."""
+        """Wait for the reader while it still reads; return whether it has taken everything."""
         with self._changed:
             self._is_ending = True
             self._changed.notify_all()
@@ -93,7 +93,7 @@ class Relay:
 
 
 def write_whole(stream: TextIO, text: str) -> None:
-    """Write a text past the stream's buffer, whose lock would hold up the end of the process.
+    """Write a text past the stream's buffer, whose lock would delay the end of the process.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Put measured values where a cell file has the drawing's."""
+"""Put measured values in the place of a cell file's drawing values."""
 
 from pathlib import Path
 from typing import Any

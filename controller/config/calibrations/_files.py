@@ -84,7 +84,7 @@ def _parse(path: Path, name: CalibrationName, data: bytes) -> Calibration:
 
 
 def first_problem(error: ValidationError) -> str:
-    """Return the first problem that a model found, with the key that has it."""
+    """Return the first problem that a model found, with its key."""
     first = error.errors()[0]
     location, message = list(first["loc"]), first["msg"].removeprefix("Value error, ")
     inner = first.get("ctx", {}).get("error")

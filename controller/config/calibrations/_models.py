@@ -1,4 +1,4 @@
-"""What a calibration file holds: mm and degrees, poses as 4 x 4 matrices, `docs/commissioning.md`.
+"""The models of calibration files: mm, degrees, poses as 4 x 4 matrices; `docs/commissioning.md`.
 
 Uncertainties ``u_...`` are standard uncertainties where parts are.
 """
@@ -27,7 +27,7 @@ SQUARE = 1e-6  # a rotation that was written in full is square to its own digits
 
 
 def _pose(name: str, rows: Matrix4) -> FloatArray:
-    """Return a pose (4, 4); raise WrongKeyError where the numbers are none."""
+    """Return a pose (4, 4); raise WrongKeyError if the numbers are none."""
     T = np.array(rows, dtype=float)
     R = T[:3, :3]
     is_square = np.allclose(R @ R.T, np.eye(3), atol=SQUARE) and np.linalg.det(R) > 0
@@ -83,7 +83,7 @@ class Calibration(Section):
 
 
 class CameraCalibration(Calibration):
-    """A camera: its lens, and where it stands.
+    """A camera: its lens and its pose.
 
     Attributes
     ----------
@@ -116,7 +116,7 @@ class CameraCalibration(Calibration):
 
 
 class JointZeros(Section):
-    """Where joints are when their counters mean 0, in degrees."""
+    """The true joint positions at which the counters mean 0, in degrees."""
 
     shoulder: Number = 0.0
     elbow: Number = 0.0
@@ -126,7 +126,7 @@ class JointZeros(Section):
 
 
 class ArmCalibration(Calibration):
-    """A UMI RTX: where it stands, its lengths, and how it differs from what its counters mean.
+    """A UMI RTX: its pose, its lengths, and its differences from its counters.
 
     Attributes
     ----------
@@ -169,7 +169,7 @@ class ArmCalibration(Calibration):
 
 
 class FixedGripperCalibration(Calibration):
-    """The fixed gripper: where it stands, and how far its jaws are open.
+    """The fixed gripper: its pose, and the scale of its opening.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Whether the calibrations of a cell still count: their age, their runs, what they are based on."""
+"""The standing of a cell's calibrations: their age, their runs, and their basis."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ DRIFTING: Final[tuple[CalibrationName, ...]] = ("inspection", "arm")
 
 @dataclass(frozen=True, slots=True)
 class Usage:
-    """What runs have made of one calibration file.
+    """The runs' use of one calibration file.
 
     Attributes
     ----------
@@ -70,7 +70,7 @@ class CalibrationsStanding:
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """All that a report has to state; empty where everything counts."""
+        """All sentences that a report has to state; empty if everything counts."""
         why = self.why_not_verified
         return (*self.stale, *((f"the cell is not verified: {why}",) if why else ()))
 

@@ -1,4 +1,4 @@
-"""cell.yaml: where the devices are and how the cell stands in the world. mm, degrees, seconds."""
+"""cell.yaml: the devices' addresses and the cell's places in the world. mm, degrees, seconds."""
 
 from .arm import ArmSection, OtherArmSection, UmiSection
 from .cell import Cell

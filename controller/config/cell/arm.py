@@ -1,4 +1,4 @@
-"""The arm: dimensions, pose, and by how much it differs from its drawing."""
+"""The arm: dimensions, pose, and its differences from its drawing."""
 
 from typing import Annotated, Any
 
@@ -64,7 +64,7 @@ Small = Annotated[float, Field(ge=-MAX_OFF_MM, le=MAX_OFF_MM)]
 
 
 class ZerosSection(Section):
-    """Where joints are when their counters mean 0, in degrees.
+    """The true joint positions at which the counters mean 0, in degrees.
 
     Attributes
     ----------
@@ -79,7 +79,7 @@ class ZerosSection(Section):
 
 
 class CorrectionsSection(Section):
-    """How one UMI RTX differs from what its counters mean; all 0 until it was measured.
+    """The differences of one UMI RTX from its counters; all 0 until measured.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""cell.yaml: where the devices are and how the cell stands in the world. mm, degrees, seconds."""
+"""cell.yaml: the devices' addresses and the cell's places in the world. mm, degrees, seconds."""
 
 from pathlib import Path
 from typing import Annotated, Any, Self
@@ -99,11 +99,11 @@ class Cell(Section):
 
     @property
     def folder(self) -> Path:
-        """Folder of the cell file, where it was read from one."""
+        """Folder of the cell file, if it was read from one."""
         return self._folder
 
     def read_from(self, path: Path) -> Self:
-        """Return this cell, which knows that it was read from ``path``."""
+        """Return this cell with a note that it was read from ``path``."""
         self._folder = path.absolute().parent
         return self
 

@@ -1,4 +1,4 @@
-"""Where the devices are, what the inputs mean, and how long the controller waits for them."""
+"""The devices' addresses, the meaning of the inputs, and the time-outs of the controller."""
 
 from typing import Annotated, Any, Literal, Self
 
@@ -158,7 +158,7 @@ class InterlocksSection(Section):
 
 
 class TimingSection(Section):
-    """How long the controller waits for the devices, in seconds of cell time.
+    """The controller's time-outs for the devices, in seconds of cell time.
 
     Attributes
     ----------
@@ -184,7 +184,7 @@ class TimingSection(Section):
 
 
 class DetectionSection(Section):
-    """Within what time a loss is known, in seconds of cell time.
+    """The longest times until a loss is noticed, in seconds of cell time.
 
     Attributes
     ----------

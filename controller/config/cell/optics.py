@@ -1,4 +1,4 @@
-"""What the cell sees by: cameras, lamps, station, and how exactly."""
+"""The optics of the cell: cameras, lamps, station, and their accuracy."""
 
 from datetime import date
 from typing import Annotated, Literal, Self
@@ -88,7 +88,7 @@ class StationSection(Section):
 
 
 class LightSection(Section):
-    """The light of a lamp: where it comes from.
+    """The light of a lamp: its origin.
 
     Attributes
     ----------
@@ -141,7 +141,7 @@ class LampSection(LightSection):
 
 
 class AccuracySection(Section):
-    """What measuring in this cell is uncertain by, as standard uncertainties.
+    """The accuracy of measuring in this cell, as standard uncertainties.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What stands round the arm: table, fixed gripper, chute, trays."""
+"""The surroundings of the arm: table, fixed gripper, chute, trays."""
 
 from typing import Annotated, Self
 
@@ -46,7 +46,7 @@ class TableSection(Section):
 
 
 class HeldSection(Section):
-    """By how much a pose may be off, at most, where nothing was measured.
+    """The largest error of a pose that was not measured.
 
     Attributes
     ----------
@@ -110,7 +110,7 @@ class PlateSection(Section):
 
 
 class ChuteSection(Section):
-    """What catches a part that falls from the fixed gripper and lets it slide onto the table.
+    """A chute that catches a part falling from the fixed gripper; the part slides onto the table.
 
     Attributes
     ----------
@@ -169,7 +169,7 @@ class TraySection(Section):
     walls_mm: float = Field(0.0, ge=0, le=200)
 
     def places(self) -> list[NestSection]:
-        """Return the nests, in the order in which they are filled; none if nobody counts."""
+        """Return the nests, in the order in which they are filled; none if they are not counted."""
         if not isinstance(self.nests, NestGridSection):
             return list(self.nests or [])
         grid = self.nests

@@ -1,4 +1,4 @@
-"""Keeping what the cell wrote: backups, verified by hashes, and room made for more."""
+"""Upkeep of the cell's records: backups, verified by hashes, and disk space regained."""
 
 from .backup import Backup, back_up
 from .pictures import OldPictures, drop_pictures, old_pictures

@@ -34,7 +34,7 @@ CHUNK_BYTES: Final = 1 << 20
 
 @dataclass(frozen=True, slots=True)
 class Backup:
-    """What a backup has.
+    """The content of a backup.
 
     Attributes
     ----------

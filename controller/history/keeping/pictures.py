@@ -28,7 +28,7 @@ from .backup import PICTURES
 
 @dataclass(frozen=True, slots=True)
 class OldPictures:
-    """Pictures of a run that may go: those that its journal knows.
+    """Pictures of a run that may be deleted: those that its journal knows.
 
     Attributes
     ----------
@@ -42,7 +42,7 @@ class OldPictures:
 
 
 def old_pictures(store: Store, runs_dir: Path, before: datetime) -> Iterator[OldPictures]:
-    """Yield what pictures runs have that ended before a time; never those of the newest run.
+    """Yield the pictures of runs that ended before a time; never those of the newest run.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def old_pictures(store: Store, runs_dir: Path, before: datetime) -> Iterator[Old
 
 
 def drop_pictures(runs_dir: Path, old: OldPictures, before: datetime, who: str) -> None:
-    """Delete pictures of a run, once the journal has it on the disk that they were.
+    """Delete pictures of a run, once the journal has them noted as deleted on the disk.
 
     Parameters
     ----------

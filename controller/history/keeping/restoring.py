@@ -22,7 +22,7 @@ FILES_MAX: Final = 10_000_000
 
 @dataclass(frozen=True, slots=True)
 class Restored:
-    """What was restored.
+    """The result of restoring.
 
     Attributes
     ----------
@@ -92,7 +92,7 @@ def _unpacked(path: Path, folder: Path) -> tuple[dict[str, tuple[int, str]], byt
 
 
 def _safe(path: Path, member: tarfile.TarInfo) -> str:
-    """Return the name of a file in a backup, which is inside of the folder it is unpacked to."""
+    """Return the name of a file in a backup, which must be inside the folder it is unpacked to."""
     name = PurePosixPath(member.name)
     if not member.isreg() or name.is_absolute() or ".." in name.parts or "\0" in member.name:
         raise HistoryError(f"{path}: holds {member.name!r}, which is no file of a folder of runs")

@@ -1,4 +1,4 @@
-"""Parts that a person decides on: their verdict goes into the journal, beside the machine's.
+"""Parts for a person to decide on: the verdict goes into the journal, beside the machine's.
 
 `deciding.py` writes it, `agreement.py` counts how often persons and machine agree.
 """

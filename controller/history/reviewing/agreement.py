@@ -1,4 +1,4 @@
-"""How often persons agree with the machine, and which findings are likely to be false alarms.
+"""The agreement of persons with the machine, and the findings likely to be false alarms.
 
 The definitions:
 
@@ -74,7 +74,7 @@ class Reviewed:
 
 @dataclass(frozen=True, slots=True)
 class LikelyFalseAlarm:
-    """A finding of a part that awaits a person, of a kind that is mostly a false alarm."""
+    """A finding that awaits a person, of a kind that is mostly a false alarm."""
 
     part: str
     number: int
@@ -83,7 +83,7 @@ class LikelyFalseAlarm:
 
 @dataclass(frozen=True, slots=True)
 class Agreement:
-    """How persons and machine agree on the parts that filters let through.
+    """The agreement of persons and machine on the parts that filters select.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""A person's verdict on a part: one row more in the journal, which a running cell does not notice.
+"""A person's verdict on a part: one more row in the journal, unnoticed by a running cell.
 
 Nothing is changed or deleted. The machine's verdict stays what it was; a later verdict of a person
 stands in place of an earlier one, and both are in the journal.
@@ -35,7 +35,7 @@ NAMED_COUNT: Final = 8  # parts that an error names
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """What a person decides on a part.
+    """A person's decision on a part.
 
     Attributes
     ----------
@@ -115,7 +115,7 @@ def decide(
 
 
 def _check(part: Mapping[str, Any], decision: Decision) -> None:
-    """Raise HistoryError where a verdict makes no sense for a part."""
+    """Raise HistoryError if a verdict makes no sense for a part."""
     name = part["part"]
     if decision.verdict not in VERDICTS:
         raise HistoryError(f"verdict {decision.verdict}: one of {', '.join(VERDICTS)}")
@@ -135,7 +135,7 @@ def _check(part: Mapping[str, Any], decision: Decision) -> None:
 
 
 def _require_writable(store: Store, path: Path, run: str) -> None:
-    """Raise HistoryError unless a run's journal is the one that is written, and whole."""
+    """Raise HistoryError unless a run's journal is the one in use, and intact."""
     query = select(JOURNALS).join(RUNS).where(RUNS.c.run_id == run)
     with store.reading() as db:
         journal = db.execute(query).one()

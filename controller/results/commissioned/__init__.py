@@ -1,4 +1,4 @@
-"""The evidence page of a commissioned cell: each step with figures, limits, pictures and who."""
+"""The evidence page of a commissioned cell: each step with figures, limits, pictures, persons."""
 
 from .page import write_evidence_page
 

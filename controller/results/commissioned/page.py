@@ -36,7 +36,7 @@ BADGE: Final = {
 
 @dataclass(frozen=True, slots=True)
 class Shown:
-    """A picture on the page; `data` is empty where its file is gone or was changed."""
+    """A picture on the page; `data` is empty if its file is gone or was changed."""
 
     caption: str
     file: str
@@ -103,7 +103,7 @@ def _step(folder: Folder, standing: Standing, record: StepRecord | None) -> Step
 
 
 def allowed(figure: Figure) -> str:
-    """Return a figure's limits in words; empty where it has none."""
+    """Return a figure's limits in words; empty if it has none."""
     if figure.low is not None and figure.high is not None:
         return f"{figure.low:g} to {figure.high:g}"
     if figure.low is not None:

@@ -24,7 +24,7 @@ LINE_END: Final = "\r\n"
 
 
 def dfq_bytes(parts: Sequence[JudgedPart]) -> bytes:
-    """Return the file's content: ASCII, or UTF-8 with its mark where a name needs more.
+    """Return the file's content: ASCII, or UTF-8 with its mark if a name needs more.
 
     Raises
     ------
@@ -99,5 +99,5 @@ def _number(value: float) -> str:
 
 
 def _plain(text: str) -> str:
-    """Return a text on one line: what ends a line or a field would begin another field."""
+    """Return a text on one line: a line or field separator would begin another field."""
     return " ".join("".join(c if c.isprintable() else " " for c in text).split())

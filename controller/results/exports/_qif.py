@@ -450,7 +450,7 @@ def _add(
 
 
 def _clean(text: str) -> str:
-    """Return a text without what XML cannot hold."""
+    """Return a text without the characters that XML cannot hold."""
     return " ".join("".join(c if c.isprintable() else " " for c in text).split())
 
 

@@ -44,7 +44,7 @@ def csv_text(parts: Sequence[JudgedPart]) -> str:
 
 
 def csv_cell(value: str | float | None) -> str:
-    """Return a value as the table has it: a decimal point, and no text that begins as a formula."""
+    """Return a value in the table's format: a decimal point, and no text like a formula."""
     if value is None:
         return ""
     if isinstance(value, float):

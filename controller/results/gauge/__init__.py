@@ -1,4 +1,4 @@
-"""Gauge studies: what measuring itself scatters, from values the cell has measured.
+"""Gauge studies: the scatter of measuring itself, from values the cell has measured.
 
 `_study.py` turns readings into a study per characteristic, `_words.py` says what the data allow,
 `_reference.py` reads values known from elsewhere, `_evidence.py` writes a study to a dated file and

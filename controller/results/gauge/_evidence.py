@@ -1,4 +1,4 @@
-"""A gauge study as a dated file with the hashes of what it was made from, and such files again."""
+"""A gauge study as a dated file with the hashes of its sources, and the reading of such files."""
 
 import json
 import re
@@ -22,7 +22,7 @@ MAX_BYTES: Final = 64 * 2**20
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """What a study was made of.
+    """The sources of a study.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class Evidence:
 
 @dataclass(frozen=True, slots=True)
 class KeptStudy:
-    """A study found on the disk; `problem` says why it cannot be read, else it is empty.
+    """A study found on the disk; `problem` says why it is unreadable, else it is empty.
 
     Attributes
     ----------

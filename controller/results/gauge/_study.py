@@ -43,7 +43,7 @@ class Reading:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class CharacteristicGauge:
-    """What measuring one characteristic scatters; lengths in `unit`.
+    """The scatter of measuring one characteristic; lengths in `unit`.
 
     Attributes
     ----------
@@ -77,7 +77,7 @@ class CharacteristicGauge:
         return self.upper - self.lower
 
     def spread(self, level: str) -> Interval | None:
-        """Return six standard deviations of all levels from one on; None where not told apart."""
+        """Return six standard deviations of one level and all below it; None if not told apart."""
         if self.study is None or not any(c.levels[0] == level for c in self.study.components):
             return None
         return _six_sigma(self.study.variance_below(level))
@@ -94,7 +94,7 @@ class CharacteristicGauge:
 
     @property
     def gauge(self) -> Interval | None:
-        """Six standard deviations of all that is not the part."""
+        """Six standard deviations of everything but the part."""
         return next((s for level in LEVELS[1:] if (s := self.spread(level)) is not None), None)
 
     @property
@@ -119,7 +119,7 @@ class CharacteristicGauge:
 
     @property
     def ndc(self) -> int | None:
-        """Categories of parts that the gauge tells apart; None where parts are not told apart."""
+        """Categories of parts that the gauge tells apart; None if parts are not told apart."""
         found = self.gauge
         if self.study is None or found is None or self.study.components[0].levels != (PART,):
             return None
@@ -199,7 +199,7 @@ def _bias(
     groups: Sequence[tuple[str, str, str]],
     references: Sequence[Reference],
 ) -> tuple[float | None, float | None]:
-    """Return bias and its expanded uncertainty, each None where it is not known.
+    """Return bias and its expanded uncertainty, each None if unknown.
 
     What is repeated in one grasp, or from one start pose, is no independent proof: the means of the
     coarsest groups below the part count.

@@ -1,4 +1,4 @@
-"""What a gauge study allows to be said, in sentences."""
+"""The conclusions that a gauge study allows, in sentences."""
 
 from collections.abc import Sequence
 from typing import Final

@@ -1,4 +1,4 @@
-"""A judged part with all that a report of it says, from a run's journal or from an inspection.
+"""A judged part with everything for a report on it, from a run's journal or an inspection.
 
 `_model.py` is what is known, `_sources.py` makes it, `_json.py` prints it for machines.
 """

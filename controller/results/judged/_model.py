@@ -1,4 +1,4 @@
-"""What a report of a judged part says: its header, and what was measured and found."""
+"""The content of a report on a judged part: its header, measurements and findings."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -15,7 +15,7 @@ DECISION_RULE: Final = f"guard bands, {100 * CONFORMANCE_PROBABILITY:.0f} % for 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Header:
-    """What was inspected, by whom, with what; a text that is not known is empty.
+    """The inspected part, the inspector and the equipment; an unknown text is empty.
 
     Attributes
     ----------
@@ -56,7 +56,7 @@ class Header:
 
 @dataclass(frozen=True, slots=True)
 class JudgedPart:
-    """A part, judged or not, as its report has it.
+    """A part, judged or not, as in its report.
 
     Attributes
     ----------

@@ -23,7 +23,7 @@ TEMPLATES = ("plan.html.j2", "plan.css")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlanFacts:
-    """What the page shows.
+    """The content of the page.
 
     Attributes
     ----------
@@ -43,7 +43,7 @@ class PlanFacts:
 
     @property
     def pose(self) -> StablePose:
-        """The stable pose that is planned from."""
+        """The stable pose that the plan starts from."""
         return next(p for p in self.part.poses if p.index == self.kept.pose_index)
 
 

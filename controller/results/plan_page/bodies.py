@@ -134,7 +134,7 @@ def standing_bodies(layout: CellLayout) -> list[Body]:
 
 
 def table_window(layout: CellLayout) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return low and high x, y of what the overhead camera sees of the table."""
+    """Return low and high x, y of the overhead camera's view of the table."""
     width, height = layout.overhead.size_px
     corners = np.array([[0, 0], [width, 0], [0, height], [width, height]], dtype=float)
     points = layout.overhead.on_plane(corners)[:, :2]
@@ -160,7 +160,7 @@ def _obstacle_colour(name: str) -> Colour:
 
 
 def fixed_gripper_bodies(layout: CellLayout, opening_mm: float) -> list[Body]:
-    """Return the fixed gripper at an opening; nothing where the cell has none."""
+    """Return the fixed gripper at an opening; empty if the cell has none."""
     jaw = layout.fixed_gripper
     if jaw is None:
         return []
@@ -199,7 +199,7 @@ def arm_bodies(layout: CellLayout, q: FloatArray, opening_mm: float) -> list[Bod
 
 
 def _thinner(box: Box) -> Box:
-    """Return a box a little smaller, so that its sides are not in those of its neighbour."""
+    """Return a box slightly smaller, so that its sides are not in those of its neighbour."""
     return Box(box.T, box.half_mm - THINNER_MM)
 
 

@@ -1,4 +1,4 @@
-"""The coverage map: what of the surface the plan shows, how often, and why not the rest."""
+"""The coverage map: the surface that the plan shows, how often, and why not the rest."""
 
 from dataclasses import dataclass
 

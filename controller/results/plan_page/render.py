@@ -25,7 +25,7 @@ COLOURS_STEP = 3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RayHits:
-    """What each ray of a picture meets.
+    """The hits of a picture's rays.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Where pictures are taken from: the cell's cameras, and parallel projections."""
+"""The views of pictures: the cell's cameras, and parallel projections."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""The size of a pixel, and where a position on the table is in the picture, from the cell data."""
+"""The size of a pixel, and the picture of a position on the table, from the cell data."""
 
 from collections.abc import Mapping
 from typing import Any

@@ -1,4 +1,4 @@
-"""What the page shows of one part, ready for the template: cut-outs, overlays, ledger, times."""
+"""The page of one part, ready for the template: cut-outs, overlays, ledger, times."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -72,7 +72,7 @@ class FindingRow:
 
 @dataclass(frozen=True, slots=True)
 class PartPage:
-    """All that the page shows of a part."""
+    """The whole page of a part."""
 
     part: PartReport
     word: str
@@ -86,7 +86,7 @@ class PartPage:
 
     @property
     def evaluated(self) -> int:
-        """How many views were evaluated."""
+        """The number of evaluated views."""
         return sum(view.evaluated is True for view in self.part.views)
 
 
@@ -97,7 +97,7 @@ def lamp_words(lamp: str) -> str:
 
 
 def css_class(verdict: str) -> str:
-    """Return the CSS class of a verdict; its colour never stands without the word."""
+    """Return the CSS class of a verdict; the colour always comes with the word."""
     return {"pass": "pass", "fail": "fail", "indeterminate": "doubt"}.get(verdict, "none")
 
 

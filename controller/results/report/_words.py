@@ -1,4 +1,4 @@
-"""The report's sentences: how a run ended, why a part got its verdict, what to know first."""
+"""The report's sentences: the end of a run, the reason for a verdict, the cautions."""
 
 from controller.cell.alarms import alarm_of
 from controller.cell.journal.rows import PartFollowed
@@ -30,7 +30,7 @@ def verdict_word(part: PartReport) -> str:
 
 
 def why(part: PartReport, message: str = "") -> str:
-    """Return in one sentence why a part has its verdict.
+    """Return in one sentence the reason for a part's verdict.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def why(part: PartReport, message: str = "") -> str:
 
 
 def review_words(part: PartReport) -> str:
-    """Return the person's verdict that counts as a sentence; empty where none is wanted."""
+    """Return the person's verdict that counts as a sentence; empty if none is needed."""
     review = part.review
     if review is None:
         return "awaits a person's verdict" if part.awaits_review else ""

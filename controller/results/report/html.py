@@ -1,4 +1,4 @@
-"""Judged parts as one HTML page: all it says comes from the journal and the pictures.
+"""Judged parts as one HTML page, made from the journal and the pictures alone.
 
 On paper it is the sheets of each part, made to be signed; on the screen the rest opens on demand.
 """

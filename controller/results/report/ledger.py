@@ -110,7 +110,7 @@ class Timing:
 
 
 def make_timing(steps: Sequence[StepReport]) -> Timing:
-    """Return the sums; the worst step is the one that exceeded its forecast most."""
+    """Return the sums; the worst step is the one furthest above its forecast."""
     done = [
         (i, s.forecast_s, s.actual_s)
         for i, s in enumerate(steps)

@@ -28,7 +28,7 @@ OUTLINE_GAP_PX: Final = 6.0
 
 @dataclass(frozen=True, slots=True)
 class Quality:
-    """How large pictures may be.
+    """The size limits of pictures.
 
     Attributes
     ----------
@@ -94,7 +94,7 @@ class Pictures:
 
     @property
     def quality(self) -> Quality:
-        """How large pictures may be."""
+        """The size limits of pictures."""
         return self._quality
 
     def view(self, name: str, window: Box | None = None) -> Shot:
@@ -145,7 +145,7 @@ class Pictures:
 
 
 def grey_picture(folder: Path, name: str) -> Grey | None:
-    """Return a picture of a run, None where there is none that can be read.
+    """Return a picture of a run, None if there is no readable one.
 
     Parameters
     ----------

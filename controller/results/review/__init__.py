@@ -1,4 +1,4 @@
-"""A judged part for a person who has to decide: each finding as seen, as predicted, the difference.
+"""A judged part for a person's decision: each finding as seen, as predicted, the difference.
 
 `prediction.py` draws what the CAD leads one to expect, `crops.py` cuts it out beside the picture,
 `place.py` shows where on the part it is, `page.py` puts all of it on a page. Nothing is judged

@@ -1,4 +1,4 @@
-"""Crops of a finding: the picture, what the CAD predicts there, and the difference."""
+"""Crops of a finding: the picture, the CAD's prediction, and the difference."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -48,7 +48,7 @@ class Seen:
 
 @dataclass(frozen=True, slots=True)
 class FindingCrops:
-    """Where a finding's crops come from.
+    """The source of a finding's crops.
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ class FindingCrops:
 
 
 class PartCrops:
-    """The crops of one part's findings, each made when it is asked for.
+    """The crops of one part's findings, each made on request.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ class PartCrops:
 
     @classmethod
     def of_part(cls, record: RunRecord, number: int) -> "PartCrops | None":
-        """Return the crops of a part by its number in the run; None where there is none."""
+        """Return the crops of a part by its number in the run; None if there is no such part."""
         every = judged_parts(record)
         return next((cls(record, one) for one in every if one.part.number == number), None)
 

@@ -1,4 +1,4 @@
-"""A part's findings on one HTML page, for whoever decides on it; pictures inside, no script."""
+"""A part's findings on one HTML page, for the person who decides; pictures inside, no script."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Where on the part a finding is: the part drawn from the side that shows it, and a cross."""
+"""The place of a finding on the part: the part drawn from the side that shows it, and a cross."""
 
 from typing import Final
 

@@ -1,4 +1,4 @@
-"""What a picture of a posed part would show by the CAD, for a person's eye: no measurement.
+"""The predicted picture of a posed part by the CAD, for a person's eye: no measurement.
 
 Before the backlight the part is a shadow between the two levels of the picture. Under a lamp it is
 as bright as a matt surface would be there, with its shadows, at the scale that fits the rest of the

@@ -103,7 +103,7 @@ def _dry(log: Sequence[LogEntry]) -> tuple[DryStepReport, ...]:
 
 
 def entry_of(row: Row, t0_s: float) -> LogEntry:
-    """Return a row with its model, where this version knows and can read it.
+    """Return a row with its model, if this version knows and can read it.
 
     Parameters
     ----------

@@ -37,7 +37,7 @@ ONCE_WORDS: Mapping[str, str] = {
 
 @dataclass(slots=True)
 class PartFold:
-    """Takes the rows of one part in order; `report` returns what they add up to."""
+    """Takes the rows of one part in order; `report` returns the result."""
 
     number: int
     start: datetime | None = None

@@ -16,7 +16,7 @@ NAMED_COUNT = 12
 
 @dataclass(frozen=True, slots=True)
 class RunSummary:
-    """A run in the journal, and how many rows it has."""
+    """A run in the journal, and its number of rows."""
 
     run_id: str
     start: datetime

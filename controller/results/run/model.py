@@ -104,7 +104,7 @@ class PlanReport:
 
 @dataclass(frozen=True, slots=True)
 class StepReport:
-    """One step [cell s]; `actual_s` is None where it was not finished or is not timed.
+    """One step [cell s]; `actual_s` is None if it was not finished or is not timed.
 
     Attributes
     ----------
@@ -171,7 +171,7 @@ class FindingReport:
 
 @dataclass(frozen=True, slots=True)
 class LookReport:
-    """What one picture shows of a characteristic; see `controller.inspection`'s `Look`."""
+    """The result of one picture for a characteristic; see `controller.inspection`'s `Look`."""
 
     view_id: str
     lamp: str
@@ -225,7 +225,7 @@ class CharacteristicReport:
 
     @property
     def deviation(self) -> float | None:
-        """How far the value is from the nominal one."""
+        """The difference of the value from the nominal one."""
         return None if self.measured is None else self.measured - self.nominal
 
 
@@ -258,7 +258,7 @@ class ViewReport:
 
 @dataclass(frozen=True, slots=True)
 class FaceReport:
-    """What is known of one surface; all shares are of its own area, 0..1.
+    """The result for one surface; all shares are of its own area, 0..1.
 
     Attributes
     ----------
@@ -355,7 +355,7 @@ class ReviewReport:
 
 @dataclass(frozen=True, slots=True)
 class PartReport:
-    """What became of one part.
+    """The result of one part.
 
     Attributes
     ----------
@@ -453,7 +453,7 @@ class StageReport:
 
 @dataclass(frozen=True, slots=True)
 class RunOutcome:
-    """How the run ended.
+    """The end of the run.
 
     Attributes
     ----------
@@ -526,7 +526,7 @@ class RunRecord:
 
     @property
     def recipes(self) -> tuple[Mapping[str, Any], ...]:
-        """The recipes of the run, at least one, as they were read."""
+        """The recipes of the run, at least one, with their content when read."""
         return tuple(one.recipe for one in self.ordered_recipes)
 
     def recipe_of(self, part: PartReport) -> RecipeOrdered:
@@ -534,7 +534,7 @@ class RunRecord:
         return self.ordered_recipes[0 if part.identified is None else part.identified.recipe]
 
     def label_of(self, part: PartReport) -> tuple[str, str]:
-        """Return serial number and lot of a part; empty where it has none."""
+        """Return serial number and lot of a part; empty if it has none."""
         return label_of(part.number, self.serials, self.lot, part.resumed, part.identified)
 
     @property

@@ -1,4 +1,4 @@
-"""Proves that a run is as it was written: rows by their chain, files by their hashes in rows.
+"""Proves that a run is unchanged: rows by their chain, files by their hashes in rows.
 
 What it cannot prove: whoever can write the folder can also write all of it anew, chain included.
 Only a hash that was noted elsewhere shows that (`head`).
@@ -157,7 +157,7 @@ def _hashes(path: Path) -> list[tuple[int, str]]:
 def _changed(
     folder: Path, stored: dict[str, tuple[str, int]], dropped: Collection[str]
 ) -> Iterator[Tampering]:
-    """Yield the files that are missing, and were not dropped, or are not as they were written."""
+    """Yield the files that are missing without having been deleted, or that have changed."""
     root = folder.resolve()
     for file, (digest, seq) in stored.items():
         path = (folder / file).resolve()

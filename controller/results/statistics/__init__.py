@@ -1,4 +1,4 @@
-"""Statistics of what was measured: over the parts of a recipe, and of the gauge itself.
+"""Statistics of measurements: over the parts of a recipe, and of the gauge itself.
 
 `history.py` collects values from the journal, `charts.py` has the limits of control and the rules
 that see a process move, `capability.py` what a process keeps within; `page.py` draws them.

@@ -1,4 +1,4 @@
-"""What a process keeps within: Cp, Cpk, Pp, Ppk, with intervals and the count (references.md S24).
+"""Process capability: Cp, Cpk, Pp, Ppk, with intervals and the count (references.md S24).
 
 Cp and Cpk take the spread from moving ranges, Pp and Ppk from all values. An index of few parts is
 a guess, and a number without its interval hides that: below `MIN_COUNT` there is none.
@@ -33,7 +33,7 @@ class Interval:
 
 @dataclass(frozen=True, slots=True)
 class Capability:
-    """What a process keeps within; indices are None where `note` says why.
+    """Process capability; indices are None if `note` says why.
 
     Attributes
     ----------
@@ -98,7 +98,7 @@ def capability(values: Sequence[float], lower: float | None, upper: float | None
 
 
 def _normality_p(x: FloatArray) -> float:
-    """Return the probability of values so far from normal, if they are (Shapiro, Wilk)."""
+    """Return the probability of values this far from normal, if they are (Shapiro, Wilk)."""
     # a quarter of a second, which no other command has to pay
     from scipy.stats import shapiro
 

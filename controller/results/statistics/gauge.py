@@ -1,4 +1,4 @@
-"""What the measuring itself scatters: a crossed study by analysis of variance (references.md S23).
+"""The scatter of measuring: a crossed study by analysis of variance (references.md S23).
 
 Several parts, each measured several times under several set-ups. Of a robot cell a set-up is a new
 grasp, a new start pose or another day, never the same pictures again.
@@ -23,7 +23,7 @@ CONFIDENCE: Final = 0.95
 
 @dataclass(frozen=True, slots=True)
 class GaugeStudy:
-    """Variances of a study, and what they come to.
+    """Variances of a study, and the figures derived from them.
 
     Attributes
     ----------

@@ -25,7 +25,7 @@ NAMES: Final = tuple(
 
 @dataclass(frozen=True, slots=True)
 class Value:
-    """A measured value: of which part of which run, with its verdict."""
+    """A measured value: its part, its run and its verdict."""
 
     run: str
     part: int
@@ -63,7 +63,7 @@ class Series:
 
     @property
     def capability(self) -> Capability:
-        """What the process keeps within."""
+        """The process capability."""
         lower = None if self.kind in ONE_SIDED else self.lower
         return capability([v.measured for v in self.values], lower, self.upper)
 

@@ -1,4 +1,4 @@
-"""Nested analysis of variance: how much each level of repeating adds (references.md S25).
+"""Nested analysis of variance: the share of each level of repetition (references.md S25).
 
 Values are repeated within grasps, grasps within start poses, start poses within parts. Groups may
 be of different sizes: mean squares are equated with their expectations, level by level. Where each
@@ -20,7 +20,7 @@ CONFIDENCE: Final = 0.95
 
 @dataclass(frozen=True, slots=True)
 class Component:
-    """What one level adds, or several that cannot be told apart.
+    """The variance of one level, or of several that cannot be told apart.
 
     Attributes
     ----------
@@ -36,7 +36,7 @@ class Component:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class NestedStudy:
-    """What values scatter, level by level.
+    """The scatter of values, level by level.
 
     Attributes
     ----------
@@ -127,7 +127,7 @@ def _is_at_or_below(component: Component, level: str, order: Sequence[str]) -> b
 
 
 def _numbers(keys: Sequence[Hashable]) -> IntArray:
-    """Return for each key its number, in the order in which they first stand."""
+    """Return each key's number, in the order of first occurrence."""
     known: dict[Hashable, int] = {}
     return np.array([known.setdefault(key, len(known)) for key in keys])
 

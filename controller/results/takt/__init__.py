@@ -1,4 +1,4 @@
-"""Takt: what the arm's time went into, folded from the journal; a run's time is the arm's.
+"""Takt: the use of the arm's time, folded from the journal; a run's time is the arm's.
 
 `uses.py` names what time goes into, `_spans.py` cuts a run's rows into spans of one use each,
 `folding.py` adds them up by part and by run, `groups.py` by whatever runs have in common.

@@ -79,7 +79,7 @@ def instants(log: Sequence[LogEntry]) -> tuple[tuple[float, ...], bool]:
 
 
 class _Teller:
-    """Knows, row by row, what the time until the next row goes into."""
+    """Finds, row by row, the use of the time until the next row."""
 
     def __init__(self, *, has_presses: bool) -> None:
         self._has_presses = has_presses
@@ -96,12 +96,12 @@ class _Teller:
 
     @property
     def is_open(self) -> bool:
-        """Whether only a later row shows what this time goes into."""
+        """Whether only a later row shows the use of this time."""
         return self._at_view == "waits" and self.use is Use.SHOWING
 
     @property
     def use(self) -> Use:
-        """What the time from here on goes into."""
+        """The use of the time from here on."""
         mode, work = mode_of(self._state), work_of(self._state)
         if mode in (Mode.SUSPENDED, Mode.UNSUSPENDING):
             return Use.PAUSE
@@ -145,7 +145,7 @@ class _Teller:
                 self._question_count = max(0, self._question_count - 1)
 
     def _settle(self, row: rows.CellEvent) -> None:
-        """Forget what an action left open that ended without saying so."""
+        """Forget the open use of an action that ended without a row of its own."""
         if work_of(row.source) != work_of(row.target):
             self._on_path, self._jaws_count, self._at_view = False, 0, ""
 

@@ -1,4 +1,4 @@
-"""Adds up what the arm's time went into: by part, and before and after the parts of a run."""
+"""Adds up the use of the arm's time: by part, and before and after the parts of a run."""
 
 import sqlite3
 from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
@@ -26,7 +26,7 @@ WITHOUT: Final = (
 
 @dataclass(frozen=True, slots=True)
 class PartTakt:
-    """What the time of one part went into [cell s].
+    """The use of one part's time [cell s].
 
     Attributes
     ----------
@@ -54,13 +54,13 @@ class PartTakt:
 
     @property
     def total_s(self) -> float:
-        """All of its time."""
+        """The part's total time."""
         return sum(self.seconds.values())
 
 
 @dataclass(frozen=True, slots=True)
 class RunTakt:
-    """What the time of a run went into.
+    """The use of a run's time.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Puts parts together by what they have in common, and says what their time went into."""
+"""Groups parts by a common feature, and states the use of their time."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -52,12 +52,12 @@ class TaktGroup:
 
     @property
     def total_s(self) -> float:
-        """All of the time; the uses add up to it."""
+        """The total time; the uses add up to it."""
         return sum(self.seconds.values())
 
     @property
     def busy_share(self) -> float | None:
-        """Share of Execute in which the arm did what its plan has it do; None without Execute."""
+        """Share of Execute in which the arm did its plan's work; None without Execute."""
         return self.busy_s / self.execute_s if self.execute_s > 0 else None
 
     @property

@@ -1,11 +1,11 @@
-"""What the arm's time goes into: work of its own, and what it waits for."""
+"""The uses of the arm's time: its own work, and the things it waits for."""
 
 from enum import StrEnum
 from typing import Final
 
 
 class Use(StrEnum):
-    """What a span of time goes into; the value is its name in JSON, `words` in a sentence."""
+    """The use of a span of time; the value is its name in JSON, `words` in a sentence."""
 
     words: str
 

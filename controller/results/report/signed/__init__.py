@@ -1,4 +1,4 @@
-"""What a person signs: three printed pages of a part, ready for the template.
+"""The pages for a person to sign: three printed pages of a part, ready for the template.
 
 `balloons.py` is the drawing with balloons, `table.py` the rows of characteristics with their
 deviation bars, `looks.py` cut-outs with rays and fitted shapes, `covering.py` the part coloured by

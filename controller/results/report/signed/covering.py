@@ -1,4 +1,4 @@
-"""The part from four sides, each face coloured by what the ledger says of it.
+"""The part from four sides, each face coloured by its class in the ledger.
 
 The pattern says the same as the colour. A face that was compared in part has white specks, as many
 as its share that was not: how much, not where.

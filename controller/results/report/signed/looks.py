@@ -146,7 +146,7 @@ def _crosses(points: list[tuple[float, float]], half: float) -> str:
 
 
 def _path(points: Points, *, is_closed: bool) -> str:
-    """Return the shapes fitted, each on its own: a wide step is where the next one begins."""
+    """Return the shapes fitted, one by one: a wide step is the start of the next."""
     if not points:
         return ""
     steps = np.linalg.norm(np.diff(np.array(points), axis=0), axis=1)

@@ -1,4 +1,4 @@
-"""What the three printed pages of a part show, ready for the template."""
+"""The content of the three printed pages of a part, ready for the template."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -121,7 +121,7 @@ def make_sheets(
 
 
 def looks_to_draw(c: CharacteristicReport, count: int) -> tuple[LookReport, ...]:
-    """Return the looks of a characteristic that are drawn: those that count before those that not.
+    """Return the looks to draw of a characteristic: those that count first.
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ def looks_to_draw(c: CharacteristicReport, count: int) -> tuple[LookReport, ...]
 def _thumbnail(
     view: ViewReport, pictures: Pictures, lamp_words: Callable[[str], str]
 ) -> Thumbnail | None:
-    """Return a view under its first lamp that is not the backlight, where it has one."""
+    """Return a view under its first lamp other than the backlight, if it has one."""
     if not view.pictures:
         return None
     lit = [lamp for lamp in view.pictures if not lamp.endswith("backlight")]

@@ -1,4 +1,4 @@
-"""The rows of characteristics, as in form 3 of AS9102: what is asked, what is, and the verdict."""
+"""The rows of characteristics, as in form 3 of AS9102: requirement, result and verdict."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -52,7 +52,7 @@ class Row:
 
     @property
     def note(self) -> str:
-        """What must be said beside the verdict."""
+        """The remark beside the verdict."""
         return "" if self.c.verdict == "pass" else self.c.reason
 
 
