@@ -9,7 +9,7 @@ from controller.arrays import IntArray
 
 
 def components(count: int, a: NDArray[np.integer], b: NDArray[np.integer]) -> IntArray:
-    """Return for each of ``count`` nodes the number of its connected component (count,).
+    """Return the number of the connected component of each of ``count`` nodes (count,).
 
     Parameters
     ----------

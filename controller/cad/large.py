@@ -19,7 +19,7 @@ M_MMAP_THRESHOLD = -3  # of glibc's malloc.h
 OWN_PAGES_BYTES = 1 << 20
 LASTING = ("face_normals", "area_faces")  # trimesh's cached arrays that are kept
 
-# what it knows of neighbours, worth keeping from one stage of the compile to the next
+# trimesh's cached neighbours, kept from one stage of the compile to the next.
 ADJACENCY = ("face_adjacency", "face_adjacency_edges", "face_adjacency_angles")
 
 

@@ -58,7 +58,7 @@ class Solid:
 
     @cached_property
     def boundary(self) -> Boundary:
-        """Edges, loops and vertices between the surfaces, found when first asked for.
+        """Edges, loops and vertices between the surfaces, computed on first use.
 
         A compiled part puts its stored one in place with ``vars(solid)["boundary"] = stored``.
         """
@@ -66,7 +66,7 @@ class Solid:
 
     @cached_property
     def hull_mm(self) -> FloatArray:
-        """Corners of the convex hull (k, 3), in the order of the mesh's, found when asked for.
+        """Corners of the convex hull (k, 3), in the order of the mesh's, computed on first use.
 
         A compiled part puts its stored ones in place, as it does the boundary.
         """

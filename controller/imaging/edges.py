@@ -175,7 +175,7 @@ def blur_shift_px(width_px: FloatArray | float, curvature: FloatArray | float) -
 
 
 def _strongest(profiles: FloatArray, reach_px: FloatArray, rising: FloatArray | None) -> IndexArray:
-    """Return per ray the sample (n,) where it is steepest, near ones preferred."""
+    """Return the steepest sample (n,) of each ray, near ones preferred."""
     slope = profiles[:, 2 * SPAN :] - profiles[:, : -2 * SPAN]
     steps = profiles.shape[1] // 2
     place = STEP_PX * np.abs(np.arange(-steps + SPAN, steps - SPAN + 1))

@@ -1,4 +1,4 @@
-"""Cast rays on one mesh: what a straight line of sight meets first.
+"""Rays cast on one mesh: the first hit of a straight line of sight.
 
 Embree works in single precision: with lengths in mm and a scene of one metre, hit distances are
 right to about 1e-4 mm. A ray that grazes an edge shared by two triangles may miss both, so callers

@@ -57,7 +57,7 @@ class PlacedFinding:
     face_ids: tuple[int, ...]
 
     def sentence(self, solid: Solid) -> str:
-        """Return it as a sentence without a full stop."""
+        """Return the finding as a sentence without a full stop."""
         where = " and ".join(solid.faces[i].label for i in self.face_ids[:MAX_FACES])
         one = self.plainest
         size = f"{self.size_mm:.1f} mm across, {area_words(self.area_mm2)} mm2"

@@ -250,7 +250,7 @@ def _any(samples: SurfaceSamples, masks: Iterator[BoolArray]) -> BoolArray:
 
 
 def _claim(views: Sequence[ViewResult]) -> str:
-    """Return a sentence on what all checks together looked for; the coarsest of them counts."""
+    """Return a sentence on the coverage and the limits of all checks together."""
     made = [c for view in views for c in view.checks if not c.reason and c.compared.any()]
     outlines = [c for c in made if c.name == OUTLINE]
     lit = [c for c in made if c.name != OUTLINE]

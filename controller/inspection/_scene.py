@@ -82,7 +82,7 @@ def make_scene(task: ViewTask) -> ViewScene:
 
 
 def before_part(scene: ViewScene, maps: ViewMaps, camera: Camera) -> ViewScene:
-    """Return a scene whose gripper hides what stands behind it alone.
+    """Return a scene with only that part of the gripper that stands in front of the part.
 
     A finger behind the part hides nothing of the part's face; beside the part and through its holes
     it stays in the mask.

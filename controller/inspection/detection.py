@@ -76,7 +76,7 @@ class Detection:
 
     @property
     def sentence(self) -> str:
-        """It in words, without a verb."""
+        """The result in words, without a verb."""
         of = "the edges" if self.kind in AT_EDGES else "the surface"
         half = "" if self.half_mm is None else f" (half of that: {self.half_mm:.1f} mm)"
         return (

@@ -229,7 +229,7 @@ def _stacked_width(picture: Grey, edge_px: FloatArray, normals: FloatArray) -> f
 
 
 def picture_noise(window: Grey | Float32Array) -> float:
-    """Return the standard deviation of a picture's noise [grey], by what no lens could show."""
+    """Return the standard deviation of a picture's noise [grey], by its finest detail."""
     kernel = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32) / 6.0
     rest = cv2.filter2D(window.astype(np.float32), cv2.CV_32F, kernel)
     return 1.4826 * float(np.median(np.abs(rest[::2, ::2])))

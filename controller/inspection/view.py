@@ -125,7 +125,7 @@ def outline_view(
 
 @dataclass(frozen=True, eq=False, slots=True)
 class LocatedView:
-    """Pose of a part by one view alone: all that the arm has to know of it.
+    """Pose of a part by one view alone, for the arm.
 
     Attributes
     ----------

@@ -68,7 +68,7 @@ def faces_left_out(
 
 
 def _features_by_face(features: Iterable[Feature]) -> dict[int, Feature]:
-    """Return by face the feature that it is a wall of, the first one where there are several."""
+    """Return the feature of which each face is a wall, by face; the first of several."""
     found: dict[int, Feature] = {}
     for feature in features:
         for face in feature.faces:

@@ -122,7 +122,7 @@ def _walls(name: str, section: TraySection) -> dict[str, Box]:
 
 
 def _column(arm: ArmSection, bounds: BoxNumbers) -> Box:
-    """Return the column's box where it stands: on the arm's base, wherever that was measured."""
+    """Return the column's box at its measured place, on the arm's base."""
     box = Box.from_bounds(*bounds)
     pose = arm.column_pose if isinstance(arm, UmiSection) else None
     return box if pose is None else Box(pose.build() @ box.T, box.half_mm)

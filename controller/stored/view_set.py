@@ -33,8 +33,8 @@ SAME_GRASP_RAD: Final = radians(0.6)
 # An arm that is sent to the same view again reports joints that are the same to some counts.
 SAME_VIEW_MM: Final = 0.2
 SAME_VIEW_RAD: Final = radians(0.2)
-# axes off square by more were rounded when they were written, or are made so; below, as cell files
-# may have it, a metre is off by 3 um
+# Error of axes from square above which they were rounded, or made so; at this value, which cell
+# files may have, a metre is off by 3 um.
 ROUNDED: Final = 3e-6
 KEPT_CAMERAS: Final = 4  # cameras kept with their tables of lines of sight, for the next part
 
@@ -161,7 +161,7 @@ def _is_same_view(one: SetView, other: SetView) -> bool:
 
 
 def planned_samples(file: ViewSetFile, part: CompiledPart) -> dict[str, BoolArray]:
-    """Return by view id which samples (n,) it was to show, for the views that name them.
+    """Return the planned samples (n,) of each view that names them, by view id.
 
     Raises
     ------

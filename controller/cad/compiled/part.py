@@ -89,7 +89,7 @@ def spacing_for(smallest_defect_mm: float) -> float:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class CompiledPart:
-    """A part and what follows from it.
+    """A part and all that follows from it.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""CAD files of the usual kinds, read whole or refused: `make_solid` proves what was read."""
+"""CAD files of the usual kinds, read whole or refused; `make_solid` proves the result."""
 
 import hashlib
 from pathlib import Path

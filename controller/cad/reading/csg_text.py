@@ -1,4 +1,4 @@
-"""CSG texts as YAML (docs/csg.md): how large, how deep, what a word in them means, the messages."""
+"""CSG texts as YAML (docs/csg.md): limits on size and depth, scalars, messages."""
 
 import re
 from pathlib import Path

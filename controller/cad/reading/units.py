@@ -1,4 +1,4 @@
-"""Units of length: what a caller may declare and what files say; millimetres inside."""
+"""Units of length that a caller may declare and that files name; millimetres inside."""
 
 from pathlib import Path
 from typing import Final

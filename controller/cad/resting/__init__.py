@@ -1,4 +1,4 @@
-"""The stable poses of a solid on a table, how likely each is, and which cannot be told apart."""
+"""The stable poses of a solid on a table, their probabilities, and look-alikes."""
 
 from ._alike import MAX_COMPARED, AlikeSearch, LookAlike, look_alikes, search_look_alikes
 from ._families import RollingFamily

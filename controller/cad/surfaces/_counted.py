@@ -32,7 +32,7 @@ WHOLE = 0.8  # share of the spacing that guarantees the spacing asked for
 SAMPLE_SHARE = 1 / 3
 ROUNDING = 1e-9
 HALVINGS = 60  # halvings of the range in which a spacing is sought
-# of the sequence that spreads points over a square most evenly, by the plastic number
+# Steps of the sequence that spreads points over a square most evenly, by the plastic number.
 STEPS = np.array([[0.7548776662466927], [0.5698402909980532]])
 
 

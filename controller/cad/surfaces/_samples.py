@@ -87,7 +87,7 @@ def face_areas_mm2(solid: Solid) -> FloatArray:
 def placed_samples(
     solid: Solid, counts: IntArray, along: FloatArray, across: FloatArray, off_edge_mm: float
 ) -> SurfaceSamples:
-    """Return so many points (f,) on each face, in equal stretches of its cumulated area.
+    """Return a given number of points (f,) on each face, in equal steps of its cumulated area.
 
     Parameters
     ----------

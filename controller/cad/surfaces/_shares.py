@@ -12,7 +12,7 @@ from controller.arrays import BoolArray, FloatArray, IndexArray
 from ._samples import SurfaceSamples, by_face
 
 NEIGHBOUR_COUNT = 6
-# cells of which one whole is missed with 5 %: what is smaller than a cell may have no point in it
+# A spot of this many sample cells is missed with probability 5 %; a smaller one may have no point.
 UNMET_CELLS = 3.0
 KEPT_PARTS = 4  # parts whose neighbours are kept, for the next part of the kind
 
@@ -53,7 +53,7 @@ def face_shares(
 
 
 def _variances_mm4(samples: SurfaceSamples, chosen: BoolArray) -> FloatArray:
-    """Return the variance of the area that each sample adds to what is chosen (m,) [mm4]."""
+    """Return the variance of area that each sample adds to the chosen ones (m,) [mm4]."""
     if len(chosen) < 2:
         return samples.areas_mm2**2
     around, others = _around(samples)

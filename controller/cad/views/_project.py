@@ -121,7 +121,7 @@ def seen_by_camera(model: ViewModel, T_world_part: FloatArray, camera: Camera) -
 
 
 def _walls_edge_on(model: ViewModel, direction: FloatArray) -> Int32Array:
-    """Return for each triangle (t,) its face where that is a cylinder seen along its axis, or -1.
+    """Return the face of each triangle (t,) if it is a cylinder seen along its axis, else -1.
 
     A mesh may round the two rims of a bore with different corners. The facets of its wall then
     lean a little to the eye or away from it, and the rims cross each other at every corner; the

@@ -70,7 +70,7 @@ class RimCourse:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Rim:
-    """The edge in which a round wall meets what is beyond it: a circle, or a curve in space.
+    """The edge between a round wall and its neighbour: a circle, or a curve in space.
 
     Attributes
     ----------
@@ -212,7 +212,7 @@ class Characteristic:
 
     @property
     def is_general(self) -> bool:
-        """True if its limits are general tolerances, which nobody stated for it."""
+        """True if its limits are general tolerances, without any stated for it."""
         return self.source.startswith(GENERAL)
 
     @property

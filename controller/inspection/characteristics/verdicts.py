@@ -62,7 +62,7 @@ def verdict_of(
     U_mm: float,
     probability: float = CONFORMANCE_PROBABILITY,
 ) -> Verdict:
-    """Return the verdict on a measured value; what is ideal at 0 has no lower limit.
+    """Return the verdict on a measured value; one with an ideal of 0 has no lower limit.
 
     Parameters
     ----------

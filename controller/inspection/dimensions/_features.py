@@ -93,7 +93,7 @@ class RimFeature:
 
     @property
     def middle_mm(self) -> FloatArray:
-        """(3,) CAD frame."""
+        """Middle of the feature, (3,), CAD frame."""
         return np.asarray(self.rims[0].centre_mm)
 
 
@@ -161,7 +161,7 @@ class FaceFeature:
 
     @property
     def middle_mm(self) -> FloatArray:
-        """(3,) CAD frame."""
+        """Middle of the feature, (3,), CAD frame."""
         if self.lines:
             return np.asarray(0.5 * (self.lines[0].start_mm + self.lines[0].end_mm))
         return np.asarray(self.rims[0].centre_mm)

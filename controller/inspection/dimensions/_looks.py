@@ -40,7 +40,7 @@ SCALE: Final = "scale"
 TEMPERATURE: Final = "temperature"
 MAX_EDGES: Final = 4  # longest edges used of a plane; each costs as much as a bore
 SAME_AXIS_MM: Final = 0.05  # distance of axes below which arcs belong to one end of a slot
-# what a circle's place or radius says; a depth is none of it
+# Kinds that follow from a circle's place or radius; a depth does not.
 OF_A_RIM: Final = frozenset(
     {
         CharacteristicKind.DIAMETER,
@@ -49,7 +49,7 @@ OF_A_RIM: Final = frozenset(
         CharacteristicKind.ROUNDNESS,
     }
 )
-# in two directions 95 % lie within 2.45 standard deviations, in one within 1.96
+# In two directions 95 % lie within 2.45 standard deviations, in one within 1.96.
 ROUND: Final = 2.45 / 2.0
 FAR_OUT: Final = 3.0  # in uncertainties: a place farther from nominal is off in one direction
 NOTHING: Final[Mapping[str, FloatArray]] = MappingProxyType({})

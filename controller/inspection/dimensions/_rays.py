@@ -30,7 +30,7 @@ PLAIN_PX: Final = 1.0  # distance from which the other side must be all part
 NEAR_PX: Final = 3.0  # distance within which no other edge may be, under a lamp
 FLAT_COS: Final = 0.5  # cosine of incidence; a wall seen flatter throws light back
 FREE_PX: Final = 0.5  # distance outside the edge from which the camera must be in sight
-# where the light ends beside an edge; farther than the last, another edge ends it
+# Distances tested for the end of the light beside an edge; beyond them another edge ends it.
 OUTSIDE_PX: Final = np.arange(1, 6) * 0.05
 NONE: Final = -1
 
@@ -80,7 +80,7 @@ class Rays:
     reach_px: FloatArray
 
     def chosen(self, which: BoolArray | IndexArray) -> "Rays":
-        """Return some of the rays."""
+        """Return the rays with the given numbers, or of a mask."""
         return Rays(*(getattr(self, name)[which] for name in self.__slots__))
 
 

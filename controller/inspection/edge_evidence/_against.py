@@ -122,7 +122,7 @@ def _floor_findings(
 
 
 class _Places:
-    """To which feature an edge belongs: to a recess by its walls, else to its two faces."""
+    """The feature of an edge: a recess by its walls, else its two faces."""
 
     def __init__(self, recesses: Iterable[Recess]) -> None:
         self._walls_about = {wall: one.walls for one in recesses for wall in one.walls}

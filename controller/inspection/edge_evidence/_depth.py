@@ -22,7 +22,8 @@ MIN_POINTS: Final = 6  # least number of points of the mouth, and of the floor, 
 FOLLOWS: Final = 0.6  # share of a floor's edge, where it must show, that must lie on the fitted one
 K: Final = 3.0  # standard deviations in the bound of a floor's height
 HALF: Final = 0.5  # share of the depth; a floor that high is another hole's
-# of the depth, and at least: a general tolerance is less, and a floor so far off is no good one's
+# Error from which a floor is wrong, as a share of the depth and at least in mm: a general
+# tolerance is less.
 WRONG_SHARE: Final = 0.1
 WRONG_MM: Final = 0.3
 HIGH_COUNT: Final = 2  # pictures that have to show a floor in the upper half of its hole

@@ -111,7 +111,7 @@ def known_points(look: EdgeLook) -> BoolArray:
 
 
 def course_of(edges: PartEdges, look: EdgeLook, known: IndexArray, wave_px: float) -> Course:
-    """Return one edge in one picture, its own course taken off.
+    """Return one edge in one picture, less its own course.
 
     Parameters
     ----------

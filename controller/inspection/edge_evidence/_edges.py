@@ -183,7 +183,7 @@ def _key(one: int, other: int) -> tuple[int, int]:
 
 @lru_cache(maxsize=KEPT_PARTS)
 def _triangles_beside(solid: Solid) -> dict[tuple[int, int], dict[int, int]]:
-    """Return by the two vertices of a mesh edge, and by face, the triangle that is there."""
+    """Return the triangle beside a mesh edge, by the edge's two vertices and by face."""
     out: dict[tuple[int, int], dict[int, int]] = {}
     pairs = np.sort(np.asarray(solid.mesh.face_adjacency_edges), axis=1).tolist()
     triangles = np.asarray(solid.mesh.face_adjacency).tolist()

@@ -258,7 +258,7 @@ def _fit(
 def _light(
     eye: FloatArray, lines: FloatArray, sources: FloatArray, radius_mm: float, depth_mm: float
 ) -> FloatArray:
-    """Return the light (n,) on what lines of sight meet, 1 on the surface about the mouth.
+    """Return the light (n,) on the points met by lines of sight, 1 on the surface about the mouth.
 
     Parameters
     ----------

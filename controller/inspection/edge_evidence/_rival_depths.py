@@ -67,7 +67,7 @@ def look_at_other_depths(
 
 
 def _depths(recess: Recess, pixel_mm: float) -> Iterator[float]:
-    """Yield by how much the floor is raised [mm], so closely that no depth lies between."""
+    """Yield the heights [mm] by which the floor is raised, close enough to miss no depth."""
     low, high = -DEEPEST * recess.depth_mm, recess.depth_mm
     count = int(np.clip(np.ceil((high - low) / (2 * BEYOND_PX * pixel_mm)), 2, MAX_COUNT))
     step = (high - low) / count
@@ -83,7 +83,7 @@ def _with_floor_moved(solid: Solid, recess: Recess, by_mm: FloatArray) -> Solid:
 
 
 def _agreed(found: Sequence[FloorLook]) -> tuple[FloorLook, ...]:
-    """Return those of one depth that the most views agree on, the surest of each picture."""
+    """Return the looks at the depth on which most views agree, the surest of each picture."""
     surest_last = sorted(found, key=lambda one: -one.u_mm)
     groups: list[tuple[FloorLook, ...]] = []
     for centre in found:

@@ -27,12 +27,12 @@ from .._pose import PosedPart
 from ._rims import FREEDOMS, Rims, find_rims
 from ._types import FaceShift, GraspPose, OutlineView, PoseSettings, ViewPose
 
-# how far off the outline may be; one step each, as what shows changes while a held part tilts
+# Largest offset of the outline, one step each: the visible faces change while a held part tilts.
 REACH_PX: Final = (25.0, 18.0, 12.5, 9.0, 7.0, 6.0)
 COARSE_COUNT: Final = 400  # outline points of a view in these steps
 # Noise assumed of an outline point in these steps, to weigh views against the prior.
 COARSE_PX: Final = 0.4
-# fine rounds: what counts for much, in shares of `LOOSE`, and whether faces are let go
+# Fine rounds: limit for outliers in shares of `LOOSE`, and whether faces are free.
 ROUNDS: Final = ((4.0, False), (2.0, True), (1.0, True))
 STEPS: Final = 3  # steps of each round
 TAIL: Final = 4.0  # degrees of freedom of Student's distribution: faces of good and bad parts
@@ -156,7 +156,7 @@ class _Prior:
         return np.concatenate([self.poses, stiffness.ravel(), self.rest])
 
     def beyond_pose(self, x: FloatArray, end: int | None = None) -> FloatArray:
-        """Return a state (m,) in which poses, and what begins at `end`, are zero."""
+        """Return a state (m,) with zeros for the poses, and from `end` on."""
         out = x.copy()
         out[: self.first_face] = 0.0
         if end is not None:
@@ -171,7 +171,7 @@ def _coarse_step(
     state: FloatArray,
     settings: PoseSettings,
 ) -> FloatArray:
-    """Return the state one step on, from what all views show together."""
+    """Return the state one step on, from all views together."""
     prior = _prior(views, settings)
     size = state.size
     information, pull = np.diag(prior.ravel()), -(prior * state).ravel()

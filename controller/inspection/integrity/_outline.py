@@ -244,7 +244,7 @@ class _Look:
         return np.flatnonzero(inside)
 
     def finding(self, run: Run) -> Finding | None:
-        """Return the finding of a run, None for what may as well be dust."""
+        """Return the finding of a run, None for possible dust."""
         kind = self._kind(run)
         if kind is None:
             return None
@@ -356,7 +356,7 @@ def _areas(look: _Look, maps: ViewMaps) -> list[Finding]:
 
 
 def _touches_part(finding: Finding, expected: BoolArray, corner: tuple[int, int]) -> bool:
-    """Return True if a difference touches the part: what hangs free before the panel is dirt."""
+    """Return True if a difference touches the part; anything else before the panel is dirt."""
     x0, y0, x1, y1 = finding.box_px
     left, top = corner
     window = expected[max(y0 - top - 3, 0) : y1 - top + 3, max(x0 - left - 3, 0) : x1 - left + 3]

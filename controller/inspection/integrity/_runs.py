@@ -42,12 +42,12 @@ class RunTest:
     view_count: int = 1
 
     def limit(self, point_count: int) -> float:
-        """Return the limit of a window's mean in standard deviations, for so many points."""
+        """Return the limit of a window's mean in standard deviations, by the number of points."""
         windows = len(WINDOWS_PX) * max(point_count / BLUR_PX, 1.0) * max(self.view_count, 1)
         return -float(ndtri(self.false_alarms / (2 * windows)))
 
     def sigma_px(self, count: FloatArray) -> FloatArray:
-        """Return the standard deviation of means over so many points (n,)."""
+        """Return the standard deviation of means over given numbers of points (n,)."""
         independent = np.maximum(count / BLUR_PX, 1.0)
         return np.asarray(np.hypot(self.noise_px / np.sqrt(independent), self.wave_px))
 

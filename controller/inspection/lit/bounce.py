@@ -36,7 +36,7 @@ UNEVEN_MM: Final = 2.0  # distance from which light changes by half within a def
 # narrowest of `HIGHLIGHT_WIDTHS_RAD`. A matt one spreads it over the hemisphere.
 POLISHED_SPREAD_RAD: Final = 0.17
 MATT_SPREAD_RAD: Final = 1.0
-# what a polished surface shows beside a mirror's direction: about its lobe's width
+# Directions beside the mirror's that a polished surface shows, about its lobe's width.
 MIRROR_SPREAD: Final = ((0.0, 0.0), (0.15, 0.0), (-0.15, 0.0), (0.0, 0.15), (0.0, -0.15))
 EVEN_NORMALS: Final = 0.999  # length of the mean of unit normals that differ by some degrees
 
@@ -202,7 +202,7 @@ def _unevenness(distance_mm: FloatArray, spread_rad: float) -> FloatArray:
 def _thrown(
     met: Met, to: FloatArray, source: FloatArray, reference: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the light (k,) that what rays met throws back if it is matt, and if it is polished."""
+    """Return the light (k,) thrown back by the surfaces that rays met, if matt and if polished."""
     towards = source - met.points
     distance = lengths(towards)
     towards /= distance[:, None]

@@ -37,14 +37,14 @@ MIN_MAXIMA: Final = 30  # least number of maxima that show a tail
 HEAVIEST: Final = 0.8  # exponent of the tail: 2 is normal noise, 1 exponential
 LIGHTEST: Final = 2.0
 QUIETEST: Final = 0.002  # least contrast assumed for a face's texture
-# what a mark is taken to differ from its surroundings by, for the smallest one that is found: a
-# dent whose flanks turn by ten degrees, a scratch of bare metal, a film that darkens
+# Contrast assumed of a mark when the smallest detectable one is stated: a dent with flanks of ten
+# degrees, a scratch of bare metal, a film that darkens.
 CONTRASTS: Final = MappingProxyType({"dent": 0.3, "scratch": 0.2, "stain": 0.15})
 MIN_CONTRAST: Final = 0.1  # least contrast of a mark; a weaker difference is finish
 DISC: Final = 1.4  # radius of a spot, in standard deviations of the filter that responds most
 FILTER_STEP: Final = 5 / 3  # ratio of one spot filter's width to the next
-# share of a spot filter's most answer to a disc larger by so many steps: of one much larger its
-# border alone answers
+# A spot filter's response to a disc larger by so many steps, as a share of its largest; of a much
+# larger disc only the border responds.
 OTHER_STEPS: Final = (-3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0)
 OTHER_SHARES: Final = (0.0, 0.2, 0.55, 1.0, 0.9, 0.4, 0.35)
 LINE_WIDTH: Final = 2.5  # width of a line likewise
@@ -169,7 +169,7 @@ def _filtered(values: Float32Array, inside: Float32Array, weights: Weights) -> F
 
 
 def _weights(inside: Float32Array) -> Weights:
-    """Return by width of a spot filter's middle, or of its surround, its weight on regions."""
+    """Return the weight on regions of each spot filter's middle, or of its surround, by width."""
     widths = (width for sigma in SPOT_NODES for width in (sigma, SURROUND * sigma))
     return {
         width: np.asarray(cv2.GaussianBlur(inside, (0, 0), width), np.float32) for width in widths
@@ -265,7 +265,7 @@ def _maxima(height: Float32Array, region: Int32Array) -> FloatArray:
 def smallest_nodes(
     answer: Answers, texture: Texture, cosine: Float32Array
 ) -> dict[str, Float32Array]:
-    """Return per kind of mark the smallest width found at each node (h, w), inf where none is.
+    """Return the smallest width found at each node (h, w) by kind of mark, inf where none is.
 
     It counts where the filters' next width is found as well: between the two lie all that a mark of
     about that width may be.

@@ -91,7 +91,7 @@ class _LitPicture:
 
 
 class LitPictures:
-    """The lit pictures of one view; what they share is found once.
+    """The lit pictures of one view; their common data are computed once.
 
     Parameters
     ----------
@@ -415,7 +415,7 @@ class LitPictures:
         return inside, v[inside], u[inside]
 
     def _smallest(self, answer: Answers, texture: Texture) -> dict[str, Float32Array]:
-        """Return per kind of mark the smallest width [mm] found at each sample (n,), else inf."""
+        """Return the smallest width [mm] found at each sample (n,) by kind of mark, else inf."""
         inside, v, u = self._at_samples
         side = np.maximum(self._surface.node_mm, 1e-6)
         out = {}

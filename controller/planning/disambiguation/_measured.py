@@ -51,7 +51,7 @@ def measured_picture(predicted: Predicted, backlit: Grey, lit: Sequence[Grey] = 
 
 
 def _dark(grey: Grey) -> BoolArray:
-    """Return the mask of what stands in front of the backlight."""
+    """Return the mask of everything in front of the backlight."""
     level, _ = cv2.threshold(grey, 0, 255, cv2.THRESH_BINARY | cv2.THRESH_OTSU)
     dark = np.asarray(grey <= level)
     if not 0 < dark.sum() < dark.size:

@@ -27,7 +27,7 @@ def why_alike(
     opening_mm: float,
     margin: float,
 ) -> str:
-    """Return one sentence: the same shape, all differences hidden, or too small to be seen.
+    """Return one sentence: the same shape, all differences hidden, or too small to see.
 
     Parameters
     ----------

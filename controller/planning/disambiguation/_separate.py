@@ -27,8 +27,8 @@ from ._rules import DisambiguationRules
 
 HOPEFUL = 0.5  # share of the margin needed that a thinned picture must show
 DOUBTED = 2.0  # factor by which the finer grid may reduce a thinned picture's margin
-# a view that differs by just enough pixels fails to convince about every other time, one with
-# twice as many every fourth, and then wants another
+# Rate at which a view fails to decide, over its margin. With just enough pixels it fails about
+# every other time, with twice as many every fourth; then another view must follow.
 FAILS = 0.5
 
 

@@ -44,7 +44,7 @@ class DecidingView:
         return 1 + max((t.view_count for t in self.then if t is not None), default=0)
 
     def after(self, left: Sequence[int]) -> tuple[tuple[int, ...], DecidingView | None] | None:
-        """Return the group and the view that follow when `left` is what the view left.
+        """Return the group and the view that follow when a view left the hypotheses `left`.
 
         The smallest group that holds them all; None if there is none, which a view that said less
         than it should may lead to.
@@ -124,7 +124,7 @@ def separating_views(
 def cheapest_tree(
     candidate_count: int, found: Separations, seconds: FloatArray
 ) -> tuple[DecidingView | None, float]:
-    """Return the tree of views whose dearest branch is cheapest, and what that costs [s].
+    """Return the tree of views whose dearest branch is cheapest, and its cost [s].
 
     If hypothesis t is the truth, a view leaves those that it cannot tell from t; what is left may
     overlap from one truth to the next. Exact over the views offered. The tree is None where no view

@@ -18,7 +18,7 @@ _EPS = 1e-9  # parallel edges make a zero cross product; this keeps such an axis
 
 
 class SolidBox(Protocol):
-    """A solid box in the frame of whatever it belongs to."""
+    """A solid box in some frame."""
 
     @property
     def T(self) -> FloatArray:
@@ -31,7 +31,7 @@ class SolidBox(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Box:
-    """A solid box in the frame of whatever it belongs to.
+    """A solid box in some frame.
 
     Attributes
     ----------
@@ -62,7 +62,7 @@ class Box:
         return cls(T, (high - low) / 2)
 
     def wider_in_xz(self, by_mm: float, turned_rad: float) -> Box:
-        """Return a box that holds this one wherever it may be moved in its frame's plane xz.
+        """Return a box that holds this one at any shift in its frame's plane xz.
 
         Parameters
         ----------

@@ -95,7 +95,7 @@ class PartShape:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlacedShape:
-    """A part's triangles at a pose T (4, 4) in the frame of whatever they belong to."""
+    """A part's triangles at a pose T (4, 4) in some frame."""
 
     shape: PartShape
     T: FloatArray

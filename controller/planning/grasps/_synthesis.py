@@ -63,7 +63,7 @@ class GraspProblem:
 
 @dataclass(frozen=True, slots=True)
 class Synthesis:
-    """Every grasp of a jaw on a part, and what each stage left."""
+    """Every grasp of a jaw on a part, and the number that each stage left."""
 
     grasps: tuple[Grasp, ...]
     stages: tuple[FilterStage, ...]
@@ -361,7 +361,7 @@ def _measured(
 
 
 def _picks(judge: Judge, taken: Candidates, downs: FloatArray) -> BoolArray:
-    """Return for each stable pose which candidates take the part from above (k, n)."""
+    """Return a mask (k, n) of the candidates that take the part from above in each stable pose."""
     wide = open_gap(taken.gap, taken.inner, judge.jaw, judge.rules)
     picks = [lifts_off_table(taken.T, wide, judge.jaw, judge.hull, down) for down in downs]
     return np.array(picks, dtype=bool).reshape(len(downs), len(taken.T))

@@ -42,7 +42,7 @@ class FilterStage:
 
 
 class Tally:
-    """Stages in the order first asked, added up over batches."""
+    """Tally of stages in the order of their first use, summed over batches."""
 
     def __init__(self) -> None:
         self._stages: dict[str, FilterStage] = {}
@@ -77,7 +77,7 @@ class Tally:
 
     @property
     def stages(self) -> tuple[FilterStage, ...]:
-        """The stages so far, in the order they were first asked."""
+        """The stages so far, in the order of their first use."""
         return tuple(self._stages.values())
 
 

@@ -58,7 +58,7 @@ def margins(
     down: FloatArray | None = None,
     contact_mm2: float | None = None,
 ) -> FloatArray:
-    """Return for each grasp the share of wrong poses in which it holds (n,).
+    """Return the share of wrong poses in which each grasp holds (n,).
 
     The part is turned about its centre of mass, by which its pose is measured. Of the contact a
     little more than half is enough: what the pads touch at a wrong pose still holds. Flat walls

@@ -183,7 +183,7 @@ class ArmModel(Protocol):
         """
 
     def branches(self, T_arm_tcp: FloatArray) -> FloatArray:
-        """Return the configurations of all branches whatever the limits: (..., b, 6), NaN if none.
+        """Return all branches' configurations, beyond limits too: (..., b, 6), NaN if none.
 
         For messages about what is out of reach.
         """
@@ -220,7 +220,7 @@ class ArmModel(Protocol):
     def detours(
         self, q_from: FloatArray, q_to: FloatArray
     ) -> Iterator[Sequence[Sequence[FloatArray]]]:
-        """Yield groups of joint paths round what may stand between, the likeliest group first.
+        """Yield groups of joint paths round possible obstacles, the likeliest group first.
 
         Each path is a list of (6,) from `q_from` to `q_to`, both included.
         """

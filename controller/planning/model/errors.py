@@ -1,4 +1,4 @@
-"""Reasons for no plan, sorted by what the caller can do about it."""
+"""Reasons for no plan, sorted by the caller's possible response."""
 
 from __future__ import annotations
 

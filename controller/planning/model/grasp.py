@@ -1,4 +1,4 @@
-"""A grasp of a part, and what is required of one."""
+"""A grasp of a part, and the rules for one."""
 
 from __future__ import annotations
 

@@ -182,7 +182,7 @@ class Place(Step):
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Park(Step):
-    """Go to the park position, where the arm is in nobody's way."""
+    """Go to the park position, clear of all work."""
 
     motion: JointPath
 

@@ -18,7 +18,7 @@ from .visibility import Counted, Directions, VisibilityTable
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HandOff:
-    """The meeting of an arm grasp with what takes the part: the fixed gripper, or the table.
+    """The meeting of an arm grasp with the receiver of the part: the fixed gripper, or the table.
 
     Attributes
     ----------

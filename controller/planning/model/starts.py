@@ -11,7 +11,7 @@ from .grasp import Grasp
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OnTable:
-    """It lies on the table.
+    """The part lies on the table.
 
     Attributes
     ----------
@@ -27,7 +27,7 @@ class OnTable:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class InArm:
-    """The arm holds it.
+    """The arm holds the part.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class InArm:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class InFixedGripper:
-    """The fixed gripper alone holds it.
+    """The fixed gripper alone holds the part.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Directions to look at a part from, and what each of them shows.
+"""Directions from which to look at a part, and the samples that each shows.
 
 Directions are unit vectors in the part frame from its centre of mass to the camera.
 """
@@ -21,7 +21,7 @@ class Directions:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VisibilityTable:
-    """Directions and what each shows of the bare part, with the evidence for what none shows.
+    """Directions and the samples that each shows of the bare part, with evidence on the rest.
 
     Attributes
     ----------

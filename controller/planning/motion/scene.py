@@ -133,7 +133,7 @@ class Scene:
         part: tuple[PartShape, FloatArray] | None = None,
         self_margin_mm: float | FloatArray = SELF_MARGIN_MM,
     ) -> IntArray:
-        """Return per configuration (n, 6) the index of a contact in `names`, -1 if free.
+        """Return the index of a contact in `names` for each configuration (n, 6), -1 if free.
 
         Parameters
         ----------

@@ -72,7 +72,7 @@ def prove_sweep(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ProvenMove:
-    """A move as short ones, each free of contact whichever of its motors goes first.
+    """A move divided into short ones, each free of contact for any order of its motors.
 
     Attributes
     ----------
@@ -87,7 +87,7 @@ class ProvenMove:
 def prove_move(
     scene: Scene, q_from: FloatArray, q_to: FloatArray, margin_mm: float = MARGIN_MM
 ) -> ProvenMove:
-    """Return a move along a joint line that is free of contact however its motors keep step.
+    """Return a move along a joint line that is free of contact for any timing of its motors.
 
     Motors of a move run each at its own whole speed, and two boards start and stop one after the
     other. The shorter the moves that it is made of, the less that matters.

@@ -14,8 +14,7 @@ from controller.arrays import FloatArray
 from ..model import CellLayout
 from ._kinematics import tcp_pose
 
-# of gripper and part, in the TCP frame [mm]: how far out they may be, for the stray of a turning
-# wrist
+# Farthest points of gripper and part in the TCP frame [mm], for the stray of a turning wrist.
 _OUT_MM = np.array(
     [[0.0, 0.0, 0.0], [40.0, 60.0, 0.0], [40.0, -60.0, 0.0], [40.0, 0.0, 60.0], [40.0, 0.0, -60.0]]
 )

@@ -453,7 +453,7 @@ def tray_distance_mm(layout: CellLayout, tray: Tray) -> float:
 
 
 def check_trays_in_reach(name: str, layout: CellLayout) -> None:
-    """Check that the arm gripper gets as far as every tray, whatever it holds.
+    """Check that the arm gripper reaches every tray, with any load.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The points that views are chosen by, and those that count what the chosen ones show (ADR 57, 64).
+"""Points by which views are chosen, and points that count the result (ADR 57, 64).
 
 Views are chosen from tables of every direction and grasp, which fewer points have to do for: some
 millimetres apart, and closer where few directions show anything, in bores and pockets. What these
@@ -34,7 +34,7 @@ MIN_ADDED = 150
 STREAM = 2  # stream of the draw: these points are not those that count coverage
 
 
-# a view is taken for a hundredth of a face, or for a spot of the usual smallest defect's size
+# A view is worth taking for a hundredth of a face, or for a spot of the usual smallest defect.
 FACE_SHARE = 0.01
 SPOT_MM2 = 7.0
 

@@ -18,7 +18,7 @@ from ..motion import move_seconds, segment_seconds
 from ..regrasps import PickPath, stands_steadily
 from ..search import Problem
 
-# a failed grasp is looked for, seen anew and taken again: about a minute
+# Time lost by a failed grasp: the part is found, recognised and grasped again in about a minute.
 RECOVERY_S = 60.0
 MIN_SURE = 0.9  # success rate of a grasp with score 0; one with score 1 does not fail
 TRAVEL_S = 2.0  # from one view to the next, on the average; their order is decided afterwards
@@ -112,7 +112,7 @@ def first_seconds(
 def take_seconds(
     part: PreparedPart, layout: CellLayout, q: FloatArray, site: RegraspSite
 ) -> FloatArray:
-    """Return the cost of taking the part from what holds it now, with each grasp (g,) [s].
+    """Return the cost of taking the part from its present holder, with each grasp (g,) [s].
 
     Parameters
     ----------

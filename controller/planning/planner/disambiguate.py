@@ -1,4 +1,4 @@
-"""A plan that begins with a disambiguation view: the one that decides what the arm gripper holds.
+"""A plan that begins with a disambiguation view, which identifies the part in the arm gripper.
 
 A part may be ambiguous to recognition: its mirror twin, or a pose that looks alike from above.
 The part is taken with a grasp that holds whichever it is; the cheapest view that separates the
@@ -78,7 +78,7 @@ def plan_under_ambiguity(
     avoid: frozenset[str] = frozenset(),
     rng_seed: int = 0,
 ) -> Plan:
-    """Return a plan whose first view decides between the hypotheses about what is on the table.
+    """Return a plan whose first view decides between the hypotheses for the part on the table.
 
     Its `Present.ambiguity` names them; what follows holds if it is the part planned for. Where no
     view can decide because all hypotheses are of one part that looks the same whichever it is,
@@ -175,7 +175,7 @@ def _common_paths(
     others: Sequence[TableHypothesis],
     avoid: frozenset[str],
 ) -> list[PickPath]:
-    """Return pick paths with grasps that hold whichever it is, the quickest first."""
+    """Return pick paths with grasps that hold under every hypothesis, the quickest first."""
     q = layout.park_q if start.q is None else start.q
     paths = sorted(
         pick_paths(part, layout, start.T_world_part),

@@ -155,7 +155,7 @@ class _Task:
     avoid: frozenset[str]
 
     def edge_costs(self) -> EdgeCosts:
-        """Return the search problem that the task is, and what its numbers stand for."""
+        """Return the search problem of the task, and the meaning of its indices."""
         return make_edge_costs(
             self.part, self.layout, self.beginning.first_s, self.seen, self.squared, self.avoid
         )

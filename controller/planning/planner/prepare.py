@@ -136,7 +136,7 @@ def prepare_part(
 
 
 def with_grasps(part: PreparedPart, layout: CellLayout, grasps: Sequence[Grasp]) -> PreparedPart:
-    """Return the part with more grasps of the arm, what they show and which regrasps they allow.
+    """Return the part with more grasps of the arm, their views and their regrasps.
 
     A measured grasp that differs from the planned one comes in this way.
 

@@ -1,4 +1,4 @@
-"""Views chosen a second time, for what the first choice leaves blind between its samples (ADR 64).
+"""A second choice of views, for spots that the first leaves blind between its samples (ADR 64).
 
 The search chooses grasps and views by some thousand samples, from tables of every direction. What
 these views leave unseen of points a millimetre or so apart is found at the poses they are taken
@@ -121,7 +121,7 @@ class SecondChoice:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Rows:
-    """The views to be had under a solution's grasps, and what they show of what it needs.
+    """The views available under a solution's grasps, and the needed samples that they show.
 
     Attributes
     ----------

@@ -25,7 +25,7 @@ THINNER = (0.75, 0.5, 0.25)  # of the fingers' width and thickness
 WEAKEST = 20.0  # in friction limits; a weaker grasp is not mentioned
 MOSTLY_HIDDEN = 0.5  # share of a piece
 ASKED_GRASP_COUNT = 12  # most promising grasps for which the obstacle is named
-# where a camera may stand, seen from the part: along the reach line and square to it
+# Possible places of a camera, seen from the part: along the reach line and square to it.
 SENSOR_PLACES = {
     "to the right, looking along +y": (0.0, -1.0, 0.0),
     "to the left, looking along -y": (0.0, 1.0, 0.0),

@@ -21,7 +21,7 @@ LIFT_MM = 80.0
 STEP_MM = 5.0
 OVER_MM = 12.0  # between a lifted part and the top of what it passes over
 NEAR_MM = 150.0  # what is farther off than this is passed on the way, not by the lift
-# two places found in pictures may lie this much into each other although the parts only touch
+# Overlap of two places measured in pictures that is allowed to parts that only touch.
 INTO_MM = 0.5
 
 

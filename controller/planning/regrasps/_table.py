@@ -24,7 +24,7 @@ from ._neighbours import free_spot
 
 TURN_COUNT = 8  # turns about the vertical for each stable pose
 KEPT_BRANCH_COUNT = 2
-# the part touches the table it is put on; what the bounding box adds below it is no contact
+# Margin to the table on which the part is put, which it touches; the bounding box reaches lower.
 PART_TABLE_MARGIN_MM = -1.0
 
 

@@ -56,7 +56,7 @@ class LowerBounds:
 
 
 def rounded(u: NDArray[np.floating]) -> Float32Array:
-    """Return costs as multiples of what keeps sums of them exact."""
+    """Return costs rounded to multiples whose sums are exact."""
     whole: Float32Array = (np.floor(u * _U_STEPS) / _U_STEPS).astype(np.float32)
     return whole
 
@@ -119,7 +119,7 @@ def union_costs(core: Core) -> tuple[Float32Array, float]:
 
 
 def spread_scales(u: Float32Array, factor: float) -> Float32Array:
-    """Return the costs (m,) scaled up in steps: what suits all grasps is too low for few."""
+    """Return the costs (m,) scaled up in steps: costs for all grasps are too low for a few."""
     return rounded(np.stack([u * np.float32(factor * s) for s in _SCALES] + [u]))
 
 
@@ -196,7 +196,7 @@ class _Saddle:
         return value
 
     def turn(self, active: IndexArray, count: int) -> Float32Array:
-        """Move costs and fractions so many times; return the mean costs (s, m)."""
+        """Move costs and fractions a number of times; return the mean costs (s, m)."""
         members = self._members(active)
         total = np.zeros_like(self.u)
         for _ in range(count):

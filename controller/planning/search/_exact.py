@@ -138,7 +138,7 @@ class _Left:
         self.is_settled = False
 
     def branch(self, nodes: int) -> None:
-        """Search at most so many nodes of the tree, those with the likeliest views first."""
+        """Search a number of nodes of the tree at most, those with the likeliest views first."""
         rows, columns = (np.arange(count) for count in self._table.shape)
         tree = [_Node(rows, columns, [], 0.0, 0.0)]
         for _ in range(nodes):
@@ -196,7 +196,7 @@ class _Left:
             self.chosen, self._limit_s = np.array(taken, dtype=np.intp), cost_s
 
     def hand_over(self, nodes: int) -> None:
-        """Continue with a solver of mixed integer programs, over at most so many nodes."""
+        """Continue with a solver of mixed integer programs, over a number of nodes at most."""
         costs, limit_s = self._costs_s, self._limit_s
         constraints = [LinearConstraint(csr_array(self._table.T.astype(float)), lb=1.0)]
         # as few views as the limit leaves room for: stops where nothing cheaper is left
@@ -226,7 +226,7 @@ class _Left:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Node:
-    """A node of the tree: views taken, what they cost, and rows and columns that are left."""
+    """A node of the tree: views taken, their cost, and the rows and columns that are left."""
 
     rows: IndexArray
     columns: IndexArray
@@ -267,7 +267,7 @@ def _different(table: BoolArray) -> BoolArray:
 def _reduced(
     table: BoolArray, keep: IndexArray, open_: BoolArray, costs_s: FloatArray
 ) -> tuple[BoolArray, IndexArray, BoolArray, list[int] | None]:
-    """Take what must be taken, drop what need not be; None where an element is shown by none."""
+    """Take forced rows, drop redundant ones; None where an element is shown by none."""
     count = table[:, open_].sum(axis=0)
     if (count == 0).any():
         return table, keep, open_, None

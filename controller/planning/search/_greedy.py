@@ -10,7 +10,7 @@ from ._problem import MAX_GRASP_COUNT, Problem, Solution, live_grasps, needed_of
 
 
 def greedy(problem: Problem, max_grasps: int = MAX_GRASP_COUNT) -> Solution | None:
-    """Return a solution that at each turn takes what adds most.
+    """Return a solution that takes the grasp or view with the largest gain at each turn.
 
     The first grasp is the one that can be had at the start and shows most; then, from the present
     grasp, the one within a regrasp that shows most of what is left, through another grasp where

@@ -14,7 +14,8 @@ import numpy as np
 
 from controller.arrays import BoolArray, FloatArray, IndexArray
 
-# planning-facts.md 1.3: a fourth regrasp's bound exceeded every optimum measured
+# Most grasps in a sequence. A fourth regrasp's bound exceeded every optimum measured
+# (planning-facts.md 1.3).
 MAX_GRASP_COUNT = 5
 SAME_S = 1e-7  # costs closer than this [s] are one
 
@@ -175,7 +176,7 @@ def solution_of(
     max_grasps: int = MAX_GRASP_COUNT,
     covers_count: int = 0,
 ) -> Solution:
-    """Return a solution with its cost and what it covers worked out from the problem alone.
+    """Return a solution with its cost and coverage, computed from the problem alone.
 
     Parameters
     ----------

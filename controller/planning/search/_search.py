@@ -71,7 +71,7 @@ class Pool:
 
 
 class Search:
-    """One run; `best` is what has been found, as the problem numbers grasps and views.
+    """One run; `best` is the best solution so far, in the problem's numbering.
 
     Parameters
     ----------
@@ -150,7 +150,7 @@ class Search:
         self.all_s = float(tables.views_bound_s(np.array([units]))[0])
 
     def most_shown(self) -> tuple[tuple[int, ...], BoolArray]:
-        """Return the grasps in order that show the most surface, and what they show (m,).
+        """Return the grasps in order that show the most surface, and the elements they show (m,).
 
         Raises
         ------
@@ -297,7 +297,7 @@ class Search:
             self._offer_completed(k, stacked, some[rows])
 
     def _offer_completed(self, k: int, stacked: Stacked, rows: IndexArray) -> BoolArray:
-        """Offer these views and what completes them; return the elements they leave out (m,)."""
+        """Offer these views with their completion; return the elements they leave out (m,)."""
         missing: BoolArray = ~np.asarray(stacked.rows[rows].any(axis=0))
         if missing.any():
             rest = quick_cover(stacked.rows[:, missing].astype(np.float32), stacked.costs_s)

@@ -121,7 +121,7 @@ def longer(
 
 
 def _keys(sets: IndexArray, last: IndexArray, n: int) -> IndexArray:
-    """Return one number per set and last grasp."""
+    """Return one number for each set with its last grasp."""
     if (sets.shape[1] + 1) * np.log2(n + 1) >= 63:
         raise ValueError(f"{n} grasps in sequences of {sets.shape[1]}: more than can be numbered")
     key: IndexArray = last.astype(np.int64)

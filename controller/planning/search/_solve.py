@@ -30,7 +30,7 @@ def solve(
     effort: Effort = FULL,
     incumbent: Solution | None = None,
 ) -> Solution | None:
-    """Return the grasps and views that show all of what is needed at the least cost.
+    """Return the grasps and views that show every needed element at the least cost.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ def solve(
 
 
 def _plain_views(problem: Problem, path: Sequence[int]) -> Iterator[tuple[int, ...]]:
-    """Yield per grasp of a sequence the views of all it can show that others before do not."""
+    """Yield the views of each grasp of a sequence that show what earlier ones do not."""
     left = ~problem.seen
     for g in path:
         can = np.flatnonzero(np.isfinite(problem.view_s[g]))

@@ -1,4 +1,4 @@
-"""The problem's tables, and the few elements that decide: what else is to be shown comes along.
+"""Tables of the problem, and the few elements that decide: their covers show the rest too.
 
 Of thousands of surface samples some hundreds are hard to show. A lower bound for showing these is
 one for showing all, and views chosen for these mostly show all; where they do not, what they left
@@ -113,7 +113,7 @@ def make_tables(problem: Problem, max_grasps: int) -> Tables:
 
 
 def hard_elements(rows: BoolArray, missing: BoolArray, most: int) -> list[int]:
-    """Return some of the missing elements that few rows show, none implied by another.
+    """Return some of the missing elements that few rows show; none implies another.
 
     What every row that shows one of them shows comes along with it.
 

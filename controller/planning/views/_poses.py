@@ -108,7 +108,7 @@ def _rim_of_ball(camera: Camera, centre: FloatArray, radius: float) -> FloatArra
 def hold_up(
     solid: Solid, samples: SurfaceSamples, layout: CellLayout, vectors: FloatArray
 ) -> Showing:
-    """Return the poses of the part for each direction and roll, and what the picture then shows.
+    """Return the part's poses for each direction and roll, and the samples in each picture.
 
     Of a part larger than the picture only the samples inside it count.
 

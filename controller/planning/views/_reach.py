@@ -17,9 +17,9 @@ from ._arm import hidden_by_boxes, may_cover, standing_between
 from ._poses import Showing
 
 KEPT_Q = 4  # configurations kept per view and grasp
-# nearly every one the joints allow is free (planning-facts.md 1.3), so few are checked at first
+# Configurations checked first; nearly all within the joint limits are free (planning-facts.md 1.3).
 FIRST_TRIED_COUNT = 4
-# which of them the arm hides least in shows only when it is looked at
+# The same where the arm stands in the view: only a check shows which one it hides least in.
 FIRST_TRIED_BETWEEN_COUNT = 12
 
 

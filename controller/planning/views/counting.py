@@ -30,7 +30,7 @@ DEPTH_MM_MIN = 1.0  # of a box before the camera that is looked at in the pictur
 
 
 def nearest_on_face(samples: SurfaceSamples, points: SurfaceSamples) -> IntArray:
-    """Return for each of some points (m,) the nearest of the samples on its face."""
+    """Return the nearest sample on the same face for each of some points (m,)."""
     places, targets = (by_face(s.points_mm, s.face_ids) for s in (samples, points))
     return np.asarray(cKDTree(places).query(targets)[1], dtype=np.int64)
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from controller.arrays import BoolArray, ByteArray, FloatArray, IntArray
 
-# x before y, y down: right, up, left, down to the eye, as Freeman numbers them
+# Freeman's steps, x before y with y down: right, up, left, down to the eye.
 STEPS = np.array([[1, 0], [0, -1], [-1, 0], [0, 1]], dtype=np.int64)
 
 
@@ -42,13 +42,13 @@ class Chain:
 
     @property
     def points_px(self) -> FloatArray:
-        """(n, 2) the corners between pixels it passes; crack i leads from point i to the next."""
+        """(n, 2) corners between pixels on the boundary; crack i leads from point i to the next."""
         steps = STEPS[self.codes]
         return np.asarray(self.start_px + np.cumsum(steps, axis=0) - steps, dtype=np.float64)
 
     @property
     def middles_px(self) -> FloatArray:
-        """(n, 2) the middles of its cracks, which lie on both sides of the true edge alike."""
+        """(n, 2) middles of its cracks, which lie evenly on both sides of the true edge."""
         return np.asarray(self.points_px + 0.5 * STEPS[self.codes], dtype=np.float64)
 
 

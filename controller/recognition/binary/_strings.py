@@ -216,7 +216,7 @@ def _corners(
 
 
 def _runs_between(corner: IntArray, count: int, trim: int) -> IntArray:
-    """Return first and last samples (c, 2) of what lies between corners, the corners trimmed."""
+    """Return first and last samples (c, 2) of the runs between corners, the corners trimmed."""
     ends = np.append(corner[1:], count)
     cut = np.clip((ends - corner - 4) // 2, 0, trim)
     return np.stack([corner + cut, ends - cut], axis=1)

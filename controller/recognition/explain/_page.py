@@ -1,4 +1,4 @@
-"""The explaining picture: the whole table with what was found, then a row of details an object."""
+"""Page of an explanation: the whole table with all findings, then a row of details an object."""
 
 from collections.abc import Sequence
 
@@ -93,7 +93,7 @@ def draw_page(
 
 
 def _overview(picture: Grey, camera: Camera, facts: Sequence[ObjectFacts]) -> Picture:
-    """Return the whole picture, enlarged by whole numbers, with what was found on it."""
+    """Return the whole picture with all findings, enlarged by whole numbers."""
     across, down = _enlarged(picture.shape[0], float(camera.K[1, 1] / camera.K[0, 0]))
     shown = np.repeat(np.repeat(toned(picture), down, axis=0), across, axis=1)
     sheet = Sheet(np.ascontiguousarray(shown), np.zeros(2), np.array([across, down], dtype=float))

@@ -1,4 +1,4 @@
-"""Lines and words on a colour picture: what the explanation is drawn with.
+"""Lines and words on a colour picture, for the explanation.
 
 Colours that mean different things are as far apart for people who do not tell red from green; the
 picture below them is dimmed so that all of them stand out, before a bright table and a dark part.
@@ -14,7 +14,7 @@ from controller.arrays import FloatArray, Grey, Int32Array, Picture
 
 Colour = tuple[int, int, int]
 
-# blue, green, red, as OpenCV has them
+# Colours as blue, green, red, in OpenCV's order.
 WHITE: Colour = (245, 245, 245)
 SOFT: Colour = (160, 160, 160)
 BLACK: Colour = (0, 0, 0)
@@ -208,7 +208,7 @@ def plain(text: str) -> str:
 
 
 def wrapped(text: str, width: int) -> list[str]:
-    """Return a text in lines no wider than so many pixels."""
+    """Return a text in lines no wider than a number of pixels."""
     lines: list[str] = []
     for word in plain(text).split():
         longer = f"{lines[-1]} {word}" if lines else word

@@ -349,7 +349,7 @@ def _slope(crop: Grey) -> tuple[Float32Array, Float32Array]:
 def _strongest(
     slopes: Sequence[tuple[Float32Array, Float32Array]],
 ) -> tuple[Float32Array, Float32Array]:
-    """Return of several gradients the strongest at each pixel."""
+    """Return the strongest of several gradients at each pixel."""
     gx, gy = (one.copy() for one in slopes[0])
     size = cv2.magnitude(gx, gy)
     for other_x, other_y in slopes[1:]:

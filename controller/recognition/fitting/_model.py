@@ -40,7 +40,7 @@ class EdgeShape:
 
 @dataclass(frozen=True, eq=False)
 class EdgeModel:
-    """A part's mesh edges with what lies beside them, CAD frame.
+    """A part's mesh edges with the surfaces beside them, CAD frame.
 
     Attributes
     ----------

@@ -13,18 +13,19 @@ SAME_OUTLINE_PX = 0.6  # two predicted outlines this near each other are one in 
 SAME_SHARE = 0.97  # share of an outline's length; the rest is where samples end
 SHOWN_LIFT = 0.2  # difference in brightness (cosines) at an inner edge that always shows
 SHOWN_JUMP_MM = 1.5  # height of a step that always shows, by its shadow
-# of 596 right hypotheses about path-traced silhouettes one was off by more, of wrong ones that
-# come near nine in ten: a part with its end cut off is another part
+# Largest misfit of an outline that is still the part. Of 596 right hypotheses on path-traced
+# silhouettes one exceeded it, of near wrong ones nine in ten: a part cut short is another part.
 MAX_MISFIT_PX = 0.65
-# two to one: a false name costs more than a refusal. Of 353 strangers under lamps it takes 1 for
-# known, 0.5 takes 5, and refuses 19 instead of 11 of 391 right answers (benchmarks/fit_scores.py)
+# Score from which a part is named. Two to one, since a false name costs more than a refusal: under
+# lamps it accepts 1 of 353 strangers and refuses 19 of 391 right answers; 0.5 accepts 5 and
+# refuses 11 (benchmarks/fit_scores.py).
 KNOWN = 0.65
 LOG_ODDS_SCALE = 3.0  # benchmarks/fit_scores.py: probabilities come out too sure by about so much
 CONVINCING = 0.9
 CONVINCING_PX = 0.6  # with a worse fit another hypothesis may lie near by
 DECIDES = 6.0  # log-odds from which a hypothesis is ruled out: 7 to 1 on that scale
-# of edges under several lamps that hang together and that nothing of a part accounts for: the
-# longest on 44 right answers is 24 mm, on a flange of another bore 122 (docs/adr/0086)
+# Longest connected edge under several lamps that a part may leave unexplained. The longest on 44
+# right answers is 24 mm, on a flange of another bore 122 (docs/adr/0086).
 MAX_UNEXPLAINED_MM = 40.0
 
 
@@ -86,7 +87,7 @@ def has_other_inside(h: Hypothesis) -> bool:
 
 
 def part_score(best: Hypothesis, hypotheses: Sequence[Hypothesis]) -> float:
-    """Return the probability that an object is the best hypothesis' part there, however turned.
+    """Return the probability that an object is the best hypothesis' part there, at any turn.
 
     Parameters
     ----------

@@ -390,7 +390,7 @@ def _of_parts(
     library: Library,
     pixel_mm2: float,
 ) -> list[tuple[Sighting, Trace]]:
-    """Return the sightings of the parts of one cluster, and of what is left of it."""
+    """Return the sightings of the parts of one cluster, and of the rest."""
     out = []
     others = len(parts) - 1
     for one in parts:

@@ -28,7 +28,7 @@ MAX_SIGMA_MM = 0.4
 
 @dataclass(frozen=True, eq=False, slots=True)
 class PartialSighting:
-    """One part of a cluster, or what is left of it when all parts are taken away.
+    """One part of a cluster, or the rest without all parts.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ def parts_of(
     least_px: float,
     limits: SearchLimits,
 ) -> tuple[PartialSighting, ...]:
-    """Return the parts of a backlit cluster, and what they leave; nothing if none is sure.
+    """Return the parts of a backlit cluster, and the rest; nothing if none is sure.
 
     Parameters
     ----------

@@ -30,9 +30,9 @@ MAX_BY_SWEEP = 12
 REACH_MM = 1.0  # largest offset of the candidates, which are already fitted to edges
 MAY_BE = 0.1  # own probability from which a pose counts, and its area is the thing's
 BESIDE_PX = 4  # distance round another thing within which edges are still its own
-# round a lone part there is table: an edge so near is of a thing that the part is a detail of
+# Width of the table round a lone part; an edge within it means that the part is a detail.
 BAND_MM = 6.0
-# of what is seen, that a pose has to explain: a thin part lies along any long edge
+# Share of the visible edges that a pose has to explain: a thin part fits along any long edge.
 MIN_EXPLAINED = 0.55
 AS_STRONG = 0.8  # share of the thing's own edge strength; fainter edges are grain and half-shadows
 

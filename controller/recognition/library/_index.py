@@ -108,7 +108,7 @@ class ViewIndex:
 
     @cached_property
     def is_round(self) -> BoolArray:
-        """(n,) whose outer outline is a circle's, as far as its samples tell."""
+        """Mask (n,) of the views with a circle as outer outline, to the accuracy of its samples."""
         out = np.zeros(self.view_count, dtype=np.bool_)
         for begin in range(0, self.view_count, ROUND_AT_ONCE):
             outer = self.outer_mm[begin : begin + ROUND_AT_ONCE].astype(np.float64)

@@ -108,7 +108,7 @@ class Library:
 
     @cached_property
     def grey_turns_rad(self) -> FloatArray:
-        """Of each of ``grey_views``, the smallest turn that leaves it as it is; 0 if any does."""
+        """Smallest turn of each of ``grey_views`` that leaves it unchanged; 0 if any turn does."""
         turns = [self.entries[part].turns_of(pose) for part, pose in self.grey_views]
         return np.array([2 * np.pi / len(kept) if len(kept) else 0.0 for kept in turns])
 

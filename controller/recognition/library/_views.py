@@ -83,7 +83,7 @@ class PartViews:
 
 
 class Weighted(Protocol):
-    """Whatever has a centre of mass: a solid, or what was made of one."""
+    """Anything with a centre of mass: a solid, or a shape made from one."""
 
     @property
     def centroid_mm(self) -> FloatArray:
@@ -252,7 +252,7 @@ def _samples(loops: list[FloatArray]) -> tuple[FloatArray, FloatArray]:
 
 
 def at_equal_steps(loop: FloatArray, count: int) -> FloatArray:
-    """Return so many points (count, 2) at equal steps along a closed loop (n, 2)."""
+    """Return a number of points (count, 2) at equal steps along a closed loop (n, 2)."""
     closed = np.concatenate([loop, loop[:1]])
     steps = np.linalg.norm(np.diff(closed, axis=0), axis=1)
     along = np.concatenate([[0.0], np.cumsum(steps)])

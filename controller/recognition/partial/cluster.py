@@ -89,7 +89,7 @@ class Cluster:
 
     @cached_property
     def meetings_px(self) -> FloatArray:
-        """(n, 2) corners at which the outline turns inwards: where parts may meet."""
+        """Corners (n, 2) at which the outline turns inwards: there parts may meet."""
         scale = self.camera.mm_per_px(np.zeros(3))
         usual = BinaryTolerances.for_pixels(scale)
         # blur rounds narrow notches, and next to a corner that juts out long chords see neither
@@ -147,7 +147,7 @@ class Cluster:
 
 
 class NearestMap:
-    """Nearest outline point for any place of the table near a cluster, and what is there."""
+    """Nearest outline point of any place near a cluster, with its kind."""
 
     def __init__(self, cluster: Cluster) -> None:
         px = cluster.points_px
@@ -212,7 +212,7 @@ class NearestMap:
 
     @cached_property
     def _places(self) -> NDArray[np.complex64]:
-        """Of each cell the nearest point as a complex number."""
+        """The nearest point of each cell as a complex number."""
         points = (self.points @ np.array([1.0, 1.0j])).astype(np.complex64)
         return np.asarray(points[self._nearest].ravel())
 

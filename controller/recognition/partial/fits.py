@@ -42,7 +42,7 @@ FIRST_MM = 5.0  # how far off a candidate may lie, a tall part's slack aside
 SURE_AGREEMENT, SURE_PX = 0.98, 0.35
 THICK_MM, THICK_SHARE = 6.0, 0.5  # of what covers it, and of the stretch that is so covered
 COARSE_SAMPLES, SAMPLES = 250, 600
-# a fit with nine tenths of its points within NEAR_PX has so much; 93 accepted ones had 0.946
+# Score of a fit with nine tenths of its points within NEAR_PX; 93 accepted fits had 0.946.
 COARSE_SHARE = 0.73
 GOES_ON_MM = 8.0  # depth below the table from which lines of sight are traced back
 
@@ -72,7 +72,7 @@ class PartialFit:
 
     @cached_property
     def is_unmet(self) -> BoolArray:
-        """(n,) of the covered points, those whose stretch ends where no outlines meet."""
+        """Mask (n,) of the covered points in stretches that end without a meeting of outlines."""
         covered = self.is_covered & ~self.is_beyond
         return covered & ~_ends_at_meetings(
             self.fit.edges, covered, self.is_beyond, self.cluster, self.mm_per_px
@@ -80,7 +80,7 @@ class PartialFit:
 
     @cached_property
     def explains(self) -> BoolArray:
-        """(m,) which of the cluster's outline points it predicts."""
+        """Mask (m,) of the cluster's outline points that it predicts."""
         edges = self.fit.edges
         return is_predicted(self.cluster.points_px, edges, edges.step_mm / self.mm_per_px)
 
@@ -91,13 +91,13 @@ class PartialFit:
 
     @property
     def agreement(self) -> float:
-        """Share of what nothing covers that is found."""
+        """Share of the uncovered outline that is found."""
         free = int((~self.is_covered).sum())
         return float(self.is_found.sum()) / free if free else 0.0
 
     @property
     def misfit_px(self) -> float:
-        """Root mean square distance of the free outline; what is not found counts `FAR_PX`."""
+        """Root mean square distance of the free outline; a missing point counts `FAR_PX`."""
         off = np.fmin(np.abs(self.fit.gaps.gap_px), FAR_PX)
         off = np.where(self.is_found, off, FAR_PX)[~self.is_covered]
         return float(np.sqrt(np.mean(off**2))) if len(off) else FAR_PX
@@ -167,7 +167,7 @@ class PartialFit:
 
     @cached_property
     def shadow(self) -> BoolArray:
-        """(n,) which of the cluster's sight lines meet the part."""
+        """Mask (n,) of the cluster's lines of sight that meet the part."""
         return np.isfinite(self.depths[0])
 
 

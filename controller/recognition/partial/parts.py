@@ -94,7 +94,7 @@ class Explained:
 def explain_cluster(
     cluster: Cluster, library: Library, limits: PartialLimits | None = None
 ) -> Explained:
-    """Return the parts that explain a cluster together, with what they leave unexplained.
+    """Return the parts that explain a cluster together, with the unexplained rest.
 
     Parameters
     ----------
@@ -128,7 +128,7 @@ def explain_cluster(
 def _fitted(
     candidates: Sequence[Candidate], cluster: Cluster, library: Library, limits: PartialLimits
 ) -> list[PartialFit]:
-    """Return the candidates that agree with what is seen, fitted."""
+    """Return the candidates that agree with the picture, fitted."""
     fits: list[PartialFit] = []
     failed = 0
     for begin in range(0, len(candidates), limits.give_up):

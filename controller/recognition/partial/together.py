@@ -20,7 +20,7 @@ class Shown(Protocol):
 
     @property
     def explains(self) -> BoolArray:
-        """(m,) which of what the cluster shows it predicts."""
+        """Mask (m,) of the cluster's features that it predicts."""
 
 
 Fit = TypeVar("Fit", bound=Shown)

@@ -37,8 +37,8 @@ WIDE_GAP_PX = 6  # of the silhouette that takes a border with wider gaps for clo
 FRINGE_PX = 7  # narrower ones may be wall or contact shadow
 RIM_LEVEL = 0.3
 MIN_HOLE = 8  # px
-# a lens's blur, to either side of a border; 1 in pictures of few pixels, whose dim flanks are as
-# narrow as the neighbourhood that goes with 2
+# Width of a lens's blur to either side of a border; 1 in pictures of few pixels, whose dim flanks
+# are as narrow as the neighbourhood that belongs to 2.
 MIXED_PX = 2
 SEEN_CONTRAST = 2.0  # grey levels, or one step
 

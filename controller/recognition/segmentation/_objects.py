@@ -160,7 +160,7 @@ def _meet(rect: Sequence[int], box: Box, crop_box: Box) -> bool:
 def _apart(
     masked: BoolArray, pixel: Int32Array, window: tuple[slice, slice]
 ) -> tuple[BoolArray, BoolArray]:
-    """Return the thing (h, w) that a pixel of the crop is of, and what is of others."""
+    """Return the thing (h, w) at a pixel of the crop, and the other things."""
     _, labels = cv2.connectedComponents(masked.view(np.uint8), connectivity=8, ltype=cv2.CV_16U)
     thing = labels == labels[pixel[1] - window[0].start, pixel[0] - window[1].start]
     return thing, masked & ~thing

@@ -138,7 +138,7 @@ def _sweep(
     faces: Sequence[Face],
     face: IntArray,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return per half-edge its length and the area it sweeps round its face's mean normal."""
+    """Return each half-edge's length, and the area it sweeps round its face's mean normal."""
     if len(face) == 0:
         return np.zeros(0), np.zeros(0)
     points = vertices_mm[chain]

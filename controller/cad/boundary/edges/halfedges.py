@@ -74,7 +74,7 @@ def next_in_triangle(half_edge: IntArray) -> IntArray:
 
 
 def next_on_rim(mesh: HalfEdges, is_rim: BoolArray) -> IntArray:
-    """Return for each half-edge on a rim the next one on the same rim (h,); -1 off the rim."""
+    """Return the next half-edge on the same rim for each on a rim (h,); -1 off the rim."""
     here = np.arange(len(is_rim))
     # turning about the far end, inside the surface, until its rim is met again
     turn = np.where(is_rim, here, next_in_triangle(mesh.twin))

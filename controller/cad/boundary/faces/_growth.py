@@ -1,4 +1,4 @@
-"""Smooth runs of facets told apart into surfaces with a formula.
+"""Smooth runs of facets divided into surfaces with a formula.
 
 A run is tried as one surface first, which settles nearly all. Where surfaces run into each other
 tangentially, a surface is guessed from a few neighbouring facets and grown ring by ring as long
@@ -22,7 +22,8 @@ LOOSE_MM = 0.02  # misfit up to which a whole run of a scan or a coarse export i
 LOOSE_SHARE = 0.02  # largest misfit of that run as a share of its radius
 MIN_TURN_RAD = np.radians(4.0)  # a wall that turns less has no reliable radius
 MIN_GROWN_TURN_RAD = np.radians(15.0)  # any spline has an arc that turns less
-# where surfaces intersect, kernels put corners less exactly: such walls have to turn far
+# Tolerance of a second try, in first ones: kernels place corners less exactly where surfaces
+# intersect. Such walls have to turn far.
 SECOND_TRY = 5.0
 SECOND_TURN_RAD = np.radians(45.0)
 SEED_FACETS = (14, 6)

@@ -1,4 +1,4 @@
-"""Surfaces from triangles: planes, cylinders, cones, spheres, tori, and what has no formula.
+"""Surfaces from triangles: planes, cylinders, cones, spheres, tori, and freeform ones.
 
 A tessellated bore is many narrow coplanar strips; a plane is a facet that is much larger than
 the strips it may run into. So planes are taken first, what is left is grown across edges that are

@@ -14,7 +14,7 @@ TINY_MM = 1e-12  # smallest divisor, in place of a length of zero
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Primitive:
-    """A surface with a formula; the fields mean what those of `Face` mean."""
+    """A surface with a formula; the fields have the meaning of those of `Face`."""
 
     kind: FaceKind
     centre_mm: FloatArray

@@ -15,7 +15,7 @@ from .threemf import read_3mf
 
 __all__ = ["TRIANGLE_READERS", "read_3mf"]
 
-# of formats that name no unit
+# Readers of the formats that name no unit.
 TRIANGLE_READERS: Final[Mapping[str, Callable[[bytes, Path], tuple[FloatArray, IntArray]]]] = (
     MappingProxyType({".stl": read_stl, ".obj": read_obj, ".ply": read_ply, ".off": read_off})
 )

@@ -48,7 +48,7 @@ class MeshText:
         return cls(path, data.replace(b"\r\n", b"\n").replace(b"\r", b"\n"))
 
     def error(self, at: int, problem: str, kind: type[CadError] = UnreadableCadError) -> CadError:
-        """Return the error for what is wrong at a byte.
+        """Return the error for a fault at a byte.
 
         Parameters
         ----------

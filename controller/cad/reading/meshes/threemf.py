@@ -31,7 +31,7 @@ MAX_COMPONENTS: Final = 16  # each may hold others twice: more of them unfold wi
 CHUNK_BYTES: Final = 1 << 20
 DEFAULT_UNIT: Final = "millimeter"  # 3MF core specification 3.4
 MAIN: Final = "3d/3dmodel.model"
-# what the package's and the XML's readers raise; RuntimeError where it is encrypted
+# Errors that the readers of the package and of its XML raise; RuntimeError for encryption.
 DAMAGED: Final = (
     zipfile.BadZipFile, zlib.error, expat.ExpatError, EOFError, OSError, ValueError, KeyError,
     NotImplementedError, RuntimeError,

@@ -44,7 +44,7 @@ def tolerances_from(
     *,
     is_whole_file: bool = True,
 ) -> tuple[tuple[Tolerance, ...], tuple[str, ...]]:
-    """Return the tolerances with our face ids, and what was left out, in sentences.
+    """Return the tolerances with our face ids, and sentences on those left out.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def _match(
     mean_mm: FloatArray,
     rank: IntArray,
 ) -> list[int | None]:
-    """Return the id here of each face of the other run; None where the solid has no such face."""
+    """Return our id of each face of the other run; None where the solid has no such face."""
     if len(area) == 0:
         return []
     ours = np.column_stack([mean_mm, np.sqrt(np.abs(area_mm2))])

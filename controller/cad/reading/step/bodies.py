@@ -147,7 +147,7 @@ def written(files: References, folder: Path) -> Path:
 def _listed(
     path: Path, files: References, limits: KernelLimits | None, *, with_names: bool
 ) -> Bodies:
-    """Run the kernel on copies of the files, so that it sees what was hashed."""
+    """Run the kernel on copies of the files, so that it reads the bytes that were hashed."""
     with tempfile.TemporaryDirectory(prefix="cellctl-step-") as folder:
         shapes = Path(folder) / "shapes"
         shapes.mkdir()
@@ -174,7 +174,7 @@ def _grouped(
     found: Mapping[str, NDArray[np.generic]],
     content: Sequence[bytes],
 ) -> tuple[tuple[Body, ...], tuple[Body, ...]]:
-    """Return one body for each shape, and those of the same shapes that have other names."""
+    """Return one body for each shape, and bodies of one shape with different names."""
     firsts: list[int] = []
     into: list[tuple[int, FloatArray]] = []  # of each body: the first of its shape, and the pose
     marks = [_marks(one, found, i) for i, one in enumerate(stated)]

@@ -137,7 +137,7 @@ def row_text(body: Body) -> str:
 
 
 def place_text(body: Body) -> str:
-    """Return in words how often a body is placed, where, and its other names."""
+    """Return the placement of a body in words: how often, where, and its other names."""
     within = Counter(place.within[-1] for place in body.occurrences if place.within)
     words = ["once" if len(body.occurrences) == 1 else f"{len(body.occurrences)} times"]
     if within:

@@ -58,7 +58,7 @@ CHANGED: Final = {
 }
 MESH_SHARE: Final = 0.02  # a sound tessellation misses less of the volume by far
 KINDS: Final[tuple[FaceKind, ...]] = ("plane", "cylinder", "cone", "sphere", "torus", "freeform")
-# as ISO 10303-41 and the kernel spell them; where the kernel names none it has still converted
+# Units as ISO 10303-41 and the kernel spell them; the kernel converts even where it names none.
 UNITS: Final = {
     "millimetre": "mm",
     "centimetre": "cm",
@@ -66,7 +66,7 @@ UNITS: Final = {
     "inch": "inch",
     "foot": "foot",
 }
-# words of which a file with tolerances has one at least; in others the second run is spared
+# A file with tolerances has at least one of these words; other files need no second run.
 SEMANTIC: Final = re.compile(
     rb"DIMENSIONAL_SIZE|DIMENSIONAL_LOCATION|GEOMETRIC_TOLERANCE|_TOLERANCE\(|[=\s]DATUM\s*\("
 )

@@ -28,7 +28,7 @@ ROOT: Final = Path(__file__).parents[4]  # folder in which the child finds that 
 REFUSED: Final = 3  # exit code of a child that gives its reason
 # Environment variable: the time that any file is granted [CPU s].
 GRANT: Final = "CELLCTL_STEP_CPU_S"
-# sound files take 1 to 3 s for each MB, and up to 11 s where surfaces are hard to divide
+# Sound files take 1 to 3 s for each MB, and up to 11 s where surfaces are hard to divide.
 SECONDS_PER_MB: Final = 6.0
 GRANT_MAX_S: Final = 1e5
 PATIENCE: Final = 4.0  # in computing times; a child that could have run so long hangs

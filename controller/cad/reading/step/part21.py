@@ -54,7 +54,7 @@ class Written:
 
 
 class Part21:
-    """Records of a file by number, taken apart when asked for."""
+    """Records of a file by number, parsed on demand."""
 
     def __init__(self, text: str) -> None:
         self._text = {int(m[1]): m[2] for m in RECORD.finditer(text)}
@@ -250,7 +250,7 @@ def _sorted(one: float, other: float) -> tuple[float, float]:
 
 
 def _in_order(below: "Measure | None", above: "Measure | None") -> tuple[float, float] | None:
-    """Return lower and upper deviation, however they are written.
+    """Return lower and upper deviation, for any order in which they are written.
 
     The standard has the lower one first, with its sign. Some systems write the upper one first,
     and some the same amount twice where they mean it both ways.

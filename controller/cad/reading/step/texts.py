@@ -1,4 +1,4 @@
-"""The text of a STEP file as the kernel reads it: UTF-8, whatever another program wrote.
+"""The text of a STEP file as the kernel reads it: UTF-8, from any encoding of other programs.
 
 ISO 10303-21 wants names in ASCII with escapes; the kernel takes UTF-8 as well. Other programs write
 the code page of their computer, which the file does not name.
@@ -12,7 +12,7 @@ from controller.config.files import encoding_of, utf8_of
 
 from ...errors import CoordinatesCadError, UnreadableCadError
 
-# a comment, or a string; an apostrophe in a comment begins no string
+# A comment or a string; an apostrophe in a comment begins no string.
 STRING: Final = re.compile(rb"/\*.*?\*/|'(?:[^']|'')*'", re.DOTALL)
 HEAD: Final = rb"#(\d+)\s*=\s*(CARTESIAN_POINT|DIRECTION)\s*\(\s*'(?:[^']|'')*'\s*,\s*\("
 TOO_MANY: Final = re.compile(HEAD + rb"(?:[^,()]*,){3}")

@@ -42,7 +42,7 @@ class United:
 
     @property
     def caution(self) -> str:
-        """A caution about a part that is such a union."""
+        """A caution about a part made by such a union."""
         text = f"{self.count} bodies of the file were united by the STEP kernel"
         if self.overlap_mm3:
             text += f"; they ran into each other by {self.overlap_mm3:.3g} mm3"

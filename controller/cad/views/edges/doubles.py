@@ -1,4 +1,4 @@
-"""Doubled lines merged: what lies right under a nearer line is not drawn (references.md P2.2)."""
+"""Removal of doubled lines: a line right under a nearer one is not drawn (references.md P2.2)."""
 
 import numpy as np
 
@@ -16,7 +16,7 @@ STRAY_MM = 0.05  # distance of a free wall's silhouette from its rim: a drawing 
 
 
 def without_doubles(model: ViewModel, view: Projection, pieces: Pieces) -> Pieces:
-    """Return the pieces less what lies under a nearer one, as the foot of a wall seen edge-on.
+    """Return the pieces without those under a nearer one, as the foot of a wall seen edge-on.
 
     Parameters
     ----------

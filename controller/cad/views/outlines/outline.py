@@ -1,4 +1,4 @@
-"""The occluding boundary: the union of what faces the eye, its loops tied back to the CAD edges.
+"""The occluding boundary: the union of faces towards the eye, its loops tied to the CAD edges.
 
 The border of the triangles that face the eye winds round every point of the plane once for each
 of them that covers it (a closed surface shows the eye as many fronts as backs). What it winds

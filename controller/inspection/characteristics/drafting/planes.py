@@ -34,7 +34,7 @@ MAX_EDGES: Final = 8  # edges used of a plane; more lines of one plane add littl
 
 @dataclass(frozen=True, eq=False, slots=True)
 class PlanePair:
-    """Two parallel planes whose distance is asked for.
+    """Two parallel planes with a distance to measure.
 
     Attributes
     ----------

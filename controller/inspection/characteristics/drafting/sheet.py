@@ -21,7 +21,7 @@ def across(axis: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def reading_order(axis: FloatArray, p_mm: FloatArray) -> tuple[int, int, int, int]:
-    """Return a key that sorts what shows in views as they are read.
+    """Return a key that sorts features in the reading order of their views.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Limits of a value: general tolerances, fits; what a cell can verify; the decision."""
+"""Limits of a value: general tolerances, fits, a cell's capability, the decision."""
 
 from .capability import (
     MAX_SHARE,

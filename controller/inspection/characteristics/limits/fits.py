@@ -74,7 +74,7 @@ def fit_limits_mm(fit: str, nominal_mm: float) -> tuple[float, float]:
 
 
 def _shaft(letter: str, grade: int, row: int) -> tuple[float | None, float | None]:
-    """Return the lower or the upper deviation [um], whichever the letter states."""
+    """Return the lower or the upper deviation [um], as the letter states."""
     if letter == "js":
         return -GRADES[grade][row] / 2, None
     if letter in BELOW:
@@ -85,7 +85,7 @@ def _shaft(letter: str, grade: int, row: int) -> tuple[float | None, float | Non
 
 
 def _hole(letter: str, grade: int, row: int) -> tuple[float | None, float | None]:
-    """Return the lower or the upper deviation [um], whichever the letter states."""
+    """Return the lower or the upper deviation [um], as the letter states."""
     small = letter.lower()
     if small == "js":
         return -GRADES[grade][row] / 2, None

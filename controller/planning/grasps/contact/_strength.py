@@ -31,7 +31,7 @@ def loads(
     rules: GraspRules,
     gravities: Sequence[FloatArray] | None = None,
 ) -> FloatArray:
-    """Return the share of what each grasp can hold that the weight uses, worst attitude (n,).
+    """Return the load of each grasp (n,): the weight over strength, worst attitude.
 
     With ``d`` the centre of mass seen from the middle of both contacts, weight ``W``, pad force
     ``N``, friction ``m``, mean contact radius ``r`` and wall slope ``t``, the largest of

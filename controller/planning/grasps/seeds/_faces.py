@@ -1,4 +1,4 @@
-"""Planar faces that look away from each other, or at each other, and what they have in common.
+"""Pairs of planar faces that look away from each other, or at each other, and their overlap.
 
 Exact: outlines are unions of the mesh's own triangles, holes included (planning-facts.md 2.2, step
 1).
@@ -22,7 +22,7 @@ BARE_MM2 = 20.0  # less common area cannot make a contact: a pad's rule asks for
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FacePair:
-    """Two opposed planar faces and what they have in common.
+    """Two opposed planar faces and their overlap.
 
     Attributes
     ----------

@@ -32,7 +32,7 @@ def from_above(
     rules: GraspRules,
     clearance_mm: float = 0.0,
 ) -> Candidates:
-    """Return grippers straight down over a resting part, midway between what the pads meet first.
+    """Return grippers straight down over a resting part, centred between the pads' first contacts.
 
     Parameters
     ----------

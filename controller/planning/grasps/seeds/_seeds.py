@@ -139,7 +139,7 @@ def _slanted_seeds(
     widest_mm: float,
     rules: GraspRules,
 ) -> FloatArray:
-    """Return seeds (n, 7) between walls that are not parallel, along what bisects their normals.
+    """Return seeds (n, 7) between walls that are not parallel, along the bisector of their normals.
 
     Round walls have none: a pad finds where they stand square to it by itself.
     """

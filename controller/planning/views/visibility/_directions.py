@@ -1,4 +1,4 @@
-"""Directions worth showing: square ones, an even sphere, and those that hard spots ask for.
+"""Candidate directions: square ones, an even sphere, and those that hard spots need.
 
 Directions are unit vectors in the part frame from its centre of mass to the camera.
 """
@@ -36,7 +36,7 @@ WEDGE_RAD = np.radians(0.2)  # the same of two lines through narrow wedges
 SEARCHED_COUNT = 4096
 MIN_SEARCHED_COUNT = 512
 RAY_COUNT = 1_000_000
-# a spot with one direction is lost if a finger or a joint limit takes that one
+# Directions wanted for a spot; a single one may be lost to a finger or a joint limit.
 WANTED_COUNT = 3
 FIRST_WORTH = 1e3  # worth of a first direction, relative to a further one
 MAX_WEDGE_COUNT = 24  # directions for points that no other shows
@@ -180,7 +180,7 @@ def _search(
     known: FloatArray,
     bare: BoolArray,
 ) -> _Search:
-    """Look at hard spots from everywhere; at bare ones (n,), whatever the incidence."""
+    """Look at hard spots from all directions; at bare ones (n,), at any incidence."""
     n = len(samples.points_mm)
     # where whole parts are out of focus every sample is a hard one: fewer looks will do
     even_count = int(np.clip(RAY_COUNT // n, MIN_SEARCHED_COUNT, SEARCHED_COUNT))
@@ -209,7 +209,7 @@ def _looked(
     vectors: FloatArray,
     bare: BoolArray,
 ) -> _Search:
-    """Look at samples from some directions (d, 3); at bare ones (n,), whatever the incidence."""
+    """Look at samples from some directions (d, 3); at bare ones (n,), at any incidence."""
     n = len(samples.points_mm)
     shows = np.zeros((len(vectors), n), dtype=bool)
     best = np.zeros(n)
@@ -283,7 +283,7 @@ def directions_into_wedges(
     rules: VisibilityRules,
     worth: FloatArray,
 ) -> FloatArray:
-    """Return directions (k, 3) for samples that no even direction shows, what shows most first.
+    """Return directions (k, 3) for samples that no even direction shows, most samples first.
 
     Parameters
     ----------

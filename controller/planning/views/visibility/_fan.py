@@ -15,7 +15,7 @@ from controller.imaging import RayCaster
 from ._rules import VisibilityRules
 from ._visible import free_pairs
 
-# within the limit by so much; close to it, because there the wedge opens
+# Angles inside the incidence limit; several are close to it, because there the wedge opens.
 INSIDE_RAD = np.radians([0.2, 1.5, 4.0, 8.0, 14.0, 22.0, 32.0])
 ROUND_COUNT = 96  # lines round the normal in each fan
 RAY_COUNT = 2_000_000  # budget of rays, which limits the spots searched

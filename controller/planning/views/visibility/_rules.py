@@ -98,7 +98,7 @@ class VisibilityRules:
         return np.asarray(self.focal_px * cosine >= self.min_px_per_mm * depth_mm[1])
 
     def is_sharp(self, depth_mm: FloatArray) -> BoolArray:
-        """Return a mask (...) of what lies within the depth of field."""
+        """Return a mask (...) of depths within the depth of field."""
         low, high = self.sharp_mm
         return np.asarray((depth_mm[0] >= low) & (depth_mm[1] <= high))
 

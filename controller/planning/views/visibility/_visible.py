@@ -11,8 +11,8 @@ from controller.imaging import RayCaster
 from ._rules import VisibilityRules
 
 LIFT_MM = 0.02  # sight lines start this far off the surface, or they would meet it
-# rays that pass exactly between two triangles may meet neither, and a face behind would look
-# visible (planning-facts.md 3.2): of four lines this far apart two must be free
+# Distance of the four lines of sight of which two must be free. A ray exactly between two
+# triangles may meet neither, and a face behind would look visible (planning-facts.md 3.2).
 JITTER_MM = 0.03
 CHUNK_SIZE = 200_000
 

@@ -107,7 +107,7 @@ def _radii(tol: GreyTolerances) -> int:
 def _ballots(
     at: FloatArray, turn: FloatArray, tol: GreyTolerances
 ) -> tuple[IntArray, Float32Array]:
-    """Return for points in cells the bins (n, 3) they vote for, and the share of the next one.
+    """Return the bins (n, 3) for which points in cells vote, and the share of the next one.
 
     Each vote is shared by the two bins beside it, or a line between bins would count half.
     """

@@ -161,7 +161,7 @@ def _powers(x: FloatArray, y: FloatArray) -> FloatArray:
 
 
 def _nodes() -> tuple[FloatArray, FloatArray]:
-    """Return the grid (n, 2) from -1 to 1, and what takes values on it to a bicubic (10, n)."""
+    """Return the grid (n, 2) from -1 to 1, and the matrix from its values to a bicubic (10, n)."""
     grid = np.linspace(-1.0, 1.0, PLANE_NODES)
     nodes = np.stack(np.meshgrid(grid, grid), axis=-1).reshape(-1, 2)
     return nodes, np.asarray(np.linalg.pinv(_powers(*nodes.T).T), np.float64)

@@ -96,7 +96,7 @@ def edge_map(edgelets: Edgelets, foot_mm: FloatArray, tol: GreyTolerances) -> Ed
 def _look_up(
     seen: EdgeMap, pieces: Float32Array, poses: Float32Array
 ) -> tuple[Int32Array, Float32Array, Float32Array, Float32Array]:
-    """Return for pieces (5, h, k) under poses (h, 4) the edgelets met, places x, y, directions."""
+    """Return the edgelets met by pieces (5, h, k) under poses (h, 4), with x, y and directions."""
     cos, sin = np.cos(poses[:, 1:2]), np.sin(poses[:, 1:2])
     x, y, k = pieces[:3]
     px = cos * x - sin * y + k * poses[:, 2:3]

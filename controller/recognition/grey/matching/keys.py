@@ -252,7 +252,7 @@ def _turned(f: Frames) -> Frames:
 
 
 def taken(f: Frames, rows: NDArray[np.generic]) -> Frames:
-    """Return some of the frames, by their numbers or by a mask."""
+    """Return the frames with the given numbers, or of a mask."""
     return Frames(
         f.keys[rows],
         f.points[rows],

@@ -123,7 +123,7 @@ class LitFit:
 
     @cached_property
     def depth_mm(self) -> FloatArray:
-        """(h, w) of the crop, from the camera to the part; inf beside it."""
+        """Depth (h, w) of the crop from the camera to the part; inf beside it."""
         cluster = self.cluster
         out = np.full(cluster.mask.shape, np.inf)
         x0, y0, x1, y1 = cluster.box_px
@@ -139,7 +139,7 @@ class LitFit:
 
     @cached_property
     def shadow(self) -> BoolArray:
-        """(h, w) where the part is seen, if nothing hides it."""
+        """Mask (h, w) of where the part is seen, if nothing hides it."""
         return np.asarray(np.isfinite(self.depth_mm))
 
     def is_outside(self, pixels: FloatArray) -> BoolArray:
@@ -303,7 +303,7 @@ class LitFit:
 
     @cached_property
     def leave_mm(self) -> FloatArray:
-        """(h, w) of every `STRIDE_PX`-th pixel, depth at which sight lines leave it; nan beside."""
+        """Depth (h, w) of every `STRIDE_PX`-th pixel where lines of sight leave it; nan beside."""
         cluster = self.cluster
         enter = self.depth_mm[::STRIDE_PX, ::STRIDE_PX]
         out = np.full(enter.shape, np.nan)

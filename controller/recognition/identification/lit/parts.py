@@ -30,15 +30,15 @@ RIM_PX = 5  # round a part's shadow, what is left there is its rim
 LEFT_PX = 9  # width below which a piece is a shadow or a rim
 EDGED_SHARE = 0.3  # length of a piece's own edges, as a share of its rim
 BORDER_PX = 6.0  # distance outside an outline where the neighbour of a part is probed
-# of a part's outline, that something unknown may border on: a strip along the edge of a thing has
-# more of it beside one long side, and that is more than a third
+# Share of a part's outline that may border on something unknown. A strip along the edge of a thing
+# borders on it with one long side, which is more than a third.
 SURROUNDED = 0.33
 OVERLAID_PX = 2.0  # offset from which an edge counts as absent
 # Length of absent outline covered by a piece, from which the piece lies on the part.
 OVERLAID_MM = 5.0
-# beside something unknown a part has to be sure by itself: a stranger's details look like small
-# parts, and the rest of it stays unknown. Of 70 right ones in clusters developed with one has 0.85
-# to 0.9, of details of what is not known the best has 0.88 (docs/adr/0092)
+# Own probability required of a part beside something unknown: details of a stranger look like
+# small parts. Of 70 right ones in clusters used in development one has 0.85 to 0.9; the best
+# detail of something unknown has 0.88 (docs/adr/0092).
 SURE = 0.9
 RARE = 0.02  # of parts that are dropped, by which a stable pose is one that needs more to be named
 
@@ -53,7 +53,7 @@ def parts_of_lit(
     limits: SearchLimits,
     known: Sequence[Hypothesis] = (),
 ) -> tuple[PartialSighting, ...]:
-    """Return the parts of a cluster under lamps, and what they leave; nothing if none is sure.
+    """Return the parts of a cluster under lamps, and the rest; nothing if none is sure.
 
     Parameters
     ----------
@@ -172,7 +172,7 @@ def _sightings(
     library: Library,
     least_px: float,
 ) -> tuple[PartialSighting, ...]:
-    """Return the named parts, then what is left; parts that lie on others say on which.
+    """Return the named parts, then the rest; parts that lie on others name these.
 
     Parameters
     ----------
