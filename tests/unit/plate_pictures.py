@@ -40,12 +40,13 @@ HEIGHT_MM = 8.0
 
 @dataclass(frozen=True)
 class Bore:
-    """A bore; of so many sides, corners on the circle and the first on +x, or round (0)."""
+    """A bore; of so many sides, corners on the circle and the first at `turn` of one, or round."""
 
     x: float
     y: float
     radius: float
     sides: int = 0
+    turn: float = 0.0
 
     def is_inside(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Return which points are in it."""
@@ -53,7 +54,8 @@ class Bore:
         if not self.sides:
             return far < self.radius
         half = np.pi / self.sides
-        turn = np.mod(np.arctan2(y - self.y, x - self.x), 2 * half) - half
+        at = np.arctan2(y - self.y, x - self.x) - 2 * half * self.turn
+        turn = np.mod(at, 2 * half) - half
         return far * np.cos(turn) < self.radius * np.cos(half)
 
 

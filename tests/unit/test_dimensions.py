@@ -244,13 +244,13 @@ def test_light_may_bend_a_short_arc_seen_flat(start_rad: float, by_px: float) ->
 
 
 @pytest.mark.parametrize("lamp", [BACKLIT, "ring"])
-@pytest.mark.parametrize("made", [0, 24])
-def test_a_coarse_mesh_is_told_from_a_part_that_is_round(made: int, lamp: str) -> None:
+@pytest.mark.parametrize(("made", "turn"), [(0, 0.0), (24, 0.0), (24, 0.25), (24, 0.58)])
+def test_a_coarse_mesh_is_told_from_a_part_that_is_round(made: int, turn: float, lamp: str) -> None:
     # corners on the circle: the mean of the chords' diameter is 4/3 of their height less
     height_mm = 9.0 * (1 - np.cos(np.pi / 24))
     coarse = part(sides=24)
     wanted = asked(DIAMETER, RimGeometry(rims(NOMINAL, 0, coarse.solid)), 18.0)
-    seen = view(pictures(NOMINAL.with_bore(0, sides=made), TILTED), TILTED)
+    seen = view(pictures(NOMINAL.with_bore(0, sides=made, turn=turn), TILTED), TILTED)
     (found,) = (e.look for e in look(coarse, [wanted], seen)[0] if e.look.lamp == lamp)
     assert found.reason == ""
     assert found.measured_mm == pytest.approx(18.0, abs=0.2 * 4 / 3 * height_mm)

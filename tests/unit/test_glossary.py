@@ -69,7 +69,11 @@ def planted() -> list[Word]:
 def documents() -> list[Path]:
     """Return the pages that are checked; `docs/protocols` keeps the words of the manuals."""
     docs = ROOT / "docs"
-    below = [page for folder in ("adr", "measurements", "operating") for page in (docs / folder).glob("*.md")]
+    below = [
+        page
+        for folder in ("adr", "measurements", "operating")
+        for page in (docs / folder).glob("*.md")
+    ]
     pages = [*ROOT.glob("*.md"), *docs.glob("*.md"), *below]
     return sorted(page for page in pages if page != PAGE)
 

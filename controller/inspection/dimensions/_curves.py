@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from controller.arrays import FloatArray, IndexArray
+from controller.arrays import FloatArray, IndexArray, median
 from controller.cad import Solid
 
 from ..characteristics import EdgeLine, Rim, rim_directions
@@ -19,6 +19,10 @@ SAME_RAD: Final = 1e-4  # angle between points below which they are one
 MIN_CHORDS: Final = 3  # least number of chord ends; fewer make no circle
 FULL_RAD: Final = 2 * np.pi - 1e-3  # a rim that sweeps more is closed
 WIDEST_RAD: Final = 0.5  # largest half angle that a chord spans
+# By how many shares of a chord a mesh may be turned. A part that looks alike from four sides is
+# held in any of them, and its chords are where those of another side were. With six, at least
+# cos(30 degrees) of their height shows.
+TURN_COUNT: Final = 6
 NEIGHBOUR: Final = 0.02  # step along a curve for tangent and bend, as a share of its length
 
 
@@ -60,6 +64,18 @@ class Chords:
         # a wider gap is no chord: the rim ends there
         return np.asarray(np.where(high - low < 2 * WIDEST_RAD, radius_mm - along, 0.0))
 
+    def turned_mm(self, at_rad: FloatArray, radius_mm: float, sense: float) -> FloatArray:
+        """Return the same (n, `TURN_COUNT`) were the mesh turned by shares of its median chord.
+
+        Parameters
+        ----------
+        at_rad, radius_mm : as `depth_mm` has them
+        sense : which way it is turned about the axis, 1 or -1
+        """
+        chord_rad = median(np.diff(self.angles_rad)) if len(self.angles_rad) > 1 else 0.0
+        turns = np.arange(TURN_COUNT) * (sense * chord_rad / TURN_COUNT)
+        return np.stack([self.depth_mm(at_rad + turn, radius_mm) for turn in turns], axis=1)
+
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Curve:
@@ -73,7 +89,8 @@ class Curve:
     design : (n, p, 3) how a point moves with each unknown of the feature [mm]
     facet_mm : how far the mesh may be from the curve
     outward : 1 where the shift leads out of the material, -1 into it
-    chord_mm : (n, 3) from a point to the mesh's own edge
+    chord_mm : (n, `TURN_COUNT`, 3) from a point to the mesh's own edge, and to where that would be
+        were the mesh turned about the edge's axis by a share of a chord
     """
 
     before_mm: FloatArray
@@ -156,6 +173,8 @@ def rim_curve(
         if abs(float(normal @ rim.axis)) < 0.5:
             normal = rim.axis
     out = (-out_radial if rim.is_hole else out_radial) + normal
+    # all rims of a feature turn together, also one whose axis points the other way
+    sense = 1.0 if float(np.cross(first, second) @ rim.axis) > 0 else -1.0
     steps = (np.broadcast_to(first, out.shape), np.broadcast_to(second, out.shape), out_radial)
     design = np.stack([slid(angle, step) for step in steps], axis=1)
     return Curve(
@@ -167,7 +186,7 @@ def rim_curve(
         design=design,
         facet_mm=chords.height_mm,
         outward=-1.0 if rim.is_hole else 1.0,
-        chord_mm=-chords.depth_mm(angle, rim.radius_mm)[:, None] * out_radial,
+        chord_mm=-chords.turned_mm(angle, rim.radius_mm, sense)[..., None] * out_radial[:, None],
     )
 
 
@@ -252,7 +271,7 @@ def line_curve(
         design=np.stack([shift, slope], axis=1),
         facet_mm=0.0,
         outward=_outward(solid, line, direction),
-        chord_mm=np.zeros_like(points),
+        chord_mm=np.zeros((len(points), TURN_COUNT, 3)),
     )
 
 

@@ -8,6 +8,7 @@ squarely and in its middle.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from operator import itemgetter
 from typing import Final
 
 import numpy as np
@@ -322,8 +323,8 @@ def _fit(
     variance = np.square(found.sigma_px) + np.square(wall)
     design = feature.design(rays, curve.astype(np.float64))
     offset = np.where(good, offset, np.nan)
-    made, made_u = _chords_made(design, rays, offset, variance)
-    answer = _solved(design, rays, offset - made * rays.chord_px, variance)
+    chords = _chords_made(design, rays, offset, variance)
+    answer = _solved(design, rays, offset - chords.share * chords.chord_px, variance)
     if answer is None:
         return FeatureFit("too little of its edge shows for a shape", points_px=points)
     used = answer.used
@@ -346,7 +347,7 @@ def _fit(
         edge=answer.gain @ np.column_stack([edge_px * _modes(feature, rays), LEAN_KNOWN * lean]),
         wall=answer.gain @ (rays.rising * wall),
         blur=answer.gain @ (BLUR_KNOWN * blur),
-        facets=answer.gain @ (made_u * rays.chord_px),
+        facets=answer.gain @ (chords.share_u * chords.chord_px),
         points_px=points,
         accepted=used,
         shape_px=fitted,
@@ -356,35 +357,54 @@ def _fit(
     )
 
 
-def _chords_made(
-    design: FloatArray, rays: Rays, offset: FloatArray, variance: FloatArray
-) -> tuple[float, float]:
+@dataclass(frozen=True, eq=False, slots=True)
+class _Made:
+    """What a round edge has of its mesh's chords.
+
+    Attributes
+    ----------
+    share, share_u : 0 for a circle, 1 for the chords, and the standard uncertainty
+    chord_px : (n,) where the chords are along the rays, turned as they show most
+    """
+
+    share: float
+    share_u: float
+    chord_px: FloatArray
+
+
+def _chords_made(design: FloatArray, rays: Rays, offset: FloatArray, variance: FloatArray) -> _Made:
     """Return the share of its mesh's chords in a round edge, and the standard uncertainty.
 
     A mesh's corners lie on the circle, its chords inside. A part that was turned is round; one that
     was printed or emulated from the mesh has the chords, and is narrower by two thirds of their
-    height. Along the edge the one is even and the other is not, which a picture shows.
+    height. Along the edge the one is even and the other is not, which a picture shows. The mesh may
+    be turned against the part, where that looks alike from several sides. Where no picture tells,
+    both are as likely.
 
     Parameters
     ----------
     design, rays, offset, variance : as `_solved` has them
-
-    Returns
-    -------
-    made, made_u : 0 for a circle, 1 for the chords; where no picture tells, as likely as the other
     """
+    unknown = _Made(0.5, 0.5, rays.chord_px[:, 0])
     if np.ptp(rays.chord_px) == 0:
-        return 0.5, 0.5
-    answer = _solved(np.column_stack([design, rays.chord_px]), rays, offset, variance)
-    if answer is None:
-        return 0.5, 0.5
-    seen, seen_u = float(answer.values[-1]), float(np.sqrt(answer.noise[-1, -1]))
+        return unknown
+    answers = [
+        _solved(np.column_stack([design, chord]), rays, offset, variance)
+        for chord in rays.chord_px.T
+    ]
+    told = [
+        (float(one.values[-1]), turn, one) for turn, one in enumerate(answers) if one is not None
+    ]
+    if not told:
+        return unknown
+    seen, turn, answer = max(told, key=itemgetter(0))
+    seen_u = float(np.sqrt(answer.noise[-1, -1]))
     known = float(np.hypot(seen_u, CHORDS_KNOWN))
-    made = float(expit((seen - 0.5) / known**2))
+    share = float(expit((seen - 0.5) / known**2))
     # what lies between a circle and the chords, or beyond, is neither
-    between = max(abs(seen - made) - seen_u, 0.0)
-    made_u = float(np.sqrt(made * (1.0 - made) + between**2 + CHORDS_KNOWN**2))
-    return made, min(made_u, 0.5)
+    between = max(abs(seen - share) - seen_u, 0.0)
+    share_u = float(np.sqrt(share * (1.0 - share) + between**2 + CHORDS_KNOWN**2))
+    return _Made(share, min(share_u, 0.5), rays.chord_px[:, turn])
 
 
 def _modes(feature: Feature, rays: Rays) -> FloatArray:

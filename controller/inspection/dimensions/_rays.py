@@ -54,7 +54,8 @@ class Rays:
     wall_px : (n,) width of a wall seen flat on the dark side, 0 where there is none or it is wide
     px_per_mm : (n,) along the offset
     facet_px : (n,) how far the mesh's chords are from the edge
-    chord_px : (n,) where the mesh's own edge is, along the ray
+    chord_px : (n, k) where the mesh's own edge is, along the ray, and where it would be were the
+        mesh turned about the edge's axis, see `Curve`
     outline_px : (n,) how far from it, outwards, the CAD model ends the panel's light; infinite
         where that is another edge's outline
     outward : (n,) 1 where the ray leads out of the material, else -1
@@ -136,7 +137,9 @@ def place_rays(curves: Sequence[Curve], T_world_part: FloatArray, camera: Camera
         wall_px=np.zeros(len(points)),
         px_per_mm=(px_per_mm := np.abs(inner(along, normals))),
         facet_px=px_per_mm * np.repeat([curve.facet_mm for curve in curves], counts),
-        chord_px=inner(across, np.concatenate([curve.chord_mm for curve in curves]) @ R.T),
+        chord_px=np.einsum(
+            "nj,nkj->nk", across, np.concatenate([curve.chord_mm for curve in curves]) @ R.T
+        ),
         outline_px=np.zeros(len(points)),
         outward=np.repeat([curve.outward for curve in curves], counts),
         reach_px=np.full((len(points), 2), NEAR_PX),
@@ -236,7 +239,7 @@ def with_outline(rays: Rays, part: PosedPart, T_world_part: FloatArray, camera: 
     if len(index) == 0:
         return rays
     way = rays.rising[index]
-    off = rays.chord_px[index, None] + way[:, None] * OUTSIDE_PX
+    off = rays.chord_px[index, :1] + way[:, None] * OUTSIDE_PX
     at = rays.pixels[index, None] + off[..., None] * rays.normals[index, None]
     face, _ = _seen(part, T_world_part, camera, at.reshape(-1, 2))
     is_part = (face != NONE).reshape(at.shape[:2])
