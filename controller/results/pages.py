@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import IO
 
 from jinja2 import DictLoader, Environment, StrictUndefined
+from markupsafe import Markup
 
 from .wording import count_of, num, span
 
@@ -112,3 +113,9 @@ def make_environment(
     )
     env.filters |= {"num": num, "span": span, "count_of": count_of, **(filters or {})}
     return env
+
+
+def css_text(text: str) -> str:
+    """Return a text for the inside of a quoted string of a style sheet, all signs escaped."""
+    escaped = (c if c.isascii() and c.isalnum() else f"\\{ord(c):x} " for c in text)
+    return Markup("".join(escaped))

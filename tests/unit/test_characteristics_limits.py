@@ -15,6 +15,7 @@ from controller.inspection.characteristics.limits import (
     angle_tolerance_rad,
     decide,
     linear_tolerance_mm,
+    open_zones,
     radius_tolerance_mm,
 )
 
@@ -150,3 +151,24 @@ def test_a_verdict_is_the_mirror_image_of_its_mirror_image(
     assert decide(value, U, -half, half + shift if shift > 0 else half) == decide(
         -value, U, -half - max(shift, 0.0), half
     )
+
+
+@given(
+    U=st.floats(0.01, 3.0),
+    lower=st.one_of(st.none(), st.floats(-1.0, 0.0)),
+    upper=st.one_of(st.none(), st.floats(0.05, 1.0)),
+    probability=st.sampled_from((0.95, 0.9772)),
+)
+def test_the_zones_left_open_are_those_of_the_decision(
+    U: float, lower: float | None, upper: float | None, probability: float
+) -> None:
+    zones = open_zones(U, lower, upper, probability)
+    for value in np.linspace(-8.0, 8.0, 161):
+        if any(abs(value - edge) < 1e-6 for zone in zones for edge in zone):
+            continue
+        is_open = any(low < value < high for low, high in zones)
+        assert is_open == (decide(value, U, lower, upper, probability) is Verdict.INDETERMINATE)
+
+
+def test_without_uncertainty_nothing_is_left_open() -> None:
+    assert open_zones(0.0, 1.0, 2.0) == ()

@@ -26,6 +26,7 @@ from .limits import (
     ToleranceClass,
     capability_of,
     decide,
+    open_zones,
 )
 from .verdicts import Standing, standing_of, verdict_of, with_capability, worse
 
@@ -55,6 +56,7 @@ __all__ = [
     "characteristics_of",
     "decide",
     "derive",
+    "open_zones",
     "place_of",
     "rim_directions",
     "standing_of",

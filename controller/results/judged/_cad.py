@@ -1,12 +1,14 @@
 """The CAD model of a run's part, for drawings: only the file that the run had."""
 
+import glob
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from controller.cad import CadError, Solid
 from controller.cad.compiled import load_part, options_among
+from controller.cell.services.records import INPUTS
 from controller.config import split_cad
 from controller.config.cad_files import body_path
 
@@ -21,29 +23,42 @@ def solid_in_run(record: RunRecord, part: PartReport) -> Solid | str:
 def solid_of(recipe: Mapping[str, Any], files: Mapping[str, str], folder: Path) -> Solid | str:
     """Return the CAD model of a recipe's part, or why there is none to draw.
 
+    It is read from the run's own copy; a run older than these copies has the file that it read.
+
     Parameters
     ----------
     recipe : as the run's first row has it
     files : SHA-256 of each file that the run read, by path
     folder : of the run
     """
-    name = Path(str(recipe.get("part", "")))
-    source = split_cad(name)
-    path, sha256_then = source.file, files.get(str(source.file))
+    source = split_cad(Path(str(recipe.get("part", ""))))
+    sha256_then = files.get(str(source.file))
     if sha256_then is None:
         return "the journal does not name the CAD file"
-    if not path.is_absolute() and not path.is_file():
-        # the run began where its folder of runs is
-        path = folder.absolute().parent.parent / path
-    try:
-        sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
-    except OSError:
-        return f"the CAD file {path.name} is no longer where the run found it"
-    if sha256 != sha256_then:
-        return f"the CAD file {path.name} was changed since the run"
+    found = [
+        (path, hashlib.sha256(path.read_bytes()).hexdigest())
+        for path in _copies(source.file, folder)
+        if path.is_file()
+    ]
+    path = next((path for path, sha256 in found if sha256 == sha256_then), None)
+    if path is None and not found:
+        return f"the CAD file {source.file.name} is no longer where the run found it"
+    if path is None:
+        return f"the CAD file {source.file.name} was changed since the run"
     unit = recipe.get("unit")
     try:
         part = path if source.body is None else body_path(path, source.body)
         return load_part(part, options_among(part, str(unit) if unit else None)).solid
     except (CadError, OSError) as error:
         return f"the CAD file {path.name} cannot be read: {error}"
+
+
+def _copies(file: Path, folder: Path) -> Iterator[Path]:
+    """Yield where a CAD file may be: in the run's folder by recipe, and where the run read it."""
+    inputs = folder / INPUTS
+    yield inputs / file.name
+    yield from sorted(inputs.glob(f"*/{glob.escape(file.name)}"))
+    yield file
+    if not file.is_absolute():
+        # the run began where its folder of runs is
+        yield folder.absolute().parent.parent / file

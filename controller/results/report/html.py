@@ -12,7 +12,7 @@ from jinja2 import Template
 from controller.cad import Solid
 
 from ..judged import JudgedPart, judged_parts, solid_in_run
-from ..pages import make_environment
+from ..pages import css_text, make_environment
 from ..run import RunRecord, row_words, stage_words
 from ..takt import run_takt, takt_line
 from ..wording import utc
@@ -36,6 +36,7 @@ FILTERS: Final[Mapping[str, Callable[..., str]]] = {
     "css": css_class,
     "lamp_words": lamp_words,
     "defect_words": defect_words,
+    "css_text": css_text,
 }
 
 
@@ -144,6 +145,7 @@ def _page(
     left_out = max(0, len(record.log) - LOG_ROWS) if record else 0
     return _template().render(
         record=record,
+        document=_document(parts[0] if parts else None, record),
         product=record.recipe_name if record else parts[0].header.part,
         software=record.software if record else parts[0].header.software,
         emulated=record.emulated_devices if record else parts[0].header.emulated_devices,
@@ -160,6 +162,15 @@ def _page(
         qif_sha256=qif_sha256,
         on_paper=on_paper,
     )
+
+
+def _document(first: JudgedPart | None, record: RunRecord | None) -> str:
+    """Return what each page is headed by: product and run, or when pictures were judged."""
+    if record is not None:
+        return f"Inspection report {record.recipe_name}, run {record.run_id}"
+    assert first is not None  # a report without a run is of at least one part
+    named = " ".join((first.header.part, first.header.serial)).strip()
+    return f"Inspection report {named}, {utc(first.header.start)}"
 
 
 def _has_passed(judged: JudgedPart) -> bool:

@@ -10,7 +10,7 @@ from .capability import (
     promised_mm,
     zone_mm,
 )
-from .decision import CONFORMANCE_PROBABILITY, COVERAGE_FACTOR, decide
+from .decision import CONFORMANCE_PROBABILITY, COVERAGE_FACTOR, decide, open_zones
 from .fits import fit_limits_mm
 from .general import (
     TOLERANCE_CLASSES,
@@ -34,6 +34,7 @@ __all__ = [
     "decide",
     "fit_limits_mm",
     "linear_tolerance_mm",
+    "open_zones",
     "promised_budget_mm",
     "promised_mm",
     "radius_tolerance_mm",

@@ -4,6 +4,7 @@ Conformity has to be proven, and so has non-conformity; what is neither is open.
 limit are neither accepted nor rejected on the strength of noise.
 """
 
+from collections.abc import Callable
 from math import erf, inf, isnan, sqrt
 from typing import Final
 
@@ -53,6 +54,59 @@ def decide(
     if 1.0 - below - above >= probability:
         return Verdict.PASS
     return Verdict.INDETERMINATE
+
+
+def open_zones(
+    U: float,
+    lower: float | None,
+    upper: float | None,
+    probability: float = CONFORMANCE_PROBABILITY,
+) -> tuple[tuple[float, float], ...]:
+    """Return the ranges of measured values that `decide` leaves open, in rising order.
+
+    There is one about each limit. Where the tolerance is narrow against U, nothing can pass, and
+    both are one.
+
+    Parameters
+    ----------
+    U, lower, upper, probability : as for `decide`
+    """
+    low = -inf if lower is None else lower
+    high = inf if upper is None else upper
+    if U == 0 or (lower is None and upper is None):
+        return ()
+    reach = 6 * U  # no value further than this beyond a limit is open: 12 standard deviations
+
+    def verdict(value: float) -> Verdict:
+        return decide(value, U, lower, upper, probability)
+
+    middle = (
+        0.5 * (low + high)
+        if lower is not None and upper is not None
+        else (low + reach if upper is None else high - reach)
+    )
+    passes = verdict(middle) is Verdict.PASS  # no value is more likely within both limits
+    found = []
+    for limit, away in ((lower, -1.0), (upper, 1.0)):
+        if limit is None:
+            continue
+        outer = _edge(verdict, Verdict.FAIL, limit + away * reach, limit)
+        found.append((outer, _edge(verdict, Verdict.PASS, middle, limit) if passes else middle))
+    zones = [(min(zone), max(zone)) for zone in found]
+    return tuple(zones) if passes else ((zones[0][0], zones[-1][1]),)
+
+
+def _edge(
+    verdict: Callable[[float], Verdict], wanted: Verdict, inside: float, outside: float
+) -> float:
+    """Return where a verdict ends, between a value that has it and one that has not."""
+    for _ in range(60):
+        middle = 0.5 * (inside + outside)
+        if verdict(middle) is wanted:
+            inside = middle
+        else:
+            outside = middle
+    return inside
 
 
 def _probability_below(limit: float, value: float, U: float) -> float:

@@ -1,9 +1,9 @@
 """The part as a line drawing from a few sides, with the numbers of its characteristics in balloons.
 
 A side is drawn if characteristics show there: a hole where its axis points at the reader, a
-distance where it lies in the paper. As few sides as show them all, at one scale. Balloons stand in
-a column on either side of the part, in the order of what they point at, so that no two leaders
-cross on their way there.
+distance where it lies in the paper. As few sides as show them all, at one scale, the largest that
+the paper has room for. A characteristic that several of these sides show stands where its leader
+is shortest.
 """
 
 from collections.abc import Mapping, Sequence
@@ -11,13 +11,16 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+import shapely
+from shapely.geometry.base import BaseGeometry
 
 from controller.arrays import FloatArray
 from controller.cad import Solid
 from controller.cad.views import LineView, line_view
 
-from ...line_drawing import Drawing, DrawingFrame, draw, frame_of
+from ...line_drawing import Drawing, draw
 from ...run import CharacteristicReport
+from .leaders import CHAIN_MM, RADIUS_MM, Placed, Ring, arrange
 
 # rows are right, up and towards the reader, in the CAD frame
 SIDES: Final[Mapping[str, FloatArray]] = {
@@ -30,48 +33,49 @@ SIDES: Final[Mapping[str, FloatArray]] = {
 }
 # a hole's axis within this of the reader's direction, or a distance within it of the paper
 MAX_OFF_RAD: Final = float(np.radians(30.0))
-# of balloons, in hundredths of the drawing's larger side
-RADIUS_UNITS: Final = 2.6
-PITCH_UNITS: Final = 6.0
-CHAIN_UNITS: Final = 5.6
-GAP_UNITS: Final = 7.0
-MAX_SIDES: Final = 4
-# of all sides together, on paper
-PAPER_MM: Final = (186.0, 105.0)
-GAP_MM: Final = 4.0
-MAX_SCALE: Final = 3.0
+# Of all sides together: a page of A4 between its margins, less the line below the drawing.
+PAPER_MM: Final = (186.0, 250.0)
+# Between two sides, and below each for its caption.
+SPACE_MM: Final = (3.0, 6.0)
+# A part is drawn no larger than this, and its scale is searched for in these steps.
+MAX_SCALE, SCALE_STEP = 3.0, 0.95
 
 Point = tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True)
 class Balloon:
-    """A number and the point it marks, in the drawing's coordinates (y downwards).
-
-    Attributes
-    ----------
-    at, end : middle of the balloon, and the end of its leader
-    marks : both ends of a distance, empty for a hole
-    verdict : of its characteristic
-    has_leader : False for those that hang on another balloon of the same place
-    """
+    """A number in a balloon, its middle in millimetres of the paper, y downwards."""
 
     number: int
     at: Point
-    end: Point
-    marks: tuple[Point, ...]
     verdict: str
-    has_leader: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Callout:
+    """What is measured at one place: a leader, and the balloons in a chain at its start.
+
+    Attributes
+    ----------
+    end : of the leader, which begins at the first balloon
+    line : both ends of a distance, empty for a hole
+    """
+
+    balloons: tuple[Balloon, ...]
+    end: Point
+    line: tuple[Point, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class Side:
-    """The part from one side, with its balloons; `view_box` is that of the SVG element."""
+    """The part from one side, its callouts, and the SVG view box in millimetres of the paper."""
 
     words: str
     drawing: Drawing
-    balloons: tuple[Balloon, ...]
-    view_box: str
+    callouts: tuple[Callout, ...]
+    x: float
+    y: float
     width: float
     height: float
 
@@ -82,55 +86,63 @@ class BalloonDrawing:
 
     Attributes
     ----------
-    unit, radius : size of letters and of balloons [mm of the part]
+    rows : sides beside each other, one row below the other
+    radius : of the balloons, in millimetres of the paper
     left_out : balloons with no side to show them
     """
 
-    sides: tuple[Side, ...]
-    unit: float
-    radius: float
-    bar_mm: float
+    rows: tuple[tuple[Side, ...], ...]
     scale: float
+    radius: float
     left_out: tuple[int, ...]
+
+    @property
+    def sides(self) -> tuple[Side, ...]:
+        """All sides."""
+        return tuple(side for row in self.rows for side in row)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Place:
+    """Characteristics measured at one place, and what their leader points at in each view."""
+
+    characteristics: tuple[CharacteristicReport, ...]
+    shapes: tuple[BaseGeometry | None, ...]
 
 
 def balloon_drawing(
     solid: Solid, characteristics: Sequence[CharacteristicReport]
 ) -> BalloonDrawing:
     """Return the drawing of a part; one without characteristics is drawn from two sides."""
-    shown_at = _choose(characteristics)
-    names = list(dict.fromkeys(shown_at.values())) or ["from +z", "from -y"]
-    views = {name: line_view(solid, SIDES[name]) for name in names}
-    frame = frame_of(tuple(views.values()))
-    sides = tuple(
-        _side(
-            name,
-            view,
-            frame,
-            solid.centroid_mm,
-            [c for c in characteristics if shown_at.get(c.balloon) == name],
-        )
-        for name, view in views.items()
-    )
-    left_out = tuple(c.balloon for c in characteristics if c.balloon not in shown_at)
-    return BalloonDrawing(
-        sides, frame.unit, RADIUS_UNITS * frame.unit, frame.bar_mm, _scale(sides), left_out
-    )
+    names = _choose(characteristics) or ["from +z", "from -y"]
+    views = [line_view(solid, SIDES[name]) for name in names]
+    places = _places(solid, names, views, characteristics)
+    shown = {c.balloon for place in places for c in place.characteristics}
+    left_out = tuple(c.balloon for c in characteristics if c.balloon not in shown)
+    drawings = [draw(view, unit=1.0) for view in views]
+    outlines = [np.vstack([loop.points for loop in view.loops]) * (1, -1) for view in views]
+    height_mm = PAPER_MM[1]
+    while True:
+        scale = MAX_SCALE
+        while scale > MAX_SCALE / 100:
+            rows = _rows(names, drawings, outlines, places, scale)
+            if rows is not None and _height(rows) <= height_mm:
+                return BalloonDrawing(rows, scale, RADIUS_MM, left_out)
+            scale *= SCALE_STEP
+        height_mm *= 2  # a part with very many balloons: the drawing goes on over the page
 
 
-def _choose(characteristics: Sequence[CharacteristicReport]) -> dict[int, str]:
-    """Return the side each balloon is drawn at: greedily as few sides as show them all."""
+def _choose(characteristics: Sequence[CharacteristicReport]) -> list[str]:
+    """Return the sides to draw: greedily as few as show all characteristics."""
     can: dict[str, set[int]] = {
         name: {c.balloon for c in characteristics if _shows(c, R)} for name, R in SIDES.items()
     }
     open_ = set().union(*can.values())
-    chosen: dict[int, str] = {}
-    while open_ and len(set(chosen.values())) < MAX_SIDES:
+    chosen: list[str] = []
+    while open_:
         best = max(can, key=lambda name: len(can[name] & open_))
-        if not can[best] & open_:
-            break
-        chosen |= dict.fromkeys(sorted(can[best] & open_), best)
         open_ -= can[best]
+        chosen.append(best)
     return chosen
 
 
@@ -145,104 +157,137 @@ def _shows(c: CharacteristicReport, R: FloatArray) -> bool:
     return bool(abs(along) < np.sin(MAX_OFF_RAD))
 
 
-def _side(
-    name: str,
-    view: LineView,
-    frame: DrawingFrame,
-    centroid_mm: FloatArray,
+def _places(
+    solid: Solid,
+    names: Sequence[str],
+    views: Sequence[LineView],
     characteristics: Sequence[CharacteristicReport],
-) -> Side:
-    R, unit = SIDES[name], frame.unit
-    points = np.vstack([loop.points for loop in view.loops])
-    low, high = points.min(axis=0), points.max(axis=0)
-    on_paper = {
-        c.balloon: [(float(x), float(-y)) for x, y in _flat(c, R, centroid_mm)]
-        for c in characteristics
-    }
-    ends = {
-        number: (sum(x for x, _ in at) / len(at), sum(y for _, y in at) / len(at))
-        for number, at in on_paper.items()
-    }
-    # what is measured at one place has one leader, its balloons in a chain
-    places: dict[Point, list[int]] = {}
-    for number, (x, y) in ends.items():
-        places.setdefault((round(x / unit), round(y / unit)), []).append(number)
-    groups = list(places.values())
-    middle_x = float(low[0] + high[0]) / 2
-    middle_y = float(-(low[1] + high[1])) / 2
-    groups.sort(key=lambda group: ends[group[0]][0])
-    half = (len(groups) + 1) // 2
-    left = [g for g in groups if ends[g[0]][0] < middle_x][:half]
-    left += [g for g in groups if g not in left][: max(0, len(groups) - half - len(left))]
-    at: dict[int, Point] = {}
-    for side, column in ((-1.0, left), (1.0, [g for g in groups if g not in left])):
-        column.sort(key=lambda group: ends[group[0]][1])
-        heights = _apart([ends[g[0]][1] for g in column], PITCH_UNITS * unit, middle_y)
-        x0 = float(low[0] if side < 0 else high[0]) + side * GAP_UNITS * unit
-        for group, height in zip(column, heights, strict=True):
-            for i, number in enumerate(group):
-                at[number] = (x0 + side * i * CHAIN_UNITS * unit, height)
-    first = {group[0] for group in groups}
-    balloons = tuple(
-        Balloon(
-            c.balloon,
-            at[c.balloon],
-            ends[c.balloon],
-            tuple(on_paper[c.balloon]) if len(on_paper[c.balloon]) > 1 else (),
-            c.verdict,
-            c.balloon in first,
+) -> list[_Place]:
+    """Return what is measured at one place together, in the order of the balloons."""
+    together: dict[tuple[object, ...], list[CharacteristicReport]] = {}
+    for c in characteristics:
+        if any(_shows(c, SIDES[name]) for name in names):
+            together.setdefault((c.anchors_mm, c.axis, c.rim_radius_mm), []).append(c)
+    return [
+        _Place(
+            tuple(group),
+            tuple(
+                _shape(solid, group[0], SIDES[name], view)
+                if _shows(group[0], SIDES[name])
+                else None
+                for name, view in zip(names, views, strict=True)
+            ),
         )
-        for c in characteristics
-    )
-    room = (RADIUS_UNITS + 1) * unit
-    xs = [float(low[0]), float(high[0]), *(x for x, _ in at.values())]
-    ys = [float(-high[1]), float(-low[1]), *(y for _, y in at.values())]
-    x0, y0 = min(xs) - room, min(ys) - room
-    width, height = max(xs) + room - x0, max(ys) + room - y0
-    return Side(
-        name,
-        draw(view, unit),
-        balloons,
-        f"{x0:.2f} {y0:.2f} {width:.2f} {height:.2f}",
-        width,
-        height,
-    )
+        for group in together.values()
+    ]
 
 
-def _flat(c: CharacteristicReport, R: FloatArray, centroid_mm: FloatArray) -> FloatArray:
-    flat: FloatArray = (np.array(c.anchors_mm) - centroid_mm) @ R[:2].T
+def _shape(solid: Solid, c: CharacteristicReport, R: FloatArray, view: LineView) -> BaseGeometry:
+    """Return what a leader points at [mm of the part, y downwards]: a rim, a face, a distance."""
+    anchors = _flat(np.array(c.anchors_mm), R, solid)
+    if c.kind == "radius":  # an arc's centre is off the part: its own face is pointed at
+        is_of = np.isin(solid.face_of_triangle, c.faces)
+        if is_of.any():
+            corners = np.unique(np.asarray(solid.mesh.faces)[is_of])
+            return shapely.MultiPoint(_flat(np.asarray(solid.mesh.vertices)[corners], R, solid))
+    if c.rim_radius_mm is not None:
+        return shapely.Point(anchors[0]).buffer(c.rim_radius_mm, quad_segs=16).exterior
+    if len(anchors) < 2:
+        return shapely.Point(anchors[0])
+    return _distance(anchors, c.axis, R, view)
+
+
+def _distance(
+    anchors: FloatArray, axis: Sequence[float] | None, R: FloatArray, view: LineView
+) -> BaseGeometry:
+    """Return a distance as a line along its axis, through the anchor nearer to the outline."""
+    first, last = anchors[0], anchors[-1]
+    if axis is None:
+        return shapely.LineString([first, last])
+    way = (np.asarray(axis) @ R[:2].T) * (1, -1)
+    way /= np.linalg.norm(way)
+    lines = [
+        shapely.LineString([at, at + sign * ((last - first) @ way) * way])
+        for at, sign in ((first, 1), (last, -1))
+    ]
+    outline = np.vstack([loop.points for loop in view.loops]) * (1, -1)
+    hull = shapely.MultiPoint(outline).convex_hull.boundary
+    return min(lines, key=lambda line: float(shapely.distance(line.centroid, hull)))
+
+
+def _flat(points_mm: FloatArray, R: FloatArray, solid: Solid) -> FloatArray:
+    flat: FloatArray = (points_mm - solid.centroid_mm) @ R[:2].T * (1, -1)
     return flat
 
 
-def _apart(wanted: Sequence[float], pitch: float, middle: float) -> list[float]:
-    """Return heights in the same order, near those wanted and at least a pitch apart."""
-    if not wanted:
-        return []
-    heights = list(wanted)
-    for i in range(1, len(heights)):
-        heights[i] = max(heights[i], heights[i - 1] + pitch)
-    # what was pushed down stands about what it points at again
-    shift = sum(w - h for w, h in zip(wanted, heights, strict=True)) / len(heights)
-    heights = [h + shift for h in heights]
-    spread = (len(heights) - 1) * pitch
-    if heights[-1] - heights[0] <= spread * 1.001:
-        heights = [middle - spread / 2 + i * pitch for i in range(len(heights))]
-    return heights
+def _rows(
+    names: Sequence[str],
+    drawings: Sequence[Drawing],
+    outlines: Sequence[FloatArray],
+    places: Sequence[_Place],
+    scale: float,
+) -> tuple[tuple[Side, ...], ...] | None:
+    """Return all sides at a scale, in rows; None where they or their balloons find no room."""
+    targets = [
+        [None if s is None else shapely.transform(s, lambda xy: scale * xy) for s in place.shapes]
+        for place in places
+    ]
+    rings = []
+    for i, outline in enumerate(outlines):  # a distance may reach beyond the part
+        shown = [shape for row in targets if (shape := row[i]) is not None]
+        rings.append(Ring.about(np.vstack([scale * outline, shapely.get_coordinates(shown)])))
+    placed = arrange(rings, targets)
+    if placed is None:
+        return None
+    sides = []
+    for i, name in enumerate(names):
+        callouts = tuple(
+            _callout(place, one, targets[k][i])
+            for k, (place, one) in enumerate(zip(places, placed, strict=True))
+            if one.view == i
+        )
+        sides.append(_side(name, drawings[i], scale * outlines[i], callouts))
+    rows: list[list[Side]] = []
+    for side in sides:
+        if side.width > PAPER_MM[0]:
+            return None
+        for row in rows:
+            if _width(row) + SPACE_MM[0] + side.width <= PAPER_MM[0]:
+                row.append(side)
+                break
+        else:
+            rows.append([side])
+    return tuple(tuple(row) for row in rows)
 
 
-def _scale(sides: Sequence[Side]) -> float:
-    """Return the largest scale at which all sides, one after the other in rows, fit the paper."""
-    wide, high = PAPER_MM
-    scale = MAX_SCALE
-    while scale > 0.01:
-        row_width = row_height = total = 0.0
-        for side in sides:
-            width, height = side.width * scale + GAP_MM, side.height * scale + GAP_MM
-            if row_width and row_width + width > wide:
-                total, row_width, row_height = total + row_height, 0.0, 0.0
-            row_width, row_height = row_width + width, max(row_height, height)
-        fits = max(side.width for side in sides) * scale + GAP_MM <= wide
-        if fits and total + row_height <= high:
-            break
-        scale *= 0.97
-    return scale
+def _width(row: Sequence[Side]) -> float:
+    return sum(side.width for side in row) + SPACE_MM[0] * (len(row) - 1)
+
+
+def _height(rows: Sequence[Sequence[Side]]) -> float:
+    return sum(max(side.height for side in row) + SPACE_MM[1] for row in rows)
+
+
+def _callout(place: _Place, placed: Placed, shape: BaseGeometry | None) -> Callout:
+    balloons = tuple(
+        Balloon(c.balloon, _point(placed.start + i * CHAIN_MM * placed.outward), c.verdict)
+        for i, c in enumerate(place.characteristics)
+    )
+    is_distance = isinstance(shape, shapely.LineString) and not shape.is_closed
+    line = shapely.get_coordinates(shape) if is_distance else ()
+    return Callout(balloons, _point(placed.end), tuple(_point(p) for p in line))
+
+
+def _side(name: str, drawing: Drawing, outline: FloatArray, callouts: tuple[Callout, ...]) -> Side:
+    middles = [b.at for callout in callouts for b in callout.balloons]
+    room = RADIUS_MM + 0.3
+    corners = np.vstack(
+        [outline, *(np.array(at) + sign * room for at in middles for sign in (-1, 1))]
+    )
+    low, high = corners.min(axis=0) - 0.3, corners.max(axis=0) + 0.3
+    width, height = (float(v) for v in high - low)
+    return Side(name, drawing, callouts, float(low[0]), float(low[1]), width, height)
+
+
+def _point(xy: FloatArray) -> Point:
+    return float(xy[0]), float(xy[1])

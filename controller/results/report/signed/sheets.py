@@ -18,11 +18,10 @@ from .table import Brief, Row, briefly, rows_of, tally
 
 HASH_LENGTH: Final = 12
 NOT_GIVEN: Final = "not given"
-# on the printed contact sheet
-MAX_CROPS: Final = 14
 # on the screen, of one characteristic
 MAX_LOOKS: Final = 3
-MAX_TILES: Final = 28
+# pictures of characteristics and of views on paper: two rows
+MAX_TILES: Final = 14
 MARGIN, MIN_PX = 0.12, 200
 
 
@@ -95,7 +94,7 @@ def make_sheets(
         best.setdefault(panel.c.balloon, panel)
     # what did not pass must be seen, whatever else the page has no room for
     crops = sorted(best.values(), key=lambda p: (p.c.verdict == "pass", p.c.balloon))
-    view_count = MAX_TILES - min(len(crops), MAX_CROPS)
+    view_count = max(0, MAX_TILES - len(crops))
     thumbnails = [t for view in part.views if (t := _thumbnail(view, pictures, lamp_words))]
     drawing: BalloonDrawing | None = None
     sides: tuple[CoverageSide, ...] = ()
@@ -114,9 +113,9 @@ def make_sheets(
         no_drawing=solid if isinstance(solid, str) else "",
         sides=sides,
         looks=tuple(panels) if all_looks else (),
-        crops=tuple(crops[:MAX_CROPS]),
+        crops=tuple(crops[:MAX_TILES]),
         thumbnails=tuple(thumbnails[:view_count]),
-        left_out=(max(0, len(crops) - MAX_CROPS), max(0, len(thumbnails) - view_count)),
+        left_out=(max(0, len(crops) - MAX_TILES), max(0, len(thumbnails) - view_count)),
     )
 
 
@@ -178,7 +177,9 @@ def _calibrated(judged: JudgedPart) -> str:
     dates = judged.header.calibrated
     known = ", ".join(f"{camera} {date}" for camera, date in dates.items() if date)
     dated = known or "no date in the cell file"
-    return "; ".join((dated, *(judged.header.calibration or ())))
+    # what of the calibrations does not count stands above the parts of a run
+    doubts = () if judged.header.run_id else judged.header.calibration or ()
+    return "; ".join((dated, *doubts))
 
 
 def compared_words(verdict: VerdictReport) -> str:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from controller.inspection.characteristics import GENERAL
+from controller.inspection.characteristics import GENERAL, open_zones
 
 from ...run import CharacteristicReport
 
@@ -19,11 +19,11 @@ UNITS: Final = {"mm": "mm", "deg": "°"}
 
 @dataclass(frozen=True, slots=True)
 class Bar:
-    """A deviation bar, 100 wide: the limits, zones of U inside of them, the value with its U.
+    """A deviation bar, 100 wide: the limits, zones that the decision leaves open, the value, its U.
 
     Attributes
     ----------
-    zones : x and width of the guard zones about the limits
+    zones : x and width of the zones in which neither PASS nor FAIL is proven
     at : the value, None where there is none; clipped to the bar
     low, high : ends of its uncertainty, clipped
     is_off : the value is beyond the bar
@@ -105,7 +105,7 @@ def tally(characteristics: Sequence[CharacteristicReport]) -> tuple[tuple[str, i
 
 def _row(c: CharacteristicReport) -> Row:
     unit = UNITS[c.unit]
-    is_one_sided = c.nominal == c.lower == 0
+    is_one_sided = _is_one_sided(c)
     up, down = c.upper - c.nominal, c.nominal - c.lower
     sign = KIND_SIGNS.get(c.kind, "")
     if is_one_sided:
@@ -125,6 +125,11 @@ def _row(c: CharacteristicReport) -> Row:
     )
 
 
+def _is_one_sided(c: CharacteristicReport) -> bool:
+    """Return whether the ideal value is 0, which has no lower limit."""
+    return c.nominal == c.lower == 0
+
+
 def _bar(c: CharacteristicReport) -> Bar:
     width = (c.upper - c.lower) or 1.0
 
@@ -135,15 +140,15 @@ def _bar(c: CharacteristicReport) -> Bar:
         return round(min(max(x, EDGE), 100 - EDGE), 2)
 
     U = c.U or 0.0
-    limits = (c.upper,) if c.nominal == c.lower == 0 else (c.lower, c.upper)
     zones = tuple(
-        (x := clipped(at(limit - U)), round(clipped(at(limit + U)) - x, 2)) for limit in limits
+        (x := clipped(at(low)), round(clipped(at(high)) - x, 2))
+        for low, high in open_zones(U, None if _is_one_sided(c) else c.lower, c.upper)
     )
     if c.measured is None:
-        return Bar(zones if U else (), None, 0.0, 0.0, False, clipped(at(c.nominal)))
+        return Bar(zones, None, 0.0, 0.0, False, clipped(at(c.nominal)))
     x = at(c.measured)
     return Bar(
-        zones if U else (),
+        zones,
         clipped(x),
         clipped(at(c.measured - U)),
         clipped(at(c.measured + U)),
