@@ -5,7 +5,7 @@ cite in their own form (`docs/references.md`) becomes links: `site_links.py`.
 """
 
 import sys
-from importlib.metadata import version as version_of
+import tomllib
 from pathlib import Path
 
 HERE = Path(__file__).parent
@@ -13,7 +13,7 @@ sys.path.insert(0, str(HERE))
 
 project = "cellctl"
 author = "the maintainers of cellctl"
-release = version_of("cellctl")
+release = tomllib.loads((HERE.parent / "pyproject.toml").read_text())["project"]["version"]
 version = release
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "site_links"]
@@ -30,6 +30,8 @@ myst_heading_anchors = 4
 myst_links_external_new_tab = False
 html_theme = "furo"
 html_title = f"cellctl {release}"
+html_static_path = ["static"]
+html_css_files = ["site.css"]
 html_extra_path = ["control-api.json", "schemas"]
 html_copy_source = False
 html_show_copyright = False

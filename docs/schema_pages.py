@@ -233,7 +233,8 @@ class Book:
         if len(found) != 1:
             return ""
         text = str(self.schema["$defs"][found.pop()].get("description", ""))
-        return text.split(". ")[0].removesuffix(".")
+        first = text.split(". ")[0].removesuffix(".")
+        return first[:1].lower() + first[1:] if first[1:2].islower() else first
 
     def _of_type(self, value: Schema) -> str:
         kind = value.get("type")

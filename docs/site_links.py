@@ -4,7 +4,7 @@ The pages are written to be read as files, so they name each other as code and b
 site each of these leads to what it names:
 
 - the path of a page, from the root or as a bare name that is unique, with a section's number or a
-  heading in italics after it where there is one;
+  heading in italics after it where there is one; the page's title takes the place of its path;
 - an ADR by its number;
 - words in italics that are a heading of the same page or of the same chapters.
 """
@@ -26,7 +26,10 @@ ADRS = re.compile(r"\bADRs?\s+\d+(?:(?:,|\s+(?:and|to|or))\s+\d+)*")
 NUMBER = re.compile(r"\d+")
 BETWEEN = re.compile(r",\s+")  # between a page and the heading that is meant
 _ANCHORS: dict[str, dict[str, str]] = {}  # by page; reading a page anew takes a second
-GUIDES = {"operating", "measurements"}  # pages whose chapters, in the folder of the same name, are one text
+GUIDES = {
+    "operating",
+    "measurements",
+}  # pages whose chapters, in the folder of the same name, are one text
 
 
 class CitationLinks(SphinxPostTransform):
@@ -58,7 +61,9 @@ class CitationLinks(SphinxPostTransform):
         heading = _heading_after(literal)
         targets = anchors(self.env, name)
         anchor = targets.get(found[2] or (heading.astext() if heading else ""), "")
-        literal.replace_self(self._link(name, anchor, literal.deepcopy()))
+        title = self.env.titles[name].astext()
+        words = f"{title}, {found[2]}" if found[2] else title
+        literal.replace_self(self._link(name, anchor, nodes.inline("", words)))
         if heading is not None and anchor and not found[2]:
             heading.replace_self(self._link(name, anchor, heading.deepcopy()))
 

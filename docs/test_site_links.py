@@ -57,6 +57,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[str]]:
         body = body.split('<div class="body" role="main">')[1].split('<div class="clearer">')[0]
         body = re.sub(r'<div class="toctree-wrapper.*?</div>', "", body, flags=re.DOTALL)
         found[name] = re.findall(r'<a class="reference internal" href="([^"]+)"', body)
+        assert DOT_MD not in body.replace(f"gone{DOT_MD}", "")  # titles, not paths
     return found
 
 
