@@ -94,7 +94,7 @@ class SharedTime:
 
     @property
     def window_s(self) -> float:
-        """How far the clock may be ahead of what somebody has dealt with [cell s]."""
+        """The furthest that the clock may run ahead of the slowest participant [cell s]."""
         return self._words[_WINDOW] * _NS
 
     def now_s(self) -> float:
@@ -131,7 +131,7 @@ class SharedTime:
         return min(linear_ns, limit_ns) * _NS
 
     def hold(self) -> None:
-        """Let time creep until `release`; if this process takes part.
+        """Slow time to a creep until `release`, if this process takes part.
 
         It goes on at a fifth of real time: a request that was long on its way through the kernel is
         still answered, which takes milliseconds of cell time.
@@ -142,7 +142,7 @@ class SharedTime:
         self._hold_count += 1
 
     def release(self) -> None:
-        """Let time go on, once per `hold`."""
+        """Resume time, once per `hold`."""
         self._hold_count -= 1
         if not self._hold_count:
             self._held_ns += self._now_ns() - self._held_from_ns
@@ -163,7 +163,7 @@ class SharedTime:
         return (self._now_ns() - cell_ns) / passed_ns if passed_ns > 0 else None
 
     def measure_speed(self) -> None:
-        """Measure from now on how fast the clock runs."""
+        """Begin to measure the clock's speed."""
         self._begun = (time.monotonic_ns(), self._now_ns())
 
     @asynccontextmanager

@@ -1,4 +1,4 @@
-"""How late this process's event loop is: a device is not blamed for what the loop missed."""
+"""The delay of this process's event loop: a device is not blamed for messages the loop missed."""
 
 import asyncio
 import time
@@ -11,7 +11,7 @@ JITTER_WALL_S: Final = 0.005  # a timer of a healthy loop is no later than this
 
 
 class Attendance:
-    """Measures the delay of the event loop by a beat that is due every so often.
+    """Measures the delay of the event loop by a regular beat.
 
     Time between a beat's due instant and the beat itself is lost: nothing that arrived meanwhile
     could be read.

@@ -1,4 +1,4 @@
-"""Time as a service: what a cell second is, and how long a wait or a time-out takes.
+"""Time as a service: cell seconds, waits and time-outs.
 
 Drivers state every duration in cell seconds and ask the clock to wait, so that one driver serves
 the real cell and an emulated one that runs faster, or slower where the machine is slow. On a
@@ -172,7 +172,7 @@ class CellClock:
 
     @contextmanager
     def held(self) -> Iterator[float]:
-        """Let time creep, where it can, for a last look; yield for how long to look [wall s].
+        """Slow time to a creep for a last look, if the clock can; yield the time to look [wall s].
 
         `timeout` does so by itself before it fires.
         """
@@ -204,13 +204,13 @@ class CellClock:
             yield
 
     def close(self) -> None:
-        """Let go of a shared clock's file."""
+        """Release a shared clock's file."""
         if self.shared is not None:
             self.shared.close()
 
     @property
     def missed_wall_s(self) -> float:
-        """What this process has missed while it attended a clock that waits for nobody [s]."""
+        """The time that this process has missed on a clock that waits for nobody [s]."""
         return self._attendance.lost_s()
 
     @property

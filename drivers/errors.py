@@ -1,4 +1,4 @@
-"""Errors of all drivers, sorted by what the caller can do next (not by where they arose).
+"""Errors of all drivers, sorted by what the caller can do next (not by origin).
 
 A bug of ours is a plain ``ValueError``; ``asyncio.CancelledError`` always passes through.
 """
@@ -17,7 +17,7 @@ class UnpluggedError(LinkError):
 
 
 class SilentLineError(LinkError):
-    """No byte has come back for so long that the device must be taken for unplugged.
+    """No byte has come back for so long that the device counts as unplugged.
 
     It has been sent a stop, in case it is only the way back that is cut.
     """
@@ -28,7 +28,7 @@ class ReplyTimeoutError(LinkError):
 
 
 class LaterError(ReplyTimeoutError):
-    """It answered that it is busy, ask again later; as after silence a command is done or not."""
+    """The device answered that it is busy; as after silence, a command is done or not."""
 
 
 class BadReplyError(DeviceError):
@@ -65,7 +65,7 @@ class FaultError(DeviceError):
 
 
 class PositionLostError(DeviceError):
-    """The device restarted: every position it had is void until it is referenced again."""
+    """The device restarted: all its positions are void until it is referenced again."""
 
 
 class MotionStoppedError(DeviceError):
@@ -73,8 +73,8 @@ class MotionStoppedError(DeviceError):
 
 
 class StalledError(DeviceError):
-    """A motion ended against something that should not have been there."""
+    """A motion ended against an unexpected obstacle."""
 
 
 class ArmStalledError(StalledError):
-    """An arm ended elsewhere than it was sent to: it may have met something. It is stopped."""
+    """An arm ended short of its target: it may have met something. It is stopped."""

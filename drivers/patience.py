@@ -1,4 +1,4 @@
-"""A time-out on a clock that may stand still. Knows asyncio, no device and no clock's inside."""
+"""A time-out on a clock that may stand still. Knows asyncio, no device and no clock."""
 
 import asyncio
 from collections.abc import Callable
@@ -20,10 +20,10 @@ class Holdable(Protocol):
     """A clock that creeps on request."""
 
     def hold(self) -> None:
-        """Let time creep until `release`."""
+        """Slow time to a creep until `release`."""
 
     def release(self) -> None:
-        """Let time go on, once per `hold`."""
+        """Resume time, once per `hold`."""
 
 
 class Patience:

@@ -1,4 +1,4 @@
-"""How late the kernel is with what is written to a terminal: a byte of our own tells."""
+"""The kernel's delay of bytes written to a terminal, measured by a byte of our own."""
 
 import asyncio
 import contextlib

@@ -105,7 +105,7 @@ class WireWriter:
             self._rows.put(row)
 
     def close(self) -> None:
-        """Write what waits, and close the file."""
+        """Write the waiting rows, and close the file."""
         self._rows.put(None)
         self._thread.join()
         self._file.close()
@@ -144,7 +144,7 @@ class WireWriter:
 
 
 class WireReader:
-    """Reads a file of wires. Data stay on the disk until they are asked for.
+    """Reads a file of wires. Data stay on the disk until requested.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What may stand between drivers and their wires: nothing, a recorder, or a recording played back.
+"""The layer between drivers and their wires: none, a recorder, or a recording played back.
 
 A driver is handed a `Wires` with its site and gives each wire one tap. The tap sees every byte,
 and may answer in the device's place. `turn` is called before a caller gets a line that several
@@ -91,7 +91,7 @@ class CameraTap(Protocol):
         ...
 
     def other(self, do: Callable[[], Any]) -> Any:  # noqa: ANN401  (whatever the call returns)
-        """Make a call of which nothing is kept; return its result, None without a camera."""
+        """Make a call that is not recorded; return its result, None without a camera."""
         ...
 
 

@@ -1,4 +1,4 @@
-"""All devices of one emulated cell, the world behind them, and where each is to be found."""
+"""All devices of one emulated cell, the world behind them, and their addresses."""
 
 import logging
 import math
@@ -69,7 +69,7 @@ Line = TcpGateway | RtuOverTcpServer | RtuPtyServer | TcpServer
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CellOptions:
-    """What the emulated cell is to be.
+    """The options of the emulated cell.
 
     Attributes
     ----------
@@ -102,7 +102,7 @@ class CellOptions:
 
     @property
     def finish_seed(self) -> int | None:
-        """What draws the marks on machined surfaces; None where they are plain."""
+        """The seed of the marks on machined surfaces; None if they are plain."""
         if (self.surfaces or ("plain" if self.as_built is None else "machined")) == "plain":
             return None
         return self.seed if self.as_built is None else self.as_built
@@ -131,7 +131,7 @@ class _FixedJaws:
 
 
 class _View:
-    """What one camera sees, as its device orders it."""
+    """One camera's view, as its device orders it."""
 
     def __init__(self, desk: PictureDesk, camera: int, *, is_deep: bool) -> None:
         self._desk, self._camera = desk, camera
@@ -269,7 +269,7 @@ class Cell:
             )
 
     def _kept_apart(self, index: int, T_world_part: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return a pose (4, 4) in which a part falls on no other one; drawn anew until it is so."""
+        """Return a pose (4, 4) in which a part falls on no other one; redrawn until it does."""
         solid = self.world.parts[index].solid
         others = [
             part.bounds_mm
@@ -426,12 +426,12 @@ class Cell:
 
     @property
     def now_s(self) -> float:
-        """World time on the clock's scale: how far everything has been advanced."""
+        """World time on the clock's scale, up to which everything has been advanced."""
         return self.world.time_s - self._origin_s
 
     @property
     def behind_s(self) -> float:
-        """How far the world is behind the clock [world s]."""
+        """The world's delay behind the clock [world s]."""
         return self.clock.now_s() - self.now_s
 
     def advance(self) -> None:
@@ -452,7 +452,7 @@ class Cell:
         self.desk.note(self.now_s)
 
     def _pass_supply(self) -> None:
-        """Let the I/O block's relay pass the motors' supply on, or not."""
+        """Switch the motors' supply by the I/O block's relay."""
         self.arm.switch_supply("I/O block", self.io.passes_motor_supply)
         on, noted = self.arm.has_supply, self._supply_changes
         if on != (noted[-1].on if noted else True):

@@ -1,4 +1,4 @@
-"""What a person brings into the cell while it runs: printed boards, and parts by their CAD files.
+"""Objects that a person brings into the cell while it runs: boards, and parts by CAD files.
 
 World and pictures get to know of each at once. A board that was brought before is the same body
 again, wherever it is by then.

@@ -1,4 +1,4 @@
-"""The cell as it really stands: every installation differs from its drawing, drawn from a seed.
+"""The cell as really installed: its differences from its drawing, drawn from a seed.
 
 The bounds are those of a cell that was set up with a tape measure and a spirit level. Only the
 emulated world and, for benchmarks, its control port know what was drawn; clients have to measure.

@@ -1,4 +1,4 @@
-"""A byte that does not come through as it was sent: lost, doubled, flipped or late.
+"""Faults of a byte on the line: lost, doubled, flipped or late.
 
 What every serial wire of the cell may do to a byte. Which bytes, and in which direction, is said
 by whoever plans the fault; chances are drawn from a seed.
@@ -10,7 +10,7 @@ from enum import Enum
 
 
 class Harm(Enum):
-    """What happens to a byte."""
+    """The fault of a byte."""
 
     LOST = "lost"
     DOUBLED = "doubled"
@@ -54,7 +54,7 @@ class ByteFault:
 
 @dataclass(slots=True)
 class LineNoise:
-    """What one direction of a line does to its bytes.
+    """The faults of one direction of a line.
 
     Attributes
     ----------
@@ -72,7 +72,7 @@ class LineNoise:
     harmed_count: int = 0
 
     def plan(self, fault: ByteFault, skip_count: int = 0) -> None:
-        """Let a fault befall the byte after the next ``skip_count``.
+        """Plan a fault of the byte after the next ``skip_count``.
 
         Raises
         ------

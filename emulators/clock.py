@@ -142,7 +142,7 @@ class SharedClock(WorldClock):
 
     @property
     def participant_count(self) -> int:
-        """How many processes the clock waits for, besides the world's own."""
+        """The number of processes the clock waits for, besides the world's own."""
         return sum(1 for slot in self._slots() if self._words[slot])
 
     def tick(self, done_s: float, not_beyond_s: float | None = None) -> None:

@@ -1,4 +1,4 @@
-"""Which gripper the emulated cell has: the one that the cell file's driver speaks to."""
+"""The gripper of the emulated cell: the one that the cell file's driver speaks to."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ RG_UNIT: Final = 65
 
 @dataclass(frozen=True, slots=True)
 class FixedGripper:
-    """A gripper, its jaws, and how it is reached.
+    """A gripper, its jaws, and its connection.
 
     Attributes
     ----------

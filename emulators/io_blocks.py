@@ -1,4 +1,4 @@
-"""Which I/O block the emulated cell has: the one that the cell file's driver speaks to."""
+"""The I/O block of the emulated cell: the one that the cell file's driver speaks to."""
 
 from collections.abc import Mapping
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Which lamp unit the emulated cell has: the one that the cell file's driver speaks to."""
+"""The lamp unit of the emulated cell: the one that the cell file's driver speaks to."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -32,7 +32,7 @@ class LampModule(ModbusDevice, Protocol):
 
 @dataclass(frozen=True, slots=True)
 class LampUnit:
-    """The modules of a lamp unit, and what they give the lamps.
+    """The modules of a lamp unit, and the lamps' drive by them.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What an emulator leaves on the machine: its owner's alone, and gone when the emulator is.
+"""An emulator's traces on the machine: its owner's alone, and gone when the emulator is.
 
 Its folder is locked for as long as the process lives, however it ends. What one that was killed has
 left, its picture process takes away when it is hung up on, or else the next emulator that starts.
@@ -38,7 +38,7 @@ def bind_owned(listener: socket.socket, path: Path) -> None:
 
 @contextlib.contextmanager
 def owned_folder(unmount: Callable[[Path], None]) -> Iterator[Path]:
-    """Yield a folder, taken away after the block; first clear what the killed have left.
+    """Yield a folder that is removed after the block; first remove those of killed emulators.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def owned_folder(unmount: Callable[[Path], None]) -> Iterator[Path]:
 
 
 def sweep(unmount: Callable[[Path], None]) -> None:
-    """Take away the folders of emulators that were killed.
+    """Remove the folders of killed emulators.
 
     Parameters
     ----------

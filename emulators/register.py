@@ -1,4 +1,4 @@
-"""Where an emulator writes down that it runs: its clock and its addresses, docs/shared-clock.md 5.
+"""The register of running emulators: their clocks and addresses, docs/shared-clock.md 5.
 
 A client that is given an address by hand finds its clock there.
 """
@@ -60,7 +60,7 @@ def _is_ours(folder: Path) -> bool:
 
 
 def sweep(folder: Path) -> None:
-    """Take away what emulators that were killed have left: their entries and their clocks."""
+    """Remove the entries and the clocks of killed emulators."""
     for entry in folder.glob("*.json"):
         with suppress(OSError, ValueError, KeyError, TypeError):
             clock = Path(json.loads(entry.read_text())["clock"])

@@ -1,4 +1,4 @@
-"""Cameras without pictures: a frame takes its time and says where the part was.
+"""Cameras without pictures: a frame takes its time and holds the part's pose.
 
 Lamps, faults and plugs are the emulated camera's and lamps' own: a camera that is unplugged,
 stalled, frozen or without light behaves as its driver would report it.

@@ -63,7 +63,7 @@ class Kill:
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """What is to happen.
+    """The plan of a case.
 
     Attributes
     ----------
@@ -94,7 +94,7 @@ class Case:
 
 @dataclass(slots=True)
 class Ended:
-    """What became of a case.
+    """The end of a case.
 
     Attributes
     ----------
@@ -176,10 +176,10 @@ def hold_lengths(scene: Scene) -> Lengths:
 
 
 class Accepting:
-    """A person who looks, acknowledges a stop, and has the cell go on as it proposes."""
+    """A person who looks, acknowledges a stop, and accepts the cell's proposal."""
 
     async def decide(self, question: Question) -> Answer | None:
-        """Acknowledge, and accept what a start proposes; answer nothing else."""
+        """Acknowledge, and accept the proposal of a start; answer nothing else."""
         if question.code not in ("part_left", "not_acknowledged"):
             return None
         return Answer(question.choices[0].key, "a person", "it is as it says")
@@ -364,13 +364,13 @@ class _Run:
             self.lost_from = cut_power(self.cell.journal_path, self.rng)
 
     def _check(self) -> None:
-        """Check what must be so whenever no controller runs."""
+        """Check the conditions that hold whenever no controller runs."""
         self.watch.check_folded()
         found: Sequence[Row] = self.watch.check_journal(lost_from=self.lost_from)
         self.watch.check_once(found)
 
     def _check_rest(self) -> None:
-        """Check what must be so once the cell is at rest."""
+        """Check the conditions that hold once the cell is at rest."""
         if self.cell.journal_path.exists():
             self.watch.check_custody(list(read_rows(self.cell.journal_path)))
 
@@ -392,7 +392,7 @@ def recoveries_and_verdict(journal: Path) -> tuple[list[str], str]:
 
 
 def journal_digest(path: Path) -> str:
-    """Return the SHA-256 of all that a journal's rows say."""
+    """Return the SHA-256 of all rows of a journal."""
     digest = hashlib.sha256()
     if path.exists():
         for row in read_rows(path):

@@ -69,7 +69,7 @@ PLACES: Final = ((360.0, 0.0, 0.5), (330.0, 40.0, -1.0), (390.0, -45.0, 2.2))  #
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """What lies on the table.
+    """The parts on the table.
 
     Attributes
     ----------

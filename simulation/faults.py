@@ -1,4 +1,4 @@
-"""What befalls a simulated cell: named faults, each at a state of the cell.
+"""The faults of a simulated cell, named, each at a state of the cell.
 
 A fault is one or more verbs of docs/emulator-faults.md, with the words by which the operator has to
 recognise it if the cell does not recover by itself.

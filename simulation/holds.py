@@ -88,7 +88,7 @@ class Holds:
 
     @property
     def fault_count(self) -> int:
-        """How many holds have failed by chance."""
+        """The number of holds that have failed by chance."""
         return sum(hold.was_hit for hold in self.made)
 
     def lengths_seen(self) -> dict[str, list[float]]:

@@ -1,4 +1,4 @@
-"""What must hold in a simulated cell, whatever fails; checked after every slice of the world.
+"""The invariants of a simulated cell under any fault; checked after every slice of the world.
 
 Each check compares two sides that do not know each other: the world's own record of what was held,
 let go and touched, and the journal of the controller.
@@ -103,7 +103,7 @@ class Watch:
     on_event: Callable[[Any], None] = lambda event: None
 
     def look(self) -> None:
-        """Check all that can have changed in the last slice of the world."""
+        """Check everything that can have changed in the last slice of the world."""
         world = self.cell.cell.world
         for event in world.events[self._event_count :]:
             self._event_count += 1
@@ -216,7 +216,7 @@ class Watch:
                     )
 
     def check_custody(self, found: Sequence[Row]) -> None:
-        """Check that the last custody of the journal is so, now that the world is at rest."""
+        """Check that the last custody of the journal is true, now that the world is at rest."""
         truth = self.cell.truth()["parts"][0]
         custody, since = Custody.NONE, 0
         for row in found:

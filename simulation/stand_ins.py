@@ -1,4 +1,4 @@
-"""Who answers the cell's questions where no picture is made: the world's truth, made noisy.
+"""The answers to the cell's questions without pictures: the world's truth, made noisy.
 
 In place of the worker process. A picture's first bytes say where the part truly was when it was
 taken (`stamped_picture`); the stand-ins for recognition and inspection read that. Planning is the
@@ -133,14 +133,14 @@ class Seen:
 
 @dataclass(slots=True)
 class Noise:
-    """How far off recognition is: one standard deviation of x and y, and of theta."""
+    """The errors of recognition: one standard deviation of x and y, and of theta."""
 
     place_mm: float = 1.0
     turn_rad: float = float(np.radians(2.0))
 
 
 class StandIns(Compute):
-    """The worker process, except for what needs pictures.
+    """The worker process, without pictures.
 
     Parameters
     ----------

@@ -125,7 +125,7 @@ class _End(asyncio.Transport):
 
 
 class _Socket:
-    """What a server shows of its socket."""
+    """A server's view of its socket."""
 
     def __init__(self, address: Address) -> None:
         self._address = address
@@ -338,5 +338,5 @@ class ArmTransport:
         return data
 
     async def aclose(self) -> None:
-        """Let go of the line."""
+        """Release the line."""
         self._is_closed = True

@@ -4,7 +4,7 @@ from controller.results import ResultsError, UnknownRunError
 
 
 class HistoryError(ResultsError):
-    """The store cannot be opened, filled or read; the message names the reason and a remedy."""
+    """The store cannot be opened, filled or read; the message says why, and what to do."""
 
 
 class NoSuchPartError(HistoryError, UnknownRunError):

@@ -1,4 +1,4 @@
-"""A camera whose pictures exist already: it shows them by the cell's clock."""
+"""A camera with existing pictures, shown by the cell's clock."""
 
 import asyncio
 import math
@@ -101,7 +101,7 @@ class FileCamera:
         await self.close()
 
     async def connect(self) -> str:
-        """Check the pictures and begin to show them, where it was left; return what they are.
+        """Check the pictures and begin to show them from the last position; return a description.
 
         Raises
         ------
@@ -130,7 +130,7 @@ class FileCamera:
             return words
 
     async def close(self) -> None:
-        """Let go of the files; a wait in progress ends with ``LinkError``."""
+        """Release the files; a wait in progress ends with ``LinkError``."""
         if self._closing is not None and not self._closing.done():
             self._closing.set_result(None)
         async with self._lock:
@@ -138,7 +138,7 @@ class FileCamera:
 
     @property
     def model(self) -> str:
-        """What messages and the journal call it."""
+        """The device's name in messages and the journal."""
         return self._words
 
     @property
@@ -245,7 +245,7 @@ class FileCamera:
         return _packed(image) + self._source.words.encode()
 
     def _read(self, number: int) -> bytes:
-        """Return a picture, or behind the last one how many there are."""
+        """Return a picture; after the last one, the number of pictures."""
         image = self._source.read(number)
         return _NUMBER.pack(self._source.count) if image is None else _packed(image)
 
@@ -269,7 +269,7 @@ class FileCamera:
             raise LinkError(f"{self._name}: closed during a wait")
 
     async def _tear_down(self) -> None:
-        """Let go of the files. The thread does it last, even if this wait is cancelled."""
+        """Release the files. The thread does it last, even if this wait is cancelled."""
         self._shape, self._is_paused = None, False
         worker, self._worker = self._worker, None
         if worker is None:

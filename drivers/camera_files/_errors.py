@@ -1,4 +1,4 @@
-"""What can be wrong with pictures in files."""
+"""Errors of pictures in files."""
 
 from drivers.errors import WrongDeviceError
 

@@ -1,4 +1,4 @@
-"""Where pictures come from: a folder, or a video. Blocking; no clock, no camera.
+"""Sources of pictures: a folder, or a video. Blocking; no clock, no camera.
 
 Grey pictures are taken as they are stored, turned by no orientation tag. Of colours the luma is
 taken, as OpenCV weighs them.
@@ -28,7 +28,7 @@ _NUMBER: Final = re.compile(r"(\d+)")
 
 @dataclass(frozen=True, slots=True)
 class Size:
-    """What every picture has to be.
+    """The required size of every picture.
 
     Attributes
     ----------
@@ -92,16 +92,16 @@ class Source(Protocol):
 
     @property
     def words(self) -> str:
-        """What it is, once opened; for people."""
+        """A description of the open source; for people."""
         ...
 
     @property
     def count(self) -> int:
-        """How many pictures there are; known once `read` has returned None."""
+        """The number of pictures; known once `read` has returned None."""
         ...
 
     def open(self) -> Image:
-        """Check what can be checked, and return the first picture.
+        """Check the source, and return the first picture.
 
         Raises
         ------
@@ -119,7 +119,7 @@ class Source(Protocol):
         ...
 
     def close(self) -> None:
-        """Let go of files."""
+        """Release the files."""
         ...
 
 
@@ -141,16 +141,16 @@ class Folder:
 
     @property
     def words(self) -> str:
-        """What it is, for people."""
+        """A description, for people."""
         return f"folder {self._path.name} with {self.count} pictures"
 
     @property
     def count(self) -> int:
-        """How many pictures there are."""
+        """The number of pictures."""
         return len(self._files)
 
     def open(self) -> Image:
-        """Read every picture once, so that none is found wrong half-way; return the first.
+        """Read every picture once, so that no fault is found half-way; return the first.
 
         Raises
         ------
@@ -231,12 +231,12 @@ class Video:
 
     @property
     def words(self) -> str:
-        """What it is, for people."""
+        """A description, for people."""
         return f"video {self._path.name}"
 
     @property
     def count(self) -> int:
-        """How many pictures have been found so far: all, once `read` has returned None."""
+        """The number of pictures found so far: all, once `read` has returned None."""
         return self._next
 
     def open(self) -> Image:

@@ -153,7 +153,7 @@ class Camera:
 
     @property
     def model(self) -> str:
-        """What messages and the journal call it: card and kernel driver, once connected."""
+        """The camera's name in messages and the journal: card and kernel driver, once connected."""
         if self._capture is None:
             return "V4L2 camera"
         identity = self.identity()
@@ -187,7 +187,7 @@ class Camera:
 
     @property
     def settings(self) -> tuple[ControlSetting, ...]:
-        """What became of each control that was to be locked or set."""
+        """The result for each control that was to be locked or set."""
         return self._open().settings
 
     @property
@@ -200,7 +200,7 @@ class Camera:
         return self._open().identity()
 
     async def controls(self) -> tuple[ControlInfo, ...]:
-        """Return every control with its range and value; one that fails has the reason."""
+        """Return every control with its range and value; a failing one has the reason."""
         async with self._lock:
             return await self._call(self._open().controls)
 
@@ -360,7 +360,7 @@ class Camera:
 
 
 def _tally_words(before: CameraStats, after: CameraStats) -> str:
-    """Return in words what arrived between two tallies."""
+    """Return in words the frames that arrived between two tallies."""
     seen = [
         f"{count} {field.name.removesuffix('_count')}"
         for field in dataclasses.fields(CameraStats)

@@ -1,4 +1,4 @@
-"""Robotiq 2F gripper over Modbus: how wide the jaws are and whether they hold something.
+"""Robotiq 2F gripper over Modbus: the opening of its jaws and their hold.
 
 Knows the register map (modbus_devices.md 2) and not which part is held. Not responsible for the
 line, which others may share: that is `drivers.modbus_link`.
@@ -30,7 +30,7 @@ __all__ = [
 
 @dataclass(frozen=True)
 class RobotiqSettings:
-    """What may stand under `settings`.
+    """The keys allowed under `settings`.
 
     Attributes
     ----------

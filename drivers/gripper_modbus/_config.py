@@ -1,4 +1,4 @@
-"""What one gripper is set to, and its scales between millimetres, newtons and counts."""
+"""The settings of one gripper, and its scales between millimetres, newtons and counts."""
 
 from dataclasses import dataclass
 

@@ -104,12 +104,12 @@ class Gripper:
 
     @property
     def model(self) -> str:
-        """What messages and the journal call it."""
+        """The device's name in messages and the journal."""
         return "Robotiq 2F"
 
     @property
     def max_opening_mm(self) -> float:
-        """How far the jaws open [mm]."""
+        """The largest opening of the jaws [mm]."""
         return self.config.open_mm
 
     async def connect(self) -> GripperStatus:
@@ -217,7 +217,7 @@ class Gripper:
     async def close_on(
         self, opening_mm: float = 0.0, speed_mm_s: float | None = None, force_n: float | None = None
     ) -> GraspResult:
-        """Close on a part and hold it; return what the jaws met.
+        """Close on a part and hold it; return the result of the grasp.
 
         Parameters
         ----------

@@ -86,7 +86,7 @@ class GripperMonitor:
         *,
         stop_at_major: bool = False,
     ) -> GripperStatus:
-        """Read until a claim about the status holds, for ``limit_s`` [cell s]; return the status.
+        """Read until a condition on the status holds, for ``limit_s`` [cell s]; return the status.
 
         Parameters
         ----------

@@ -44,7 +44,7 @@ class ObjectState(IntEnum):
 
 
 class FaultClass(Enum):
-    """How a fault ends, 2.4."""
+    """The way in which a fault ends, 2.4."""
 
     NONE = "none"
     PRIORITY = "priority"  # the order of commands was wrong
@@ -54,7 +54,7 @@ class FaultClass(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """What a fault number means and what to do about it."""
+    """The meaning of a fault number, and what to do about it."""
 
     kind: FaultClass
     text: str

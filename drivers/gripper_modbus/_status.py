@@ -1,4 +1,4 @@
-"""One reading of the gripper, in millimetres, and what it means for a part.
+"""One reading of the gripper, in millimetres, and its meaning for a part.
 
 Sections (§) are those of modbus_devices.md.
 """
@@ -87,18 +87,18 @@ class GripperStatus:
 
     @property
     def is_moving(self) -> bool:
-        """Whether the jaws are on their way."""
+        """Whether the jaws are moving."""
         return self.is_going and self.object is ObjectState.MOVING
 
     @property
     def has_contact(self) -> bool:
-        """Whether something stopped the jaws of the move that still stands."""
+        """Whether an object stopped the jaws in their last move."""
         contacts = (ObjectState.CONTACT_CLOSING, ObjectState.CONTACT_OPENING)
         return self.is_going and self.object in contacts
 
     @property
     def has_arrived(self) -> bool:
-        """Whether the move that still stands met nothing."""
+        """Whether the jaws' last move met nothing."""
         return self.is_going and self.object is ObjectState.AT_POSITION
 
     @property
@@ -109,7 +109,7 @@ class GripperStatus:
 
 
 class GraspEvidence(Enum):
-    """What shows that a part is between the jaws."""
+    """The evidence for a part between the jaws."""
 
     NONE = "none"
     CONTACT = "contact"  # gOBJ reported it
@@ -118,7 +118,7 @@ class GraspEvidence(Enum):
 
 @dataclass(frozen=True, slots=True)
 class GraspResult:
-    """How a grasp ended. An empty one is a result, not an error.
+    """The result of a grasp. An empty one is a result, not an error.
 
     Attributes
     ----------

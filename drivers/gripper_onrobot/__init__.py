@@ -20,7 +20,7 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True)
 class RgSettings:
-    """What may stand under `settings`.
+    """The keys allowed under `settings`.
 
     Attributes
     ----------

@@ -55,7 +55,7 @@ FREE_FORCE_SHARE: Final = 0.5  # of the greatest force, with nothing between the
 
 @dataclass(frozen=True, slots=True)
 class RgReading:
-    """How the gripper stands.
+    """The gripper's state.
 
     Attributes
     ----------
@@ -68,7 +68,7 @@ class RgReading:
 
     @property
     def is_moving(self) -> bool:
-        """Whether the jaws are on their way."""
+        """Whether the jaws are moving."""
         return bool(self.flags & Flag.BUSY)
 
     @property
@@ -94,7 +94,7 @@ class RgReading:
 
 @dataclass(frozen=True, slots=True)
 class RgGrasp:
-    """How a grasp ended."""
+    """The result of a grasp."""
 
     object_detected: bool
     opening_mm: float
@@ -127,16 +127,16 @@ class RgGripper:
 
     @property
     def model(self) -> str:
-        """What messages and the journal call it."""
+        """The device's name in messages and the journal."""
         return f"OnRobot {self._model.name}"
 
     @property
     def max_opening_mm(self) -> float:
-        """How far the jaws open [mm]."""
+        """The largest opening of the jaws [mm]."""
         return self._model.max_opening_mm
 
     async def connect(self) -> RgReading:
-        """Check who answers; return how it stands. Nothing moves.
+        """Check who answers; return the gripper's state. Nothing moves.
 
         A gripper that already presses on something is taken over as it is.
 
@@ -160,7 +160,7 @@ class RgGripper:
         return reading
 
     async def aclose(self) -> None:
-        """Leave it as it stands."""
+        """Leave the device unchanged."""
 
     async def status(self) -> RgReading:
         """Return a fresh reading. Faults are in it, not raised."""
@@ -222,7 +222,7 @@ class RgGripper:
                     raise self._fault(reading)
 
     async def open_to(self, opening_mm: float) -> RgReading:
-        """Move the jaws, nothing between them, to an opening; return how they stand there.
+        """Move the jaws, nothing between them, to an opening; return their state there.
 
         Raises
         ------
@@ -242,7 +242,7 @@ class RgGripper:
         return reading
 
     async def close_on(self, opening_mm: float, *, force_n: float) -> RgGrasp:
-        """Close on a part and hold it; return what the jaws met.
+        """Close on a part and hold it; return the result of the grasp.
 
         Parameters
         ----------
@@ -316,7 +316,7 @@ class RgGripper:
             self._grasped_mm, self._is_lost = None, False
 
             async def is_missing() -> bool:
-                """Whether the command has set nothing in motion, and no stop came since."""
+                """Whether the command has started no motion, and no stop came since."""
                 return not (await self.status()).is_moving and self._stop_count == stop_count
 
             try:

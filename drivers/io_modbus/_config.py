@@ -1,4 +1,4 @@
-"""Which signal is on which channel of the I/O block, and how it is debounced."""
+"""The channel of each signal on the I/O block, and its debouncing."""
 
 from dataclasses import dataclass
 from enum import Enum
@@ -9,7 +9,7 @@ E1212_COUNT: Final = 8  # inputs, and lines that are outputs: modbus_devices.md 
 
 
 class Debounce(Enum):
-    """Which changes need two equal polls before they count."""
+    """The changes that need two equal polls before they count."""
 
     NONE = "none"
     RISING = "rising"  # bad news at once, good news twice: safety copies
@@ -18,7 +18,7 @@ class Debounce(Enum):
 
 @dataclass(frozen=True, slots=True)
 class MoxaSettings:
-    """What may stand under ``settings:`` of the I/O block in the cell file.
+    """The keys allowed under ``settings:`` of the I/O block in the cell file.
 
     Attributes
     ----------

@@ -143,7 +143,7 @@ class CellIo:
 
     @property
     def model(self) -> str:
-        """What messages and the journal call it."""
+        """The device's name in messages and the journal."""
         return f"Moxa {self.config.model}"
 
     async def aclose(self) -> None:
@@ -208,7 +208,7 @@ class CellIo:
         return watch
 
     async def wait_for(self, name: str, signal: Signal) -> None:
-        """Wait until an input is known to be so. Put a time-out around it.
+        """Wait until an input is known to have a state. Put a time-out around it.
 
         Raises
         ------
@@ -273,7 +273,7 @@ class CellIo:
         return self.config.watchdog_s
 
     async def fall_silent(self) -> bool:
-        """Send nothing for as long as the watchdog takes; return whether it has tripped.
+        """Send nothing for the watchdog's time; return whether it has tripped.
 
         To be called while nothing moves: inputs are unknown meanwhile, so that no motion is
         admitted, and no change of them is reported. They are read before this returns.
@@ -310,11 +310,11 @@ class CellIo:
         self._is_trip_wanted = False
 
     async def wait_tripped(self) -> None:
-        """Wait until a reading has the watchdog's flag up that no `fall_silent` has brought up."""
+        """Wait for a watchdog flag that no `fall_silent` has caused."""
         await self._tripped.wait()
 
     async def prove_watchdog(self) -> None:
-        """Prove that the watchdog trips, then close its relay; nothing where the cell has none.
+        """Prove that the watchdog trips, then close its relay; nothing if the cell has none.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Three-valued signals: what a poll, or the lack of one, makes of them. No wire, no waiting."""
+"""Three-valued signals: the result of a poll, or the lack of one. No wire, no waiting."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -47,7 +47,7 @@ class Believer:
         return changes
 
     def forget(self, at_s: float) -> list[Change]:
-        """Know nothing any more; return what changed by that."""
+        """Forget all signals; return the changes that this makes."""
         self._raw.clear()
         changes: list[Change] = []
         for channel in self._inputs:

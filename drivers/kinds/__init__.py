@@ -1,4 +1,4 @@
-"""What a cell needs of each kind of device, and how a driver is offered to it.
+"""The cell's requirements on each kind of device, and the offer of a driver.
 
 A driver of the group ``cellctl.drivers`` (docs/drivers.md) returns an object that has one of these
 protocols. They name what the cell calls and no more; a driver may do more. The errors it raises are

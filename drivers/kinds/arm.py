@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 
 class Stop(Enum):
-    """How an arm is stopped."""
+    """The way in which an arm is stopped."""
 
     DEAD = "dead"
     """At once; motors hold."""
@@ -21,7 +21,7 @@ class Stop(Enum):
 
 @dataclass(frozen=True, slots=True)
 class JawReading:
-    """How the jaws stand, read without homing.
+    """The state of the jaws, read without homing.
 
     Attributes
     ----------
@@ -34,7 +34,7 @@ class JawReading:
 
 
 class ArmIdentity(Protocol):
-    """Who answered `Arm.connect`."""
+    """The identity of the arm that answered `Arm.connect`."""
 
     @property
     def was_restarted(self) -> bool:
@@ -68,7 +68,7 @@ class Arm(Protocol):
     def max_opening_mm(self) -> float: ...  # noqa: D102  (an attribute)
 
     async def connect(self) -> ArmIdentity:
-        """Open the line and return who answers; nothing moves."""
+        """Open the line and return the arm's identity; nothing moves."""
         ...
 
     async def enable_power(self) -> None:
@@ -80,7 +80,7 @@ class Arm(Protocol):
         ...
 
     async def take_over_positions(self, between: NDArray[np.float64]) -> None:
-        """Take positions that an earlier controller's homing gave as known, if that can be proven.
+        """Take over positions from an earlier controller's homing, if they can be proven.
 
         Nothing moves. For recovery after a crash: homing would sweep the whole reach with the part
         in the gripper.
@@ -96,7 +96,7 @@ class Arm(Protocol):
         ...
 
     async def read_kept_q(self, between: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the joints (n,) as far as an earlier controller's homing proves them, else NaN.
+        """Return the joints (n,) that an earlier controller's homing proves; NaN for the others.
 
         Parameters
         ----------
@@ -137,7 +137,7 @@ class Arm(Protocol):
         ...
 
     async def read_q(self) -> NDArray[np.float64]:
-        """Return the joints (n,) at which it stands."""
+        """Return the arm's joints (n,)."""
         ...
 
     async def stop(self, kind: Stop) -> None:
@@ -167,9 +167,9 @@ class Arm(Protocol):
         ...
 
     async def drive_jaws(self, by_mm: float) -> float:
-        """Open (below 0: close) the jaws by about so much [mm]; return by how much they moved."""
+        """Open (below 0: close) the jaws by a travel [mm]; return the travel they made."""
         ...
 
     async def aclose(self) -> None:
-        """Stop, and let go of the line; opens no jaw."""
+        """Stop, and release the line; opens no jaw."""
         ...

@@ -1,4 +1,4 @@
-"""A camera: frames of which it is known when their light was gathered."""
+"""A camera: frames with a known instant of exposure."""
 
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True, slots=True)
 class Capture:
-    """How a camera is run, from the cell file.
+    """The settings of a camera, from the cell file.
 
     Attributes
     ----------
@@ -42,13 +42,13 @@ class Frame(Protocol):
 
     @property
     def white(self) -> int:
-        """The largest value a pixel can have."""
+        """The largest value of a pixel."""
         ...
 
 
 @runtime_checkable
 class TimedFrame(Frame, Protocol):
-    """A picture of which it is known when its light was gathered; not every camera has that."""
+    """A picture with a known instant of exposure; not every camera has that."""
 
     @property
     def earliest_light_s(self) -> float:

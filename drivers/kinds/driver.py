@@ -1,4 +1,4 @@
-"""How a driver is offered to the cell: an entry point that names a `Driver`.
+"""The offer of a driver to the cell: an entry point that names a `Driver`.
 
 The entry point's name is ``KIND.NAME`` in the group ``cellctl.drivers``: kind ``arm``, ``gripper``,
 ``lights``, ``io`` or ``camera``, and the name that a cell file gives as ``driver:``. cellctl's own
@@ -96,7 +96,7 @@ class Driver(Generic[Device, Settings]):
 
 @dataclass(frozen=True, slots=True)
 class ArmDescription(Generic[Model]):
-    """An arm as planning has to know it.
+    """The description of an arm for planning.
 
     Attributes
     ----------
@@ -111,7 +111,7 @@ class ArmDescription(Generic[Model]):
 
 @dataclass(frozen=True, slots=True)
 class ArmDriver(Driver[Arm, Settings], Generic[Settings, Shape, Model]):
-    """A driver that also knows how its arm is built.
+    """A driver that also describes its arm.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What an arm may offer for its first motions ever: registers, one motor at a time, homing in turn.
+"""An arm's options for its first motions ever: registers, one motor at a time, homing in turn.
 
 Not every make has it. Commissioning uses it where it is there, and homes in one go elsewhere.
 """
@@ -12,7 +12,7 @@ Confirm = Callable[[str], Awaitable[None]]
 
 @dataclass(frozen=True, slots=True)
 class MotorTry:
-    """How one motor followed a small order.
+    """The result of one motor's trial.
 
     Attributes
     ----------
@@ -31,7 +31,7 @@ class MotorTry:
 
 @runtime_checkable
 class FirstContact(Protocol):
-    """An arm whose motors can be looked at and tried one by one.
+    """An arm whose motors can be inspected and tried one by one.
 
     Attributes
     ----------
@@ -46,17 +46,17 @@ class FirstContact(Protocol):
         ...
 
     async def try_motor(self, motor: str) -> MotorTry:
-        """Move one motor a little and back, before homing; return how it went."""
+        """Move one motor a little and back, before homing; return the result."""
         ...
 
     async def home_in_turn(self, confirm: Confirm) -> None:
-        """Home as `Arm.home` does; ``confirm`` is awaited with what moves next, before it does."""
+        """Home as `Arm.home` does; ``confirm`` is awaited with each motion before it begins."""
         ...
 
 
 @runtime_checkable
 class Encoders(Protocol):
-    """An arm whose encoders can be read before it is homed, too."""
+    """An arm whose encoders can be read even before it is homed."""
 
     async def read_encoders(self) -> Mapping[str, int]:
         """Return each motor's encoder count, by name; nothing moves."""

@@ -1,4 +1,4 @@
-"""A fixed gripper: two jaws that open and close, and say whether they hold something."""
+"""A fixed gripper: two jaws that open and close, and report their hold."""
 
 from enum import Enum
 from typing import Protocol
@@ -14,7 +14,7 @@ class Hold(Enum):
 
 
 class GripperReading(Protocol):
-    """How a gripper stands at an instant."""
+    """The state of a gripper at an instant."""
 
     @property
     def opening_mm(self) -> float:
@@ -33,22 +33,22 @@ class GripperReading(Protocol):
 
     @property
     def is_moving(self) -> bool:
-        """Whether the jaws are on their way."""
+        """Whether the jaws are moving."""
         ...
 
     @property
     def has_contact(self) -> bool:
-        """Whether something stopped the jaws of the last move, which still stands."""
+        """Whether an object stopped the jaws in their last move."""
         ...
 
     @property
     def has_arrived(self) -> bool:
-        """Whether the last move, which still stands, met nothing."""
+        """Whether the jaws' last move met nothing."""
         ...
 
 
 class GraspReading(Protocol):
-    """How a grasp ended. An empty one is a result, not an error."""
+    """The result of a grasp. An empty one is a result, not an error."""
 
     @property
     def object_detected(self) -> bool:
@@ -93,7 +93,7 @@ class FixedGripper(Protocol):
         ...
 
     async def activate(self) -> object:
-        """Make it ready to move, which may move the jaws; return when it is."""
+        """Make it ready to move, which may move the jaws; return once it is ready."""
         ...
 
     async def open_to(self, opening_mm: float) -> object:
@@ -109,5 +109,5 @@ class FixedGripper(Protocol):
         ...
 
     async def aclose(self) -> None:
-        """Leave the device as it stands: opens no jaw, moves nothing."""
+        """Leave the device unchanged: opens no jaw, moves nothing."""
         ...

@@ -1,4 +1,4 @@
-"""An I/O block: inputs of which only what is freshly known to be healthy counts as healthy."""
+"""An I/O block: only an input freshly known to be healthy counts as healthy."""
 
 from collections.abc import AsyncIterator
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ from typing import Protocol, Self
 
 
 class Signal(Enum):
-    """What is known of an input. Only OK is OK."""
+    """The known state of an input. Only OK is OK."""
 
     OK = "ok"  # the input reads 1
     NOT_OK = "not ok"  # it reads 0: pressed, open, absent, or its wire is broken
@@ -39,7 +39,7 @@ class Change:
 
 @dataclass(frozen=True, slots=True)
 class Polling:
-    """How often inputs are read.
+    """The polling of inputs.
 
     Attributes
     ----------
@@ -78,7 +78,7 @@ class IoBlock(Protocol):
     def model(self) -> str: ...  # noqa: D102  (an attribute)
 
     async def connect(self) -> object:
-        """Begin to read the inputs, switch nothing; return what answers, for the log."""
+        """Begin to read the inputs, switch nothing; return the block's identity, for the log."""
         ...
 
     def signal(self, name: str) -> Signal:
@@ -90,11 +90,11 @@ class IoBlock(Protocol):
         ...
 
     async def wait_for(self, name: str, signal: Signal) -> None:
-        """Wait until an input is known to be so."""
+        """Wait until an input is known to have a state."""
         ...
 
     async def clear_watchdog(self) -> None:
-        """Clear the block's own note that it missed us; nothing where it keeps none."""
+        """Clear the block's own note of a missed master; nothing if it keeps none."""
         ...
 
     async def aclose(self) -> None:

@@ -1,4 +1,4 @@
-"""A lamp unit: sets how bright lamps are, and returns from when on the light is so."""
+"""A lamp unit: sets the brightness of lamps, and returns the instant from which it holds."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -44,7 +44,7 @@ class LampUnit(Protocol):
         ...
 
     async def set(self, levels: Mapping[str, float], *, settle: bool = False) -> float:
-        """Set lamps by name to levels 0 (dark) to 1, not the others; return when it is so.
+        """Set lamps by name to levels 0 (dark) to 1, not the others; return once they have them.
 
         Returns the cell instant from which on the light is so [s]. With ``settle`` it waits until
         the light is steady.

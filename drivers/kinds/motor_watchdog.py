@@ -1,4 +1,4 @@
-"""What an I/O block may offer beside its inputs: a watchdog that takes the motors' supply away.
+"""An I/O block's option beside its inputs: a watchdog that takes the motors' supply away.
 
 Not every make has one, and not every cell has it wired. It needs no program of ours to work: a
 relay of the block is in the motors' supply, and opens once the block has heard nothing for a while.
@@ -9,7 +9,7 @@ from typing import Protocol, runtime_checkable
 
 @runtime_checkable
 class SupplySense(Protocol):
-    """An arm that tells whether its motors have their supply."""
+    """An arm that reports its motors' supply."""
 
     async def read_motor_supply(self) -> bool:
         """Return whether the motors have their supply now, with power enabled or without."""
@@ -29,7 +29,7 @@ class MotorWatchdog(Protocol):
     def watchdog_s(self) -> float | None: ...  # noqa: D102  (an attribute)
 
     async def prove_watchdog(self) -> None:
-        """Prove that it trips, then give the motors their supply; nothing where there is none.
+        """Prove that it trips, then give the motors their supply; nothing if there is none.
 
         To be called while nothing moves, as `fall_silent` is.
         """

@@ -19,7 +19,7 @@ MAX_SETTLE_S: Final = 60.0
 
 @dataclass(frozen=True, slots=True)
 class LedscSettings:
-    """What may stand under `settings`.
+    """The keys allowed under `settings`.
 
     Attributes
     ----------

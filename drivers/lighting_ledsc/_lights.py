@@ -1,4 +1,4 @@
-"""The verbs of the lamps: what should be lit and how bright."""
+"""The verbs of the lamps: which are lit, at which brightness."""
 
 import asyncio
 from collections.abc import Mapping, Sequence
@@ -121,7 +121,7 @@ class _Controller:
         return True
 
     async def dark(self) -> None:
-        """Write 0 to all channels, whatever is known."""
+        """Write 0 to all channels, in any state."""
         state, self._state = self._state, None
         await self.unit.write_registers(
             FIRST_REGISTER, encode_values([0] * CHANNEL_COUNT), again=always
@@ -176,7 +176,7 @@ class LedscLights:
 
     @property
     def model(self) -> str:
-        """What messages and the journal call it."""
+        """The device's name in messages and the journal."""
         return f"{len(self._controllers)} LedSC lamp controllers"
 
     @property
@@ -185,7 +185,7 @@ class LedscLights:
         return tuple(self._lamps)
 
     async def connect(self) -> tuple[State, ...]:
-        """Check that every controller is one; switch nothing; return what they are set to.
+        """Check that every controller is one; switch nothing; return their settings.
 
         Raises
         ------
@@ -199,7 +199,7 @@ class LedscLights:
     async def set(
         self, levels: Mapping[str, float], *, settle: bool = False, force: bool = False
     ) -> float:
-        """Set the brightness of lamps; lamps that are not named stay as they are.
+        """Set the brightness of lamps; lamps not named stay unchanged.
 
         Parameters
         ----------

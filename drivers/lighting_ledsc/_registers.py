@@ -18,7 +18,7 @@ LIVE: Final = 1  # "0/any"
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """What a controller is set to.
+    """The settings of a controller.
 
     Attributes
     ----------

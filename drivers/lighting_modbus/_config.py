@@ -1,4 +1,4 @@
-"""Which lamp is on which channels, and how a level becomes millivolts.
+"""The channels of each lamp, and the voltage of a level.
 
 Sections (§) are those of modbus_devices.md.
 """

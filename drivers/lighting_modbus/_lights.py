@@ -1,4 +1,4 @@
-"""The verbs of the lamps: what should be lit and how bright."""
+"""The verbs of the lamps: which are lit, at which brightness."""
 
 import asyncio
 from collections.abc import Mapping, Sequence
@@ -12,7 +12,7 @@ from ._modules import AnalogModule, RelayModule
 
 @dataclass(frozen=True, slots=True)
 class LampState:
-    """What the modules say about one lamp.
+    """The modules' report on one lamp.
 
     Attributes
     ----------
@@ -88,7 +88,7 @@ class Lights:
 
     @property
     def model(self) -> str:
-        """What messages and the journal call it: the version of each module, once known."""
+        """The modules' name in messages and the journal: the version of each, once known."""
         if self._versions is None:
             return "Waveshare analog output and relays"
         analog, relays = self._versions
@@ -100,7 +100,7 @@ class Lights:
         return tuple(self._lamps)
 
     async def connect(self) -> LightsReading:
-        """Check that both modules are what they should be; switch nothing; return how it is."""
+        """Check that both modules are the right ones; switch nothing; return the lamps' state."""
         await self.identify()
         return await self.read_back()
 
@@ -117,7 +117,7 @@ class Lights:
     async def set(
         self, levels: Mapping[str, float], *, settle: bool = False, force: bool = False
     ) -> float:
-        """Set the brightness of lamps; lamps that are not named stay as they are.
+        """Set the brightness of lamps; lamps not named stay unchanged.
 
         Parameters
         ----------
@@ -183,7 +183,7 @@ class Lights:
         was_closed: Sequence[bool],
         closed: Sequence[bool],
     ) -> None:
-        """Take the time of the slowest lamp that changes; none changes, and the last one counts."""
+        """Take the settling time of the slowest changing lamp; without changes, keep the last."""
         own = self.config.settle_s
         changed = [
             own if lamp.settle_s is None else lamp.settle_s

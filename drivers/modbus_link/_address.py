@@ -1,4 +1,4 @@
-"""Where a Modbus line is, how it is opened, and why it could not be."""
+"""The address of a Modbus line, its opening, and the reason why it could not be opened."""
 
 import asyncio
 import os
@@ -21,7 +21,7 @@ _NO_TIMEOUT_WALL_S = (
 
 @dataclass(frozen=True, slots=True)
 class Hooks:
-    """What a client calls while it works; the first two hand back what they were given."""
+    """The callbacks of a client at work; the first two return their arguments."""
 
     packet: Callable[[bool, bytes], bytes]
     pdu: Callable[[bool, ModbusPDU], ModbusPDU]
@@ -47,7 +47,7 @@ class TcpAddress:
 
     @property
     def check(self) -> str:
-        """What to look at when it cannot be reached."""
+        """The things to check when it cannot be reached."""
         return f"check cable, power, the address {self.host} and that port {self.port} is Modbus"
 
     def client(self, hooks: Hooks) -> ModbusBaseClient:
@@ -77,7 +77,7 @@ class RtuOverTcpAddress:
 
     @property
     def check(self) -> str:
-        """What to look at when it cannot be reached."""
+        """The things to check when it cannot be reached."""
         return (
             f"check cable, power, the address {self.host} and that port {self.port} passes "
             "the serial line through unchanged"
@@ -115,7 +115,7 @@ class RtuAddress:
 
     @property
     def check(self) -> str:
-        """What to look at when it cannot be opened."""
+        """The things to check when it cannot be opened."""
         return f"check the USB/RS-485 adapter, the device name {self.device} and its permissions"
 
     def client(self, hooks: Hooks) -> ModbusBaseClient:

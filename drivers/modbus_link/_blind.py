@@ -1,4 +1,4 @@
-"""Modbus frames as bytes, for whoever has no link: the supervisor.
+"""Modbus frames as bytes, for the supervisor, which has no link.
 
 By the Modbus application protocol V1.1b3 (functions 02, 05, 06), its TCP guide and its serial line
 guide (CRC-16).

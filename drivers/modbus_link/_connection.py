@@ -26,7 +26,7 @@ Trace = Callable[[bool, bytes], None]
 
 
 class NoAnswer(Exception):  # noqa: N818  an outcome between two private files, never shown
-    """Time is up; holds the frame that was sent and what arrived instead of an answer."""
+    """Time is up; holds the frame sent and the bytes that arrived instead of an answer."""
 
     def __init__(self, sent: bytes, received: bytes) -> None:
         super().__init__(sent, received)
@@ -86,7 +86,7 @@ class Connection:
     async def exchange(
         self, request: Request, unit: int, clock: CellClock, timeout_s: float
     ) -> ModbusPDU:
-        """Send a request and return what pymodbus takes for its answer within a time [cell s].
+        """Send a request and return the reply that pymodbus accepts within a time [cell s].
 
         Parameters
         ----------
@@ -126,7 +126,7 @@ class Connection:
             await asyncio.gather(answer, lost, return_exceptions=True)
 
     async def _send(self, request: Request, unit: int) -> ModbusPDU:
-        """Hand a request to pymodbus; a coroutine, because the call itself may raise."""
+        """Pass a request to pymodbus; a coroutine, because the call itself may raise."""
         client, first = self._client, request.address
         count, values = request.count, request.values
         match request.function:

@@ -1,4 +1,4 @@
-"""What stands round a request or an answer: the header of Modbus TCP, the checksum of RTU."""
+"""The framing of a request or an answer: the header of Modbus TCP, the checksum of RTU."""
 
 from typing import Final
 

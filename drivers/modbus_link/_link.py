@@ -1,4 +1,4 @@
-"""The policy of a Modbus line: whose turn it is, and what silence means.
+"""The policy of a Modbus line: turns, and the meaning of silence.
 
 Rules (modbus_devices.md 8.1, 8.7, 9): one request at a time; a pause between requests to one
 device; reads are repeated after silence, writes never; what answers "later" is asked again within
@@ -77,7 +77,7 @@ class _Turn:
 
 @dataclass(slots=True)
 class _Memory:
-    """What the link remembers of one unit."""
+    """The link's memory of one unit."""
 
     ready_at_s: float = 0.0
     quiet_until_s: float = 0.0
@@ -162,7 +162,7 @@ class ModbusLink:
 
     @property
     def _patience_s(self) -> float:
-        """The reply time-out as it really passes [cell s]."""
+        """The real length of the reply time-out [cell s]."""
         return self.clock.patience_s(self.reply_timeout_s)
 
     async def connect(self) -> None:
@@ -177,7 +177,7 @@ class ModbusLink:
             await self._opened()
 
     async def aclose(self) -> None:
-        """Close the line for good. A request that is under way is let finish first."""
+        """Close the line for good. A request under way is allowed to finish first."""
         self._is_closed = True
         async with self._lock:
             await self._drop()

@@ -1,4 +1,4 @@
-"""What arrived in the place of an answer, in words: an echo, noise, another unit, half a frame.
+"""The bytes in the place of an answer, in words: an echo, noise, another unit, half a frame.
 
 Bytes in, words out. A frame that is a whole good one is found again wherever it stands, so that
 one odd byte before it does not hide it.

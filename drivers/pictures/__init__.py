@@ -1,4 +1,4 @@
-"""Bytes of one picture into pixels, or why not: what is damaged is refused, never filled in.
+"""The bytes of one picture into pixels, or the reason why not: damage is refused, never filled in.
 
 Decoders repair: a JPEG that lost data in its middle comes out half grey, and a PGM cut off ends
 in black. Whoever measures in pictures must not be handed those. Every picture that this program

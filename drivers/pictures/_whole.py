@@ -1,4 +1,4 @@
-"""Whether all of a picture file is there, for the formats whose decoders do not say so.
+"""The check that a picture file is complete, for formats whose decoders do not check it.
 
 PNG: the checksum of every chunk, and of the pixels when unpacked (ISO/IEC 15948, 5.3 and 10.1).
 TIFF, BMP, PGM and PPM, WebP: as many bytes as the header promises; they have no checksums, so a
@@ -29,7 +29,7 @@ class BrokenPictureError(ValueError):
 
 
 def check_whole(data: bytes) -> None:
-    """Check that a file which is no JPEG has all its bytes.
+    """Check that a file other than a JPEG has all its bytes.
 
     Raises
     ------

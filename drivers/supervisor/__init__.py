@@ -1,4 +1,4 @@
-"""What stops the cell when its controller cannot: a process of its own, with a heart to listen to.
+"""The stop of the cell when its controller cannot: a process of its own that hears its heartbeat.
 
 The controller sends a heartbeat. When that stays away, this process sends on every wire a stop that
 needs neither driver nor answer, by a way of its own: the serial line opened once more, a further

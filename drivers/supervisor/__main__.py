@@ -90,7 +90,7 @@ class Supervisor:
         return time.monotonic() * self._orders.speed
 
     def _take_messages(self) -> str:
-        """Take what the controller has sent; return how it stands: alive, bye or gone."""
+        """Take the controller's messages; return its state: alive, bye or gone."""
         while True:
             try:
                 packet = self._control.recv(PACKET_BYTES, socket.MSG_DONTWAIT)
@@ -122,7 +122,7 @@ class Supervisor:
         self._say({"ready": True})
 
     def _take_signals(self) -> bool:
-        """Take which signals the controller has got; return whether none can come any more."""
+        """Take the controller's signals; return whether none can come any more."""
         try:
             found = self._signals.recv(64, socket.MSG_DONTWAIT)
         except (BlockingIOError, ConnectionError):
@@ -135,7 +135,7 @@ class Supervisor:
         return are_over
 
     def _take_calls(self) -> str:
-        """Accept who calls, and return the first request that stops the cell; empty for none."""
+        """Accept callers, and return the first request that stops the cell; empty for none."""
         with suppress(OSError):  # nobody more
             while self._listening is not None:
                 self._callers.append(self._listening.accept()[0])
@@ -147,7 +147,7 @@ class Supervisor:
         return ""
 
     def _hand_over(self) -> None:
-        """Give who has called meanwhile to the controller, which answers."""
+        """Pass the callers on to the controller, which answers."""
         for caller in self._callers:
             with caller, suppress(OSError):
                 body = json.dumps({"caller": True}).encode()
@@ -169,7 +169,7 @@ class Supervisor:
                 self._strike(f"{since}, and {bad} reports an open door or an emergency stop")
 
     def _strike(self, why: str) -> None:
-        """Send every stop, serial lines first; say so."""
+        """Send every stop, serial lines first, and report it."""
         self._has_struck = True
         if not self._orders.stops:  # nothing may move
             return

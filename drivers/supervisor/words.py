@@ -1,4 +1,4 @@
-"""What controller and supervisor say to each other: bytes for the wires, and when to send them."""
+"""The messages of controller and supervisor: bytes for the wires, and when to send them."""
 
 import json
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ BLIND_BEATS: Final = 2.0
 
 @dataclass(frozen=True, slots=True)
 class BlindStop:
-    """A stop that is sent without asking anything first and without waiting for an answer.
+    """A stop that is sent without a question first and without waiting for an answer.
 
     Attributes
     ----------
@@ -53,7 +53,7 @@ class BlindLook:
 
 @dataclass(frozen=True, slots=True)
 class Orders:
-    """What the supervisor is to do.
+    """The supervisor's orders.
 
     Attributes
     ----------
@@ -114,7 +114,7 @@ class StopsBlindly(Protocol):
     """A device that can be stopped in its controller's place."""
 
     def blind_stop(self) -> BlindStop | None:
-        """Return the bytes of a stop as it would be now; None where it needs none."""
+        """Return the bytes of a stop in the present state; None if it needs none."""
 
 
 @runtime_checkable
@@ -122,4 +122,4 @@ class LooksBlindly(Protocol):
     """A device whose inputs can be read in its controller's place."""
 
     def blind_look(self) -> BlindLook | None:
-        """Return the bytes of a reading; None where its line has no room for it."""
+        """Return the bytes of a reading; None if its line cannot carry one."""

@@ -105,7 +105,7 @@ _COUNTS_PER_DEG: Final = {
 
 @dataclass(frozen=True, slots=True)
 class UmiSettings:
-    """What sets one UMI RTX apart from another, as measured on it.
+    """The settings that set one UMI RTX apart from another, as measured on it.
 
     Attributes
     ----------
@@ -155,7 +155,7 @@ class UmiSettings:
         }
 
     def config(self, silence_s: float) -> ArmConfig:
-        """Return them as the arm takes them.
+        """Return the arm's configuration with these settings.
 
         Parameters
         ----------

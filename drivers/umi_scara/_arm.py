@@ -102,7 +102,7 @@ class UmiScara:
 
     # ---- connection and power ------------------------------------------------------------------
     async def connect(self) -> ArmIdentity:
-        """Bring both IPs to running (§1.6, steps 1-7), stop what moves; return who answers.
+        """Bring both IPs to running (§1.6, steps 1-7), stop all motion; return the arm's identity.
 
         Raises
         ------
@@ -113,7 +113,7 @@ class UmiScara:
         return await self._session.connect()
 
     async def aclose(self) -> None:
-        """Dead-stop both IPs (§8.20) and let go of the line; motors keep holding."""
+        """Dead-stop both IPs (§8.20) and release the line; motors keep holding."""
         await self._session.aclose()
 
     async def __aenter__(self) -> Self:
@@ -152,12 +152,12 @@ class UmiScara:
 
     @property
     def identity(self) -> ArmIdentity | None:
-        """What `connect` found; None when not connected or after a restart of an IP."""
+        """The result of `connect`; None when not connected or after a restart of an IP."""
         return self._session.identity
 
     @property
     def model(self) -> str:
-        """What messages and the journal call it: the ROM of each IP, once connected."""
+        """The arm's name in messages and the journal: the ROM of each IP, once connected."""
         if self.identity is None:
             return "UMI RTX"
         versions = self.identity.rom_versions.items()
@@ -166,7 +166,7 @@ class UmiScara:
 
     @property
     def max_opening_mm(self) -> float:
-        """How far the jaws open [mm]."""
+        """The largest opening of the jaws [mm]."""
         return self._config.gripper.max_opening_mm
 
     @property
@@ -291,7 +291,7 @@ class UmiScara:
         return {axis.name.lower(): counts[axis] for axis in Axis}
 
     async def try_motor(self, motor: str) -> MotorTry:
-        """Move one motor by 50 counts and back; return how it went (§10, step 7).
+        """Move one motor by 50 counts and back; return the result (§10, step 7).
 
         Raises
         ------
@@ -311,7 +311,7 @@ class UmiScara:
         await self._home(confirm)
 
     async def take_over_positions(self, between: ArrayLike) -> None:
-        """Take it that an earlier session's labels hold, if the counters prove it; nothing moves.
+        """Take over an earlier session's labels, if the counters prove them; nothing moves.
 
         Status bits prove no homing (§4.5). Counters do where each axis reads what it was last sent
         to, and one of each IP reads far from zero (§1.5).
@@ -537,7 +537,7 @@ class UmiScara:
         return self._config.gripper.opening_mm(got[Axis.GRIPPER])
 
     async def open_jaws(self) -> float:
-        """Open the jaws as far as they go; return the opening [mm]."""
+        """Open the jaws fully; return the opening [mm]."""
         return await self.move_gripper_mm(self._config.gripper.max_opening_mm)
 
     async def close_jaws(self) -> float:
@@ -612,7 +612,7 @@ class UmiScara:
         return JawReading(bool(bits & StatusBits.STALLED), self._config.gripper.opening_mm(counts))
 
     async def drive_jaws(self, by_mm: float, deadline_s: float = 10.0) -> float:
-        """Open (or, below 0, close) the jaws by about so much [mm]; no other axis moves.
+        """Open (or, below 0, close) the jaws by a travel [mm]; no other axis moves.
 
         Homed or not: counts need not be labelled, since only their difference is used. Ends early
         where the jaws stall, on something or at an end of their range.

@@ -1,4 +1,4 @@
-"""Settings of one arm, and which SPEEDs it accepts. Sections (§) are those of umi_rtx.md."""
+"""Settings of one arm, and the SPEEDs it accepts. Sections (§) are those of umi_rtx.md."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""One arm's session: connection, motor power, one motion at a time, and how a motion ends.
+"""One arm's session: connection, motor power, one motion at a time, and its end.
 
 Sections (§) are those of umi_rtx.md.
 """
@@ -51,7 +51,7 @@ _STOP_COMMANDS: Final = {  # §2.3
 
 @dataclass(frozen=True, slots=True)
 class ArmIdentity:
-    """Who answered `connect`.
+    """The identity of the arm that answered `connect`.
 
     Attributes
     ----------
@@ -69,7 +69,7 @@ class ArmIdentity:
 
 
 class ArmSession:
-    """One arm's connection and power, and the order in which motions have it.
+    """One arm's connection and power, and the queue of its motions.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ class ArmSession:
 
     # ---- connection ----------------------------------------------------------------------------
     async def connect(self) -> ArmIdentity:
-        """Bring both IPs to running (§1.6, steps 1-7), nothing moves; return who answers.
+        """Bring both IPs to running (§1.6, steps 1-7), nothing moves; return the arm's identity.
 
         Raises
         ------
@@ -133,7 +133,7 @@ class ArmSession:
         return self._identity
 
     async def aclose(self) -> None:
-        """Dead-stop both IPs (§8.20) and let go of the line; motors keep holding."""
+        """Dead-stop both IPs (§8.20) and release the line; motors keep holding."""
         if self._axes_or_none is not None:
             self._stop_count += 1
             await run_to_end(self.halt_quietly())
@@ -147,7 +147,7 @@ class ArmSession:
 
     @property
     def identity(self) -> ArmIdentity | None:
-        """What `connect` found; None when not connected or after a restart of an IP."""
+        """The result of `connect`; None when not connected or after a restart of an IP."""
         return self._identity
 
     @property
@@ -236,7 +236,7 @@ class ArmSession:
         await self.until_certain(lambda: run_to_end(self.axes.halt(_STOP_COMMANDS[kind])))
 
     async def until_certain(self, verb: Callable[[], Awaitable[T]]) -> T:
-        """Return what a verb returns; begin it again where the line has become uncertain (ADR 15).
+        """Return a verb's result; repeat it if the line has become uncertain (ADR 15).
 
         Both boards have been stopped and are at rest by then, and the verb begins by proving
         registers and counters. After `stop` nothing begins again but a stop.

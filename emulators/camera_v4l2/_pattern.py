@@ -1,4 +1,4 @@
-"""A test pattern instead of a world: every picture shows when it was exposed, and how brightly.
+"""A test pattern instead of a world: every picture shows its instant and its brightness.
 
 A camera without a cell around it: for tests of clients, and for `v4l2-ctl` by hand.
 """
@@ -46,7 +46,7 @@ class ClockPattern:
         self._deliver: Callable[[Hashable, Picture], None] | None = None
 
     def connect(self, deliver: Callable[[Hashable, Picture], None]) -> None:
-        """Set where the pictures go: a device's `deliver`."""
+        """Set the destination of the pictures: a device's `deliver`."""
         self._deliver = deliver
 
     def expose(

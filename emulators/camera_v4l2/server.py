@@ -1,4 +1,4 @@
-"""All cameras of a cell on their wires: FUSE nodes where that is possible, else sockets."""
+"""All cameras of a cell on their wires: FUSE nodes if possible, else sockets."""
 
 import asyncio
 import contextlib
@@ -53,7 +53,7 @@ class CameraServer:
 
     @property
     def addresses(self) -> Mapping[str, str]:
-        """Where each plugged camera is: a path, or `unix:` and the path of a socket."""
+        """The address of each plugged camera: a path, or `unix:` and the path of a socket."""
         return MappingProxyType(self._addresses)
 
     async def __aenter__(self) -> Self:
@@ -124,7 +124,7 @@ class CameraServer:
             raise ConnectionAbortedError(f"the camera mount {self._directory} was given up")
 
     def unplug(self, name: str) -> None:
-        """Pull a camera's cable and take its name away."""
+        """Unplug a camera and remove its name."""
         node_name = self._node_names.pop(name)
         del self._addresses[name]
         self._devices[name].unplug()

@@ -1,4 +1,4 @@
-"""What befalls devices and wires: bytes, boards, joints, supplies, lamps, cameras, lines."""
+"""Faults of devices and wires: bytes, boards, joints, supplies, lamps, cameras, lines."""
 
 import random
 from collections.abc import Callable, Mapping

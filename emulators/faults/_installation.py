@@ -1,4 +1,4 @@
-"""What becomes of an installation: a camera knocked, gears and pads worn, lamps swapped."""
+"""Changes of an installation: a camera knocked, gears and pads worn, lamps swapped."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -16,7 +16,7 @@ Answer = dict[str, Any]
 
 
 class Wear:
-    """Verbs of what wears, comes loose or is connected wrongly, on a plant."""
+    """Verbs of wear, loosening and wrong connections, on a plant."""
 
     def __init__(self, plant: Plant) -> None:
         self._plant = plant
@@ -45,7 +45,7 @@ class Wear:
         self._plant.knock_camera(camera, T)
 
     def _gear_play(self, axis: str, deg: float) -> None:
-        """Let the gear of a motor have so much play from now on."""
+        """Set the play of a motor's gear from now on."""
         if deg < 0.0:
             raise ValueError(f"a play of {deg} deg")
         arm, motor = self._plant.arm, Axis(axis)
@@ -57,7 +57,7 @@ class Wear:
         arm.become(replace(arm.errors, play_counts={**arm.errors.play_counts, motor: counts}))
 
     def _pads(self, thinner_mm: float) -> None:
-        """Let both pads of the arm's gripper be thinner by so much each, from now on."""
+        """Make both pads of the arm's gripper thinner by an amount each, from now on."""
         arm = self._plant.arm
         if not math.isfinite(thinner_mm):
             raise ValueError(f"pads thinner by {thinner_mm} mm")
@@ -65,7 +65,7 @@ class Wear:
         arm.become(replace(arm.errors, jaw_zero_mm=zero_mm))
 
     def _swap_lamps(self, one: str, other: str) -> None:
-        """Let two lamps be connected to each other's outputs and relays."""
+        """Swap the outputs and relays of two lamps."""
         first, second = self._plant.lamps[one], self._plant.lamps[other]
         first.wiring, second.wiring = (
             replace(second.wiring, name=one),

@@ -1,4 +1,4 @@
-"""What people and gravity do in the cell: buttons, the door, parts."""
+"""The acts of people and gravity in the cell: buttons, the door, parts."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence

@@ -1,4 +1,4 @@
-"""What verbs need of a cell: its devices, its wires, its world. `emulators._cell.Cell` is one."""
+"""The verbs' requirements on a cell: devices, wires, world. `emulators._cell.Cell` is one."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -53,7 +53,7 @@ class Camera(Protocol):
 
 
 class CameraPlugs(Protocol):
-    """Where cameras are plugged in."""
+    """The plugs of the cameras."""
 
     def unplug(self, name: str) -> None:
         """Pull a camera's cable."""
@@ -79,7 +79,7 @@ class GripperController(Protocol):
 
 
 class Installation(Protocol):
-    """How a cell really stands."""
+    """The true state of an installed cell."""
 
     def truth(self) -> dict[str, Any]:
         """Return the true parameters of the installation as plain values."""
@@ -118,7 +118,7 @@ class Plant(Protocol):
 
     @property
     def as_built(self) -> Installation:
-        """How it really stands."""
+        """The true installation."""
         ...
 
     @property

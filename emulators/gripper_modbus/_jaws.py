@@ -1,4 +1,4 @@
-"""The jaws of a parallel gripper: how wide they are, what stops them, how hard they press.
+"""The jaws of a parallel gripper: their opening, their stops, and their force.
 
 Figures are a Robotiq 2F-85's: modbus_devices.md 2.5. Time is handed in; where a part stands
 between the jaws comes from the world.

@@ -69,7 +69,7 @@ MAJOR_FAULTS: Final = frozenset(
 
 @dataclass(frozen=True, slots=True)
 class JawScale:
-    """What the encoder reads at the ends of the stroke; §2.5, standard fingertips.
+    """The encoder's readings at the ends of the stroke; §2.5, standard fingertips.
 
     Attributes
     ----------

@@ -25,7 +25,7 @@ _GO, _STOP, _GO_WITH_OFFSET = 1, 8, 16  # §3.2
 
 @dataclass(frozen=True, slots=True)
 class RgType:
-    """What tells the two apart, §3.2: product, greatest width and force in tenths."""
+    """The differences of the two types, §3.2: product, greatest width and force in tenths."""
 
     product: int
     widest: int

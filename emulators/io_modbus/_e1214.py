@@ -17,7 +17,7 @@ from ._state import BlockState
 
 @dataclass(frozen=True, slots=True)
 class StackLight:
-    """What the operator sees."""
+    """The operator's view of the stack light."""
 
     is_red: bool
     is_amber: bool

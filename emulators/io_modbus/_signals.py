@@ -1,4 +1,4 @@
-"""What the cell's hard-wired contacts are doing, as the world and tests set it.
+"""The state of the cell's hard-wired contacts, as the world and tests set it.
 
 Source: modbus_devices.md 7.4. These are copies for monitoring: 1 is healthy.
 """

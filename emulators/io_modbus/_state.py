@@ -1,4 +1,4 @@
-"""What an ioLogik remembers while it has power: counters, relays, pulse trains, watchdog.
+"""An ioLogik's memory while it has power: counters, relays, pulse trains, watchdog.
 
 Source: modbus_devices.md 7.1.
 """
@@ -148,7 +148,7 @@ class BlockState:
             relay.is_held = True
 
     def clear_watchdog(self, _: int = 0) -> None:
-        """Take the alarm flag down; the relays stay as they are and obey again."""
+        """Clear the alarm flag; the relays stay unchanged and obey again."""
         self.has_watchdog_bitten = False
         for relay in self.relays:
             relay.is_held = False

@@ -166,7 +166,7 @@ class LedscDevice:
 
 
 class LedscSupply:
-    """What several controllers give the lamps; a `LampSupply`.
+    """The lamps' drive by several controllers; a `LampSupply`.
 
     Parameters
     ----------

@@ -17,7 +17,7 @@ _NEGLIGIBLE: Final = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class LampWiring:
-    """How a lamp is connected; channels from 0."""
+    """The connection of a lamp; channels from 0."""
 
     name: str
     analog_channel: int
@@ -47,7 +47,7 @@ class LampCharacter:
 
 
 class LampSupply(Protocol):
-    """What the electronics of a make give the lamps."""
+    """The lamps' drive by the electronics of a make."""
 
     def drive(self, wiring: LampWiring, character: LampCharacter, *, is_wire_broken: bool) -> float:
         """Return the drive of a lamp's LEDs, 0 to 1.

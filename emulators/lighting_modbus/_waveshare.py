@@ -1,4 +1,4 @@
-"""What Waveshare's RTU modules have in common: settings registers, number, version.
+"""The common features of Waveshare's RTU modules: settings registers, number, version.
 
 Source: modbus_devices.md 6.1 and 6.2.
 
@@ -49,7 +49,7 @@ class WaveshareModule:
             self._reset_outputs()
 
     def _reset_outputs(self) -> None:
-        """Bring outputs to what they are after power-up."""
+        """Set the outputs to their state after power-up."""
         raise NotImplementedError
 
     def settings(self) -> dict[int, Point]:

@@ -14,7 +14,7 @@ wire_log = logging.getLogger("emulators.modbus.wire")
 
 @dataclass(slots=True, kw_only=True)
 class WireFaults:
-    """What is wrong between one device and its master; everything off is a sound wire.
+    """The faults between one device and its master; everything off is a sound wire.
 
     Attributes
     ----------
@@ -56,7 +56,7 @@ class WireFaults:
 
 @dataclass(frozen=True, slots=True)
 class BusReply:
-    """What a bus gives its server for one request.
+    """A bus's reply to its server for one request.
 
     Attributes
     ----------

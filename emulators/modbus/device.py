@@ -1,4 +1,4 @@
-"""What a bus asks of a device: take a request PDU, give a reply PDU or keep silent."""
+"""A bus's requirement on a device: take a request PDU, give a reply PDU or keep silent."""
 
 from typing import Final, Protocol
 

@@ -120,7 +120,7 @@ def request_length(data: bytes | bytearray) -> int | None:
 
 
 class RtuReader:
-    """Collects what one RTU device hears between two silences.
+    """Collects the bytes of one RTU device between two silences.
 
     A device of the serial line takes everything between two silences as one frame: too much, too
     little or a wrong CRC makes all of it void. `is_complete` is only a hint that no more bytes
@@ -137,7 +137,7 @@ class RtuReader:
 
     @property
     def byte_count(self) -> int:
-        """How many bytes came since the last silence."""
+        """The number of bytes since the last silence."""
         return len(self._data)
 
     @property

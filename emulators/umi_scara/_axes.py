@@ -1,4 +1,4 @@
-"""What the arm is made of: seven motors, their scaling, their stops and where homing ends.
+"""The structure of the arm: seven motors, their scaling, their stops and the ends of homing.
 
 Facts: umi_rtx.md 1.3 (which motor answers where), §4.2 (stop labels), §5.1 to §5.5 (scaling and
 ranges), §5.7 and 7 (motion model). *True counts* are encoder counts whose zero is the arm's own:
@@ -89,7 +89,7 @@ JAW_MM_PER_COUNT2: Final = 1.07e-5
 
 @dataclass(frozen=True, slots=True)
 class ArmJoints:
-    """Where the joints truly are.
+    """The true joints.
 
     Attributes
     ----------

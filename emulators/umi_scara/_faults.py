@@ -1,4 +1,4 @@
-"""What may go wrong on the line, as ordinary inputs of the wire.
+"""Faults of the line, as ordinary inputs of the wire.
 
 Faults of the body (a jammed axis, the emergency stop) are inputs of the arm model.
 """

@@ -1,4 +1,4 @@
-"""The arm as a body: seven motors, what stops them, and time handed in.
+"""The arm as a body: seven motors, their stops, and time as an input.
 
 Knows no byte. The wire passes on what the IPs were sent; the world sets what is in the way and
 asks where the joints are. umi_rtx.md 5 and 7.
@@ -103,7 +103,7 @@ class ArmModel:
         return self.errors.joints(joints_of(counts | self._driven))
 
     def place(self, true_counts: dict[Axis, float]) -> None:
-        """Put axes somewhere by hand, motors at rest; the counters do not notice.
+        """Move axes by hand, motors at rest; the counters do not notice.
 
         Parameters
         ----------
@@ -130,7 +130,7 @@ class ArmModel:
             self._take_up_play()
 
     def jump(self, axis: Axis, counts: float) -> None:
-        """Let the encoder of an axis miscount.
+        """Make the encoder of an axis miscount.
 
         Parameters
         ----------
@@ -140,7 +140,7 @@ class ArmModel:
         self.axes[axis].jump(counts)
 
     def reference(self) -> None:
-        """Make every counter tell the truth, as after a perfect homing."""
+        """Set every counter to the truth, as after a perfect homing."""
         for motor in self.axes.values():
             motor.rest(Drive.HOLD)
             motor.origin = 0.0
@@ -172,7 +172,7 @@ class ArmModel:
 
     @property
     def jaw_force_fraction(self) -> float:
-        """How hard the jaws press on what stops them, 0 to 1: MAX_FORCE / 100, or 0 when limp."""
+        """The jaws' force on an object, 0 to 1: MAX_FORCE / 100, or 0 when limp."""
         motor = self._gripper
         if self._is_limp(motor, GRIPPER_IP):
             return 0.0

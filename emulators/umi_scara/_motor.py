@@ -46,7 +46,7 @@ DEFAULTS: Final = {2: 1000, 4: 100, 5: 1200, 6: 20, 7: 600, 8: 2, 9: 0, 12: 20}
 
 
 class Drive(Enum):
-    """What the servo of a motor is doing."""
+    """The servo state of a motor."""
 
     HOLD = "hold"
     FREE = "free"  # manual go 11: unpowered

@@ -1,4 +1,4 @@
-"""One Intelligent Peripheral: what it answers to a complete request, and what that does.
+"""One Intelligent Peripheral: its answer to a complete request, and the request's effect.
 
 Transcript of umi_rtx.md 2 (commands) and, where that is silent, umi_rtx.md 7. Knows neither
 framing nor time.

@@ -1,4 +1,4 @@
-"""What an IP does by itself: its built-in homing (08) and the soak test (09, 0A).
+"""The routines of an IP: its built-in homing (08) and the soak test (09, 0A).
 
 No source documents how the boards home; this follows the host's procedure of umi_rtx.md 4.1 for
 the motors of one IP, as umi_rtx.md 7 proposes. A routine is resumed once per step of the arm and

@@ -43,7 +43,7 @@ class ArmServer:
 
     @property
     def path(self) -> Path:
-        """Where a client finds the line; the terminal itself, whatever links there are.
+        """The path of the line for a client; the terminal itself, behind any links.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""What the world takes in and gives out: models that others command, events, snapshots."""
+"""The world's inputs and outputs: models that others command, events, snapshots."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -28,7 +28,7 @@ class JawBody(Protocol):
 
     @property
     def opening_mm(self) -> float:
-        """How far the jaws are apart."""
+        """The distance between the jaws."""
         ...
 
     def advance(self, dt_s: float) -> None:
@@ -60,7 +60,7 @@ class Event:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Snapshot:
-    """Where everything that moves was at one instant: poses ``T_world_*`` by name [mm].
+    """The poses ``T_world_*`` of all that moves at one instant, by name [mm].
 
     Parts are ``part 0``, ``part 1`` ...; the arm's links ``upper``, ``fore``, ``arm gripper``,
     ``carriage``; fingers ``arm finger +`` and so on.

@@ -1,4 +1,4 @@
-"""The cell file as the world reads it: where everything stands and what the lamps and cameras are.
+"""The cell file as the world reads it: the places of everything, and the lamps and cameras.
 
 The controller reads the same file by itself; nothing of its reading is used here. Lengths stay in
 mm; `matter/bodies.py` turns them into pybullet's metres.
@@ -57,7 +57,7 @@ class Box:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlacedBox:
-    """A box in a frame that stands still in the world.
+    """A box in a frame that is fixed in the world.
 
     Attributes
     ----------
@@ -84,7 +84,7 @@ class Fingers:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraLayout:
-    """A camera; T_world_cam as OpenCV has it: z forwards, y down, pixel (0, 0) a pixel's centre.
+    """A camera; T_world_cam in OpenCV's axes: z forwards, y down, pixel (0, 0) a pixel's centre.
 
     Attributes
     ----------
@@ -196,7 +196,7 @@ class ArmLayout:
 
 @dataclass(frozen=True, slots=True)
 class DriverChoice:
-    """What the cell file says of the driver of an emulated device.
+    """The cell file's entry on the driver of an emulated device.
 
     Attributes
     ----------

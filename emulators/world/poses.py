@@ -1,4 +1,4 @@
-"""Poses as 4x4 matrices in mm, and where the arm's links are; umi_rtx.md 6, read a second time."""
+"""Poses as 4x4 matrices in mm, and those of the arm's links; umi_rtx.md 6, read a second time."""
 
 import math
 from collections.abc import Mapping
@@ -11,7 +11,7 @@ from .layout import ArmLayout, Array
 
 
 class Joints(Protocol):
-    """Where the arm's joints truly are; umi_rtx.md 6.2, 6.3 (``yaw_rad`` is the yaw motor's)."""
+    """The true joints of the arm; umi_rtx.md 6.2, 6.3 (``yaw_rad`` is the yaw motor's)."""
 
     @property
     def shoulder_rad(self) -> float:
@@ -44,7 +44,7 @@ class Joints(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class JointValues:
-    """Joint values by themselves, where no arm model stands behind them."""
+    """Joint values by themselves, without an arm model."""
 
     shoulder_rad: float = 0.0
     elbow_rad: float = 0.0
@@ -56,7 +56,7 @@ class JointValues:
 
     @property
     def of_links(self) -> tuple[float, ...]:
-        """All but the jaws."""
+        """All values but the jaws'."""
         return (
             self.shoulder_rad, self.elbow_rad, self.yaw_rad,
             self.zed_mm, self.pitch_rad, self.roll_rad,
@@ -147,7 +147,7 @@ def rotation_about(axis: Array, angle_rad: float) -> Array:
 
 
 def rotation_angle(R: Array) -> float:
-    """Return by how much a rotation turns [rad]; exact for small angles too."""
+    """Return the angle of a rotation [rad]; exact for small angles too."""
     axis = np.array((R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]))
     return math.atan2(float(np.linalg.norm(axis)) / 2.0, (float(np.trace(R)) - 1.0) / 2.0)
 

@@ -56,7 +56,7 @@ _MAX_LOOKS: Final = 64  # buffers looked at in one go, so that a deadline is met
 
 @dataclass(frozen=True, slots=True)
 class Dequeued:
-    """What one look into the queue gave.
+    """The result of one look into the queue.
 
     Attributes
     ----------
@@ -117,7 +117,7 @@ class CaptureSession:
             self._stream.start()
 
     def close(self) -> None:
-        """Stop, unmap, close: in this order, and each whatever became of the one before."""
+        """Stop, unmap, close: in this order, and each even if the one before has failed."""
         stream, self._stream = self._stream, None
         device, self._device = self._device, None
         try:
@@ -222,7 +222,7 @@ class CaptureSession:
             stream.pause()
 
     def resume(self) -> None:
-        """Start the frames again; their numbers begin anew."""
+        """Start the frames again; their numbers restart."""
         stream, self._last_sequence = self._open_stream(), None
         with explained(self._open_device().path, "resume"):
             stream.resume()

@@ -1,4 +1,4 @@
-"""Locks what a camera would otherwise change by itself, and lists its controls.
+"""Locks the camera's automatic controls, and lists its controls.
 
 An automatic is switched to manual before its value is set, since a camera refuses the value
 (EACCES) or ignores it otherwise; values out of range are clamped without a word, so each is read
@@ -26,7 +26,7 @@ _READABLE: Final = frozenset(
 
 @dataclass(frozen=True, slots=True)
 class ControlSetting:
-    """What became of one control that was to be set, in the control's own units.
+    """The result for one control that was to be set, in the control's own units.
 
     Attributes
     ----------
@@ -84,7 +84,7 @@ def exposure_counts(exposure_s: float) -> int:
 def lock_controls(
     device: Device, exposure_s: float | None, gain: int | None, white_balance_k: int | None
 ) -> tuple[ControlSetting, ...]:
-    """Switch automatics off, set the values that are not None; return what became of each.
+    """Switch automatics off, set the values that are not None; return the result of each.
 
     Parameters
     ----------
@@ -163,7 +163,7 @@ def set_and_compare(
 
 
 def list_controls(device: Device) -> tuple[ControlInfo, ...]:
-    """Return every control with its value; one that cannot be read has the reason.
+    """Return every control with its value; an unreadable one has the reason.
 
     Raises
     ------

@@ -23,7 +23,7 @@ _END_OF_IMAGE: Final = b"\xff\xd9"
 
 @dataclass(frozen=True, slots=True)
 class PixelKind:
-    """How a pixel format stores its grey values.
+    """The storage of grey values in a pixel format.
 
     Attributes
     ----------

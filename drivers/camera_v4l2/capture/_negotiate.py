@@ -1,4 +1,4 @@
-"""Agreed once, when a camera is opened: what it is, its picture format, its frame rate."""
+"""The agreement with an opened camera: its identity, its picture format, its frame rate."""
 
 import errno
 import logging
@@ -85,7 +85,7 @@ def _check_format(device: Device, got: abi.PixFormat) -> None:
 
 
 def agree_on_period(device: Device, wanted_s: float) -> float:
-    """Set a frame period [cell s] and return the camera's; the wish, where it names none."""
+    """Set a frame period [cell s] and return the camera's; the wish, if it names none."""
     try:
         granted_s = device.set_period(wanted_s)
     except OSError as error:

@@ -1,4 +1,4 @@
-"""The ring of mapped buffers: made, filled, emptied and, whatever happens, unmapped. Blocking."""
+"""The ring of mapped buffers: made, filled, emptied and always unmapped. Blocking."""
 
 import contextlib
 import errno
@@ -85,7 +85,7 @@ class Stream:
             self._maps.pop().close()
 
     def abandon(self) -> None:
-        """Stop and unmap, whatever fails on the way: the camera may be gone."""
+        """Stop and unmap, even if a step fails: the camera may be gone."""
         with contextlib.suppress(OSError):
             self._device.stream_off()
         self.unmap()

@@ -1,4 +1,4 @@
-"""What goes into a camera (its configuration) and what comes out (frames, identity, tallies)."""
+"""The input of a camera (its configuration) and its output (frames, identity, tallies)."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +11,7 @@ from .selection import StampSource
 
 @dataclass(frozen=True, slots=True)
 class CameraConfig:
-    """How a camera is found and set.
+    """The address and settings of a camera.
 
     Attributes
     ----------
@@ -91,7 +91,7 @@ class Frame:
 
 @dataclass(frozen=True, slots=True)
 class CameraIdentity:
-    """What the camera reports about itself.
+    """The identity that the camera reports.
 
     Attributes
     ----------

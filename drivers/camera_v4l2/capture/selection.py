@@ -1,4 +1,4 @@
-"""Which frame was exposed wholly after an instant: the rule, without a device.
+"""The choice of the frame exposed wholly after an instant: the rule, without a device.
 
 A buffer carries one time stamp and, in its flags, whose clock it is and which end of the exposure
 it marks (userspace-api/media/v4l/buffer, "Buffer Flags"). From these follows a bound: no light
@@ -22,7 +22,7 @@ _FUTURE_SLACK_S: Final = 0.1  # beyond two periods a "monotonic" stamp is some o
 
 
 class StampSource(StrEnum):
-    """What a frame's time stamp marks."""
+    """The instant that a frame's time stamp marks."""
 
     END_OF_FRAME = "end of frame"
     START_OF_EXPOSURE = "start of exposure"

@@ -66,7 +66,7 @@ class Device:
         return abi.unpack_streamparm(self._ask(abi.VIDIOC_S_PARM, struct))
 
     def request_buffers(self, count: int) -> int:
-        """Order mapped buffers (0: free them); return how many there are."""
+        """Order mapped buffers (0: free them); return their number."""
         struct = abi.pack_requestbuffers(count)
         return abi.unpack_requestbuffers(self._ask(abi.VIDIOC_REQBUFS, struct))
 

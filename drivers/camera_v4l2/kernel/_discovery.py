@@ -1,4 +1,4 @@
-"""From what a camera is called in cell.yaml to the node it has today.
+"""The node of a camera by its name in cell.yaml.
 
 A camera keeps its serial number and its port, not its node's number: after a replug it may come
 back under another. So the sysfs tree is searched, by the kernel's own names

@@ -25,7 +25,7 @@ GONE: Final = frozenset(
 
 
 def explain(error: OSError, device: str, doing: str) -> DeviceError:
-    """Return the driver's error for what a system call answered while ``doing``.
+    """Return the driver's error for a failed system call while ``doing``.
 
     Parameters
     ----------

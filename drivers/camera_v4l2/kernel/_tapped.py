@@ -33,7 +33,7 @@ class TappedCalls:
         self._tap = tap
 
     def open(self, path: str) -> int:
-        """Open the camera; return its descriptor, -1 where a recording answers."""
+        """Open the camera; return its descriptor, -1 if a recording answers."""
         opened = -1
 
         def do() -> bytes:

@@ -53,7 +53,7 @@ CAP_TIMEPERFRAME: Final = 0x1000  # v4l2_captureparm.capability: the frame rate 
 
 
 class Cap(IntFlag):
-    """What a node can do (``V4L2_CAP_*``)."""
+    """A node's capabilities (``V4L2_CAP_*``)."""
 
     VIDEO_CAPTURE = 0x00000001
     VIDEO_OUTPUT = 0x00000002
@@ -182,7 +182,7 @@ class Capability:
 
     @property
     def node_caps(self) -> Cap:
-        """What this node can do, as against all nodes of the device together."""
+        """The capabilities of this node, as against all nodes of the device together."""
         has_own = self.capabilities & Cap.DEVICE_CAPS
         return Cap(self.device_caps if has_own else self.capabilities)
 
@@ -199,7 +199,7 @@ def unpack_fmtdesc(raw: bytes | bytearray) -> int:
 
 @dataclass(frozen=True, slots=True)
 class PixFormat:
-    """``struct v4l2_pix_format``: what every picture looks like [px, bytes]."""
+    """``struct v4l2_pix_format``: the format of every picture [px, bytes]."""
 
     width: int
     height: int
@@ -293,7 +293,7 @@ def pack_streamparm(numerator: int, denominator: int) -> bytearray:
 
 
 def unpack_streamparm(raw: bytes | bytearray) -> float | None:
-    """Return the frame period [s] that came back, None where the camera names none."""
+    """Return the frame period [s] that came back, None if the camera names none."""
     _, _, _, numerator, denominator, _, _ = _STREAMPARM.unpack(raw)
     return numerator / denominator if numerator and denominator else None
 

@@ -1,4 +1,4 @@
-"""The serial line: bytes in and out, whose turn it is, which of the two boards listens.
+"""The serial line: bytes in and out, its turns, and the one of two boards that listens.
 
 It knows requests and replies, no motor.
 """

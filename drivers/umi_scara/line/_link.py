@@ -83,7 +83,7 @@ class Link:
 
     @property
     def listening(self) -> Ip | None:
-        """The IP that hears the next request, where that is known."""
+        """The IP that hears the next request, if known."""
         return self._wire.listening
 
     async def open(self, look: bytes = b"") -> frozenset[Ip]:
@@ -151,7 +151,7 @@ class Link:
                     return await run_to_end(work)
 
     async def halt(self, request: bytes, *, verifies: bool = True) -> None:
-        """Send a stop to BOTH IPs, ahead of all that waits, whatever state they are in (§2.3).
+        """Send a stop to BOTH IPs, ahead of all waiting requests, in any state (§2.3).
 
         The second IP gets its stop even if the first fails; the failure is raised afterwards. A
         silent line gets both stops all the same: perhaps it is only the way back that is cut.
@@ -166,7 +166,7 @@ class Link:
             await run_to_end(self._halt(request, verifies))
 
     async def aclose(self) -> None:
-        """Let go of the line."""
+        """Release the line."""
         await self._wire.aclose()
 
     # ---- who listens ---------------------------------------------------------------------------
@@ -329,7 +329,7 @@ class Link:
         return ip
 
     async def _expect_rest(self) -> None:
-        """Stop what moves while the line is opened: no motion has been commanded yet."""
+        """Stop any motion while the line is opened: none has been commanded yet."""
         request = encode_simple(Simple.GENERAL_STATUS)
         reply = await self._wire.exchange(request)
         assert isinstance(reply, Status)
@@ -401,7 +401,7 @@ class Link:
         raise last
 
     def _give_way(self) -> None:
-        """Raise _StopFirstError if a stop waits: called where nothing is half done."""
+        """Raise _StopFirstError if a stop waits: called between whole steps only."""
         if self._turns.is_stop_waiting:
             raise _StopFirstError
 
@@ -437,7 +437,7 @@ class Link:
             raise failures[0]
 
     async def _strike(self, request: bytes) -> bool:
-        """Send a stop, hand over, send it again; return whether that is proven to reach both IPs.
+        """Send a stop, hand over, send it again; return whether it is proven to reach both IPs.
 
         Who listens is found out only afterwards: each question before a stop takes 9 ms, and a stop
         harms neither IP (ADR 15). Whatever goes wrong here, both have to be stopped one by one.

@@ -1,4 +1,4 @@
-"""The arm as a recording of its line: what it was sent and what it answered, to a driver of today.
+"""The arm as a recording of its line: past requests and answers, for a driver of today.
 
 A recording is of one run, and no two runs are alike: how often a driver looks whether an axis has
 arrived depends on the host. So what only reads is answered by what the arm last answered to it, by
@@ -89,7 +89,7 @@ def _is_restart(reply: bytes) -> bool:
 
 
 class RecordedLine:
-    """Both IPs as a recording has them: what they answer, and what they must be sent.
+    """Both IPs as in a recording: their answers, and the requests they must get.
 
     A stop may come at any time; what is read after one that was not recorded stays as it was then.
 
@@ -284,7 +284,7 @@ def exchanges_of(reader: WireReader, wire: str) -> list[Exchanged]:
 
 
 class RecordedArm:
-    """A file of wires as the far end of an arm's line; it goes on where the last opening left it.
+    """A file of wires as the far end of an arm's line; it goes on from the last opening.
 
     Parameters
     ----------
@@ -371,7 +371,7 @@ class RecordedTransport:
         return data
 
     async def aclose(self) -> None:
-        """Let go of the line."""
+        """Release the line."""
         self._is_open = False
         self._arrived.set()
 

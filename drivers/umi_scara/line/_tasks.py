@@ -1,4 +1,4 @@
-"""A request and its reply are not interrupted half-way; a stop overtakes what waits."""
+"""A request and its reply are never interrupted half-way; a stop overtakes waiting requests."""
 
 import asyncio
 from collections.abc import AsyncIterator, Coroutine
@@ -56,7 +56,7 @@ class Turns:
 
     @asynccontextmanager
     async def take(self, what: str, *, urgent: bool = False) -> AsyncIterator[None]:
-        """Hold the line for the length of the block, in which ``what`` is sent."""
+        """Hold the line during the block, in which ``what`` is sent."""
         if self._tap is not None:
             await self._tap.turn(what)
         if urgent:

@@ -29,7 +29,7 @@ class Transport(Protocol):
         """
 
     async def aclose(self) -> None:
-        """Let go of the line."""
+        """Release the line."""
 
 
 _GONE = frozenset({errno.EIO, errno.ENXIO, errno.ENODEV, errno.EBADF, errno.EPIPE})
@@ -148,7 +148,7 @@ class SerialTransport:
             self._fail(str(error))
 
     async def aclose(self) -> None:
-        """Let go of the line; a second call does nothing."""
+        """Release the line; a second call does nothing."""
         if self._serial.is_open:
             self._loop.remove_reader(self._fd)
             self._serial.close()

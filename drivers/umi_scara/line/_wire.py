@@ -47,7 +47,7 @@ _MIN_SILENCE_WALL_S: Final = 0.02
 
 @dataclass(frozen=True, slots=True)
 class WireExchange:
-    """One request and what came back for it.
+    """One request and the reply to it.
 
     Attributes
     ----------
@@ -168,7 +168,7 @@ class Wire:
         self._heard_nothing = False
 
     async def aclose(self) -> None:
-        """Let go of the transport."""
+        """Release the transport."""
         await self._transport.aclose()
 
     def listen_anew(self) -> None:
@@ -225,7 +225,7 @@ class Wire:
                 self._trace(WireExchange(started_s, ip, request, reader.data))
 
     async def _judge_stale(self, stale: bytes) -> None:
-        """Raise LineUncertainError if bytes came unasked: something may have run that nobody sent.
+        """Raise LineUncertainError if unasked bytes came: something may have run that nobody sent.
 
         An arm sends nothing by itself. What noise has put on the line between two exchanges, it
         answers as commands, and an acknowledgement need not come first. Only where a reply that
@@ -368,7 +368,7 @@ class Wire:
         return False
 
     async def send_blindly(self, request: bytes) -> None:
-        """Send a request whose reply is not waited for."""
+        """Send a request without waiting for its reply."""
         await self._pace()
         self._last_start_s = self._clock.now_s()
         self.last_request = request

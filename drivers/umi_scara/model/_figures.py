@@ -1,4 +1,4 @@
-"""The figures of one arm that are found by measuring it, as a vector.
+"""The figures of one arm found by measuring it, as a vector.
 
 What a calibration turns: lengths, tool, where each joint is when its counter means 0, and how
 heading and height depend on the elbow. Bounds are those of an arm that was set up with care
@@ -63,7 +63,7 @@ class UmiFigures:
 
     @property
     def motors(self) -> Mapping[str, Floats]:
-        """How the joints (6,) turn with each motor that has gears, per radian of its own scale.
+        """The joints' (6,) turn with each geared motor, per radian of its own scale.
 
         Both wrist motors turn pitch and roll, half as far as they turn themselves (umi_rtx.md 5.3).
         """

@@ -1,4 +1,4 @@
-"""Where homing that keeps the jaws shut takes the joints, phase by phase; nothing moves here.
+"""The joints swept by homing with shut jaws, phase by phase; nothing moves here.
 
 The phases are those of `motion._keeping` and in their order (umi_rtx.md 4.7). Each is a box in the
 independent angles of the joints: the gripper's angle to the forearm stands in for the yaw motor's,

@@ -1,4 +1,4 @@
-"""How wide the jaws of the UMI gripper stand for its motor counts (umi_rtx.md 5.5).
+"""The opening of the UMI gripper's jaws for its motor counts (umi_rtx.md 5.5).
 
 Sections (§) are those of umi_rtx.md.
 """

@@ -1,4 +1,4 @@
-"""The limits of umi_rtx.md 5.2 in words of the joints: what every target within limits fulfils."""
+"""The limits of umi_rtx.md 5.2 in terms of the joints, for every target within limits."""
 
 from dataclasses import dataclass
 

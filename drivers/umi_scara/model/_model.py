@@ -1,4 +1,4 @@
-"""One arm: its lengths, what its links take up, and how fast it is."""
+"""One arm: its lengths, the space of its links, and its speeds."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -107,7 +107,7 @@ class UmiModel:
 
     @property
     def reach_mm(self) -> float:
-        """How far the wrist's centre gets from the shoulder axis."""
+        """The reach of the wrist's centre from the shoulder axis."""
         return self.geometry.upper_mm + self.geometry.fore_mm
 
     @property
@@ -117,7 +117,7 @@ class UmiModel:
 
     @property
     def joint_limits(self) -> Sequence[JointLimit]:
-        """What every target that the arm accepts fulfils."""
+        """The limits fulfilled by every target that the arm accepts."""
         return joint_limits()
 
     @property
@@ -162,7 +162,7 @@ class UmiModel:
         return kinematics.inverse_legal(T_arm_tcp, self.geometry, heading_rad=HEADINGS_RAD)
 
     def branches(self, T_arm_tcp: Floats) -> Floats:
-        """Return the joints of all branches whatever the limits: (..., b, 6), NaN where none is."""
+        """Return the joints of all branches, limits ignored: (..., b, 6), NaN for none."""
         return kinematics.inverse(T_arm_tcp, self.geometry)[0]
 
     def within_limits(self, q: Floats) -> NDArray[np.bool_]:
@@ -181,7 +181,7 @@ class UmiModel:
         return np.asarray(q)
 
     def radii_mm(self, q_from: Floats, q_to: Floats, far_mm: float, beside_mm: float) -> Floats:
-        """Return by how much more than any point of arm, gripper or part moves with each joint.
+        """Return a bound on the travel of any point of arm, gripper or part with each joint.
 
         Parameters
         ----------
@@ -202,7 +202,7 @@ class UmiModel:
         return np.array([wrist + far_mm, arm.fore_mm + far_mm / 2, far_mm, 1.0, far_mm, beside_mm])
 
     def detours(self, q_from: Floats, q_to: Floats) -> Iterator[Sequence[Sequence[Floats]]]:
-        """Yield groups of joint paths (6,) to (6,) over what may stand between."""
+        """Yield groups of joint paths (6,) to (6,) over obstacles in between."""
         return _detours.detours(q_from, q_to)
 
     def retreats(self, q: Floats, count: int) -> Floats:

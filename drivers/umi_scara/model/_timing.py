@@ -1,4 +1,4 @@
-"""How long joint moves take, and how far from the joint line the arm strays meanwhile.
+"""The duration of joint moves, and the arm's deviation from the joint line meanwhile.
 
 A move is one command: target and speed per motor, the speeds such that all motors arrive together
 (`synchronised_speeds` of `..motion`). Every motor then follows the same trapezoid, stretched; the

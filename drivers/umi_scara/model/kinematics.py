@@ -84,7 +84,7 @@ _Q_PER_COUNT: Final = np.linalg.inv(_COUNTS_PER_Q)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ArmGeometry:
-    """One arm: its lengths (§6.1) [mm], and how its joints differ from what its counters mean.
+    """One arm: its lengths (§6.1) [mm], and its joints' differences from its counters.
 
     All differences are 0 until they have been measured on the arm itself.
 

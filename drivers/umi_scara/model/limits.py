@@ -1,4 +1,4 @@
-"""Joint limits in counts, the combined ones included (umi_rtx.md 5.2): where the arm may be sent.
+"""Joint limits in counts, the combined ones included (umi_rtx.md 5.2): the allowed targets.
 
 Counts rows are ordered [elbow, shoulder, zed, wrist 1, wrist 2, yaw], the library's motor order
 (§1.3). Yaw and both wrist motors have no limit of their own, only combined ones.

@@ -81,7 +81,7 @@ class Homing:
             self._guard()
 
     async def _clear(self) -> None:
-        """Set every target to where its axis stands: a go sent by mistake moves nothing.
+        """Set every target to its axis's position: a go sent by mistake moves nothing.
 
         Homing keeps it so: counters are 0 and targets near it whenever no axis is under way.
         """
@@ -201,6 +201,6 @@ class Homing:
             raise HomingError(f"arm: {axis.name.lower()} was sent to {counts} and is at {got}")
 
     async def _origin_after(self, axis: Axis) -> None:
-        """Set origin and target to where a creep has ended."""
+        """Set origin and target to the end of a creep."""
         await self._origin()
         await self._stops.write(axis, Parameter.NEW_POSITION, _NEAR_ORIGIN)

@@ -1,4 +1,4 @@
-"""Homing with something in the jaws, which are pressed and never opened (umi_rtx.md 4.7).
+"""Homing with an object in the jaws, which are pressed and never opened (umi_rtx.md 4.7).
 
 Beside UMI's procedure it needs a rough idea of where the axes stand: the labels of a rough guess
 let it straighten the arm, and stand aside from the column, before it drives to stops. Each stop is
@@ -71,7 +71,7 @@ class KeepingHoming:
         self._stops = Stops(axes, config, guard)
 
     async def run(self, estimate: Mapping[Axis, int], jaws_counts: int | None) -> int:
-        """Press the jaws, home all other axes and park them; return where the jaws stand [counts].
+        """Press the jaws, home all other axes and park them; return the jaws' position [counts].
 
         Parameters
         ----------
@@ -116,7 +116,7 @@ class KeepingHoming:
 
     # ---- the jaws ------------------------------------------------------------------------------
     async def _press(self, known: int | None) -> int:
-        """Close the jaws until they stall; label where they stand, by how far they have closed.
+        """Close the jaws until they stall; label their position, by their travel.
 
         A restart makes the counter zero (§1.5), and jaws without power stay where they are. So it
         reads zero, or what it was labelled, as long as nobody has moved them.

@@ -209,7 +209,7 @@ class MoveWatch:
 async def verify_arrival(
     axes: Axes, targets: Mapping[Axis, int], tolerances: Mapping[Axis, int], settle_s: float
 ) -> dict[Axis, int]:
-    """Read where resting axes are; return that if all are within tolerance [counts] of the target.
+    """Read the positions of resting axes; return them if all are within tolerance [counts].
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Where the far sides of gears with play are, by how far their motors have gone.
+"""The far sides of gears with play, by the travel of their motors.
 
 The encoders sit on the motors, before the gears (umi_rtx.md 5): with play a joint follows its motor
 only once the play is used up. Counts of a joint are here those of a motor that has come from below.
@@ -24,11 +24,11 @@ class GearPlay:
         self._far: dict[Axis, float] = {}
 
     def forget(self) -> None:
-        """Know nothing: far sides are taken to be where a motor from below leaves them."""
+        """Forget all: far sides are taken to be where a motor from below leaves them."""
         self._far.clear()
 
     def note(self, counts: Mapping[Axis, float]) -> None:
-        """Note where motors have gone to, each in one direction since it was noted before."""
+        """Note the new positions of motors, each moved in one direction since the last note."""
         for axis, play in self._play.items():
             if axis in counts:
                 at = counts[axis]

@@ -1,4 +1,4 @@
-"""What is known of where the axes are, and when it must be read again before it is trusted.
+"""The known positions of the axes, and when they must be read again before use.
 
 Sections (§) are those of umi_rtx.md.
 """
@@ -41,7 +41,7 @@ class Positions:
 
     # ---- what happened -------------------------------------------------------------------------
     def forget(self) -> None:
-        """Know nothing: an IP has restarted, or the line was closed."""
+        """Forget all: an IP has restarted, or the line was closed."""
         self.is_homed = False
         self._at_rest.clear()
         self._known.clear()
@@ -60,7 +60,7 @@ class Positions:
         self.is_homed = self._is_sure = True
 
     def note_taken_over(self, counts: Mapping[Axis, int], *, grasps: bool) -> None:
-        """Note that the labels of an earlier session hold, and where all axes stand.
+        """Note that the labels of an earlier session hold, and the positions of all axes.
 
         Parameters
         ----------
@@ -105,7 +105,7 @@ class Positions:
             self._at_rest.pop(axis, None)
 
     def note_range(self, axis: Axis, first: int, last: int) -> None:
-        """Note between which counts an axis is, or where it stands if both are the same.
+        """Note the range of an axis [counts], or its position if both ends are the same.
 
         Parameters
         ----------
@@ -136,7 +136,7 @@ class Positions:
         return self._at_rest.get(axis)
 
     async def make_sure(self, axes: Axes, guard: Guard) -> None:
-        """Read the registers of an arm at rest, and set every target to where its axis is.
+        """Read the registers of an arm at rest, and set every target to its axis's position.
 
         From then on, a go that reaches the wrong axis leaves that axis where it is.
 

@@ -27,7 +27,7 @@ class HomingError(DeviceError):
 
 @dataclass(frozen=True, slots=True)
 class HomingConfig:
-    """What may have to be adjusted on one arm (by §4.2 the stops are factory values).
+    """The values that may need adjusting on one arm (by §4.2 the stops are factory values).
 
     Attributes
     ----------

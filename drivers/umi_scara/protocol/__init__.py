@@ -1,4 +1,4 @@
-"""What crosses the line, as tables and bytes: no link, no clock, no log (umi_rtx.md 1, 2)."""
+"""The data on the line, as tables and bytes: no link, no clock, no log (umi_rtx.md 1, 2)."""
 
 from . import codec, constants
 

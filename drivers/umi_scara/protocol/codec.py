@@ -169,7 +169,7 @@ class Acknowledged:
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """Which IP listens (§2.3)."""
+    """The IP that listens (§2.3)."""
 
     ip: Ip
 

@@ -1,4 +1,4 @@
-"""Transcript of what is known of the UMI RTX / RT100 line: numbers only, each with its section.
+"""Transcript of the known numbers of the UMI RTX / RT100 line, each with its section.
 
 Sections (§) are those of umi_rtx.md. Counts are motor encoder counts.
 """

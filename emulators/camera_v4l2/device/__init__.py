@@ -1,4 +1,4 @@
-"""The camera behind its wires: one lock, a sensor that exposes frames, and what can go wrong."""
+"""The camera behind its wires: one lock, a sensor that exposes frames, and its faults."""
 
 from ._device import V4l2Device
 from ._faults import Faults

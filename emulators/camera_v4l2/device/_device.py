@@ -33,7 +33,7 @@ _PAUSE_WALL_S: Final = 0.0005
 
 
 class Outlet(Protocol):
-    """What a transport does for the device."""
+    """A transport's service to the device."""
 
     def store(self, offset_bytes: int, frame: bytes) -> None:
         """Put a frame's bytes where clients have mapped them."""
@@ -155,7 +155,7 @@ class V4l2Device:
 
     @property
     def faults(self) -> Faults:
-        """What is wrong with the camera at present; assign to change it."""
+        """The present faults of the camera; assign to change them."""
         return self._sensor.faults
 
     @faults.setter
@@ -166,7 +166,7 @@ class V4l2Device:
 
     @property
     def oldest_due_s(self) -> float | None:
-        """When the oldest frame ended whose picture is still being made; None without one."""
+        """The end of the oldest frame whose picture is still being made; None without one."""
         return self._sensor.oldest_due_s
 
     def attach(self, outlet: Outlet) -> None:

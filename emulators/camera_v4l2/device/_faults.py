@@ -1,4 +1,4 @@
-"""What can go wrong with the camera, as ordinary inputs of a test or of a control port."""
+"""The faults of the camera, as ordinary inputs of a test or of a control port."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""The camera's sensor: which frames are exposed, and how their pictures reach the buffers.
+"""The camera's sensor: the frames exposed, and the way of their pictures to the buffers.
 
 World time comes in by `advance`, pictures come in by `deliver`: the world never waits for a
 picture. A frame without a buffer is lost, and its number with it.
@@ -47,7 +47,7 @@ class Clock(Protocol):
 
 
 class PictureSource(Protocol):
-    """Where pictures come from."""
+    """A source of pictures."""
 
     def expose(
         self, start_s: float, end_s: float, exposure_s: float, gain: float
@@ -162,7 +162,7 @@ class Sensor:
         return self._grid.first_from(self._clock.now_s()) + self.faults.control_delay_frames
 
     def review(self) -> None:
-        """Note whether the next frame has a place to go, after anything that may change that."""
+        """Note whether the next frame has a buffer, after anything that may change that."""
         is_able = (
             self._buffers.is_streaming
             and self._buffers.has_queued

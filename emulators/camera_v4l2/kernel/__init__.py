@@ -1,4 +1,4 @@
-"""The kernel's rules: requests and structs, formats, controls, buffers; what each ioctl answers."""
+"""The kernel's rules: requests and structs, formats, controls, buffers; each ioctl's answer."""
 
 from .buffers import BUFFERS_MAX, SLOT_BYTES, Buffer, BufferQueue
 from .control_specs import DEFAULT_CONTROLS, ControlSpec, Kind

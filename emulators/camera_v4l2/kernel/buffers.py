@@ -1,4 +1,4 @@
-"""The queue of frame buffers, by videobuf2's rules: who owns it, what waits, what poll says.
+"""The queue of frame buffers, by videobuf2's rules: owner, waiting calls, poll state.
 
 Knows buffers by number and offset; a transport holds their bytes.
 """
@@ -35,7 +35,7 @@ _STATE_FLAGS: Final = {
 
 @dataclass(slots=True, eq=False)
 class Buffer:
-    """One frame buffer and what its client learns of the frame in it."""
+    """One frame buffer and its client's data on the frame in it."""
 
     index: int
     state: _State = _State.CLIENTS

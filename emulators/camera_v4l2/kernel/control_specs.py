@@ -1,4 +1,4 @@
-"""The controls that the camera has: ids, ranges, defaults, and which automatic drives which.
+"""The controls of the camera: ids, ranges, defaults, and the automatic that drives each.
 
 Ids are those of `linux/v4l2-controls.h`, names those of the kernel's table for UVC cameras.
 """
@@ -38,7 +38,7 @@ class ControlFlag(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class ControlSpec:
-    """What the camera's maker decided about one control.
+    """The maker's definition of one control.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""The camera's controls: their ranges, when a new value takes effect, who gets an event.
+"""The camera's controls: their ranges, the effect of a new value, and its events.
 
 Rules are uvcvideo's as observed: a value out of range is clamped silently, a control that an
 automatic drives is refused with EACCES, a menu item that does not exist with EINVAL.
@@ -242,7 +242,7 @@ class ControlBank:
         data[:] = abi.CONTROL.pack(cid, control.value)
 
     def s_ctrl(self, data: bytearray) -> list[tuple[int, int]]:
-        """Check VIDIOC_S_CTRL; return what to `change`.
+        """Check VIDIOC_S_CTRL; return the changes for `change`.
 
         Raises
         ------
@@ -258,7 +258,7 @@ class ControlBank:
     def ext_ctrls(
         self, request: abi.Request, data: bytearray, memory: ClientMemory | None
     ) -> list[tuple[int, int]]:
-        """Answer G/S/TRY_EXT_CTRLS; return what to `change`, nothing of which is done yet.
+        """Answer G/S/TRY_EXT_CTRLS; return the changes for `change`, none of which is made yet.
 
         Parameters
         ----------

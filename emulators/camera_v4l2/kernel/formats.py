@@ -1,4 +1,4 @@
-"""Pixel formats: what a sensor's picture becomes on the wire, and how much room that takes."""
+"""Pixel formats: the bytes of a sensor's picture on the wire, and their size."""
 
 from enum import Enum
 from typing import Final, cast
@@ -36,7 +36,7 @@ class PixelFormat(Enum):
 
     @property
     def description(self) -> str:
-        """What the kernel calls it."""
+        """The kernel's name for it."""
         return self.value[2]
 
     def bytes_per_line(self, width_px: int) -> int:

@@ -1,4 +1,4 @@
-"""What every ioctl of the camera is given: the open file it came through, and how it may fail."""
+"""The context of every ioctl of the camera: its open file, and its possible failures."""
 
 import errno
 from dataclasses import dataclass, field

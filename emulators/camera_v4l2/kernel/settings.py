@@ -1,4 +1,4 @@
-"""What the camera can deliver and what it is set to: name, formats, sizes, frame rates, inputs."""
+"""The camera's abilities and settings: name, formats, sizes, frame rates, inputs."""
 
 import errno
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ _KERNEL_VERSION: Final = 0x060100  # Linux 6.1, whose uvcvideo this camera was c
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CameraConfig:
-    """How the camera's maker built it: names, sizes, formats, rates, controls.
+    """The camera as built: names, sizes, formats, rates, controls.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""How a client reaches the camera: a FUSE node, or a unix socket with the same ioctl structs."""
+"""The wires to the camera: a FUSE node, or a unix socket with the same ioctl structs."""
 
 from ._fuse import FuseMount, can_mount
 from ._fuse_wire import unmount

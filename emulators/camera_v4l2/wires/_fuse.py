@@ -32,7 +32,7 @@ _THREAD_COUNT: Final = 2  # one may be held up by a client's memory that itself 
 
 
 def can_mount() -> str | None:
-    """Return None where a FUSE mount can be made, else the reason why not."""
+    """Return None if a FUSE mount can be made, else the reason why not."""
     try:
         device_fd = os.open("/dev/fuse", os.O_RDWR | os.O_CLOEXEC)
     except OSError as error:
@@ -162,7 +162,7 @@ class FuseMount:
         return self.directory / name
 
     def remove(self, name: str) -> None:
-        """Take an unplugged camera's name away; files that are open answer ENODEV."""
+        """Remove an unplugged camera's name; open files answer ENODEV."""
         node = self._names.pop(name)
         node.device.detach(node)
         node.frames.clear()

@@ -71,7 +71,7 @@ class Opcode(IntEnum):
 
 
 class Notice(IntEnum):
-    """What a server tells the kernel unasked."""
+    """A server's unasked message to the kernel."""
 
     POLL = 1
     INVAL_ENTRY = 3

@@ -1,4 +1,4 @@
-"""A camera over a unix socket, where no FUSE can be mounted: the same ioctl structs, word for word.
+"""A camera over a unix socket, if no FUSE can be mounted: the same ioctl structs, word for word.
 
 Each request is `<IIQ` (kind, size, argument) and `size` bytes; each reply `<iI` (0 or -errno, size)
 and `size` bytes. Structs that hold pointers cannot cross: their ioctls are refused with ENOTTY.

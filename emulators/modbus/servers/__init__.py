@@ -1,4 +1,4 @@
-"""Who owns a wire: Modbus TCP, RTU over TCP, and RTU on a pseudo-terminal, in the world's time."""
+"""The owners of a wire: Modbus TCP, RTU over TCP, and RTU on a pseudo-terminal, in world time."""
 
 from ._pty import RtuPtyServer
 from ._tcp import RtuOverTcpServer, TcpGateway, TcpListener, TcpServer

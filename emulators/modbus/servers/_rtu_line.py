@@ -19,7 +19,7 @@ class HangUp(Exception):  # noqa: N818 (an outcome asked for by a test, not an e
 
 
 class MasterPlug(Protocol):
-    """Where the master's bytes come from and the line's bytes go to."""
+    """The source of the master's bytes and the sink of the line's."""
 
     reader: asyncio.StreamReader
 

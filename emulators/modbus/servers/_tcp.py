@@ -1,4 +1,4 @@
-"""Modbus over TCP: the sockets. Each server decides what becomes of a frame."""
+"""Modbus over TCP: the sockets. Each server decides on the use of a frame."""
 
 import asyncio
 import contextlib
@@ -64,7 +64,7 @@ class TcpListener(ABC):
 
     @property
     def client_count(self) -> int:
-        """How many clients are connected."""
+        """The number of connected clients."""
         return len(self._clients)
 
     def drop_connections(self) -> None:

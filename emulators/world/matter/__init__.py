@@ -1,1 +1,1 @@
-"""What is solid in the emulated cell: boxes and parts as bodies, grasps, pads, collisions."""
+"""The solid matter of the emulated cell: boxes and parts as bodies, grasps, pads, collisions."""

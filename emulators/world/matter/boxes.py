@@ -1,4 +1,4 @@
-"""The boxes of the cell, fixed and moving, as bodies: where they are and what overlaps."""
+"""The boxes of the cell, fixed and moving, as bodies: their places and overlaps."""
 
 from collections.abc import Callable, Mapping, Sequence
 

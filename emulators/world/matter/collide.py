@@ -1,4 +1,4 @@
-"""What the arm runs into: boxes and held parts against the cell, and which motors that stops."""
+"""The arm's collisions: boxes and held parts against the cell, and the motors they stop."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace

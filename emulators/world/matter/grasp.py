@@ -53,7 +53,7 @@ class Hold:
 
 @dataclass(slots=True, eq=False)
 class Gripper:
-    """One gripper of the cell, as far as it holds things.
+    """One gripper of the cell, with its hold.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What two pads feel of a part: height fields of the exact mesh, and how a part seats between them.
+"""The pads' contact with a part: height fields of the exact mesh, and the part's seat between.
 
 Everything is in the TCP frame of a gripper: x approach, y the jaws' axis, origin between the
 finger tips. The pads are ``opening`` apart and close symmetrically.
@@ -25,7 +25,7 @@ _REGULAR_MM_PER_RAD: Final = 0.01  # prefers the less turned of two equally narr
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Felt:
-    """What the pads see of a part.
+    """The surface of a part before the pads.
 
     Attributes
     ----------
@@ -48,7 +48,7 @@ class Felt:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Seat:
-    """How a part sits between closed pads.
+    """The seat of a part between closed pads.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""One part in the world: its pose, which gripper has it, and whether it is at rest."""
+"""One part in the world: its pose, its gripper, and whether it is at rest."""
 
 import math
 from typing import Any, Final
@@ -125,7 +125,7 @@ class Part:
         self.move(T)
 
     def watch(self, speed: tuple[float, float], dt_s: float) -> None:
-        """Count how long the part has hardly moved [mm/s, rad/s]."""
+        """Count the time that the part has hardly moved [mm/s, rad/s]."""
         is_slow = speed[0] < _CALM_MM_PER_S and speed[1] < _CALM_RAD_PER_S
         self.calm_s = self.calm_s + dt_s if is_slow else 0.0
 

@@ -1,4 +1,4 @@
-"""What a part is as a body: exact mesh, mass, rests on a table, convex pieces for contacts.
+"""A part as a body: exact mesh, mass, rests on a table, convex pieces for contacts.
 
 Contacts with table, trays and fingers use V-HACD's pieces (some tenths of a mm fat, small holes
 filled); rests and grasps use the exact mesh. Pieces are cached by content hash in the user's cache

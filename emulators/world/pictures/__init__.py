@@ -1,4 +1,4 @@
-"""What the cameras of the emulated cell see, drawn in a process of their own."""
+"""The pictures of the emulated cell's cameras, drawn in a process of their own."""
 
 from .desk import PictureDesk
 from .geometry import Scene, board_surface, build_scene, part_surface

@@ -12,7 +12,7 @@ from .light import CHUNK, Index, Spots, chunks
 
 @dataclass(slots=True, eq=False)
 class Hits:
-    """What some rays met: triangle (-1: nothing), distance in lengths of the ray, where in it."""
+    """The hits of some rays: triangle (-1: nothing), distance in ray lengths, place in it."""
 
     triangle: NDArray[np.int32]
     far: Array32

@@ -34,7 +34,7 @@ _JOIN_S: Final = 5.0
 
 
 class WorldState(Protocol):
-    """What a picture needs to know of the world."""
+    """The world's state for a picture."""
 
     def poses(self) -> dict[str, Array]:
         """Return T_world_* of everything that moves and is there."""

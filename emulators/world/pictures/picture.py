@@ -1,4 +1,4 @@
-"""Pictures by ray casting: what a camera's sensor gets, without noise; docs/adr/0003-pictures.md.
+"""Pictures by ray casting: a sensor's light, without noise; docs/adr/0003-pictures.md.
 
 A picture is a sum over lamps. What stands still is painted once per camera and lamp; for a
 picture, only the pixels that moving things or their shadows may touch are painted again.
@@ -33,7 +33,7 @@ if TYPE_CHECKING:  # loads scipy, which plain pictures do without
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Changes:
-    """What moving things and their shadows change in a picture.
+    """The changes of a picture by moving things.
 
     Attributes
     ----------

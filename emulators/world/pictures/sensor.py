@@ -21,7 +21,7 @@ READ_NOISE_ELECTRONS: Final = 12.0
 
 @dataclass(frozen=True, slots=True)
 class Exposure:
-    """How a picture is taken.
+    """The settings of an exposure.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What the picture process runs: it takes orders and makes pictures of them.
+"""The picture process: it takes orders and makes pictures of them.
 
 It keeps what does not change: what stands still under each lamp, made when that lamp is first
 lit, and the last picture of each camera if nothing in it moved. A test may run `PictureMaker` in
@@ -33,7 +33,7 @@ END_LOOK_WALL_S: Final = 0.01
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Order:
-    """What the picture process needs for one picture.
+    """The picture process's order for one picture.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class Order:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Standpoint:
-    """Where a camera stands from now on: its number in the scene, and T_world_cam (4, 4)."""
+    """A camera's new pose: its number in the scene, and T_world_cam (4, 4)."""
 
     camera: int
     T_world_cam: Array

@@ -1,4 +1,4 @@
-"""What a camera looks at, and its rays: surfaces with materials, moved into place, and their edges.
+"""A camera's surroundings and its rays: surfaces with materials, moved into place, and edges.
 
 Knows no light: `light` does.
 """

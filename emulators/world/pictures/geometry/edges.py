@@ -1,4 +1,4 @@
-"""Where in a picture light can jump: the edges of moving things, drawn as lines.
+"""The places in a picture where light can jump: the edges of moving things, drawn as lines.
 
 Between edges a surface is smooth, so that few rays are enough for its light. Edges are where facets
 meet at an angle that shading shows or are of different materials, and where a curved surface turns

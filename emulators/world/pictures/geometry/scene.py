@@ -1,4 +1,4 @@
-"""What cameras look at: triangles with materials, some fixed to the world and some moving.
+"""The scene before the cameras: triangles with materials, some fixed and some moving.
 
 The picture process gets this description once, and poses with every order.
 """
@@ -24,7 +24,7 @@ _TRAY_HEIGHT_MM: Final = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Material:
-    """How a surface gives light back.
+    """The reflection of a surface.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Where in a camera's picture things and their shadows may be: outlines, no rays.
+"""The regions of a camera's picture that things and their shadows may reach: no rays.
 
 Only there is a picture cast anew. An outline may be too large, never too small.
 """
@@ -23,7 +23,7 @@ _HIGHEST: Final = 0.98  # of a lamp's height: what is above throws its shadow fa
 
 
 class Reach:
-    """How far things reach in the picture of one camera, themselves and by their shadows."""
+    """The regions of one camera's picture that things reach, themselves and by their shadows."""
 
     def __init__(self, camera: CameraLayout, lamps: Lamps) -> None:
         self._camera, self._lamps = camera, lamps

@@ -1,4 +1,4 @@
-"""How much of a ring or a spot surfaces see: few shadow rays where few will do, many at borders.
+"""The visible share of a ring or a spot lamp: few shadow rays on even surfaces, many at borders.
 
 Knows lamps and what stands between, no camera: surfaces come one in each of some pixels, and only
 which are neighbours matters.
@@ -33,7 +33,7 @@ _SHORT_OF: Final = 0.999  # shadow rays end before the lamp, whatever it is fixe
 
 @dataclass(slots=True, eq=False)
 class Spots:
-    """Where some rays met surfaces.
+    """The surface points that some rays met.
 
     Attributes
     ----------
@@ -58,7 +58,7 @@ class Spots:
 
 @dataclass(slots=True, eq=False)
 class Shadow:
-    """What surfaces see of a source, (n,) each.
+    """The surfaces' view of a source, (n,) each.
 
     Attributes
     ----------
@@ -73,7 +73,7 @@ class Shadow:
 
 @dataclass(slots=True, eq=False)
 class Lit:
-    """What of a source shines on some surfaces, (n,) each.
+    """The light of a source on some surfaces, (n,) each.
 
     Attributes
     ----------
@@ -95,7 +95,7 @@ class Lit:
 
     @property
     def share(self) -> Array32:
-        """The share of the light that is not kept away, 1 where there is none, (n,)."""
+        """The share of the light that arrives, 1 if there is none, (n,)."""
         known = self.unshaded > 0.0
         share = np.where(known, self.light / np.where(known, self.unshaded, 1.0), 1.0)
         return share.astype(np.float32)

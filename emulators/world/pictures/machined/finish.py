@@ -1,4 +1,4 @@
-"""What machined surfaces add to a painted picture, lamp by lamp.
+"""The effect of machined surfaces on a painted picture, lamp by lamp.
 
 The painter has filled smooth areas from few rays. Here one more ray for each pixel on a part finds
 where on which face it is; the light there with marks, over that without, is a factor on what was

@@ -39,7 +39,7 @@ OIL_ALBEDO: Final = 0.90
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Marked:
-    """What marks make of some places of a surface, (n,) each.
+    """The effect of marks on some places of a surface, (n,) each.
 
     Attributes
     ----------
