@@ -33,7 +33,7 @@ _NS: Final = 1e-9
 _BEATS_PER_WINDOW: Final = 4
 _MIN_BEAT_WALL_S: Final = 0.001
 _OWNER_LOOK_WALL_S: Final = 0.25
-_CREEP: Final = 0.2  # cell seconds in a second, while time is held
+_CREEP: Final = 0.2  # cell seconds per second while time is held
 _FLOCK: Final = "hhqqi"  # struct flock of Linux, 64 bit
 
 

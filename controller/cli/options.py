@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-MAX_PART_COUNT = 100_000  # in one run; the limit of a recipe, too
+MAX_PART_COUNT = 100_000  # parts in one run; also the limit of a recipe
 
 
 EMULATED = "Emulated cell"  # title of a section of the help

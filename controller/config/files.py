@@ -16,9 +16,9 @@ from controller.yaml_text import LARGEST_NUMBER, NO_NUMBER
 
 from .errors import ConfigError
 
-MAX_TEXT_BYTES = 128 * 1024  # recipes and cell files have a tenth of it
+MAX_TEXT_BYTES = 128 * 1024  # ten times a usual recipe or cell file
 CHUNK_BYTES = 1 << 20
-FIRST_BYTES = 32  # that tell UTF-16 without a mark
+FIRST_BYTES = 32  # bytes that identify UTF-16 without a mark
 # UTF-32's mark begins as UTF-16's does
 MARKS = (
     (codecs.BOM_UTF32_LE, "utf-32"),

@@ -40,7 +40,7 @@ from .tables import (
     RUNS,
 )
 
-CHUNK_COUNT: Final = 16  # parts folded at once: their rows are in memory together
+CHUNK_COUNT: Final = 16  # parts folded at once, whose rows are in memory together
 SET_ASIDE: Final = "journal-set-aside-*.sqlite"
 
 

@@ -15,7 +15,7 @@ from .tables import METADATA, VERSION
 
 STORE_NAME: Final = "history.sqlite"
 VARIABLE: Final = "CELLCTL_HISTORY"
-BUSY_S: Final = 30.0  # how long one filler waits for another
+BUSY_S: Final = 30.0  # longest wait of one filler for another
 
 
 class Store:

@@ -9,7 +9,7 @@ from markupsafe import Markup
 
 WIDTH, HEIGHT = 760, 200
 LEFT, RIGHT, TOP, BOTTOM = 62, 128, 14, 22
-MARGIN_SHARE: Final = 0.06  # of the range shown, above and below
+MARGIN_SHARE: Final = 0.06  # margin above and below, as a share of the range shown
 MAX_DOTS: Final = 4000
 
 

@@ -11,7 +11,7 @@ FIRST_REGISTER: Final = 0  # levels of the four channels, then transition, live,
 STATE_COUNT: Final = 7
 ADDRESS_REGISTER: Final = 1000
 CHANNEL_COUNT: Final = 4
-MAX_CYCLE: Final = 255  # channel A takes no more, and all lamps are to mean the same
+MAX_CYCLE: Final = 255  # limit of channel A, used for all channels so that levels mean the same
 AT_ONCE_MS: Final = 0
 LIVE: Final = 1  # "0/any"
 

@@ -11,7 +11,7 @@ from ._address import Address, RtuAddress, TcpAddress
 from ._framing import MBAP_SIZE, crc16
 from ._request import FunctionCode
 
-_NUMBER: Final = 0xB11D  # of the transaction; our own connection has no other
+_NUMBER: Final = 0xB11D  # transaction number; our own connection has no other
 
 
 def place_of(address: Address) -> str:

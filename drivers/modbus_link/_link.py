@@ -40,9 +40,9 @@ RETRY_COUNT: Final = 1  # the same, for reads
 BACK_OFF_FIRST_S: Final = 0.1
 BACK_OFF_MAX_S: Final = 2.0
 SILENCES_UNTIL_REOPENED: Final = 3  # a half-open connection looks like silent devices
-OVERDUE_TIMEOUTS: Final = 10.0  # nobody answers later than so many reply time-outs
+OVERDUE_TIMEOUTS: Final = 10.0  # reply time-outs after which no answer comes any more
 RESYNC_TRIES: Final = 3
-BLIND_SPACING_WALL_S: Final = 0.02  # from a frame of ours, or of the link that is late, to the next
+BLIND_SPACING_WALL_S: Final = 0.02  # spacing from the last frame, ours or the late link's
 GATEWAY_SILENCE: Final = {
     0x0A: "no path to it",
     0x0B: "it did not answer the gateway",
@@ -51,7 +51,7 @@ LATER: Final = {
     0x05: "it is still at work on it",
     0x06: "it is busy",
 }  # the same: the client is to ask again
-LATER_PAUSES: Final = 10  # so often is it asked again within a reply time-out
+LATER_PAUSES: Final = 10  # repeated requests within a reply time-out
 
 Again = Callable[[], Awaitable[bool]]
 """Whether a write that was answered "later" is to be sent again, by looking at the device."""

@@ -24,11 +24,11 @@ from drivers.errors import LinkError
 
 from .words import BLIND_BEATS, MISSED_BEATS, BlindLook, BlindStop, Orders
 
-LOOK_WALL_S: Final = 0.02  # how often it looks at the clock
-CONNECT_WALL_S: Final = 0.2  # a device that does not let itself be connected to holds nobody up
-AGAIN_WALL_S: Final = 1.0  # until a device that could not be asked is tried again
+LOOK_WALL_S: Final = 0.02  # period of looks at the clock
+CONNECT_WALL_S: Final = 0.2  # time-out of a connection, so that no device delays the others
+AGAIN_WALL_S: Final = 1.0  # pause before an unreachable device is tried again
 PACKET_BYTES: Final = 1 << 16
-MAX_CALL_BYTES: Final = 64  # of a request, enough to tell what it asks for
+MAX_CALL_BYTES: Final = 64  # bytes of a request that identify it
 # by which people and systems end a run
 ENDS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT, signal.SIGHUP, signal.SIGTSTP)
 

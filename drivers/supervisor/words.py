@@ -4,7 +4,7 @@ import json
 from dataclasses import dataclass
 from typing import Any, Final, Protocol, runtime_checkable
 
-BEAT_S: Final = 0.1  # from one heartbeat to the next [cell s]
+BEAT_S: Final = 0.1  # period of heartbeats [cell s]
 # Heartbeats missed before every wire is stopped: half a second, which no healthy loop is late.
 MISSED_BEATS: Final = 5
 # Heartbeats missed before inputs, a signal or a caller count, on which a loop that runs would have

@@ -81,7 +81,7 @@ __all__ = [
     "synchronised_speeds",
 ]
 
-MAX_PLAY_DEG: Final = 2.0  # more than that is a broken gear
+MAX_PLAY_DEG: Final = 2.0  # above it the gear is broken
 MAX_JAW_ZERO_MM: Final = 5.0
 # settings, the least and the most of each; SPEED and MAX_FORCE as drivers have used them
 _LIMITS: Final = (

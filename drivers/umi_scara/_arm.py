@@ -56,7 +56,7 @@ _PARTNERS = {
 }
 SUPPLY_LINE: Final = 0x01  # of IP1, §8.9
 _STILL_POLL_COUNT = 3  # §9.17
-BLIND_STOP_COUNT = 4  # even: each hands the line over once
+BLIND_STOP_COUNT = 4  # an even number, as each hands the line over once
 
 
 class UmiScara:

@@ -43,7 +43,7 @@ from .watching import Watcher
 
 log = logging.getLogger(__name__)
 
-BUTTON = "the acknowledge button"  # who acknowledges at the I/O block
+BUTTON = "the acknowledge button"  # name of the acknowledging person if the button was pressed
 WORKER_GONE = "the worker process has died: it was killed, or memory ran out"
 End = Literal["complete", "held", "stopped", "aborted", "refused"]
 

@@ -31,7 +31,7 @@ PERMIT: Final = "commission"
 # A cell that nobody has measured: 3 mm and 0.5 degrees of the base, 0.5 degrees of each joint and
 # 0.5 mm of the tool come to some 15 mm at the TCP of the stretched arm.
 UNCALIBRATED_MM: Final = 20.0
-SLOW: Final = 0.25  # of the usual speed
+SLOW: Final = 0.25  # share of the usual speed
 
 
 @dataclass(slots=True)

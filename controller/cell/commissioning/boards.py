@@ -36,7 +36,7 @@ APPROACH_RAD: Final = float(np.radians(1.5))
 # shoulder, elbow, yaw and pitch are turned back; with pitch alone both motors of the wrist are
 APPROACH: Final = np.array([1.0, 1.0, 1.0, 0.0, 1.0, 0.0]) * APPROACH_RAD
 RING: Final[Mapping[CameraName, str]] = {"overhead": "table_ring", "inspection": "station_ring"}
-BRIGHT: Final = 235  # of 255; white paper brighter than this is burnt out somewhere
+BRIGHT: Final = 235  # grey level of 255; brighter white paper is saturated somewhere
 DIMMEST: Final = 0.1
 HALF_OPEN_MM: Final = 40.0
 MAX_JAWS_OFF_MM: Final = 2.0  # the jaws are not calibrated yet
@@ -122,7 +122,7 @@ def load_plate(file: Path) -> BoardSection:
     return board
 
 
-HANDED_MM: Final = 6.0  # a person holds it so nearly where it should be
+HANDED_MM: Final = 6.0  # largest offset at which a person holds the plate
 
 
 def as_handed(bench: Bench, board: BoardSection) -> HeldPlate:

@@ -29,7 +29,7 @@ from controller.setup.optics import table_corners
 from controller.setup.planner import PlannerSetup, planner_setup
 from controller.setup.samples import sampled_for
 
-MAX_RECIPE_COUNT: Final = 16  # of a batch: a worker keeps the parts of all of them
+MAX_RECIPE_COUNT: Final = 16  # recipes of a batch; a worker keeps the parts of all of them
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,8 +20,8 @@ from drivers.attendance import BEAT_WALL_S
 from drivers.clock import CellClock
 from drivers.errors import LinkError
 
-SLOW_SHARE = 0.8  # of the speed asked for; a machine below it is called slow
-SETTLED_S = 30.0  # of cell time; over a shorter time the speed reached means little
+SLOW_SHARE = 0.8  # share of the requested speed below which a machine is called slow
+SETTLED_S = 30.0  # least cell time over which the speed reached is meaningful
 MISSED_WALL_S = 0.5  # a process that waits for real devices may be late by this much in all
 # Next to real devices the clock does not wait for an emulated one, which shares the host.
 MIXED_TIMEOUT_WALL_S = 2.0

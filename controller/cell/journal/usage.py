@@ -12,7 +12,7 @@ from . import rows
 from ._form import Row
 from .rows import is_of
 
-MIN_VIEWS: Final = 3  # of a grasp: fewer agree whatever has moved
+MIN_VIEWS: Final = 3  # views of a grasp; fewer always agree
 
 
 def usage_of(found: Iterable[Row]) -> Mapping[str, Usage]:

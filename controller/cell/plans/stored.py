@@ -36,7 +36,7 @@ from controller.planning.model import Counted
 
 # To be raised when the meaning of stored plans changes.
 FORMAT = 5
-MAX_PREPARED_COUNT = 30  # megabytes each; the oldest go first
+MAX_PREPARED_COUNT = 30  # files of some megabytes each; the oldest are deleted first
 STEPS = (Pick, Present, GiveStep, ReceiveStep, SetDown, Look)
 ROTATION_TOLERANCE = 1e-6
 # Fields of one array, whose shape is checked; other fields are searched for such fields.

@@ -23,7 +23,7 @@ PROMPT_S: Final = 0.12  # a reply that was in time takes no longer: the arm's ti
 END_S: Final = (
     2.0  # of cell time: from the last motion to the end of a run, devices are only polled
 )
-RENAMED_S: Final = 0.02  # what sends it may be called otherwise than when it was recorded
+RENAMED_S: Final = 0.02  # wait for a sender that has been renamed since the recording
 OVERDUE_S: Final = 0.2  # of cell time; a recorded loop was never late by that much
 ENDED: Final = "the recording has ended"
 

@@ -288,7 +288,7 @@ class Teacher:
         load_cell(self._path)
 
 
-UNCALIBRATED_U_MM: Final = 7.5  # half of what the TCP of an arm may be off that nobody has measured
+UNCALIBRATED_U_MM: Final = 7.5  # half the largest TCP error of an uncalibrated arm
 
 
 def _tray(what: str) -> TrayName:

@@ -31,7 +31,7 @@ Check = dict[str, Any]
 
 PACKAGES = ("pymodbus", "pyserial", "opencv-python-headless", "numpy", "trimesh")
 MIN_DISK_MB = 500
-RUNS = "runs"  # where runs keep their journal unless they are given another folder
+RUNS = "runs"  # default folder of runs, with their journal
 
 
 @dataclass(frozen=True, slots=True)

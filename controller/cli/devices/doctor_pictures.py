@@ -17,7 +17,7 @@ LAMPS: Final[Mapping[CameraName, tuple[str, str]]] = {
     "overhead": (TABLE_PANEL, TABLE_LAMPS[0]),
     "inspection": (STATION_PANEL, STATION_LAMPS[0]),
 }
-KEPT_COUNT: Final = 2  # of each camera and lamp: one may be being read
+KEPT_COUNT: Final = 2  # pictures kept per camera and lamp: one may be in use by a reader
 PAUSE_S: Final = 0.3
 
 

@@ -13,7 +13,7 @@ from controller.results.wording import num, span
 from ..terminal.output import print_line, printable, stdout
 
 TEXT_COLUMNS = 220
-REVIEWS_COUNT = 5  # of a part that are printed, the last ones
+REVIEWS_COUNT = 5  # last reviews of a part that are printed
 COLUMNS = (
     "begun (UTC)", "part", "serial", "lot", "recipe", "operator", "verdict", "tray", "s",
     "forecast", "findings", "recoveries", "review",

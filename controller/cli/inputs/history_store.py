@@ -11,7 +11,7 @@ from controller.history import HistoryError, Store, fill, journals_in, open_stor
 
 from ..terminal.output import warn
 
-NAMED_COUNT = 5  # problems that are printed one by one
+NAMED_COUNT = 5  # problems printed one by one
 
 
 @contextmanager

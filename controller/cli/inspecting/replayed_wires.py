@@ -18,7 +18,7 @@ from controller.processes import worker_pool
 
 from ..terminal.output import emit, print_line, warn
 
-SHOWN_BYTES: Final = 64  # of a row; a frame's struct is longer
+SHOWN_BYTES: Final = 64  # bytes of a row that are shown; a frame's struct is longer
 
 
 def replay_wire_file(

@@ -16,7 +16,7 @@ from controller.config.cad_files import body_path
 from ..inputs.part_files import PartFile
 from ..terminal.output import emit, print_line, warn
 
-WIDEST: Final = 40  # of the column of names
+WIDEST: Final = 40  # largest width of the column of names
 WIDEST_ROW: Final = 80
 
 

@@ -28,7 +28,7 @@ from controller.planning import (
 from controller.planning.model import Jaw
 from controller.planning.motion import segment_seconds, travel_seconds
 
-STILL_S = 1e-12  # a move of no more than this at full speed is none
+STILL_S = 1e-12  # a shorter move at full speed counts as none
 ARM, FIXED = "arm", "fixture"
 
 

@@ -16,7 +16,7 @@ from controller.recognition.explain import Explanation, StageTable
 from ..inputs.checks import writing
 from ..terminal.output import stdout
 
-TEXT_COLUMNS = 200  # of a line in a file
+TEXT_COLUMNS = 200  # width of a line in a file
 
 
 class ExplainFolder:

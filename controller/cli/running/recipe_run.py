@@ -59,7 +59,7 @@ log = logging.getLogger(__name__)
 NO_SERIALS: Final = SerialOptions()
 
 COMPUTES = "controller.cell.compute"  # answers in a worker process
-AHEAD_NICENESS = 5  # what works on the next part gives way to what the arm waits for
+AHEAD_NICENESS = 5  # work on the next part gives way to work that the arm waits for
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

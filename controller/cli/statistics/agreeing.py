@@ -17,7 +17,7 @@ VERDICT_COLUMNS = ("recipe", "the machine", "the person", "parts")
 FINDING_COLUMNS = (
     "recipe", "finding", "face", "real", "false alarms", "share", "95 %", "not named", "",
 )  # fmt: skip
-LISTED_COUNT = 20  # findings that wait and are likely false alarms
+LISTED_COUNT = 20  # unreviewed, likely false alarms that are listed
 
 
 def report_agreement(runs_dir: Path, url: str | None, chosen: Chosen, *, as_json: bool) -> int:

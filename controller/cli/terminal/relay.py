@@ -17,7 +17,7 @@ from typing import Final, TextIO
 LIVE_LINE_COUNT: Final = 1000
 # In the end a reader is waited for as long as it takes something so often [wall s].
 STALL_WALL_S: Final = 2.0
-END_WALL_S: Final = 10.0  # and no longer than this: until then nobody else may have the cell
+END_WALL_S: Final = 10.0  # longest wait for the reader; until then nobody else can take the cell
 
 Write = Callable[[str], None]
 

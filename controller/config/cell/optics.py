@@ -11,7 +11,7 @@ from controller.arrays import FloatArray
 from ..yaml_models import Section, WrongKeyError
 from .values import IN_MM, MAX_HEIGHT_MM, MIN_HEIGHT_MM, Pose, Size, Vec2, Vec3, positive
 
-MAX_SIZE_PX = 20_000  # of a picture, each way
+MAX_SIZE_PX = 20_000  # largest width and height of a picture
 
 
 def _of_a_camera(size: tuple[int, int]) -> tuple[int, int]:

@@ -9,7 +9,7 @@ from ..grippers import FingersSection, FixedJawsSection, Width
 from ..yaml_models import Section, WrongKeyError
 from .values import IN_MM, MAX_OFF_MM, MAX_ZERO_DEG, Box, Pose, Range, Size, Vec2, Vec3
 
-MIN_AREA_MM = 10.0  # side of an area in which parts lie
+MIN_AREA_MM = 10.0  # least side of an area in which parts lie
 
 
 class Range2(Section):

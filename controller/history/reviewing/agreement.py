@@ -25,7 +25,7 @@ from ..tables import FINDING_FACES, FINDINGS, PARTS, RUNS
 
 CONFIDENCE: Final = 0.95
 LIKELY_SHARE: Final = 0.5
-LISTED_MAX: Final = 500  # findings that wait and are likely false alarms
+LISTED_MAX: Final = 500  # unreviewed, likely false alarms that are listed
 
 
 @dataclass(frozen=True, slots=True)

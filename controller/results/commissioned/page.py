@@ -24,7 +24,7 @@ from ..pages import render_page
 from ..wording import utc
 
 TEMPLATE: Final = "commissioned.html.j2"
-WIDTH_PX: Final = 420  # of a picture on the page; the evidence has it whole
+WIDTH_PX: Final = 420  # width of a picture on the page; the evidence has the full size
 JPEG_QUALITY: Final = 80
 BADGE: Final = {
     Status.DONE: "pass",

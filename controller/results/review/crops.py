@@ -24,11 +24,11 @@ CROPS: Final[tuple[Crop, ...]] = ("picture", "predicted", "difference", "place")
 MARGIN, MIN_PX = 0.9, 160
 SHOWN_PX: Final = 480  # width of a crop as shown
 PLACE_PX: Final = 480
-BRIGHT_LEVEL: Final = 215.0  # dark pictures are brightened to it, prediction and all
+BRIGHT_LEVEL: Final = 215.0  # level to which dark pictures and their predictions are brightened
 MAX_GAIN: Final = 4.0
 MIN_RANGE: Final = 32.0  # grey levels that a difference spans at least: less is noise
 HATCH_PX: Final = 7
-MIN_SHARE: Final = 0.16  # of the crop's width: a smaller border is drawn as a box round it
+MIN_SHARE: Final = 0.16  # share of the crop's width; a smaller border is drawn as a box round it
 CORNERS: Final = ((-1, -1), (1, -1), (1, 1), (-1, 1))
 
 

@@ -16,7 +16,7 @@ ASPECT: Final = 1.25
 TILTED_RAD: Final = float(np.radians(25.0))
 LIGHT: Final = np.array([-0.35, 0.45, 0.82])  # right, up, towards the eye
 PAPER, INK, DARK = 255.0, 40.0, 90.0
-MARK_SHARE: Final = 0.055  # of the width: the circle round the place
+MARK_SHARE: Final = 0.055  # radius of the circle round the place, as a share of the width
 MARK_BGR: Final = (0, 54, 168)
 
 

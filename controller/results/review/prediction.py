@@ -31,14 +31,14 @@ from controller.setup.optics import build_camera, build_lamps
 
 from ..run import ViewReport
 
-MARGIN_PX: Final = 24  # round the part, where the level beside it is taken
+MARGIN_PX: Final = 24  # margin round the part in which the background level is taken
 FIT_PX: Final = 160  # longer side of the grid that the lamp's scale is fitted on
 FIT_ROUNDS: Final = 5
 OUTLYING: Final = 2.5  # robust standard deviations: farther off a pixel is no matt surface
-RIM_PX: Final = 3  # inside the border, where levels of a shadow are taken
-BLUR_PX: Final = 0.8  # of the camera, about
-START_MM: Final = 0.05  # a shadow ray begins off its own surface
-BACKLIT: Final = "backlight"  # how the names of panels end
+RIM_PX: Final = 3  # distance inside the border at which levels of a shadow are taken
+BLUR_PX: Final = 0.8  # approximate blur of the camera
+START_MM: Final = 0.05  # offset of a shadow ray's start from its own surface
+BACKLIT: Final = "backlight"  # ending of the panels' names
 
 
 @dataclass(frozen=True, eq=False, slots=True)

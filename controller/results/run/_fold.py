@@ -27,7 +27,7 @@ from .model import (
 SomeBody = TypeVar("SomeBody", bound=Body)
 
 ENDS: Final = ("complete", "held", "stopped", "aborted", "refused")
-EARLY: Final = ("stopped", "aborted")  # whoever starts anew finds the table as it was left
+EARLY: Final = ("stopped", "aborted")  # ends after which the next start finds the table unchanged
 
 
 def fold(run_id: str, folder: Path, found: Sequence[Row], broken: int | None) -> RunRecord:

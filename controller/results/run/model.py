@@ -24,7 +24,7 @@ from controller.cell.journal.rows import (
 End = Literal["complete", "held", "stopped", "aborted", "refused", "broke_off", "cut_off"]
 Box = tuple[int, int, int, int]
 Points = tuple[tuple[float, float], ...]
-REVIEW_TRAY: Final = "quarantine"  # what is in it awaits a person
+REVIEW_TRAY: Final = "quarantine"  # parts in it await a person
 
 
 class ResultsError(Exception):

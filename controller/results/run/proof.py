@@ -28,7 +28,7 @@ from .load import find_run
 from .model import ResultsError
 
 PICTURES: Final = "pictures"
-RESULTS: Final = ("report.*", "*.views.json")  # files of a run that its journal has to know
+RESULTS: Final = ("report.*", "*.views.json")  # files of a run that must be in its journal
 CHUNK_BYTES: Final = 1 << 20
 
 

@@ -16,7 +16,7 @@ GROUPS: Final[Mapping[str, Callable[[RunTakt, PartTakt], str]]] = {
     "day": lambda run, part: f"{run.start:%Y-%m-%d}",
     "part": lambda run, part: f"{run.run_id} {part.number}",
 }
-MIN_NAMED_SHARE: Final = 0.005  # of all time: what is less is not named in the line
+MIN_NAMED_SHARE: Final = 0.005  # share of all time below which a use is not named in the line
 
 
 @dataclass(frozen=True, slots=True)

@@ -35,7 +35,7 @@ _IDENTIFY: Final = bytes([Simple.IDENTIFY])
 _VERSION: Final = bytes([Simple.VERSION])
 _RESTARTED: Final = b"\x0f"
 _ACKNOWLEDGED: Final = b"\x00"
-_USUAL_S: Final = 0.004  # of an answer that was not recorded just so
+_USUAL_S: Final = 0.004  # delay of an answer that was not recorded in this form
 
 Key = tuple[int, bytes, bytes]
 

@@ -38,9 +38,9 @@ _STAY_AWAY: Final = (
     "target. Press the emergency stop if anything moves, then"
 )
 _STRAY_STOP_COUNT: Final = 12  # 0.1 s
-_DRAIN_LIMIT_S: Final = 2.0  # no arm sends for longer than that
+_DRAIN_LIMIT_S: Final = 2.0  # longest time for which an arm sends
 _WAYS: Final = 2  # through the kernel: a request, its reply
-_ANSWER_WALL_S: Final = 0.1  # for who answers, or is handed the answer, after each
+_ANSWER_WALL_S: Final = 0.1  # time for the arm to answer, or the driver to read, after each
 # A busy host delivers bytes a little late, however fast the cell's clock runs.
 _MIN_SILENCE_WALL_S: Final = 0.02
 

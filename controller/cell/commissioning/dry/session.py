@@ -31,7 +31,7 @@ from ..jogging import inside_limits
 from ..visit import Build, Visit, VisitOrder
 from .lifting import LiftedStep, dry_scene, lift_plan
 
-SPEED: Final = 0.1  # of the usual one
+SPEED: Final = 0.1  # share of the usual speed
 START: Final = "start"
 
 

@@ -20,16 +20,16 @@ from ..bench import SLOW, Bench
 from ..errors import StepFailedError
 from ..person import Errand
 
-ABOVE_MM: Final = 30.0  # a place, before a person takes over
+ABOVE_MM: Final = 30.0  # height over a place at which a person takes over
 MARGIN_MM: Final = 10.0
-CLOSED_MM: Final = 2.0  # open so far, the tips are one point to the eye, and the jaws do not press
+CLOSED_MM: Final = 2.0  # opening at which the tips look like one point and the jaws do not press
 READINGS: Final = 3
 BETWEEN_S: Final = 0.3
-STILL_MM: Final = 0.3  # between two readings of finger tips that a person holds still
+STILL_MM: Final = 0.3  # largest change between two readings of fingertips held still by a person
 # Homing folds the elbow by 30 degrees more, then turns the shoulder to its stop (umi_rtx.md 4.1).
 # From farther on the palm meets the column, and where that is passes for the stop.
 FOLDED_RAD: Final = float(np.radians(92.0))
-TRIED: Final = 12  # configurations above a place
+TRIED: Final = 12  # configurations above a place that are tried
 SEARCHED: Final = 2
 
 

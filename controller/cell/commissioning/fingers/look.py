@@ -17,7 +17,7 @@ from ..errors import StepFailedError
 OPEN_MM: Final = 40.0
 LOOKS: Final = 16
 MARGIN_MM: Final = 25.0
-OUT_OF_PLANE: Final = 0.45  # of approach directions, from the plane across the line of sight
+OUT_OF_PLANE: Final = 0.45  # largest part of an approach out of the plane across the sight
 SEED: Final = 3
 
 

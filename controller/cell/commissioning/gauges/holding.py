@@ -14,9 +14,9 @@ from ..bench import Bench
 from ..boards import PlateInJaws
 from ..errors import StepFailedError
 
-REGION: Final = Region(550.0, 850.0)  # from the inspection camera
+REGION: Final = Region(550.0, 850.0)  # distance from the inspection camera [mm]
 MARGIN_MM: Final = 25.0
-CHOICES: Final = 12  # of places to show the plate at
+CHOICES: Final = 12  # number of places tried to show the plate at
 SEED: Final = 4
 SHAKES: Final = 3
 # pitch, roll [rad] and zed [mm], to either side

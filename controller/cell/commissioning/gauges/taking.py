@@ -12,9 +12,9 @@ from ..boards import PLATE_FORCE, put_away
 from ..errors import StepFailedError
 from ..person import Errand
 
-WIDE_MM: Final = 40.0  # of the jaws at least, before a gauge is put between them
-ROOM_MM: Final = 10.0  # that they are wider than it, if they open so far
-OFF_MM: Final = 2.0  # an opening farther from the gauge's thickness is no grasp of it
+WIDE_MM: Final = 40.0  # least opening of the jaws before a gauge is put between them
+ROOM_MM: Final = 10.0  # clearance of the jaws round a gauge, if they open that far
+OFF_MM: Final = 2.0  # largest difference of a grasp's opening from the gauge's thickness
 
 
 async def take_in_arm(bench: Bench, board: BoardSection, file: Path, seed: int) -> float:

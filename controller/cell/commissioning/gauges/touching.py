@@ -26,19 +26,19 @@ from controller.planning.motion import (
 from ..bench import SLOW, Bench, with_clearance
 from ..errors import StepFailedError
 
-OPEN_MM: Final = 56.0  # of the arm's jaws about the plate
-OFF_MM: Final = 10.0  # of their middle from the plate's: more than the gripper may be off its file
-TILT_RAD: Final = float(np.radians(3.0))  # more than fingers and plate may be inclined
-ALONG_MM: Final = (80.0, 57.0, 34.0)  # of the tips from the fixed gripper's
+OPEN_MM: Final = 56.0  # opening of the arm's jaws about the plate
+OFF_MM: Final = 10.0  # offset of their middle from the plate's, above any error of the cell file
+TILT_RAD: Final = float(np.radians(3.0))  # above any inclination of fingers and plate
+ALONG_MM: Final = (80.0, 57.0, 34.0)  # distances of the tips from the fixed gripper's tips
 ACROSS_MM: Final = (-26.0, 26.0)
-AHEAD_MM: Final = 30.0  # of the plate's end, where the jaws are clear of it
+AHEAD_MM: Final = 30.0  # distance before the plate's end at which the jaws are clear of it
 TURNS_RAD: Final = tuple(np.radians([0.0, 20.0, -20.0, 40.0, -40.0]).tolist())
-UNMEASURED_MM: Final = 8.0  # what stands in the cell, once the arm is calibrated
-PLATE_MM: Final = (10.0, 8.0, 10.0)  # how far the plate may reach beyond where it should be
+UNMEASURED_MM: Final = 8.0  # added to unmeasured obstacles once the arm is calibrated
+PLATE_MM: Final = (10.0, 8.0, 10.0)  # largest reach of the plate beyond its expected box
 MARGIN_MM: Final = 3.0
-STEP_MM: Final = 4.0  # along a line
+STEP_MM: Final = 4.0  # between waypoints along a line
 TOUCH_FORCE: Final = 20  # MAX_FORCE of the jaws, the least that has been used (umi_rtx.md 5.6)
-TOUCH_SPEED: Final = 0.2  # of the speed with which they close on a part
+TOUCH_SPEED: Final = 0.2  # share of the speed at which they close on a part
 MET_MM: Final = 3.0  # jaws that stop within this of the plate's thickness have met both faces
 
 

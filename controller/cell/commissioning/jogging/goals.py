@@ -16,7 +16,7 @@ from controller.planning.motion import END_MARGIN_MM, Scene, path_free, tcp_pose
 
 from ...errors import CellError
 
-LEVER_MM: Final = 200.0  # a radian counts as much as so many mm: about from the wrist to a part
+LEVER_MM: Final = 200.0  # mm that one radian counts as: about the distance from wrist to part
 _TRIES: Final = 40
 _NEAR_MM: Final = 0.01
 _WEAK: Final = 1e-3  # a direction in which joints have to go a thousand times as far is none
@@ -25,7 +25,7 @@ STRAY_MM: Final = 1.0
 STRAY_SHARE: Final = 0.1
 # From a place that is too near to something, the arm may go where its clearance does not shrink.
 _LADDER_MM: Final = np.array([20, 15, 10, 8, 6, 5, 4, 3, 2.5, 2, 1.5, 1, 0.5, 0, -1, -2, -3.0])
-_FINE: Final = 201  # pieces in which a move from outside the limits is looked at
+_FINE: Final = 201  # points at which a move from outside the limits is checked
 _LOOKS: Final = np.linspace(0.0, 1.0, 9)
 
 

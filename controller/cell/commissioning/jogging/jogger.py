@@ -32,7 +32,7 @@ from .goals import (
 )
 from .orders import MAX_SPEED_PERCENT, STEPS, JogOrder, Verb
 
-FIRST_PERCENT: Final = 10.0  # of the usual speed
+FIRST_PERCENT: Final = 10.0  # first speed, in percent of the usual one
 # Longer motions of the TCP are cut, so that it keeps to its line, or where it turns.
 PIECE_MM: Final = 20.0
 PIECE_DEG: Final = 2.0

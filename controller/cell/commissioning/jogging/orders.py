@@ -11,7 +11,7 @@ from ...errors import CellError
 MAX_DEG: Final = 45.0
 MAX_MM: Final = 100.0
 STEPS: Final = ((1.0, 0.2), (5.0, 1.0), (20.0, 5.0))  # mm, degrees; by their number from 1
-MAX_SPEED_PERCENT: Final = 25.0  # of the usual speed
+MAX_SPEED_PERCENT: Final = 25.0  # in percent of the usual speed
 SHIFTS: Final = ("x", "y", "z", "advance")
 TURNS: Final = ("heading", "tilt", "spin")
 GRIPPERS: Final = ("arm", "fixed")

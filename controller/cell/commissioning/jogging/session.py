@@ -32,7 +32,7 @@ from .jogger import Jogger, Reading
 from .orders import JogOrder, Verb, WrongOrderError, read_order
 
 Result = TypeVar("Result")
-REFRESH_S: Final = 0.5  # of a live reading, while nothing moves [cell s]
+REFRESH_S: Final = 0.5  # period of live readings while nothing moves [cell s]
 
 
 class Pilot(Operator, Protocol):

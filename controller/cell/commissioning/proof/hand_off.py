@@ -27,15 +27,15 @@ from ..errors import StepFailedError
 # by a tape measure the fixed gripper stands so near to where it is drawn
 TAPE_MM: Final = 5.0
 MARGIN_MM: Final = 5.0
-OVER_MM: Final = 12.0  # of the plate, beyond the middle of the fixed pads
-OUT_MM: Final = 130.0  # along the arm's approach: the plate is clear of the fixed fingers
-BACK_MM: Final = 40.0  # the arm's fingers are clear of the plate
+OVER_MM: Final = 12.0  # length of plate beyond the middle of the fixed pads
+OUT_MM: Final = 130.0  # retreat along the arm's approach that clears the fixed fingers of the plate
+BACK_MM: Final = 40.0  # retreat that clears the arm's fingers of the plate
 STEP_MM: Final = 10.0
-TURNS_DEG: Final = (0.0, 15.0, -15.0, 30.0, -30.0)  # in the plate's plane
+TURNS_DEG: Final = (0.0, 15.0, -15.0, 30.0, -30.0)  # turns of the plate tried, in its plane
 TURNING: Final = (0, 1, 2, 4, 5)  # joints that are angles
-LEAP_RAD: Final = 0.5  # between waypoints; more is another configuration
+LEAP_RAD: Final = 0.5  # largest step between waypoints; more is another configuration
 FORCE_N: Final = 40.0
-OFF_MM: Final = 3.0  # of the fixed jaws on the plate, from its thickness
+OFF_MM: Final = 3.0  # largest difference of the fixed jaws' opening from the plate's thickness
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,7 +20,7 @@ from controller.planning.motion import tcp_pose
 
 from ..errors import StepFailedError
 
-_SPREAD_MIN: Final = 0.5  # of a print's length, between the corners that are seen
+_SPREAD_MIN: Final = 0.5  # least share of a print's length between the corners seen
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -72,10 +72,10 @@ REGIONS: Final[Mapping[CameraName, Region]] = {
     "overhead": Region(620.0, 1150.0),
     "inspection": Region(450.0, 950.0),
 }
-CANDIDATES: Final = 150  # of each camera and face
+CANDIDATES: Final = 150  # number for each camera and face
 PICTURES: Final = 44
 MARK: Final = "mark"
-FIRST_PICTURES: Final = 6  # with none of them right, the others would not be either
+FIRST_PICTURES: Final = 6  # pictures before giving up: if none of them is right, no other is
 MARGIN_MM: Final = 25.0
 MAX_RMS_PX: Final = 0.15
 MAX_OFF_SIGMA: Final = 8.0  # a camera or a plate that was moved meanwhile is tens of them off
@@ -83,7 +83,7 @@ MAX_U_MM: Final = 0.4  # most of it the length of the tool, which the step `grip
 MAX_U_DEG: Final = 0.15
 MAX_PLAY_DEG: Final = 0.5
 MAX_FINGER_PX: Final = 0.5
-STOPS: Final = 4  # of each camera, gone to from both sides
+STOPS: Final = 4  # per camera, approached from both sides
 MOTORS: Final = frozenset({"elbow", "shoulder", "yaw", "wrist1", "wrist2"})
 FACES: Final = ("front", "back")
 # of a joint at rest, by chance: rounding to a count and the dead band of its servo

@@ -35,8 +35,8 @@ READ_COUNT: Final = 25
 FRAME_COUNT: Final = 8
 # A share of the patience that the cell has with a device: more leaves too little for a bad moment.
 LATENCY_SHARE: Final = 0.5
-PERIOD_SHARE: Final = 0.02  # by which a camera's clock may run otherwise than the cell's
-TRY_COUNTS: Final = 8.0  # dead band, play of the gear and reading, of a motor that was tried
+PERIOD_SHARE: Final = 0.02  # largest difference of a camera's clock rate from the cell's
+TRY_COUNTS: Final = 8.0  # tolerance of a motor trial: dead band, gear play and reading
 # Of a joint's range: the smallest motion that shows sign and scale, and how near is there.
 NUDGE_SHARE: Final = 0.01
 ARRIVED_SHARE: Final = 0.0025

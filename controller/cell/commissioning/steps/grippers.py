@@ -38,11 +38,11 @@ from ..gauges.taking import (
 )
 from ..gauges.touching import Column, Fingers, columns, plate_in_fixed, scene_about
 
-PLATE_FORCE_N: Final = 40.0  # of the fixed gripper on the plate; more than any touch pushes
-FORCE_MIN_N: Final = 20.0  # that a recipe may hold a part with (`grasp.force_n`)
-ZERO_MM: Final = 2.0  # how far an opening may be off its reading where that is 0
+PLATE_FORCE_N: Final = 40.0  # fixed gripper's force on the plate, above the push of any touch
+FORCE_MIN_N: Final = 20.0  # least force that a recipe may ask for (`grasp.force_n`)
+ZERO_MM: Final = 2.0  # largest offset of an opening at reading 0
 SCALE: Final = 0.05
-ARM_OFF_MM: Final = 0.5  # of the arm's jaws, once calibrated, from a gauge
+ARM_OFF_MM: Final = 0.5  # largest error of the calibrated arm's jaws on a gauge
 # how far a tape measure and a spirit level leave it, even within 4 mm and 1 degree
 OFF_FILE: Final = np.array([radians(1.0) / 5**0.5] * 3 + [4.0 / 5**0.5] * 3)
 TOUCH_MM: Final = 0.2

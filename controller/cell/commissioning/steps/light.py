@@ -39,20 +39,20 @@ from ..errors import StepFailedError
 
 CAMERAS: Final[tuple[CameraName, ...]] = ("overhead", "inspection")
 GLOWS_IN: Final[Mapping[str, CameraName]] = {TABLE_PANEL: "overhead", STATION_PANEL: "inspection"}
-HALF: Final = 0.5  # the second setting at which each lamp is looked at
+HALF: Final = 0.5  # second setting at which each lamp is measured
 MIN_LIGHT: Final = 3.0  # grey levels over the dark in its own camera, or a lamp gives no light
-MIN_AGREEMENT: Final = 0.4  # of the pattern seen with the one expected; shadows take the rest
+MIN_AGREEMENT: Final = 0.4  # least agreement of the seen and the expected pattern, shadows included
 # light at half the setting, as a share of that at the full one; a driver's own curve is in it
 HALF_LIGHT: Final = (0.3, 0.7)
-MAX_SATURATED: Final = 0.001  # of the pixels
+MAX_SATURATED: Final = 0.001  # share of the pixels
 BRIGHTEST: Final = 235.0  # grey level of the brightest thousandth, at the drive a lamp is used with
 MIN_DRIVE: Final = 0.05  # a lamp that is too bright below it needs another aperture or exposure
 MIN_EVENNESS: Final = 0.5
 MAX_SETTLE_S: Final = 1.0
-REST_S: Final = 1.2  # between two switchings; a slow lamp is dark again by then
+REST_S: Final = 1.2  # pause between two switchings, in which a slow lamp turns dark
 SHIFTS: Final = 5  # switchings of a lamp, each with another phase against the camera's frames
-WATCH_S: Final = 0.8  # for which a lamp is watched after it was switched
-DARK_LEVEL: Final = 40.0  # mean grey level of a picture with all lamps off: daylight comes in
+WATCH_S: Final = 0.8  # time for which a lamp is watched after switching
+DARK_LEVEL: Final = 40.0  # mean grey level with all lamps off; above it daylight comes in
 
 
 class LightStep:

@@ -22,8 +22,8 @@ from ..bench import Bench
 from ..proof import RecipeReach, check_reach
 
 GRID: Final = 5  # places along either side of the drop area
-LOW_MM: Final = 20.0  # over the table: where the middle of a low part is grasped
-MIN_PICKABLE: Final = 0.5  # of places and turns over the drop area; a run fails from the others
+LOW_MM: Final = 20.0  # height over the table at which the middle of a low part is grasped
+MIN_PICKABLE: Final = 0.5  # least share of places and turns over the drop area that are reached
 
 
 class ReachStep:

@@ -34,13 +34,13 @@ from ..person import STOP
 
 TrayName = Literal["accept", "reject", "quarantine"]
 TRAYS: Final[tuple[TrayName, ...]] = ("accept", "reject", "quarantine")
-GUIDED_MM: Final = 0.3  # how well a person sets finger tips down, along either axis
-MAX_OFF_MM: Final = 20.0  # from the cell file; farther off it was another corner
-MAX_APART_MM: Final = 2.0  # of two corners of one tray, from its size
+GUIDED_MM: Final = 0.3  # accuracy of fingertips set down by a person, along either axis
+MAX_OFF_MM: Final = 20.0  # largest distance from the cell file; beyond it was another corner
+MAX_APART_MM: Final = 2.0  # largest difference of two corners' distance from the tray's size
 MAX_FLOOR_MM: Final = 2.0  # parts are let go 3 mm above the floor
 MAX_TABLE_MM: Final = 1.5
 MAX_TILT_DEG: Final = 0.5
-INSET_MM: Final = 15.0  # of the places on the table, from the border of the drop area
+INSET_MM: Final = 15.0  # distance of the places from the border of the drop area
 
 
 class TraysStep:

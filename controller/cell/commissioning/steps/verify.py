@@ -32,7 +32,7 @@ from ..boards import PlateInJaws, as_handed, board_file, load_plate
 from ..errors import StepFailedError
 from ..proof import hand_off_and_back, length_study
 
-LOOKS: Final = 13  # of each camera
+LOOKS: Final = 13  # per camera
 LOOKS_MIN: Final = 8
 # the plate where parts are: as low over the table as it goes, and about the station
 REGIONS: Final[Mapping[CameraName, Region]] = {
@@ -45,7 +45,7 @@ LIMIT_DEG: Final = 0.3
 # a hand-off there and back, with the fixed gripper as measured, and as a tape measure leaves it
 HAND_OFF_LIMITS: Final = (1.0, 0.5)  # mm, deg
 HAND_OFF_LIMITS_DRAWN: Final = (6.0, 1.5)
-LENGTH_MM: Final = 0.15  # of a known length in any picture
+LENGTH_MM: Final = 0.15  # largest error of a known length in any picture
 GRR_MM: Final = 0.05
 VIEWS_TRIED: Final = 5
 MARGIN_MM: Final = 15.0

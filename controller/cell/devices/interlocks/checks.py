@@ -14,7 +14,7 @@ from ...errors import InterlockError
 from .logic import Truth
 from .rules import BUILT_IN_RULES, REQUIRED_SIGNALS, Check, Facts, Rule, first_violation
 
-FIRST_READINGS_S: Final = 1.0  # time in which an input is read twice [cell s]
+FIRST_READINGS_S: Final = 1.0  # longest time for two readings of an input [cell s]
 
 
 async def settled_signal(io: IoBlock, name: str, clock: CellClock) -> Signal:

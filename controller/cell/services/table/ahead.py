@@ -29,7 +29,7 @@ log = logging.getLogger(__name__)
 # Two looks at what nobody has moved differ by less, and a grasp takes many times as much.
 SAME_MM: Final = 0.5
 SAME_DEG: Final = 0.5
-SAME_PX: Final = 6  # of the box about an object whose outline a neighbour may have closed before
+SAME_PX: Final = 6  # change of an object's box if a neighbour no longer touches its outline
 
 Seen = tuple[SightingFields, ...]
 # [deg] that nobody can see, 0 first; None where no turn shows

@@ -16,8 +16,8 @@ from controller.cell.journal.rows import SightingFields
 
 # What stood beside a part that was taken, or dropped next to it, may have been pushed by so much.
 PUSHED_MM: Final = 15.0
-TURNED_DEG: Final = 8.0  # of a part that nobody touched, by what recognition reads of it
-FREE_STEP: Final = 0.05  # of an outline: what differs by less is as free
+TURNED_DEG: Final = 8.0  # largest change of an untouched part's angle, by recognition's scatter
+FREE_STEP: Final = 0.05  # share of an outline; a smaller difference counts as equally free
 
 
 @dataclass(frozen=True, slots=True)

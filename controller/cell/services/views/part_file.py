@@ -32,7 +32,7 @@ from controller.planning.model import CellLayout
 from controller.planning.motion import tcp_pose
 from controller.setup.optics import light_of, table_light
 
-SAME_HOLD: Final = 1e-6  # of a hold and the pose it was learned from: what products of poses round
+SAME_HOLD: Final = 1e-6  # rounding of pose products between a hold and the pose it was learned from
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -11,7 +11,7 @@ from ..pictures import Pictures, Shot, bounds, outline_path, window_round
 
 MARGIN: Final = 0.35
 MIN_PX: Final = 60
-RAY_PX: Final = 5.0  # drawn to either side of an edge point
+RAY_PX: Final = 5.0  # length of the ray drawn to either side of an edge point
 # a step this many times as long as most leads from one fitted shape to the next
 WIDE_STEP: Final = 5.0
 AROUND_PX: Final = 8

@@ -12,7 +12,7 @@ DECIMALS: Final = 3
 # where the limits are in a deviation bar, which is 100 wide
 LOWER_AT, UPPER_AT = 20.0, 80.0
 EDGE: Final = 2.0
-MAX_ROWS: Final = 30  # that a page has room for
+MAX_ROWS: Final = 30  # rows that fit a page
 KIND_SIGNS: Final = {"diameter": "⌀ ", "radius": "R ", "position": "pos. ", "angle": "∠ "}
 UNITS: Final = {"mm": "mm", "deg": "°"}
 
