@@ -6,11 +6,11 @@ class CadError(Exception):
 
 
 class UnreadableCadError(CadError):
-    """The file is missing, of an unknown format, or not what its name says."""
+    """The file is missing, of an unknown format, or does not match its name."""
 
 
 class CsgCadError(CadError):
-    """A CSG text says something that cannot be built; the message names line and key."""
+    """A CSG text describes something that cannot be built; the message names line and key."""
 
 
 class EmptyCadError(CadError):
@@ -22,11 +22,11 @@ class LargeCadError(CadError):
 
 
 class UnitCadError(CadError):
-    """The size makes sense in another unit only; the unit must be declared."""
+    """The size makes sense only in another unit, which must be declared."""
 
 
 class CoordinatesCadError(CadError):
-    """Coordinates that are no numbers, or beyond any part and any cell."""
+    """Coordinates that are not numbers, or beyond any part and any cell."""
 
 
 class OpenCadError(CadError):

@@ -28,7 +28,7 @@ HULL_OPTIONS = "QbB Pp Qt"  # scaled to a cube, without warnings, in triangles
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """A part as its CAD file describes it, in the CAD frame [mm].
+    """A part from its CAD file, in the CAD frame [mm].
 
     Attributes
     ----------

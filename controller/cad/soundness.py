@@ -1,4 +1,4 @@
-"""Proves that a mesh is one solid: closed, turned outwards, one body, nowhere through itself.
+"""Proof that a mesh is one solid: closed, oriented outwards, one body, without crossings.
 
 A solid here is one outer shell and any number of voids inside it. What is not seen: a surface that
 runs into itself by less than `touch_mm`, and one that lies flat on itself over less than about a
@@ -36,7 +36,7 @@ MANY_HITS = 400  # a straight line through a part that meets more surfaces is no
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _Sides:
-    """The triangle sides of a mesh, those between the same two corners brought together."""
+    """The triangle sides of a mesh, grouped by their two corners."""
 
     ends: Int32Array  # (e, 2) corners of each edge
     count: Int32Array  # (e,) sides on it
@@ -230,7 +230,7 @@ def _check_voids(
     touch_mm: float,
     where: str,
 ) -> None:
-    """Raise where a shell turned inwards is not a void in the body: outside it, or in a void."""
+    """Raise where a shell turned inwards is not a void in the body."""
     voids = np.flatnonzero(volumes <= 0)
     if len(voids) == 0:
         return

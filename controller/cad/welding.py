@@ -1,4 +1,4 @@
-"""Corners that a file repeats for each triangle become one; triangles without area disappear."""
+"""Welding: repeated corners of a file become one, triangles without area disappear."""
 
 import numpy as np
 
@@ -12,7 +12,7 @@ FEW_NEEDLES = 2000  # needles up to this number are taken out one by one
 
 
 def weld(vertices_mm: FloatArray, triangles: IntArray) -> tuple[FloatArray, IntArray, IntArray]:
-    """Merge corners and take triangles without area out, leaving no gap where they were.
+    """Merge corners and remove triangles without area, without leaving gaps.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ def weld(vertices_mm: FloatArray, triangles: IntArray) -> tuple[FloatArray, IntA
 
 
 def _merge(vertices_mm: FloatArray) -> tuple[IntArray, IntArray]:
-    """Return a vertex for each cell of the grid that holds any (u,), and each vertex's cell."""
+    """Return a vertex for each occupied cell of the grid (u,), and each vertex's cell."""
     low = _cells(vertices_mm.min(axis=0))
     span = _cells(vertices_mm.max(axis=0)) - low + 1
     key = np.empty(len(vertices_mm), dtype=np.int64)
@@ -80,7 +80,7 @@ def _heights(points: FloatArray, corners: IntArray) -> FloatArray:
 
 
 def _flip(points: FloatArray, corners: IntArray, needles: IntArray) -> tuple[IntArray, BoolArray]:
-    """Flip the long side of each needle into its neighbour, so that both have area or none is left.
+    """Flip the long side of each needle into its neighbour until no needle is left.
 
     A needle's three corners lie on a line; dropped, it would leave its neighbours' corners unmet.
 

@@ -1,4 +1,4 @@
-"""Find outlines of dark objects in front of a bright ground, to a fraction of a pixel.
+"""Outlines of dark objects in front of a bright ground, to a fraction of a pixel.
 
 In an anti-aliased picture the edge lies at the level halfway between ground and object.
 """
@@ -54,7 +54,7 @@ def threshold_levels(image: NDArray[np.uint8], inside: BoolArray) -> tuple[float
 
 
 def _median_level(counts: IntArray) -> float:
-    """Return the median of grey levels by how often each occurs (256,), one at least."""
+    """Return the median of grey levels by their counts (256,), one at least."""
     below = np.cumsum(counts)
     total = int(below[-1])
     middle = np.searchsorted(below, ((total - 1) // 2, total // 2), side="right")
@@ -76,7 +76,7 @@ def mask_contour(mask: BoolArray) -> FloatArray:
 
 
 def subpixel_contour(image: Grey | Float32Array, level: float) -> Contour:
-    """Return the outlines of all that is darker than a grey level, about one point per pixel.
+    """Return the outlines of everything darker than a grey level, about one point per pixel.
 
     Parameters
     ----------

@@ -115,7 +115,7 @@ def measure_edges(
 def sample_rays(
     picture: Grey, origins_px: FloatArray, directions: FloatArray, offsets_px: FloatArray
 ) -> tuple[FloatArray, BoolArray]:
-    """Return a picture's levels (n, k) along rays, and which of the samples lie within it.
+    """Return a picture's levels (n, k) along rays, and a mask of the samples within it.
 
     Parameters
     ----------

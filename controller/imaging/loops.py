@@ -1,4 +1,4 @@
-"""Trace outlines to a fraction of a pixel: the ordered crossings of the half level.
+"""Outlines traced to a fraction of a pixel: the ordered crossings of the half level.
 
 The input is a field at the pixels, positive on the object. Its zero line crosses the raster's lines
 between a pixel on the object and a neighbour that is not on it. These crossings, in the order of

@@ -14,7 +14,7 @@ from controller.arrays import BoolArray, FloatArray, Int32Array
 
 
 class RayCaster:
-    """Casts rays on a fixed mesh; origins, directions and results are in the mesh's frame."""
+    """Ray caster on a fixed mesh; origins, directions and results are in the mesh's frame."""
 
     def __init__(self, mesh: trimesh.Trimesh) -> None:
         self._scene = EmbreeScene()

@@ -1,4 +1,4 @@
-"""Values of a picture between its pixels."""
+"""Picture values between pixels."""
 
 from typing import Final
 

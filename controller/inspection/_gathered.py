@@ -69,7 +69,7 @@ class PlacedFinding:
 
 
 def area_words(area_mm2: float) -> str:
-    """Return an area with two digits, or one where it is small."""
+    """Return an area with two digits, or one for a small area."""
     return f"{area_mm2:.0f}" if area_mm2 >= 9.5 else f"{area_mm2:.1f}"
 
 

@@ -418,7 +418,7 @@ def _is_same_place(finding: Finding, other: Finding) -> bool:
 def _not_made_good(
     samples: SurfaceSamples, views: Sequence[ViewResult], planned: Mapping[str, BoolArray]
 ) -> list[str]:
-    """Return the views with failed checks whose surface no other view had in sight."""
+    """Return the views with failed checks whose surface no other view has in sight."""
     out = []
     for view in views:
         if not view.failures:

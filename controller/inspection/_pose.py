@@ -77,7 +77,7 @@ class PosedPart:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class PoseFit:
-    """A pose, and the outline there against the observed one.
+    """A pose, with its outline against the observed one.
 
     Attributes
     ----------

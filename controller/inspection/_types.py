@@ -57,12 +57,12 @@ class FindingKind(StrEnum):
 
     @property
     def is_mark(self) -> bool:
-        """A local mark in a face's texture, which dust, dirt or a reflection may make too."""
+        """True for a local mark in a face's texture, as dust, dirt or a reflection may make too."""
         return self in (self.DENT, self.PIT, self.SCRATCH, self.STAIN)
 
     @property
     def is_lit(self) -> bool:
-        """Found in a picture under a lamp, by its brightness."""
+        """True if found in a picture under a lamp, by its brightness."""
         return self is self.SURFACE or self.is_mark
 
 

@@ -260,7 +260,7 @@ def _shares(
 
 
 def _half_mm(sizes: FloatArray, areas: FloatArray) -> float | None:
-    """Return the size that half of an area (n,) does not exceed."""
+    """Return the size not exceeded on half of an area (n,)."""
     known = areas > 0
     if not known.any():
         return None

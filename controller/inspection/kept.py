@@ -12,7 +12,7 @@ Made = TypeVar("Made")
 
 
 class Same:
-    """An object as part of a key, by its identity: equal to itself alone.
+    """An object as part of a key, compared by identity.
 
     Parameters
     ----------

@@ -111,13 +111,13 @@ def measuring_settings(section: AccuracySection) -> MeasuringSettings:
 
 
 def station_of(cell: Cell) -> Station:
-    """Return the camera at the station, as measuring needs it."""
+    """Return the camera at the station, for measuring."""
     camera = build_camera(cell.cameras.inspection)
     return station_at(camera, np.array(cell.station.position, dtype=float))
 
 
 def station_at(camera: Camera, p_world_mm: FloatArray) -> Station:
-    """Return a camera as measuring at a world point (3,) needs it."""
+    """Return a camera at a world point (3,), for measuring."""
     distance = float((p_world_mm - camera.position_mm) @ camera.T_world_cam[:3, 2])
     mm_per_px = camera.mm_per_px(p_world_mm)
     return Station(mm_per_px, distance, mm_per_px * max(camera.size_px))

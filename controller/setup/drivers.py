@@ -1,4 +1,4 @@
-"""Find the installed drivers: entry points of the group `cellctl.drivers` (docs/drivers.md)."""
+"""Installed drivers: entry points of the group `cellctl.drivers` (docs/drivers.md)."""
 
 import dataclasses
 import difflib
@@ -174,7 +174,7 @@ def require_drivers(path: Path, cell: Cell) -> None:
 
 
 def require_force(path: Path, force_n: float, cell: Cell) -> None:
-    """Check that the fixed gripper presses as hard as a recipe asks for.
+    """Check that the fixed gripper presses as hard as a recipe requires.
 
     Parameters
     ----------
@@ -213,7 +213,7 @@ def _max_force_n(cell: Cell) -> float:
 
 @contextmanager
 def _at_line(path: Path, location: Location) -> Iterator[None]:
-    """Put file and line in front of the message of a ConfigError raised within."""
+    """Prefix a ConfigError raised within with file and line."""
     try:
         yield
     except ConfigError as error:

@@ -1,4 +1,4 @@
-"""Find the faces of a part that its recipe leaves out of the inspection, by their names."""
+"""Faces that a recipe excludes from the inspection, found by their names."""
 
 import difflib
 import re

@@ -1,4 +1,4 @@
-"""Build the layout that planning works on from the cell file."""
+"""The planner's layout from the cell file."""
 
 from collections.abc import Iterable
 from math import radians
@@ -37,7 +37,7 @@ TRAY_WALL_MM = 3.0  # thickness of the walls of trays
 
 
 def build_layout(cell: Cell) -> CellLayout:
-    """Return the layout that planning works on [mm, rad].
+    """Return the planner's layout [mm, rad].
 
     Raises
     ------
@@ -104,7 +104,7 @@ def _tray(section: TraySection) -> Tray:
 
 
 def _walls(name: str, section: TraySection) -> dict[str, Box]:
-    """Return the walls of a tray as boxes that nothing may touch, by name; none if it has none."""
+    """Return the walls of a tray as boxes to avoid, by name; none if it has none."""
     if section.walls_mm == 0:
         return {}
     (x, y), (half_x, half_y) = section.centre, (section.size[0] / 2, section.size[1] / 2)
@@ -129,7 +129,7 @@ def _column(arm: ArmSection, bounds: BoxNumbers) -> Box:
 
 
 def _chute(section: ChuteSection | None) -> dict[str, Box]:
-    """Return the chute as boxes that nothing may touch, by name."""
+    """Return the chute as boxes to avoid, by name."""
     if section is None:
         return {}
     boxes = {f"chute {name}": Box.from_bounds(*wall) for name, wall in section.walls.items()}

@@ -1,4 +1,4 @@
-"""Build cameras, lamps and backlit areas from the cell file."""
+"""Cameras, lamps and backlit areas from the cell file."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -25,7 +25,7 @@ def build_camera(camera: CameraSection) -> Camera:
 
 
 def build_lamps(cell: Cell, names: Sequence[str]) -> tuple[PointLamp, ...]:
-    """Return lamps as the points where their light comes from, in the order of ``names``."""
+    """Return lamps as point sources, in the order of ``names``."""
     return tuple(_lamp(name, cell.lamps[name], cell) for name in names)
 
 

@@ -56,7 +56,7 @@ class PlannerSetup:
     has_recipe: bool
 
     def as_json(self) -> dict[str, Any]:
-        """Return everything that plans depend on besides the part and the cell file."""
+        """Return all data besides part and cell file on which plans depend."""
         fixed_gripper = self.layout.fixed_gripper
         return {
             "density_g_cm3": self.density_g_cm3,
@@ -76,7 +76,7 @@ class PlannerSetup:
         }
 
     def heaviest_g_cm3(self, plan: Plan) -> float:
-        """Return a density up to which the grasps of a plan, as they are planned, hold the part.
+        """Return a density up to which the grasps of a plan hold the part.
 
         What weight uses of the friction limit grows no faster than the weight.
         """

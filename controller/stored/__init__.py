@@ -1,4 +1,4 @@
-"""Stored pictures of a part, judged: the same for a run, the offline door and a replay.
+"""Stored pictures of a part, judged alike for a run, for stored sets and for a replay.
 
 `pictures.py` reads them, `view_set.py` builds the views of a set, `judging.py` has the part
 inspected as a recipe says, `lines.py` turns what came out into JSON. Nothing here knows a device.

@@ -1,4 +1,4 @@
-"""Stored pictures as recognition needs them: grey, 8 bits, of the calibration's size; or why not.
+"""Stored pictures for recognition: grey, 8 bits, of the calibration's size; or the reason.
 
 Pixels are read as stored. Orientation tags, which a viewer would follow, are ignored: the
 calibration holds for the sensor's pixels.
@@ -207,7 +207,7 @@ def _eight_bits(path: Path, levels: NDArray[Any], notes: list[str]) -> Grey:
 
 
 def _range_of(levels: NDArray[Any], high: int) -> tuple[float, str]:
-    """Return the brightest possible level, and in words where it comes from.
+    """Return the brightest possible level, and its origin in words.
 
     Pictures of 10, 12 or 14 bits are stored in 16: at the lower end, so that no level exceeds their
     range, or at the upper end, with the lowest bits empty. A picture too dark to fill its range is
@@ -232,7 +232,7 @@ def _scaled(levels: NDArray[Any], full: float) -> Grey:
 
 
 class SaidOnce:
-    """Passes each kind of remark once per run: for the first picture that has it."""
+    """A filter that passes each kind of remark once per run, for the first such picture."""
 
     def __init__(self) -> None:
         self._told: set[str] = set()

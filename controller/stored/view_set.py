@@ -1,4 +1,4 @@
-"""Build the views of a part from a set's file and its pictures; find which views share a grasp."""
+"""The views of a part from a set's file and its pictures, and the grasps that they share."""
 
 from collections.abc import Mapping, Sequence
 from functools import lru_cache, partial
@@ -104,7 +104,7 @@ def _held(
 
 
 def _all_of(file: ViewSetFile, view: SetView) -> tuple[str, ...]:
-    """Return all that a set says of a view, but for its camera: its own entry, and its lamps'."""
+    """Return all that a set states of a view except its camera: its own entry, and its lamps'."""
     return view.model_dump_json(), *(file.lamps[lamp].model_dump_json() for lamp in view.pictures)
 
 
@@ -124,7 +124,7 @@ def grasp_numbers(file: ViewSetFile) -> dict[str, int]:
 
 
 def repeated_sets(file: ViewSetFile) -> tuple[ViewSetFile, ...]:
-    """Return a set as several, where all its views were taken equally often; else as one.
+    """Return a set as several if all its views were taken equally often, else as one.
 
     Two views are the same view again where part and gripper are expected in the same pose, within
     the same grasp.
@@ -179,7 +179,7 @@ def planned_samples(file: ViewSetFile, part: CompiledPart) -> dict[str, BoolArra
 
 
 def build_pose(rows: PoseRows) -> FloatArray:
-    """Return a pose (4, 4); one that was rounded when it was written is made rigid again."""
+    """Return a pose (4, 4), made rigid again if it was rounded when written."""
     T = np.array(rows, dtype=float)
     R = T[:3, :3]
     if np.abs(R.T @ R - np.eye(3)).max() > ROUNDED:

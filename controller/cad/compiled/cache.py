@@ -117,7 +117,7 @@ def make_part(
 
 
 def _usual(options: CompileOptions) -> CompileOptions:
-    """Return the options of a compiled part's file; other samples have a file of their own."""
+    """Return the options of a compiled part's file; other samples have files of their own."""
     return replace(options, sample_spacing_mm=CompileOptions().sample_spacing_mm)
 
 

@@ -68,7 +68,7 @@ class CompileOptions:
 
     @property
     def smallest_defect_mm(self) -> float:
-        """The smallest defect that samples are drawn for."""
+        """The smallest defect for which samples are made."""
         return self.sample_spacing_mm / SAMPLE_SHARE
 
 
@@ -78,7 +78,7 @@ def part_name(path: Path) -> str:
 
 
 def options_among(path: Path, unit: str | None) -> CompileOptions:
-    """Return the options of one of several files: a unit is only for those that name none."""
+    """Return the options for one of several files; a unit is only for those that name none."""
     return CompileOptions(unit=unit if split_cad(path).ending in UNITLESS else None)
 
 
@@ -124,7 +124,7 @@ class CompiledPart:
 
     @property
     def chosen_by(self) -> SurfaceSamples:
-        """The samples that views are chosen by: fewer, and none of those that count coverage."""
+        """The samples by which views are chosen: fewer, and none of those that count coverage."""
         return sample_surface(self.solid, spacing_of(self.solid, CHOICE_SPACING_MM))
 
     @property
@@ -159,7 +159,7 @@ class CompiledPart:
         return tuple(found)
 
     def density_g_cm3(self, asked: float | None = None) -> float:
-        """Return the density asked for, else the file's, else aluminium's."""
+        """Return the density required, else the file's, else aluminium's."""
         return asked or self.solid.density_g_cm3 or USUAL_DENSITY_G_CM3
 
     def remarks(self, pose: StablePose) -> tuple[str, ...]:
@@ -188,7 +188,7 @@ class CompiledPart:
 
 
 def _few(poses: Sequence[int]) -> str:
-    """Return the first few of some poses in words, and how many more there are."""
+    """Return the first few of some poses in words, and the number of the rest."""
     ids = [str(pose) for pose in sorted(poses)]
     if len(ids) <= MAX_NAMED + 1:  # "and 1 more" is no shorter
         return ", ".join(ids)

@@ -55,7 +55,7 @@ def no_file(path: Path, error: Exception) -> UnreadableCadError:
 
 
 def read_file(path: Path) -> bytes:
-    """Return a file's bytes; raise UnreadableCadError where the system does not give them."""
+    """Return a file's bytes; raise UnreadableCadError where the system cannot read it."""
     try:
         return path.read_bytes()
     except OSError as error:
@@ -94,7 +94,7 @@ def check_ahead(path: Path, ending: str, size: int) -> None:
 
 
 def _check_stl(head: bytes, size: int, path: Path) -> None:
-    """Refuse an STL that is cut short, neither binary nor text, or of too many triangles."""
+    """Refuse an STL that is truncated, neither binary nor text, or has too many triangles."""
     if is_binary(head, size):
         check_count(promised(head), str(path))
         return

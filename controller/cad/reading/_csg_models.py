@@ -145,7 +145,7 @@ KINDS: Final = (*PRIMITIVES, "union", "difference", "intersection", "use")
 
 
 class Shape(_Section):
-    """One shape, of one kind, then turned, then moved."""
+    """One shape of one kind, first turned, then moved."""
 
     block: Block | None = None
     cylinder: Cylinder | None = None

@@ -69,7 +69,7 @@ def read_csg(path: Path) -> Solid:
 
 
 class _Builder:
-    """Builds a text's part; named shapes are built once."""
+    """Builder of a text's part; named shapes are built once."""
 
     def __init__(self, model: CsgText, yaml: YamlText, mm_per_unit: float) -> None:
         self._model = model

@@ -27,7 +27,7 @@ def _scalar(text: str) -> Any:  # noqa: ANN401 - a YAML value is any value
 
 
 def _key(location: Location) -> str:
-    """Return a place in the text as people write it: ``part.union[2].move``, counted from 1."""
+    """Return a place in the text as people write it: ``part.union[2].move``, from 1."""
     words = "".join(f"[{key + 1}]" if isinstance(key, int) else f".{key}" for key in location)
     return words.lstrip(".")
 

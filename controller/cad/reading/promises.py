@@ -8,7 +8,7 @@ from ..solid import check_count
 
 
 def check_promises(promised: Mapping[str, int], size: int, path: Path) -> None:
-    """Refuse a header that promises more than the file has bytes for, or more than is read.
+    """Refuse a header that states more than the file has bytes for, or more than is read.
 
     Parameters
     ----------

@@ -29,7 +29,7 @@ def read_unit(unit: str, where: Path) -> tuple[str, float]:
 
 
 def check_unit(asked: str | None, stated: str, where: Path) -> None:
-    """Require that a caller who declares a unit declares the one the file itself names.
+    """Require that a declared unit is the one that the file names.
 
     Parameters
     ----------

@@ -117,7 +117,7 @@ def search_look_alikes(
     tolerance_mm: float = TOLERANCE_MM,
     max_compared: int = MAX_COMPARED,
 ) -> AlikeSearch:
-    """Return the pairs that look the same from above, of as many poses as the budget allows.
+    """Return the pairs that look the same from above, for as many poses as the budget allows.
 
     The search ends once so many drawings were compared that a part of hundreds of poses would keep
     a person waiting. The limit is a number of comparisons, not of seconds, so that a part compiles
@@ -244,7 +244,7 @@ def _compare(
 
 
 def _turns(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Return the turns that carry the lines of a round the middle best to those of b, (g,)."""
+    """Return the turns (g,) that bring the lines of a round the middle closest to those of b."""
     spectrum = np.conj(np.fft.rfft(a, axis=1)) * np.fft.rfft(b, axis=1)
     score = np.fft.irfft(spectrum.sum(axis=0), TURN_BINS)
     peak = (score >= np.roll(score, 1)) & (score > np.roll(score, -1))
@@ -254,7 +254,7 @@ def _turns(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def _fit(a: _Drawing, b: _Drawing, turn: float) -> tuple[float, FloatArray]:
-    """Return the turn and shift (2,) near a guess that lay the lines of a best on those of b."""
+    """Return the turn and shift (2,) near a guess that bring the lines of a closest to b's."""
     shift = np.zeros(2)
     some = a.points[:: max(1, len(a.points) // FIT_COUNT)]
     for _ in range(FIT_ROUNDS):
@@ -277,7 +277,7 @@ def _fit(a: _Drawing, b: _Drawing, turn: float) -> tuple[float, FloatArray]:
 
 
 def _farthest(a: _Drawing, b: _Drawing, R: FloatArray, shift: FloatArray, allowed: float) -> float:
-    """Return the farthest that a, turned and shifted, is from b, or b from it [mm]."""
+    """Return the largest distance between a, turned and shifted, and b, both ways [mm]."""
     moved = a.points @ R.T + shift
     few = moved[:: max(1, len(moved) // 100)]
     if float(b.gaps(few).max()) > allowed:  # settles most guesses

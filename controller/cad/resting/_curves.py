@@ -170,7 +170,7 @@ def _fill(
     b: IntArray,
     top: FloatArray,
 ) -> None:
-    """Join hollows a and b (n,) over passes in rising order, where the shallower one is false."""
+    """Join hollows a and b (n,) over passes in rising order where the shallower is false."""
     up = parent.tolist()
     height, limit = heights.tolist(), allowed.tolist()
 

@@ -157,7 +157,7 @@ class Curves:
         return tilt < DOME_RAD and top < float(heights.max()) + self._strips.lift_mm
 
     def _reach(self, bottom: int) -> IntArray:
-        """Return the facets of the curve the part gets to with a small climb from its lowest."""
+        """Return the facets of the curve within a small climb from its lowest."""
         hull, strips = self._hull, self._strips
         region = int(strips.region[bottom])
         allowed = max(strips.lift_mm, 2 * float(strips.bulge_mm[bottom]))
@@ -239,7 +239,7 @@ def _ring_of(normals: FloatArray) -> tuple[FloatArray, float, float]:
 
 
 def _arc(normals: FloatArray, axis: FloatArray) -> tuple[float, bool]:
-    """Return the angle normals (n, 3) cover round an axis, and whether they go all round."""
+    """Return the angle that normals (n, 3) cover round an axis, and True if it closes."""
     e1, e2 = square_to(axis)
     turns = np.sort(np.arctan2(normals @ e2, normals @ e1))
     if len(turns) < 2:
@@ -252,7 +252,7 @@ def _arc(normals: FloatArray, axis: FloatArray) -> tuple[float, bool]:
 
 
 def _centre_of(normals: FloatArray, heights: FloatArray) -> FloatArray:
-    """Return the point (3,) from which a curve of constant radius would have these heights."""
+    """Return the centre (3,) of the constant-radius curve with these heights."""
     system = np.column_stack([normals, np.ones(len(normals))])
     solution, *_ = np.linalg.lstsq(system, heights, rcond=1e-9)
     return np.asarray(solution[:3])

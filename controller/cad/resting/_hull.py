@@ -121,7 +121,7 @@ def _join(
     doubled: FloatArray,
     blur: float,
 ) -> IntArray:
-    """Return the facet of each triangle (t,): neighbours in one plane belong together.
+    """Return the facet of each triangle (t,); neighbours in one plane share it.
 
     The plane is the larger triangle's, since a sliver's own is noise. A run of facets that bends
     little from one to the next would join end to end; such a group is taken apart again.

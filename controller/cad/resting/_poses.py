@@ -67,7 +67,7 @@ class StablePose:
 
     @property
     def first_alike(self) -> int:
-        """The likeliest pose that a symmetry of the part makes this one; itself if none."""
+        """The likeliest pose equivalent to this one by symmetry of the part; itself if none."""
         return self.index if self.same_as < 0 else self.same_as
 
     @property

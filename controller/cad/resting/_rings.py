@@ -82,7 +82,7 @@ def with_rings(hull: Hull, strips: Strips, axes: tuple[FloatArray, FloatArray]) 
 
 
 def axes_of(faces: tuple[Face, ...], centre_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return directions (a, 3) and points (a, 3), from a centre, that surfaces may be turned about.
+    """Return directions (a, 3) and points (a, 3), from a centre, of possible axes of revolution.
 
     Parameters
     ----------
@@ -115,7 +115,7 @@ def _is_one(a: FloatArray, p: FloatArray, b: FloatArray, q: FloatArray) -> bool:
 def _rings(
     hull: Hull, strips: Strips, smooth: BoolArray, axis: FloatArray, point: FloatArray
 ) -> Iterator[tuple[IntArray, FloatArray]]:
-    """Yield each band round an axis: its facets (n,), and how far it stands out over them (n,)."""
+    """Yield each band round an axis: its facets (n,), and the bulge over them (n,)."""
     arm = hull.corners_mm - point
     along = arm @ axis
     out = arm - along[:, None] * axis
@@ -185,7 +185,7 @@ def _spans(hull: Hull, axis: FloatArray, out: FloatArray, is_off: BoolArray) -> 
 
 
 def _smooth_runs(hull: Hull, smooth: BoolArray, ids: IntArray) -> list[IntArray]:
-    """Return the runs of facets (n,) that lie side by side and turn little from one to the next."""
+    """Return runs of neighbouring facets (n,) with little turn from one to the next."""
     local = np.full(hull.count, -1)
     local[ids] = np.arange(len(ids))
     pairs = local[hull.edge_facets]

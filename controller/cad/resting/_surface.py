@@ -27,7 +27,7 @@ UNSURE_SHARE = 0.2  # share of points off the surface above which no closer look
 
 
 class Surface:
-    """A mesh about a centre, for measuring how well rotations and reflections carry it to itself.
+    """A mesh about a centre, to test rotations and reflections for symmetry.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ class Surface:
         return self._carries(R, shift) and self._carries(R.T, -R.T @ shift)
 
     def matched(self, guess: FloatArray, known: FloatArray | None = None) -> FloatArray | None:
-        """Return the movement (3, 3) near a guess that carries the part onto itself, if one does.
+        """Return the movement (3, 3) near a guess that carries the part onto itself, else None.
 
         A guess that leads to one of the movements ``known`` (k, 3, 3) is not measured. The centre
         may move by the tolerance, since triangles put it a little off a symmetric part's axis.

@@ -144,7 +144,7 @@ def _try(surface: Surface, guesses: list[FloatArray], found: list[FloatArray], e
 
 
 def name_duplicates(poses: Sequence[StablePose], symmetry: PartSymmetry) -> tuple[StablePose, ...]:
-    """Return the poses with `same_as` set: the first pose a symmetry of the part makes each."""
+    """Return the poses with `same_as` set to the first pose equivalent by symmetry."""
     named: list[StablePose] = []
     for pose in poses:
         first = next(
@@ -167,7 +167,7 @@ def _half_turns(axes: FloatArray) -> Iterator[FloatArray]:
 
 
 def _many_fold(surface: Surface, axis: FloatArray) -> list[FloatArray]:
-    """Return the smallest turn about an axis that leaves the part as it is, if there is one."""
+    """Return the smallest turn about an axis that leaves the part unchanged, None without one."""
     order = 1
     for prime in PRIMES:
         power = prime

@@ -19,7 +19,7 @@ from ._hull import SHORT, Hull
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Landscape:
-    """The height of the centre of mass over all paths down, as far as resting needs it.
+    """Heights of the centre of mass over all directions down, for the search of rests.
 
     Attributes
     ----------
@@ -90,7 +90,7 @@ def _shares(hull: Hull) -> FloatArray:
 
 
 def _settle(hull: Hull, stays: BoolArray) -> IntArray:
-    """Return the triangle on which a part ends that lands on each triangle (t,).
+    """Return the triangle (t,) on which a part ends that lands on each triangle.
 
     A triangle topples over the side that the line from its middle to the point under the centre
     crosses. Each step lowers the centre; among triangles of one plane, or nearly so, rounding can
@@ -111,7 +111,7 @@ def _settle(hull: Hull, stays: BoolArray) -> IntArray:
 
 
 def _over(hull: Hull) -> IntArray:
-    """Return the triangle each triangle would topple to (t,)."""
+    """Return the triangle (t,) to which each triangle topples."""
     corners = hull.corners_mm[hull.triangles]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.linalg.norm(normals, axis=1)
@@ -157,7 +157,7 @@ def _lowest_beside(hull: Hull) -> tuple[FloatArray, IntArray]:
 
 
 def _passes(hull: Hull, to_edge: FloatArray) -> FloatArray:
-    """Return the greatest height of the centre on the way over each edge (e,)."""
+    """Return the greatest height of the centre on its path over each edge (e,)."""
     heights = hull.heights_mm[hull.edge_facets]
     start, end = hull.corners_mm[hull.edge_ends[:, 0]], hull.corners_mm[hull.edge_ends[:, 1]]
     along = end - start

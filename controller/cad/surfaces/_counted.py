@@ -155,7 +155,7 @@ def _spacings_mm(solid: Solid, face_mm2: FloatArray, spacing_mm: float, budget: 
 
 
 def _finest_mm(face_mm2: FloatArray, spacings: FloatArray, budget: int) -> float:
-    """Return the finest spacing for which a budget of points does, 0.0 where no limit is needed.
+    """Return the finest spacing for a budget of points, 0.0 where no limit is needed.
 
     It widens the finest spacings first: those of bores and small faces, which are finer than a
     defect needs so that the share of each face is known well. Only where all are alike do spots

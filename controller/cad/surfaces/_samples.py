@@ -1,4 +1,4 @@
-"""Points spread over every surface, to count coverage by."""
+"""Sample points over every surface, to count coverage."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Round walls of a part, and which of them stand one behind the other on one axis."""
+"""Round walls of a part, and stacks of them on one axis."""
 
 from dataclasses import dataclass
 
@@ -226,7 +226,7 @@ class End:
 
 
 def ends_of(solid: Solid, stack: list[Wall], axis: FloatArray) -> tuple[End, End] | None:
-    """Return the two ends of a stack, the lower one along ``axis`` first; None if it has not two.
+    """Return the two ends of a stack, the lower one along ``axis`` first; None without two.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Features people dimension: holes, slots, pockets, bosses, fillets, from surfaces and edges.
+"""Features that drawings dimension: holes, slots, pockets, bosses, fillets.
 
 A hole is walls on one axis that face it, with their ledges, countersinks and bottom; everything
 here follows from the kinds of the faces and from how they meet (cell-facts.md 4).
@@ -23,7 +23,7 @@ FeatureKind = Literal["hole", "slot", "keyway", "pocket", "opening", "boss", "ch
 
 @dataclass(frozen=True, slots=True)
 class FeatureWall:
-    """One wall of a hole or a boss: diameter where it is widest, and how far it reaches."""
+    """One wall of a hole or a boss: its largest diameter, and its extent."""
 
     kind: Literal["cylinder", "cone", "torus"]
     face: int
@@ -34,7 +34,7 @@ class FeatureWall:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Feature:
-    """Something on a part that has sizes of its own.
+    """A feature of a part with sizes of its own.
 
     Attributes
     ----------

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Dimension:
-    """A size or a distance that has limits, or none of its own.
+    """A size or a distance, with limits or without.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Projection of a solid's vertices onto a picture plane in which straight stays straight.
+"""Projection of a solid's vertices on a picture plane in which straight lines stay straight.
 
 Seen from above the plane is in mm; through a camera it is the undistorted picture, its lengths
 scaled to pixels, v up so that the eye's anticlockwise is the plane's. ``nearness`` is the height
@@ -27,7 +27,7 @@ ALONG_RAD = 3e-4  # largest error of an axis fitted to a mesh
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Projection:
-    """A solid as the eye has it.
+    """A solid projected towards the eye.
 
     Attributes
     ----------

@@ -105,7 +105,7 @@ def features_of(characteristic: Characteristic) -> tuple[Feature, ...]:
 
 
 def _slot_ends(rims: tuple[Rim, ...]) -> tuple[tuple[Rim, ...], ...]:
-    """Return the arcs of a slot's round ends, those on one axis together."""
+    """Return the arcs of a slot's round ends, grouped by axis."""
     ends: list[list[Rim]] = []
     for rim in rims:
         for end in ends:
@@ -344,7 +344,7 @@ def _across(own: FloatArray, feature: Feature) -> FloatArray:
 
 
 def _facing(characteristic: Characteristic) -> FloatArray:
-    """Return the direction (3,) from which a characteristic is seen best."""
+    """Return the direction (3,) of the best view of a characteristic."""
     geometry = characteristic.geometry
     if isinstance(geometry, RimGeometry):
         return np.asarray(geometry.rims[0].axis)

@@ -110,7 +110,7 @@ def combine(
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _Mean:
-    """Looks that agree, as one; `dropped` are those that do not, by number, and why.
+    """Agreeing looks as one; `dropped` are the others, by number, with the reason.
 
     `is_twice`: two of them are independent; `is_sure`: as `Combined` has it.
     """
@@ -132,7 +132,7 @@ def _together(
     *,
     parts: bool = False,
 ) -> _Mean | None:
-    """Return the mean of the looks that count, or the sum of those at each half: the surer of both.
+    """Return the surer one of the mean of whole looks and the sum of looks at each half.
 
     Parameters
     ----------

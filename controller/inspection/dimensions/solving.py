@@ -43,7 +43,7 @@ class Solution:
 def solve(
     design: FloatArray, offsets: FloatArray, variance: FloatArray, spacing_px: FloatArray
 ) -> Solution | None:
-    """Return the unknowns that offsets fit best, those far off left out; None where none fits.
+    """Return the least-squares unknowns of offsets without outliers; None where none fits.
 
     Parameters
     ----------

@@ -26,7 +26,7 @@ from ._recesses import Recess
 
 @dataclass(frozen=True, eq=False, slots=True)
 class MovedEdge:
-    """An edge that one picture shows whole, and beyond the place of a good part's.
+    """An edge that one picture shows whole, outside the place of any good part's.
 
     Attributes
     ----------
@@ -206,7 +206,7 @@ def _missing_findings(
 def _moved(
     edges: PartEdges, look: EdgeLook, points: IndexArray, is_known: BoolArray, wave_px: float
 ) -> MovedEdge | None:
-    """Return an edge as a picture shows it beyond its limits; None where it does not.
+    """Return an edge that a picture shows beyond its limits; None for any other.
 
     Parameters
     ----------

@@ -59,7 +59,7 @@ class Displaced:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Course:
-    """One edge in one picture, with its own course taken off.
+    """One edge in one picture, less its own course.
 
     Attributes
     ----------
@@ -77,7 +77,7 @@ class Course:
     wave_px: float
 
     def noise_px(self, look: EdgeLook, points: IndexArray) -> float:
-        """Return the standard deviation of one of some points (k,), which may be faint ones."""
+        """Return the noise of a point (k,) of a set that may be faint, standard deviation [px]."""
         own = float(np.sqrt(np.mean(np.square(look.sigma_px[points]))))
         return max(self.scatter_px, own)
 
@@ -204,7 +204,7 @@ def _runs(edges: PartEdges, look: EdgeLook, course: Course, test: RunTest) -> It
 
 
 def _whole_run(look: EdgeLook, known: IndexArray, off: FloatArray, run: Run) -> IndexArray | None:
-    """Return all points (k,) of `known` that are off with a run; None where it is no edge's own.
+    """Return all points (k,) of `known` in a run's displacement; None if it is no edge's own.
 
     Material that is missing leaves the edge between the same two levels of light, and the edge is
     back on its course at both ends. The border of a shadow that meets the edge leads away from it,

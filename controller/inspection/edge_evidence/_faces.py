@@ -80,7 +80,7 @@ class MissingEdge:
 def missing_edges(
     solid: Solid, edges: PartEdges, looks: Sequence[EdgeLook], smallest_mm: float
 ) -> tuple[MissingEdge, ...]:
-    """Return the outer edges that must show for the greater part, and are nowhere in place.
+    """Return the outer edges that must show for the greater part, and show nowhere in place.
 
     What stands between two faces of one brightness hides in one picture, not in two: each place
     along an edge counts where two pictures must show it. One that is shorter than the smallest
@@ -185,7 +185,7 @@ def _told(edges: PartEdges, looks: Sequence[EdgeLook], own: IndexArray, side: In
 def _prove_floor(
     solid: Solid, narrow: BoolArray, floor: Floor, faces: dict[int, FaceEdges]
 ) -> None:
-    """Add the narrow floor of a blind hole: all its walls shown, it is there, at its depth."""
+    """Add the narrow floor of a blind hole if all its walls are verified."""
     recess = floor.recess
     bottom = recess.bottom(solid)
     walls = [faces[wall] for wall in recess.walls if wall in faces]
@@ -237,7 +237,7 @@ def confirmed(looks: Sequence[EdgeLook], in_place: BoolArray) -> BoolArray:
 def _mouths(
     solid: Solid, edges: PartEdges, face: int, recess: Recess | None
 ) -> tuple[list[IndexArray], FloatArray]:
-    """Return the points of each mouth of a wall that light may pass, and the way it passes.
+    """Return the points of each mouth of a wall that light may pass, and the light's direction.
 
     A bore that ends at one side in a countersink, or in another hole, has one plain mouth. Whether
     light can pass at all is for the pictures to show.

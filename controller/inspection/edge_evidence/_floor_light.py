@@ -154,7 +154,7 @@ def _axes(axis: FloatArray) -> FloatArray:
 
 
 def _points(lamp: PointLamp) -> FloatArray:
-    """Return points (n, 3) that stand for a lamp."""
+    """Return points (n, 3) that represent a lamp."""
     points = np.asarray(lamp.points_mm, dtype=np.float64)
     if len(points) < 3:
         return points

@@ -150,7 +150,7 @@ def look_ahead(
     settings: MeasuringSettings,
     kept: Kept,
 ) -> Iterator[None]:
-    """Look at the edges of views as `find_evidence` will, if no view to come is a closer one.
+    """Find the edges of views in advance for `find_evidence`, unless a closer view may follow.
 
     Yields after each view.
 

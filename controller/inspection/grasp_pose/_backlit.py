@@ -1,4 +1,4 @@
-"""The outline in a picture before the backlight panel, and how surely its points are where."""
+"""The outline in a picture before the backlight panel, and the uncertainty of its points."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -109,7 +109,7 @@ def _blur_px(slope: float) -> float:
 
 
 def _steepness(share: Float32Array, outline: OutlineMeasure) -> float:
-    """Return the median slope of edges [1 / px]; that of a sharp one where there are none."""
+    """Return the median slope of edges [1 / px], a sharp edge's where there are none."""
     if len(outline.points) == 0:
         return 1.0
     ahead, behind = (

@@ -81,7 +81,7 @@ def fit_grasp(
 def _approach(
     part: PosedPart, views: Sequence[OutlineView], state: FloatArray, settings: PoseSettings
 ) -> tuple[FloatArray, float]:
-    """Return the state some steps on, and the share of the outline that was not near by then."""
+    """Return the state after some steps, and the share of the outline then still far off."""
     for reach in REACH_PX:
         rims = [_coarse(part, placed) for placed in _placed(part, views, state)]
         gaps = [
@@ -148,7 +148,7 @@ class _Prior:
         return len(self.poses) + FREEDOMS * self.face_count
 
     def information(self, x: FloatArray, *, is_free: bool) -> FloatArray:
-        """Return the diagonal (m,) at a state; a face plainly out of place is let go if free."""
+        """Return the diagonal (m,) at a state; a face clearly out of place is released if free."""
         faces = x[self.first_face : self.first_size].reshape(-1, FREEDOMS)
         variance = self.settings.face_mm**2
         out = is_free * (faces**2).sum(axis=1, keepdims=True) / (TAIL * variance)

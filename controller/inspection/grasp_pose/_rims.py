@@ -83,7 +83,7 @@ def find_rims(
 
 
 class _Rounds:
-    """The faces of a part that go round an axis."""
+    """The faces of a part that close round an axis."""
 
     def __init__(self, part: PosedPart) -> None:
         self._axes = np.array([face.axis for face in part.solid.faces])
@@ -97,7 +97,7 @@ class _Rounds:
         return np.asarray(tangent / np.maximum(size, 1e-12))
 
     def even(self, normals: FloatArray, faces: IntArray, local_mm: FloatArray) -> FloatArray:
-        """Return facets' normals (n, 3) as those of the round faces (n,) they stand for."""
+        """Return facets' normals (n, 3) replaced by those of their round faces (n,)."""
         tangent = self.tangents(faces, local_mm)
         out = normals - (normals * tangent).sum(axis=1, keepdims=True) * tangent
         out /= np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-12)
@@ -112,7 +112,7 @@ def _round_normals(
     T_world_part: FloatArray,
     camera: Camera,
 ) -> EdgePoints:
-    """Return the points with normals of the circles that chords of round faces' rims stand for.
+    """Return points and normals on the circles behind the chords of round faces' rims.
 
     By its chords a disc would show how it is turned about its axis; a round one does not.
 

@@ -30,7 +30,7 @@ class PoseSettings:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class OutlineView:
-    """One view of a part, as far as its pose goes.
+    """One view of a part, with the data for its pose.
 
     Attributes
     ----------

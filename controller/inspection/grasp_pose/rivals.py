@@ -28,7 +28,7 @@ EXPLAINS: Final = 0.97  # least share of the outlines that an accepted rival exp
 
 @dataclass(frozen=True, slots=True)
 class Rival:
-    """A hypothesis that explains the outlines better than the part expected.
+    """A hypothesis that explains the outlines better than the expected part.
 
     Attributes
     ----------
@@ -44,7 +44,7 @@ class Rival:
 
 
 def mirror_image(solid: Solid) -> Solid:
-    """Return a solid as a mirror shows it, about its centroid, across x."""
+    """Return the mirror image of a solid, about its centroid, across x."""
     mesh = solid.mesh.copy()
     centre = solid.centroid_mm
     flip = np.array([-1.0, 1.0, 1.0])

@@ -36,7 +36,8 @@ REACH_PX: Final = 4.0  # distance beyond a run: its blurred surroundings
 MAX_RUNS: Final = 40  # runs of one view that are examined; more are no corners
 MAX_WINDOW_PX: Final = 60.0
 AREA_PX: Final = 9  # smaller areas are left to the runs
-WHOLE_EDGE: Final = 0.7  # share of an edge that is off from which it is out of place, not broken
+# Share of an edge's points off; from it the edge is out of place, not broken.
+WHOLE_EDGE: Final = 0.7
 BURR_PX: Final = 3.0  # size below which a finding may be dust
 CHIP_PX: Final = 6.0
 ROUNDED: Final = 3.0  # standard deviations of blur that round a corner

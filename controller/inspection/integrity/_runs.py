@@ -120,7 +120,7 @@ def crowded(at_px: FloatArray, normals: FloatArray, reach_px: float) -> BoolArra
 
 
 def _beside(tree: cKDTree, direction: FloatArray, half_px: float) -> sp.csr_matrix:
-    """Return (n, n) which points are in each other's window."""
+    """Return a mask (n, n) of the points in each other's window."""
     n = len(direction)
     pairs = tree.query_pairs(half_px, output_type="ndarray")
     alike = inner(direction[pairs[:, 0]], direction[pairs[:, 1]]) > ALIKE

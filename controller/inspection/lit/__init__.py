@@ -1,4 +1,4 @@
-"""Pictures under lamps against bounds of the light: where they were compared, where they differ."""
+"""Pictures under lamps against bounds of the light: coverage, and differences."""
 
 from .compare import BURNT_GREY
 from .marks import DISC, FILTER_STEP, LINE_NODES, LINE_WIDTH, SPOT_NODES

@@ -1,4 +1,4 @@
-"""Light that part and gripper throw on each other: bounds of it, once bounced.
+"""Light that part and gripper throw on each other: bounds after one bounce.
 
 How much comes from a neighbouring surface is known to a bound at best. Where it changes slowly it
 is the face's own brightness; what matters to a mark is what changes within a mark's width: light
@@ -216,7 +216,7 @@ def _thrown(
 
 
 def _most_about(coarse: Float32Array, face: Int32Array) -> Float32Array:
-    """Return the most of every fourth node's light about each node (h, w), of its own face.
+    """Return the maximum of every fourth node's light about each node (h, w), on its own face.
 
     A wall met by no ray may still stand between two of them, and between two nodes. What falls on
     the wall of a hole does not fall on the face around it; a face too small for a node of its own
@@ -235,7 +235,7 @@ def _most_about(coarse: Float32Array, face: Int32Array) -> Float32Array:
 
 
 def _between(coarse: Float32Array, face: Int32Array) -> Float32Array:
-    """Return light between every fourth node (h, w), from nodes of the own face alone.
+    """Return light interpolated between every fourth node (h, w), within each face.
 
     Where none of the four around is of the own face, the most about counts.
     """

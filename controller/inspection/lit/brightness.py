@@ -27,7 +27,8 @@ MIN_ERROR: Final = 0.01  # least error, as a share of the brightness
 SHARE_BINS: Final = (0.0, 0.15, 0.4, 0.7, 1.01)
 BIN_COUNT: Final = 60  # least number of nodes that show a spread
 UNKNOWN_SPREAD: Final = 0.35  # spread where too few nodes show one
-UNSEEN_SPREAD: Final = 0.15  # spread of a face without nodes for its tone: other directions
+# Spread of a face that shows its tone at no node: it faces another direction.
+UNSEEN_SPREAD: Final = 0.15
 FACE_COUNT: Final = 60  # least number of nodes that show a face's own tone
 FAINT_GREY: Final = 6.0
 # Gain [grey] of a matt surface square to the lamp, which a black picture has too.
@@ -38,7 +39,7 @@ TINY: Final = 1e-9  # keeps a lamp that shows nowhere from making a matrix singu
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Brightness:
-    """A picture's light as fitted to it; (h, w) each, grey.
+    """A picture's light as fitted; (h, w) each, grey.
 
     Attributes
     ----------
@@ -152,7 +153,7 @@ def _gloss(shares: FloatArray, information: FloatArray) -> float:
 def _tones(
     off: Float32Array, face: Int32Array, fitting: BoolArray
 ) -> tuple[Float32Array, Float32Array]:
-    """Return each node's face's tone, and how well that is known (share)."""
+    """Return the tone of each node's face, and its uncertainty (share)."""
     count = int(face.max()) + 1
     tone = np.ones(count + 1, dtype=np.float32)
     known = np.zeros(count + 1, dtype=bool)
@@ -172,7 +173,7 @@ def _tones(
 
 
 def _spread(rest: Float32Array, moving: Float32Array, fitting: BoolArray) -> Float32Array:
-    """Return the scatter of the prediction (h, w), by the share of light that depends on more."""
+    """Return the scatter of the prediction (h, w), by the share of highlight and bounce."""
     where = np.digitize(moving, SHARE_BINS[1:-1])
     by_bin = np.full(len(SHARE_BINS) - 1, UNKNOWN_SPREAD, dtype=np.float32)
     known, seen = rest[fitting], where[fitting]

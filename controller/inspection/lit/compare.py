@@ -63,7 +63,7 @@ def in_penumbra(light: Light) -> BoolArray:
 
 
 def fitted_nodes(surface: Surface, light: Light, valid: BoolArray) -> BoolArray:
-    """Return the nodes (h, w) whose light is known well enough to fit a picture's brightness.
+    """Return the nodes (h, w) whose light is certain enough to fit a picture's brightness.
 
     Parameters
     ----------

@@ -131,7 +131,7 @@ def _within_reach(bounced: Float32Array) -> dict[float, Float32Array]:
 
 
 class Tail:
-    """The Weibull tail of local maxima, from the half and the tenth of them that are higher.
+    """The Weibull tail of local maxima, from their upper half and upper tenth.
 
     Marks are few, and do not move it.
 
@@ -149,7 +149,7 @@ class Tail:
             self._exponent = float(np.clip(exponent, HEAVIEST, LIGHTEST))
 
     def height(self, expected: float) -> float:
-        """Return the height that ``expected`` of the maxima exceed, in the mean."""
+        """Return the height that ``expected`` of the maxima exceed on average."""
         if self._count < MIN_MAXIMA:
             return 2.0 * self._highest + 6.0
         reach = max(np.log(self._count / expected), np.log(10)) / np.log(10)
@@ -177,7 +177,7 @@ def _weights(inside: Float32Array) -> Weights:
 
 
 def _spots(values: Float32Array, inside: Float32Array, weights: Weights) -> Float32Array:
-    """Return each spot filter's answer (scales, h, w): mean of a middle less its surround's."""
+    """Return each spot filter's response (scales, h, w): mean of its middle less its surround's."""
     out = []
     for sigma in SPOT_NODES:
         middle, around = (
@@ -190,7 +190,7 @@ def _spots(values: Float32Array, inside: Float32Array, weights: Weights) -> Floa
 
 
 def _lines(values: Float32Array, inside: Float32Array) -> Float32Array:
-    """Return each line filter's answer (directions, h, w): curvature across, averaged along."""
+    """Return each line filter's response (directions, h, w): curvature across, averaged along."""
     soft = cv2.GaussianBlur(values, (0, 0), LINE_NODES)
     xx = cv2.Sobel(soft, cv2.CV_32F, 2, 0, ksize=3) / 4
     yy = cv2.Sobel(soft, cv2.CV_32F, 0, 2, ksize=3) / 4
@@ -232,7 +232,7 @@ def _gains() -> FloatArray:
 
 
 def _scatter(raw: Float32Array, region: Int32Array, inside: Float32Array) -> Float32Array:
-    """Return the standard deviation of each filter's answers (filters, h, w), by face, near by."""
+    """Return the local standard deviation of each filter's responses (filters, h, w), by face."""
     order = np.argsort(region.ravel(), kind="stable")
     ids, begins = np.unique(region.ravel()[order], return_index=True)
     some_of = {
@@ -257,7 +257,7 @@ def _scatter(raw: Float32Array, region: Int32Array, inside: Float32Array) -> Flo
 
 
 def _maxima(height: Float32Array, region: Int32Array) -> FloatArray:
-    """Return the heights of the local maxima of an answer (h, w) on regions."""
+    """Return the heights of the local maxima of a response (h, w) on regions."""
     top = cv2.dilate(height, np.ones((3, 3), np.uint8))
     return np.asarray(height[(height >= top) & (region > 0) & (height > 0)], np.float64)
 
@@ -321,7 +321,7 @@ def finds(
 
 
 class _Nodes:
-    """The nodes of regions, in order (n,), as far as round marks on them go.
+    """The nodes of regions, in order (n,), with the data for round marks on them.
 
     Parameters
     ----------
@@ -367,7 +367,7 @@ class _Nodes:
 
 
 def _cut_gains(inside: Float32Array, weights: Weights) -> Float32Array:
-    """Return each spot filter's answer (spots, h, w) to a disc of its best size about a node."""
+    """Return each spot filter's response (spots, h, w) to a disc of its best size about a node."""
     out = np.zeros((len(SPOT_NODES), *inside.shape), dtype=np.float32)
     for sigma, target in zip(SPOT_NODES, out, strict=True):
         reach = int(np.ceil(DISC * sigma))
@@ -382,7 +382,7 @@ def _cut_gains(inside: Float32Array, weights: Weights) -> Float32Array:
 
 @cache
 def _aslant() -> tuple[FloatArray, FloatArray]:
-    """Return cosines, and a spot's answer to a disc seen at them, of that to one seen squarely.
+    """Return cosines, and a spot's response to a disc seen at them, relative to a square view.
 
     The disc is as large in the picture as one seen squarely, and longer than wide.
     """
@@ -397,13 +397,13 @@ def _aslant() -> tuple[FloatArray, FloatArray]:
 
 
 def _spot_gain() -> float:
-    """Return a spot filter's answer in the middle of a disc of contrast 1 and its best size."""
+    """Return a spot filter's response in the middle of a disc of contrast 1 and its best size."""
     return float(np.exp(-0.5 * (DISC / SURROUND) ** 2) - np.exp(-0.5 * DISC**2))
 
 
 @cache
 def _line_gain() -> float:
-    """Return a line filter's answer to a long line of contrast 1, `LINE_WIDTH` of its sigma."""
+    """Return a line filter's response to a line of contrast 1, `LINE_WIDTH` of its sigma."""
     v, u = np.mgrid[-40:41, -40:41].astype(np.float32)
     width = LINE_WIDTH * LINE_NODES
     line = np.clip(0.5 * width + 0.5 - np.abs(v), 0, 1).astype(np.float32)

@@ -229,7 +229,7 @@ class LitPictures:
         return check, found, code
 
     def _lit(self, lamp_name: str) -> "_LitPicture":
-        """Return a lamp's picture with the bounds of its light on the part, found once."""
+        """Return a lamp's picture with the bounds of its light on the part, from a cache."""
         if lamp_name not in self._lit_by:
             lamp = next(lamp for lamp in self._task.lamps if lamp.name == lamp_name)
             light = bound_light(
@@ -260,7 +260,7 @@ class LitPictures:
         )  # fmt: skip
 
     def _brightness(self, lamp_name: str) -> Brightness:
-        """Return a lamp's light as its picture shows it, fitted once."""
+        """Return a lamp's light as fitted to its picture, from a cache."""
         if lamp_name not in self._fits:
             lit = self._lit(lamp_name)
             told = lit.fitting & (lit.observed < BURNT_GREY)
@@ -343,7 +343,7 @@ class LitPictures:
     def _texture(
         self, lit: "_LitPicture", brightness: Brightness
     ) -> tuple[Texture, Float32Array, Float32Array]:
-        """Return the texture of the faces under a lamp, the camera's noise in it, and corners'."""
+        """Return the texture of faces under a lamp, the camera's noise, and bounced light."""
         light, seen = lit.light, self._surface.seen
         x0, y0, x1, y1 = self._fit.maps.roi
         window = lit.picture[y0:y1, x0:x1].astype(np.float32)
@@ -384,7 +384,7 @@ class LitPictures:
         return refusal
 
     def _expected(self, lit: "_LitPicture") -> Float32Array:
-        """Return the whole picture as predicted, to a grey level or ten, (height, width)."""
+        """Return the whole predicted picture, to a grey level or ten, (height, width)."""
         step, light, picture = STEP_PX, lit.light, lit.picture
         whole = self._fit.maps
         x0, y0, x1, y1 = whole.roi

@@ -167,7 +167,7 @@ def _ruled(rest: FloatArray, normals: Float32Array) -> FloatArray:
 
 
 def _slow(values: Float32Array, weight: Float32Array) -> Float32Array:
-    """Return a slow mean of values (h, w) with weights 0 or 1, where these are."""
+    """Return a slow weighted mean of values (h, w), with weights 0 or 1."""
     top = cv2.GaussianBlur(values * weight, (0, 0), SLOW_NODES)
     bottom = cv2.GaussianBlur(weight, (0, 0), SLOW_NODES)
     return np.asarray(top / np.maximum(bottom, 1e-3), np.float32)

@@ -59,7 +59,7 @@ def difference(a: EdgePicture, b: EdgePicture, stance: Stance, light: Light) -> 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Pair:
-    """The lines of two pictures as points (n, 2) in cells, and how far each cell is from them."""
+    """The lines of two pictures as points (n, 2) in cells, with distance maps."""
 
     points: tuple[FloatArray, FloatArray]
     far: tuple[Float32Array, Float32Array]
@@ -155,7 +155,7 @@ def _area(
 
 
 def _look_up(far: Float32Array, points: Float32Array) -> Float32Array:
-    """Return the distance (...) at the cells nearest to points (..., 2); beyond the grid, at it."""
+    """Return the distance (...) at the cells nearest to points (..., 2), clamped to the grid."""
     height, width = far.shape
     x = np.minimum(np.maximum((points[..., 0] + 0.5).astype(np.int32), 0), width - 1)
     y = np.minimum(np.maximum((points[..., 1] + 0.5).astype(np.int32), 0), height - 1)

@@ -58,7 +58,7 @@ class DecidingView:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Indistinguishable:
-    """A pair that no view offered tells apart.
+    """A pair that no available view separates.
 
     Attributes
     ----------
@@ -144,7 +144,7 @@ def cheapest_tree(
 
     @cache
     def best(left: tuple[int, ...], tried: frozenset[int]) -> tuple[float, DecidingView | None]:
-        """Return cost and first view of the cheapest path on; a pair tried decided nothing."""
+        """Return cost and first view of the cheapest path from here; tried pairs are excluded."""
         open_pairs = pairs_of(left) - tried
         chosen: tuple[float, DecidingView | None] = (np.inf, None)
         for view in views:
@@ -172,7 +172,7 @@ def cheapest_tree(
 
 @dataclass(frozen=True, slots=True)
 class _View:
-    """A configuration and a light, the pairs it separates, its cost with the chance of failing."""
+    """A configuration and a light, the pairs it separates, and its expected cost."""
 
     row: int
     light: Light

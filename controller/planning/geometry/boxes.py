@@ -1,4 +1,4 @@
-"""Boxes: against boxes, and segments against boxes, many at a time.
+"""Batched tests of boxes against boxes, and of segments against boxes.
 
 Links, grippers, obstacles and (away from the fingers) the part are boxes, so the separating-axis
 test is exact and, vectorised, cheaper per configuration than one call into a collision library.

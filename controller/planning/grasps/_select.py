@@ -110,7 +110,7 @@ def _features(T: FloatArray) -> FloatArray:
 
 
 def _unlike(features: FloatArray, score: FloatArray, count: int, chosen: list[int]) -> list[int]:
-    """Return `chosen` and more, up to `count`, always the one farthest from all chosen."""
+    """Return `chosen` extended up to `count` by the member farthest from all chosen."""
     if len(features) == 0:
         return []
     chosen = chosen or [int(np.argmax(score))]
@@ -134,7 +134,7 @@ def select_arm_grasps(
     per_pose: int,
     others: int,
 ) -> list[Grasp]:
-    """Return grasps to pick each stable pose with, and grasps from all round for after a hand-off.
+    """Return grasps to pick each stable pose with, and grasps from all round for hand-offs.
 
     Parameters
     ----------

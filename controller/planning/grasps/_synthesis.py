@@ -213,7 +213,7 @@ def judge_grasps(
 
 
 def _from_above(judge: Judge, problem: GraspProblem, down: FloatArray) -> _Measured:
-    """Return grasps straight down in one stable pose, from a dense look round the part as it lies.
+    """Return grasps straight down in one stable pose, from a dense search round the part.
 
     What the rim of a thin plate offers is less than a grasp must have elsewhere.
     """
@@ -275,7 +275,7 @@ def _sorted_out(
     picks: BoolArray,
     contact_mm2: float,
 ) -> tuple[Candidates, FloatArray, FloatArray]:
-    """Return the candidates that hold by coarse rays, clear of the part; their scores and contacts.
+    """Return the candidates that hold by coarse rays and clear the part, scores and contacts.
 
     In batches that take from every pose's picks and from all in turn, until there are
     `enough_count`: a part that is easy to hold is done soon, a hard one is looked at to the last
@@ -311,7 +311,7 @@ def _sorted_out(
 
 
 def _in_turn(groups: Sequence[BoolArray]) -> IntArray:
-    """Return all numbers once, taken from each group in turn; within a group from all over it."""
+    """Return all numbers once, from each group in turn, spread within a group."""
     ranked: list[IntArray] = []
     for group in groups:
         members = np.flatnonzero(group)

@@ -48,7 +48,7 @@ class Tally:
         self._stages: dict[str, FilterStage] = {}
 
     def count(self, name: str, left: int) -> None:
-        """Add to the tally of a stage that has no limit."""
+        """Add to the tally of a stage without a limit."""
         before = self._stages.get(name)
         self._stages[name] = FilterStage(name, left + (before.left if before else 0))
 
@@ -82,7 +82,7 @@ class Tally:
 
 
 class Judge:
-    """One part, one jaw, one set of rules.
+    """Evaluator of grasps for one part, one jaw and one set of rules.
 
     Parameters
     ----------

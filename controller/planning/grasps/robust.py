@@ -102,7 +102,7 @@ def margins(
 
 
 def flattened(touched: Contacts, inner: BoolArray, jaw: Jaw, grid: PadGrid) -> FloatArray:
-    """Return T_part_tcp (n, 4, 4) as the closing pads turn the part: until they close no more.
+    """Return T_part_tcp (n, 4, 4) after the closing pads have turned the part to rest on them.
 
     The part turns about the approach and about the pads' third axis as far as that brings the pads
     nearer to each other, and no farther than `MAX_TURN_RAD`. For small turns a point of the wall
@@ -133,7 +133,7 @@ def flattened(touched: Contacts, inner: BoolArray, jaw: Jaw, grid: PadGrid) -> F
 
 
 def slid_home(touched: Contacts, inner: BoolArray, jaw: Jaw, grid: PadGrid) -> FloatArray:
-    """Return T_part_tcp (n, 4, 4) as slipping pads centre the part: until they close no more.
+    """Return T_part_tcp (n, 4, 4) after slipping pads have centred the part.
 
     A part that slips where its walls are hollow, as a bore, comes to lie where it slips no more.
 

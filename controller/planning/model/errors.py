@@ -12,7 +12,7 @@ class NotGraspableError(NoPlanError):
 
 
 class OutOfReachError(NoPlanError):
-    """The arm does not get there: move the part (or the thing named).
+    """Out of the arm's reach: move the part (or the thing named).
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ class OutOfReachError(NoPlanError):
         self.where = where
 
     def __reduce__(self) -> tuple[object, ...]:
-        """Travel between processes: an exception is made anew from its positional arguments."""
+        """Support pickling: an exception is rebuilt from its positional arguments."""
         return _out_of_reach, (str(self), self.reach_mm, self.limit_mm, self.where)
 
 

@@ -60,7 +60,7 @@ class GraspRules:
         )
 
     def coarse(self) -> GraspRules:
-        """Return the same demands with a quick, less thorough look: for a first plan."""
+        """Return the same rules with a quick, less thorough search, for a first plan."""
         return replace(
             self,
             seed_count=60,
@@ -104,11 +104,11 @@ class Grasp:
     on_table: bool = False
 
     def gap_mm(self, jaw: Jaw) -> float:
-        """Return the gap between the pads while it holds, as `Jaw.fingers` takes it."""
+        """Return the gap between the pads while it holds, as an argument of `Jaw.fingers`."""
         return self.opening_mm - self._backs_mm(jaw)
 
     def open_gap_mm(self, jaw: Jaw) -> float:
-        """Return the gap between the pads before and after, as `Jaw.fingers` takes it."""
+        """Return the gap between the pads before and after, as an argument of `Jaw.fingers`."""
         return self.pre_open_mm - self._backs_mm(jaw)
 
     def _backs_mm(self, jaw: Jaw) -> float:

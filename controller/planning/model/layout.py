@@ -113,7 +113,7 @@ class Tray:
 
     @property
     def nest(self) -> Nest | None:
-        """The nest that the next part goes into; None where there are none."""
+        """The nest for the next part; None where there are none."""
         return self.nests[self.next_nest] if self.nests else None
 
     @property
@@ -124,7 +124,7 @@ class Tray:
 
 @dataclass(frozen=True, slots=True)
 class CellTimes:
-    """The fixed times of a cycle; how long moves take, the arm's own timing model says.
+    """The fixed times of a cycle; the arm's timing model gives the duration of moves.
 
     Medians of what the actions' verbs take on the cell's clock. What each kind of step needs of
     them stands below, as the actions have it.
@@ -158,11 +158,11 @@ class CellTimes:
 
     @property
     def pick_s(self) -> float:
-        """The time the jaws take to get the part off the table, and to prove that they hold it."""
+        """Time of the jaws to take the part off the table, and to prove the hold."""
         return self.open_s + self.grasp_s + self.press_s
 
     def look_s(self, lit_count: int) -> float:
-        """Return the time of a view: the grasp is proven, the backlit picture and others taken.
+        """Return the time of a view, with proof of the grasp, the backlit picture and the others.
 
         Parameters
         ----------
@@ -172,30 +172,30 @@ class CellTimes:
 
     @property
     def give_step_s(self) -> float:
-        """The time both jaws take to give the part to the fixed gripper."""
+        """Time of both jaws to give the part to the fixed gripper."""
         return self.fixed_open_s + self.press_s + self.fixed_grasp_s + self.read_s + self.release_s
 
     @property
     def receive_s(self) -> float:
-        """The time both jaws take to give it back to the arm gripper."""
+        """Time of both jaws to give it back to the arm gripper."""
         return (
             self.open_s + self.grasp_s + self.fixed_release_s + self.fixed_open_s + 2 * self.press_s
         )
 
     @property
     def hand_off_s(self) -> float:
-        """The time the jaws take for a regrasp over the fixed gripper."""
+        """Time of the jaws for a regrasp over the fixed gripper."""
         return self.give_step_s + self.receive_s
 
     @property
     def put_s(self) -> float:
-        """The time the jaws take to let go on the table or over a tray: proven above and below."""
+        """Time of the jaws to release on the table or over a tray, proven above and below."""
         return 2 * self.press_s + self.release_s
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CellLayout:
-    """Everything of the cell that planning depends on.
+    """All data of the cell that planning depends on.
 
     Attributes
     ----------
@@ -247,5 +247,5 @@ class CellLayout:
 
     @property
     def fixed_open_mm(self) -> float:
-        """The width at which the fixed gripper waits; 0 where there is none."""
+        """The opening at which the fixed gripper waits; 0 where there is none."""
         return 0.0 if self.fixed_gripper is None else self.fixed_gripper.max_mm

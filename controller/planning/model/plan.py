@@ -29,7 +29,7 @@ def lit_count(*, is_square: bool) -> int:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Step:
-    """One thing the cell does.
+    """One action of the cell.
 
     Attributes
     ----------
@@ -147,7 +147,7 @@ class SetDown(Step):
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Look(Step):
-    """Inspect the part where it lies, with the pictures of the table that were just taken.
+    """Inspect the part where it lies, by the latest pictures of the table.
 
     Attributes
     ----------

@@ -63,7 +63,7 @@ class PlanOptions:
     rules: GraspRules = field(default_factory=GraspRules)
 
     def coarse(self) -> PlanOptions:
-        """Return the same aims with few candidates: for a first plan at once."""
+        """Return the same aims with few candidates, for a quick first plan."""
         return replace(
             self,
             is_coarse=True,
@@ -77,7 +77,7 @@ class PlanOptions:
 
 @dataclass(frozen=True, slots=True)
 class ShortFace:
-    """A face of which too little could be compared from a grasp of the arm, though it was in sight.
+    """A face with too little compared from a grasp of the arm, though it was in sight.
 
     Attributes
     ----------
@@ -91,7 +91,7 @@ class ShortFace:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PreparedPart:
-    """Everything of one part in one cell that does not depend on its pose on the table.
+    """All data on one part in one cell that do not depend on its pose on the table.
 
     Attributes
     ----------
@@ -135,7 +135,7 @@ class PreparedPart:
 
     @property
     def counted_samples(self) -> SurfaceSamples:
-        """The points (m) that plans speak of, and that their coverage is counted by."""
+        """The points (m) that count coverage, and that plans report."""
         return self.samples if self.counted is None else self.counted.samples
 
     @property

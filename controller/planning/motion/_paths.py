@@ -1,4 +1,4 @@
-"""Collision-free paths between configurations, as few whole joint moves as will do.
+"""Collision-free paths between configurations, with as few whole joint moves as possible.
 
 Tried in turn: one joint line, the arm's own detours, two random trees. Whatever is answered has
 been checked segment by segment, with the space the arm may stray into (planning-facts.md 3.3).

@@ -1,4 +1,4 @@
-"""The arm among its surroundings: which configurations are free of contact.
+"""The arm among its surroundings: contact tests of configurations.
 
 Two stages. Links, grippers and obstacles are boxes, and so is the part at first: the test of boxes
 is vectorised, 0.02 ms a configuration, and what it finds free is free. Where nothing but the
@@ -373,7 +373,7 @@ class _Moving:
 
 
 class _Exact:
-    """The second stage: contacts of boxes round triangles, which the triangles confirm or not."""
+    """The second stage: contacts of boxes, confirmed or refuted by triangles."""
 
     def __init__(
         self,

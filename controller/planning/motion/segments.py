@@ -30,7 +30,7 @@ _TUBE_AT = np.linspace(0.0, 1.0, 49)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ends:
-    """TCP positions [mm] at the two ends of a whole path: near them the margin is the thin one."""
+    """TCP positions [mm] at both ends of a path, near which the margin is the thin one."""
 
     tcps_mm: FloatArray
 

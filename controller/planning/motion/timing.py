@@ -45,7 +45,7 @@ def travel_seconds(layout: CellLayout, q_from: FloatArray, q_to: FloatArray) -> 
 
 
 def move_seconds(layout: CellLayout, path: Sequence[FloatArray] | FloatArray) -> float:
-    """Return the forecast of driving along waypoints (k, 6), the first being where it starts."""
+    """Return the forecast of a drive along waypoints (k, 6), from the first one."""
     q = np.asarray(path)
     if len(q) < 2:
         return 0.0
@@ -91,6 +91,6 @@ def tube_bound_mm(layout: CellLayout, step: FloatArray, radii_mm: FloatArray) ->
 
 
 def _corners(layout: CellLayout, q: FloatArray) -> FloatArray:
-    """Return points (..., m, 3) that stand for gripper and part: as far out as either."""
+    """Return points (..., m, 3) for gripper and part, as far out as either."""
     T = tcp_pose(layout, q)
     return np.asarray(T[..., None, :3, 3] + _OUT_MM @ np.swapaxes(T[..., :3, :3], -1, -2))

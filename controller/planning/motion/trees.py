@@ -1,4 +1,4 @@
-"""Two random trees that grow towards each other, and the path between them made short.
+"""Two random trees that grow towards each other, and shortening of the path between them.
 
 RRT-Connect (Kuffner and LaValle, 2000) in joint space, with seconds of the slowest motor for a
 distance. Work is counted in nodes, never in time: the same seed gives the same path.

@@ -105,7 +105,7 @@ def unseen_pieces(
 def _counted(
     part: PreparedPart, classes: Sequence[Missing], seen: BoolArray
 ) -> list[tuple[Missing, BoolArray]]:
-    """Return each class with the points counted by (m,) that are missing for its reason.
+    """Return each class with the counted points (m,) that are missing for its reason.
 
     A point is hidden by the part itself where it was looked for from everywhere, in vain; else it
     is missing for the reason of the sample nearest to it. Where that one is shown, the point lies

@@ -22,7 +22,7 @@ from ._tables import Core
 _LP_ROUNDS = 12
 _LP_GROW = 120
 _SCALES = (1.0, 0.9, 0.8, 0.7, 0.6, 0.5)
-_LOOK = 16  # turns between looks at what has been reached
+_LOOK = 16  # turns between checks of the progress
 _LEAN = 4.0  # fractions move this much more than costs: costs have few and large values
 _U_STEPS = np.float32(1 << 14)  # costs on elements are multiples of this part of a unit
 _X_STEPS = np.float32(1 << 12)
@@ -71,7 +71,7 @@ def lower_bounds(core: Core, u: Float32Array) -> LowerBounds:
 
 
 def union_costs(core: Core) -> tuple[Float32Array, float]:
-    """Return costs of elements by which fractions of views, of any grasps, cost least.
+    """Return costs of elements for which fractions of views, of any grasps, cost least.
 
     Returns
     -------

@@ -72,7 +72,7 @@ def _finish(
     ends: list[FloatArray],
     max_grasps: int,
 ) -> None:
-    """Go on to a grasp that can be finished from, by the cheapest regrasps."""
+    """Go on to a grasp that allows a finish, by the cheapest regrasps."""
     last = problem.last_s[live]
     while True:
         room, here = max_grasps - len(sequence), sequence[-1]

@@ -1,4 +1,4 @@
-"""The cheapest grasps and views that show all that can be shown, with proof: branch and bound.
+"""The cheapest grasps and views that show everything possible, with proof: branch and bound.
 
 Sequences of grasps are listed cheapest first, one grasp longer at a time, as long as they could
 still lead to something better than the best known. Each *set* of grasps that shows everything gets
@@ -128,7 +128,7 @@ class Search:
         return min([self.best_s, open_s, *pending])
 
     def _learn(self, sequences: GraspSequences, regrasp: FloatArray, tail: FloatArray) -> None:
-        """Find the elements that decide from the cheapest sequences, and costs for all grasps."""
+        """Find the deciding elements from the cheapest sequences, and costs for all grasps."""
         tables, n = self.tables, len(self.tables.grasps)
         pairs = longer(sequences, regrasp, tail, np.inf, [sequences], self.effort.paths)
         some: list[IndexArray] = []
@@ -178,7 +178,7 @@ class Search:
         return tuple(int(grasps[g]) for g in best[1]), best[2]
 
     def _enter(self, sequences: GraspSequences) -> None:
-        """Take up the sets of sequences that show all, may be finished from and could be best."""
+        """Add the sets of sequences that show all, can be finished and could be best."""
         tables, pool = self.tables, self.pool
         whole = sequences.cost_s + self.problem.last_s[tables.grasps[sequences.grasps[:, -1]]]
         at = np.flatnonzero(whole < self.best_s - SAME_S)
@@ -282,7 +282,7 @@ class Search:
             self._offer_rows(k, stacked.owner[chosen], stacked.index[chosen])
 
     def _dive(self, k: int) -> None:
-        """Cover the set by the views that its costs favour most."""
+        """Cover the set by its most promising views."""
         self.dives += 1
         stacked = stack(self.tables, self.pool.sets[k])
         core = self.core.elements
@@ -306,7 +306,7 @@ class Search:
         return missing
 
     def _cover(self, k: int) -> None:
-        """Settle the set for good."""
+        """Settle the set by an exact cover."""
         tables, pool = self.tables, self.pool
         stacked = stack(tables, pool.sets[k])
         u = pool.u[k]

@@ -30,7 +30,7 @@ class GraspSequences:
 
 
 def tails(problem: Problem, grasps: IndexArray, max_grasps: int) -> FloatArray:
-    """Return the least cost of finishing from each grasp (n,) [s], through others if need be.
+    """Return the least cost of finishing from each grasp (n,) [s], by way of others if needed.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ def longer(
     most: int,
     covered: BoolArray | None = None,
 ) -> GraspSequences:
-    """Return the sequences of one grasp more that may be part of a better solution.
+    """Return the sequences with one more grasp that may be part of a better solution.
 
     Parameters
     ----------

@@ -58,7 +58,7 @@ class Tables:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Core:
-    """The tables of a few elements, with only the views that no other of the grasp outdoes there.
+    """The tables of a few elements, with only the undominated views of each grasp.
 
     Attributes
     ----------
@@ -169,7 +169,7 @@ def make_core(tables: Tables, elements: Sequence[int]) -> Core:
 def quick_cover(
     rows: Float32Array, costs_s: FloatArray, worth: Float32Array | None = None
 ) -> IndexArray:
-    """Return rows that show every element, most for their cost first, none in vain.
+    """Return rows that show every element: best for their cost first, none redundant.
 
     Parameters
     ----------
@@ -200,7 +200,7 @@ def quick_cover(
 
 
 def _undominated(table: BoolArray, costs: Float32Array) -> IndexArray:
-    """Return the views that no other one of the same grasp outdoes at no higher cost."""
+    """Return the views that no other view of the same grasp dominates at equal or lower cost."""
     unique: dict[bytes, int] = {}
     size = table.sum(axis=1)
     packed = np.packbits(table, axis=1)

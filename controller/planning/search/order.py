@@ -27,7 +27,7 @@ def best_order(
     end: FloatArray | None,
     segment_seconds: SegmentSeconds | FloatArray,
 ) -> list[tuple[int, int]]:
-    """Return the order of stops that takes the arm least time, with one configuration of each.
+    """Return the order of stops with the least arm time, with one configuration of each.
 
     Parameters
     ----------
@@ -175,7 +175,7 @@ def _with_configurations(
 
 
 def _moves(n: int) -> IndexArray:
-    """Return (k, n) the orders one move away: a stretch turned round, or up to three moved."""
+    """Return (k, n) the orders one move away: a stretch reversed, or up to three moved."""
     plain = list(range(n))
     orders = [plain]
     for a in range(n):
@@ -193,7 +193,7 @@ def _moves(n: int) -> IndexArray:
 def _moved(
     path: IndexArray, first: FloatArray, segments: FloatArray, last: FloatArray, moves: IndexArray
 ) -> tuple[list[int], float]:
-    """Take the best move again and again until none helps."""
+    """Make the best move repeatedly until none helps."""
     seconds = np.inf
     while True:
         paths = path[moves]

@@ -25,7 +25,7 @@ _CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ViewCone:
-    """Holds every line from the camera to a part of some radius about the station.
+    """A cone round every line from the camera to a part of some radius about the station.
 
     Attributes
     ----------
@@ -115,7 +115,7 @@ def may_cover(
 def standing_between(
     layout: CellLayout, statics: list[tuple[str, Box]], cone: ViewCone
 ) -> list[Box]:
-    """Return the fixed boxes in the cone, but for the one the camera itself is in.
+    """Return the fixed boxes in the cone, without the one that holds the camera.
 
     Parameters
     ----------

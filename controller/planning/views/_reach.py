@@ -118,7 +118,7 @@ def reachable_views(
 def _free_rows(
     scene: Scene, q: FloatArray, v_of: IntArray, between: BoolArray, order: IntArray
 ) -> dict[int, IntArray]:
-    """Return the rows free of contact per direction, in order; few are checked where few do.
+    """Return the contact-free rows of each direction, in order; few are checked if few suffice.
 
     Parameters
     ----------

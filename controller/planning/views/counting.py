@@ -139,7 +139,7 @@ class Counter:
         return shown
 
     def _facing(self, eye: FloatArray, least: float) -> tuple[IntArray, FloatArray]:
-        """Return the points (k,) at which an eye (3,) looks squarely enough, and the cosines."""
+        """Return the points (k,) that an eye (3,) sees squarely enough, and the cosines."""
         ahead = self._samples.normals @ eye - self._ahead
         (left,) = np.nonzero(ahead > 0.0)
         square = self._square[left] - 2.0 * (self._samples.points_mm[left] @ eye) + eye @ eye
@@ -221,7 +221,7 @@ def behind_boxes(p_cam_mm: FloatArray, boxes: Sequence[Box], grow_mm: float) -> 
 
 
 def px_per_mm(camera: Camera, points_mm: FloatArray, normals: FloatArray) -> FloatArray:
-    """Return the pixels of a millimetre along a surface, the way that has fewest (n,).
+    """Return the pixels of a millimetre along a surface, in its worst direction (n,).
 
     Parameters
     ----------

@@ -20,7 +20,7 @@ _MIN_STEP_MM = np.float32(1e-5)
 
 
 def holding_boxes(jaw: Jaw, grasp: Grasp) -> list[Box]:
-    """Return body and fingers of a jaw while it holds, in its TCP frame.
+    """Return body and fingers of a holding jaw, in its TCP frame.
 
     Fingers that spread inside a bore stand between the two contacts, not beside them.
     """

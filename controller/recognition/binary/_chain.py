@@ -1,4 +1,4 @@
-"""The boundary of a mask as a 4-way chain: the cracks between pixels, and how it turns.
+"""The boundary of a mask as a 4-way chain: the cracks between pixels, and its turns.
 
 The paper (references.md P3.1) encodes each binary object by the first difference of Freeman's 4-way
 chain code. The chain here runs along the cracks between object and ground and not through pixel
@@ -89,7 +89,7 @@ def chain_code(mask: BoolArray) -> tuple[Chain, ...]:
 
 
 def curvature_code(chain: Chain) -> NDArray[np.int8]:
-    """Return the turn at each point of a chain, in right angles: +1 to the left, -1 to the right.
+    """Return the turn at each point of a chain, in right angles: +1 left, -1 right.
 
     The first difference of its codes, which sums to +4 round an object and to -4 round a hole. A
     boundary of cracks never turns back, so the 2 of chains through pixel centres does not occur.
@@ -101,7 +101,7 @@ def curvature_code(chain: Chain) -> NDArray[np.int8]:
 
 
 def _cracks(inside: NDArray[np.uint8], wide: int) -> tuple[IntArray, IntArray]:
-    """Return begin (lattice index) and direction of all cracks, the object at their left."""
+    """Return start (lattice index) and direction of all cracks, with the object on their left."""
     flat = inside.ravel()
     stride = inside.shape[1]
     upright = np.flatnonzero(flat[:-1] != flat[1:])  # between a pixel and its right neighbour

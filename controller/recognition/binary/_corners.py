@@ -41,7 +41,7 @@ def triangular(code: FloatArray, length: int) -> FloatArray: ...
 def triangular(
     code: NDArray[np.signedinteger[Any]] | FloatArray, length: int
 ) -> IntArray | FloatArray:
-    """Return a closed code (n,) under a triangle of height ``length`` and base 2 ``length`` - 1.
+    """Return a closed code (n,) filtered by a triangle of height ``length``, base 2 ``length`` - 1.
 
     Integers stay integers, exactly; the sum of the answer is that of the code times the square of
     the length.
@@ -61,7 +61,7 @@ def triangular(
 
 
 def _box_car(values: NDArray[Number], length: int) -> NDArray[Number]:
-    """Return the sums of ``length`` neighbours, one comes in as one goes out: (n - length + 1,)."""
+    """Return running sums of ``length`` neighbours: (n - length + 1,)."""
     total = np.concatenate([np.zeros(1, dtype=values.dtype), np.cumsum(values)])
     out: NDArray[Number] = total[length:] - total[:-length]
     return out
@@ -103,7 +103,7 @@ def find_corners(
 
 
 def _plateaus(at: IntArray, reach: int, count: int) -> list[float]:
-    """Return the middles of groups of samples no further apart than the reach, round a loop."""
+    """Return the middles of groups of samples within the reach of each other, round a loop."""
     gap = np.diff(at, append=at[0] + count)
     last = np.flatnonzero(gap > reach)
     if len(last) == 0:  # all round: no corner stands out

@@ -1,4 +1,4 @@
-"""Model outlines placed onto an object: rigid motions that bring them closest, many at once.
+"""Fit of model outlines to an object: rigid motions that bring them closest, many at once.
 
 Point to line as Chen and Medioni (1992) have it: each sample of the model asks for the nearest
 sample of the object and is pulled along that one's normal. Which is nearest is looked up in a map
@@ -43,7 +43,7 @@ STIFFNESS = (
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Candidates:
-    """Model views turned and shifted: which (n,), turn (n,), shift (n, 2)."""
+    """Model views with turn and shift: which (n,), turn (n,), shift (n, 2)."""
 
     model: IntArray
     turn_rad: FloatArray
@@ -125,7 +125,7 @@ def lay(
     candidates: Candidates,
     limits: BinaryTolerances,
 ) -> Alignments:
-    """Return candidates fitted to an object, equal ones once, the best few of each model.
+    """Return candidates fitted to an object without repeats, the best few of each model.
 
     Parameters
     ----------
@@ -162,7 +162,7 @@ def lay(
 def _samples(
     models: Sequence[BoundaryString], skip: int
 ) -> tuple[NDArray[np.complex128], FloatArray]:
-    """Return every few samples (m, s) of outlines and holes, and their weights, 0 for none.
+    """Return a selection of samples (m, s) of outlines and holes, with weights, 0 for none.
 
     A sample weighs by the length of boundary it stands for; the weights of a model sum to 1.
     """

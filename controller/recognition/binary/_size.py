@@ -1,4 +1,4 @@
-"""Size of an object: area, perimeter and holes, which prune the list of views first.
+"""Size of an object: area, perimeter and holes, by which the list of views is pruned first.
 
 A chain of cracks is up to 41 % longer than the slanting edge it stands for. What corrects it
 is the corner-count estimator of Vossepoel and Smeulders (1982): steps along the grid, steps across
@@ -45,7 +45,7 @@ class Size:
 
 
 def chain_length_px(chain: Chain) -> float:
-    """Return the length of the edge a chain stands for, without bias over directions.
+    """Return the length of the edge behind a chain, without bias over directions.
 
     A single direction may be off by 2 %, along the grid; of an outline the directions even out.
     """
@@ -61,7 +61,7 @@ def chain_length_px(chain: Chain) -> float:
 
 
 def size_of_chains(chains: Sequence[Chain], mm_per_px: float) -> Size:
-    """Return the size of one object from its mask's chains, at a scale that is the same all over.
+    """Return the size of one object from its mask's chains, at a uniform scale.
 
     Raises
     ------

@@ -54,7 +54,7 @@ class Stretches:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Leaves:
-    """Stretches of one length, those of like shape beside each other.
+    """Stretches of one length, grouped by shape.
 
     Attributes
     ----------
@@ -90,7 +90,7 @@ def stretch_index(outer_mm: NDArray[np.float16]) -> StretchIndex:
 
 
 def leaves_of(stretches: Stretches) -> Leaves:
-    """Return stretches so that those of like shape are found together."""
+    """Return stretches grouped so that those of similar shape are found together."""
     shape = stretches.shape
     some = shape[:: max(1, len(shape) // MAX_FOR_BASIS)].astype(np.float64)
     mean = some.sum(axis=0) / max(len(some), 1)
@@ -250,7 +250,7 @@ def observed_stretches(
 
 
 def like(observed: Stretches, views: Leaves, near_mm: float, most: int) -> tuple[IntArray, ...]:
-    """Return the pairs (observed, of a view) of stretches that are alike, the best of neighbours.
+    """Return the pairs (observed, of a view) of similar stretches, the best of neighbours.
 
     Leaves whose bounds are farther from an observed stretch than that have none like it.
 
@@ -281,7 +281,7 @@ def like(observed: Stretches, views: Leaves, near_mm: float, most: int) -> tuple
 def _levels(
     observed: Stretches, views: Leaves, near: Sequence[NearLeaf], least: float
 ) -> tuple[IntArray, Float32Array]:
-    """Return the pairs of stretches above a level, and theirs: half the squared distance, below 0.
+    """Return the pairs of stretches above a level, and their levels: minus half squared distance.
 
     A pair is a number, of a view before observed; one row more keeps the last one observed from
     being next to the first. They ascend.
@@ -310,7 +310,7 @@ def _best_of_neighbours(key: IntArray, level: Float32Array) -> tuple[IntArray, F
 
 
 def _near_leaves(observed: Stretches, views: Leaves, near_mm: float) -> Iterator[NearLeaf]:
-    """Yield leaves in order, each with the observed stretches that may have one alike there."""
+    """Yield leaves in order, each with the observed stretches that may have a similar one there."""
     if len(observed.shape) == 0:
         return
     places = (observed.shape - views.mean) @ views.basis

@@ -88,7 +88,7 @@ class BoundaryString:
 
     @property
     def filled_mm2(self) -> float:
-        """Area of the filled outline: holes come and go with perspective, this one stays."""
+        """Area of the filled outline, which perspective leaves unchanged, unlike the holes."""
         return self.area_mm2 + float(self.hole_area_mm2.sum())
 
 
@@ -191,7 +191,7 @@ def _code_loop(points: FloatArray, limits: BinaryTolerances) -> _Coded:
 def _corners(
     points: FloatArray, step: float, limits: BinaryTolerances
 ) -> tuple[IntArray, FloatArray, int]:
-    """Return samples of the corners, their turns, and where to begin, of a loop at equal steps.
+    """Return corner samples, turns and a start of a loop at equal steps.
 
     The triangular filter of the turn per sample is the turn between the chord behind and the chord
     ahead. On an arc it grows with the chord, at a corner it does not. A loop begins at its first
@@ -273,7 +273,7 @@ def _angle(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def _sharpened(points: FloatArray, corner: IntArray, fit: Fit) -> FloatArray:
-    """Return the corners where their lines meet; where an arc comes in, the samples themselves."""
+    """Return the corners where their lines meet; beside an arc, the samples themselves."""
     out = points[corner]
     if len(corner) == 0:
         return out
@@ -372,14 +372,14 @@ def _at_equal_steps(points: FloatArray, count: int) -> FloatArray:
 
 
 def _sampled(loop: Loop, spacing_mm: float) -> FloatArray:
-    """Return the points (n, 2) of a loop, its arcs as densely as pixels are."""
+    """Return the points (n, 2) of a loop, with arcs sampled at the pitch of pixels."""
     if not loop.strokes:
         return loop.points
     return np.concatenate([_stroke_points(stroke, spacing_mm) for stroke in loop.strokes])
 
 
 def _stroke_points(stroke: Stroke, spacing_mm: float) -> FloatArray:
-    """Return the points (n, 2) of a stroke but the last, which is the next one's first."""
+    """Return the points (n, 2) of a stroke without the last, with which the next one begins."""
     if stroke.centre is None or stroke.axes is None:
         return stroke.start[None]
     arm = stroke.axes @ (stroke.start - stroke.centre) / (stroke.axes**2).sum(axis=1)

@@ -232,7 +232,7 @@ def _correlated(
 
 
 def _as_aligned(matches: Sequence[StringMatch]) -> StringMatch | None:
-    """Return the match that turns a view least, of those about as good as the best."""
+    """Return the match with the smallest turn among those about as good as the best."""
     if not matches:
         return None
     near = [m for m in matches if m.rank_mm <= AS_GOOD * matches[0].rank_mm + AS_GOOD_MM]

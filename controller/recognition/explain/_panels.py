@@ -38,7 +38,7 @@ INSIDE_PERCENTILES = (2.0, 98.0)
 
 
 def window(picture: Grey, camera: Camera, facts: ObjectFacts, side: int) -> Sheet:
-    """Return a square canvas with an object's box on it, as large as it goes.
+    """Return a square canvas with an object's box, as large as possible.
 
     Pixels that are not square are drawn as they are on the table. Where edges are predicted beyond
     the box, the window is wider, so that what is missing is seen to be missing.
@@ -228,7 +228,7 @@ def draw_pose(sheet: Sheet, facts: ObjectFacts, camera: Camera, width: int = 2) 
 
 
 def _pieces(edges: EdgePoints, camera: Camera) -> tuple[FloatArray, FloatArray]:
-    """Return samples of edges as pieces that just meet: begin and end (n, 2)."""
+    """Return samples of edges as pieces that touch each other: begin and end (n, 2)."""
     along = np.column_stack([-edges.normals[:, 1], edges.normals[:, 0]])
     depth = (edges.points_mm - camera.position_mm) @ camera.T_world_cam[:3, 2]
     mm_per_px = depth * np.linalg.norm(along / np.diag(camera.K)[:2], axis=1)
@@ -241,7 +241,7 @@ def _pieces(edges: EdgePoints, camera: Camera) -> tuple[FloatArray, FloatArray]:
 
 
 def draw_place(sheet: Sheet, facts: ObjectFacts, camera: Camera) -> None:
-    """Draw the planar pose: position, direction, and how exact the position is, magnified.
+    """Draw the planar pose: position, direction, and the position's uncertainty, magnified.
 
     Nothing is drawn for an object that is none of the parts.
 
@@ -272,7 +272,7 @@ def draw_place(sheet: Sheet, facts: ObjectFacts, camera: Camera) -> None:
 
 
 def draw_others(sheet: Sheet, facts: ObjectFacts, camera: Camera) -> None:
-    """Draw the outlines of the hypotheses that were not taken, each with its score.
+    """Draw the outlines of the rejected hypotheses, each with its score.
 
     Parameters
     ----------

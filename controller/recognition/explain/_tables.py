@@ -49,7 +49,7 @@ def _told(cell: Cell, decimals: int) -> str:
 def stage_tables(
     seen: Recognition, facts: Sequence[ObjectFacts], library: Library
 ) -> tuple[StageTable, ...]:
-    """Return segmentation, then each object's stages in the order they come about.
+    """Return segmentation, then each object's stages in their order.
 
     Parameters
     ----------

@@ -45,7 +45,7 @@ def toned(grey: Grey) -> Picture:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Sheet:
-    """A piece of canvas that shows a piece of the picture.
+    """A piece of canvas for a piece of the picture.
 
     Attributes
     ----------
@@ -141,7 +141,7 @@ class Sheet:
 
 
 def _fixed(points: FloatArray) -> Int32Array:
-    """Return points as OpenCV's numbers with bits below the pixel, kept within its range."""
+    """Return points in OpenCV's fixed-point numbers, kept within their range."""
     return np.round(np.clip(points, -16000, 16000) * (1 << SHIFT)).astype(np.int32)
 
 
@@ -222,7 +222,7 @@ def wrapped(text: str, width: int) -> list[str]:
 def write_lines(
     canvas: Picture, lines: Sequence[tuple[str, Colour]], at: tuple[int, int], width: int
 ) -> int:
-    """Write sentences below each other, wrapped; return the y at which the next would begin.
+    """Write sentences below each other, wrapped; return the y of the next.
 
     Parameters
     ----------

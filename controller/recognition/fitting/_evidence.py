@@ -306,7 +306,7 @@ def grey_evidence(
 def asked_of_each_lamp(
     known: Evidence, edges: EdgePoints, shown: tuple[FloatArray, float]
 ) -> Evidence:
-    """Return the evidence where an edge is there if one of several lamps shows it.
+    """Return the evidence of edges that any of several lamps may show.
 
     Parameters
     ----------
@@ -320,7 +320,7 @@ def asked_of_each_lamp(
 
 
 def _found(off: FloatArray, on: BoolArray, weight: FloatArray) -> tuple[float, float, float]:
-    """Return the shares of outline and inside that are there, and the outline's misfit [px].
+    """Return the found shares of outline and inside, and the outline's misfit [px].
 
     Parameters
     ----------

@@ -106,7 +106,7 @@ def fit_edges(
     options: FitOptions | None = None,
     first: EdgePoints | None = None,
 ) -> EdgeFit | None:
-    """Fit a pose to a picture's edges, as far as the prior lets it move.
+    """Fit a pose to a picture's edges, within the freedom of the prior.
 
     Parameters
     ----------
@@ -226,7 +226,7 @@ def _descend(
 
 
 def twist(rotation: FloatArray, shift: FloatArray, pivot: FloatArray) -> FloatArray:
-    """Return the motion (4, 4) that turns about a point by a rotation vector and then shifts.
+    """Return the motion (4, 4) of a rotation vector about a point, then a shift.
 
     Parameters
     ----------

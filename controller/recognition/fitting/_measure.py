@@ -73,7 +73,7 @@ class Measure(Protocol):
 
 
 class OutlineMeasure:
-    """Edges are the points of an outline that is known whole; edges inside it are not seen.
+    """Edges as points of a whole known outline; edges inside it are not seen.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ class OutlineMeasure:
 
 
 class GreyMeasure:
-    """Edges are peaks of the grey-level gradient.
+    """Edges as peaks of the grey-level gradient.
 
     Of a scene under several lamps, one at a time, the gradient at each pixel is that of the lamp
     that shows it best. What a pose has to explain are the edges of the crop alone: where that is
@@ -243,7 +243,7 @@ class GreyMeasure:
         normals: FloatArray,
         steps: FloatArray,
     ) -> Float32Array:
-        """Return gradients along normals: a row for each step, so that rows are compared whole."""
+        """Return gradients along normals, one row for each step."""
         at_x, at_y = np.ascontiguousarray((pixels - self.corner).T)
         normal_x, normal_y = np.ascontiguousarray(normals.T)
         x = (at_x + steps[:, None] * normal_x).astype(np.float32)

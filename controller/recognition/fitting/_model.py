@@ -78,7 +78,7 @@ class EdgeModel:
 
     @cached_property
     def straight(self) -> FloatArray:
-        """(t, 3) unit direction along which a triangle's surface is straight while curved across.
+        """Unit direction (t, 3) in which a triangle's surface is straight while curved across.
 
         0 where it is curved in both directions, NaN where it is plane. Asked for under lamps alone.
         """

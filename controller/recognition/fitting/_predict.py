@@ -135,7 +135,7 @@ def predict_outline(
     most: float = 600,
     min_step_mm: float = MIN_STEP_MM,
 ) -> EdgePoints:
-    """Return the outline of a posed part alone: a part of `predict_edges` for a third of it.
+    """Return the outline of a posed part alone, in a third of the time of `predict_edges`.
 
     Parameters
     ----------

@@ -10,7 +10,7 @@ from ..fitting import EdgePoints
 from .hypotheses import SAME_PLACE_MM, Hypothesis
 
 SAME_OUTLINE_PX = 0.6  # two predicted outlines this near each other are one in any picture
-SAME_SHARE = 0.97  # share of an outline's length; the rest is where samples end
+SAME_SHARE = 0.97  # share of an outline's length that must agree; the rest is where samples end
 SHOWN_LIFT = 0.2  # difference in brightness (cosines) at an inner edge that always shows
 SHOWN_JUMP_MM = 1.5  # height of a step that always shows, by its shadow
 # Largest misfit of an outline that is still the part. Of 596 right hypotheses on path-traced

@@ -235,12 +235,12 @@ def look_inside(
 
 
 def distinct(candidates: Sequence[Candidate], library: Library) -> list[Candidate]:
-    """Return candidates without those that a symmetry of the part makes the same, in order."""
+    """Return candidates in order, without those equal by a symmetry of the part."""
     return list(_distinct_ones(candidates, library))
 
 
 def _distinct_ones(candidates: Sequence[Candidate], library: Library) -> Iterator[Candidate]:
-    """Yield `distinct` candidates as they are needed: mostly the first few are."""
+    """Yield `distinct` candidates on demand: mostly only the first few are needed."""
     kept: list[Candidate] = []
     for c in candidates:
         if not any(is_same_reading(k, c, library, 4 * SAME_PLACE_MM) for k in kept):
@@ -299,7 +299,7 @@ def is_tried(
 
 
 def without_repeats(hypotheses: Sequence[Hypothesis], library: Library) -> list[Hypothesis]:
-    """Return hypotheses best first, each pose and turn once."""
+    """Return hypotheses best first, without repeats of pose and turn."""
     kept: list[Hypothesis] = []
     for h in sorted(hypotheses, key=lambda h: -h.log_odds):
         if not any(is_same_reading(k, h, library) for k in kept):
@@ -359,7 +359,7 @@ def _coarse(
     source: str,
     worth: float,
 ) -> tuple[EdgeFit | None, float]:
-    """Return a candidate's first fit and its score; a tall part's place is looked for farther off.
+    """Return a candidate's first fit and score; a tall part is sought over a wider range.
 
     A longer reach is a second try, since it also finds more edges that are another's. Under lamps
     edges of the inside are near each other, and a view made for another place may be off by more
@@ -405,7 +405,7 @@ def _coarse_by_outline(
     camera: Camera,
     limits: SearchLimits,
 ) -> tuple[EdgeFit | None, float]:
-    """Return the fit to a picture's edges that begins where one to the outline ends.
+    """Return the fit to a picture's edges, started from the fit to the outline.
 
     The silhouette that found it may lack dark walls: then the likeliest outline may do better.
     """

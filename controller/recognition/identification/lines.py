@@ -86,7 +86,7 @@ def by_sweep(
 
 
 def _edgelets(crop: Grey, corner: FloatArray, free: BoolArray, camera: Camera) -> Edgelets:
-    """Return the edges of a crop on the table, those of other things left out."""
+    """Return the edges of a crop on the table, without those of other things."""
     found = image_features(crop, lambda p: camera.on_plane(p + corner)[:, :2]).edgelets
     count = len(found.points_mm)
     pixels = camera.project(np.column_stack([found.points_mm, np.zeros(count)])) - corner

@@ -480,7 +480,7 @@ def _known(
 
 
 def _covariance(best: Hypothesis, entry: Entry) -> FloatArray:
-    """Return the fit's covariance; the turn of a round part, which is a mesh's, is not known."""
+    """Return the fit's covariance; the turn of a round part, by its mesh alone, is unknown."""
     covariance = best.fit.covariance.copy()
     if len(entry.turns_of(best.pose)) == 0:
         covariance[2, :], covariance[:, 2] = 0.0, 0.0

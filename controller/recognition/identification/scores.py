@@ -1,4 +1,4 @@
-"""Evidence -> probability that a hypothesis is right, by a logistic curve fitted to pictures."""
+"""Probability of a hypothesis from its evidence, by a logistic curve fitted to pictures."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

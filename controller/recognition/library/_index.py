@@ -47,7 +47,7 @@ class Silhouette:
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """A view that an observed silhouette may be of.
+    """A view that may explain an observed silhouette.
 
     Attributes
     ----------

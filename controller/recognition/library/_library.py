@@ -216,7 +216,7 @@ def _turns_over(symmetry: PartSymmetry, up: FloatArray) -> bool:
 def make_library(
     parts: Sequence[CompiledPart], camera: Camera, min_probability: float = MIN_PROBABILITY
 ) -> Library:
-    """Return a handful of parts prepared for a camera, all of them in memory.
+    """Return a few parts prepared for a camera, all in memory.
 
     Parameters
     ----------

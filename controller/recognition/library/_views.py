@@ -261,7 +261,7 @@ def at_equal_steps(loop: FloatArray, count: int) -> FloatArray:
 
 
 def _perimeter_px(raster: NDArray[np.uint8]) -> float:
-    """Return the length of a raster's outline: of its half-way line, smoothed over the pixels."""
+    """Return the length of a raster's outline, along the half level smoothed over the pixels."""
     smooth = cv2.GaussianBlur(raster, (0, 0), 1.2).astype(np.float32) / 255.0
     gx = cv2.Scharr(smooth, cv2.CV_32F, 1, 0, scale=1 / 32)
     gy = cv2.Scharr(smooth, cv2.CV_32F, 0, 1, scale=1 / 32)

@@ -1,4 +1,4 @@
-"""A silhouette in a form that turning it only shifts: a polar grid round its centroid.
+"""A silhouette as a polar grid round its centroid, which a turn only shifts.
 
 Rings are as far apart as the silhouette is large, so that one grid serves bolts and plates. The
 Fourier spectrum along the angle gives both what does not change with the turn (its magnitudes:
@@ -73,7 +73,7 @@ def from_raster(
 
 
 def area_and_centroid(loops: tuple[FloatArray, ...]) -> tuple[float, FloatArray]:
-    """Return the area enclosed by loops, the largest being outermost, and its centroid (2,).
+    """Return the area enclosed by loops, the largest of them outermost, and its centroid (2,).
 
     Which way round a loop runs does not matter: what lies in the largest one is a hole.
     """

@@ -106,7 +106,7 @@ def _apart_mm(poses: _Poses, library: Library) -> FloatArray:
 
 
 def _with_turns(poses: _Poses, library: Library) -> _Poses:
-    """Return poses, those of round outlines with holes at all turns: only these show the turn."""
+    """Return poses, with round outlines with holes at all turns, since only holes show the turn."""
     is_round = library.index.is_round[poses.view]
     if not is_round.any():
         return poses
@@ -164,7 +164,7 @@ def _weighed(
 def _best(
     poses: _Poses, score: FloatArray, library: Library, most: int, per_place: int
 ) -> list[Candidate]:
-    """Return the best poses as candidates, each place of a stable pose once."""
+    """Return the best poses as candidates, without repeats of a stable pose's places."""
     index = library.index
     kept: list[int] = []
     more: list[int] = []

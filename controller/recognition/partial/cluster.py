@@ -111,7 +111,7 @@ class Cluster:
 
     @cached_property
     def cells(self) -> tuple[FloatArray, IntArray, BoolArray]:
-        """Sight lines (n, 3) all over the box, row and column (n, 2), which meet it (n,)."""
+        """Lines of sight (n, 3) all over the box, row and column (n, 2), and hits (n,)."""
         x0, y0, x1, y1 = self.region.box_px
         v, u = np.mgrid[y0:y1:CELL_PX, x0:x1:CELL_PX]
         pixels = np.column_stack([u.ravel(), v.ravel()]).astype(np.float64)
@@ -244,7 +244,7 @@ class NearestMap:
 
 
 def _directed(loop: FloatArray, is_outer: bool) -> FloatArray:
-    """Return a loop with the part at the left hand where y runs up, right where it runs down."""
+    """Return a loop with the part on the left where y runs up, on the right where it runs down."""
     return loop if (signed_area(loop) < 0) == is_outer else loop[::-1]
 
 

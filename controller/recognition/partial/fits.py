@@ -119,7 +119,7 @@ class PartialFit:
 
     @cached_property
     def depths(self) -> tuple[FloatArray, FloatArray]:
-        """Depths (n,) at which the sight lines enter and leave the part, nan where they miss it."""
+        """Depths (n,) where the lines of sight enter and leave the part, nan where they miss it."""
         lines, _, _ = self.cluster.cells
         x0, y0, _, _ = self.cluster.region.box_px
         low = (self.fit.edges.pixels.min(axis=0) - [x0, y0]) / CELL_PX - 1
@@ -212,7 +212,7 @@ def _covered(edges: EdgePoints, cluster: Cluster) -> tuple[BoolArray, BoolArray]
 
 
 def _nearness(fit: EdgeFit, cluster: Cluster) -> float:
-    """Return the share of free predicted edges that are about where they should be."""
+    """Return the share of free predicted edges found about in place."""
     off = np.abs(np.nan_to_num(fit.gaps.gap_px, nan=99.0))
     near = np.exp(-0.5 * (off / 2.0) ** 2)
     covered, beyond = _covered(fit.edges, cluster)

@@ -194,7 +194,7 @@ def _gain(fit: PartialFit, points: float) -> float:
 
 
 def _explained_about(fit: PartialFit, chosen: Sequence[PartialFit]) -> float:
-    """Return the share of the cluster's outline on a part and close beside it that is predicted."""
+    """Return the predicted share of the cluster's outline on a part and close beside it."""
     cluster = fit.cluster
     explained = np.any([one.explains for one in chosen], axis=0)
     shadow = cv2.erode(cluster.raster(fit.shadow).astype(np.uint8), np.ones((7, 7), np.uint8))

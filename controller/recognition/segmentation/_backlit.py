@@ -29,7 +29,7 @@ def find_backlit(
     usable: BoolArray | None,
     min_area_px: float,
 ) -> tuple[list[Region], int]:
-    """Return the things darker than the backlight, and how many specks were ignored.
+    """Return the things darker than the backlight, and the number of specks ignored.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def _within(
 
 
 def table_level(ground: Ground, box: Box, white: int) -> Float32Array:
-    """Return the table's level (h, w) in a box, as it would be were white no limit.
+    """Return the table's level (h, w) in a box, as if white were no limit.
 
     Parameters
     ----------

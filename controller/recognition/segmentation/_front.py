@@ -54,7 +54,7 @@ def find_front(
     usable: BoolArray | None,
     min_area_px: float,
 ) -> tuple[list[Region], int]:
-    """Return the things on a matt table, and how many specks were ignored.
+    """Return the things on a matt table, and the number of specks ignored.
 
     Parameters
     ----------
@@ -181,7 +181,7 @@ def _borders(grey: Grey, least: float) -> ByteArray:
 
 
 def _less_slope(grey: Grey, fine: NDArray[np.int16]) -> NDArray[np.int16]:
-    """Return a gradient less its share over a wide window, in units of 1 / ``SOBEL_GAIN``."""
+    """Return a gradient less its mean over a wide window, in units of 1 / ``SOBEL_GAIN``."""
     wide = cv2.boxFilter(grey, cv2.CV_16U, (SLOPE_PX, SLOPE_PX), normalize=False).view(np.int16)
     coarse = np.zeros_like(wide)
     np.abs(wide[:, 2:] - wide[:, :-2], out=coarse[:, 1:-1])

@@ -1,4 +1,4 @@
-"""Things that lie so near each other that they may touch, or be pieces of one part."""
+"""Groups of things so near each other that they may touch, or be pieces of one part."""
 
 from collections.abc import Sequence
 

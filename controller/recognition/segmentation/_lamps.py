@@ -17,7 +17,7 @@ EVERY_PX = 8  # step in rows and columns, for a picture's typical level
 
 
 def brightest_of(pictures: Sequence[Grey]) -> Grey:
-    """Return the brightest of each pixel, the pictures brought to one level of the table.
+    """Return the brightest value of each pixel, with the pictures scaled to one table level.
 
     Parameters
     ----------

@@ -52,7 +52,7 @@ def leaked(border: ByteArray, solid: ByteArray, mixed_px: int) -> BoolArray | No
 
 
 def _enclose(out: ByteArray, u: IndexArray, v: IndexArray, border_px: float) -> None:
-    """Fill the hull of pixels (n,), unless they are too few for one or reach the crop's rim."""
+    """Fill the hull of pixels (n,), unless they are too few or reach the crop's rim."""
     height, width = out.shape
     if min(u.min(), v.min()) == 0 or u.max() == width - 1 or v.max() == height - 1:
         return

@@ -20,7 +20,7 @@ MIXED_WEIGHT = 1.0 / 64.0  # they count only where there is nothing else, as in 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Crop:
-    """A part of a picture in which objects are looked at closely.
+    """A part of a picture for a closer segmentation of its objects.
 
     Attributes
     ----------
@@ -39,7 +39,7 @@ class Crop:
 def sharpen(
     crop: Crop, rough: BoolArray, beyond: Float32Array | None, contrast: float
 ) -> tuple[BoolArray, Float32Array]:
-    """Return the mask with its border at the half level, and the field whose zero line that is.
+    """Return the mask with its border at the half level, and the field whose zero line it is.
 
     The field is given where a border can come to lie, a pixel beyond what is mixed, and 0
     elsewhere: few of the crop's pixels are near a border.
@@ -75,7 +75,7 @@ def sharpen(
 
 
 def _side_level(grey: Grey, side: Grey, pure: Grey, mixed_px: int, at: IndexArray) -> Float32Array:
-    """Return the local level of a side at some pixels; where nothing of it is near it is 0.
+    """Return the local level of a side at some pixels; 0 where none of that side is near.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ def regions_of(
     min_area_px: float,
     alternatives: tuple[BoolArray, ...] = (),
 ) -> tuple[list[Region], int]:
-    """Return the connected things of a mask, and how many were too small to be one.
+    """Return the connected things of a mask, and the number of those too small.
 
     Parameters
     ----------
@@ -173,7 +173,7 @@ def _others(
     elsewhere: BoolArray | None,
     least: float,
 ) -> tuple[BoolArray, ...]:
-    """Return the alternatives to a mask that are something, and something else."""
+    """Return the alternatives to a mask that are not empty and differ from it."""
     out = []
     for other_mask in alternatives:
         other = other_mask[window].copy() if elsewhere is None else other_mask[window] & ~elsewhere
@@ -214,7 +214,7 @@ def _is_cut(thing: BoolArray, window: tuple[slice, slice], crop: Crop) -> bool:
 def boxes_of(
     candidates: NDArray[np.uint8], factor: int, size_px: tuple[int, int], margin_px: int, least: int
 ) -> tuple[list[Box], int]:
-    """Return boxes round the candidates of a reduced picture, met ones merged; how many left out.
+    """Return boxes round a reduced picture's candidates, overlaps merged; number left out.
 
     Parameters
     ----------

@@ -104,7 +104,7 @@ def find_boundary(
 def _chains(
     sides: HalfEdges, onward: IntArray, members: IntArray, *, is_vertex: BoolArray
 ) -> tuple[IntArray, IntArray]:
-    """Return mesh half-edges edge by edge, each in its order, and where each edge starts (e+1,)."""
+    """Return mesh half-edges edge by edge, in order, and the start of each edge (e+1,)."""
     if len(members) == 0:
         return members, np.zeros(1, dtype=np.int64)
     local = np.full(len(onward), -1, dtype=np.int64)
@@ -165,7 +165,7 @@ def _loops(
     lengths: FloatArray,
     swept: FloatArray,
 ) -> tuple[IntArray, IntArray, BoolArray]:
-    """Return the loop of each half-edge, a half-edge of each loop, and which loops are holes.
+    """Return the loop of each half-edge, a half-edge of each loop, and a mask of the holes.
 
     Loops are numbered by face, the outer one first.
     """

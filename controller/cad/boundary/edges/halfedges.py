@@ -1,4 +1,4 @@
-"""Half-edges of a triangle mesh, and the ones that run between two surfaces.
+"""Half-edges of a triangle mesh, and those between two surfaces.
 
 Half-edge ``3 t + k`` runs from corner k of triangle t to its next corner, the triangle to its
 left. All steps are array steps: long runs (round a vertex, along an edge) are done by pointer

@@ -25,7 +25,7 @@ SMOOTH_RAD = np.radians(22.0)  # strips of a bore of 17 segments and more count 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Facets:
-    """Coplanar pieces of a mesh; of walls that turn too slowly to have any, its triangles.
+    """Coplanar pieces of a mesh; of a wall that turns too slowly for any, its triangles.
 
     Attributes
     ----------

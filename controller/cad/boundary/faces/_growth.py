@@ -40,7 +40,7 @@ CHANCE_RUNS = 3  # failed runs for each good one, as in noise: by chance some no
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Found:
-    """A surface with the facets (k,) it is made of, and how near to it their corners lie."""
+    """A surface with its facets (k,), and the distance of their corners from it."""
 
     primitive: Primitive
     facets: IntArray
@@ -68,7 +68,7 @@ class Grower:
         return self._seeds_left <= 0
 
     def whole(self, facets: IntArray) -> Found | None:
-        """Return the surface a whole run of facets is, if it is one."""
+        """Return the surface of a whole run of facets, if it is one."""
         cloud = self._pieces.cloud(facets)
         some = cloud.thinned().points
         candidates = list(fits(cloud))
@@ -223,7 +223,7 @@ class Grower:
         tolerance_mm: float,
         turn_rad: float,
     ) -> Found | None:
-        """Return a surface grown as far as it fits, or None if it is one by chance only."""
+        """Return a surface grown as far as it fits, None for a chance fit."""
         facets = patch
         for _ in range(GROWTH_ROUNDS):
             size = len(facets)

@@ -1,4 +1,4 @@
-"""Pieces of a part: facets with their corners, whether they lie on a surface, rings round them."""
+"""Pieces of a part: facets with their corners, tests against surfaces, rings round facets."""
 
 import numpy as np
 import trimesh
@@ -43,7 +43,7 @@ class Pieces:
         self._tick = 0
 
     def cloud(self, facets: IntArray) -> Cloud:
-        """Return corners and facets of a piece; of a large one every so-many-th corner."""
+        """Return corners and facets of a piece; of a large piece an even selection of corners."""
         f = self.facets
         at = rows(f.start, facets)
         vertices = self._triangles[at][self._is_corner[at]]
@@ -89,7 +89,7 @@ class Pieces:
         return np.asarray(~(far | np.logical_or.reduceat(turned.any(axis=1), first)))
 
     def patch(self, seed: int, wanted: int, links: Neighbours, free: BoolArray) -> IntArray:
-        """Return a facet and the rings of facets round it, about as many as wanted.
+        """Return a facet and rings of facets round it, about as many as wanted.
 
         Parameters
         ----------
@@ -140,7 +140,7 @@ class Pieces:
         return np.concatenate(parts)
 
     def _ring(self, front: IntArray, links: Neighbours, free: BoolArray) -> IntArray:
-        """Return the free neighbours not seen since the last tick; now they are."""
+        """Return the free neighbours not yet seen since the last tick, and mark them as seen."""
         ring = links.of(front)
         ring = np.unique(ring[free[ring] & (self._seen[ring] != self._tick)])
         self._seen[ring] = self._tick

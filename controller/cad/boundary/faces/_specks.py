@@ -1,4 +1,4 @@
-"""Small flat pieces that are bits of the curved surface round them, not planes of their own.
+"""Small flat pieces that belong to the curved surface round them, and are no planes.
 
 Tessellations of free surfaces, and of walls near their seams, have single facets larger than
 those round them. Such a facet looks like a plane, but its rim runs smoothly into its neighbour.
@@ -22,7 +22,7 @@ SMOOTH_RIM = 0.8
 def specks_absorbed(
     facets: Facets, pieces: Pieces, owner: IntArray, primitives: list[Primitive | None]
 ) -> IntArray:
-    """Return owners (m,) with specks given to the curved surface they run into.
+    """Return owners (m,) with specks assigned to the curved surface round them.
 
     A surface without formula takes any speck; one with a formula must pass near its corners,
     or a narrow flat between two fillets would be lost.

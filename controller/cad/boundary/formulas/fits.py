@@ -33,13 +33,13 @@ class Cloud:
     areas: FloatArray
 
     def thinned(self) -> "Cloud":
-        """Return every so-many-th point and facet, few enough for a quick fit."""
+        """Return an even selection of points and facets, few enough for a quick fit."""
         i, k = thinning(len(self.points)), thinning(len(self.normals))
         return Cloud(self.points[::i], self.normals[::k], self.centres[::k], self.areas[::k])
 
 
 def thinning(count: int) -> int:
-    """Return the step that leaves enough of ``count`` points for a fit, and not many more."""
+    """Return the step through ``count`` points that leaves just enough for a fit."""
     return max(1, count // FIT_POINTS)
 
 

@@ -39,7 +39,7 @@ def ball(points: FloatArray) -> Primitive | None:
 
 
 class _Place:
-    """A surface, points (n, 3) seen from it, and how far they lie off (n,)."""
+    """A surface, points (n, 3) in its frame, and their distances from it (n,)."""
 
     def __init__(self, surface: Primitive, points: FloatArray) -> None:
         self.surface = surface

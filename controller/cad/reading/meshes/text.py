@@ -1,4 +1,4 @@
-"""Texts of mesh files as other programs write them: encodings, line ends, decimal commas.
+"""Texts of mesh files from other programs: encodings, line ends, decimal commas.
 
 Only the words of the format and its numbers count. Names and comments are never decoded, so they
 may be in any code page.

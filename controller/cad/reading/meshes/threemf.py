@@ -204,7 +204,7 @@ class _Package:
 
 
 class _Model:
-    """Takes a model's elements as the parser comes to them."""
+    """Handler of a model's elements as the parser reaches them."""
 
     def __init__(self, package: _Package, name: str, path: Path) -> None:
         self._package = package

@@ -228,7 +228,7 @@ def _datums(
     ids: list[int | None],
     rank: IntArray,
 ) -> list[Datum]:
-    """Return each letter once; the kernel lists it once per tolerance that refers to it."""
+    """Return each datum letter once; the kernel lists it for every tolerance that uses it."""
     faces: dict[str, set[int]] = {}
     for each in stated["datums"]:
         if each["letter"]:

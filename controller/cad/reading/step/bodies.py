@@ -1,4 +1,4 @@
-"""The bodies of a STEP file: listed by name, size and place, and each to be had by its name.
+"""The bodies of a STEP file: listed by name, size and place, and available by name.
 
 A body is a solid, in the coordinates of its own product, as if that had been exported alone. Bodies
 of one shape are listed once. The kernel works in a child process (`controller.step_kernel`).
@@ -210,7 +210,7 @@ def _grouped(
 
 
 def _unique(name: str, taken: set[str]) -> str:
-    """Return a name as it is written, with a number where it is taken already."""
+    """Return a name as written, with a number if it is already taken."""
     plain = body_name(name) or "body"
     found, number = plain, 1
     while found in taken:

@@ -93,7 +93,7 @@ def require_one(path: Path, bodies: Bodies) -> Body:
 
 
 def many(path: Path, bodies: Bodies) -> str:
-    """Return the sentence that refuses a file of several bodies, with their list."""
+    """Return a sentence that refuses a file of several bodies, with their list."""
     shapes = len(bodies.distinct)
     of = f" of {shapes} shapes" if 1 < shapes < bodies.count else ""
     if shapes == 1 < bodies.count:
@@ -110,7 +110,7 @@ def many(path: Path, bodies: Bodies) -> str:
 
 
 def listing(path: Path, bodies: Bodies) -> str:
-    """Return a line for each body: how to write it, size, how often and where it is placed."""
+    """Return a line for each body: its name as written, its size, and its placements."""
     shown = bodies.distinct[:MAX_LISTED]
     width = max((len(str(body_path(path, body.name))) for body in shown), default=0)
     lines = [f"  {body_path(path, body.name)!s:<{width}}  {row_text(body)}" for body in shown]

@@ -1,4 +1,4 @@
-"""Bodies that are the same up to where they stand, found by points that belong to the body.
+"""Congruent bodies at different poses, found by points that belong to the body.
 
 A turn and a shift that take every point of one body to a point of the same kind and size of the
 other are looked for. Mirror images are not the same: a mirror is no turn. Two bodies of one shape
@@ -78,14 +78,14 @@ def _may_be_one(one: Marks, other: Marks) -> bool:
 
 
 def _spread(sizes: FloatArray) -> FloatArray:
-    """Return sizes (n, 2) with kinds farther apart than any distance that counts."""
+    """Return sizes (n, 2) with kinds separated by more than any distance that counts."""
     return np.column_stack([1e3 * sizes[:, 0], sizes[:, 1]])
 
 
 def _turns(
     points: FloatArray, sizes: FloatArray, others: FloatArray, other_sizes: FloatArray
 ) -> list[FloatArray]:
-    """Return the rotations that take two far points, rare ones, to points like them."""
+    """Return the rotations that take two distant, rare points to similar points."""
     reach, other_reach = np.linalg.norm(points, axis=1), np.linalg.norm(others, axis=1)
 
     def like(i: int) -> IntArray:

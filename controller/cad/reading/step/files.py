@@ -1,4 +1,4 @@
-"""STEP files: the solid with the surfaces the file names, exact, and its semantic tolerances.
+"""STEP files: the solid with the file's exact surfaces, and its semantic tolerances.
 
 The kernel works in a child process (`controller.step_kernel`). Here its arrays become a
 `Solid`: one face of ours per surface, largest first, however many faces the file cuts it into. The
@@ -191,7 +191,7 @@ def read_step_part(
 
 
 def _many(path: Path, files: References, bodies: Bodies) -> str:
-    """Return the sentence that refuses a file of several bodies, and whether they touch."""
+    """Return a sentence that refuses a file of several bodies, and says if they touch."""
     touching = touching_text(path, files, bodies)
     return "\n".join(filter(None, (many(path, bodies), touching)))
 
@@ -230,7 +230,7 @@ class BodyOfFile:
 def _read_part(
     path: Path, data: bytes, limits: KernelLimits | None, chosen: BodyOfFile | None
 ) -> StepPart:
-    """Return a file's only body, as placed in it, or the one chosen, in its own coordinates."""
+    """Return a file's only body as placed in it, or the chosen one in its own coordinates."""
     named = "" if chosen is None else chosen.body.name or EVERY
     where = str(body_path(path, named)) if named else str(path)
     name = CadSource(path).part_name if named in ("", EVERY) else named
@@ -457,7 +457,7 @@ def _faces(found: dict[str, Any], mesh: trimesh.Trimesh, rank: IntArray) -> tupl
 
 
 def _outward(found: dict[str, Any], of: IntArray, points: FloatArray) -> FloatArray:
-    """Return the way from the axis, the centre or the ring of its surface to each point, (n, 3)."""
+    """Return vectors (n, 3) from the axis, centre or ring of each point's surface to the point."""
     kind = np.array(KINDS)[found["kind"]][of]
     arm = points - found["place_mm"][of]
     axis = found["axis"][of]

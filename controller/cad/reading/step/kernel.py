@@ -49,7 +49,7 @@ class KernelLimits:
 
     @classmethod
     def granted(cls) -> "KernelLimits":
-        """Return the usual limits, or those that the environment grants.
+        """Return the usual limits, or those from the environment.
 
         Raises
         ------
@@ -74,7 +74,7 @@ class KernelLimits:
 
 
 class KernelRun:
-    """One run of the kernel on one file; use it as a context, it leaves no process behind.
+    """One run of the kernel on one file, as a context that leaves no process behind.
 
     Parameters
     ----------

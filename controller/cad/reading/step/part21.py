@@ -1,4 +1,4 @@
-"""The text of a STEP file (ISO 10303-21), as far as its tolerances need it.
+"""The text of a STEP file (ISO 10303-21), to the extent that tolerances need it.
 
 The kernel gives dimensions without the sign of their lower deviation and, where the designer wrote
 inches, their nominal value without conversion. The text says both, so the parent asks it.
@@ -21,12 +21,12 @@ Arguments = list[Any]
 
 
 class Part21Error(ValueError):
-    """The text is not as the standard says, at a place that matters here."""
+    """The text violates the standard at a place that matters here."""
 
 
 @dataclass(frozen=True, slots=True)
 class Written:
-    """A dimension as the file's text has it, in mm or rad.
+    """A dimension as written in the file, in mm or rad.
 
     Attributes
     ----------

@@ -55,7 +55,7 @@ def _in_utf8(text: bytes) -> bytes:
 
 
 def check_numbers(path: Path, text: bytes) -> None:
-    """Refuse points that the kernel would misread without a word.
+    """Refuse points that the kernel would silently misread.
 
     Parameters
     ----------

@@ -96,7 +96,7 @@ def require_whole(path: Path, united: United) -> Body:
 
 
 def touching_text(path: Path, files: References, bodies: Bodies) -> str:
-    """Return the sentence on bodies that make one part together, empty where they do not.
+    """Return a sentence on bodies that form one part together, empty where they do not.
 
     Parameters
     ----------

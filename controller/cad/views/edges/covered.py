@@ -134,7 +134,7 @@ def _projected(
 def _nearest(
     model: ViewModel, view: Projection, p_cad_mm: FloatArray, nearness: FloatArray
 ) -> Int32Array:
-    """Return the triangle (n,) the eye sees where points (n, 3) are, -1 where it sees none."""
+    """Return the triangle (n,) visible at points (n, 3), -1 for none."""
     if view.is_central:
         return model.caster.first_hit(view.eye, p_cad_mm - view.eye)[0]
     above = view.nearness.max() + 1.0 - nearness

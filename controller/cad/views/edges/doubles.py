@@ -73,7 +73,7 @@ def without_doubles(model: ViewModel, view: Projection, pieces: Pieces) -> Piece
 def _uncovered(
     pieces: Pieces, under: Int32Array | IntArray, a: FloatArray, b: FloatArray, short: FloatArray
 ) -> Pieces:
-    """Return pieces less the stretches a to b, 0 to 1 of their own length, of pieces ``under``.
+    """Return pieces without the stretches a to b, in shares of their length, of pieces ``under``.
 
     All (m,); rests shorter than ``short``, as a share of the piece, are dropped.
     """

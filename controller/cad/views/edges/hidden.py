@@ -39,7 +39,7 @@ class Pieces:
 
 
 def candidate_edges(model: ViewModel, view: Projection) -> Int32Array:
-    """Return the mesh edges (n,) that would show if nothing stood in front of them."""
+    """Return the mesh edges (n,) that show unless something hides them."""
     one, other = view.facing[model.sides[:, 0]], view.facing[model.sides[:, 1]]
     is_drawn = (model.cad_edge >= 0) | ((one == FRONT) != (other == FRONT))
     # neither on the far side of a ridge, nor in a valley under its own overhang
@@ -56,7 +56,7 @@ def candidate_edges(model: ViewModel, view: Projection) -> Int32Array:
 def cut_edges(
     view: Projection, model: ViewModel, edges: Int32Array, rims: Int32Array, rim_tree: STRtree
 ) -> Pieces:
-    """Return edges (n,) cut where a rim crosses them in the plane and does not pass behind them.
+    """Return edges (n,) cut at their crossings with rims in the plane that pass in front.
 
     Parameters
     ----------

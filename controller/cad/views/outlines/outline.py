@@ -123,7 +123,7 @@ def _labels(
     end: FloatArray,
     weld: float,
 ) -> tuple[Int32Array, Int32Array]:
-    """Return CAD edge and curved face of each side: of the nearest rim edge it lies on."""
+    """Return CAD edge and curved face of each side, from the nearest rim edge it lies on."""
     edges = np.full(len(start), -1, dtype=np.int32)
     faces = np.full(len(start), -1, dtype=np.int32)
     rim_ends = model.ends[rims]

@@ -1,4 +1,4 @@
-"""Limits that a drawing states in the CAD file itself (STEP AP242), put on the characteristics.
+"""Limits stated by a drawing in the CAD file (STEP AP242), applied to the characteristics.
 
 They go before general tolerances. What they name is found by its faces: a diameter by its wall, a
 distance by its two planes.
@@ -42,7 +42,7 @@ def with_drawn(
     tolerances: Sequence[Tolerance],
     tolerance_class: ToleranceClass,
 ) -> tuple[Characteristic, ...]:
-    """Return characteristics with the limits of a drawing; its other distances are added.
+    """Return characteristics with a drawing's limits; its other distances are added.
 
     Parameters
     ----------
@@ -121,7 +121,7 @@ def _put_positions(
     zones: Sequence[GeometricTolerance],
     datums: Mapping[str, tuple[int, ...]],
 ) -> None:
-    """Hold axes to half the width of their zones of position, seen from the drawing's datums.
+    """Limit axes to half the width of their zones of position, from the drawing's datums.
 
     Where a drawing has a round zone and a flat one, the round one counts: what is measured is how
     far the axis is off, in no direction of its own. More room at the least material is not used.

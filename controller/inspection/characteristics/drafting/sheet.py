@@ -1,4 +1,4 @@
-"""The order in which a drawing is read: view by view, each row by row from its top left."""
+"""Reading order of a drawing: view by view, each row by row from its top left."""
 
 from typing import Final
 
@@ -36,5 +36,5 @@ def reading_order(axis: FloatArray, p_mm: FloatArray) -> tuple[int, int, int, in
 
 
 def size_text(size_mm: float) -> str:
-    """Return a size as drawings write it, as in ``6.76 mm``."""
+    """Return a size as on drawings, such as ``6.76 mm``."""
     return f"{round(size_mm + HALF_UP_MM, 2):g} mm"

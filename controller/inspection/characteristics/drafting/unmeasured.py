@@ -1,4 +1,4 @@
-"""Sizes of features that nothing measures: each is listed, with the reason.
+"""Sizes of features without a measurement: each is listed, with the reason.
 
 A feature of the CAD model has a diameter or a width, a position and a depth, whatever a picture
 shows of it. Here the sizes of all features are held against the characteristics that are measured;
@@ -44,7 +44,7 @@ _KIND = CharacteristicKind
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Unmeasured:
-    """A size of a feature that nothing measures.
+    """A size of a feature without a measurement.
 
     Attributes
     ----------

@@ -70,7 +70,7 @@ def nominal_characteristics(
 
 
 def numbered(names: list[str]) -> list[str]:
-    """Return names with ``(1)``, ``(2)`` ... behind those that there are several of."""
+    """Return names with ``(1)``, ``(2)`` ... appended to repeated ones."""
     count = Counter(names)
     so_far: Counter[str] = Counter()
     unique = []
@@ -82,7 +82,7 @@ def numbered(names: list[str]) -> list[str]:
 
 @dataclass(frozen=True, slots=True)
 class _Writer:
-    """Writes characteristics with the limits of one class of general tolerances."""
+    """Writer of characteristics with the limits of one class of general tolerances."""
 
     tolerance_class: ToleranceClass
 
@@ -311,7 +311,7 @@ class _Outline:
         return self.to_sides_mm(wall.centre_mm, wall.axis)
 
     def to_sides_mm(self, p_mm: FloatArray, axis: FloatArray) -> float:
-        """Return the larger of the distances of an axis from the nearest sides of the part."""
+        """Return the larger distance of an axis from the nearest sides of the part."""
         return max(self._to_side_mm(p_mm, way) for way in across(axis))
 
     def _to_side_mm(self, p_mm: FloatArray, direction: FloatArray) -> float:

@@ -1,4 +1,4 @@
-"""Rims that lie in no plane: where a slope, a shaft or another bore cuts a cylinder."""
+"""Rims out of plane, where a slope, a shaft or another bore cuts a cylinder."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -25,7 +25,7 @@ def course_rims(
     *,
     is_hole: bool,
 ) -> list[Rim]:
-    """Return the rims of a wall that go round in outer edges, but lie in no plane.
+    """Return the rims of a wall in outer edges that lie in no plane.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ def _outer_loops(solid: Solid, inside: set[int], half_edges: Sequence[int]) -> l
 
 
 def _points(solid: Solid, loop: list[int]) -> tuple[IndexArray, IndexArray]:
-    """Return the mesh vertices (n,) round a loop, and the face beyond each edge they begin."""
+    """Return the mesh vertices (n,) round a loop, and the face beyond each edge from them."""
     b = solid.boundary
     ids, beyond = [], []
     for h in loop:

@@ -26,7 +26,7 @@ MIN_ARC_RAD: Final = np.radians(10.0)  # a shorter arc of a rim fixes neither ce
 
 @dataclass(frozen=True, eq=False, slots=True)
 class RoundWall:
-    """A cylinder, or as much of it as there is.
+    """A cylinder or the existing part of one.
 
     Attributes
     ----------
@@ -58,7 +58,7 @@ class RoundWall:
 
 @dataclass(frozen=True, slots=True)
 class _Arc:
-    """Part of a circle about a wall's axis: height over its centre, from where, how far."""
+    """Part of a circle about a wall's axis: height over its centre, start, and sweep."""
 
     level_mm: float
     start_rad: float
@@ -132,7 +132,7 @@ def plane_rims(solid: Solid) -> dict[int, tuple[Rim, ...]]:
 
 
 def _pieces(solid: Solid, sides: list[list[int]]) -> list[list[int]]:
-    """Return the cylindrical faces, those together that are pieces of one cylinder."""
+    """Return the cylindrical faces, grouped as pieces of one cylinder."""
     b = solid.boundary
     root = {face.id: face.id for face in solid.faces if face.kind == "cylinder"}
 
@@ -178,7 +178,7 @@ def are_coaxial(
 
 
 def _arc(solid: Solid, wall: RoundWall, half_edge: int) -> _Arc | None:
-    """Return an edge of a wall as an arc of its rim; None where it is none that shows."""
+    """Return an edge of a wall as an arc of its rim; None for an edge that does not show."""
     b: Boundary = solid.boundary
     edge = half_edge // 2
     if b.curve[edge] != Curve.CIRCLE or b.crease[edge] != Crease.CONVEX:
@@ -215,7 +215,7 @@ def _rims(wall: RoundWall, arcs: Iterable[_Arc]) -> list[Rim]:
 
 
 def _runs(arcs: list[_Arc]) -> list[list[_Arc]]:
-    """Return arcs of one circle, those together that follow on each other."""
+    """Return arcs of one circle, merged where they follow on each other."""
     runs: list[list[_Arc]] = []
     for arc in arcs:
         if runs and _meet(runs[-1][-1], arc):

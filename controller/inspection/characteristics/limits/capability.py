@@ -42,7 +42,7 @@ class Accuracy:
 
 @dataclass(frozen=True, slots=True)
 class Station:
-    """The camera at the station: pixel on the part, distance to it, width of its picture [mm]."""
+    """The camera at the station: pixel on the part, distance, width of its picture [mm]."""
 
     mm_per_px: float
     distance_mm: float
@@ -119,7 +119,7 @@ def capability_of(
 
 
 def zone_mm(characteristic: Characteristic) -> float:
-    """Return the width of the zone that a value may lie in: of a position, its diameter."""
+    """Return the width of a value's tolerance zone; of a position, its diameter."""
     if characteristic.kind == CharacteristicKind.POSITION:
         return 2 * characteristic.upper_mm
     return characteristic.tolerance_mm

@@ -21,7 +21,7 @@ def decide(
     upper: float | None,
     probability: float = CONFORMANCE_PROBABILITY,
 ) -> Verdict:
-    """Return PASS or FAIL where one of them is proven, else INDETERMINATE.
+    """Return PASS or FAIL if one is proven, else INDETERMINATE.
 
     PASS: the true value lies within the limits with the probability required, both limits taken
     together. FAIL: it lies beyond one of them with that probability. Where the tolerance is wide

@@ -1,4 +1,4 @@
-"""Candidates round each seed, and quick looks that spare the hopeless ones their rays."""
+"""Candidates round each seed, with quick tests that save rays on the hopeless ones."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Candidates:
 def candidates(
     solid: Solid, seeds: Seeds, jaw: Jaw, downs: FloatArray, rules: GraspRules
 ) -> Candidates:
-    """Return arm grippers' poses round each seed the jaw is wide enough for, at a few depths.
+    """Return gripper poses round each seed that the jaw is wide enough for, at a few depths.
 
     Approaches are spread round the jaws' axis, and those square to the table in each stable pose
     are among them.
@@ -85,7 +85,7 @@ def candidates(
 
 
 def _approaches(axis: FloatArray, downs: FloatArray, spin_count: int) -> FloatArray:
-    """Return unit vectors (n, 3) square to the axis: evenly round it, and straight down if so."""
+    """Return unit vectors (n, 3) square to the axis, all round it and straight down if so."""
     turn = np.arange(spin_count) * 2 * np.pi / spin_count
     u, v = across(axis)
     square = downs[np.abs(downs @ axis) < 0.02]
@@ -143,7 +143,7 @@ def approach_seems_free(found: Candidates, seeds: Seeds, jaw: Jaw, rules: GraspR
 
 
 def pre_open(opening: FloatArray, inner: BoolArray, jaw: Jaw, rules: GraspRules) -> FloatArray:
-    """Return the width of the open jaw (n,) [mm]: wider than the grasp, for an inner one narrower.
+    """Return the width of the open jaw (n,) [mm]: wider than the grasp, narrower for an inner one.
 
     As `Grasp.pre_open_mm`: of an inner grasp the distance of the fingers' backs.
 

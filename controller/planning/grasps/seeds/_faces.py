@@ -100,7 +100,7 @@ def plane_seeds(pairs: Sequence[FacePair]) -> FloatArray:
 
 
 def _inside(shape: BaseGeometry, step_mm: float = 10.0, most: int = 30) -> list[FloatArray]:
-    """Return points of a polygon: one surely inside, its centroid, and a grid."""
+    """Return points of a polygon: one inside for certain, its centroid, and a grid."""
     x0, y0, x1, y1 = shape.bounds
     step = max(step_mm, float(np.sqrt(shape.area / most)))
     xs = np.arange(x0 + step / 2, x1, step)

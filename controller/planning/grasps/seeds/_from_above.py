@@ -1,4 +1,4 @@
-"""Candidates straight down on a part that lies on the table, tried densely, wall or no wall.
+"""Candidates straight down on a part that lies on the table, tried densely.
 
 For stable poses that seeds leave few grasps for: flat parts, whose walls are lower than a pad, and
 parts with few opposed walls. Every heading, every place across it, as deep as the table allows.

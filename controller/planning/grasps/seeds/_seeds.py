@@ -96,7 +96,7 @@ def find_seeds(
 
 
 def _spread_widths(jaws: Sequence[Jaw], rules: GraspRules) -> tuple[float, float]:
-    """Return the narrowest and the widest gap any of the jaws holds from inside."""
+    """Return the narrowest and the widest gap that any of the jaws holds from inside."""
     able = [j for j in jaws if j.can_spread]
     if not able:
         return 0.0, 0.0
@@ -120,7 +120,7 @@ def _wall_seeds(
     widest_mm: float,
     rules: GraspRules,
 ) -> FloatArray:
-    """Return seeds (n, 7) along normals: to the next way out of the material and the far side."""
+    """Return seeds (n, 7) along normals, to the next exit from the material and to the far side."""
     p, n = samples.points_mm, samples.normals
     face_normals = np.asarray(solid.mesh.face_normals)
     cone = np.cos(np.arctan(rules.friction))
@@ -193,7 +193,7 @@ def bisectors(samples: SurfaceSamples, max_rad: float) -> tuple[IntArray, FloatA
 
 
 def _main_directions(samples: SurfaceSamples) -> FloatArray:
-    """Return up to 40 unit vectors (k, 3) that walls look along, most area first."""
+    """Return up to 40 main directions (k, 3) of walls, unit, most area first."""
     grid = np.round(samples.normals, 2)
     _, first, group = np.unique(grid, axis=0, return_index=True, return_inverse=True)
     area = np.bincount(group.ravel(), weights=samples.areas_mm2)
@@ -235,7 +235,7 @@ def _bore_seeds(
     high_mm: float,
     rules: GraspRules,
 ) -> FloatArray:
-    """Return seeds (n, 7) from walls through the air to a wall that looks back."""
+    """Return seeds (n, 7) from walls through the air to a wall that faces back."""
     p, n = samples.points_mm, samples.normals
     face_normals = np.asarray(solid.mesh.face_normals)
     triangle, width = caster.first_hit(p + SKIN_MM * n, n)

@@ -303,7 +303,7 @@ def directions_into_wedges(
 
 
 def most_worth(shows: BoolArray, worth: FloatArray) -> list[int]:
-    """Return the rows (r, n) that add most worth (n,), one after the other, while it is 1 or more.
+    """Return rows (r, n) in the order of their added worth (n,), while it is 1 or more.
 
     Parameters
     ----------
@@ -325,7 +325,7 @@ def most_worth(shows: BoolArray, worth: FloatArray) -> list[int]:
 def _standing_before(
     solid: Solid, samples: SurfaceSamples, caster: RayCaster, rules: VisibilityRules
 ) -> IntArray:
-    """Return the face before a straight look at each sample (n,), -1 for none."""
+    """Return the face that blocks a straight look at each sample (n,), -1 for none."""
     straight = eyes_along(solid, samples.points_mm, samples.normals, rules)
     met = first_met(caster, samples.points_mm + LIFT_MM * samples.normals, straight)
     return np.where(met >= 0, solid.face_of_triangle[np.maximum(met, 0)], -1)
@@ -356,13 +356,13 @@ def _chosen(shows: BoolArray, short: IntArray, bare: BoolArray, most: int) -> li
 
 
 def _straight_at(solid: Solid, samples: SurfaceSamples, rules: VisibilityRules) -> FloatArray:
-    """Return the directions from which the camera looks straight at samples, alike ones once."""
+    """Return the directions in which the camera faces samples squarely, without repeats."""
     eyes = eyes_along(solid, samples.points_mm, samples.normals, rules)
     return _unlike((eyes - solid.centroid_mm) / rules.distance_mm, ALIKE_RAD)
 
 
 def _unlike(d: FloatArray, angle_rad: float) -> FloatArray:
-    """Return unit vectors (k, 3) of (n, 3), of those within an angle of each other the first."""
+    """Return the first of unit vectors (n, 3) within an angle of each other, (k, 3)."""
     kept: list[int] = []
     for k in range(len(d)):
         if not kept or (d[kept] @ d[k]).max() < np.cos(angle_rad):

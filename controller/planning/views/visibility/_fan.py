@@ -1,4 +1,4 @@
-"""A closer look at spots that no even grid of directions shows: fans of lines round each normal.
+"""Fans of lines round each normal, for spots that no even grid of directions shows.
 
 What shows a spot is often a narrow wedge that opens at the steepest incidence allowed, between two
 directions of a grid three degrees wide.
@@ -29,7 +29,7 @@ def closest_free(
     rules: VisibilityRules,
     member: IntArray,
 ) -> tuple[FloatArray, BoolArray]:
-    """Return a direction (k, 3) for each spot along its squarest free line, and if there is one.
+    """Return a direction (k, 3) along the squarest free line of each spot, and a mask of success.
 
     Parameters
     ----------

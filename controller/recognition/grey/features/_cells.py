@@ -35,7 +35,7 @@ class Moments:
 
 
 def cell_lines(edges: EdgePoints, tol: GreyTolerances) -> tuple[Moments, IntArray]:
-    """Return the lines of all cells [px of the plane], and of each edge point its line or -1."""
+    """Return the lines of all cells [px of the plane], and each edge point's line or -1."""
     points = edges.points_mm / edges.pitch_mm
     owner = np.full(len(points), -1, dtype=np.int64)
     if len(points) < tol.cell_points:
@@ -125,7 +125,7 @@ def _ballots(
 def _maxima(
     cell: IntArray, bins: IntArray, shares: Float32Array, tol: GreyTolerances
 ) -> tuple[FloatArray, FloatArray]:
-    """Return theta and rho of each cell's highest maximum; cells without points get any."""
+    """Return theta and rho of each cell's highest maximum; any for a cell without points."""
     radii = _radii(tol)
     cells = int(cell.max()) + 1
     size = cells * ANGLES * radii

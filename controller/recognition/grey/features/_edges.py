@@ -110,7 +110,7 @@ def edge_points(grey: Grey, to_plane: ToPlane, tol: GreyTolerances) -> EdgePoint
 
 
 def _noise(strength: Float32Array) -> float:
-    """Return the deviation of the Sobel of plain surface, of which there is a third at least."""
+    """Return the Sobel noise of plain surface, which covers at least a third of the picture."""
     sample = strength[1:-1:5, 1:-1:5]
     return float(np.percentile(sample, 30)) / RAYLEIGH_30 if sample.size else 0.0
 

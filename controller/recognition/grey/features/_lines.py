@@ -1,4 +1,4 @@
-"""Pieces of lines from cells -> lines: neighbours that are collinear become one, in rounds.
+"""Lines from pieces in cells: collinear neighbours are merged, in rounds.
 
 The paper (references.md P3.2): "the ends are close together and the angle between them is close to
 zero". A third condition makes it safe: the points of both still lie on one line, which sums of
@@ -20,7 +20,7 @@ MAX_BRIDGED = 80  # longest lines between which gaps are bridged
 
 
 def merge_lines(pieces: Moments, tol: GreyTolerances) -> tuple[Moments, IntArray]:
-    """Return lines merged of pieces [px of the plane], and of each piece its line."""
+    """Return lines merged from pieces [px of the plane], and each piece's line."""
     count = len(pieces.sums)
     owner = np.arange(count)
     if count < 2:
@@ -42,7 +42,7 @@ def merge_lines(pieces: Moments, tol: GreyTolerances) -> tuple[Moments, IntArray
 def _rounds(
     lines: Moments, pairs: IntArray, angle_rad: float, rms_px: float
 ) -> tuple[Moments, IntArray]:
-    """Merge pairs of lines that are each other's best, until there are none."""
+    """Merge pairs of lines that are each other's best until there are none."""
     count = len(lines.sums)
     root = np.arange(count)
     sums, ends, normals = lines.sums.copy(), lines.ends.copy(), lines.normals.copy()
@@ -93,7 +93,7 @@ def _rounds(
 def extended(
     lines: Moments, points: FloatArray, normals: FloatArray, tol: GreyTolerances
 ) -> FloatArray:
-    """Return the ends (n, 2, 2) of lines, drawn out to edge points that no cell had a line for.
+    """Return the ends (n, 2, 2) of lines, extended to edge points without a line in their cell.
 
     Where a line ends in a cell with a few points only, or at a corner, the cell's line was another.
 
@@ -140,7 +140,7 @@ def extended(
 
 
 def _bridges(lines: Moments, tol: GreyTolerances) -> IntArray:
-    """Return pairs of long lines on one line with a gap between, shorter than the shorter one."""
+    """Return pairs of long collinear lines with a gap between, shorter than the shorter line."""
     length = np.linalg.norm(lines.ends[:, 1] - lines.ends[:, 0], axis=1)
     long = np.flatnonzero(length > 1.5 * tol.cell_px)
     long = long[np.argsort(-length[long], kind="stable")][:MAX_BRIDGED]

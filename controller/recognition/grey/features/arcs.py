@@ -50,7 +50,7 @@ def find_circles(
     bent: BoolArray,
     tol: GreyTolerances,
 ) -> tuple[Circles, IntArray]:
-    """Return circles, best covered first, and of each edge point the circle it is of or -1.
+    """Return circles, best covered first, and each edge point's circle or -1.
 
     Parameters
     ----------
@@ -147,7 +147,7 @@ def _fit(x: FloatArray, y: FloatArray) -> tuple[float, float, float] | None:
 
 
 def _seeds(pieces: Moments, bent: BoolArray) -> FloatArray:
-    """Return (n, 3) centres and radii that most pairs of pieces agree on."""
+    """Return (n, 3) centres and radii supported by most pairs of pieces."""
     length = np.linalg.norm(pieces.ends[:, 1] - pieces.ends[:, 0], axis=1)
     pick = np.flatnonzero(bent)
     pick = pick[np.argsort(-length[pick], kind="stable")[:MAX_PIECES]]
@@ -206,7 +206,7 @@ def _seeds(pieces: Moments, bent: BoolArray) -> FloatArray:
 
 
 def _cover(dx: FloatArray, dy: FloatArray, radius: float) -> tuple[float, float, float]:
-    """Return the share of the turn with points, and start and extent of the seen arc."""
+    """Return the share of the turn with points, and start and extent of the visible arc."""
     sectors = int(np.clip(2 * np.pi * radius / 2.5, 8, SECTORS))
     angle = np.arctan2(dy, dx) % (2 * np.pi)
     of = np.minimum((angle * (sectors / (2 * np.pi))).astype(np.int64), sectors - 1)

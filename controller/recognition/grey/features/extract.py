@@ -141,7 +141,7 @@ def segment_edgelets(segments: FloatArray, strengths: FloatArray) -> Edgelets:
 
 
 def arc_edgelets(circles: Circles, strengths: FloatArray) -> Edgelets:
-    """Return arcs [mm] cut into edgelets; where a part of the arc was not seen, lengths shrink."""
+    """Return arcs [mm] cut into edgelets, shortened where a part of the arc was not seen."""
     length = circles.radii * circles.extents_rad
     pieces = np.maximum(np.round(length / EDGELET_MM), 4).astype(np.int64)
     of = np.repeat(np.arange(len(length)), pieces)

@@ -136,7 +136,7 @@ def _best(
 def _of_hull(
     image: ImageFeatures, index: FeatureIndex, foot: FloatArray, tol: GreyTolerances
 ) -> FloatArray:
-    """Return (n, 4) hypotheses from the hull of all plain edges, the likest hulls first."""
+    """Return (n, 4) hypotheses from the hull of all plain edges, most similar hulls first."""
     plain = image.edgelets.strengths > PLAIN_ENOUGH
     hull = hull_of(image.edgelets.points_mm[plain] - foot)
     if hull is None or len(index.hulls) == 0:
@@ -210,7 +210,7 @@ def _of_kind(seen: Frames, table: Frames, *, all_round: bool) -> FloatArray:
 
 
 def _clusters(votes: FloatArray) -> FloatArray:
-    """Return (n, 4) view, turn and shift that votes agree on, best supported first."""
+    """Return (n, 4) view, turn and shift of agreeing votes, best supported first."""
     model, turn, x, y, weight = votes.T
     turns = round(2 * np.pi / BIN_RAD)
     cells = np.stack(
@@ -237,7 +237,7 @@ def _clusters(votes: FloatArray) -> FloatArray:
 
 
 def distinct_poses(poses: FloatArray, scores: FloatArray, most: int) -> IntArray:
-    """Return the ``most`` best, without those a better one all but equals.
+    """Return the ``most`` best poses, without near duplicates of better ones.
 
     Parameters
     ----------

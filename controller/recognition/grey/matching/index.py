@@ -59,7 +59,7 @@ class FeatureIndex:
 def feature_index(
     models: Sequence[ModelFeatures], tol: GreyTolerances | None = None
 ) -> FeatureIndex:
-    """Return the index of a library's views: once for the library, not once a picture."""
+    """Return the index of a library's views, made once for the library."""
     tol = tol or GreyTolerances()
     parts: dict[str, list[Frames]] = {kind: [] for kind in KINDS}
     for number, m in enumerate(models):
@@ -93,7 +93,7 @@ def feature_index(
 
 
 def _packed(models: Sequence[ModelFeatures]) -> tuple[NDArray[np.int16], Float32Array]:
-    """Return all edgelets (5, views, k) as short numbers, and their steps (5, 1, 1)."""
+    """Return all edgelets (5, views, k) as 16-bit integers, and their steps (5, 1, 1)."""
     most = max((len(m.edgelets) for m in models), default=0)
     largest = np.full(5, 1e-6)
     for m in models:

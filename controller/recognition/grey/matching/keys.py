@@ -220,7 +220,7 @@ def _flanks(
     circle_spread: FloatArray,
     tol: GreyTolerances,
 ) -> Frames:
-    """Return circles beside lines: the line runs so that the circle is to its left."""
+    """Return circles beside lines, directed so that the circle is on the line's left."""
     i, j = (g.ravel() for g in np.indices((len(circles), len(lines))))
     ok = length[j] > 2 * MIN_APART_MM
     i, j = i[ok], j[ok]
@@ -247,7 +247,7 @@ def _flanks(
 
 
 def _turned(f: Frames) -> Frames:
-    """Return frames, and behind them the same turned by half."""
+    """Return frames, followed by the same frames turned by half."""
     return joined([f, Frames(f.keys, f.points, f.spread, f.turns_rad + np.pi, f.weights, f.model)])
 
 
@@ -279,5 +279,5 @@ def joined(rows: list[Frames]) -> Frames:
 
 
 def _scaled(size: FloatArray, absolute: float, ratio: float) -> FloatArray:
-    """Return sizes so that a tolerance of absolute + ratio x size is 1 anywhere."""
+    """Return sizes scaled so that a tolerance of absolute + ratio x size is 1 everywhere."""
     return np.asarray(np.log1p(size * ratio / absolute) / ratio)

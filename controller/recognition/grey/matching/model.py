@@ -1,4 +1,4 @@
-"""A model view's features, from the CAD room's line drawing, as flat arrays kept by thousands.
+"""A model view's features from the CAD line drawing, as flat arrays for thousands of views.
 
 Two images of a part at two places of the table differ by more than a shift: what stands higher
 moves further. Each end of a line therefore holds how much further, and the features of one view,

@@ -1,4 +1,4 @@
-"""A pose fitted to the grey levels of a cluster under lamps, beside other parts that are there.
+"""A pose fitted to the grey levels of a cluster under lamps, beside its other parts.
 
 Edges inside show here, and so does the border between two parts. What another part hides is not
 asked for, and what another part explains is not held against a pose.

@@ -265,7 +265,7 @@ def is_detail(
 def sure_beside_unknown(
     places: Sequence[Place], library: Library, *, is_unknown_left: bool
 ) -> tuple[list[Place], list[Place]]:
-    """Return the places that are named, and those that are not sure beside something unknown.
+    """Return the named places, and those too unsure beside something unknown.
 
     A washer that stands on its rim looks like a strip of anything, and hardly ever comes to stand
     so: in a cluster such a pose has to be sure, and beside something unknown it is not named.

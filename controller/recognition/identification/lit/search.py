@@ -194,7 +194,7 @@ class Search:
         return out
 
     def fitted(self, known: Sequence[Hypothesis]) -> list[LitFit]:
-        """Return parts named before a light table, fitted here, as likely as there.
+        """Return parts named before a light table, fitted under lamps with the same probability.
 
         Parameters
         ----------
@@ -334,7 +334,7 @@ class Search:
     def _leaning(
         self, c: Candidate, T: FloatArray | None, there: Sequence[LitFit]
     ) -> LitFit | None:
-        """Return a candidate fitted as it leans on another part, from a pose or as it lies flat."""
+        """Return a candidate fitted as leaning on another part, from a pose or from flat."""
         model = self._library.model(c.part)
         reach_px = tuple(self._reach_px(c, mm) for mm in LEANS_FAR_MM)
         options = FitOptions(reach_px, steps=4, prior=LEANS, most=COARSE_SAMPLES)
@@ -398,7 +398,7 @@ class Search:
 
 
 def _middle_and_reach(model: EdgeModel, T: FloatArray) -> tuple[FloatArray, float]:
-    """Return the middle (3,) of a posed part, and how far from it the part reaches on the table."""
+    """Return the middle (3,) of a posed part, and its reach on the table."""
     points = transform(T, model.start_mm)
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
     return middle, float(np.linalg.norm((points - middle)[:, :2], axis=1).max())
