@@ -33,6 +33,7 @@ from controller.cell.operator.questions import question_for
 from controller.page import serving as serving_module
 from controller.page.frame.screens import RefusedError
 from controller.page.frame.words import cell_words, teller
+from controller.page.now import live as live_module
 from controller.page.now.starting import Launcher, StartBody
 from controller.page.security import Account, Role, Site
 
@@ -507,3 +508,64 @@ def test_axe_finds_nothing_serious_and_nothing_is_wider_than_the_screen(
     tab.wait_for_selector("#steps li")
     assert tab.evaluate("document.documentElement.scrollWidth") <= width
     assert grave(tab) == []
+
+
+def test_a_stream_that_falls_silent_is_lost_after_three_seconds_and_found_again(
+    served: Served, tab: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tab.goto(served.link())
+    tab.wait_for_selector("#stop:enabled")
+    script = Path(live_module.__file__).parent / "static" / "now.js"
+    assert f"const LOST_MS = {1000 * live_module.FRESH_WALL_S:.0f};" in script.read_text()
+    monkeypatch.setattr(live_module, "BEAT_WALL_S", 1e6)  # the stream stays open, and is silent
+    tab.wait_for_selector("#lost", state="visible")
+    assert tab.is_disabled("#stop")
+    served.status |= {"seconds_left": 17.0}
+    tab.wait_for_selector("#lost", state="hidden")
+    assert not tab.is_disabled("#stop")
+
+
+def test_a_browser_is_told_how_old_what_it_shows_is_while_the_journal_is_not_read(
+    served: Served, tab: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tab.goto(served.link())
+    tab.wait_for_selector("#stop:enabled")
+    until(tab, lambda: "s ago" in tab.inner_text("#age"))
+    goes_on = threading.Event()
+    monkeypatch.setattr(live_module.Live, "look", lambda _: goes_on.wait() and False)
+    try:
+        tab.wait_for_selector("#lost", state="visible")
+        assert "hears nothing new" in tab.inner_text("#lost")
+        assert not tab.is_disabled("#stop")  # the cell is heard, and takes orders
+    finally:
+        goes_on.set()
+    monkeypatch.undo()
+
+
+def test_what_a_drawing_no_longer_shows_is_given_back(served: Served, tab: Any) -> None:
+    first = {
+        "words": "the arm", "tcp_mm": 3.0, "turn_deg": 0.0, "seconds": 1.0,
+        "waypoints": [HERE, THERE],
+    }  # fmt: skip
+    tab.goto(served.link())
+    tab.wait_for_selector("#scene[data-preview=no][data-held]")
+    until(tab, lambda: tab.get_attribute("#coverage", "data-held") is not None)
+
+    def held() -> list[str]:
+        return [str(tab.get_attribute(f"#{one}", "data-held")) for one in ("scene", "coverage")]
+
+    def preview(is_shown: bool) -> None:
+        state = "suspended_grasping" if is_shown else "execute_grasping"
+        served.status |= {"state": state, "first_motion": first if is_shown else None}
+        drawn = int(tab.get_attribute("#scene", "data-drawn"))
+        tab.wait_for_selector(f"#scene[data-preview={'yes' if is_shown else 'no'}]")
+        until(tab, lambda: int(tab.get_attribute("#scene", "data-drawn")) > drawn)
+
+    preview(is_shown=True)
+    preview(is_shown=False)
+    before = held()
+    for _ in range(3):
+        preview(is_shown=True)
+        assert held() != before  # what is drawn is counted
+        preview(is_shown=False)
+    assert held() == before

@@ -22,7 +22,14 @@ from page_bench import ORIGIN, PASSWORD, RUN, Bench, bench, journal, picture
 from controller.cell.control import DecisionReply, Order, RunningCell
 from controller.cell.journal import rows
 from controller.page import serving as serving_module
-from controller.page.security import Accounts, AccountsError, Role, Site, accounts_path
+from controller.page.security import (
+    Accounts,
+    AccountsError,
+    Role,
+    Sessions,
+    Site,
+    accounts_path,
+)
 from controller.page.security.guard import BODY_MAX_BYTES
 from controller.page.security.sessions import (
     AGE_MAX_WALL_S,
@@ -390,6 +397,72 @@ def test_a_log_out_ends_the_session_on_the_server(at: Bench) -> None:
     assert at.client.post("/logout", headers=headers).status_code == 200
     at.client.cookies.update(cookies)  # a copy of the cookie is worth nothing now
     assert at.client.get("/session").status_code == 401
+
+
+def restarted(at: Bench, folder: Path) -> Sessions:
+    """Return the sessions of the page that is started again, after its file was written."""
+    return Sessions(at.clock, folder / "sessions.json", at.page.accounts)
+
+
+def test_a_session_goes_on_when_the_page_is_started_again_and_its_file_has_no_secret(
+    at: Bench, tmp_path: Path
+) -> None:
+    at.page.accounts.put("ada", Role.OPERATOR, PASSWORD)
+    before = restarted(at, tmp_path)
+    secret = before.begin(at_account("ada"))
+    csrf = before.find(secret).csrf  # type: ignore[union-attr]
+    written = (tmp_path / "sessions.json").read_text()
+    assert secret not in written
+    assert csrf not in written
+    assert (tmp_path / "sessions.json").stat().st_mode & 0o777 == 0o600
+    after = restarted(at, tmp_path).find(secret)
+    assert after is not None
+    assert (after.account, after.csrf) == (at_account("ada"), csrf)
+    before.end(secret)
+    assert restarted(at, tmp_path).find(secret) is None
+
+
+@pytest.mark.parametrize("change", ["role", "password", "removed"])
+def test_a_session_of_an_account_that_has_changed_is_not_taken_up_again(
+    at: Bench, tmp_path: Path, change: str
+) -> None:
+    at.page.accounts.put("ada", Role.OPERATOR, PASSWORD)
+    before = restarted(at, tmp_path)
+    secret, other = before.begin(at_account("ada")), before.begin(at_account("grace"))
+    if change == "removed":
+        at.page.accounts.remove("ada")
+    else:
+        role = Role.VIEWER if change == "role" else Role.OPERATOR
+        at.page.accounts.put("ada", role, PASSWORD if change == "role" else "another" + PASSWORD)
+    after = restarted(at, tmp_path)
+    assert after.find(secret) is None
+    assert after.find(other) is not None  # by the link, without an account
+
+
+def test_a_session_grows_old_while_the_page_is_away_and_a_clock_set_back_ends_it(
+    at: Bench, tmp_path: Path
+) -> None:
+    secret = restarted(at, tmp_path).begin(at_account("ada"))
+    for step_s in (IDLE_MAX_WALL_S + 1, -AGE_MAX_WALL_S - 1):
+        at.clock.now_s += step_s
+        assert restarted(at, tmp_path).find(secret) is None
+        at.clock.now_s -= step_s
+    assert restarted(at, tmp_path).find(secret) is not None
+
+
+@pytest.mark.parametrize("text", ["{", '{"sessions": [{"digest": "x"}]}', None])
+def test_a_file_of_sessions_that_cannot_be_trusted_lets_nobody_in(
+    at: Bench, tmp_path: Path, text: str | None
+) -> None:
+    path = tmp_path / "sessions.json"
+    secret = restarted(at, tmp_path).begin(at_account("ada"))
+    if text is None:
+        path.chmod(0o666)
+    else:
+        path.write_text(text)
+    after = restarted(at, tmp_path)
+    assert after.find(secret) is None
+    assert after.find(after.begin(at_account("ada"))) is not None
 
 
 def log_in(at: Bench, name: str, password: str) -> int:

@@ -44,7 +44,15 @@ def serve_page(
     require_packages()
     if not project_dir.is_dir():
         raise ConfigError(f"--recipes {project_dir}: there is no such folder")
-    from controller.page.security import Account, Accounts, Role, Sessions, Site, accounts_path
+    from controller.page.security import (
+        Account,
+        Accounts,
+        Role,
+        Sessions,
+        Site,
+        accounts_path,
+        sessions_path,
+    )
     from controller.page.security.addresses import is_loopback
     from controller.page.serving import Serving, build, serve
 
@@ -71,13 +79,14 @@ def serve_page(
     except ValueError as error:
         raise ConfigError(f"--behind: {error}") from error
     require_free(host, port)
-    sessions = Sessions()
-    # who starts the server may do all that it can do anyway
-    token = sessions.link(Account(getpass.getuser(), Role.ENGINEER))
-    app = build(runs_dir, project_dir, site, Accounts(accounts_path()), sessions)
     origin = behind or (
         f"https://{names[0]}:{port}" if cert and names else _origin(host, port, cert)
     )
+    accounts = Accounts(accounts_path())
+    sessions = Sessions(path=sessions_path(origin), accounts=accounts)
+    # who starts the server may do all that it can do anyway
+    token = sessions.link(Account(getpass.getuser(), Role.ENGINEER))
+    app = build(runs_dir, project_dir, site, accounts, sessions)
     link = f"{origin.rstrip('/')}/enter?token={token}"
 
     def tell() -> None:

@@ -46,8 +46,10 @@ log = logging.getLogger(__name__)
 
 POLL_WALL_S: Final = 0.1
 STATUS_WALL_S: Final = 0.5
-BEAT_WALL_S: Final = 5.0
+# How often a browser is told how old what it shows is; three beats fit into `FRESH_WALL_S`.
+BEAT_WALL_S: Final = 1.0
 # A status is shown for so long while the cell is asked anew; an older one says nothing of now.
+# `LOST_MS` of now.js says the same of the page's own stream.
 FRESH_WALL_S: Final = 3.0
 # States in which a run has decided nothing yet about what an earlier one left in a gripper.
 UNDECIDED: Final = ("starting", "stopped")
@@ -126,6 +128,7 @@ class Live:
         self._why_no_status = ""
         self._holder: Holder | None = None
         self._asked_s: float | None = None
+        self._looked_s = self._answered_s = time.monotonic()
         self._left: tuple[Held, ...] = ()
         self._left_mark: tuple[object, ...] = ()
         self._why_no_journal = ""
@@ -167,17 +170,27 @@ class Live:
         for kind, message in self._sent.items():
             watcher.put(kind, message)
         self._watchers.add(watcher)
+        loop = asyncio.get_running_loop()
+        beat_s = loop.time() + BEAT_WALL_S
         try:
             while True:
                 with suppress(TimeoutError):
-                    async with asyncio.timeout(BEAT_WALL_S):
+                    async with asyncio.timeout_at(beat_s):
                         await watcher.has_more.wait()
                 if self._is_over:
                     return
-                for kind, message in tuple(watcher.take()) or (("beat", "{}"),):
+                for kind, message in tuple(watcher.take()):
                     yield kind, message
+                if loop.time() >= beat_s:  # however much else goes out
+                    beat_s = loop.time() + BEAT_WALL_S
+                    yield "beat", json.dumps({"age_s": round(self.age_s, 1)})
         finally:
             self._watchers.discard(watcher)
+
+    @property
+    def age_s(self) -> float:
+        """How old what is shown is: since the journal was read, and the cell asked [wall s]."""
+        return time.monotonic() - min(self._looked_s, self._answered_s)
 
     def hang_up(self) -> None:
         """End every stream, and begin no other: the page ends."""
@@ -196,7 +209,7 @@ class Live:
             except (JournalError, OSError) as error:
                 has_new, self._why_no_journal = False, str(error)
             else:
-                self._why_no_journal = ""
+                self._why_no_journal, self._looked_s = "", time.monotonic()
             if has_new:
                 self._ask_again.set()
             self.publish()
@@ -219,7 +232,7 @@ class Live:
                 self._status, self._has_run, self._why_no_status = None, True, str(error)
             except OSError as error:
                 self._status, self._has_run, self._why_no_status = None, False, str(error)
-            self._asked_s = None
+            self._asked_s, self._answered_s = None, time.monotonic()
             await self._find_left()
             self.publish()
             with suppress(TimeoutError):

@@ -3,7 +3,7 @@
 from .accounts import Account, Accounts, AccountsError, Role, accounts_path, require_name
 from .addresses import Site
 from .guard import Guard
-from .sessions import Attempts, Session, Sessions
+from .sessions import Attempts, Session, Sessions, sessions_path
 
 __all__ = [
     "Account",
@@ -17,4 +17,5 @@ __all__ = [
     "Site",
     "accounts_path",
     "require_name",
+    "sessions_path",
 ]

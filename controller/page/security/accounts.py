@@ -4,17 +4,18 @@ import json
 import os
 import re
 import secrets
-import stat
 from base64 import b64decode, b64encode
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum
-from hashlib import scrypt
+from hashlib import scrypt, sha256
 from hmac import compare_digest
 from pathlib import Path
 from typing import Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from .private_file import SharedFileError, read_private, write_private
 
 # scrypt's cost: 128 MiB and about half a second for each password that is tried
 COST: Final = 2**17
@@ -109,6 +110,16 @@ class Accounts:
         """
         return {name: Role[one.role.upper()] for name, one in self._read().accounts.items()}
 
+    def mark(self, name: str) -> str:
+        """Return what changes with role and password of an account; empty for none of that name.
+
+        Raises
+        ------
+        AccountsError : others may read or change the file, or it makes no sense
+        """
+        stored = self._read().accounts.get(name)
+        return "" if stored is None else sha256(stored.model_dump_json().encode()).hexdigest()
+
     def find(self, name: str, password: str) -> Account | None:
         """Return the account of a name if the password is right; slow on purpose.
 
@@ -176,15 +187,10 @@ class Accounts:
 
     def _read(self) -> _File:
         try:
-            with self._path.open("rb") as file:
-                found = os.fstat(file.fileno())
-                if found.st_uid != os.getuid() or stat.S_IMODE(found.st_mode) & 0o077:
-                    raise AccountsError(
-                        f"{self._path}: others may read or change it; chmod 600 {self._path}"
-                    )
-                return _File.model_validate_json(file.read(1_000_000))
-        except FileNotFoundError:
-            return _File()
+            found = read_private(self._path)
+            return _File() if found is None else _File.model_validate_json(found)
+        except SharedFileError as error:
+            raise AccountsError(str(error)) from error
         except OSError as error:
             raise AccountsError(f"{self._path}: {error.strerror}") from error
         except ValidationError as error:
@@ -194,12 +200,8 @@ class Accounts:
 
     def _write(self, content: _File) -> None:
         text = json.dumps(content.model_dump(), indent=1) + "\n"
-        fresh = self._path.with_name(f"{self._path.name}.{os.getpid()}")
         try:
-            self._path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-            with os.fdopen(os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "w") as to:
-                to.write(text)
-            fresh.replace(self._path)
+            write_private(self._path, text)
         except OSError as error:
             raise AccountsError(f"{self._path}: {error.strerror}") from error
 

@@ -1,5 +1,8 @@
-"""Sessions of browsers, in memory alone, and how often somebody may try to log in."""
+"""Sessions of browsers, which outlive the page, and how often somebody may try to log in."""
 
+import json
+import logging
+import os
 import secrets
 import time
 from collections import OrderedDict, deque
@@ -7,14 +10,23 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from hashlib import sha256
 from hmac import compare_digest
+from pathlib import Path
 from typing import Final
 
-from .accounts import Account
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from .accounts import Account, Accounts, AccountsError, Role
+from .private_file import SharedFileError, read_private, write_private
+
+log = logging.getLogger(__name__)
 
 IDLE_MAX_WALL_S: Final = 12 * 3600.0
 AGE_MAX_WALL_S: Final = 24 * 3600.0
 SESSION_MAX_COUNT: Final = 500
 LINK_MAX_WALL_S: Final = 600.0
+# How old the time of a session's last use may be in its file: the page would end it so much sooner.
+KEPT_WALL_S: Final = 600.0
+UNREAD: Final = "unread"  # no account has this mark
 
 # Log-ins that may fail, from one address and from all together, within a time.
 ATTEMPT_MAX_COUNT: Final = 5
@@ -32,34 +44,81 @@ class Session:
     account : whose it is
     csrf : what each of its orders must carry
     began_s, used_s : on the clock of the sessions
+    mark : `Accounts.mark` of the account when it began
     """
 
     account: Account
     csrf: str
     began_s: float
     used_s: float
+    mark: str = ""
 
 
-class Sessions:
-    """The sessions of one server; they end with it.
+class _Kept(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+    digest: str = Field(pattern="^[0-9a-f]{64}$")
+    name: str
+    role: int = Field(ge=min(Role), le=max(Role))
+    began_s: float
+    used_s: float
+    mark: str
+
+
+class _File(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+    sessions: tuple[_Kept, ...] = ()
+
+
+def sessions_path(origin: str) -> Path:
+    """Return the file of a page's sessions, in $XDG_STATE_HOME/cellctl.
 
     Parameters
     ----------
-    clock : seconds that only go forward
+    origin : address of the page; a page of another address has sessions of its own
+    """
+    base = os.environ.get("XDG_STATE_HOME") or str(Path.home() / ".local" / "state")
+    return Path(base) / "cellctl" / f"sessions-{_digest(origin)[:16]}.json"
+
+
+class Sessions:
+    """The sessions of a page; with a file they go on when the page is started again.
+
+    The file has a digest of each secret, from which nobody comes back to it; the token of the
+    orders follows from the secret. A session whose account has changed meanwhile is not taken
+    up again.
+
+    Parameters
+    ----------
+    clock : UTC, seconds since 1970
+    path : the file, None for sessions that end with the server
+    accounts : who may log in
     """
 
-    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self,
+        clock: Callable[[], float] = time.time,
+        path: Path | None = None,
+        accounts: Accounts | None = None,
+    ) -> None:
         self._clock = clock
-        self._by_digest: OrderedDict[str, Session] = OrderedDict()
+        self._path = path
+        self._accounts = accounts
+        self._kept_s = clock()
+        self._by_digest = self._read()
         self._links: dict[str, tuple[Account, float]] = {}
 
     def begin(self, account: Account) -> str:
         """Return the secret of a new session."""
         secret = secrets.token_urlsafe(32)
         now_s = self._clock()
-        self._by_digest[_digest(secret)] = Session(account, secrets.token_urlsafe(32), now_s, now_s)
+        try:
+            mark = self._mark(account.name)
+        except AccountsError:  # whoever comes by the link is let in; the session ends with the page
+            mark = UNREAD
+        self._by_digest[_digest(secret)] = Session(account, _csrf(secret), now_s, now_s, mark)
         while len(self._by_digest) > SESSION_MAX_COUNT:
             self._by_digest.popitem(last=False)
+        self._keep()
         return secret
 
     def find(self, secret: str) -> Session | None:
@@ -69,20 +128,18 @@ class Sessions:
         if found is None:
             return None
         now_s = self._clock()
-        if now_s - found.used_s > IDLE_MAX_WALL_S or now_s - found.began_s > AGE_MAX_WALL_S:
+        if _is_over(found, now_s):
             del self._by_digest[digest]
             return None
-        found.used_s = now_s
+        found.used_s, found.csrf = now_s, _csrf(secret)
+        if now_s - self._kept_s > KEPT_WALL_S:
+            self._keep()
         return found
 
     def end(self, secret: str) -> None:
         """End a session."""
-        self._by_digest.pop(_digest(secret), None)
-
-    def end_of(self, name: str) -> None:
-        """End all sessions of an account."""
-        for digest in [d for d, one in self._by_digest.items() if one.account.name == name]:
-            del self._by_digest[digest]
+        if self._by_digest.pop(_digest(secret), None) is not None:
+            self._keep()
 
     def link(self, account: Account) -> str:
         """Return a token that begins one session of an account, once, for some minutes."""
@@ -94,6 +151,49 @@ class Sessions:
         """Return the account of a token, which is spent by that; None if it is none."""
         account, until_s = self._links.pop(_digest(token), (None, 0.0))
         return account if self._clock() <= until_s else None
+
+    def _mark(self, name: str) -> str:
+        return "" if self._accounts is None else self._accounts.mark(name)
+
+    def _read(self) -> OrderedDict[str, Session]:
+        """Return the sessions of the file that go on; none where it cannot be trusted."""
+        found: OrderedDict[str, Session] = OrderedDict()
+        if self._path is None:
+            return found
+        now_s = self._clock()
+        try:
+            content = read_private(self._path)
+            file = _File() if content is None else _File.model_validate_json(content)
+            for one in file.sessions[-SESSION_MAX_COUNT:]:
+                account = Account(one.name, Role(one.role))
+                session = Session(account, "", one.began_s, one.used_s, one.mark)
+                if not _is_over(session, now_s) and self._mark(one.name) == one.mark:
+                    found[one.digest] = session
+        except (OSError, SharedFileError, AccountsError, ValidationError) as error:
+            log.warning("everybody has to log in again: %s: %s", self._path, error)
+            found.clear()
+        return found
+
+    def _keep(self) -> None:
+        """Write the file; sessions that could not be kept end with the server."""
+        self._kept_s = self._clock()
+        if self._path is None:
+            return
+        sessions = [
+            {
+                "digest": digest,
+                "name": one.account.name,
+                "role": int(one.account.role),
+                "began_s": one.began_s,
+                "used_s": one.used_s,
+                "mark": one.mark,
+            }
+            for digest, one in self._by_digest.items()
+        ]
+        try:
+            write_private(self._path, json.dumps({"sessions": sessions}, indent=1) + "\n")
+        except OSError as error:
+            log.warning("sessions end with the page: %s: %s", self._path, error.strerror)
 
 
 @dataclass(slots=True)
@@ -145,5 +245,16 @@ def same(a: str, b: str) -> bool:
     return compare_digest(a.encode(), b.encode())
 
 
+def _is_over(session: Session, now_s: float) -> bool:
+    """Return whether a session is too old, or idle for too long, or of a time to come."""
+    idle_s, age_s = now_s - session.used_s, now_s - session.began_s
+    return abs(idle_s) > IDLE_MAX_WALL_S or abs(age_s) > AGE_MAX_WALL_S
+
+
 def _digest(secret: str) -> str:
     return sha256(secret.encode()).hexdigest()
+
+
+def _csrf(secret: str) -> str:
+    """Return the token of a session's orders, from which nobody comes back to the secret."""
+    return sha256(b"token of orders " + secret.encode()).hexdigest()

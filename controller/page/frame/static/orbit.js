@@ -18,7 +18,8 @@ export class OrbitView {
     this.target = new Vector3(...target);
     this.turn = turn;
     this.bounds = { nearest, farthest, lowest };
-    new ResizeObserver(() => this.fit()).observe(canvas);
+    this.watching = new ResizeObserver(() => this.fit());
+    this.watching.observe(canvas);
     this.listen();
     this.fit();
   }
@@ -46,8 +47,34 @@ export class OrbitView {
       );
       this.camera.lookAt(this.target);
       this.renderer.render(this.scene, this.camera);
+      const { geometries, textures } = this.renderer.info.memory;
+      this.canvas.dataset.held = `${geometries} ${textures}`; // by the graphics card, for this drawing
       this.canvas.dataset.drawn = String(Number(this.canvas.dataset.drawn || 0) + 1);
     });
+  }
+
+  // Takes something out of the drawing for good: what the graphics card has of it is given back, but
+  // for what another drawing of it still shows.
+  drop(thing) {
+    if (!thing) return;
+    thing.removeFromParent();
+    const kept = new Set();
+    this.scene.traverse((one) => { if (one.geometry) kept.add(one.geometry); });
+    thing.traverse(({ geometry, material }) => {
+      if (geometry && !kept.has(geometry)) geometry.dispose();
+      for (const one of [material].flat().filter(Boolean)) {
+        if (one.map) one.map.dispose();
+        one.dispose();
+      }
+    });
+  }
+
+  // Ends the drawing; its canvas shows nothing afterwards.
+  end() {
+    this.watching.disconnect();
+    this.renderer.dispose();
+    this.renderer.forceContextLoss();
+    this.draw = () => {};
   }
 
   by(azimuth, elevation, factor) {

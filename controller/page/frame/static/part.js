@@ -231,7 +231,7 @@ export class PartView extends OrbitView {
 
   // Marks points that no view shows by crosses.
   mark(points) {
-    if (this.points) this.body.remove(this.points);
+    this.drop(this.points);
     this.points = null;
     if (points.length) {
       const geometry = new BufferGeometry();
@@ -248,7 +248,7 @@ export class PartView extends OrbitView {
 
   // Numbers characteristics: [{balloon, p, axis}]; the chosen one is filled.
   number(list, chosen) {
-    this.notes.clear();
+    for (const one of [...this.notes.children]) this.drop(one);
     const few = list.length > BALLOON_MAX ? list.filter((one) => one.balloon === chosen) : list;
     const lines = [];
     const stacks = new Map(); // how many balloons stand at a place already

@@ -25,6 +25,7 @@ export class Coverage {
   async part(key, mesh) {
     this.key = key;
     this.faces = mesh.faces || [];
+    if (this.view) this.view.end();
     this.view = null;
     this.chosen = null;
     try {
@@ -35,6 +36,7 @@ export class Coverage {
       $("coverage").replaceWith(fresh);
       const view = new PartView(fresh, mesh, (face) => { this.chosen = face; this.draw(); });
       if (this.key === key) this.view = view;
+      else view.end(); // another part came meanwhile
     } catch (error) {
       $("coverage").hidden = true;
       $("coverage-why").textContent = t("The part cannot be drawn in this browser: {why}", { why: said(error.message) });

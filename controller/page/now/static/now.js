@@ -351,38 +351,50 @@ if ($("resume")) {
   $("stop").addEventListener("click", () => act("stop", {}));
 }
 // The stream. The server sends a beat every 5 s; without one the connection counts as lost.
-const LOST_MS = 12000;
-let heard = 0;
+// What is older is lost: shown, but no longer taken for what is so (FRESH_WALL_S of live.py).
+const LOST_MS = 3000;
+const RETRY_MS = 12000; // a stream that was silent for so long is begun anew
+let heard = Date.now(); // when the server was heard last
+let isBroken = false; // the stream was interrupted, and nothing was heard since
+let age = 0; // how old what the server shows was when it was heard last [ms]
 let stream = null;
 let scene = null;
 let moment = null;
 let ghost = null;
 const coverage = new Coverage();
 
-function lose(lost) {
+// Shows how old what is shown is, and says so where it is lost; orders need a server that is heard.
+function lose() {
+  const silent = Date.now() - heard;
+  const old = age + silent;
+  const lost = isBroken || silent > LOST_MS;
+  $("lost").hidden = !last || !(lost || age > LOST_MS);
+  $("lost-words").textContent = lost ? t("The connection to the page is lost. What is shown is old; it is tried again.")
+    : t("The page hears nothing new from journal and cell. What is shown is old.");
+  $("age").textContent = last ? t("as of {s} s ago", { s: number(old / 1000) }) : "";
   if (isLost === lost) return;
   isLost = lost;
-  $("lost").hidden = !lost || !last;
   drawActs();
 }
 
 function listen() {
   if (stream) stream.close();
   stream = new EventSource("/now/events");
-  heard = Date.now();
   const hear = (kind, take) => stream.addEventListener(kind, (event) => {
     heard = Date.now();
-    lose(false);
+    isBroken = false;
     take(JSON.parse(event.data));
+    lose();
   });
-  hear("beat", () => {});
+  hear("beat", (found) => { age = 1000 * found.age_s; });
   hear("now", (changed) => { const now = joined(changed); show(now); if (now.run) wantScene(`${now.run.run} ${now.run.recipe}`); });
   hear("moment", (found) => { moment = found; if (scene) scene.show(found); sceneWords(); });
   hear("ghost", ({ motion }) => { ghost = motion; if (scene) scene.preview(motion); sceneWords(); });
   hear("coverage", (found) => coverage.show(found));
   hear("end", () => location.assign("/login"));
   stream.onerror = async () => {
-    lose(true);
+    isBroken = true;
+    lose();
     if (stream.readyState !== EventSource.CLOSED) return;
     // the stream was refused, not interrupted: nobody is logged in any more, or the page is full
     try {
@@ -392,15 +404,15 @@ function listen() {
   };
 }
 
-setInterval(() => {
-  if (Date.now() - heard > LOST_MS) {
-    lose(true);
-    listen();
-  }
-}, 1500);
-document.addEventListener("visibilitychange", () => {
-  if (!document.hidden && Date.now() - heard > LOST_MS) listen();
-});
+let tried = Date.now();
+function retry(patience) {
+  lose();
+  if (Math.min(Date.now() - heard, Date.now() - tried) <= patience) return;
+  tried = Date.now();
+  listen();
+}
+setInterval(() => retry(RETRY_MS), 500);
+document.addEventListener("visibilitychange", () => { if (!document.hidden) retry(LOST_MS); });
 
 function sceneWords() {
   if (scene === false || !moment) return;

@@ -32,7 +32,8 @@ export class CellView extends OrbitView {
     const reply = await fetch("/now/scene", { credentials: "same-origin" });
     if (!reply.ok) throw new Error((await reply.json()).error);
     const found = await reply.json();
-    if (this.cell) this.scene.remove(this.cell);
+    this.preview(null);
+    this.drop(this.cell);
     this.cell = new Group();
     for (const box of found.boxes) this.cell.add(this.box(box, matrix(box.T), box.kind === "obstacle" ? 0.45 : 1));
     for (const camera of found.cameras) this.cell.add(this.cone(camera));
@@ -43,7 +44,6 @@ export class CellView extends OrbitView {
     grid.material.opacity = 0.35;
     this.cell.add(grid);
     this.kinds = found.moving;
-    this.preview(null);
     this.moving = found.moving.map((one) => {
       const made = this.box(one, new Matrix4(), 1);
       this.cell.add(made);
@@ -88,7 +88,7 @@ export class CellView extends OrbitView {
   // Draws the arm along a motion that has not begun: at stops on its way, denser towards its end, and
   // the path of its TCP with an arrow. Null takes it away.
   preview(motion) {
-    if (this.ghost) this.scene.remove(this.ghost);
+    this.drop(this.ghost);
     this.ghost = null;
     if (motion && this.kinds.length) {
       this.ghost = new Group();
