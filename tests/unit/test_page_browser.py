@@ -34,7 +34,7 @@ from controller.page import serving as serving_module
 from controller.page.frame.screens import RefusedError
 from controller.page.frame.words import cell_words, teller
 from controller.page.now import live as live_module
-from controller.page.now.starting import Launcher, StartBody
+from controller.page.now.starting import LAST_NAME, LOG_FOLDER, Launcher, StartBody
 from controller.page.security import Account, Role, Site
 
 CHROMIUM = Path("/usr/bin/chromium")
@@ -109,12 +109,21 @@ class Served:
         page = bench(folder, Site.served("127.0.0.1", port, with_tls=False)).page
         page.accounts.put("vera", Role.VIEWER, PASSWORD)
         self.sessions = page.sessions
+        made: list[live_module.Live] = []
+        begin = live_module.Live.run
+
+        async def run(live: live_module.Live) -> None:
+            made.append(live)
+            await begin(live)
+
+        monkeypatch.setattr(live_module.Live, "run", run)
         app = serving_module.build(folder / "runs", folder, page.site, page.accounts, page.sessions)
         self._server = serving_module.server_of(app, serving_module.Serving("127.0.0.1", port))
         self._thread = threading.Thread(target=self._server.run)
         self._thread.start()
         while not self._server.started:
             time.sleep(0.02)
+        (self.live,) = made
 
     def _ask(self) -> StatusReply:
         if not self.has_run:
@@ -295,7 +304,7 @@ def test_a_run_is_started_with_what_the_person_filled_in(
     tab.fill("#start-lot", "L 7")
     tab.select_option("#start-serials-how", "listed")
     tab.fill("#start-serials", "A\n\n B ")
-    tab.click("summary")
+    tab.click("#start-form summary")
     tab.check("#start-trays")
     tab.click("#start")
     until(tab, lambda: "run <b>x</b> has the cell" in tab.inner_text("#start-said"))
@@ -316,6 +325,59 @@ def test_a_run_is_started_with_what_the_person_filled_in(
     assert first.recipes[0].word == "holder=7"
     assert len(first.recipes) == 2
     assert (first.lot, first.serials, first.are_trays_empty) == ("L 7", ("A", "B"), True)
+
+
+def test_the_same_batch_again_is_the_one_primary_button_and_one_click(
+    served: Served, tab: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begun: list[StartBody] = []
+
+    async def start(_: Launcher, body: StartBody, __: str) -> None:
+        begun.append(body)
+
+    monkeypatch.setattr(Launcher, "start", start)
+    served.has_run = False
+    last = StartBody.model_validate(
+        {"recipes": [{"recipe": "holder", "count": 7}, {"recipe": "holder", "count": 2}],
+         "lot": "L 7", "serial_from": "A001", "speed": 5}
+    )  # fmt: skip
+    folder = tmp_path / "runs" / LOG_FOLDER
+    folder.mkdir()
+    (folder / LAST_NAME).write_text(last.model_dump_json())
+    tab.goto(served.link())
+    tab.wait_for_selector("#again", state="visible")
+    assert tab.locator("button.primary:visible").count() == 1
+    assert not tab.is_visible("#start")
+    until(tab, lambda: "holder × 7 · holder × 2 · lot L 7" in tab.inner_text("#again-words"))
+    assert "count on" in tab.inner_text("#again-words")
+    tab.click("#again")
+    until(tab, lambda: begun == [last.again])
+
+
+def test_a_run_that_is_being_prepared_says_for_how_long_and_is_cancelled(
+    served: Served, tab: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cancelled: list[bool] = []
+
+    async def cancel(_: Launcher) -> None:
+        cancelled.append(True)
+
+    facts = {
+        "recipes": "holder", "who": "ada", "began": "2026-11-28T10:00:00+00:00", "code": None,
+        "lines": ["checking holder"],
+    }  # fmt: skip
+    monkeypatch.setattr(Launcher, "cancel", cancel)
+    served.has_run = False
+    tab.goto(served.link())
+    tab.wait_for_selector("#state-name")
+    served.live._started = lambda: facts
+    tab.wait_for_selector("#started-cancel", state="visible")
+    assert tab.is_visible("#started-bar")
+    until(tab, lambda: tab.inner_text("#started-now").startswith("for "))
+    tab.click("#started-cancel")
+    until(tab, lambda: cancelled == [True])
+    served.has_run = True  # it can be asked now: it has orders of its own
+    tab.wait_for_selector("#started-cancel", state="hidden")
 
 
 def test_a_list_of_parts_is_sent_seen_and_started_and_a_dry_run_needs_none(
@@ -347,7 +409,7 @@ def test_a_list_of_parts_is_sent_seen_and_started_and_a_dry_run_needs_none(
     until(tab, lambda: len(begun) == 1)
     assert (begun[0].recipes, len(begun[0].parts_list)) == ((), 16)
     until(tab, lambda: tab.inner_text("#start-said") == "")
-    tab.click("summary")
+    tab.click("#start-form summary")
     tab.check("#start-dry")
     assert not tab.is_visible("#start-serials-how")
     assert not tab.is_visible("#start-list")

@@ -303,30 +303,65 @@ def test_the_list_is_filtered_sorted_and_paged(
     assert listed(following[1].replace("&amp;", "&")) == ["20260301"]
 
 
-def test_one_parts_record_has_its_pictures_and_its_report(at: Bench, tmp_path: Path) -> None:
+def test_one_parts_record_has_its_pictures(at: Bench) -> None:
     at.log_in()
     text = page(at, f"/history/part/{FAILED}/1")
     assert "missing material" in text
-    assert "The run has no report" in text
     pictures = re.findall(r'src="(/history/picture/[^"]+)"', text)
     assert len(pictures) == 2 + 2 * 3  # of the table, and of two views under three lamps
     reply = at.client.get(pictures[-1])
     assert (reply.status_code, reply.headers["content-type"]) == (200, "image/jpeg")
     assert at.client.get(f"/history/picture/{FAILED}/1/8").status_code == 404
-    assert at.client.get(f"/history/report/{FAILED}/1").status_code == 404
-    (tmp_path / "runs" / FAILED / "report.html").write_text("<script>steal()</script>")
-    reply = at.client.get(f"/history/report/{FAILED}/1")
-    # somebody else's page is kept by the browser, not shown as one of this site
-    assert reply.headers["content-disposition"].startswith("attachment")
-    assert "script-src 'self'" in reply.headers["content-security-policy"]
 
 
-def test_a_report_that_leads_out_of_its_folder_is_none(at: Bench, tmp_path: Path) -> None:
+BEGINS = {"html": b"<!doctype html>", "pdf": b"%PDF-", "csv": b"\xef\xbb\xbfrun,", "qif": b"<?xml"}
+
+
+def test_a_part_and_its_run_are_fetched_by_buttons_in_each_form(at: Bench) -> None:
+    at.log_in(Role.VIEWER)
+    text = page(at, f"/history/part/{OPEN}/1")
+    links = re.findall(r'href="(/history/file/[^"]+)"', text)
+    assert links == [f"/history/file/{of}/{form}" for of in (f"{OPEN}/1", OPEN) for form in BEGINS]
+    for link in links:
+        reply = at.client.get(link)
+        form = link.rpartition("/")[2]
+        assert reply.status_code == 200, reply.text
+        assert reply.content.lower().startswith(BEGINS[form].lower())
+        # a report is kept by the browser, not shown as a page of this site
+        assert reply.headers["content-disposition"].startswith("attachment")
+        assert reply.headers["content-disposition"].endswith(f".{form}")
+    assert "<svg" in at.client.get(f"/history/file/{OPEN}/1/html").text
+
+
+def test_what_the_filter_of_the_history_lets_through_is_fetched_and_nothing_else(
+    at: Bench,
+) -> None:
+    at.log_in(Role.VIEWER)
+    text = page(at, "/history?verdict=indeterminate&sort=serial")
+    (link,) = re.findall(r'href="(/history/file/csv[^"]*)"', text)
+    rows_ = at.client.get(link.replace("&amp;", "&")).text.splitlines()[1:]
+    assert {line.split(",")[0] for line in rows_} == {OPEN}
+    every = at.client.get("/history/file/csv").text.splitlines()[1:]
+    assert {OPEN, FAILED} < {line.split(",")[0] for line in every}
+
+
+@pytest.mark.parametrize(
+    ("path", "status", "said"),
+    [
+        ("parquet", 404, "no such form"),
+        ("pdf", 404, "no such form"),  # a report is of one run
+        (f"{FAILED}/exe", 404, "no such form"),
+        (f"{FAILED}/9/pdf", 404, "no such part"),
+        ("20200101-000000-000-none/pdf", 404, "no such part"),
+        ("..%2F..%2Fetc/pdf", 404, ""),
+        ("qif?run=none", 409, "QIF"),
+    ],
+)
+def test_a_file_that_cannot_be_made_is_answered_with_the_reason(
+    at: Bench, path: str, status: int, said: str
+) -> None:
     at.log_in()
-    secret = tmp_path / "secret.html"
-    secret.write_text("secret")
-    (tmp_path / "runs" / FAILED / "report.html").symlink_to(secret)
-    assert at.client.get(f"/history/report/{FAILED}/1").status_code == 404
+    assert said in page(at, f"/history/file/{path}", status)
 
 
 def test_run_charts_have_limits_of_control_and_name_broken_rules(at: Bench, tmp_path: Path) -> None:

@@ -27,7 +27,7 @@ from controller.config import load_cell
 from controller.page.frame import Setting
 from controller.page.frame.screens import RefusedError
 from controller.page.frame.uploads import Uploaded
-from controller.page.now.starting import LOG_FOLDER, Launcher, StartBody
+from controller.page.now.starting import LAST_NAME, LOG_FOLDER, Launcher, StartBody
 from controller.page.security import Role
 
 RECIPE = "name: plate\npart: plate.stl\n"
@@ -147,7 +147,62 @@ async def test_what_a_run_prints_and_how_it_ends_is_shown(
     facts = launcher.facts()
     assert facts is not None
     assert (facts["code"], facts["lines"][-1]) == (1, "refused: the cell is cold")
-    assert len(list((project / "runs" / LOG_FOLDER).iterdir())) == 1
+    assert len(list((project / "runs" / LOG_FOLDER).glob("*.log"))) == 1
+
+
+def restarted(project: Path) -> Launcher:
+    """Return the launcher of the page that is started again."""
+    return Launcher(Setting(project / "runs", project))
+
+
+@pytest.mark.parametrize(
+    ("more", "counts_on"),
+    [({"lot": "L 7", "is_read": True}, False), ({"serial_from": "A-001"}, True), ({}, False)],
+)
+async def test_the_last_batch_is_remembered_after_a_restart_and_counts_on(
+    launcher: Launcher, project: Path, more: dict[str, Any], counts_on: bool
+) -> None:
+    assert await launcher.last() is None
+    begun = body(**more, are_trays_empty=True, is_part_removed=True)
+    await launcher.start(begun, "ada")
+    again = await restarted(project).last()
+    assert again is not None
+    # what was stated of grippers and trays was true then
+    stated = {"are_trays_empty": False, "is_part_removed": False, "goes_on": counts_on}
+    assert again == begun.model_copy(update=stated)
+
+
+@pytest.mark.parametrize("more", [{"serials": ["A", "B"]}, {"is_dry": True}])
+async def test_a_batch_that_cannot_come_twice_leaves_the_one_before(
+    launcher: Launcher, project: Path, more: dict[str, Any]
+) -> None:
+    await launcher.start(body(lot="L 7"), "ada")
+    (project / "end").touch()
+    until(lambda: (launcher.facts() or {})["code"] is not None)
+    await launcher.start(body(**more), "ada")
+    again = await launcher.last()
+    assert again is not None
+    assert again.lot == "L 7"
+
+
+async def test_a_batch_of_another_version_is_not_remembered(
+    launcher: Launcher, project: Path
+) -> None:
+    (project / "runs" / LOG_FOLDER).mkdir(parents=True)
+    (project / "runs" / LOG_FOLDER / LAST_NAME).write_text('{"recipes": [], "unknown": 1}')
+    assert await launcher.last() is None
+
+
+async def test_a_preparation_is_cancelled_as_by_ctrl_c(launcher: Launcher, project: Path) -> None:
+    with pytest.raises(RefusedError, match="being prepared"):
+        await launcher.cancel()
+    await launcher.start(body(), "ada")
+    said(project)
+    await launcher.cancel()
+    until(lambda: (launcher.facts() or {})["code"] is not None)
+    assert "KeyboardInterrupt" in (launcher.facts() or {})["lines"][-1]
+    with pytest.raises(RefusedError, match="being prepared"):
+        await launcher.cancel()
 
 
 async def test_nothing_is_started_while_somebody_has_the_cell(

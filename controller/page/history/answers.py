@@ -5,6 +5,9 @@ from collections import Counter, OrderedDict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
+from shutil import rmtree
+from tempfile import mkdtemp
 from typing import Any, Final
 from urllib.parse import quote
 
@@ -26,8 +29,17 @@ from controller.results import ResultsError
 from ..frame.drawn import run_picture
 from ..frame.screens import Look
 from ..frame.visit import Visit, refused
-from ..frame.words import translator, value_in, word
-from ..records import Records, page_count, part_key, report_file, unread, verdict_class
+from ..frame.words import teller, translator, value_in, word
+from ..records import (
+    FORMS,
+    LISTED_FORMS,
+    Records,
+    Wanted,
+    page_count,
+    part_key,
+    unread,
+    verdict_class,
+)
 from .asked import LISTED, REVIEW_WORDS, VERDICTS, asked
 from .charts import VALUES_MAX, drawn
 
@@ -75,7 +87,9 @@ class HistoryAnswers:
             Look("", self.list),
             Look("part/{run:str}/{number:int}", self.part),
             Look("picture/{run:str}/{number:int}/{picture:int}", self.picture),
-            Look("report/{run:str}/{number:int}", self.report),
+            Look("file/{run:str}/{number:int}/{form:str}", self.file),
+            Look("file/{run:str}/{form:str}", self.file),
+            Look("file/{form:str}", self.file),
             Look("charts", self.charts),
             Look("compare", self.compare),
         )
@@ -104,6 +118,7 @@ class HistoryAnswers:
             columns=COLUMNS,
             verdicts=VERDICTS,
             reviews=REVIEW_WORDS,
+            forms=LISTED_FORMS,
             pages=page_count(listed.count, LISTED),
             is_filling=is_filling,
             problems=self._records.problems,
@@ -117,14 +132,13 @@ class HistoryAnswers:
         except HistoryError as error:
             return unread(visit, error)
         run = str(part["run"])
-        report = await asyncio.to_thread(report_file, self._records.runs_dir, run)
         pictures = await self._pictures(run, int(part["number"]))
         return visit.html(
             "part.html.j2",
             part=part,
             pictures=pictures if isinstance(pictures, tuple) else (),
             no_pictures=pictures if isinstance(pictures, str) else "",
-            report=None if report is None else report[0].name,
+            forms=FORMS,
             alarms=counted_alarms(part["alarms"]),
             alarm_words=_alarm_words,
             **_SHOWN,
@@ -143,21 +157,39 @@ class HistoryAnswers:
             return nothing
         return await run_picture(self._records.runs_dir / run, pictures[number].file) or nothing
 
-    async def report(self, visit: Visit) -> Response:
-        """Return the report of a part's run, to be kept: it is no page of this one."""
+    async def file(self, visit: Visit) -> Response:
+        """Return a run, a part or all parts that fit as a file to be kept, no page of this one.
+
+        A part or a run is named by the address, all parts that fit by the filters of the list.
+        """
+        at = visit.request.path_params
+        form, number = str(at["form"]), int(at.get("number", 0))
+        filters = None if "run" in at else asked(visit.request.query_params).filters
+        if form not in (FORMS if filters is None else LISTED_FORMS):
+            return refused(404, word("there is no such form of file"))
+        run = ""
+        if filters is None:
+            try:
+                part = await self._records.part({"run": at["run"], "number": number or 1})
+            except HistoryError:
+                return refused(404, word("there is no such part"))
+            run = str(part["run"])
+        else:
+            await self._records.freshen()
+        wanted = Wanted(form, run, number, filters)
+        folder = Path(await asyncio.to_thread(mkdtemp, prefix="cellctl-file-"))
+        path = folder / f"file.{form}"
         try:
-            part = await self._records.part(visit.request.path_params)
-        except HistoryError:
-            return refused(404, word("there is no such part"))
-        run = str(part["run"])
-        found = await asyncio.to_thread(report_file, self._records.runs_dir, run)
-        if found is None:
-            return refused(404, word("there is no report"))
-        path, kind = found
-        content = await asyncio.to_thread(path.read_bytes)
-        name = quote(f"{run}-{path.name}")
-        headers = {"Content-Disposition": f"attachment; filename*=UTF-8''{name}"}
-        return Response(content, media_type=kind, headers=headers)
+            why = await self._records.written(wanted, path)
+            content = b"" if why else await asyncio.to_thread(path.read_bytes)
+        finally:
+            await asyncio.to_thread(rmtree, folder, ignore_errors=True)
+        if why:
+            return visit.html(
+                "unread.html.j2", 409, title=visit.screen.title, why=teller(visit.language)(why)
+            )
+        headers = {"Content-Disposition": f"attachment; filename*=UTF-8''{quote(wanted.name)}"}
+        return Response(content, media_type=FORMS[form], headers=headers)
 
     async def charts(self, visit: Visit) -> Response:
         """Return the run charts of a recipe's characteristics."""

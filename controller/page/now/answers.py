@@ -40,6 +40,10 @@ class _OrderBody(Body):
     why: str = Field(default="", max_length=MAX_WHO)
 
 
+class CancelBody(Body):
+    """The end of a preparation."""
+
+
 class PauseBody(_OrderBody):
     """A pause, as the browser orders it."""
 
@@ -107,6 +111,7 @@ class NowAnswers:
             Look("picture/{run:str}/{number:int}", self.picture),
             Look("choices", self.choices, Role.OPERATOR),
             Act("start", StartBody, self.start, Role.OPERATOR),
+            Act("cancel", CancelBody, self.cancel, Role.OPERATOR),
             Upload("list", LIST_MAX_BYTES, LIST_SUFFIXES, self.list, Role.OPERATOR),
             *(
                 Act(f"act/{name}", body, self._order(name, order), Role.OPERATOR)
@@ -186,11 +191,20 @@ class NowAnswers:
 
     async def choices(self, _: Visit) -> Response:
         """Return the recipes and cell files that a run may be started with."""
-        return JSONResponse(asdict(await self._launcher.choices()))
+        choices, last = await self._launcher.choices(), await self._launcher.last()
+        again = None if last is None else last.model_dump(mode="json")
+        return JSONResponse({**asdict(choices), "last": again})
 
     async def list(self, _: Visit, sent: Uploaded) -> Response:
         """Keep a list of parts that a run may be started with; return its key and what it has."""
         return JSONResponse(await self._launcher.keep_list(sent))
+
+    async def cancel(self, _: Visit, __: CancelBody) -> Response:
+        """End the preparation of the run that was started here; a run that works has orders."""
+        if not self._live.is_preparing:
+            return refused(409, word("the run works already; stop it instead"))
+        await self._launcher.cancel()
+        return JSONResponse({"done": True})
 
     async def start(self, visit: Visit, body: StartBody) -> Response:
         """Start a run in the name of a person; return that it was started, or why not."""

@@ -188,6 +188,11 @@ class Live:
             self._watchers.discard(watcher)
 
     @property
+    def is_preparing(self) -> bool:
+        """Whether no run can be asked yet: the cell is free, or a run has its lock and no row."""
+        return self._status is None and (not self._has_run or self._preparing() is not None)
+
+    @property
     def age_s(self) -> float:
         """How old what is shown is: since the journal was read, and the cell asked [wall s]."""
         return time.monotonic() - min(self._looked_s, self._answered_s)

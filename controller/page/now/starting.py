@@ -9,6 +9,7 @@ import asyncio
 import contextlib
 import os
 import secrets
+import signal
 import subprocess
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -19,6 +20,7 @@ from typing import Annotated, Any, Final
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 from controller.cell.devices.lock import LOCK_NAME, Holder, read_holder
+from controller.results.pages import write_file
 
 from ..frame.screens import Body, RefusedError, Setting
 from ..frame.uploads import Uploaded
@@ -30,6 +32,7 @@ from .listing import write_list
 LOG_FOLDER: Final = "started"
 LOG_MAX_COUNT: Final = 50
 LIST_KEPT_COUNT: Final = 20
+LAST_NAME: Final = "last.json"  # the last batch that was started here, for `Same again`
 SHOWN_MAX_BYTES: Final = 6_000
 SHOWN_LINE_COUNT: Final = 30
 PAPER_MAX: Final = 80
@@ -114,6 +117,18 @@ class StartBody(Body):
         if self.is_dry and (len(self.recipes) != 1 or any(of_a_part)):
             raise ValueError("a dry run is of one recipe, and has no part")
         return self
+
+    @property
+    def again(self) -> "StartBody | None":
+        """The same batch once more; None where it cannot be: each part has its number once.
+
+        Numbers that were counted go on after the last one. What a person stated about the grippers
+        and the trays was true then, and is not stated again.
+        """
+        if self.serials or self.parts_list or self.is_dry:
+            return None
+        stated = {"are_trays_empty": False, "is_part_removed": False}
+        return self.model_copy(update={**stated, "goes_on": bool(self.serial_from)})
 
     def options(self, who: str, parts_list: Path | None = None) -> list[str]:
         """Return the options of `cellctl run`; values stand behind `=`, so that none is an option.
@@ -270,6 +285,37 @@ class Launcher:
                     409, word("the list of parts is not there any more; send it again")
                 )
             self._work = await asyncio.to_thread(self._spawn, body, who)
+            await asyncio.to_thread(self._remember, body)
+
+    async def last(self) -> StartBody | None:
+        """Return the last batch that can be started once more; None before the first."""
+        return await asyncio.to_thread(self._last)
+
+    async def cancel(self) -> None:
+        """End the preparation of the run that was started here, as Ctrl-C at a terminal does.
+
+        Raises
+        ------
+        RefusedError : there is none
+        """
+        if self._work is None or self._work.process.poll() is not None:
+            raise RefusedError(409, word("no run is being prepared that was started here"))
+        self._work.process.send_signal(signal.SIGINT)
+
+    def _last(self) -> StartBody | None:
+        try:
+            found = StartBody.model_validate_json(
+                (self._runs_dir / LOG_FOLDER / LAST_NAME).read_bytes()
+            )
+        except (OSError, ValueError):  # none yet, or of another version: the form is empty
+            return None
+        return found.again
+
+    def _remember(self, body: StartBody) -> None:
+        """Keep a batch for the next start; without room for it, the form does not remember it."""
+        if body.again is not None:
+            with contextlib.suppress(OSError):
+                write_file(body.model_dump_json().encode(), self._runs_dir / LOG_FOLDER / LAST_NAME)
 
     def facts(self) -> dict[str, Any] | None:
         """Return the last run that was started here, as JSON; None before the first."""

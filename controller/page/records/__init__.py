@@ -3,23 +3,25 @@
 The page's loop waits for none of it, and the cell knows nothing of it.
 """
 
+from .files import FORMS, LISTED_FORMS, Wanted
 from .records import NEWER_S, Records
 from .shown import (
     page_asked,
     page_count,
     part_key,
-    report_file,
     unread,
     verdict_class,
 )
 
 __all__ = [
+    "FORMS",
+    "LISTED_FORMS",
     "NEWER_S",
     "Records",
+    "Wanted",
     "page_asked",
     "page_count",
     "part_key",
-    "report_file",
     "unread",
     "verdict_class",
 ]

@@ -16,6 +16,7 @@ from controller.cell.journal import JOURNAL_NAME, journal_mark
 from controller.history import HistoryError, Store, open_store, store_url
 from controller.history.reviewing import one_part
 
+from .files import Wanted, write_wanted
 from .work import begin, draw_crop, fill_store
 
 P = ParamSpec("P")
@@ -29,6 +30,7 @@ WAIT_S: Final = 0.1  # an answer waits so long for the filling, then says that i
 CROP_MAX_COUNT: Final = 200  # that are kept, 30 kB each
 QUERIES_AT_ONCE: Final = 4  # questions of the store; the others wait
 CROPS_AT_ONCE: Final = 2
+FILES_AT_ONCE: Final = 1  # each takes the drawing process for seconds; the others wait
 END_S: Final = 1.0
 
 
@@ -69,6 +71,7 @@ class Records:
         self._mark: tuple[object, ...] | None = None
         self._querying = asyncio.Semaphore(QUERIES_AT_ONCE)
         self._drawing = asyncio.Semaphore(CROPS_AT_ONCE)
+        self._writing = asyncio.Semaphore(FILES_AT_ONCE)
         self._opening = asyncio.Lock()
         self._crops: OrderedDict[tuple[str, int, int, str], bytes] = OrderedDict()
 
@@ -174,6 +177,26 @@ class Records:
             while len(self._crops) > CROP_MAX_COUNT:
                 self._crops.popitem(last=False)
         return found
+
+    async def written(self, wanted: Wanted, path: Path) -> str:
+        """Write a file for a person; return why it was not written, empty where it was.
+
+        Parameters
+        ----------
+        wanted : what it has
+        path : its place
+        """
+        async with self._writing:
+            loop = asyncio.get_running_loop()
+            try:
+                return await loop.run_in_executor(
+                    self._pooled(), write_wanted, self._url, self.runs_dir, wanted, path
+                )
+            except OSError as error:
+                return str(error)
+            except RuntimeError as error:  # the process was killed; the next request makes one
+                self._pool = None
+                return f"{error}; try again"
 
     async def _opened(self) -> Store:
         async with self._opening:

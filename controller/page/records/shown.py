@@ -1,7 +1,6 @@
 """Parts and lists of them in words of a page."""
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any, Final
 
 from starlette.responses import Response
@@ -18,11 +17,6 @@ CLASSES: Final[Mapping[str, str]] = {
     "reject": "bad",
     "indeterminate": "open",
 }
-REPORTS: Final[Mapping[str, str]] = {
-    "report.html": "text/html; charset=utf-8",
-    "report.pdf": "application/pdf",
-}
-REPORT_MAX_BYTES: Final = 60_000_000
 
 
 def verdict_class(word: str) -> str:
@@ -64,21 +58,3 @@ def unread(visit: Visit, error: HistoryError) -> Response:
         why = word("there is no such part")
         return visit.html("unread.html.j2", 404, title=visit.screen.title, why=why)
     return visit.html("unread.html.j2", title=visit.screen.title, why=str(error))
-
-
-def report_file(runs_dir: Path, run: str) -> tuple[Path, str] | None:
-    """Return a run's report and its type; None where there is none of sound size.
-
-    Parameters
-    ----------
-    runs_dir : folder of all runs
-    run : its id, as the store has it
-    """
-    folder = (runs_dir / run).resolve()
-    if folder.parent != runs_dir.resolve():
-        return None
-    for name, kind in REPORTS.items():
-        path = (folder / name).resolve()
-        if path.parent == folder and path.is_file() and path.stat().st_size <= REPORT_MAX_BYTES:
-            return path, kind
-    return None

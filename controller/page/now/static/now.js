@@ -111,6 +111,7 @@ function show(now) {
   onChange("views", [run && run.run, run && run.views, run && run.table], drawViews);
   onChange("interlocks", [status ? status.signals : {}, now.runs], drawInterlocks);
   onChange("parts", [run && run.parts, run && run.counts, run && run.count], drawParts);
+  onChange("files", [run && run.run, Boolean(run && run.end && run.parts.length)], drawFiles);
   onChange("people", run ? run.acts : [], drawPeople);
 }
 
@@ -306,6 +307,18 @@ function drawParts([parts, counts]) {
   const rows = [...(parts || [])].reverse().map((one) =>
     el("li", `${[`${t("Part")} ${one.part}`, one.serial, one.recipe].filter(Boolean).join(" · ")}: ${t(VERDICT_WORDS[one.verdict] || one.verdict)}${one.tray ? ` → ${said(one.tray)}` : ""}`));
   $("parts").replaceChildren(...(rows.length ? rows : [el("li", t("No part is done yet."))]));
+}
+
+// The report of a run is there once it has ended, with a part at least.
+function drawFiles([run, isThere]) {
+  $("files").hidden = !isThere;
+  if (!isThere) return;
+  $("files").replaceChildren(el("span", `${t("Report of the run")}:`), ...["html", "pdf", "csv", "qif"].map((form) => {
+    const link = el("a", form.toUpperCase(), "button");
+    link.href = `/history/file/${encodeURIComponent(run)}/${form}`;
+    link.setAttribute("aria-label", `${t("Report of the run")}: ${form.toUpperCase()}`);
+    return link;
+  }));
 }
 
 function drawPeople(acts) {

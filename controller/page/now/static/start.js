@@ -1,5 +1,5 @@
 // Starts a run: which recipes, how many parts, which serial numbers. The server knows what may be named.
-import { $, el, get, post, send, t } from "/static/shared.js";
+import { $, el, get, number, post, send, t } from "/static/shared.js";
 import { said } from "/static/said.js";
 
 let choices = null;
@@ -23,18 +23,18 @@ function row() {
   }
   recipe.append(list);
   const count = el("label", `${t("Parts")} `);
-  const number = el("input", "", "count");
-  Object.assign(number, { type: "number", min: 1, max: 100000, required: true });
-  count.append(number);
-  const fill = () => {
+  const many = el("input", "", "count");
+  Object.assign(many, { type: "number", min: 1, max: 100000, required: true });
+  count.append(many);
+  const preset = () => {
     const found = choices.recipes.find((one) => one.key === list.value);
-    number.value = found ? found.count : 1;
+    many.value = found ? found.count : 1;
     devices();
   };
-  list.addEventListener("change", fill);
+  list.addEventListener("change", preset);
   box.append(recipe, count);
   $("start-recipes").append(box);
-  fill();
+  preset();
   fields();
 }
 
@@ -56,12 +56,48 @@ async function load() {
   $("start-recipes").replaceChildren();
   $("start-cell").replaceChildren(option("", t("that of the recipe")),
     ...choices.cells.map((one) => option(one.key, one.problem ? `${one.key}: ${t("cannot be used")}` : one.key, !one.problem)));
+  const isThere = ({ recipe }) => choices.recipes.some((one) => one.key === recipe && !one.problem);
+  const last = choices.last && choices.last.recipes.every(isThere)
+    && (!choices.last.cell || choices.cells.some((one) => one.key === choices.last.cell && !one.problem)) ? choices.last : null;
+  $("again").hidden = !last;
+  $("start-other").open = !last;
+  $("start").classList.toggle("primary", !last);
+  if (last) {
+    fill(last);
+    return;
+  }
   row();
   const again = lastRun && choices.recipes.find((one) => one.name === lastRun.recipe && !one.problem);
-  if (!again) return;
-  const recipe = document.querySelector("#start-recipes select.recipe");
-  recipe.value = again.key;
+  if (again) choose(document.querySelector("#start-recipes .pair"), again.key);
+}
+
+function choose(box, key, count = null) {
+  const recipe = box.querySelector("select.recipe");
+  recipe.value = key;
   recipe.dispatchEvent(new Event("change"));
+  if (count !== null) box.querySelector(".count").value = count;
+}
+
+// Fills the form with a batch, and says on the button what it is.
+function fill(batch) {
+  $("start-cell").value = batch.cell;
+  for (const one of batch.recipes) {
+    row();
+    choose($("start-recipes").lastElementChild, one.recipe, one.count);
+  }
+  $("start-lot").value = batch.lot;
+  $("start-serials-how").value = batch.serial_from ? "across" : batch.is_read ? "scan" : "";
+  $("start-serial-from").value = batch.serial_from;
+  $("start-temperature").value = batch.part_temperature_c ?? "";
+  $("start-speed").value = batch.speed;
+  fields();
+  devices();
+  const parts = [...document.querySelectorAll("#start-recipes .pair")].map((box) =>
+    `${box.querySelector(".recipe").value} × ${box.querySelector(".count").value}`);
+  $("again-words").textContent = [
+    ...parts, batch.lot && t("lot {lot}", { lot: batch.lot }),
+    batch.serial_from ? t("serial numbers count on") : batch.is_read ? t("serial numbers are read") : "", $("start-devices").textContent,
+  ].filter(Boolean).join(" · ");
 }
 
 // Shows the form while nobody has the cell, and what a run that was started here has printed.
@@ -83,7 +119,28 @@ export function showStart(now) {
   $("started-head").textContent = isStarting
     ? t("{who} starts {what}: checks and emulated cell take a while", { who: started.who, what: started.recipes })
     : t("{what} ended with code {code}", { what: started.recipes, code: started.code });
-  $("started-lines").textContent = started.lines.map((line) => said(line)).join("\n");
+  const lines = started.lines.map((line) => said(line));
+  $("started-bar").hidden = !isStarting;
+  if ($("started-cancel")) $("started-cancel").hidden = !isStarting;
+  begun = isStarting ? Date.parse(started.began) : null;
+  since();
+  $("started-lines").textContent = lines.join("\n");
+}
+
+// Says for how long a run has been prepared, every second.
+let begun = null;
+function since() {
+  $("started-now").textContent = begun === null ? "" : t("for {s} s", { s: number(Math.max(0, (Date.now() - begun) / 1000)) });
+}
+setInterval(since, 1000);
+
+async function cancel() {
+  try {
+    const reply = await post("/now/cancel", {});
+    $("started-now").textContent = reply.error ? `✗ ${said(reply.error)}` : t("sent …");
+  } catch {
+    $("started-now").textContent = `✗ ${t("The order did not reach the page. Look at the cell before you repeat it.")}`;
+  }
 }
 
 const isCounted = (how) => how === "counted" || how === "across";
@@ -135,7 +192,7 @@ async function start(event) {
   $("start-said").textContent = t("sent …");
   const how = $("start-serials-how").value;
   const isDry = $("start-dry").checked;
-  const number = (id) => ($(id).value === "" ? null : Number($(id).value));
+  const figure = (id) => ($(id).value === "" ? null : Number($(id).value));
   const recipes = [...document.querySelectorAll("#start-recipes .pair")].map((box) => ({
     recipe: box.querySelector(".recipe").value, count: Number(box.querySelector(".count").value),
   }));
@@ -144,7 +201,7 @@ async function start(event) {
     isSending = false;
     return;
   }
-  const ofCell = { cell: $("start-cell").value, speed: number("start-speed") ?? 1 };
+  const ofCell = { cell: $("start-cell").value, speed: figure("start-speed") ?? 1 };
   const body = isDry ? { ...ofCell, recipes: [{ recipe: recipes[0].recipe }], is_dry: true } : {
     ...ofCell,
     recipes: how === "file" ? [] : recipes,
@@ -154,7 +211,7 @@ async function start(event) {
     goes_on: how === "across",
     is_read: how === "scan",
     serials: how === "listed" ? $("start-serials").value.split("\n").map((one) => one.trim()).filter(Boolean) : [],
-    part_temperature_c: number("start-temperature"),
+    part_temperature_c: figure("start-temperature"),
     are_trays_empty: $("start-trays").checked,
     is_part_removed: $("start-removed").checked,
   };
@@ -181,6 +238,8 @@ function startAgain(isRemoved) {
 if ($("start-form")) {
   $("unfinished-on").addEventListener("click", () => startAgain(false));
   $("unfinished-out").addEventListener("click", () => startAgain(true));
+  $("again").addEventListener("click", () => startAgain(false));
+  $("started-cancel").addEventListener("click", cancel);
   $("start-form").addEventListener("submit", start);
   $("start-more").addEventListener("click", row);
   $("start-cell").addEventListener("change", devices);
