@@ -16,7 +16,13 @@ author = "the maintainers of cellctl"
 release = tomllib.loads((HERE.parent / "pyproject.toml").read_text())["project"]["version"]
 version = release
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "site_links"]
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
+    "site_docstrings",
+    "site_links",
+]
 exclude_patterns = ["_build"]
 nitpicky = True
 # Types that the signatures name and this site does not describe: of Python, of the libraries, and
@@ -41,6 +47,7 @@ highlight_language = "text"
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
 autodoc_class_signature = "separated"
-autodoc_default_options = {"members": True, "undoc-members": False, "show-inheritance": False}
+autodoc_default_options = {"members": True, "exclude-members": "__init__, __new__"}
+default_role = "code"  # single backticks of docstrings
 napoleon_google_docstring = False
 napoleon_use_ivar = True  # an attribute is described once: by its class
