@@ -19,7 +19,7 @@ from typing import IO, Any, Final
 
 MAGIC: Final = b"cellctl.wires/1\n"
 _PAIR: Final = struct.Struct("<II")
-GATHER_WALL_S: Final = 0.2  # what a kill may cost
+GATHER_WALL_S: Final = 0.2  # longest part of a recording that a kill may lose
 BLOCK_BYTES: Final = 4 << 20
 MAX_WAITING_BYTES: Final = 1 << 30  # a disk that falls behind by this much ends the recording
 LEVEL: Final = 1  # pictures are noise in their lowest bits: more effort gains little

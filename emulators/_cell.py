@@ -57,12 +57,12 @@ SLICE_STEPS: Final = 4  # the world's longest step
 IO_UNIT: Final = 1
 GRIPPER_BAUD: Final = 115_200
 LIGHTS_BAUD: Final = 9_600  # what the light modules leave the factory with
-PICTURE_S: Final = 0.1  # from exposure to buffer, a camera takes no longer
+PICTURE_S: Final = 0.1  # longest time from exposure to buffer
 DROP_TRY_COUNT: Final = 200
-FEED_STREAM: Final = 7  # of random numbers, apart from the world's
-APART_MM: Final = 2.0  # between parts that are dropped, by their bounds
+FEED_STREAM: Final = 7  # number of a random stream, apart from the world's
+APART_MM: Final = 2.0  # least distance between the bounds of dropped parts
 SUPPLY_CHANGES_KEPT: Final = 1000
-_PRESENCE_S: Final = 0.05  # how often the fixed gripper's light barrier is looked at
+_PRESENCE_S: Final = 0.05  # period of looks at the fixed gripper's light barrier
 
 Line = TcpGateway | RtuOverTcpServer | RtuPtyServer | TcpServer
 

@@ -26,10 +26,10 @@ from emulators.world.poses import rotation_about
 
 Array = NDArray[np.float64]
 
-PLACING_MM: Final = 1.5  # from its mark on the table, in each direction
+PLACING_MM: Final = 1.5  # largest offset from its mark on the table, in each direction
 PLACING_RAD: Final = math.radians(1.0)
-HOLDING_MM: Final = 2.0  # between the pads, along and across the approach
-HOLDING_RAD: Final = math.radians(3.0)  # about the jaws' axis
+HOLDING_MM: Final = 2.0  # largest offset between the pads, along and across the approach
+HOLDING_RAD: Final = math.radians(3.0)  # largest turn about the jaws' axis
 _AXES: Final = ("x", "y", "z")
 
 

@@ -32,7 +32,7 @@ from emulators.world import EngineError, LayoutError
 
 log = logging.getLogger(__name__)
 
-SLICE_WALL_S: Final = 0.003  # the longest the world is stepped before the wires get their turn
+SLICE_WALL_S: Final = 0.003  # longest time of stepping the world before the wires get their turn
 IDLE_WALL_S: Final = 0.001
 
 

@@ -16,7 +16,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
-TIMER_GRAIN_WALL_S: Final = 0.0005  # where time stands still, a shorter wait would only spin
+TIMER_GRAIN_WALL_S: Final = 0.0005  # a shorter wait would only spin while time stands still
 
 
 class WorldClock:

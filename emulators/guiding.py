@@ -16,7 +16,7 @@ from emulators.world.poses import forward
 
 Array = NDArray[np.float64]
 
-AIM_MM: Final = 0.5  # a person sets finger tips down so near to a mark, in each direction
+AIM_MM: Final = 0.5  # accuracy of fingertips set down on a mark, in each direction
 # the lower of both fingers touches; the point between their tips is so high then
 TOUCH_MM: Final = (0.1, 0.4)
 _NEAR_MM: Final = 0.02

@@ -16,8 +16,8 @@ from emulators.world.ground_truth import custody, part_pose
 from .stand_ins import SIZE_PX, TruthFrame, stamped_picture
 
 FRAME_S: Final = 0.26  # a period of 5 Hz, the exposure, and its transfer
-DARK_LEVEL: Final = 0.02  # of the light of all lamps together, 0..1
-CAMERA_TIMEOUT_S: Final = 1.6  # of a frame that does not come: eight periods of 5 Hz
+DARK_LEVEL: Final = 0.02  # share of the light of all lamps together, 0..1
+CAMERA_TIMEOUT_S: Final = 1.6  # time-out of a missing frame: eight periods of 5 Hz
 
 
 class Plugs:

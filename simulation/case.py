@@ -27,14 +27,14 @@ from .invariants import Watch
 from .loop import SimulatedLoop, SimulatedProcess
 from .power import cut_power
 
-MAX_CELL_S: Final = 2400.0  # a case that is not done by then hangs
-PART_STEPS: Final = 115_000  # of a controller that works on one part
-PART_ROWS: Final = 140  # that a run of one part writes
-NEAR_STEPS: Final = 300  # that a controller makes until the devices have heard of a row
-DEAD_S: Final = (0.3, 12.0)  # from a kill to the next start
-LENGTHS_SEED: Final = 1  # of the run without faults that shows how long holds are
-LOOK_S: Final = 0.4  # of a person who lets each motion begin
-REST_S: Final = 4.0  # after the last end, until the world is looked at
+MAX_CELL_S: Final = 2400.0  # longest case; one that takes longer hangs
+PART_STEPS: Final = 115_000  # steps of a controller that works on one part
+PART_ROWS: Final = 140  # rows that a run of one part writes
+NEAR_STEPS: Final = 300  # steps of a controller until the devices have heard of a row
+DEAD_S: Final = (0.3, 12.0)  # shortest and longest time from a kill to the next start
+LENGTHS_SEED: Final = 1  # seed of the run without faults that measures the holds
+LOOK_S: Final = 0.4  # time that a person looks before they let a motion begin
+REST_S: Final = 4.0  # time from the last end to the check of the world
 
 
 @dataclass(frozen=True, slots=True)

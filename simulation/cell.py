@@ -52,7 +52,7 @@ Array = NDArray[np.float64]
 
 ROOT: Final = Path(__file__).parents[1]
 CELL_FILE: Final = ROOT / "recipes" / "cells" / "emulated.yaml"
-STATE_HOME: Final = "XDG_STATE_HOME"  # where a controller notes its journal
+STATE_HOME: Final = "XDG_STATE_HOME"  # folder in which a controller notes its journal
 TAKES_S: Final = {  # cell time that the worker takes for a question, from and to [s]
     "prepare": (0.5, 3.0),
     "plan": (0.3, 4.0),
@@ -63,7 +63,7 @@ TAKES_S: Final = {  # cell time that the worker takes for a question, from and t
 # Reading the inputs is a third of all that a simulated cell does; half as often will do here.
 TIMING: Final = "\ntiming: {io_poll_s: 0.08, io_stale_s: 0.4}\n"
 BEAT_S: Final = 2.0  # a loop on virtual time is never late: every timer is run at its instant
-BEGAN: Final = datetime(2030, 1, 1, tzinfo=UTC)  # of every simulation, so that rows repeat
+BEGAN: Final = datetime(2030, 1, 1, tzinfo=UTC)  # date of every simulation, so that rows repeat
 PLACES: Final = ((360.0, 0.0, 0.5), (330.0, 40.0, -1.0), (390.0, -45.0, 2.2))  # x, y [mm], theta
 
 

@@ -16,14 +16,14 @@ from .invariants import Watch
 
 Order = Mapping[str, Any]
 
-SOON_S: Final = 1.5  # after a state was entered, at the latest, its fault befalls the cell
+SOON_S: Final = 1.5  # longest delay of a fault after its state was entered
 # in place of a state: the arm stands, and the part is in its gripper
 STANDING: Final = "standing with the part"
 # the same with the part in the fixed gripper, whether the arm stands or moves
 IN_FIXED: Final = "the part in the fixed gripper"
-FIXED_S: Final = 3.0  # after the fixed gripper has it alone, at the latest
-STAND_S: Final = 0.4  # so long still, the arm stands
-MOST_STANDS: Final = 4  # before the one that a fault befalls
+FIXED_S: Final = 3.0  # longest delay of a fault after the fixed gripper has the part alone
+STAND_S: Final = 0.4  # time without motion after which the arm counts as standing
+MOST_STANDS: Final = 4  # largest number of standstills before the one with the fault
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,7 +22,7 @@ MISSES: Final = {"arm": FAULTS["missed grasp"], "fixture": FAULTS["missed hand-o
 ENDS: Final = frozenset({"released", "fell_out", "torn", "taken"})
 SLIP_MM: Final = (2.0, 8.0)
 SLIP_DEG: Final = 9.0
-SHORTEST_S: Final = 1.0  # of a kind of hold that the run without faults does not have
+SHORTEST_S: Final = 1.0  # length of a kind of hold that the run without faults does not have
 
 Lengths = Mapping[str, Sequence[float]]
 

@@ -22,16 +22,16 @@ from controller.cell.journal import (
 
 from .cell import SimulatedCell
 
-FREE_FALL_MM: Final = 12.0  # let go this high above the table, a part falls
-PUT_DOWN_MM: Final = 1.0  # pressed on the table by less, a held part is being put down
-STOPPED_S: Final = 0.3  # of the world, in which what a stop found moving comes to rest
+FREE_FALL_MM: Final = 12.0  # a part released from a greater height above the table falls
+PUT_DOWN_MM: Final = 1.0  # a held part pressed on the table by less is being put down
+STOPPED_S: Final = 0.3  # world time in which motion comes to rest after a stop
 # Motors of the world, by the controller's device.
 MOTORS: Final[Mapping[str, tuple[str, ...]]] = {
     "arm": ("arm", "arm gripper"),
     "gripper": ("fixed gripper",),
 }
 UNDONE: Final = "undone"  # detail of an intent to open again what it had closed
-EXCUSED_S: Final = 1.0  # from an order that lets a part go to the world's event of it
+EXCUSED_S: Final = 1.0  # longest time from an order to release a part to the world's event
 # Which intents let one gripper go, and which let it take hold.
 LETS_GO: Final[Mapping[str, frozenset[str]]] = {
     "arm": frozenset(

@@ -29,7 +29,7 @@ Result = TypeVar("Result")
 Arguments = TypeVarTuple("Arguments")
 
 START_S: Final = 1_000.0  # not 0, so that a default of 0.0 is not taken for an instant
-MAX_THREAD_DELAY_S: Final = 0.002  # from ordering work of a thread to its beginning, and back
+MAX_THREAD_DELAY_S: Final = 0.002  # longest delay of a thread's work, from order to start and back
 CLOSING_COUNT: Final = 8  # a `finally` that awaits ignores the first ones
 
 _owner: contextvars.ContextVar["SimulatedProcess | None"] = contextvars.ContextVar(

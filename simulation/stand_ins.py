@@ -42,11 +42,11 @@ Grey = NDArray[np.uint8]
 
 HEADER_BYTES: Final = 18 * 8  # T_world_part, who has it, whether the picture can be used
 HOLDERS: Final = ("away", "free", "arm", "fixture", "both")
-SEEN_COS: Final = float(np.cos(np.radians(75.0)))  # as flat as inspection compares a surface
+SEEN_COS: Final = float(np.cos(np.radians(75.0)))  # flattest surface that inspection compares
 SLIPPED_MM, SLIPPED_RAD = 4.0, 0.12  # inspection's own limits (`inspecting.InspectionLimits`)
 FOUND_MM, FOUND_RAD = 16.0, 0.55  # as far as the search for a slipped part goes
 MEASURED_MM, MEASURED_RAD = 0.15, 0.002  # how well a view measures the pose in the gripper
-SIZE_PX: Final = (1280, 1024)  # of both cameras: stored pictures are checked against it
+SIZE_PX: Final = (1280, 1024)  # size of both cameras, checked on stored pictures
 
 # A value of every judged part, so that what counts values has one to count.
 _RIM: Final = Rim(

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 CHANNEL_COUNT: Final = 6
-PULSE_UNIT_S: Final = 1.5  # of on and off widths
+PULSE_UNIT_S: Final = 1.5  # unit of on and off widths
 COUNTER_END: Final = 1 << 32
 
 

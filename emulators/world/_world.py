@@ -24,7 +24,7 @@ from .poses import JointValues, forward, rotation_about, turn_z
 
 log = logging.getLogger(__name__)
 
-QUIET_STEPS: Final = 4  # with nothing falling and no jaw moving, steps are this much longer
+QUIET_STEPS: Final = 4  # factor of longer steps while nothing falls and no jaw moves
 _TABLE_MM: Final = 0.3
 _FIXED_FORCE_N: Final = 100.0
 _ARM_FORCE_N: Final = 150.0  # at MAX_FORCE 100; our choice, umi_rtx.md gives none

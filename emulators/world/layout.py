@@ -18,13 +18,13 @@ from ruamel.yaml.events import AliasEvent, CollectionEndEvent, CollectionStartEv
 Array = NDArray[np.float64]
 
 MM_PER_M: Final = 1000.0
-_TRAY_WALL_MM: Final = 3.0  # how thick the walls of trays are
+_TRAY_WALL_MM: Final = 3.0  # thickness of the trays' walls
 _TEXT_BYTES_MAX: Final = 1_000_000
 _DEPTH_MAX: Final = 20
-RING_WIDTH_MM: Final = 8.0  # of a ring's light, unless the cell file says otherwise
+RING_WIDTH_MM: Final = 8.0  # width of a ring's light, unless the cell file states one
 SPOT_DIAMETER_MM: Final = 40.0
 PANEL_DROP: Final = 0.10  # a panel is darker at its corners by this fraction
-BLUR_SIGMA_PX: Final = 0.6  # of the lens; a pixel's own area is in the samples already
+BLUR_SIGMA_PX: Final = 0.6  # blur of the lens; a pixel's own area is in the samples already
 
 
 class LayoutError(Exception):

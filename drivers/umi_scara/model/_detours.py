@@ -18,7 +18,7 @@ Floats = NDArray[np.float64]
 JointPath = list[Floats]
 
 RAISED_MM: Final = (-20.0, -120.0, -250.0, -350.0)  # zed of the paths over the top
-VIA_SHARES: Final = (0.0, 0.25, 0.5, 0.75, 1.0)  # of the line, where its one point above it is
+VIA_SHARES: Final = (0.0, 0.25, 0.5, 0.75, 1.0)  # shares of the line for its one raised point
 ELBOWS_RAD: Final = tuple(np.radians([-140.0, -90.0, 90.0, 140.0]).tolist())
 TOP_MM: Final = -20.0
 _ELBOW, _YAW, _ZED, _PITCH = (

@@ -30,7 +30,7 @@ DRAWN_FROM: Final = np.array(
         [*np.radians([90.0, 150.0, 185.0]), -10.0, *np.radians([3.0, 180.0])],
     ]
 )
-TOP_SHARE: Final = 0.2  # of zed's range, near the top, where the arm has most room
+TOP_SHARE: Final = 0.2  # share of zed's range near the top, where the arm has most room
 _ZED: Final = kinematics.Q_ORDER.index("zed_mm")
 
 # Clear of what: "gripper" is body, fingers and held part, "fingers" leaves the body out

@@ -41,7 +41,7 @@ __all__ = [
 Floats = NDArray[np.float64]
 
 Q_ORDER: Final = ("shoulder_rad", "elbow_rad", "yaw_rad", "zed_mm", "pitch_rad", "roll_rad")
-HEADINGS_RAD: Final = np.deg2rad(np.arange(-180.0, 180.0, 15.0))  # tried where heading is free
+HEADINGS_RAD: Final = np.deg2rad(np.arange(-180.0, 180.0, 15.0))  # tried if the heading is free
 LINKS: Final = ("carriage", "upper", "fore")
 
 _SHOULDER, _ELBOW, _YAW, _ZED, _PITCH, _ROLL = range(6)

@@ -81,7 +81,7 @@ LIMITS: Final = (
 _WEIGHTS: Final = np.array([limit.weights for limit in LIMITS])
 _LOW: Final = np.array([limit.low for limit in LIMITS])
 _HIGH: Final = np.array([limit.high for limit in LIMITS])
-_ROUNDING: Final = 1e-9  # of a third of a count in binary
+_ROUNDING: Final = 1e-9  # rounding error of a third of a count in binary
 
 
 def limit_margins(counts: ArrayLike) -> NDArray[np.float64]:

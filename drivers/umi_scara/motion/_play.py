@@ -8,7 +8,7 @@ from collections.abc import Mapping
 
 from ..protocol.constants import Axis
 
-_CLOSE_COUNTS = 0.5  # nearer than this no whole count brings a joint
+_CLOSE_COUNTS = 0.5  # the nearest that a whole count brings a joint
 
 
 class GearPlay:

@@ -31,9 +31,9 @@ from .shutter import FrameGrid
 
 log = logging.getLogger(__name__)
 
-GAIN_PER_DECADE: Final = 100  # of the gain control: 0 is ×1, 100 is ×10, 0.2 dB a step
+GAIN_PER_DECADE: Final = 100  # steps of the gain control: 0 is ×1, 100 is ×10, 0.2 dB a step
 _AUTO_EXPOSURE_TARGET: Final = 118.0  # mean brightness that aperture priority mode steers to
-_AUTO_EXPOSURE_FACTOR_MAX: Final = 2.0  # a frame
+_AUTO_EXPOSURE_FACTOR_MAX: Final = 2.0  # largest change per frame
 
 
 class Clock(Protocol):

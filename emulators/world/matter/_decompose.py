@@ -10,7 +10,7 @@ from .engine import load_engine
 
 RESOLUTION: Final = 300_000  # voxels: 1 mm across on a 130 mm part, 1 to 4 s of time
 CONCAVITY: Final = 0.001
-GAMMA: Final = 0.0002  # of merging: larger values melt an L into one piece
+GAMMA: Final = 0.0002  # cost of merging: larger values melt an L into one piece
 MAX_VERTICES: Final = 64
 
 

@@ -17,7 +17,7 @@ from ..poses import between, invert, rotation_about, rotation_angle
 from .pads import Felt, Pads, Seat
 
 CAPTURE_MM: Final = 1.5  # both exact gaps below this: the pads are on the part
-COMPLIANCE_MM: Final = 2.5  # how far off-centre a part held elsewhere may be for both pads to bear
+COMPLIANCE_MM: Final = 2.5  # largest offset of a part held elsewhere at which both pads bear
 TEAR_MM: Final = 4.0  # pads yield no more than this when two grippers pull at one part
 TEAR_RAD: Final = math.radians(5.0)
 _OPENED_MM: Final = 0.4  # jaws this much wider than the part no longer press

@@ -21,7 +21,7 @@ _CALM_RAD_PER_S: Final = 0.05
 _CALM_S: Final = 0.2
 _SNAP_RAD: Final = math.radians(4.0)  # convex pieces are a little off: they tilt a part at rest
 _SNAP_MM: Final = 2.5
-_FRICTION_RADIUS: Final = 0.27  # of friction about the middle, in diagonals; a disc has 0.24
+_FRICTION_RADIUS: Final = 0.27  # friction radius about the middle, in diagonals; a disc has 0.24
 
 
 class Part:

@@ -14,7 +14,7 @@ from .geometry import Array32
 NOMINAL_EXPOSURE_S: Final = 0.010
 GREY_AT_UNIT: Final = 210.0  # grey above black of radiance 1 at nominal exposure and gain 1
 BLACK_GREY: Final = 4.0
-_KERNEL_SIGMAS: Final = 3.0  # a lens' blur is cut off there
+_KERNEL_SIGMAS: Final = 3.0  # extent of the blur's kernel
 ELECTRONS_PER_GREY: Final = 60.0  # at gain 1: 15 300 electrons fill 255 grey
 READ_NOISE_ELECTRONS: Final = 12.0
 

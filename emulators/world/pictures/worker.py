@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from .machined import MachinedPart
 
 Picture = NDArray[np.uint8] | NDArray[np.uint16]
-END_WALL_S: Final = 30.0  # within which a parent that hung up has ended, on a busy machine too
+END_WALL_S: Final = 30.0  # longest end of a parent that hung up, on a busy machine too
 END_LOOK_WALL_S: Final = 0.01
 
 

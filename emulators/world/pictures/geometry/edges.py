@@ -21,7 +21,7 @@ _LINE_PX: Final = 5  # width of a line: two pixels either side, more than a lens
 _LONG_PX: Final = 100.0  # edges longer than this are drawn in pieces
 _NEAR_MM: Final = 20.0
 _PIECES: Final = 64
-_FAR_PX: Final = 20_000.0  # where coordinates are cut off, for OpenCV's sake
+_FAR_PX: Final = 20_000.0  # limit of coordinates, for OpenCV's sake
 _SHIFT: Final = 3  # fractional bits of OpenCV's line ends
 
 

@@ -11,7 +11,7 @@ from ...poses import invert, transform
 Array32 = NDArray[np.float32]
 
 _UNDISTORT_STEPS: Final = 6  # each gains two digits at the lens' 1 % of distortion
-_CHUNK: Final = 8_192  # points at a time: what they need stays in the processor's cache
+_CHUNK: Final = 8_192  # points at a time, so that their data stay in the processor's cache
 
 
 def distort(xy: Array, distortion: Array) -> Array:

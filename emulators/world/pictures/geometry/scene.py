@@ -45,7 +45,7 @@ OPAL: Final = Material(albedo=0.20)  # a backlight panel that is off
 TRAY: Final = Material(albedo=0.30)
 PAPER: Final = Material(albedo=0.80)  # matt, as a board has to be
 INK: Final = Material(albedo=0.04)
-MACHINED_PART: Final = 0  # of MATERIALS: what parts are made of
+MACHINED_PART: Final = 0  # number in MATERIALS of the parts' material
 MATERIALS: Final = (MACHINED, PAINTED, STEEL, TABLE, OPAL, TRAY, PAPER, INK)
 
 

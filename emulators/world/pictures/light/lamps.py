@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ...layout import Array
 from ..geometry import Array32, Scene, panel_frame
 
-PANEL_SPILL: Final = 0.04  # of a louvred panel's light reaches what stands before it
+PANEL_SPILL: Final = 0.04  # share of a louvred panel's light that reaches objects before it
 RING_STRENGTH: Final = 0.95
 SPOT_STRENGTH: Final = 1.15
 _GOLDEN: Final = (math.sqrt(5.0) - 1.0) / 2.0

@@ -16,10 +16,10 @@ from .lamps import Lamps
 
 Outline = NDArray[np.int32]
 
-_MARGIN_PX: Final = 4  # the lens bends the edges of what spans the picture by less
-_FAR_PX: Final = 20_000  # where coordinates are cut off, for OpenCV's sake
+_MARGIN_PX: Final = 4  # above the lens's bend of an edge that spans the picture
+_FAR_PX: Final = 20_000  # limit of coordinates, for OpenCV's sake
 _NEAR_MM: Final = 20.0
-_HIGHEST: Final = 0.98  # of a lamp's height: what is above throws its shadow far away
+_HIGHEST: Final = 0.98  # share of a lamp's height; higher things throw their shadow far away
 
 
 class Reach:

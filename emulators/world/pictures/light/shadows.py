@@ -19,16 +19,16 @@ Index = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 
 PROBE_COUNT: Final = 8  # points of a source, enough to know whether all of it is seen
-COARSE_COUNT: Final = 16  # where it is partly seen, for each of some neighbours that share
-PIXEL_COUNT: Final = 32  # for one pixel alone
-NODE_COUNT: Final = 64  # for a block's corner, whose light many pixels share
-DIFFER: Final = 0.25  # between neighbours' shares, too much for a mean
-LEAN_DIFFER: Final = 0.02  # between neighbours' radiance where they lie to one side
-CHUNK: Final = 60_000  # rays at a time: what they need stays in the processor's cache
-LIFT_MM: Final = 0.05  # shadow rays start off the surface by this much
-_ALIKE_COS: Final = 0.98  # of one surface's normals in neighbouring pixels
-_ALIKE_MM: Final = 0.15  # off each other's plane
-_SHORT_OF: Final = 0.999  # shadow rays end before the lamp, whatever it is fixed to
+COARSE_COUNT: Final = 16  # points of a partly seen source, for each of some neighbours that share
+PIXEL_COUNT: Final = 32  # points for one pixel alone
+NODE_COUNT: Final = 64  # points for a block's corner, whose light many pixels share
+DIFFER: Final = 0.25  # largest difference of neighbours' shares for a mean
+LEAN_DIFFER: Final = 0.02  # largest difference of neighbours' radiance if they lie to one side
+CHUNK: Final = 60_000  # rays at a time, so that their data stay in the processor's cache
+LIFT_MM: Final = 0.05  # distance of a shadow ray's start from the surface
+_ALIKE_COS: Final = 0.98  # least cosine between one surface's normals in neighbouring pixels
+_ALIKE_MM: Final = 0.15  # largest distance of neighbouring points from each other's plane
+_SHORT_OF: Final = 0.999  # share at which shadow rays end, before the lamp and its mount
 
 
 @dataclass(slots=True, eq=False)

@@ -18,10 +18,10 @@ from ..geometry import Array32, Surface
 
 Index = NDArray[np.intp]
 
-NODE_MM: Final = 2.5  # between nodes
+NODE_MM: Final = 2.5  # distance between nodes
 _STEPS_MAX: Final = 24
 _NODES_MAX: Final = 25_000  # besides corners; a part with more gets them further apart
-RAY_COUNT: Final = 96  # from each node
+RAY_COUNT: Final = 96  # rays from each node
 _PULL: Final = 0.03  # nodes stand this share of the way to their triangle's middle: off its sides
 _LIFT_MM: Final = 0.02
 _CHUNK: Final = 400  # nodes at a time

@@ -17,7 +17,7 @@ from ...layout import Array
 from ..geometry import Surface
 
 _FLAT_COS: Final = 1.0 - 1e-5  # facets of one plane, 0.26 degrees
-_LARGE: Final = 5.0  # times as large as the curved facets beside it, a facet is a plane
+_LARGE: Final = 5.0  # a facet this many times as large as the curved ones beside it is a plane
 _SMOOTH_COS: Final = 0.9  # facets of one curved face, as shading has it
 
 

@@ -22,11 +22,11 @@ from .bounce import Nodes
 from .faces import Faces, machined_faces
 from .marks import Marks
 
-_ALIKE_COS: Final = 0.9  # of the normals of neighbouring pixels on one face
-_DARK: Final = 0.004  # of radiance: less has no highlight that a factor could be taken of
+_ALIKE_COS: Final = 0.9  # least cosine between the normals of neighbouring pixels on one face
+_DARK: Final = 0.004  # radiance below which there is no highlight to scale
 _FACTOR: Final = (0.3, 3.0)
 _SOURCE_COUNT: Final = 4  # points of a lamp that light up the nodes
-_APART_MM: Final = (17.3, 31.7)  # of the places in the tables where faces begin, face by face
+_APART_MM: Final = (17.3, 31.7)  # offset from face to face of its place in the tables
 _CHUNK: Final = 60_000  # pixels at a time
 
 

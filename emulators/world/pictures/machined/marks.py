@@ -15,14 +15,14 @@ from ..geometry import Array32
 
 _SIDE: Final = 1024
 MARK_MM: Final = 0.15  # pitch of the finest tool marks
-MARK_LONG_MM: Final = 4.0  # how long one stays the same
-FEED_MM: Final = 0.6  # of coarser ones, one for each pass of the tool
+MARK_LONG_MM: Final = 4.0  # length over which a mark stays the same
+FEED_MM: Final = 0.6  # pitch of coarser marks, one for each pass of the tool
 FEED_LONG_MM: Final = 25.0
 MARK_TILT: Final = 0.045  # slope of their flanks, root mean square
 FEED_TILT: Final = 0.025
 MARK_ALBEDO: Final = 0.02
 SPARKLE_MM: Final = 0.25
-SPARKLE_SHARE: Final = 0.004  # of all places
+SPARKLE_SHARE: Final = 0.004  # share of all places
 SPARKLE_TILT: Final = 0.2
 SPARKLE_GLOSS: Final = 3.0
 DUST_MM: Final = 0.1
@@ -31,8 +31,8 @@ DUST_RADIUS_MM: Final = (0.06, 0.22)
 DUST_ALBEDO: Final = (0.25, 0.85)
 OIL_MM: Final = 0.4
 OIL_PATCH_MM: Final = 8.0
-OIL_SHARE: Final = 0.25  # of a face
-OIL_GLOSS: Final = 1.6  # times as high a highlight where the film is full
+OIL_SHARE: Final = 0.25  # share of a face
+OIL_GLOSS: Final = 1.6  # factor of the highlight where the film is full
 OIL_SHINE: Final = 1.8
 OIL_ALBEDO: Final = 0.90
 
