@@ -19,12 +19,13 @@ from ..large import spans
 from ._hull import Hull
 from ._topple import Landscape
 
-SMOOTH_RAD = np.radians(31.0)  # a circle of twelve corners and more
+# Largest turn between strips of one curve: a circle of twelve corners or more.
+SMOOTH_RAD = np.radians(31.0)
 PLANE_RATIO = 4.0  # a plane is this many times larger than the strips it runs into
-WIDE_RATIO = 25.0  # and this many, if a curve over it would hardly bulge: strips differ in width
+WIDE_RATIO = 25.0  # the same ratio if a curve over it would hardly bulge: strips differ in width
 # Share of the greatest height; a smaller bulge does not tell a plane from a strip.
 FINE_SHARE = 3e-4
-BULGE_MARGIN = 1.5  # tessellations are uneven
+BULGE_MARGIN = 1.5  # factor on bulges, since tessellations are uneven
 BULGE_CAP_MM = 0.5  # a deeper hollow counts as a pose, whatever curve it is part of
 LARGE_MM = 100.0  # a part reaching further is tessellated, and rolls, in proportion
 NARROW_RAD = np.radians(10.0)  # strips that hold the part this near to the lowest are one balance

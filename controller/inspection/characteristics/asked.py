@@ -124,7 +124,7 @@ def _found(
     index: int,
     tolerance_class: ToleranceClass,
 ) -> list[int]:
-    """Return the indices of the known characteristics an entry means; a new distance is added."""
+    """Return the indices of the known characteristics an entry means; it may add a distance."""
     if asked.faces:
         return _by_faces(solid, known, asked, index, tolerance_class)
     if asked.p_part_mm is not None:

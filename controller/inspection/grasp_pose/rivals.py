@@ -117,7 +117,7 @@ def _turned(views: Sequence[OutlineView], part: PosedPart, axis: int) -> list[Ou
 
 
 def _offs(fit: GraspPose) -> list[tuple[FloatArray, float]]:
-    """Return the offsets of outlines, lost points counted, faces not moved; and px a point."""
+    """Return the offsets of outlines with lost points counted, faces unmoved; and px a point."""
     out = []
     for view in fit.views:
         off = np.nan_to_num(np.abs(view.gap_px[view.judged]), nan=LOST_PX)

@@ -34,7 +34,7 @@ class OutOfReachError(NoPlanError):
         self.where = where
 
     def __reduce__(self) -> tuple[object, ...]:
-        """Support pickling: an exception is rebuilt from its positional arguments."""
+        """Pickle hook: an exception is rebuilt from its positional arguments."""
         return _out_of_reach, (str(self), self.reach_mm, self.limit_mm, self.where)
 
 

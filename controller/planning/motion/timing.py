@@ -91,6 +91,6 @@ def tube_bound_mm(layout: CellLayout, step: FloatArray, radii_mm: FloatArray) ->
 
 
 def _corners(layout: CellLayout, q: FloatArray) -> FloatArray:
-    """Return points (..., m, 3) for gripper and part, as far out as either."""
+    """Return points (..., m, 3) that bound gripper and part."""
     T = tcp_pose(layout, q)
     return np.asarray(T[..., None, :3, 3] + _OUT_MM @ np.swapaxes(T[..., :3, :3], -1, -2))

@@ -220,7 +220,7 @@ def make_edge_costs(
 
 
 def worthwhile(costs: EdgeCosts, part: PreparedPart, grasps: Sequence[int]) -> BoolArray:
-    """Return the elements (m,) that views under some grasps show before they add too little.
+    """Return the elements (m,) that worthwhile views under some grasps show.
 
     The views are taken greedily, what adds most first, down to `PlanOptions.least_gain`. Elements
     already seen are among them.
@@ -250,7 +250,7 @@ def worthwhile(costs: EdgeCosts, part: PreparedPart, grasps: Sequence[int]) -> B
 def _squares(
     part: PreparedPart, views: Sequence[IntArray]
 ) -> tuple[IntArray, tuple[BoolArray, ...]]:
-    """Return the main planar faces (f,), and per grasp which of its views shows which squarely."""
+    """Return the main planar faces (f,), and per grasp a mask of its square views of each."""
     square_to = part.directions.square_to
     main = [
         (v, int(f))

@@ -23,7 +23,7 @@ _LP_ROUNDS = 12
 _LP_GROW = 120
 _SCALES = (1.0, 0.9, 0.8, 0.7, 0.6, 0.5)
 _LOOK = 16  # turns between checks of the progress
-_LEAN = 4.0  # fractions move this much more than costs: costs have few and large values
+_LEAN = 4.0  # step of fractions relative to that of costs, which have few and large values
 _U_STEPS = np.float32(1 << 14)  # costs on elements are multiples of this part of a unit
 _X_STEPS = np.float32(1 << 12)
 

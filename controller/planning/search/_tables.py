@@ -136,7 +136,7 @@ def hard_elements(rows: BoolArray, missing: BoolArray, most: int) -> list[int]:
 
 
 def learn_core(tables: Tables, sets: Sequence[IndexArray]) -> list[int]:
-    """Return the elements that decide: covers of these, by some sets of grasps, cover all."""
+    """Return the deciding elements: sets of grasps that cover these cover all elements."""
     core: list[int] = []
     for members in sets:
         rows = np.concatenate([tables.rows[g] for g in members])

@@ -46,7 +46,7 @@ def look_wider(
     library: Library,
     limits: SearchLimits,
 ) -> tuple[Region, list[Candidate], list[Hypothesis]]:
-    """Return a thing as it may be, its edges' proposals, and the likely hypotheses, best first.
+    """Return a wider cutout of a thing, its edges' proposals, and the likely hypotheses.
 
     Parameters
     ----------

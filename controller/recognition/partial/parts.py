@@ -27,7 +27,7 @@ BURIED_SHARE = 0.02  # least share of the smaller shadow
 BURIED_CELLS = 6
 PART_COST = 24  # outline points of the cluster, about 6 mm, that another part must explain
 ABOUT_PX = 8.0  # outside a part's outline, what its own would have been found in
-LEFT_CELLS = 1.5  # half the width in cells of a rest that counts when all is explained
+LEFT_CELLS = 1.5  # half the least width, in cells, of an unexplained rest
 
 
 @dataclass(frozen=True, slots=True)
