@@ -489,7 +489,7 @@ class Cell:
 
     @property
     def supply_changes(self) -> tuple[SupplyChange, ...]:
-        """When the arm's motors lost their supply or got it back, the last times."""
+        """The last times at which the arm's motors lost their supply or got it back."""
         return tuple(self._supply_changes)
 
     def tick(self) -> None:

@@ -203,7 +203,7 @@ class _Draw:
         return vector
 
     def moved(self, T: Array, by_mm: float, by_deg: float) -> Array:
-        """Return a pose moved by up to so much, turned about its own origin."""
+        """Return a pose moved by up to a limit, and turned about its own origin."""
         moved = T.copy()
         moved[:3, :3] = _turned(self.ball(math.radians(by_deg))) @ T[:3, :3]
         moved[:3, 3] += self.ball(by_mm)

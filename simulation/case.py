@@ -39,7 +39,7 @@ REST_S: Final = 4.0  # time from the last end to the check of the world
 
 @dataclass(frozen=True, slots=True)
 class Kill:
-    """When a controller is killed.
+    """The time at which a controller is killed.
 
     Attributes
     ----------
@@ -158,7 +158,7 @@ def run_case(case: Case, folder: Path | None = None) -> Ended:
 
 
 def _memory() -> Path | None:
-    """Return a folder in memory, where there is one: the journal syncs often."""
+    """Return a folder in memory, if there is one: the journal syncs often."""
     shm = Path("/dev/shm")  # nosec B108: the folder in it is made by mkdtemp
     return shm if shm.is_dir() else None
 
@@ -332,7 +332,7 @@ class _Run:
         self.watch.stopped(frozenset(unconfirmed))
 
     def _arm_faults(self, controller: Controller) -> None:
-        """Have the case's faults befall the first controller."""
+        """Cause the case's faults during the first controller."""
         if self.case.fault is None or self.ended.ends:
             return
         name, state = self.case.fault

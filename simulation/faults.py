@@ -211,7 +211,7 @@ class Cause:
         fault: Fault,
         then: Callable[[], None] = lambda: None,
     ) -> None:
-        """Let a fault befall the cell soon after a controller enters a state for the first time.
+        """Cause a fault soon after a controller enters a state for the first time.
 
         Parameters
         ----------
@@ -242,7 +242,7 @@ class Cause:
     async def _while_standing(
         self, fault: Fault, then: Callable[[], None], controller: Controller
     ) -> None:
-        """Let a fault befall a cell whose arm stands with the part in its gripper."""
+        """Cause a fault while the arm stands with the part in its gripper."""
         world, left = self.cell.cell.world, self.rng.randint(0, MOST_STANDS)
         since: float | None = None
         while True:

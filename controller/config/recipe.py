@@ -169,7 +169,7 @@ def load_recipe(path: Path, draft: str | None = None) -> Recipe:
 
 
 def _united(part: Path, where: str) -> Path:
-    """Return the name of a part that is all bodies of its file; raise ConfigError for no STEP."""
+    """Return the name of a part of all its file's bodies; ConfigError unless a STEP file."""
     source = split_cad(part)
     if source.ending not in STEP_FORMATS or source.body not in (None, EVERY):
         raise ConfigError(

@@ -38,7 +38,7 @@ class GripperMonitor:
 
     Attributes
     ----------
-    grasp : the last grasp, whose part must stay; None where nothing is gripped
+    grasp : the last grasp, whose part must stay; None if nothing is gripped
     latest : the last reading
     lost : set once a reading shows that the part of ``grasp`` is gone
     """

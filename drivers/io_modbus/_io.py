@@ -123,7 +123,7 @@ class CellIo:
     def blind_look(self) -> BlindLook | None:
         """Return a reading of emergency stop, door and supply, for the supervisor to make.
 
-        None where the line has no room for a second reader. A look feeds the block's watchdog, so
+        None if the line has no room for a second reader. A look feeds the block's watchdog, so
         whoever looks has `blind_stop` as well, and does not go on looking after that.
         """
         guards = tuple(c.channel for c in self.config.inputs if c.name in GUARDS)

@@ -22,7 +22,7 @@ class MotorWatchdog(Protocol):
 
     Attributes
     ----------
-    watchdog_s : silence after which it does [cell s]; None where the cell has it not wired
+    watchdog_s : silence after which it does [cell s]; None if the cell has it not wired
     """
 
     @property

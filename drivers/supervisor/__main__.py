@@ -40,7 +40,7 @@ class Supervisor:
     ----------
     control : socket to the controller
     signals : socket with a byte per signal
-    listening : for people's programs; None where there is none
+    listening : for people's programs; None if there is none
     """
 
     def __init__(

@@ -77,7 +77,7 @@ class UmiScara:
     clock : the cell's clock
     trace : called with every exchange on the wire; the logger ``cellctl.wire.arm`` has them, too
     tap : of the line, None for none
-    line : path of the serial line, where a function opens it; None where it is no serial line
+    line : path of the serial line, where a function opens it; None if it is no serial line
 
     Attributes
     ----------
@@ -142,7 +142,7 @@ class UmiScara:
         """Return the dead stop of both IPs in bytes, for the supervisor to send.
 
         Stop, hand over, stop (§1.4, §2.3), several times: nobody sees whether it was understood. An
-        even number, so that the line is as it was. None where the line is no serial port's.
+        even number, so that the line is as it was. None if the line is no serial port's.
         """
         if self._line is None:
             return None

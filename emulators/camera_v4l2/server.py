@@ -175,7 +175,7 @@ class CameraServer:
 
 
 def query_node(path: str) -> None:
-    """Query a node's capabilities as a client would, which raises OSError where it has none.
+    """Query a node's capabilities as a client would, which raises OSError if it has none.
 
     Safe in the server's own process, which a mapping would not be: opening, asking (into a
     bytearray) and closing all let go of the interpreter's lock.

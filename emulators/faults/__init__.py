@@ -1,4 +1,4 @@
-"""Everything that may befall an emulated cell, as verbs: causes of faults, and the truth.
+"""All faults of an emulated cell, as verbs: causes of faults, and the truth.
 
 `Verbs` carries them out on a cell, in the process where it lives or from a control port; a script
 gives them beforehand, drawn from a seed. The table of all verbs is docs/emulator-faults.md. The

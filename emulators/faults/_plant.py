@@ -87,7 +87,7 @@ class Installation(Protocol):
 
 
 class Plant(Protocol):
-    """A cell that faults befall.
+    """A cell in which faults are caused.
 
     Attributes
     ----------

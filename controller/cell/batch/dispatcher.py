@@ -58,7 +58,7 @@ class Outcome:
     message : what happened, for the operator; empty when all went well
     code : stable short name of what happened, as in the manual
     where : where the part is
-    step : in which it happened; empty where no action ended in it
+    step : in which it happened; empty if no action ended in it
     """
 
     end: End
@@ -116,7 +116,7 @@ class Dispatcher:
     standstill : knows what moves first when a pause ends
     first : returns what the ready cell begins with
     on_alarm : called with each event that raises an alarm; must return at once
-    signals : returns which inputs of the I/O block are OK, None where nobody knows; for the status
+    signals : returns which inputs of the I/O block are OK, None if nobody knows; for the status
     """
 
     def __init__(

@@ -19,9 +19,9 @@ class Papers:
     Attributes
     ----------
     serials : of the parts, in the order they are worked on
-    part_temperature_c : None where nobody measured it
+    part_temperature_c : None if nobody measured it
     listed : label of each part of a list, with the number of its recipe
-    counted_from : first of the serial numbers that are counted up; empty where none are
+    counted_from : first of the serial numbers that are counted up; empty if none are
     is_read : serial numbers are read off the parts
     """
 

@@ -315,7 +315,7 @@ def refuse(
     journal : of the cell
     message, code : why
     where : the part is, or what has not moved, as a sentence
-    custody : which gripper may have a part; None where nobody has looked
+    custody : which gripper may have a part; None if nobody has looked
     """
     key = "" if custody is None else custody.key.upper()
     journal.write(

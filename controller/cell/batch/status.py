@@ -19,17 +19,17 @@ class CellStatus:
     label : what is being done, for people
     step, step_count : of the plan, from 1; 0 without one
     custody : which gripper, tray or table has the part
-    remaining_s : of the plan [cell s]; None where nobody knows
+    remaining_s : of the plan [cell s]; None if nobody knows
     message : of the last fault or problem
     alarm : its number and words; empty without one
     point : the safe point at which the cell stands
     wanted : the pause that is wanted and not reached yet
     pause_s : how long each kind of pause takes to begin, at most [cell s]
-    first : what moves first when the pause ends; None where nothing is paused
+    first : what moves first when the pause ends; None if nothing is paused
     barred : what has to be done before a resume is taken; empty if nothing
     recipe, serial : of the part at hand; empty before it was recognised, or where it has none
     done : by recipe, parts done and parts ordered
-    signals : inputs of the I/O block by name: whether each is OK, None where nobody knows
+    signals : inputs of the I/O block by name: whether each is OK, None if nobody knows
     """
 
     at_s: float

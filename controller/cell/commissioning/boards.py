@@ -45,7 +45,7 @@ PLATE_FORCE: Final = 30  # MAX_FORCE of the jaws; it has no unit (umi_rtx.md 5.6
 
 
 def board_file(bench: Bench, name: str) -> Path:
-    """Return the file of a board: that in `boards` of the commissioning's folder, else the shipped.
+    """Return the file of a board: in the commissioning's folder `boards`, else the shipped one.
 
     Parameters
     ----------

@@ -44,7 +44,7 @@ class Evidence:
         ----------
         name : what it is of
         value, unit : measured
-        uncertainty : standard uncertainty; None where nobody worked it out
+        uncertainty : standard uncertainty; None if nobody worked it out
         low, high : limits, None for none
         """
         figure = Figure(

@@ -48,7 +48,7 @@ class Person:
     ----------
     operator : gives the answers
     evidence : keeps them
-    helper : does errands in an emulated cell; None where a person does
+    helper : does errands in an emulated cell; None if a person does
     """
 
     def __init__(

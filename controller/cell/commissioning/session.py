@@ -86,7 +86,7 @@ class Session:
     emulated : what the emulator reported of itself; empty without one
     clock : of the cell
     operator : answers for a person
-    helper : does errands in an emulated cell; None where a person does
+    helper : does errands in an emulated cell; None if a person does
     show : takes a line for whoever watches
     build : returns the drivers, given cell, addresses and clock
     callers : whose orders to stop the supervisor takes while the event loop is late

@@ -115,7 +115,7 @@ class Visit:
     ----------
     order : what to run
     operator : answers for a person
-    helper : does errands in an emulated cell; None where a person does
+    helper : does errands in an emulated cell; None if a person does
     evidence : keeps what is found
     build : returns the drivers, given cell, addresses and clock
     callers : whose orders to stop the supervisor takes while the event loop is late

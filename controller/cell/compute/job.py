@@ -38,7 +38,7 @@ class Job:
 
     Attributes
     ----------
-    batch : all recipes of a batch of several, in its order; empty where the recipe is alone
+    batch : all recipes of a batch of several, in its order; empty if the recipe is alone
     """
 
     recipe_path: Path

@@ -25,7 +25,7 @@ class Order(_Body):
 
 
 class PauseOrder(Order):
-    """When to pause: after this step, at the next safe point, now."""
+    """The time of a pause: after this step, at the next safe point, now."""
 
     kind: Literal["step", "safe", "now"] = "safe"
 
@@ -107,7 +107,7 @@ class StatusReply(_Body):
     """The cell's status; durations are cell seconds, null if unknown.
 
     `at_s` is the cell's clock; only differences of it mean something. `signals` are the inputs of
-    the I/O block by name: whether each is OK, null where nobody knows. `barred` is what has to be
+    the I/O block by name: whether each is OK, null if nobody knows. `barred` is what has to be
     done before a resume is taken, such as to close a door; empty if nothing. `recipe` and `serial`
     are of the part at hand, empty before it was recognised or where it has none; `done` is how many
     parts of each recipe are done, and how many were ordered.

@@ -56,7 +56,7 @@ class JournalLostError(CellError):
 
 @dataclass(frozen=True, slots=True)
 class _Note:
-    """That a journal records a cell.
+    """A note that a journal records a cell.
 
     Attributes
     ----------
@@ -64,7 +64,7 @@ class _Note:
     journal : the file
     began : what the first row of its latest run says of the cell; None if the note is unreadable
     order_us : of that run
-    head : its last secured row; None where that is not known
+    head : its last secured row; None if that is not known
     flaw : why the note cannot be read; empty if it can
     """
 

@@ -48,7 +48,7 @@ async def require_empty_grippers(
     journal : records the openings, and the operator's statement or the refusal
     press : closes the arm gripper a little further and returns whether something is in it
     is_part_removed : the operator states that no gripper holds anything
-    why : the cell does not go on with the part by itself; empty where it was not to
+    why : the cell does not go on with the part by itself; empty if it was not to
 
     Raises
     ------

@@ -42,7 +42,7 @@ class Holder:
     host : the computer it is on
     pid : its process
     since : when it took the lock, UTC
-    control : its control socket; empty where it serves none
+    control : its control socket; empty if it serves none
     """
 
     run: str

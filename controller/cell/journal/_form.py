@@ -64,7 +64,7 @@ class Row:
 
     @property
     def cell_s(self) -> float | None:
-        """When it was written by the cell's clock [cell s]; good for differences within a run.
+        """The time of writing by the cell's clock [cell s]; good for differences within a run.
 
         None for rows from before the devices had a clock, and for those that only list texts.
         """

@@ -132,7 +132,7 @@ class Journal:
             self._append(entry)
 
     def write(self, row: Body, part: int | None = None) -> int:
-        """Append a row that survives the death of the process; return its number, 0 if not yet."""
+        """Append a row that survives the death of the process; return its number, 0 if pending."""
         return self.record(row.kind, name_of(row), self._body(row), part)
 
     async def write_secured(self, row: Body, part: int | None = None) -> int:

@@ -75,7 +75,7 @@ def why_not_back(proven: ProvenMove | None) -> str:
 
     Parameters
     ----------
-    proven : what the proof found; None where there was none
+    proven : what the proof found; None if there was none
     """
     person = "the arm stands beside the path that the journal says it was sent along"
     if proven is None:

@@ -47,7 +47,7 @@ class Case:
     custody : where the part is
     opens, leaves : what has to be done first
     holds_as_expected : the arm gripper holds it by the grasp that was expected, not by the last one
-    done : of the unresolved intent; None where there is none
+    done : of the unresolved intent; None if there is none
     evidence : sentences
     person : why a person has to look; empty if the cell can go on
     was : where the journal had the part last

@@ -97,7 +97,7 @@ class Interrupted:
 
     @property
     def recipe(self) -> rows.RecipeOrdered:
-        """That recipe."""
+        """The recipe of the part."""
         return self.began.ordered[self.recipe_number]
 
     @property

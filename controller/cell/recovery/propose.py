@@ -54,14 +54,14 @@ class Proposal:
     left : what the journal knows
     case : what is so
     q : (6,) where the arm stands; empty if that is not known
-    leaving : by which the arm leaves; None where the case calls for a person
+    leaving : by which the arm leaves; None if the case calls for a person
     custody : where the part is once the arm has left
     steps : in words, in order
     first_motion : the first motion of the arm, in words
     is_proven : the cell may go on by itself
     person : why a person has to look instead; empty if the cell can go on
-    homing : the arm homes first, with what its gripper holds; None where it knows where it is
-    look : what a person has to see before they accept; empty where nothing
+    homing : the arm homes first, with what its gripper holds; None if it knows where it is
+    look : what a person has to see before they accept; empty if nothing
     """
 
     left: Interrupted

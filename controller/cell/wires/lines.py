@@ -36,7 +36,7 @@ class Difference:
     ----------
     wire : on which it was sent
     at_s : instant of the recorded one, on its cell's clock [s]
-    recorded, sent : their bytes; None where there was no further request
+    recorded, sent : their bytes; None if there was no further request
     recorded_words, sent_words : what they were sent for
     after_row : number, kind and name of the journal's row that came before, in the recorded run
     """
@@ -116,7 +116,7 @@ class Tape:
         Parameters
         ----------
         wire : on which it is
-        row : of the recorded request; None where there is none
+        row : of the recorded request; None if there is none
         recorded, sent : bytes
         words : what was recorded, what came instead
 

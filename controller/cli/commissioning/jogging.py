@@ -33,7 +33,7 @@ class JogOptions:
     emulated : options of the emulated cell
     as_json : print JSON lines
     name : of the command
-    takes : what the order `take` takes; empty where it takes nothing
+    takes : what the order `take` takes; empty if it takes nothing
     """
 
     cell_path: Path
@@ -92,7 +92,7 @@ def run_jog(
     ----------
     options : of the command line
     cell : as its file has it
-    accept : returns why a position cannot be taken, empty where it can; None takes none
+    accept : returns why a position cannot be taken, empty if it can; None takes none
     """
     with entered(
         options.emulated, options.cell_path, cell, options.runs_dir, options.name

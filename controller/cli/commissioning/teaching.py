@@ -55,7 +55,7 @@ class Change:
     ----------
     words : what was taken, for people
     text : of the cell file, for the checks without the trays' new hash
-    trays : the calibration to write first; None where the cell file alone changes
+    trays : the calibration to write first; None if the cell file alone changes
     """
 
     words: str

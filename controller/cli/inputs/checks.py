@@ -12,7 +12,7 @@ from controller.config import Cell, ConfigError, split_cad
 
 MIN_FREE_BYTES = 200_000_000  # pictures of a part with many views take 60 MB, and the journal grows
 MAX_NAMED = 12  # missing files that a message lists
-MAX_SOCKET_NAME_BYTES = 100  # of a unix socket's path; the system allows 107
+MAX_SOCKET_NAME_BYTES = 100  # longest path of a unix socket; the system allows 107
 Place = tuple[float, float, float]  # x [mm], y [mm], theta [deg]
 
 

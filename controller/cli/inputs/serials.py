@@ -22,7 +22,7 @@ class SerialOptions:
     Attributes
     ----------
     serials : given one by one
-    counted_from : the first of numbers that are counted; None where none are
+    counted_from : the first of numbers that are counted; None if none are
     goes_on : counting goes on after the last number that an earlier run gave
     is_read : each is read off its part
     """

@@ -188,7 +188,7 @@ def run_recipe(options: RunOptions) -> int:
 
 
 def _asked(options: RunOptions) -> _Asked:
-    """Read a command line's files, and check first what is quick to check.
+    """Return the request of a command line, checked; quick checks come first.
 
     Raises
     ------

@@ -124,7 +124,7 @@ def print_result(
     result : how the run ended, and its parts
     run_id : its name
     report : file of its report, None if it could not be written
-    takt : what the arm's time went into; None where nobody knows
+    takt : what the arm's time went into; None if nobody knows
     as_json : print one JSON object instead of sentences
     """
     good = result.outcome.end == "complete" and all(part.tray == "accept" for part in result.parts)

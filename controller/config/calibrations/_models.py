@@ -90,7 +90,7 @@ class CameraCalibration(Calibration):
     K : pixels
     distortion : OpenCV's k1 k2 p1 p2 k3
     blur_px : standard deviation of an edge's blur
-    gain : in the driver's own steps; None where the camera has no such control
+    gain : in the driver's own steps; None if the camera has no such control
     """
 
     kind: Literal["camera"] = "camera"

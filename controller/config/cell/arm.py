@@ -119,7 +119,7 @@ class UmiSection(ArmSection):
     park_zed_mm : zed where the arm waits, below the noisy last counts under its top stop
         (umi_rtx.md 5.2)
     column_pose : of the column's box in the world, once the base that it stands on was measured;
-        None where it stands as drawn
+        None if it stands as drawn
     """
 
     upper_mm: Length

@@ -88,7 +88,7 @@ class StationSection(Section):
 
 
 class LightSection(Section):
-    """The light of a lamp: its origin.
+    """The light of a lamp, by the place it comes from.
 
     Attributes
     ----------

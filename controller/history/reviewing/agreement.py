@@ -55,7 +55,7 @@ class Reviewed:
 
     Attributes
     ----------
-    face : its label; empty where a finding lies on no face
+    face : its label; empty if a finding lies on no face
     false_alarms : of those that a person named
     unnamed : findings that nobody named
     """

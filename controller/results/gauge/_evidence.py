@@ -49,7 +49,7 @@ class KeptStudy:
 
     Attributes
     ----------
-    worst_percent : the largest share of a tolerance; None where there is none
+    worst_percent : the largest share of a tolerance; None if there is none
     """
 
     path: Path

@@ -26,7 +26,7 @@ class Header:
     calibration : what of the cell's calibrations did not count, in sentences; None if unknown
     software : versions by name
     start, end : UTC
-    part_temperature_c : None where nobody measured it
+    part_temperature_c : None if nobody measured it
     run_id : empty for pictures that no run took
     emulated_devices : not empty: no production result
     cell_settings : the cell as it was read, whole

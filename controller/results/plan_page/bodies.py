@@ -219,7 +219,7 @@ def make_stage(bodies: Sequence[Body], part: Body | None, T_world_part: FloatArr
     Parameters
     ----------
     bodies : all but the part, in the world [mm]
-    part : the part, in the world; None where none is shown
+    part : the part, in the world; None if none is shown
     T_world_part : (4, 4) its pose [mm], for finding its samples
     """
     every = (*bodies, *([part] if part else []))

@@ -32,7 +32,7 @@ class Panel:
     Attributes
     ----------
     marks : findings to box
-    bar_px : length of the scale bar, None where the scale is not known
+    bar_px : length of the scale bar, None if the scale is not known
     arrow : x0, y0, x1, y1, from a sighting's position in its direction
     border : SVG path round what differs, where it is known
     """

@@ -77,7 +77,7 @@ def render_parts(
     Parameters
     ----------
     parts : of one product
-    solid : its CAD model, for the drawings; None where it is not at hand
+    solid : its CAD model, for the drawings; None if it is not at hand
     on_paper : leave out what opens on demand
     """
     return _render(parts, lambda _: solid or NO_CAD, None, MAX_BYTES, on_paper=on_paper)
@@ -165,7 +165,7 @@ def _page(
 
 
 def _document(first: JudgedPart | None, record: RunRecord | None) -> str:
-    """Return what each page is headed by: product and run, or when pictures were judged."""
+    """Return the heading of each page: product and run, or the date of judging."""
     if record is not None:
         return f"Inspection report {record.recipe_name}, run {record.run_id}"
     assert first is not None  # a report without a run is of at least one part

@@ -66,7 +66,7 @@ class Shot:
 
     Attributes
     ----------
-    uri : data URI, empty where the picture is missing
+    uri : data URI, empty if the picture is missing
     why_missing : why it is missing
     window : x0, y0, x1, y1 of the cut-out in the picture as taken [px]
     gain : by how much it was brightened

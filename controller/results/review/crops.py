@@ -38,7 +38,7 @@ class Seen:
 
     Attributes
     ----------
-    image : (height, width) grey or (height, width, 3) blue first; None where there is none
+    image : (height, width) grey or (height, width, 3) blue first; None if there is none
     why_missing : why there is none
     """
 
@@ -52,8 +52,8 @@ class FindingCrops:
 
     Attributes
     ----------
-    file : of the picture, relative to the run's folder; empty where there is none
-    lamp : as in the cell file; empty where no picture is named
+    file : of the picture, relative to the run's folder; empty if there is none
+    lamp : as in the cell file; empty if no picture is named
     window : x0, y0, x1, y1 of the crops in it [px]; None without a picture
     """
 

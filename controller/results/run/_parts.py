@@ -73,7 +73,7 @@ class PartFold:
         Parameters
         ----------
         row : what it says
-        at : when it was written; None where that is no matter
+        at : when it was written; None if that is no matter
         """
         if at is not None:
             if isinstance(row, rows.PartReviewed):

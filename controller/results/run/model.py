@@ -193,7 +193,7 @@ class CharacteristicReport:
     balloon : its number on the drawing and in the table
     lower, upper : limits of the value itself
     source : where the limits come from
-    measured, U : value and expanded uncertainty (k = 2); None where it was not evaluated
+    measured, U : value and expanded uncertainty (k = 2); None if it was not evaluated
     verdict : pass, fail, indeterminate or not evaluated
     reason : why it stays open, or which limit it is beyond
     anchors_mm, axis : where it is measured, CAD frame, and the axis of the hole or boss, or the
@@ -236,11 +236,11 @@ class ViewReport:
     Attributes
     ----------
     pictures : file by lamp, relative to the run's folder
-    evaluated : None where the run ended before the view was judged
+    evaluated : None if the run ended before the view was judged
     reason : why it was not evaluated
     shift_mm, turn_deg, residual_px : measured pose from the expected one; None if unknown
     outline_px : every third border pixel of the prediction
-    T_world_part : (4, 4) the pose measured; empty where it is not known
+    T_world_part : (4, 4) the pose measured; empty if it is not known
     """
 
     view_id: str
@@ -366,13 +366,13 @@ class PartReport:
     custody : the last one in the journal
     unconfirmed : what was begun and never confirmed; where not empty, `custody` may be out of date
     resumed : the interrupted run that the part was taken over from; None for a part of this run
-    followed : what a later run says became of it; None where none says so
+    followed : what a later run says became of it; None if none says so
     is_counted : this is the part's record; else another run has it, or will have
     tray : the one it was placed in; None if it was not placed
-    nest : of the tray, from 1; None where its parts are not counted
+    nest : of the tray, from 1; None if its parts are not counted
     characteristics : in the order of their balloons
     start, end : times of its first and its last row
-    identified : which of the run's recipes it is of, and its number; None where nothing says so
+    identified : which of the run's recipes it is of, and its number; None if nothing says so
     left : parts that could not be taken as they lay, before this one was
     reviews : persons' verdicts, oldest first; the last one counts, as a whole
     """
@@ -425,9 +425,9 @@ class LogEntry:
     Attributes
     ----------
     body : as the journal keeps it
-    row : its model; None where this version does not know or cannot read such a row
+    row : its model; None if this version does not know or cannot read such a row
     flaw : why it cannot be read; empty otherwise
-    cell_s : when it was written, by the cell's clock [cell s]; None where it does not say
+    cell_s : when it was written, by the cell's clock [cell s]; None if it does not say
     """
 
     seq: int
@@ -486,9 +486,9 @@ class RunRecord:
     first_broken_row : number of the first journal row whose hash does not fit; None if all fit
     files : sha256 of recipe, cell file and CAD files, by path
     operator, lot, serials, part_temperature_c : as given with the order; may be empty or None
-    calibration : what of the cell's calibrations did not count; None where the journal is older
+    calibration : what of the cell's calibrations did not count; None if the journal is older
         than they are
-    dry : the steps of a dry run; None where the run was to inspect parts
+    dry : the steps of a dry run; None if the run was to inspect parts
     ordered_recipes : all recipes of the run, at least one; `recipe` is the first
     """
 

@@ -104,7 +104,7 @@ def prove_run(runs_dir: Path, run: str | None = None, head: str | None = None) -
 
 
 def stored_files(found: Sequence[Row]) -> dict[str, tuple[str, int]]:
-    """Return by file the SHA-256 that was written last, and the number of its row."""
+    """Return each file's last SHA-256 in the journal, and the number of its row."""
     stored: dict[str, tuple[str, int]] = {}
     for row in found:
         if is_of(row, rows.FilesStored):

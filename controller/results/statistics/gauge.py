@@ -27,7 +27,7 @@ class GaugeStudy:
 
     Attributes
     ----------
-    repeatability, setup, interaction, part : variances; the interaction is None where it is not
+    repeatability, setup, interaction, part : variances; the interaction is None if it is not
         more than scatter
     grr_percent : of the whole spread of the study
     tolerance_percent : six standard deviations of the gauge, of the tolerance; None without one

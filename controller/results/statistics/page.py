@@ -114,7 +114,7 @@ def _charts(series: Series) -> tuple[str, str]:
 
 
 def _marks(signals: Sequence[NelsonSignal]) -> dict[int, str]:
-    """Return by index the numbers of the rules that a value breaks."""
+    """Return the numbers of the rules that each value breaks, by its index."""
     rules: dict[int, set[int]] = {}
     for signal in signals:
         rules.setdefault(signal.at, set()).add(signal.rule)

@@ -32,7 +32,7 @@ class StampSource(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Stamp:
-    """When a frame was taken.
+    """The instant at which a frame was taken.
 
     Attributes
     ----------

@@ -26,7 +26,7 @@ class Device:
         self._fd = calls.open(path)
 
     def close(self) -> None:
-        """Close the node; the object is of no more use."""
+        """Close the node; the object cannot be used again."""
         self._calls.close(self._fd)
 
     def readiness_fd(self) -> int:

@@ -46,7 +46,7 @@ Guard = Callable[[], None]
 
 
 class _StopFirstError(Exception):
-    """A stop waits for the line; the request has had no effect and begins anew."""
+    """A stop waits for the line; the request has had no effect and is sent again."""
 
 
 def _heals(error: DeviceError) -> bool:

@@ -52,7 +52,7 @@ class WireExchange:
     Attributes
     ----------
     at_s : instant of the request [cell s]
-    ip : the IP that is taken to listen; None where that is unknown
+    ip : the IP that is taken to listen; None if that is unknown
     reply : all bytes received, in error too; empty when none came
     """
 
@@ -145,7 +145,7 @@ class Wire:
 
     Attributes
     ----------
-    listening : the IP that hears the next request; None where that is unknown
+    listening : the IP that hears the next request; None if that is unknown
     last_request : the request sent last
     owes_reply : a reply that timed out may still come
     suspect : the bytes of the last reply that made no sense

@@ -1,4 +1,4 @@
-"""When frames are exposed: the sensor's rhythm, as arithmetic on world time."""
+"""The exposure times of frames: the sensor's rhythm, as arithmetic on world time."""
 
 import math
 from collections.abc import Callable

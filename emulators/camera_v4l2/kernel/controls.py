@@ -173,7 +173,7 @@ class ControlBank:
         return self._controls[cid]
 
     def check(self, cid: int, value: int, beside: Mapping[int, int] | None = None) -> int:
-        """Return the value that a client's request is changed to by uvcvideo's rules.
+        """Return the value set for a client's request, by uvcvideo's rules.
 
         Parameters
         ----------

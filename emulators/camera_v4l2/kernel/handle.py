@@ -23,7 +23,7 @@ class ClientMemory(Protocol):
     """The client's address space, for the few ioctls whose structs hold pointers."""
 
     def fetch(self, address: int, size_bytes: int) -> bytes:
-        """Return the bytes at an address; raises `Refused` (EFAULT) where there are none."""
+        """Return the bytes at an address; raises `Refused` (EFAULT) if there are none."""
 
     def store(self, address: int, data: bytes) -> None:
         """Write bytes to an address; raises `Refused` (EFAULT) where that is not allowed."""

@@ -56,7 +56,7 @@ class JogOrder:
     ----------
     verb : what it does
     what : which motor, joint, direction, gripper or lamp
-    amount : mm, degrees, percent or a number; None where none was given
+    amount : mm, degrees, percent or a number; None if none was given
     sign : of one step, where no amount was given
     """
 

@@ -88,7 +88,7 @@ class JogStep:
     Parameters
     ----------
     pilot : gives them
-    accept : returns why a position cannot be taken, empty where it can; None takes none
+    accept : returns why a position cannot be taken, empty if it can; None takes none
 
     Attributes
     ----------

@@ -17,7 +17,7 @@ class ReachedPose:
     ----------
     index, probability : of the stable pose
     pickable : share of places and turns of the drop area from which the part can be taken
-    covered : share of its surface that comes in sight; None where there is no plan
+    covered : share of its surface that comes in sight; None if there is no plan
     """
 
     index: int

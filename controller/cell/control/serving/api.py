@@ -36,7 +36,7 @@ class Endpoint:
     ----------
     method, path : of the request
     summary : what it does
-    takes : model of the request's body, None where it has none
+    takes : model of the request's body, None if it has none
     returns : model of the answer's body where the request was taken
     call : does it
     is_stop : whether it stops the cell, also by the supervisor while the event loop is late

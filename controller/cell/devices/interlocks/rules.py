@@ -15,7 +15,7 @@ GUARD: Final = "guard_closed"
 
 
 class Check(StrEnum):
-    """When a rule is checked."""
+    """The time at which a rule is checked."""
 
     ADMIT = "admit"
     """Before a motion of the arm or of jaws."""

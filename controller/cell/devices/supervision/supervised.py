@@ -55,7 +55,7 @@ class Supervised:
     clock_path : of its file, where it is shared; empty for the wall clock
     may_move : whether anything may move now
     on_stopped : called with a sentence once the supervisor has stopped the cell, or has ended
-    callers : may order a stop meanwhile; None where nobody can call
+    callers : may order a stop meanwhile; None if nobody can call
 
     Attributes
     ----------

@@ -228,7 +228,7 @@ class ViewJudged(Body):
 
 
 class LookFields(Fields):
-    """What one picture shows of a characteristic, with the edge points and the shape fitted."""
+    """The result of one picture for a characteristic, with the edge points and the shape fitted."""
 
     view: str
     lamp: str

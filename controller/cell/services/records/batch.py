@@ -29,7 +29,7 @@ class BatchRecord:
     ----------
     journal : of the run
     progress, on_progress : what the operator sees; called after each change of it
-    trays : what stands in them; None where nobody counts
+    trays : what stands in them; None if nobody counts
     products : of the batch, in the order given; none where no part is worked on
     """
 
@@ -139,7 +139,7 @@ class BatchRecord:
         Parameters
         ----------
         product : that it is of
-        serial, lot : of the part; empty where it has none
+        serial, lot : of the part; empty if it has none
         """
         part = self.part
         if (part.product, part.serial, part.lot) == (product, serial, lot):
@@ -237,7 +237,7 @@ class BatchRecord:
         recovery : the fault, and what is done about it
         words : what is done, for the operator
         source : the grasp or view that failed, as budgets name it; empty for none
-        code : of the fault's alarm; empty where nothing is wrong with the cell
+        code : of the fault's alarm; empty if nothing is wrong with the cell
         """
         part = self.part
         part.recoveries.append(recovery)

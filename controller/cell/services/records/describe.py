@@ -144,7 +144,7 @@ def view_row(
 def _faces_compared(
     results: Sequence[inspecting.ViewResult],
 ) -> tuple[tuple[int, int, int], ...]:
-    """Return (face, samples that some view compared, samples on it) of each face with some."""
+    """Return each face with samples: number, samples compared in some view, all samples."""
     of = results[-1].face_ids
     compared = merged([one.compared for one in results if len(one.compared) == len(of)])
     if compared is None:

@@ -91,19 +91,19 @@ class PartRecord:
     Attributes
     ----------
     product : which of the batch it is of; None until it was recognised
-    serial, lot : empty where it has none
+    serial, lot : empty if it has none
     scanned : serial number that was read off it before it was looked at
     pictures, picture_names : of the last look at the table
     look_count : how often the table was looked at
     seen : all that was on the table at the last look
     alternatives : what else it may be, by the pictures of the table
     neighbours : what else was on the table at the last look; it stays there
-    plan_ahead : made while the arm had the part before; None where there is none that holds
+    plan_ahead : made while the arm had the part before; None if there is none that holds
     plan, next_step : the plan being followed, and the number of its next step
     plan_count : how many plans were made
-    hold : how the arm gripper holds it, None where that is empty
+    hold : how the arm gripper holds it, None if that is empty
     hold_count : how often the arm gripper took it, or was about to
-    fixed_grasp : how the fixed gripper holds it, as measured; None where that is empty
+    fixed_grasp : how the fixed gripper holds it, as measured; None if that is empty
     pending : views whose results are not known yet
     unlearned : views of which nobody has asked yet where they show the part
     results : of all views, of earlier plans too

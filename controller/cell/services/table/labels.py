@@ -38,7 +38,7 @@ class LabelOrder:
     ----------
     in_order : of all parts, in the order they are worked on
     listed : of the parts of each recipe by its number, in their order
-    counted_from : the first of numbers that are counted up; empty where none are
+    counted_from : the first of numbers that are counted up; empty if none are
     is_read : each is read off its part before that is begun; must be listed where any are
     """
 
@@ -173,7 +173,7 @@ class Labels:
 
         Parameters
         ----------
-        serial : of the part that goes on in this run; empty where it has none
+        serial : of the part that goes on in this run; empty if it has none
         others : of the other parts of that run
         """
         done = set(others) - {serial}

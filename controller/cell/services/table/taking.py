@@ -150,7 +150,7 @@ class Taking:
         self.ahead.begin(self._next_of)
 
     async def _next_of(self, seen: tuple[SightingFields, ...]) -> tuple[int, Product] | None:
-        """Return which object left on the table comes next, with its product; None if unknown."""
+        """Return the next object left on the table, with its product; None if unknown."""
         record = self.record
         if self.labels.order.is_read:
             return None  # the next part comes alone, and its number is read

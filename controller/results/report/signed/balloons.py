@@ -54,7 +54,7 @@ class Balloon:
 
 @dataclass(frozen=True, slots=True)
 class Callout:
-    """What is measured at one place: a leader, and the balloons in a chain at its start.
+    """The measurements at one place: a leader, and the balloons in a chain at its start.
 
     Attributes
     ----------
@@ -163,7 +163,7 @@ def _places(
     views: Sequence[LineView],
     characteristics: Sequence[CharacteristicReport],
 ) -> list[_Place]:
-    """Return what is measured at one place together, in the order of the balloons."""
+    """Return the measurements grouped by place, in the order of the balloons."""
     together: dict[tuple[object, ...], list[CharacteristicReport]] = {}
     for c in characteristics:
         if any(_shows(c, SIDES[name]) for name in names):
@@ -183,7 +183,7 @@ def _places(
 
 
 def _shape(solid: Solid, c: CharacteristicReport, R: FloatArray, view: LineView) -> BaseGeometry:
-    """Return what a leader points at [mm of the part, y downwards]: a rim, a face, a distance."""
+    """Return the target of a leader [mm of the part, y downwards]: a rim, a face, a distance."""
     anchors = _flat(np.array(c.anchors_mm), R, solid)
     if c.kind == "radius":  # an arc's centre is off the part: its own face is pointed at
         is_of = np.isin(solid.face_of_triangle, c.faces)
@@ -227,7 +227,7 @@ def _rows(
     places: Sequence[_Place],
     scale: float,
 ) -> tuple[tuple[Side, ...], ...] | None:
-    """Return all sides at a scale, in rows; None where they or their balloons find no room."""
+    """Return all sides at a scale, in rows; None if they or their balloons find no room."""
     targets = [
         [None if s is None else shapely.transform(s, lambda xy: scale * xy) for s in place.shapes]
         for place in places

@@ -70,7 +70,7 @@ class Ring:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Placed:
-    """Where a leader begins and ends.
+    """The ends of a leader.
 
     Attributes
     ----------
@@ -88,12 +88,12 @@ class Placed:
 def arrange(
     rings: Sequence[Ring], targets: Sequence[Sequence[BaseGeometry | None]]
 ) -> tuple[Placed, ...] | None:
-    """Return the shortest leaders that do not cross, one a target; None where the room is short.
+    """Return the shortest leaders that do not cross, one a target; None if the room is short.
 
     Parameters
     ----------
     rings : of the views
-    targets : what each leader points at, once for each view; None where a view does not show it
+    targets : what each leader points at, once for each view; None if a view does not show it
     """
     along = np.concatenate([ring.slots for ring in rings])
     view_of = np.concatenate([np.full(len(r.slots), i) for i, r in enumerate(rings)])
@@ -126,7 +126,7 @@ def _lengths(ring: Ring, along: FloatArray, shapes: Sequence[BaseGeometry | None
 
 
 def _assign(lengths: FloatArray) -> IntArray | None:
-    """Return the place of each shape with the least total length; None where there is none."""
+    """Return the place of each shape with the least total length; None if there is none."""
     try:
         _, chosen = linear_sum_assignment(lengths)
     except ValueError:  # infeasible: some shape gets no place in any of its views

@@ -28,7 +28,7 @@ class LookPanel:
     used, refused : dots at the points that count, crosses at those that do not
     shape : fitted
     nominal : outline of the part as predicted from the CAD; may be empty
-    bar_px : length of a millimetre in the picture, None where it is not known
+    bar_px : length of a millimetre in the picture, None if it is not known
     """
 
     c: CharacteristicReport

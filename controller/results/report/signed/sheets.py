@@ -42,7 +42,7 @@ class PartSheets:
     Attributes
     ----------
     facts : names and values of the header
-    drawing, sides : None and empty where the CAD file is not at hand; `no_drawing` says why
+    drawing, sides : None and empty if the CAD file is not at hand; `no_drawing` says why
     looks : every look that can be drawn, by balloon, where all are asked for; `crops` the best of
         each
     left_out : characteristics and views that the contact sheet has no room for

@@ -24,7 +24,7 @@ class Bar:
     Attributes
     ----------
     zones : x and width of the zones in which neither PASS nor FAIL is proven
-    at : the value, None where there is none; clipped to the bar
+    at : the value, None if there is none; clipped to the bar
     low, high : ends of its uncertainty, clipped
     is_off : the value is beyond the bar
     nominal : where the nominal value is

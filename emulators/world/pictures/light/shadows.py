@@ -204,7 +204,7 @@ class Shadows:
     def _rays_to(
         self, assembly: Assembly, lamp: int, spots: Spots, places: Index, count: int
     ) -> Lit:
-        """Cast rays from surfaces to so many points of a lamp each."""
+        """Cast rays from each surface to a number of points of a lamp."""
         source = self._lamps.sources[lamp]
         if source is None:
             raise ValueError("a panel has no shadow rays")

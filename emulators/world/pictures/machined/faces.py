@@ -1,4 +1,4 @@
-"""Which triangles make up one machined face, and which way its tool went.
+"""The triangles of each machined face, and the direction of its tool.
 
 A plane was milled along a straight line, a curved face was turned about the axis that its normals
 are square to.

@@ -32,7 +32,7 @@ _CHUNK: Final = 60_000  # pixels at a time
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MachinedPart:
-    """What is kept of one part; `offset_mm` (2,) is where its faces begin in the tables."""
+    """The kept data of one part; `offset_mm` (2,) is its faces' first place in the tables."""
 
     faces: Faces
     marks: Marks

@@ -125,7 +125,7 @@ def _left(footprint_mm: Array, pitch_mm: float) -> Array32:
 
 
 def _soft(rng: np.random.Generator, across: float, along: float) -> Array32:
-    """Return noise of standard deviation 1, smooth over so many places; it repeats seamlessly."""
+    """Return noise of standard deviation 1, smooth over a width; it repeats seamlessly."""
     noise = rng.standard_normal((_SIDE, _SIDE))
     if across or along:
         fx, fy = np.fft.rfftfreq(_SIDE)[None], np.fft.fftfreq(_SIDE)[:, None]
