@@ -26,7 +26,7 @@ _NUMBER: Final = struct.Struct("<I")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FileFrame:
-    """One picture and when it was shown.
+    """One picture, and the time at which it was shown.
 
     Attributes
     ----------

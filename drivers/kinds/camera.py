@@ -52,7 +52,7 @@ class TimedFrame(Frame, Protocol):
 
     @property
     def earliest_light_s(self) -> float:
-        """No light before this instant of the cell's clock is in it [s]."""
+        """The instant of the cell's clock before which no light was gathered [s]."""
         ...
 
     @property

@@ -100,7 +100,7 @@ class Script:
 
 
 def _is_drawn(step: _Step) -> bool:
-    """Draw whether a step takes its occasion, and count it."""
+    """Return whether a step, by a random draw, is carried out this time; count it."""
     if step.times_left == 0:
         return False
     if step.rng.random() >= step.probability:

@@ -20,7 +20,7 @@ log = logging.getLogger(__name__)
 
 BYTE_S: Final = 10 / 9600  # umi_rtx.md 1.2: ten bits at 9600 baud
 LATENCY_S: Final = 0.001  # from the last request byte to the first reply byte; umi_rtx.md 7
-FRAME_S: Final = 0.008  # a request's bytes fit in here, and so do two starts; umi_rtx.md 1.2
+FRAME_S: Final = 0.008  # limit for a request's bytes, least time between starts; umi_rtx.md 1.2
 EPSILON_S: Final = 1e-9
 FRAME_TIMEOUT: Final = b"\x0b"
 OVERRUN: Final = b"\x0c"

@@ -13,7 +13,7 @@ class Action(Protocol):
     """The cell's work in one state; ends in one event."""
 
     async def run(self) -> Event:
-        """Do it; return the event it ends in.
+        """Run the action; return the event in which it ends.
 
         Raises
         ------

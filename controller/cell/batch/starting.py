@@ -111,7 +111,7 @@ def _may_hold(openings: Sequence[Opening]) -> bool:
 async def _arm_alone(
     devices: Devices, journal: Journal, began: rows.RunBegan, layout: CellLayout
 ) -> Proposal | None:
-    """Return how to move the arm clear after a killed run left no part in a gripper; None: home it.
+    """Return the arm's way out after a killed run with no part in a gripper; None: it homes.
 
     Homing sweeps the whole reach from wherever the arm stands, past all that stands there.
     """

@@ -90,7 +90,7 @@ class Proposal:
 
     @property
     def is_arm_alone(self) -> bool:
-        """Whether only the arm goes on: a part on the table may be another one by now."""
+        """Whether only the arm goes on: the part on the table may have been exchanged."""
         done_with = (Custody.ON_TABLE, Custody.PLACED)
         return self.left.custody in done_with and self.left.intent is None
 

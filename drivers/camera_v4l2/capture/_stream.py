@@ -80,7 +80,7 @@ class Stream:
         return self._maps[buffer.index][: buffer.bytesused]
 
     def unmap(self) -> None:
-        """Give the maps back."""
+        """Release the maps."""
         while self._maps:
             self._maps.pop().close()
 
