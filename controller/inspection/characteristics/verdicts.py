@@ -189,7 +189,7 @@ def _says_nothing(one: Measured) -> bool:
 
 
 def _gross_mm(asked: Characteristic) -> float:
-    """Return how far beyond its limits a general tolerance is plainly missed [mm]."""
+    """Return the excess over its limits from which a general tolerance is plainly missed [mm]."""
     return min(GROSS_SHARE * zone_mm(asked), GROSS_MM)
 
 

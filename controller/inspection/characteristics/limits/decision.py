@@ -99,7 +99,7 @@ def open_zones(
 def _edge(
     verdict: Callable[[float], Verdict], wanted: Verdict, inside: float, outside: float
 ) -> float:
-    """Return where a verdict ends, between a value that has it and one that has not."""
+    """Return the end of a verdict between a value that has it and one that has not."""
     for _ in range(60):
         middle = 0.5 * (inside + outside)
         if verdict(middle) is wanted:
