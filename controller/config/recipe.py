@@ -77,6 +77,27 @@ class GraspSection(Section):
     width_tolerance_mm: float = Field(2.0, ge=0.2, le=10)
 
 
+PaperNumber = Annotated[str, Field(max_length=80)]
+
+
+class PapersSection(Section):
+    """What the papers of the part name it by; reports show what is given.
+
+    Attributes
+    ----------
+    part_number : of the part in the customer's system
+    drawing_number, revision : of the drawing that states the tolerances
+    order_number : of the order that the parts are made for
+    gauge_id : of the cell in the list of gauges
+    """
+
+    part_number: PaperNumber = ""
+    drawing_number: PaperNumber = ""
+    revision: PaperNumber = ""
+    order_number: PaperNumber = ""
+    gauge_id: PaperNumber = ""
+
+
 def _fit_for_a_folder(name: str) -> str:
     """Return a name; raise ValueError if a folder's name cannot contain it."""
     if not name.strip() or len(name) > 80 or any(c in "/\\" or not c.isprintable() for c in name):
@@ -101,6 +122,7 @@ class Recipe(Section):
         emulated cell that comes with cellctl)
     grasp : how the part may be held; JSON keeps the old name
     faults : what replaces the cell's policy about faults, class by class
+    papers : numbers that reports name the part by
     count : parts to inspect, where the command line names no number
     """
 
@@ -118,6 +140,7 @@ class Recipe(Section):
         serialization_alias="grip",
     )
     faults: FaultsSection | None = None
+    papers: PapersSection | None = None
     count: Annotated[int, Field(ge=1, le=100_000)] = 1
 
     @model_validator(mode="before")

@@ -21,7 +21,7 @@ from controller.cli import main
 from controller.inspection import Detection, Verdict
 from controller.inspection.characteristics import CharacteristicKind
 from controller.results import judged_parts, load_run, report_json, result_json
-from controller.results.report.html import render_parts
+from controller.results.report.html import PART_BYTES, render_parts
 from controller.results.report.signed import MAX_LOOKS
 from controller.results.report.signed.covering import COLOURS, coverage_sides
 from controller.results.report.signed.table import briefly, rows_of
@@ -220,6 +220,38 @@ def test_what_the_operator_gave_with_the_order_is_on_each_part(tmp_path: Path) -
         ("R. Meyer", "L7", 22.5)
     }
     assert all(len(h.cad_sha256) == len(h.recipe_sha256) == 64 for h in headers)
+
+
+def test_the_numbers_of_the_recipes_papers_stand_in_the_header(tmp_path: Path) -> None:
+    named = {"part_number": "A-77 <b>", "drawing_number": "D-12", "revision": "C", "gauge_id": "G9"}
+    page = Page(render_parts([bench.judged(tmp_path, papers=named)]))
+    assert "Part number A-77 <b> Drawing D-12 Revision C" in " ".join(page.text.split())
+    assert "Gauge G9" in " ".join(page.text.split())
+    assert "Order" not in Page(render_parts([bench.judged(tmp_path)])).text
+
+
+def test_the_page_of_a_part_has_less_than_two_megabytes(tmp_path: Path) -> None:
+    made = [
+        bench.measured(
+            i, CharacteristicKind.DIAMETER, 8.0, 0.2, 8.01, Verdict.INDETERMINATE, bench.rim(0.0)
+        )
+        for i in range(1, 160)
+    ]
+    judged = bench.judged(tmp_path, bench.inspection(tuple(made)))
+    rng = np.random.default_rng(1)
+    for path in tmp_path.glob("*.png"):  # noise packs worst
+        assert cv2.imwrite(str(path), rng.integers(0, 255, (480, 640), dtype=np.uint8))
+    assert len(render_parts([judged]).encode()) < PART_BYTES
+
+
+def test_each_printed_page_names_document_and_number(tmp_path: Path) -> None:
+    evil = 'A"; } </style><script>'
+    page = render_parts([bench.judged(tmp_path, serial=evil)])
+    (named,) = re.findall(r'@bottom-left \{ content: "([^"]*)"', page)
+    told = re.sub(r"\\([0-9a-f]+) ", lambda m: chr(int(m.group(1), 16)), named)
+    assert told.startswith("Inspection report ")
+    assert evil in told
+    assert 'counter(page) " of " counter(pages)' in page
 
 
 def test_a_calibration_without_a_date_is_called_so(tmp_path: Path) -> None:

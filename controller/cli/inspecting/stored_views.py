@@ -82,6 +82,7 @@ def _header(
     """Return the facts on a part that a report states besides its measurements."""
     recipe = judging.path if judging.path != set_path else None
     cad = split_cad(file.part)
+    papers = None if judging.recipe is None else judging.recipe.papers
     return Header(
         part=name,
         recipe="" if recipe is None else recipe.name,
@@ -91,6 +92,7 @@ def _header(
         software=software_versions(),
         start=began,
         end=datetime.now(UTC),
+        papers={} if papers is None else papers.model_dump(),
     )
 
 

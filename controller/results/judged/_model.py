@@ -30,6 +30,7 @@ class Header:
     run_id : empty for pictures that no run took
     emulated_devices : not empty: no production result
     cell_settings : the cell as it was read, whole
+    papers : part, drawing, order and gauge numbers by key; not given where empty
     """
 
     part: str
@@ -52,6 +53,7 @@ class Header:
     run_id: str = ""
     emulated_devices: tuple[str, ...] = ()
     cell_settings: Mapping[str, object] = field(default_factory=dict)
+    papers: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,11 +20,11 @@ from ._optics import Optics
 from ._page import PartPage, css_class, lamp_words, make_part_page
 from ._words import cautions, defect_words, end_words, headline, why, why_in_run
 from .pictures import QUALITIES, Pictures, Quality
-from .signed import MAX_LOOKS, PartSheets, make_sheets
+from .signed import PartSheets, look_count, make_sheets
 
-# A page must pass mail gateways; pictures may take this much of it.
+# A page must pass mail gateways, and that of one part opens at once over a slow line.
 MAX_BYTES = 10_000_000
-PICTURE_BYTES = 8_000_000
+PART_BYTES: Final = 2_000_000
 MANY_PARTS: Final = 10  # more make a page too long for every look at what has passed
 LOG_ROWS = 3000
 NO_CAD: Final = "no CAD model was given to this report"
@@ -102,11 +102,11 @@ def _render(
         len(judged.part.table_pictures)
         + len(judged.part.findings)
         + sum(len(view.pictures) for view in judged.part.views)
-        + sum(min(len(c.looks), MAX_LOOKS) for c in judged.part.characteristics)
+        + sum(min(len(c.looks), look_count(c)) for c in judged.part.characteristics)
         for judged in parts
     )
-    budget = min(PICTURE_BYTES, max_bytes)
-    fitting = [q for q in QUALITIES if count * q.typical_bytes <= budget]
+    max_bytes = min(max_bytes, PART_BYTES * max(1, len(parts)))
+    fitting = [q for q in QUALITIES if count * q.typical_bytes <= max_bytes]
     text = ""
     for quality in fitting:
         text = _page(parts, solid, record, quality, on_paper=on_paper, qif_sha256=qif_sha256)

@@ -24,6 +24,8 @@ from ..run import Box, Points
 ASPECT: Final = 1.25
 # Points further apart are on two loops: neighbours on one are at most 3 * sqrt(2) px apart.
 OUTLINE_GAP_PX: Final = 6.0
+# A drawn outline is no further than this from its points: no eye sees it, and it is much shorter.
+OUTLINE_OFF_PX: Final = 0.4
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +37,8 @@ class Quality:
     view_px, crop_px : longer side of views and of crops; 0 leaves pictures out
     jpeg : quality, 0..100
     map_px : width of drawings of the part; 0 leaves them out
-    typical_bytes : about what one picture adds to the page; a quality that cannot fit is skipped
+    typical_bytes : about what one picture adds to the page (measured on a run of featuretype); a
+        quality that cannot fit is skipped
     """
 
     view_px: int
@@ -46,10 +49,10 @@ class Quality:
 
 
 QUALITIES: Final = (
-    Quality(640, 320, 82, 330, 40_000),
-    Quality(420, 240, 72, 330, 18_000),
-    Quality(280, 180, 60, 220, 9_000),
-    Quality(160, 120, 45, 160, 3_500),
+    Quality(640, 320, 82, 330, 9_000),
+    Quality(420, 240, 72, 330, 4_500),
+    Quality(280, 180, 60, 220, 2_700),
+    Quality(160, 120, 45, 160, 1_600),
     Quality(0, 0, 0, 0, 0),
 )
 # Decoded pictures that are held, in pixels: views, findings and looks need the same ones.
@@ -224,8 +227,11 @@ def outline_path(points: Points) -> str:
             parts.append([])
         parts[-1].append(point)
     path = []
-    for part in parts:
+    for loop in parts:
+        is_closed = len(loop) > 2 and np.hypot(*np.subtract(loop[0], loop[-1])) <= OUTLINE_GAP_PX
+        line = cv2.approxPolyDP(np.array(loop, dtype=np.float32), OUTLINE_OFF_PX, is_closed)
+        part = line.reshape(-1, 2).tolist()
         path.append("M" + "L".join(f"{x + 0.5:g} {y + 0.5:g}" for x, y in part))
-        if len(part) > 2 and np.hypot(*np.subtract(part[0], part[-1])) <= OUTLINE_GAP_PX:
+        if is_closed:
             path.append("Z")
     return "".join(path)

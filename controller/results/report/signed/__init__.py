@@ -5,6 +5,6 @@ deviation bars, `looks.py` cut-outs with rays and fitted shapes, `covering.py` t
 the ledger, `sheets.py` puts them together.
 """
 
-from .sheets import MAX_LOOKS, PartSheets, make_sheets
+from .sheets import MAX_LOOKS, PartSheets, look_count, make_sheets
 
-__all__ = ["MAX_LOOKS", "PartSheets", "make_sheets"]
+__all__ = ["MAX_LOOKS", "PartSheets", "look_count", "make_sheets"]

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
+import cv2
 import numpy as np
 
 from ...run import Box, CharacteristicReport, LookReport, Points, ViewReport
@@ -15,6 +16,8 @@ RAY_PX: Final = 5.0  # length of the ray drawn to either side of an edge point
 # a step this many times as long as most leads from one fitted shape to the next
 WIDE_STEP: Final = 5.0
 AROUND_PX: Final = 8
+# A drawn shape is no further than this from the one fitted, a tenth of its stroke.
+SHAPE_OFF_PX: Final = 0.05
 BACKLIT: Final = "backlit"
 
 
@@ -118,8 +121,8 @@ def _rays(points: Points, shape: Points) -> str:
     across = np.column_stack([-along[:, 1], along[:, 0]])[keep] / length[keep, None] * RAY_PX
     centre = fitted[nearest][keep] + 0.5
     return "".join(
-        f"M{a:.1f} {b:.1f}L{p:.1f} {q:.1f}"
-        for (a, b), (p, q) in zip(centre - across, centre + across, strict=True)
+        f"M{a:.1f} {b:.1f}l{2 * p:.1f} {2 * q:.1f}"
+        for (a, b), (p, q) in zip(centre - across, across, strict=True)
     )
 
 
@@ -158,6 +161,8 @@ def _path(points: Points, *, is_closed: bool) -> str:
         breaks = []
     path = ""
     for start, end in zip([0, *breaks], [*breaks, len(points)], strict=True):
-        line = "L".join(f"{x + 0.5:.2f} {y + 0.5:.2f}" for x, y in points[start:end])
+        shape = np.array(points[start:end], dtype=np.float32)
+        bends = cv2.approxPolyDP(shape, SHAPE_OFF_PX, closed=False).reshape(-1, 2)
+        line = "L".join(f"{x + 0.5:.2f} {y + 0.5:.2f}" for x, y in bends)
         path += f"M{line}{'Z' if is_closed and not breaks else ''}"
     return path

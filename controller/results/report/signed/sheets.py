@@ -1,6 +1,6 @@
 """The content of the three printed pages of a part, ready for the template."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -17,6 +17,13 @@ from .looks import LookPanel, look_panel
 from .table import Brief, Row, briefly, rows_of, tally
 
 HASH_LENGTH: Final = 12
+PAPER_WORDS: Final[Mapping[str, str]] = {
+    "part_number": "Part number",
+    "drawing_number": "Drawing",
+    "revision": "Revision",
+    "order_number": "Order",
+    "gauge_id": "Gauge",
+}
 NOT_GIVEN: Final = "not given"
 # on the screen, of one characteristic
 MAX_LOOKS: Final = 3
@@ -86,7 +93,7 @@ def make_sheets(
     panels = [
         panel
         for row in rows
-        for look in looks_to_draw(row.c, MAX_LOOKS if all_looks else 1)
+        for look in looks_to_draw(row.c, look_count(row.c) if all_looks else 1)
         if (panel := look_panel(row.c, look, views, pictures, lamp_words(look.lamp)))
     ]
     best: dict[int, LookPanel] = {}
@@ -117,6 +124,11 @@ def make_sheets(
         thumbnails=tuple(thumbnails[:view_count]),
         left_out=(max(0, len(crops) - MAX_TILES), max(0, len(thumbnails) - view_count)),
     )
+
+
+def look_count(c: CharacteristicReport) -> int:
+    """Return how many looks at a characteristic the screen has: of one that passed, the best."""
+    return 1 if c.verdict == "pass" else MAX_LOOKS
 
 
 def looks_to_draw(c: CharacteristicReport, count: int) -> tuple[LookReport, ...]:
@@ -150,6 +162,7 @@ def _facts(judged: JudgedPart) -> tuple[tuple[str, str], ...]:
     h, verdict = judged.header, judged.part.verdict
     temperature = h.part_temperature_c
     facts = [
+        *((words, h.papers[key]) for key, words in PAPER_WORDS.items() if h.papers.get(key)),
         ("Serial number", h.serial or NOT_GIVEN),
         ("Lot", h.lot or NOT_GIVEN),
         ("Operator", h.operator or NOT_GIVEN),
