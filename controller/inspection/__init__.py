@@ -3,6 +3,7 @@
 Arrays in, dataclasses out (cell-facts.md 3).
 """
 
+from ._gathered import by_place
 from ._judge import FaceVerdict, PartVerdict, judge
 from ._pose import MEASURED_HOLD, PLANNED_HOLD, PosedPart
 from ._scene import before_part, box_mesh, make_scene
@@ -65,6 +66,7 @@ __all__ = [
     "WorldBox",
     "before_part",
     "box_mesh",
+    "by_place",
     "inspect_part",
     "inspect_view",
     "judge",

@@ -7,10 +7,11 @@ reads the verdict has one part with one chip.
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Protocol
 
 import numpy as np
 
+from controller.arrays import FloatArray
 from controller.cad import Solid
 
 from ._types import Finding, FindingKind, Verdict
@@ -33,6 +34,26 @@ TELLING: Final = (
     FindingKind.STAIN,
 )
 MAX_FACES: Final = 2  # faces that a sentence names
+
+
+class Seen(Protocol):
+    """A finding as far as it says where it is; faces by number or by name."""
+
+    @property
+    def kind(self) -> str:
+        """One of `FindingKind`."""
+
+    @property
+    def face_ids(self) -> Sequence[int | str]:
+        """Faces that it lies on."""
+
+    @property
+    def size_mm(self) -> float:
+        """How large it is across."""
+
+    @property
+    def p_part_mm(self) -> FloatArray:
+        """Its middle (3,) in the part's frame."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -80,17 +101,25 @@ def gather(looks: Sequence[tuple[str, Finding, Verdict]]) -> tuple[PlacedFinding
     ----------
     looks : view, finding and what it comes to
     """
-    place = list(range(len(looks)))
-    for i, (_, one, _) in enumerate(looks):
+    places = by_place([finding for _, finding, _ in looks])
+    found = [_placed([looks[i] for i in members]) for members in places]
+    return tuple(sorted(found, key=lambda f: (f.verdict is not Verdict.FAIL, -f.area_mm2)))
+
+
+def by_place(findings: Sequence[Seen]) -> list[list[int]]:
+    """Return which findings show one place, by their indices; places in the order of their first.
+
+    Parameters
+    ----------
+    findings : of one part
+    """
+    place = list(range(len(findings)))
+    for i, one in enumerate(findings):
         for j in range(i):
-            if place[i] != place[j] and _is_one(one, looks[j][1]):
+            if place[i] != place[j] and _is_one(one, findings[j]):
                 low, high = sorted((place[i], place[j]))
                 place = [low if number == high else number for number in place]
-    found = [
-        _placed([look for look, own in zip(looks, place, strict=True) if own == number])
-        for number in dict.fromkeys(place)
-    ]
-    return tuple(sorted(found, key=lambda f: (f.verdict is not Verdict.FAIL, -f.area_mm2)))
+    return [[i for i, own in enumerate(place) if own == n] for n in dict.fromkeys(place)]
 
 
 def _placed(looks: Sequence[tuple[str, Finding, Verdict]]) -> PlacedFinding:
@@ -116,7 +145,7 @@ def _rank(look: tuple[str, Finding, Verdict]) -> tuple[bool, bool, int, float]:
     return not is_proven, not finding.words, TELLING.index(finding.kind), -finding.area_mm2
 
 
-def _is_one(one: Finding, other: Finding) -> bool:
+def _is_one(one: Seen, other: Seen) -> bool:
     """Return True if two looks show one thing: their extents meet.
 
     An edge or a face that is out of place is long, and what lies near its middle need not be its

@@ -577,7 +577,7 @@ def test_a_stream_that_falls_silent_is_lost_after_three_seconds_and_found_again(
 ) -> None:
     tab.goto(served.link())
     tab.wait_for_selector("#stop:enabled")
-    script = Path(live_module.__file__).parent / "static" / "now.js"
+    script = Path(live_module.__file__).parent / "static" / "stream.js"
     assert f"const LOST_MS = {1000 * live_module.FRESH_WALL_S:.0f};" in script.read_text()
     monkeypatch.setattr(live_module, "BEAT_WALL_S", 1e6)  # the stream stays open, and is silent
     tab.wait_for_selector("#lost", state="visible")
@@ -631,3 +631,27 @@ def test_what_a_drawing_no_longer_shows_is_given_back(served: Served, tab: Any) 
         assert held() != before  # what is drawn is counted
         preview(is_shown=False)
     assert held() == before
+
+
+def test_the_wall_says_verdict_counts_and_time_left_in_letters_that_carry_three_metres(
+    served: Served, tab: Any, tmp_path: Path
+) -> None:
+    writer = Journal(tmp_path / "runs" / JOURNAL_NAME, RUN)
+    writer.write(rows.PartDone(verdict="fail", tray="reject"), 1)
+    writer.close()
+    served.status |= {"seconds_left": 42.0}
+    tab.set_viewport_size({"width": 1920, "height": 1080})
+    tab.goto(served.link())
+    tab.goto(f"{served.origin}/now/wall")
+    until(tab, lambda: "FAIL" in tab.inner_text("#verdict"))
+    until(tab, lambda: tab.inner_text("#left") == "42 s")
+    assert tab.inner_text("#wall-counts").split("\n")[:4] == ["✓ PASS", "0", "✕ FAIL", "1"]
+    assert tab.locator("[data-light=working].lit").count() == 1
+    small = tab.evaluate(
+        "[...document.querySelectorAll('main.wall :is(h2, p, dt, dd)')]"
+        ".filter(one => one.offsetParent && !one.closest('.back, .unseen'))"
+        ".filter(one => parseFloat(getComputedStyle(one).fontSize) < 72).map(one => one.outerHTML)"
+    )
+    assert small == []
+    assert tab.evaluate("document.documentElement.scrollHeight") <= 1080
+    require_sound_on_all_screens(tab)

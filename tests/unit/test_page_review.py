@@ -20,6 +20,7 @@ from results_bench import RunWriter, bad_run, finding, good_run, verdict, view
 
 from controller.cell.batch import Papers
 from controller.cell.journal import JOURNAL_NAME, read_rows, rows
+from controller.history import folded
 from controller.inspection import Verdict
 from controller.page.history.answers import counted_alarms
 from controller.page.records import records as records_module
@@ -138,7 +139,7 @@ def test_a_part_that_waits_for_a_dimension_shows_it_the_decisive_one_first(
     at.log_in()
     text = page(at, f"/review/part/{NEWEST}/1")
     assert "Characteristics that are not proven</" in text.replace(": 2", "")
-    shown = text[text.index('id="unproven"') : text.index('id="decide"')]
+    shown = text[text.index('id="unproven"') : text.index('id="coverage-words"')]
     assert re.findall(r"width \d mm(?=</td>)", shown) == ["width 7 mm", "width 5 mm"]
     assert shown.count('class="decisive"') == 1
     assert "bore" not in shown
@@ -220,7 +221,7 @@ def test_a_viewer_sees_all_and_decides_nothing(at: Bench, tmp_path: Path) -> Non
     text = page(at, f"/review/part/{OPEN}/1")
     assert "An operator may decide" in text
     assert 'type="submit"' not in text
-    assert "<fieldset disabled>" in text
+    assert re.search("<fieldset[^>]* disabled>", text)
     assert decide(at, csrf)[0] == 403
     assert reviews(at, tmp_path) == []
 
@@ -253,6 +254,24 @@ def test_a_finding_is_shown_and_what_is_missing_is_said(at: Bench, tmp_path: Pat
         assert why in reply.text
     shutil.rmtree(tmp_path / "runs" / FAILED / "pictures")
     assert "is missing" in at.client.get(f"/review/crop/{FAILED}/1/1/picture").text
+
+
+def test_a_part_has_its_pictures_and_what_was_compared_of_each_face_beside_the_verdict(
+    at: Bench, tmp_path: Path
+) -> None:
+    at.log_in(Role.VIEWER)
+    text = page(at, f"/review/part/{OPEN}/1")
+    assert text.count('src="/history/picture/') >= 2
+    found = at.client.get(f"/review/coverage/{OPEN}/1").json()
+    record = folded(tmp_path / "runs" / JOURNAL_NAME, OPEN, [1])
+    verdict_ = record.parts[0].verdict
+    assert verdict_ is not None
+    assert found["coverage"]["faces"] == [
+        [face.face_id, round(1000 * face.compared_fraction), 1000] for face in verdict_.faces
+    ]
+    known = {one["face"] for one in found["mesh"]["faces"]}
+    assert {face.face_id for face in verdict_.faces} <= known
+    assert at.client.get(f"/review/coverage/{OPEN}/9").status_code == 404
 
 
 def test_findings_that_are_likely_false_are_marked(

@@ -86,6 +86,13 @@ def test_a_part_is_decided_on_by_keyboard_and_the_page_shows_it(
     until(tab, lambda: tab.evaluate("document.querySelector('.crop img').naturalWidth > 100"))
     # the pose of this view is the test's own, and no camera sees the part there: it is said
     until(tab, lambda: "out of this picture" in tab.inner_text(".crops"))
+    for width, height in ((1440, 900), (390, 844)):  # wherever a person has scrolled to
+        tab.set_viewport_size({"width": width, "height": height})
+        for top in (0, 600):
+            tab.evaluate(f"window.scrollTo(0, {top})")
+            for word in ("accept", "reject"):
+                place = tab.locator(f"button[value={word}]").bounding_box()
+                assert 0 <= place["y"] <= height - place["height"]
     tab.click("button[value=accept]")
     assert "Write a reason first." in tab.inner_text("#said")
     assert written(tmp_path) == []

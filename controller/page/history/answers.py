@@ -1,9 +1,8 @@
 """What *History* answers: the list, one part's record, its pictures, charts, two parts compared."""
 
 import asyncio
-from collections import Counter, OrderedDict
+from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from shutil import rmtree
@@ -14,17 +13,14 @@ from urllib.parse import quote
 from starlette.responses import Response
 
 from controller.cell.alarms import BY_NUMBER
-from controller.cell.journal import JOURNAL_NAME, JournalError
 from controller.history import (
     HistoryError,
     characteristics_in,
-    folded,
     list_parts,
     recipes_in,
     values_of,
 )
 from controller.history.reviewing import one_part
-from controller.results import ResultsError
 
 from ..frame.drawn import run_picture
 from ..frame.screens import Look
@@ -33,6 +29,7 @@ from ..frame.words import teller, translator, value_in, word
 from ..records import (
     FORMS,
     LISTED_FORMS,
+    Picture,
     Records,
     Wanted,
     page_count,
@@ -44,7 +41,6 @@ from .asked import LISTED, REVIEW_WORDS, VERDICTS, asked
 from .charts import VALUES_MAX, drawn
 
 COMPARED: Final = 2
-KNOWN_COUNT: Final = 50  # parts whose pictures are known by name
 COLUMNS: Final = (
     ("start", word("begun (UTC)")),
     ("serial", word("serial number")),
@@ -57,16 +53,6 @@ COLUMNS: Final = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class Picture:
-    """A picture of a part: its number among them, and what it shows."""
-
-    number: int
-    view: str
-    lamp: str
-    file: str
-
-
 class HistoryAnswers:
     """The answers of *History*.
 
@@ -77,8 +63,6 @@ class HistoryAnswers:
 
     def __init__(self, records: Records) -> None:
         self._records = records
-        self._reading = asyncio.Semaphore(2)
-        self._known: OrderedDict[tuple[str, int], tuple[Picture, ...]] = OrderedDict()
 
     @property
     def every(self) -> tuple[Look, ...]:
@@ -132,7 +116,7 @@ class HistoryAnswers:
         except HistoryError as error:
             return unread(visit, error)
         run = str(part["run"])
-        pictures = await self._pictures(run, int(part["number"]))
+        pictures = await self._records.pictures(run, int(part["number"]))
         return visit.html(
             "part.html.j2",
             part=part,
@@ -151,7 +135,7 @@ class HistoryAnswers:
         except HistoryError:
             return refused(404, word("there is no such part"))
         run, number = str(part["run"]), visit.request.path_params["picture"]
-        pictures = await self._pictures(run, int(part["number"]))
+        pictures = await self._records.pictures(run, int(part["number"]))
         nothing = refused(404, word("there is no such picture"))
         if isinstance(pictures, str) or not 0 <= number < len(pictures):
             return nothing
@@ -237,7 +221,7 @@ class HistoryAnswers:
         except HistoryError as error:
             return unread(visit, error)
         both = parts if len(parts) == COMPARED else []
-        found = [await self._pictures(str(one["run"]), int(one["number"])) for one in both]
+        found = [await self._records.pictures(str(one["run"]), int(one["number"])) for one in both]
         return visit.html(
             "compare.html.j2",
             parts=both,
@@ -246,32 +230,6 @@ class HistoryAnswers:
             no_pictures=[one for one in found if isinstance(one, str)],
             **_SHOWN,
         )
-
-    async def _pictures(self, run: str, number: int) -> tuple[Picture, ...] | str:
-        """Return the pictures of a part, or why there are none."""
-        path = self._records.runs_dir / JOURNAL_NAME
-        async with self._reading:
-            if (run, number) in self._known:
-                return self._known[run, number]
-            try:
-                record = await asyncio.to_thread(folded, path, run, [number])
-            except (JournalError, ResultsError) as error:
-                return str(error)
-        part = next((one for one in record.parts if one.number == number), None)
-        if part is None:
-            return word("there is no such part")
-        found = [("", lamp, file) for lamp, file in part.table_pictures.items()]
-        found += [
-            (view.view_id, lamp, file)
-            for view in part.views
-            for lamp, file in view.pictures.items()
-        ]
-        pictures = tuple(Picture(i, *one) for i, one in enumerate(found))
-        if record.outcome.end != "cut_off":  # else more may come
-            self._known[run, number] = pictures
-            while len(self._known) > KNOWN_COUNT:
-                self._known.popitem(last=False)
-        return pictures
 
 
 _SHOWN: Final[Mapping[str, Any]] = {

@@ -105,6 +105,7 @@ class NowAnswers:
         """All answers."""
         return (
             Look("", self.now),
+            Look("wall", self.wall),
             Look("events", self.events),
             Look("scene", self.scene),
             Look("mesh", self.mesh),
@@ -133,6 +134,10 @@ class NowAnswers:
     async def now(self, visit: Visit) -> Response:
         """Return what the cell does now, as a page."""
         return visit.html("now.html.j2")
+
+    async def wall(self, visit: Visit) -> Response:
+        """Return what the cell does now, to be read from three metres, as a page."""
+        return visit.html("wall.html.j2")
 
     async def events(self, visit: Visit) -> Response:
         """Return a stream of what is known, then of each change, while the session lasts."""

@@ -49,7 +49,7 @@ STATUS_WALL_S: Final = 0.5
 # How often a browser is told how old what it shows is; three beats fit into `FRESH_WALL_S`.
 BEAT_WALL_S: Final = 1.0
 # A status is shown for so long while the cell is asked anew; an older one says nothing of now.
-# `LOST_MS` of now.js says the same of the page's own stream.
+# `LOST_MS` of stream.js says the same of the page's own stream.
 FRESH_WALL_S: Final = 3.0
 # States in which a run has decided nothing yet about what an earlier one left in a gripper.
 UNDECIDED: Final = ("starting", "stopped")

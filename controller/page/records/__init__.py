@@ -4,6 +4,7 @@ The page's loop waits for none of it, and the cell knows nothing of it.
 """
 
 from .files import FORMS, LISTED_FORMS, Wanted
+from .pictures import Picture
 from .records import NEWER_S, Records
 from .shown import (
     page_asked,
@@ -17,6 +18,7 @@ __all__ = [
     "FORMS",
     "LISTED_FORMS",
     "NEWER_S",
+    "Picture",
     "Records",
     "Wanted",
     "page_asked",

@@ -12,11 +12,14 @@ from pathlib import Path
 from typing import Any, ClassVar, Concatenate, Final, ParamSpec, TypeVar
 from weakref import WeakValueDictionary
 
-from controller.cell.journal import JOURNAL_NAME, journal_mark
+from controller.cell.journal import JOURNAL_NAME, JournalError, journal_mark
 from controller.history import HistoryError, Store, open_store, store_url
 from controller.history.reviewing import one_part
+from controller.results import ResultsError
 
+from ..frame.words import word
 from .files import Wanted, write_wanted
+from .pictures import Picture, Shown, shown
 from .work import begin, draw_crop, fill_store
 
 P = ParamSpec("P")
@@ -30,6 +33,8 @@ WAIT_S: Final = 0.1  # an answer waits so long for the filling, then says that i
 CROP_MAX_COUNT: Final = 200  # that are kept, 30 kB each
 QUERIES_AT_ONCE: Final = 4  # questions of the store; the others wait
 CROPS_AT_ONCE: Final = 2
+SHOWN_COUNT: Final = 50  # parts of which it is known what the journal shows
+READS_AT_ONCE: Final = 2
 FILES_AT_ONCE: Final = 1  # each takes the drawing process for seconds; the others wait
 END_S: Final = 1.0
 
@@ -72,6 +77,8 @@ class Records:
         self._querying = asyncio.Semaphore(QUERIES_AT_ONCE)
         self._drawing = asyncio.Semaphore(CROPS_AT_ONCE)
         self._writing = asyncio.Semaphore(FILES_AT_ONCE)
+        self._reading = asyncio.Semaphore(READS_AT_ONCE)
+        self._shown: OrderedDict[tuple[str, int], Shown] = OrderedDict()
         self._opening = asyncio.Lock()
         self._crops: OrderedDict[tuple[str, int, int, str], bytes] = OrderedDict()
 
@@ -177,6 +184,38 @@ class Records:
             while len(self._crops) > CROP_MAX_COUNT:
                 self._crops.popitem(last=False)
         return found
+
+    async def shown(self, run: str, number: int) -> Shown | str:
+        """Return what the journal has of a part, or why there is nothing.
+
+        Parameters
+        ----------
+        run, number : of the part
+        """
+        async with self._reading:
+            if (run, number) in self._shown:
+                return self._shown[run, number]
+            try:
+                found = await asyncio.to_thread(shown, self.runs_dir, run, number)
+            except (JournalError, ResultsError) as error:
+                return str(error)
+        if found is None:
+            return word("there is no such part")
+        if found.is_whole:
+            self._shown[run, number] = found
+            while len(self._shown) > SHOWN_COUNT:
+                self._shown.popitem(last=False)
+        return found
+
+    async def pictures(self, run: str, number: int) -> tuple[Picture, ...] | str:
+        """Return the pictures of a part, or why there are none.
+
+        Parameters
+        ----------
+        run, number : of the part
+        """
+        found = await self.shown(run, number)
+        return found if isinstance(found, str) else found.pictures
 
     async def written(self, wanted: Wanted, path: Path) -> str:
         """Write a file for a person; return why it was not written, empty where it was.

@@ -11,11 +11,13 @@ from controller.cell.control import MAX_WHY
 from controller.history import Filters, HistoryError, NoSuchPartError, list_parts
 from controller.history.reviewing import Decision, agreement, decide
 
+from ..frame.drawn import mesh_of, packed, packed_json
 from ..frame.screens import Act, Body, Look, Setting
 from ..frame.visit import Visit, refused
 from ..frame.words import teller, word
 from ..records import Records, page_asked, page_count, part_key, unread, verdict_class
 from ..security import Role
+from .places import places_of
 
 LISTED: Final = 50
 DECIDED: Final = 10
@@ -66,6 +68,7 @@ class ReviewAnswers:
         return (
             Look("", self.list),
             Look("part/{run:str}/{number:int}", self.part),
+            Look("coverage/{run:str}/{number:int}", self.coverage),
             Look("crop/{run:str}/{number:int}/{finding:int}/{which:str}", self.crop),
             Act("decide", DecideBody, self.decide, Role.OPERATOR),
         )
@@ -105,9 +108,13 @@ class ReviewAnswers:
             likely = (await self._records.query(agreement, Filters(recipe=part["recipe"]))).likely
         except HistoryError as error:
             return unread(visit, error)
+        pictures = await self._records.pictures(str(part["run"]), int(part["number"]))
         return visit.html(
             "part.html.j2",
             part=part,
+            places=places_of(part["findings"]),
+            pictures=pictures if isinstance(pictures, tuple) else (),
+            no_pictures=pictures if isinstance(pictures, str) else "",
             unproven=unproven(part),
             is_decisive=is_decisive,
             likely={one.number: one.reviewed for one in likely if one.part == part["part"]},
@@ -116,6 +123,23 @@ class ReviewAnswers:
             verdict_class=verdict_class,
             part_key=part_key,
         )
+
+    async def coverage(self, visit: Visit) -> Response:
+        """Return the part's mesh, and how much of each of its faces was compared."""
+        at = visit.request.path_params
+        try:
+            part = await self._records.part(at)
+        except HistoryError:
+            return refused(404, word("there is no such part"))
+        found = await self._records.shown(str(part["run"]), int(part["number"]))
+        if isinstance(found, str):
+            return refused(404, teller(visit.language)(found))
+        if found.coverage is None:
+            return refused(404, word("the part was not judged"))
+        mesh = await asyncio.to_thread(
+            lambda: mesh_of(found.recipe, found.files, self._runs_dir / str(part["run"]))
+        )
+        return packed(packed_json({"mesh": mesh, "coverage": found.coverage}))
 
     async def crop(self, visit: Visit) -> Response:
         """Return a crop of a finding."""

@@ -1,20 +1,11 @@
 // Page "Now": shows what the server streams, and sends orders. All text goes in as text, never as HTML.
 import { $, el, entries, get, number, post, svg, t, time } from "/static/shared.js";
 import { said } from "/static/said.js";
-import { Coverage } from "./coverage.js";
+import { Coverage } from "/static/coverage.js";
 import { showStart } from "./start.js";
+import { follow } from "./stream.js";
+import { LIGHT_WORDS, VERDICT_WORDS, headline, stateWords } from "./words.js";
 
-const MODE_WORDS = {
-  execute: "Execute", suspending: "Suspending", suspended: "Suspended", unsuspending: "Unsuspending",
-  resetting: "Resetting", idle: "Idle", stopping: "Stopping", stopped: "Stopped", aborting: "Aborting",
-  aborted: "Aborted", clearing: "Clearing", holding: "Holding", held: "Held", completing: "Completing",
-  complete: "Complete", starting: "Starting",
-};
-const LIGHT_WORDS = {
-  fault: "Fault: a person has to look at the cell", attention: "Attention: the cell stands, or will",
-  question: "Question: the cell waits for an answer", working: "Working", resting: "Resting",
-  off: "No run: nobody has the cell",
-};
 const SIGNAL_WORDS = {
   estop_ok: "Emergency stop released", guard_closed: "Door closed", supply_ok: "Supply",
   part_in_nest: "Part in the fixed gripper's barrier", part_in_gripper: "Part in the arm gripper's barrier",
@@ -23,10 +14,6 @@ const SIGNAL_WORDS = {
 const ENTRY_WORDS = {
   "serial number": "Serial number",
 };
-const VERDICT_WORDS = {
-  pass: "PASS", fail: "FAIL", indeterminate: "INDETERMINATE", not_evaluated: "NOT EVALUATED",
-};
-
 let last = null;
 let isLost = true;
 let isActing = false;
@@ -38,27 +25,6 @@ function onChange(name, content, draw) {
   if (shown.get(name) === text) return;
   shown.set(name, text);
   draw(content);
-}
-
-// The server sends the pieces that have changed; those named `run.…` are of the run.
-const pieces = {};
-
-function joined(changed) {
-  Object.assign(pieces, changed);
-  const now = {};
-  const ofRun = {};
-  for (const [name, piece] of Object.entries(pieces)) {
-    if (name.startsWith("run.")) ofRun[name.slice(4)] = piece;
-    else now[name] = piece;
-  }
-  now.run = now.run && { ...now.run, ...ofRun };
-  return now;
-}
-
-function stateWords(state) {
-  const [mode, ...stage] = (state || "").split("_");
-  const name = t(MODE_WORDS[mode] || (state ? state : "No run yet"));
-  return stage.length ? `${name}: ${t(stage.join("_"))}` : name;
 }
 
 function show(now) {
@@ -75,8 +41,7 @@ function show(now) {
   });
   const hasBrokenOff = Boolean(run && !run.end && !now.runs && !now.preparing);
   onChange("state", [now.state, hasBrokenOff, Boolean(now.preparing), Boolean(now.unfinished)], () => {
-    let name = now.unfinished ? t("Unfinished part") : hasBrokenOff ? t("Broken off") : stateWords(now.state);
-    if (now.preparing) name = t("Being prepared");
+    const name = headline(now);
     $("state-name").textContent = name;
     document.title = `${name} · cellctl`;
   });
@@ -364,68 +329,20 @@ if ($("resume")) {
   $("stop").addEventListener("click", () => act("stop", {}));
 }
 // The stream. The server sends a beat every 5 s; without one the connection counts as lost.
-// What is older is lost: shown, but no longer taken for what is so (FRESH_WALL_S of live.py).
-const LOST_MS = 3000;
-const RETRY_MS = 12000; // a stream that was silent for so long is begun anew
-let heard = Date.now(); // when the server was heard last
-let isBroken = false; // the stream was interrupted, and nothing was heard since
-let age = 0; // how old what the server shows was when it was heard last [ms]
-let stream = null;
 let scene = null;
 let moment = null;
 let ghost = null;
 const coverage = new Coverage();
 
-// Shows how old what is shown is, and says so where it is lost; orders need a server that is heard.
-function lose() {
-  const silent = Date.now() - heard;
-  const old = age + silent;
-  const lost = isBroken || silent > LOST_MS;
-  $("lost").hidden = !last || !(lost || age > LOST_MS);
-  $("lost-words").textContent = lost ? t("The connection to the page is lost. What is shown is old; it is tried again.")
-    : t("The page hears nothing new from journal and cell. What is shown is old.");
-  $("age").textContent = last ? t("as of {s} s ago", { s: number(old / 1000) }) : "";
-  if (isLost === lost) return;
-  isLost = lost;
+// Shows how old what is shown is; orders need a server that is heard.
+function lose({ isSilent, words, age }) {
+  $("lost").hidden = !last || !words;
+  $("lost-words").textContent = words;
+  $("age").textContent = last ? t("as of {s} s ago", { s: number(age / 1000) }) : "";
+  if (isLost === isSilent) return;
+  isLost = isSilent;
   drawActs();
 }
-
-function listen() {
-  if (stream) stream.close();
-  stream = new EventSource("/now/events");
-  const hear = (kind, take) => stream.addEventListener(kind, (event) => {
-    heard = Date.now();
-    isBroken = false;
-    take(JSON.parse(event.data));
-    lose();
-  });
-  hear("beat", (found) => { age = 1000 * found.age_s; });
-  hear("now", (changed) => { const now = joined(changed); show(now); if (now.run) wantScene(`${now.run.run} ${now.run.recipe}`); });
-  hear("moment", (found) => { moment = found; if (scene) scene.show(found); sceneWords(); });
-  hear("ghost", ({ motion }) => { ghost = motion; if (scene) scene.preview(motion); sceneWords(); });
-  hear("coverage", (found) => coverage.show(found));
-  hear("end", () => location.assign("/login"));
-  stream.onerror = async () => {
-    isBroken = true;
-    lose();
-    if (stream.readyState !== EventSource.CLOSED) return;
-    // the stream was refused, not interrupted: nobody is logged in any more, or the page is full
-    try {
-      const who = await fetch("/session", { credentials: "same-origin" });
-      if (who.status === 401) location.assign("/login");
-    } catch { /* the server is away: tried again below */ }
-  };
-}
-
-let tried = Date.now();
-function retry(patience) {
-  lose();
-  if (Math.min(Date.now() - heard, Date.now() - tried) <= patience) return;
-  tried = Date.now();
-  listen();
-}
-setInterval(() => retry(RETRY_MS), 500);
-document.addEventListener("visibilitychange", () => { if (!document.hidden) retry(LOST_MS); });
 
 function sceneWords() {
   if (scene === false || !moment) return;
@@ -462,4 +379,9 @@ async function wantScene(run) {
   }
 }
 
-listen();
+follow({
+  now: (now) => { show(now); if (now.run) wantScene(`${now.run.run} ${now.run.recipe}`); },
+  moment: (found) => { moment = found; if (scene) scene.show(found); sceneWords(); },
+  ghost: ({ motion }) => { ghost = motion; if (scene) scene.preview(motion); sceneWords(); },
+  coverage: (found) => coverage.show(found),
+}, lose);

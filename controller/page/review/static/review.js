@@ -1,4 +1,6 @@
 // The verdict of a person: sent once, then the page is fetched anew with what the journal has.
+import { Coverage } from "/static/coverage.js";
+import { said as told } from "/static/said.js";
 import { $, get, post, t } from "/static/shared.js";
 
 const form = $("decide");
@@ -16,10 +18,25 @@ for (const picture of form.querySelectorAll(".crop img")) {
   if (picture.complete && picture.naturalWidth === 0 && picture.currentSrc) say();
 }
 
+// How much of the part was compared, on its faces, the part turned as a person likes.
+async function cover() {
+  const found = await get(`/review/coverage/${form.dataset.run}/${form.dataset.number}`).catch(() => ({ error: t("the picture cannot be shown") }));
+  if (found.error) {
+    $("coverage-words").textContent = told(found.error);
+    return;
+  }
+  const coverage = new Coverage();
+  await coverage.part(`${found.coverage.run} ${found.coverage.recipe}`, found.mesh);
+  coverage.show(found.coverage);
+  $("coverage-table").open = true;
+}
+cover();
+
 const named = () => {
   const found = {};
   for (const chosen of form.querySelectorAll("input[type=radio]:checked")) {
-    if (chosen.value) found[chosen.name.replace("finding-", "")] = chosen.value;
+    if (!chosen.value) continue;
+    for (const number of chosen.closest("fieldset").dataset.findings.split(" ")) found[number] = chosen.value;
   }
   return found;
 };

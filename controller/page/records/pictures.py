@@ -1,0 +1,90 @@
+"""What the journal has of one part beside the store: its pictures, and how much was compared."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from controller.cell.journal import JOURNAL_NAME
+from controller.history import folded
+from controller.results import RunRecord
+
+PER_MILLE = 1000
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A picture of a part: its number among them, and what it shows."""
+
+    number: int
+    view: str
+    lamp: str
+    file: str
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """What the journal has of a part.
+
+    Attributes
+    ----------
+    pictures : of the table, then of the views
+    coverage : how much of each face was compared, as JSON; None where the part was not judged
+    recipe, files : of the part, and what the run read, by path: for its mesh
+    is_whole : the run has ended, and no more comes
+    """
+
+    pictures: tuple[Picture, ...]
+    coverage: dict[str, Any] | None
+    recipe: Mapping[str, Any]
+    files: Mapping[str, str]
+    is_whole: bool
+
+
+def shown(runs_dir: Path, run: str, number: int) -> Shown | None:
+    """Return what the journal has of a part; None where there is no such part.
+
+    Parameters
+    ----------
+    runs_dir : folder of all runs
+    run, number : of the part
+
+    Raises
+    ------
+    JournalError : the journal cannot be read
+    ResultsError : a row is not what this version of cellctl writes
+    """
+    record = folded(runs_dir / JOURNAL_NAME, run, [number])
+    part = next((one for one in record.parts if one.number == number), None)
+    if part is None:
+        return None
+    found = [("", lamp, file) for lamp, file in part.table_pictures.items()]
+    found += [
+        (view.view_id, lamp, file) for view in part.views for lamp, file in view.pictures.items()
+    ]
+    pictures = tuple(Picture(i, *one) for i, one in enumerate(found))
+    return Shown(
+        pictures,
+        _coverage(record, number),
+        record.recipe_of(part).recipe,
+        record.files,
+        record.outcome.end != "cut_off",
+    )
+
+
+def _coverage(record: RunRecord, number: int) -> dict[str, Any] | None:
+    part = next(one for one in record.parts if one.number == number)
+    verdict = part.verdict
+    if verdict is None:
+        return None
+    return {
+        "run": record.run_id,
+        "part": number,
+        "recipe": str(record.recipe_of(part).recipe.get("name", "")),
+        "views": sum(bool(view.evaluated) for view in part.views),
+        "faces": [
+            [face.face_id, round(PER_MILLE * face.compared_fraction), PER_MILLE]
+            for face in verdict.faces
+        ],
+        "why": {face.face_id: face.reason for face in verdict.faces if face.reason},
+    }
