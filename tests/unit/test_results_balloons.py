@@ -179,6 +179,24 @@ def test_a_distance_is_drawn_along_its_axis_at_its_true_length(solid: Solid) -> 
     assert y0 == pytest.approx(y1)
 
 
+@pytest.mark.parametrize(("up", "words"), [(1, "from +z"), (-1, "from -z")])
+def test_a_distance_is_drawn_from_the_half_of_the_part_that_it_is_in(
+    solid: Solid, up: int, words: str
+) -> None:
+    low, high = solid.mesh.bounds
+    x, y, z = (low + high) / 2
+    depth_mm = 0.3 * (high - low)[2]
+    one = replace(
+        bench_reports()[2],
+        anchors_mm=((x - 6, y, z + up * depth_mm), (x + 6, y, z + up * depth_mm)),
+        axis=(1.0, 0.0, 0.0),
+        rim_radius_mm=None,
+    )
+    hole = replace(bench_reports()[0], balloon=9, anchors_mm=((x, y, z),), axis=(0.0, 0.0, up))
+    drawing = balloon_drawing(solid, [one, hole])
+    assert [side.words for side in drawing.sides] == [words]
+
+
 def test_many_balloons_in_one_place_do_not_cover_each_other(solid: Solid) -> None:
     x, y, z = solid.centroid_mm
     one = bench_reports()[0]

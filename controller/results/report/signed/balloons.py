@@ -1,9 +1,9 @@
 """The part as a line drawing from a few sides, with the numbers of its characteristics in balloons.
 
 A side is drawn if characteristics show there: a hole where its axis points at the reader, a
-distance where it lies in the paper. As few sides as show them all, at one scale, the largest that
-the paper has room for. A characteristic that several of these sides show stands where its leader
-is shortest.
+distance where it lies in the paper, from the half of the part that it is in. As few sides as show
+them all, at one scale, the largest that the paper has room for. A characteristic that several of
+these sides show stands where its leader is shortest.
 """
 
 from collections.abc import Mapping, Sequence
@@ -33,6 +33,9 @@ SIDES: Final[Mapping[str, FloatArray]] = {
 }
 # a hole's axis within this of the reader's direction, or a distance within it of the paper
 MAX_OFF_RAD: Final = float(np.radians(30.0))
+# A distance that lies this far beyond the middle of the part, as a share of the part's depth, is
+# still shown from this side: with none, featuretype takes a fourth view for what is at its middle.
+MIDDLE_SHARE: Final = 0.1
 # Of all sides together: a page of A4 between its margins, less the line below the drawing.
 PAPER_MM: Final = (186.0, 250.0)
 # Between two sides, and below each for its caption.
@@ -114,7 +117,7 @@ def balloon_drawing(
     solid: Solid, characteristics: Sequence[CharacteristicReport]
 ) -> BalloonDrawing:
     """Return the drawing of a part; one without characteristics is drawn from two sides."""
-    names = _choose(characteristics) or ["from +z", "from -y"]
+    names = _choose(solid, characteristics) or ["from +z", "from -y"]
     views = [line_view(solid, SIDES[name]) for name in names]
     places = _places(solid, names, views, characteristics)
     shown = {c.balloon for place in places for c in place.characteristics}
@@ -132,10 +135,11 @@ def balloon_drawing(
         height_mm *= 2  # a part with very many balloons: the drawing goes on over the page
 
 
-def _choose(characteristics: Sequence[CharacteristicReport]) -> list[str]:
+def _choose(solid: Solid, characteristics: Sequence[CharacteristicReport]) -> list[str]:
     """Return the sides to draw: greedily as few as show all characteristics."""
     can: dict[str, set[int]] = {
-        name: {c.balloon for c in characteristics if _shows(c, R)} for name, R in SIDES.items()
+        name: {c.balloon for c in characteristics if _shows(solid, c, R)}
+        for name, R in SIDES.items()
     }
     open_ = set().union(*can.values())
     chosen: list[str] = []
@@ -146,7 +150,8 @@ def _choose(characteristics: Sequence[CharacteristicReport]) -> list[str]:
     return chosen
 
 
-def _shows(c: CharacteristicReport, R: FloatArray) -> bool:
+def _shows(solid: Solid, c: CharacteristicReport, R: FloatArray) -> bool:
+    """Return whether a side shows a characteristic: a distance, from the half it lies in."""
     if not c.anchors_mm:
         return False
     if c.axis is None:
@@ -154,7 +159,10 @@ def _shows(c: CharacteristicReport, R: FloatArray) -> bool:
     along = float(np.asarray(c.axis) @ R[2])
     if c.rim_radius_mm is not None:
         return bool(along > np.cos(MAX_OFF_RAD))
-    return bool(abs(along) < np.sin(MAX_OFF_RAD))
+    low, high = solid.mesh.bounds
+    towards_mm = (np.mean(c.anchors_mm, axis=0) - (low + high) / 2) @ R[2]
+    depth_mm = (high - low) @ np.abs(R[2])
+    return bool(abs(along) < np.sin(MAX_OFF_RAD) and towards_mm > -MIDDLE_SHARE * depth_mm)
 
 
 def _places(
@@ -166,14 +174,14 @@ def _places(
     """Return the measurements grouped by place, in the order of the balloons."""
     together: dict[tuple[object, ...], list[CharacteristicReport]] = {}
     for c in characteristics:
-        if any(_shows(c, SIDES[name]) for name in names):
+        if any(_shows(solid, c, SIDES[name]) for name in names):
             together.setdefault((c.anchors_mm, c.axis, c.rim_radius_mm), []).append(c)
     return [
         _Place(
             tuple(group),
             tuple(
                 _shape(solid, group[0], SIDES[name], view)
-                if _shows(group[0], SIDES[name])
+                if _shows(solid, group[0], SIDES[name])
                 else None
                 for name, view in zip(names, views, strict=True)
             ),
