@@ -61,6 +61,7 @@ async function load() {
     && (!choices.last.cell || choices.cells.some((one) => one.key === choices.last.cell && !one.problem)) ? choices.last : null;
   $("again").hidden = !last;
   $("start-other").open = !last;
+  $("start-other").querySelector("summary").hidden = !last;
   $("start").classList.toggle("primary", !last);
   if (last) {
     fill(last);
