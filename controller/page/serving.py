@@ -207,6 +207,12 @@ def serve(app: Page, serving: Serving, ready: Callable[[], None]) -> None:
 def server_of(app: Page, serving: Serving, ready: Callable[[], None] = lambda: None) -> Server:
     """Return the server, with its limits.
 
+    Parameters
+    ----------
+    app : the page
+    serving : where it listens, and its certificate
+    ready : called once it listens
+
     Raises
     ------
     OSError : certificate or key cannot be read

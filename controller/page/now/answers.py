@@ -205,7 +205,7 @@ class NowAnswers:
         return JSONResponse(await self._launcher.keep_list(sent))
 
     async def cancel(self, _: Visit, __: CancelBody) -> Response:
-        """End the preparation of the run that was started here; a run that works has orders."""
+        """End the preparation of the run that was started here; return whether that was done."""
         if not self._live.is_preparing:
             return refused(409, word("the run works already; stop it instead"))
         await self._launcher.cancel()

@@ -18,7 +18,7 @@ from shapely.geometry.base import BaseGeometry
 
 from controller.arrays import FloatArray, IntArray
 
-# A balloon holds three digits of 2.2 mm, which is the smallest lettering of ISO 3098.
+# Radius of a balloon: three digits of the drawing's lettering, 2.2 mm high, fit into it.
 RADIUS_MM: Final = 2.2
 # Neighbours on a ring leave room for a leader's stroke between them.
 PITCH_MM: Final = 2 * RADIUS_MM + 0.5
