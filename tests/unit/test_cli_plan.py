@@ -356,7 +356,7 @@ def test_several_parts_are_for_a_site_only(capsys: pytest.CaptureFixture[str]) -
     assert main(["plan", str(HOLDER), str(HOLDER), "--cell", str(CELL)]) == 2
     assert "`plan` takes one part" in capsys.readouterr().err
     assert main(["plan", str(HOLDER), "--cell", str(CELL), "--site", "--pose", "1"]) == 2
-    assert "goes without --pose" in capsys.readouterr().err
+    assert "cannot be combined with --pose" in capsys.readouterr().err
 
 
 def test_a_site_is_told_in_words_and_in_json(

@@ -132,7 +132,8 @@ def find_floor(
     by_light : the pictures that show by light how deep it is
     """
     by_edges = (floor_look(edges, look, recess, settings) for look in looks)
-    return Floor(recess, (*(one for one in by_edges if one is not None), *by_light))
+    told = (one for one in by_light if _tells(one, recess))
+    return Floor(recess, (*(one for one in by_edges if one is not None), *told))
 
 
 def floor_look(
@@ -190,7 +191,12 @@ def floor_look(
     light = settings.lit_edge_px * np.sqrt(2.0) / max(size, 1e-9)
     u_mm = float(np.hypot(np.sqrt(covariance[2, 2]), light))
     one = FloorLook(look.view_id, look.lamp, raised_mm + float(solution[2]), u_mm)
-    return one if max(one.off_mm, 0.0) + one.room_mm < recess.depth_mm else None
+    return one if _tells(one, recess) else None
+
+
+def _tells(look: FloorLook, recess: Recess) -> bool:
+    """Return True if a picture places a floor below the mouth, surely."""
+    return max(look.off_mm, 0.0) + look.room_mm < recess.depth_mm
 
 
 def _is_found(look: EdgeLook) -> BoolArray:
