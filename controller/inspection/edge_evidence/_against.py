@@ -95,8 +95,7 @@ def _floor_findings(
 ) -> Iterator[tuple[str, Finding]]:
     """Yield a finding for each view that shows a floor out of place.
 
-    What light shows is one look, however many pictures do: all share one model of it. The surest
-    picture says by how much.
+    What light shows is one look, however many pictures do: all share one model of it.
     """
     told: set[str] = set()
     bottom = sorted(floor.recess.bottom(solid))
@@ -116,7 +115,7 @@ def _floor_findings(
                 FindingKind.DIMENSION,
                 faces=(*bottom, *sorted(floor.recess.walls)),
                 area_mm2=sum(solid.faces[face].area_mm2 for face in bottom),
-                words=floor_words(floor.elsewhere[0].off_mm),
+                words=floor_words(floor.off_mm),
             ),
         )
 

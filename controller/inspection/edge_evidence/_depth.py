@@ -97,6 +97,13 @@ class Floor:
         return tuple(sorted(wrong, key=lambda one: one.u_mm))
 
     @property
+    def off_mm(self) -> float:
+        """Mean of the pictures that show it out of place, weighted by their variances."""
+        looks = self.elsewhere
+        weights = [1.0 / max(one.u_mm, 1e-6) ** 2 for one in looks]
+        return float(np.average([one.off_mm for one in looks], weights=weights))
+
+    @property
     def _wrong(self) -> list[FloorLook]:
         wrong_mm = max(WRONG_SHARE * self.recess.depth_mm, WRONG_MM)
         return [one for one in self.looks if abs(one.off_mm) - one.room_mm > wrong_mm]

@@ -301,7 +301,7 @@ def _blind(
     share = _share(edges, mouth, shown[mouth])
     bound_mm = floor.bound_mm
     if floor.elsewhere:
-        return share, "", floor_words(floor.elsewhere[0].off_mm)
+        return share, "", floor_words(floor.off_mm)
     if floor.is_doubted:
         return share, "", DISPUTED
     if share <= GREATER_PART:
