@@ -48,11 +48,18 @@ def main() -> None:
                 tab.goto(next(events(page, "ready"))["link"])
                 take_now(tab)
             report = next(events(run, "result"))["report"]
-        tab.set_viewport_size({"width": REPORT_WIDTH, "height": REPORT_HEIGHT})
-        tab.goto(Path(report).absolute().as_uri())
-        tab.locator("h2", has_text="Part 1").first.evaluate("part => part.scrollIntoView()")
-        keep("report.png", tab.screenshot())
+        take_report(tab, Path(report))
         browser.close()
+
+
+def take_report(tab: Page, report: Path) -> None:
+    """Take the second view of the numbered drawing and the first values below it."""
+    tab.set_viewport_size({"width": REPORT_WIDTH, "height": REPORT_HEIGHT})
+    tab.goto(report.absolute().as_uri())
+    tab.locator("h2, h3", has_text="Characteristics").first.evaluate(
+        "title => { title.scrollIntoView(); window.scrollBy(0, -0.5 * window.innerHeight); }"
+    )
+    keep("report.png", tab.screenshot())
 
 
 def take_now(tab: Page) -> None:

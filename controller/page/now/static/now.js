@@ -70,7 +70,7 @@ function show(now) {
   onChange("facts", factsOf(now), (found) => $("facts").replaceChildren(...entries(found)));
   onChange("start", [now.runs, Boolean(status), now.started, now.unfinished], () => showStart(now));
   onChange("question", status && status.question, drawQuestion);
-  onChange("acts", [status && [status.pause_seconds, status.pausing, status.first_motion, status.state], now.runs, isLost], drawActs);
+  onChange("acts", [status && [status.pause_seconds, status.pausing, status.first_motion, status.barred, status.state], now.runs, isLost], drawActs);
   onChange("alarms", [status ? status.alarms : [], run ? run.alarms : []], drawAlarms);
   onChange("steps", [run && run.plan, status && status.step], drawSteps);
   onChange("views", [run && run.run, run && run.views, run && run.table], drawViews);
