@@ -110,7 +110,8 @@ def test_a_door_that_opens_in_motion_holds_the_run_until_it_is_closed_and_acknow
     names = [row.name for row in read_rows(ran.journal, ran.result["run"])]
     held = names[names.index("guard_opened") : names.index("first_motion")]
     assert {"paused", "acknowledged", "resume"} <= set(held)
-    assert ("stood_still" in held) == (state != "resetting")  # where it stands nobody knows yet
+    # before the arm is homed nobody knows where it stands
+    assert "stood_still" in held or state == "resetting"
     assert first_broken_row(ran.journal) is None
 
 
