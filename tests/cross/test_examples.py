@@ -82,7 +82,8 @@ def test_a_new_part_is_run_judged_again_and_found_in_the_history(tmp_path: Path)
     (pictures,) = (tmp_path / "plate" / "runs").glob("*/part001.views.json")
     judged = run("judge_pictures.py", str(pictures), "plate/recipe.yaml", folder=tmp_path)
     assert judged.startswith("PASS\n")
-    (diameter,) = re.findall(r"^bore 12\.0 mm.*?: ([\d.]+) mm \(U = ([\d.]+) mm\)", judged, re.M)
+    told = r"^hole 12 mm, diameter: ([\d.]+) mm \(U = ([\d.]+) mm\)"
+    (diameter,) = re.findall(told, judged, re.M)
     assert float(diameter[0]) == pytest.approx(12.0, abs=float(diameter[1]))
     (line,) = run("history_sql.py", "plate/runs", folder=tmp_path).splitlines()
     assert "part 1" in line
@@ -93,7 +94,7 @@ def test_a_new_part_is_run_judged_again_and_found_in_the_history(tmp_path: Path)
 def test_a_run_is_followed_over_its_socket(tmp_path: Path) -> None:
     states = run("follow_run.py", folder=tmp_path).splitlines()
     told = [line.rsplit(": ", 1)[-1] for line in states[:-1]]
-    assert "presenting" in told
+    assert "execute_presenting" in told
     assert states[-1] == "the run ended with exit code 0"
 
 
