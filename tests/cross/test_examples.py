@@ -77,8 +77,7 @@ def test_a_part_is_planned(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_new_part_is_run_judged_again_and_found_in_the_history(tmp_path: Path) -> None:
-    printed = run("new_part.py", folder=tmp_path)
-    assert re.search(r"pass|PASS", printed), printed
+    run("new_part.py", folder=tmp_path)
     (pictures,) = (tmp_path / "plate" / "runs").glob("*/part001.views.json")
     judged = run("judge_pictures.py", str(pictures), "plate/recipe.yaml", folder=tmp_path)
     assert judged.startswith("PASS\n")
