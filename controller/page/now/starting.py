@@ -294,13 +294,16 @@ class Launcher:
     async def cancel(self) -> None:
         """End the preparation of the run that was started here, as Ctrl-C at a terminal does.
 
+        By SIGTERM, which a run takes in the same way: a page that a script has put into the
+        background ignores SIGINT, and so does whatever it starts.
+
         Raises
         ------
         RefusedError : there is none
         """
         if self._work is None or self._work.process.poll() is not None:
             raise RefusedError(409, word("no run is being prepared that was started here"))
-        self._work.process.send_signal(signal.SIGINT)
+        self._work.process.send_signal(signal.SIGTERM)
 
     def _last(self) -> StartBody | None:
         try:
