@@ -1,6 +1,6 @@
 """Dimensions: predicted edges, measured edges, and their uncertainty."""
 
-from ._curves import TURN_COUNT, Curve
+from ._curves import Curve
 from ._foreseen import is_explained
 from ._looks import Estimate, features_of
 from ._pictures import predict
@@ -11,7 +11,6 @@ from .measuring import look, measure, measure_ahead, result_of
 
 __all__ = [
     "BACKLIT",
-    "TURN_COUNT",
     "Combined",
     "Curve",
     "Estimate",

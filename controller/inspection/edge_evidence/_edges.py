@@ -11,7 +11,7 @@ from controller.arrays import BoolArray, FloatArray, IndexArray
 from controller.cad import Crease, Solid, surface_normals
 from controller.cad import Curve as CurveKind
 
-from ..dimensions import TURN_COUNT, Curve
+from ..dimensions import Curve
 
 SPACING_PX: Final = 2.0  # distance between rays; nearer ones see the same within a lens's blur
 CORNER_PX: Final = 5.0  # distance from a corner below which other edges are seen
@@ -128,7 +128,7 @@ def find_edges(solid: Solid, pixel_mm: float) -> PartEdges | None:
             design=np.zeros((len(on), 1, 3)),
             facet_mm=facet_mm,
             outward=1.0,
-            chord_mm=np.broadcast_to(chord_mm[:, None], (len(on), TURN_COUNT, 3)),
+            chord_mm=chord_mm[:, None],
         )
         rows.append((curve, edge, np.full(len(on), share_mm), faces, normals, into, is_closed))
     if not rows:

@@ -7,7 +7,7 @@ picture may show the border of a shadow in their place. It does not move with th
 view as a floor does, so two views have to agree.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -18,10 +18,10 @@ from controller.arrays import FloatArray
 from controller.cad import Solid
 
 from .._pose import PosedPart
-from ..dimensions import MeasuringSettings, PosedView
+from ..dimensions import MeasuringSettings
 from ._depth import FloorLook, floor_look
 from ._edges import PartEdges
-from ._looks import BEYOND_PX, EdgeLook, K, look_at_edges
+from ._looks import BEYOND_PX, EdgeLook, K
 from ._recesses import Recess
 
 MIN_VIEWS: Final = 2  # views that have to agree on a depth
@@ -30,13 +30,11 @@ MAX_COUNT: Final = 40  # depths tried; a deeper hole is searched at fewer places
 
 
 def look_at_other_depths(
-    part: PosedPart,
+    solid: Solid,
     edges: PartEdges,
     looks: Sequence[EdgeLook],
     recess: Recess,
-    views: Sequence[tuple[PosedView, tuple[str, ...]]],
-    allowed_mm: FloatArray,
-    smallest_mm: float,
+    look_at: Callable[[PosedPart, PartEdges], Iterable[EdgeLook]],
     settings: MeasuringSettings,
     pixel_mm: float,
 ) -> tuple[FloorLook, ...]:
@@ -44,25 +42,24 @@ def look_at_other_depths(
 
     Parameters
     ----------
-    part : the part
+    solid : the part
     edges : of it
     looks : at them, where they must be
     recess : a blind one
-    views : with the pictures that count
-    allowed_mm, smallest_mm, settings : see `look_at_edges`
+    look_at : looks at edges of a part in the same pictures
+    settings : how far light moves an edge
     pixel_mm : size of a pixel at the part
     """
     at_place = {(look.view_id, look.lamp): look for look in looks}
     found: list[FloorLook] = []
     for raised_mm in _depths(recess, pixel_mm):
         way = raised_mm * recess.axis
-        rival = PosedPart(_with_floor_moved(part.solid, recess, way))
+        rival = PosedPart(_with_floor_moved(solid, recess, way))
         moved = edges.moved(recess.floor, way)
-        for view, lamps in views:
-            for look in look_at_edges(rival, moved, view, lamps, allowed_mm, smallest_mm, settings):
-                own = at_place[look.view_id, look.lamp]
-                one = floor_look(edges, own, recess, settings, (raised_mm, moved, look))
-                found += [one] if one is not None else []
+        for look in look_at(rival, moved):
+            own = at_place[look.view_id, look.lamp]
+            one = floor_look(edges, own, recess, settings, (raised_mm, moved, look))
+            found += [one] if one is not None else []
     return _agreed(found)
 
 

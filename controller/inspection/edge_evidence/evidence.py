@@ -217,8 +217,14 @@ def _floors(
     limits, allowances, settings : see `find_evidence`
     """
     pixel_mm = _pixel_mm(views)
-    allowed = allowed_mm(part, allowances.tolerance_class)
-    shown = [(one.view, one.lamps) for one in views]
+    allowed, smallest_mm = allowed_mm(part, allowances.tolerance_class), limits.smallest_defect_mm
+
+    def look_at(rival: PosedPart, moved: PartEdges) -> Iterator[EdgeLook]:
+        for one in views:
+            yield from look_at_edges(
+                rival, moved, one.view, one.lamps, allowed, smallest_mm, settings
+            )
+
     found: dict[frozenset[int], Floor] = {}
     for recess in recesses:
         if recess.is_through:
@@ -234,9 +240,8 @@ def _floors(
         floor = find_floor(edges, looks, recess, settings, by_light)
         if not np.isfinite(floor.bound_mm) and not floor.elsewhere:
             others = look_at_other_depths(
-                part, edges, looks, recess, shown, allowed, limits.smallest_defect_mm, settings,
-                pixel_mm,
-            )  # fmt: skip
+                part.solid, edges, looks, recess, look_at, settings, pixel_mm
+            )
             floor = replace(floor, looks=(*floor.looks, *others))
         found[recess.walls] = floor
     return found

@@ -8,6 +8,7 @@ from typing import Any
 from controller.cell.journal import JOURNAL_NAME
 from controller.history import folded
 from controller.results import RunRecord
+from controller.results.run import PartReport
 
 PER_MILLE = 1000
 
@@ -65,21 +66,20 @@ def shown(runs_dir: Path, run: str, number: int) -> Shown | None:
     pictures = tuple(Picture(i, *one) for i, one in enumerate(found))
     return Shown(
         pictures,
-        _coverage(record, number),
+        _coverage(record, part),
         record.recipe_of(part).recipe,
         record.files,
         record.outcome.end != "cut_off",
     )
 
 
-def _coverage(record: RunRecord, number: int) -> dict[str, Any] | None:
-    part = next(one for one in record.parts if one.number == number)
+def _coverage(record: RunRecord, part: PartReport) -> dict[str, Any] | None:
     verdict = part.verdict
     if verdict is None:
         return None
     return {
         "run": record.run_id,
-        "part": number,
+        "part": part.number,
         "recipe": str(record.recipe_of(part).recipe.get("name", "")),
         "views": sum(bool(view.evaluated) for view in part.views),
         "faces": [

@@ -169,16 +169,7 @@ class Records:
             self._crops.move_to_end(key)
             return self._crops[key]
         async with self._drawing:
-            loop = asyncio.get_running_loop()
-            try:
-                found = await loop.run_in_executor(
-                    self._pooled(), draw_crop, self.runs_dir, run, part, finding, which
-                )
-            except OSError as error:
-                return str(error)
-            except RuntimeError as error:  # the process was killed; the next request makes one
-                self._pool = None
-                return f"{error}; try again"
+            found = await self._apart(draw_crop, self.runs_dir, run, part, finding, which)
         if isinstance(found, bytes):
             self._crops[key] = found
             while len(self._crops) > CROP_MAX_COUNT:
@@ -226,16 +217,18 @@ class Records:
         path : its place
         """
         async with self._writing:
-            loop = asyncio.get_running_loop()
-            try:
-                return await loop.run_in_executor(
-                    self._pooled(), write_wanted, self._url, self.runs_dir, wanted, path
-                )
-            except OSError as error:
-                return str(error)
-            except RuntimeError as error:  # the process was killed; the next request makes one
-                self._pool = None
-                return f"{error}; try again"
+            return await self._apart(write_wanted, self._url, self.runs_dir, wanted, path)
+
+    async def _apart(self, work: Callable[..., T], *args: object) -> T | str:
+        """Do work in the process for it; return what it returns, or why it could not."""
+        loop = asyncio.get_running_loop()
+        try:
+            return await loop.run_in_executor(self._pooled(), work, *args)
+        except OSError as error:
+            return str(error)
+        except RuntimeError as error:  # the process was killed; the next request makes one
+            self._pool = None
+            return f"{error}; try again"
 
     async def _opened(self) -> Store:
         async with self._opening:
